@@ -1,0 +1,81 @@
+# What one does with this project. Needs Python >= 3.11 and make; the targets set up .venv by themselves.
+
+VENV := .venv
+PIP := $(VENV)/bin/python -m pip --quiet --disable-pip-version-check --no-input
+PYTEST := $(VENV)/bin/python -m pytest
+RUN_READY := $(VENV)/.ready-run
+DEV_READY := $(VENV)/.ready-dev
+
+.DEFAULT_GOAL := help
+.NOTPARALLEL:
+.DELETE_ON_ERROR:
+.PHONY: help demo test check format benchmarks hooks lock clean
+
+help: ## show this list
+	@awk -F ':.*## ' '/^[a-z%-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+demo: $(RUN_READY) ## calibrate a simulated arm and write its report to out/demo
+	@$(VENV)/bin/trueup demo --out out/demo
+
+# One BLAS thread a process: two pytest workers with two threads each would wait for one another.
+test: export OMP_NUM_THREADS = 1
+test: export OPENBLAS_NUM_THREADS = 1
+test: export MKL_NUM_THREADS = 1
+test: $(DEV_READY) ## run all tests, on two cores
+	@$(PYTEST) -n 2 --dist worksteal --durations=15 $(ARGS)
+
+check: $(DEV_READY) ## lint, formatting, types, layers, addresses and paths
+	@$(VENV)/bin/ruff check .
+	@$(VENV)/bin/ruff format --check .
+	@$(VENV)/bin/pyright
+	@$(PYTEST) -q tests/test_layers.py tests/test_tree.py
+
+format: $(DEV_READY) ## mend what ruff can mend
+	@$(VENV)/bin/ruff check --fix .
+	@$(VENV)/bin/ruff format .
+
+benchmarks: $(DEV_READY) ## run every benchmark, write docs/benchmarks.md (ARGS=--quick for a look)
+	@$(VENV)/bin/python benchmarks/_table.py $(ARGS)
+
+study-%: $(RUN_READY) ## run one of the papers' experiments, into out/study-NAME
+	@test -f src/trueup/studies/$*/campaign.toml || { \
+	  echo "no study '$*'; studies are: $$(cd src/trueup/studies 2>/dev/null && ls -d */ | tr -d / | xargs || true)" >&2; exit 2; }
+	@$(VENV)/bin/trueup run src/trueup/studies/$*/campaign.toml --out out/study-$*
+
+hooks: $(DEV_READY) ## run the checks before each commit
+	@$(VENV)/bin/pre-commit install
+
+# Hashes, and no address of any index: where packages come from is each machine's business. ARGS=--upgrade for newer ones.
+LOCK := CUSTOM_COMPILE_COMMAND='make lock' $(VENV)/bin/pip-compile --quiet --generate-hashes --strip-extras --allow-unsafe \
+  --no-emit-index-url --no-emit-find-links --no-emit-trusted-host --build-deps-for editable
+lock: $(DEV_READY) ## pin the versions in requirements/ anew from pyproject.toml
+	@$(LOCK) $(ARGS) --output-file requirements/run.txt pyproject.toml
+	@$(LOCK) $(ARGS) --extra ros,bench,dev --constraint requirements/run.txt --output-file requirements/dev.txt pyproject.toml
+
+clean: ## remove .venv, caches and the demo's results
+	rm -rf $(VENV) out/demo build dist .pytest_cache .ruff_cache .hypothesis
+	find src tests benchmarks examples -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
+
+# ---- set-up: the stamps say which lock was installed last; an unfinished set-up leaves none and starts again ----
+
+find_python = for p in $(PYTHON) python3.13 python3.12 python3.11 python3; do \
+  $$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && { echo $$p; break; }; done
+
+define set_up
+@echo 'setting up $(VENV) (once, about a minute)'
+@$(VENV)/bin/python -m pip --version >/dev/null 2>&1 || { \
+  python=$$($(find_python)); \
+  test -n "$$python" || { \
+    echo 'trueup needs Python >= 3.11 with its venv module, and none was found; say which with: make PYTHON=PATH' >&2; exit 1; }; \
+  $$python -m venv --clear $(VENV); }
+@$(PIP) install --require-hashes --no-compile -r $(1)
+@$(PIP) install --no-deps --no-build-isolation --no-compile --editable .
+endef
+
+$(RUN_READY): requirements/run.txt pyproject.toml
+	$(call set_up,requirements/run.txt)
+	@touch $@
+
+$(DEV_READY): requirements/run.txt requirements/dev.txt pyproject.toml
+	$(call set_up,requirements/dev.txt)
+	@touch $(RUN_READY) $@

@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a calibration found: estimates with intervals, replays before and after, and what could not be told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter's outcome. `low` and `high` bound the 95 % interval (NaN where it was not estimated)."""
+
+    name: str
+    unit: str
+    start: float
+    value: float
+    low: float
+    high: float
+    lower_bound: float
+    upper_bound: float
+    fitted: bool
+    """False for a frozen parameter: applied to the model, not searched."""
+    verdict: str
+    """One of: identified, weak, not identified, at bound, no effect, frozen, not supported."""
+    note: str = ""
+    """Why, in words a user can act on."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """One recording replayed by the simulator, before and after. Arrays are (T, k), columns follow `labels`."""
+
+    recording: str
+    held_out: bool
+    channel: str
+    labels: tuple[str, ...]
+    unit: str
+    time: Array
+    """(T,) in s."""
+    measured: Array
+    before: Array
+    after: Array
+    command: Array | None = None
+    """(T, k) commanded values in the same unit, or None where the command is of another kind."""
+    noise: Array = field(default_factory=lambda: np.zeros(0))
+    """(k,) estimated measurement noise, standard deviation in `unit`."""
+
+    def rmse_before(self) -> Array:
+        """(k,) root mean square of measured - before, in `unit`; NaN samples are skipped."""
+        return _rmse(self.measured, self.before)
+
+    def rmse_after(self) -> Array:
+        """(k,) root mean square of measured - after, in `unit`; NaN samples are skipped."""
+        return _rmse(self.measured, self.after)
+
+
+@dataclass(frozen=True)
+class TracePoint:
+    """One step of the search, for the report's search trace."""
+
+    stage: str
+    """For example 'gauss-newton', 'cma-es', 'structure'."""
+    evaluations: int
+    """Simulated candidates so far (each one replays all training recordings)."""
+    loss: float
+    """Best loss so far: half the sum of squared, noise-weighted residuals (after the robust loss)."""
+    rmse: float
+    """Pooled replay error of the training recordings in the unit of the main channel."""
+    seconds: float
+    """Wall time since the start, in s."""
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """Leave-one-recording-out: replay error of a recording by a fit that never saw it."""
+
+    recording: str
+    rmse_before: float
+    rmse_after: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The whole outcome of `calibrate`; everything that the report and the files are made from."""
+
+    model_name: str
+    estimates: tuple[Estimate, ...]
+    replays: tuple[Replay, ...]
+    trace: tuple[TracePoint, ...]
+    covariance: Array
+    """(n, n) over the fitted parameters in the order of `estimates`, in their units."""
+    unidentified: tuple[str, ...] = ()
+    """Sentences: which directions the recordings cannot see, and which motion would show them."""
+    warnings: tuple[str, ...] = ()
+    cross_validation: tuple[CrossValidation, ...] = ()
+    seconds: float = 0.0
+    cpu_seconds: float = 0.0
+    evaluations: int = 0
+    notes: tuple[str, ...] = ()
+    """Choices made automatically and why (structure selected, search picked, recordings aligned)."""
+
+    @property
+    def values(self) -> Array:
+        """(n_all,) values of all parameters, frozen ones included, in the order of `estimates`."""
+        return np.array([e.value for e in self.estimates])
+
+    def training(self) -> tuple[Replay, ...]:
+        """The replays of recordings that were fitted."""
+        return tuple(r for r in self.replays if not r.held_out)
+
+    def held_out(self) -> tuple[Replay, ...]:
+        """The replays of recordings that the fit never saw."""
+        return tuple(r for r in self.replays if r.held_out)
+
+
+def pooled_rmse(replays: Sequence[Replay], *, after: bool) -> float:
+    """Root mean square over all samples and columns of `replays`, in their common unit; NaN if there are none."""
+    squares = [(r.measured - (r.after if after else r.before)) ** 2 for r in replays]
+    if not squares:
+        return float("nan")
+    return float(np.sqrt(np.nanmean(np.concatenate([s.ravel() for s in squares]))))
+
+
+def _rmse(measured: Array, simulated: Array) -> Array:
+    return np.sqrt(np.nanmean((measured - simulated) ** 2, axis=0))

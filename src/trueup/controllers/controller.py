@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a controller must offer: b copies run in lockstep, at the controller's own rate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """What b copies of a controller see at one instant. Arrays are views: read, never write."""
+
+    time: float
+    """Since the start of the trial, in s."""
+    position: Array
+    """(b, nq) generalised positions; (b, k) of the actuated joints for robots that know no more."""
+    velocity: Array
+    """(b, nv) generalised velocities."""
+    sensors: Mapping[str, Array]
+    """Sensor name to (b, dim)."""
+
+
+class Controller(Protocol):
+    """Commands b simulations (or one robot) at its own rate. The command is held in between."""
+
+    @property
+    def period(self) -> float:
+        """Time between two commands, in s."""
+        ...
+
+    def reset(self, observation: Observation) -> None:
+        """Called once before a trial, for all b copies."""
+        ...
+
+    def command(self, observation: Observation) -> Array:
+        """(b, nu) what is commanded from now on."""
+        ...
+
+
+ControllerFactory = Callable[[Array], Controller]
+"""Makes the controller of b simulations from their controller parameters (b, m)."""

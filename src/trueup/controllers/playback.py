@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Plays a recorded command channel back, held between its samples."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.controllers.controller import Observation
+from trueup.recording import Channel
+
+Array = NDArray[np.float64]
+
+
+class Playback:
+    """A Controller that repeats a recorded command for each of b copies."""
+
+    def __init__(self, command: Channel, copies: int, *, period: float = 0.002, start: float | None = None) -> None:
+        self.period = period
+        self._command = command
+        self._copies = copies
+        self._start = float(command.time[0]) if start is None else start
+
+    def reset(self, observation: Observation) -> None:
+        """Nothing to forget: the command depends on time alone."""
+
+    def command(self, observation: Observation) -> Array:
+        """(b, k) the last command sent at or before this instant."""
+        now = self._start + observation.time
+        k = max(0, int(np.searchsorted(self._command.time, now + 1e-9, side="right")) - 1)
+        return np.repeat(self._command.values[k][None, :], self._copies, axis=0)

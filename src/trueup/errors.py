@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Every error a user may meet. Each message names the offender, shows its value and lists the choices."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class TrueupError(Exception):
+    """Base of all errors that trueup raises on purpose; the command line prints the message, not a traceback."""
+
+
+class RecordingError(TrueupError):
+    """A recording cannot be what it says: time runs backward, a channel is missing, shapes disagree."""
+
+
+class FormatError(RecordingError):
+    """A file cannot be read as a recording; the message names file, line and column where they are known."""
+
+
+class MappingError(RecordingError):
+    """The mapping from columns to channels does not fit the file."""
+
+
+class ParameterError(TrueupError):
+    """A parameter declaration or a value is impossible (bounds crossed, unknown scale, wrong shape)."""
+
+
+class ModelError(TrueupError):
+    """A robot model cannot be loaded or changed as asked."""
+
+
+class UnknownNameError(ModelError, RecordingError, ParameterError):
+    """A name that does not exist; the message lists those that do."""
+
+
+class SimulationFailedError(TrueupError):
+    """No simulation of a batch could be completed."""
+
+
+class CalibrationError(TrueupError):
+    """A calibration cannot start or go on: nothing to fit, no common channel, resumed with another problem."""
+
+
+class OutputError(TrueupError):
+    """A result could not be written; what was there before is untouched."""
+
+
+class MissingExtraError(TrueupError):
+    """An optional dependency is absent; the message says which `pip install` mends it."""
+
+    def __init__(self, purpose: str, package: str, extra: str) -> None:
+        super().__init__(f"{purpose} needs the package '{package}': pip install 'trueup[{extra}]'")
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str], where: str = "the model") -> UnknownNameError:
+    """The error for a name that does not exist, with the nearest match first and all choices listed.
+
+    `kind` is singular ("joint"), `where` completes "... is not in".
+    """
+    choices = sorted(set(known))
+    close = difflib.get_close_matches(name, choices, n=1)
+    hint = f" (did you mean '{close[0]}'?)" if close else ""
+    listed = ", ".join(choices[:40]) + (f", ... ({len(choices)} in all)" if len(choices) > 40 else "")
+    return UnknownNameError(f"{kind} '{name}' is not in {where}{hint}; {kind}s are: {listed or 'none'}")

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings from and to files. CSV, JSON, NPZ, Parquet and ROS bags come in; one Parquet file goes out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from trueup.errors import FormatError
+from trueup.formats import parquet
+from trueup.formats.assembly import assemble
+from trueup.formats.guess import guess
+from trueup.formats.mapping import ChannelColumns, ChannelMap, TimeColumn
+from trueup.formats.source import Source, checksums, sources
+from trueup.recording import Recording
+
+__all__ = ["ChannelColumns", "ChannelMap", "TimeColumn", "guess_mapping", "read", "write"]
+
+Paths = str | Path | Sequence[str | Path]
+
+
+def read(source: Paths, mapping: ChannelMap | str | Path | None = None) -> list[Recording]:
+    """The recordings in files and folders, in SI units.
+
+    A file is one recording. A folder is one recording if its files complement each other (commands in one, states in
+    another), one for each file if they are alike, and one for each folder in it if it has no files to read. A ROS
+    bag is one recording. `mapping` (or the TOML file that holds it) says how columns become channels; without it that
+    is guessed, and provenance['guesses'] says what was not sure. provenance['warnings'] says what was left out.
+
+    Raises FormatError (naming file, line, column and value) for unsound files, MappingError where mapping and file do
+    not fit, MissingExtraError where reading needs a package that is not installed.
+    """
+    known = ChannelMap.load(mapping) if isinstance(mapping, (str, Path)) else mapping
+    how = "guessed" if mapping is None else str(mapping) if isinstance(mapping, (str, Path)) else "given"
+    return [_recording(found, known, how) for found in _found(source, known)]
+
+
+def write(recording: Recording, path: str | Path) -> None:
+    """Writes a recording as one Parquet file, with units, labels, instants and provenance; `read` gives it back.
+
+    It is written aside and renamed. Raises OutputError (full disk, no permission); what was there before is untouched.
+    """
+    parquet.write(recording, Path(path))
+
+
+def guess_mapping(source: Paths) -> ChannelMap:
+    """The mapping that `read` would guess for the first recording in `source`; its `notes` say what is not sure.
+
+    Raises FormatError for unsound files, and MappingError where there is nothing to guess from.
+    """
+    for found in _found(source, None):
+        if found.tables:
+            return guess(found.tables)
+    raise FormatError(f"{source}: these files are recordings of trueup already and need no mapping")
+
+
+def _found(source: Paths, mapping: ChannelMap | None) -> list[Source]:
+    paths = [source] if isinstance(source, (str, Path)) else list(source)
+    if not paths:
+        raise FormatError("no file was given to read")
+    together = mapping is not None and any(entry.file for entry in mapping.channels.values())
+    return sources(paths, together=together)
+
+
+def _recording(found: Source, mapping: ChannelMap | None, how: str) -> Recording:
+    if found.recording is not None:
+        joints = dict(mapping.joints) if mapping is not None else {}
+        present = {label for channel in found.recording.channels.values() for label in channel.labels}
+        renamed = {old: new for old, new in joints.items() if old in present}
+        return found.recording.rename(renamed) if renamed else found.recording
+    provenance = {
+        "source": "\n".join(str(path) for path in found.paths),
+        "reader": found.reader,
+        "mapping": how,
+        **{f"sha256 of {name}": digest for name, digest in checksums(found.paths).items()},
+    }
+    used = guess(found.tables) if mapping is None else mapping
+    recording = assemble(found.tables, used, found.name, provenance)
+    if mapping is not None or not used.notes:
+        return recording
+    return recording.replace(provenance={**recording.provenance, "guesses": "\n".join(used.notes)})

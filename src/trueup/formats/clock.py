@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Columns of time made into seconds that strictly increase, or a named error that says where they do not."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import FormatError
+from trueup.formats.mapping import Repair
+from trueup.formats.table import Table
+from trueup.units import canonical, to_si
+
+Array = NDArray[np.float64]
+
+# Rates between these [Hz] are believed when the unit of a clock is guessed.
+_SLOWEST, _FASTEST = 2.0, 20_000.0
+# Repeated rows up to this share are put down to a hiccup of the logger.
+_FEW = 1e-3
+_EPOCH_SECONDS = 3e8, 4e9  # from 1979 to 2096
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Values with the time and the row of each."""
+
+    time: Array
+    """(T,) in s."""
+    values: Array
+    """(T, k)."""
+    warnings: tuple[str, ...] = ()
+
+
+def guess_unit(name: str, values: Array) -> str:
+    """The unit of a clock: from the column's name, else the one for which dates or rates are plausible."""
+    declared = re.search(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$", name)
+    candidates = [declared[1]] if declared else []
+    candidates += re.split(r"[^A-Za-zµ]+", name)[-1:]
+    for candidate in candidates:
+        unit = canonical(candidate)
+        # Bare 's' and 'min' at the end of a name are too short to be sure ("times_s" is, "t_min" is a minimum).
+        if unit in ("s", "ms", "us", "ns") or (unit == "min" and declared):
+            return unit
+    finite = values[np.isfinite(values)]
+    steps = np.diff(finite)
+    steps = steps[steps > 0.0]
+    if not steps.size:
+        return "s"
+    for unit, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
+        if _EPOCH_SECONDS[0] < abs(float(finite[0])) * factor < _EPOCH_SECONDS[1]:
+            return unit
+    step = float(np.median(steps))
+    rates = {unit: 1.0 / (step * factor) for unit, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))}
+    return next((unit for unit, rate in rates.items() if _SLOWEST <= rate <= _FASTEST), "s")
+
+
+def seconds(values: Array, unit: str) -> Array:
+    """(T,) in s."""
+    return values * to_si(unit)[1]
+
+
+def increasing(samples: Samples, table: Table, repair: Repair, *, held: bool = False) -> Samples:
+    """The samples with time that strictly increases.
+
+    `held` says that the clock is a slow one logged together with a faster one: rows that repeat its last sample are
+    then expected and left out. Raises FormatError, saying where, how often and what to do about it.
+    """
+    samples = _without_lost_time(samples, table, repair)
+    if len(samples.time) == 0:
+        raise FormatError(f"{table.path}: no samples")
+    steps = np.diff(samples.time)
+    if np.all(steps > 0.0):
+        return samples
+    if repair:
+        return _repaired(samples, table, repair)
+    back = np.flatnonzero(steps < 0.0)
+    if back.size:
+        i = int(back[0])
+        raise FormatError(
+            f"{table.path}, {table.place(i + 1)}: time goes back from {samples.time[i]:.9g} to "
+            f'{samples.time[i + 1]:.9g} s ({back.size} such rows); set repair = "sort" in [time] of the mapping to '
+            'order the rows, or repair = "drop" to leave out those that go back'
+        )
+    return _without_repeats(samples, table, held)
+
+
+def row_offset(main: Array, own: Array) -> tuple[float, float]:
+    """What to add to a second clock (T,) to get the main one (T,), both in s, and how much it scatters.
+
+    A slow clock is held over several rows; only rows where it changes tell when a sample arrived, and on average it
+    arrived half a row before.
+    """
+    fresh = np.flatnonzero(np.diff(own) > 0.0) + 1
+    if not fresh.size:
+        return float(main[0] - own[0]), 0.0
+    gaps = main[fresh] - own[fresh]
+    is_held = len(fresh) < len(own) - 1
+    half = 0.5 * float(np.median(np.diff(main))) if is_held else 0.0
+    return float(np.median(gaps)) - half, float(np.std(gaps))
+
+
+def _without_lost_time(samples: Samples, table: Table, repair: Repair) -> Samples:
+    lost = np.flatnonzero(~np.isfinite(samples.time))
+    if not lost.size:
+        return samples
+    if not repair:
+        raise FormatError(
+            f"{table.path}, {table.place(int(lost[0]))}: the time is missing ({lost.size} such rows); "
+            'set repair = "drop" in [time] of the mapping to leave them out'
+        )
+    keep = np.isfinite(samples.time)
+    warning = f"{table.name}: {lost.size} rows without a time were left out"
+    return Samples(samples.time[keep], samples.values[keep], (*samples.warnings, warning))
+
+
+def _repaired(samples: Samples, table: Table, repair: Repair) -> Samples:
+    time, values = samples.time, samples.values
+    order = np.argsort(time, kind="stable") if repair == "sort" else np.arange(len(time))
+    moved = int(np.count_nonzero(order != np.arange(len(time))))
+    time, values = time[order], values[order]
+    highest = np.maximum.accumulate(time)
+    keep = np.concatenate([[True], time[1:] > highest[:-1]])
+    dropped = int(np.count_nonzero(~keep))
+    what = f"{moved} rows were moved to their place in time, " if repair == "sort" else ""
+    reason = "repeat a time" if repair == "sort" else "do not advance in time"
+    warning = f"{table.name}: {what}{dropped} rows that {reason} were left out, as the mapping asks"
+    return Samples(time[keep], values[keep], (*samples.warnings, warning))
+
+
+def _without_repeats(samples: Samples, table: Table, held: bool) -> Samples:
+    time, values = samples.time, samples.values
+    repeats = np.flatnonzero(np.diff(time) == 0.0) + 1
+    same = np.all((values[repeats] == values[repeats - 1]) | np.isnan(values[repeats]), axis=1)
+    few = repeats.size <= max(1, _FEW * len(time))
+    if not np.all(same) or not (held or few):
+        i = int(repeats[0] if np.all(same) else repeats[np.flatnonzero(~same)[0]])
+        kind = "the same values" if np.all(same) else "other values"
+        raise FormatError(
+            f"{table.path}, {table.place(i)}: time {time[i]:.9g} s again, with {kind} ({repeats.size} such rows of "
+            f'{len(time)}); set repair = "drop" in [time] of the mapping to keep the first of each, or give a rate'
+        )
+    keep = np.ones(len(time), dtype=bool)
+    keep[repeats] = False
+    warning = f"{table.name}: {repeats.size} rows that repeat the time and values of the row before were left out"
+    warnings = samples.warnings if held else (*samples.warnings, warning)
+    return _without_placeholder(Samples(time[keep], values[keep], warnings), table, held)
+
+
+def _without_placeholder(samples: Samples, table: Table, held: bool) -> Samples:
+    """Drops the zeros that stand in a slow clock's columns before its first message."""
+    time, values = samples.time, samples.values
+    if not held or len(time) < 4 or time[0] != 0.0 or np.any(values[0] != 0.0):
+        return samples
+    if time[1] - time[0] < 20.0 * float(np.median(np.diff(time))):
+        return samples
+    warning = f"{table.name}: rows with all zeros before the second clock's first sample were left out"
+    return Samples(time[1:], values[1:], (*samples.warnings, warning))

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads JSON: a list of entries (one object a sample), columns by name, or one object a line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from trueup.errors import FormatError
+from trueup.formats.table import Array, Table, numbers, shown
+
+
+def read(path: Path) -> Table:
+    """The table in a JSON file; facts beside it go to `metadata`.
+
+    Raises FormatError naming line and column of a syntax error, or entry, key and value of what is no number.
+    """
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except UnicodeDecodeError as error:
+        raise FormatError(f"{path}: not a text file (byte {error.start} is no UTF-8)") from None
+    if not text.strip():
+        raise FormatError(f"{path} is empty")
+    data, warnings = _parse(text, path)
+    found = _find(data, path)
+    columns, words = _columns(found, str(path))
+    if not columns:
+        raise FormatError(f"{path}: no numbers found in its {len(found)} {'keys' if found else 'entries'}")
+    metadata = _facts(data) if isinstance(data, dict) else {}
+    return Table(path.name, str(path), columns, words, row_word="entry", metadata=metadata, warnings=tuple(warnings))
+
+
+def _parse(text: str, path: Path) -> tuple[Any, list[str]]:
+    try:
+        return json.loads(text), []
+    except RecursionError:
+        raise FormatError(f"{path}: lists nested too deeply") from None
+    except ValueError as error:
+        lines = text.strip().split("\n")
+        if len(lines) > 1 and lines[0].strip().endswith("}"):
+            return _parse_lines(lines, path)
+        where = f", line {error.lineno}, column {error.colno}" if isinstance(error, json.JSONDecodeError) else ""
+        reason = error.msg if isinstance(error, json.JSONDecodeError) else str(error)
+        raise FormatError(f"{path}{where}: not valid JSON ({reason}); is the file cut off?") from None
+
+
+def _parse_lines(lines: Sequence[str], path: Path) -> tuple[list[Any], list[str]]:
+    """One object a line; a last line that was cut off is dropped."""
+    entries: list[Any] = []
+    for i, line in enumerate(lines):
+        if not line.strip():
+            continue
+        try:
+            entries.append(json.loads(line))
+        except (ValueError, RecursionError) as error:
+            if i == len(lines) - 1 and entries:
+                return entries, [f"{path.name}: the last line ({i + 1}) is cut off and was dropped: {shown(line)}"]
+            raise FormatError(f"{path}, line {i + 1}: not valid JSON ({error}): {shown(line)}") from None
+    return entries, []
+
+
+def _find(data: Any, path: Path) -> dict[str, list[Any]]:
+    """Cells by column name, from the shapes that logs have."""
+    if isinstance(data, list):
+        return _from_entries(data, path, "")
+    if not isinstance(data, dict):
+        raise FormatError(f"{path}: holds {shown(data)}; a list of entries or columns by name is needed")
+    lists = {key: value for key, value in _flat(data).items() if isinstance(value, list) and value}
+    entries = {key: value for key, value in lists.items() if isinstance(value[0], dict)}
+    if entries:
+        longest = max(entries, key=lambda key: len(entries[key]))
+        return _from_entries(entries[longest], path, longest)
+    lengths = [len(value) for value in lists.values()]
+    if not lengths:
+        raise FormatError(f"{path}: holds no list of samples; its keys are: {', '.join(map(str, data)) or 'none'}")
+    usual = max(set(lengths), key=lambda n: (lengths.count(n), n))
+    odd = {key: len(value) for key, value in lists.items() if len(value) != usual and abs(len(value) - usual) <= 2}
+    if odd and usual > 4:
+        key = next(iter(odd))
+        raise FormatError(f"{path}: column '{key}' has {odd[key]} samples, the others {usual}")
+    return {key: value for key, value in lists.items() if len(value) == usual}
+
+
+def _from_entries(entries: Sequence[Any], path: Path, key: str) -> dict[str, list[Any]]:
+    where = f"{path}, '{key}'" if key else str(path)
+    if not entries:
+        raise FormatError(f"{where}: the list is empty")
+    if all(isinstance(entry, list) for entry in entries):  # rows without names
+        width = max(len(entry) for entry in entries)
+        for i, entry in enumerate(entries):
+            if len(entry) != width:
+                raise FormatError(f"{where}, entry {i + 1}: {len(entry)} numbers, others have {width}")
+        return {f"column_{k + 1}": [entry[k] for entry in entries] for k in range(width)}
+    columns: dict[str, list[Any]] = {}
+    for i, entry in enumerate(entries):
+        if not isinstance(entry, dict):
+            raise FormatError(f"{where}, entry {i + 1}: {shown(entry)} is not an object with keys")
+        for name, value in _flat(entry).items():
+            columns.setdefault(name, [None] * len(entries))[i] = value
+    return columns
+
+
+def _columns(found: Mapping[str, list[Any]], where: str) -> tuple[dict[str, Array], dict[str, list[str]]]:
+    columns: dict[str, Array] = {}
+    words: dict[str, list[str]] = {}
+    for name, cells in found.items():
+        values = numbers(cells, f"{where}, key '{name}'", "entry")
+        if isinstance(values, list):
+            words[name] = values
+        elif values.size:
+            columns[name] = values
+    return columns, words
+
+
+def _flat(data: Mapping[str, Any], prefix: str = "", depth: int = 0) -> dict[str, Any]:
+    """Nested objects as "outer.inner"."""
+    result: dict[str, Any] = {}
+    for key, value in data.items():
+        name = prefix + _printable(key)
+        if isinstance(value, dict) and depth < 20:
+            result.update(_flat(value, f"{name}.", depth + 1))
+        else:
+            result[name] = _printable(value) if isinstance(value, str) else value
+    return result
+
+
+def _printable(text: str) -> str:
+    """JSON can escape half a character, which no terminal or file could show."""
+    return text.encode("utf-8", "replace").decode("utf-8")
+
+
+def _facts(data: Mapping[str, Any]) -> dict[str, str]:
+    """Single values at the top, such as a mass or a gain."""
+    return {key: str(value) for key, value in _single(_flat(data)) if len(str(value)) < 200}
+
+
+def _single(data: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    return ((key, value) for key, value in data.items() if not isinstance(value, (list, dict)) and value is not None)

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Takes ROS messages apart into named numbers, whatever their type."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+_NAME_FIELDS = ("name", "names", "joint_names", "joint_name")
+_LONGEST = 256  # arrays beyond this are images, scans or maps
+_DEEPEST = 6
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The samples in one message."""
+
+    samples: tuple[tuple[float | None, Mapping[str, float]], ...]
+    """Time in s (None where the message has no header) and the numbers by name."""
+    joints: tuple[str, ...]
+    """Names that the message gives to the entries of its arrays."""
+
+
+def rows_of(message: Any, kind: str) -> Rows:
+    """The samples in a message of type `kind`: one, or one for each point of a trajectory."""
+    joints = _joints(message)
+    stamp = _stamp(getattr(message, "header", None))
+    if kind.endswith("/JointTrajectory"):
+        return Rows(tuple(_points(message, joints, stamp)), joints)
+    values = dict(_numbers(message, "", joints, 0))
+    return Rows(((stamp, values),) if values else (), joints)
+
+
+def _points(
+    message: Any, joints: Sequence[str], stamp: float | None
+) -> Iterator[tuple[float | None, dict[str, float]]]:
+    """A trajectory's points are commands for later; a header of zero means: from now on."""
+    for point in message.points:
+        values = {f"desired.{name}": value for name, value in _numbers(point, "", joints, 0)}
+        later = _seconds(getattr(point, "time_from_start", None)) or 0.0
+        if values and (stamp is not None or len(message.points) == 1):
+            yield (None if stamp is None else stamp + later), values
+
+
+def _joints(message: Any) -> tuple[str, ...]:
+    for name in _NAME_FIELDS:
+        value = getattr(message, name, None)
+        if isinstance(value, list) and value and all(isinstance(entry, str) for entry in value):
+            return tuple(value)
+    return ()
+
+
+def _stamp(header: Any) -> float | None:
+    """The header's time in s; None for no header and for one that was left at zero."""
+    return _seconds(getattr(header, "stamp", None)) or None
+
+
+def _seconds(stamp: Any) -> float | None:
+    if stamp is None or not hasattr(stamp, "sec"):
+        return None
+    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
+
+
+def _numbers(value: Any, name: str, joints: Sequence[str], depth: int) -> Iterator[tuple[str, float]]:
+    """Every number below `value`, with the path of field names that leads to it."""
+    if isinstance(value, (bool, int, float, np.number)):
+        yield name, float(value)
+    elif isinstance(value, np.ndarray):
+        if value.dtype.kind in "biuf" and 0 < value.size <= _LONGEST:
+            yield from _entries(name, value.ravel().tolist(), joints)
+    elif dataclasses.is_dataclass(value) and depth < _DEEPEST:
+        for item in dataclasses.fields(value):
+            if item.name in ("header", "time_from_start") or item.name.startswith("__"):
+                continue
+            path = f"{name}.{item.name}" if name else item.name
+            yield from _numbers(getattr(value, item.name), path, joints, depth + 1)
+    elif isinstance(value, list) and 0 < len(value) <= _LONGEST and depth < _DEEPEST:
+        named = joints if len(joints) == len(value) else [str(i) for i in range(len(value))]
+        for label, entry in zip(named, value, strict=True):
+            yield from _numbers(entry, f"{name}/{label}", joints, depth + 1)
+
+
+def _entries(name: str, values: Sequence[float], joints: Sequence[str]) -> Iterator[tuple[str, float]]:
+    named = joints if len(joints) == len(values) else [str(i) for i in range(len(values))]
+    for label, value in zip(named, values, strict=True):
+        yield f"{name}/{label}", float(value)

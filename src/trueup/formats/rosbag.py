@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads ROS 2 bags (sqlite3 and MCAP, and ROS 1 .bag files) without ROS: one table a topic."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from trueup.errors import FormatError, MissingExtraError
+from trueup.formats.messages import Rows, rows_of
+from trueup.formats.table import Array, Table, numbers, shown
+
+_JOINT_STATE_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m"}
+
+
+@dataclass
+class _Topic:
+    """Rows collected from the messages of one topic that name the same joints."""
+
+    name: str
+    kind: str
+    joints: tuple[str, ...]
+    stamps: list[float] = field(default_factory=list)
+    received: list[float] = field(default_factory=list)
+    cells: dict[str, list[float | None]] = field(default_factory=dict)
+
+    def add(self, received: float, rows: Rows) -> None:
+        for stamp, values in rows.samples:
+            count = len(self.stamps)
+            self.stamps.append(received if stamp is None else stamp)
+            self.received.append(received)
+            for name, value in values.items():
+                column = self.cells.setdefault(name, [])
+                column.extend([None] * (count - len(column)))
+                column.append(value)
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a bag: a folder with metadata.yaml, or a file that ends in .mcap, .db3 or .bag."""
+    return (path / "metadata.yaml").is_file() or path.suffix.lower() in (".mcap", ".db3", ".bag")
+
+
+def read(path: Path) -> list[Table]:
+    """One table for each topic that holds numbers.
+
+    Its columns are the numeric fields ("position/elbow" where the message names joints), 'stamp' (the header's time,
+    or that of reception where there is none) and 'received', both in s. Raises MissingExtraError if `rosbags` is not
+    installed, and FormatError for an unreadable bag.
+    """
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        raise MissingExtraError("reading ROS bags", "rosbags", "ros") from None
+    topics: dict[tuple[str, frozenset[str]], _Topic] = {}
+    warnings: dict[str, int] = {}
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+            for topic, kind, received, message in _messages(reader, warnings):
+                rows = rows_of(message, kind)
+                if rows.samples:
+                    key = (topic, frozenset(rows.joints))
+                    topics.setdefault(key, _Topic(topic, kind, rows.joints)).add(received, rows)
+    except FormatError:
+        raise
+    except Exception as error:  # a damaged bag raises errors of sqlite, of the compression, of the parser, ...
+        reason = " ".join(str(error).split())[:300] or type(error).__name__
+        raise FormatError(f"{path}: cannot be read as a bag ({reason})") from error
+    notes = tuple(f"{path.name}: {reason} ({count} messages)" for reason, count in list(warnings.items())[:20])
+    tables = _tables(list(topics.values()), path, notes)
+    if not tables:
+        raise FormatError(f"{path}: no message with numbers in this bag" + (f"; {'; '.join(notes)}" if notes else ""))
+    return tables
+
+
+def _messages(reader: Any, warnings: dict[str, int]) -> Iterator[tuple[str, str, float, Any]]:
+    """Topic, type, time of reception [s] and content of each message that can be decoded."""
+    for connection, received, raw in reader.messages():
+        try:
+            message = reader.deserialize(raw, connection.msgtype)
+        except Exception as error:  # an unknown type or a damaged message costs this message only
+            reason = f"{connection.topic} ({connection.msgtype}) cannot be decoded: {_cause(error)}"
+            warnings[reason] = warnings.get(reason, 0) + 1
+            continue
+        yield connection.topic, connection.msgtype, received * 1e-9, message
+
+
+def _cause(error: Exception) -> str:
+    if isinstance(error, KeyError):
+        return "the bag does not say how this type is laid out"
+    return shown(str(error) or type(error).__name__)
+
+
+def _tables(topics: Sequence[_Topic], path: Path, notes: tuple[str, ...]) -> list[Table]:
+    """Tables; where one topic carries messages of several publishers, each with its joints, their names differ."""
+    tables: list[Table] = []
+    for topic in sorted(topics, key=lambda t: -len(t.stamps) * len(t.cells)):
+        same = sum(table.name.split("#")[0] == topic.name for table in tables)
+        name = f"{topic.name}#{same + 1}" if same else topic.name
+        table = _table(topic, name, path, () if tables else notes)
+        if table is not None:
+            tables.append(table)
+    return tables
+
+
+def _table(topic: _Topic, name: str, path: Path, notes: tuple[str, ...]) -> Table | None:
+    length = len(topic.stamps)
+    columns: dict[str, Array] = {}
+    for column, cells in topic.cells.items():
+        values = numbers([*cells, *[None] * (length - len(cells))], f"{path}, topic '{name}', '{column}'", "message")
+        if not isinstance(values, list):
+            columns[column] = values
+    if not columns:
+        return None
+    clock = {"stamp": _array(topic.stamps), "received": _array(topic.received)}
+    units = {"stamp": "s", "received": "s"}
+    if topic.kind.endswith("/JointState"):
+        for column in columns:
+            units[column] = _JOINT_STATE_UNITS.get(column.split("/")[0], "")
+    return Table(name, f"{path} {name}", {**clock, **columns}, units=units, row_word="message", warnings=notes)
+
+
+def _array(values: Sequence[float]) -> Array:
+    result = numbers(values, "time", "message")
+    if isinstance(result, list):
+        raise FormatError("time of messages is no number")
+    return result

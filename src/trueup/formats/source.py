@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Finds the files behind a path and which of them make one recording together."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from trueup.errors import FormatError
+from trueup.formats import csv, json, npz, parquet, rosbag
+from trueup.formats.table import Table, listing
+from trueup.formats.words import meaning
+from trueup.recording import Recording
+
+_TEXT = (".csv", ".tsv", ".txt", ".dat", ".log", ".asc")
+_READERS = {
+    **dict.fromkeys(_TEXT, csv.read),
+    **dict.fromkeys((".json", ".jsonl", ".ndjson"), json.read),
+    **dict.fromkeys((".npz", ".npy"), npz.read),
+    **dict.fromkeys((".parquet", ".pq"), parquet.read),
+}
+_NAME = re.compile(r"[A-Za-z_][\w./-]*")
+
+
+@dataclass(frozen=True)
+class Source:
+    """What one recording is made from."""
+
+    name: str
+    paths: tuple[Path, ...]
+    tables: tuple[Table, ...]
+    recording: Recording | None = None
+    """Set where the file holds a whole recording already."""
+    reader: str = ""
+
+
+def sources(paths: Iterable[str | Path], *, together: bool) -> list[Source]:
+    """The recordings behind files and folders; `together`: the files of a folder are one recording in any case.
+
+    Raises FormatError for what is not there or cannot be read.
+    """
+    found: list[Source] = []
+    for entry in paths:
+        path = Path(entry)
+        if not path.exists():
+            raise FormatError(f"{path}: no such file or folder")
+        found += _folder(path, together) if path.is_dir() and not rosbag.is_bag(path) else [_file(path)]
+    return found
+
+
+def checksums(paths: Sequence[Path]) -> dict[str, str]:
+    """The SHA-256 of each file, by its name."""
+    files = [file for path in paths for file in (sorted(path.iterdir()) if path.is_dir() else [path])]
+    return {file.name: _sha256(file) for file in files if file.is_file()}
+
+
+def _file(path: Path) -> Source:
+    if rosbag.is_bag(path):
+        return Source(path.stem if path.is_file() else path.name, (path,), tuple(rosbag.read(path)), reader="bag")
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        known = listing([*_READERS, ".mcap", ".db3", ".bag"])
+        raise FormatError(f"{path}: files that end in '{path.suffix}' are not known; known are: {known}")
+    result = reader(path)
+    kind = path.suffix.lower().lstrip(".")
+    if isinstance(result, Recording):
+        return Source(path.stem, (path,), (), result, kind)
+    return Source(path.stem, (path,), (result,), reader=kind)
+
+
+def _folder(path: Path, together: bool) -> list[Source]:
+    """The recordings in a folder: the files complement each other, or are one recording each, or are in folders."""
+    try:
+        entries = sorted(entry for entry in path.iterdir() if not entry.name.startswith("."))
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
+    files = [e for e in entries if e.is_file() and (e.suffix.lower() in _READERS or rosbag.is_bag(e))]
+    names = {file: labels for file in files if (labels := _names_in(file))}
+    data = [file for file in files if file not in names]
+    if not data:
+        below = [source for entry in entries if entry.is_dir() for source in _below(entry, together)]
+        if not below:
+            raise FormatError(f"{path}: no file here can be read; files are: {listing(e.name for e in entries)}")
+        return below
+    parts = [_file(file) for file in data]
+    tables = tuple(table for part in parts for table in part.tables)
+    alone = any(part.recording is not None or part.reader == "bag" for part in parts)
+    if alone or len(parts) == 1 or not (together or _complement(tables)):
+        return [_labelled(part, names.values()) for part in parts]
+    whole = Source(path.name, tuple(files), tables, reader="+".join(dict.fromkeys(part.reader for part in parts)))
+    return [_labelled(whole, names.values())]
+
+
+def _below(entry: Path, together: bool) -> list[Source]:
+    if rosbag.is_bag(entry):
+        return [_file(entry)]
+    readable = [e for e in entry.rglob("*") if e.is_file() and (e.suffix.lower() in _READERS or rosbag.is_bag(e))]
+    return _folder(entry, together) if readable else []
+
+
+def _names_in(path: Path) -> tuple[str, ...]:
+    """The names in a file that lists joints, one a line; () for any other file."""
+    if path.suffix.lower() not in _TEXT or path.stat().st_size > 1 << 16:
+        return ()
+    try:
+        lines = [line.strip() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+    except (UnicodeDecodeError, OSError):
+        return ()
+    return tuple(lines) if lines and all(_NAME.fullmatch(line) for line in lines) else ()
+
+
+def _complement(tables: Sequence[Table]) -> bool:
+    """Whether files are parts of one recording rather than runs: other columns, or other roles in their names."""
+    layouts = {tuple(table.columns) for table in tables}
+    if len(layouts) == len(tables):
+        return True
+    said = [meaning(table.name.rsplit(".", 1)[0]) for table in tables]
+    roles = {(one.kind, one.command) for one in said}
+    return len(roles) == len(tables)
+
+
+def _labelled(source: Source, names: Iterable[tuple[str, ...]]) -> Source:
+    labels = next(iter(names), ())
+    if not labels:
+        return source
+    return replace(source, tables=tuple(replace(t, labels=t.labels or labels) for t in source.tables))
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

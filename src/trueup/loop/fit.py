@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Finds the values that replay the recordings best: short and coarse first, then everything at the full step."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.calibration import TracePoint
+from trueup.errors import CalibrationError
+from trueup.loop.problem import Problem
+from trueup.parameters import ParameterSpace
+from trueup.search.cma_es import CmaEs
+from trueup.search.least_squares import LeastSquares
+
+Array = NDArray[np.float64]
+
+SEARCHES = ("auto", "gradient", "cma-es", "hybrid")
+Progress = Callable[[TracePoint], None]
+Checkpoint = Callable[[dict[str, Any]], None]
+
+_SHORT = 15.0  # s of each recording that the first stage looks at
+_COARSE = 2.5  # factor on the integration step while far from the optimum
+
+
+@dataclass
+class Fit:
+    """Where a search ended, with the slopes there."""
+
+    space: ParameterSpace
+    unit: Array
+    """(n_free,) in the unit box."""
+    residual: Array
+    """(m,) at the optimum, full step."""
+    jacobian: Array
+    """(m, n_free) d residual / d unit."""
+    weights: Array
+    """(m,) robust weights."""
+    ended: str
+    loss: float = 0.0
+
+    @property
+    def values(self) -> Array:
+        """(n,) all values, frozen ones included."""
+        return self.space.from_unit(self.unit)
+
+
+@dataclass
+class Watch:
+    """Counts, times and reports what a search does, and saves it."""
+
+    progress: Progress | None = None
+    checkpoint: Checkpoint | None = None
+    began: float = field(default_factory=time.perf_counter)
+    trace: list[TracePoint] = field(default_factory=list)
+
+    def saw(self, stage: str, problem: Problem, loss: float, rmse: float) -> None:
+        """One more point of the search trace."""
+        point = TracePoint(stage, problem.evaluations, float(loss), float(rmse), time.perf_counter() - self.began)
+        self.trace.append(point)
+        if self.progress is not None:
+            self.progress(point)
+
+    def save(self, stage: str, space: ParameterSpace, state: dict[str, Any]) -> None:
+        """Hands the state of the search to the checkpoint."""
+        if self.checkpoint is not None:
+            frozen = [p.name for p in space.parameters if p.frozen]
+            self.checkpoint({"stage": stage, "frozen": frozen, "search": state})
+
+
+def fit(
+    problem: Problem, space: ParameterSpace, start: Array, watch: Watch, *, search: str = "auto", robust: float = 3.0,
+    seed: int = 0, resume: dict[str, Any] | None = None,
+) -> Fit:  # fmt: skip
+    """Values of the free parameters that minimise the robust discrepancy, starting from values (n,).
+
+    `search`: 'gradient' (Gauss-Newton), 'cma-es', 'hybrid' (CMA-ES, then Gauss-Newton), or 'auto', which takes the
+    gradient where residuals bend smoothly and the hybrid where they do not. Raises CalibrationError for other words.
+    """
+    if search not in SEARCHES:
+        raise CalibrationError(f"search '{search}' is not one of: {', '.join(SEARCHES)}")
+    point = np.clip(space.to_unit(start), 0.0, 1.0)
+    coarse = _coarse(problem, space, point)
+    stages = _stages(problem, coarse)
+    begin, saved = 0, None
+    if resume and resume.get("stage") in [name for name, *_ in stages]:
+        begin = [name for name, *_ in stages].index(resume["stage"])
+        saved = resume["search"]
+    elif search == "auto":
+        search = "gradient" if smooth(coarse, space, point) else "hybrid"
+    if search in ("cma-es", "hybrid") and saved is None:
+        point = _evolve(coarse, space, point, watch, seed, short=search == "hybrid")
+    last: LeastSquares | None = None
+    for name, stage, cheap, tolerance, most in stages[begin:]:
+        nudge = 0.05 if last is None and saved is None else 0.0
+        last = _descend(name, stage, cheap, space, point, watch, robust, tolerance, most, saved, nudge)
+        point, saved = last.point, None
+    if last is None:
+        raise CalibrationError("nothing was searched")
+    return _finished(problem, coarse, space, last)
+
+
+def smooth(problem: Problem, space: ParameterSpace, point: Array) -> bool:
+    """True where residuals change in proportion to small changes of most parameters: slopes can be trusted.
+
+    Compares finite differences over a step and over half of it.
+    """
+    inside = np.clip(point, 0.05, 0.95)
+    step = 4e-3
+    rows = np.concatenate(
+        [inside[None], inside + step * np.eye(len(inside)), inside + 0.5 * step * np.eye(len(inside))]
+    )
+    residuals = problem.residuals(space.from_unit(rows))
+    if not np.isfinite(residuals[0]).all():
+        raise CalibrationError("the simulation fails at the start values; check the model and the start state")
+    whole, half = (residuals[1 : 1 + len(inside)] - residuals[0], 2.0 * (residuals[1 + len(inside) :] - residuals[0]))
+    size = np.linalg.norm(whole, axis=1)
+    bend = np.linalg.norm(whole - half, axis=1) / np.maximum(size, 1e-12)
+    seen = np.isfinite(bend) & (size > 1e-6 * np.sqrt(residuals.shape[1]))
+    return bool(not seen.any() or np.median(bend[seen]) < 0.7)
+
+
+def _stages(problem: Problem, coarse: Problem) -> list[tuple[str, Problem, Problem, float, int]]:
+    """Name, the problem to solve, the cheaper one for its slopes, tolerance and most iterations."""
+    long = max(t.duration for t in problem.trials)
+    stages: list[tuple[str, Problem, Problem, float, int]] = []
+    if long > 2.0 * _SHORT:
+        short = coarse.shortened(_SHORT)
+        stages.append(("first seconds", short, short, 2e-2, 15))
+    stages.append(("all, coarse step" if coarse is not problem else "all", coarse, coarse, 5e-3, 25))
+    if coarse is not problem:
+        stages.append(("all, full step", problem, coarse, 2e-3, 12))
+    return stages
+
+
+def _coarse(problem: Problem, space: ParameterSpace, point: Array) -> Problem:
+    """The problem at a coarser step, if that tells nearly the same residuals at the start."""
+    cheap = problem.at_step(problem.simulator.step * _COARSE)
+    values = space.from_unit(np.clip(point, 0.05, 0.95))
+    fine = problem.start_residual(values)
+    rough = cheap.residuals(values[None])[0]
+    if not np.isfinite(rough).all() or np.linalg.norm(rough - fine) > 0.3 * np.linalg.norm(fine):
+        return problem
+    return cheap
+
+
+def _descend(
+    name: str, stage: Problem, cheap: Problem, space: ParameterSpace, point: Array, watch: Watch, robust: float,
+    tolerance: float, most: int, saved: dict[str, Any] | None, nudge: float,
+) -> LeastSquares:  # fmt: skip
+    free = [p for p in space.parameters if not p.frozen]
+    ranges = np.array([np.log(p.upper / p.lower) if p.scale == "log" else 0.0 for p in free])
+    search = LeastSquares(point, ranges, robust=robust, tolerance=tolerance, max_iterations=most, nudge=nudge)
+    if saved is not None:
+        search.resume(saved)
+    while not search.done:
+        candidates = search.ask()
+        residuals = _columns(stage, cheap, space, candidates) if search.jacobian is None else None
+        if residuals is None:
+            residuals = stage.residuals(space.from_unit(candidates))
+        search.tell(candidates, residuals)
+        if search.jacobian is not None and search.residual is not None:
+            watch.saw(name, stage, search.loss, stage.rmse(search.residual))
+        else:
+            watch.save(name, space, search.state())
+    return search
+
+
+def _columns(stage: Problem, cheap: Problem, space: ParameterSpace, candidates: Array) -> Array:
+    """Residuals at the point and around it; the differences come from the cheaper problem, the level from the stage."""
+    residuals = cheap.residuals(space.from_unit(candidates))
+    if cheap.simulator is not stage.simulator:
+        level = stage.residuals(space.from_unit(candidates[:1]))[0]
+        residuals += level - residuals[0]
+    return residuals
+
+
+def _evolve(problem: Problem, space: ParameterSpace, point: Array, watch: Watch, seed: int, *, short: bool) -> Array:
+    most = 60 * (len(point) + 5) if short else 300 * (len(point) + 5)
+    search = CmaEs(
+        point, seed=seed, max_evaluations=most, restarts=0 if short else 1, tolerance=1e-2 if short else 1e-4
+    )
+    while not search.done:
+        candidates = search.ask()
+        residuals = problem.residuals(space.from_unit(candidates))
+        losses = _robust_losses(residuals)
+        search.tell(candidates, losses)
+        k = int(np.nanargmin(losses)) if np.isfinite(losses).any() else 0
+        watch.saw("cma-es", problem, search.best[1], problem.rmse(np.nan_to_num(residuals[k])))
+    return search.best[0]
+
+
+def _robust_losses(residuals: Array, bend: float = 10.0) -> Array:
+    """(b,) losses that grow linearly beyond `bend` noise units, so that one fall does not hide all else."""
+    return bend**2 * (np.sqrt(1.0 + (residuals / bend) ** 2) - 1.0).sum(axis=1)
+
+
+def _finished(problem: Problem, coarse: Problem, space: ParameterSpace, search: LeastSquares) -> Fit:
+    if search.jacobian is None or search.residual is None:
+        candidates = search.ask()
+        search.tell(candidates, _columns(problem, coarse, space, candidates))
+    if search.jacobian is None or search.residual is None:
+        raise CalibrationError("the search ended without slopes")
+    return Fit(space, search.point, search.residual, search.jacobian, search.weights(), search.done, search.loss)

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the recordings can tell and what they cannot, in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.loop.fit import Fit
+from trueup.parameters import Parameter
+from trueup.loop.uncertainty import intervals
+
+Array = NDArray[np.float64]
+
+# Shares of the box: an interval this wide says nothing; a direction this uncertain is named.
+_USELESS = 0.25
+_LOOSE = 0.12
+_NO_EFFECT = 1e-3
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What is to be thought of one estimate, and why."""
+
+    word: str
+    note: str = ""
+
+
+def effects(fit: Fit) -> Array:
+    """(n_free,) root mean square change of the residuals when a parameter crosses its box, in noise units."""
+    return np.sqrt(np.mean(fit.jacobian**2, axis=0))
+
+
+def verdicts(fit: Fit, covariance: Array) -> list[Verdict]:
+    """One verdict for each free parameter."""
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    strength = effects(fit)
+    low, high = intervals(fit, covariance)
+    free = [p for p in fit.space.parameters if not p.frozen]
+    values = fit.values[fit.space.free]
+    return [
+        _verdict(p, u, s, e, v, lo, hi)
+        for p, u, s, e, v, lo, hi in zip(free, fit.unit, spread, strength, values, low, high, strict=True)
+    ]
+
+
+def _verdict(
+    p: Parameter, unit: float, spread: float, strength: float, value: float, low: float, high: float
+) -> Verdict:
+    if strength < _NO_EFFECT:
+        return Verdict("no effect", f"changing it changes nothing in these recordings{_advice(p)}")
+    if spread > _USELESS / 1.96:
+        return Verdict("not identified", f"the recordings leave it open{_advice(p)}")
+    if unit < 2e-3 or unit > 1 - 2e-3:
+        which = "lower" if unit < 0.5 else "upper"
+        if p.optional and unit < 0.5:
+            return Verdict("at bound", f"none is seen ({p.optional} at its {which} bound)")
+        return Verdict("at bound", f"it wants to go beyond its {which} bound: widen it, or something else is missing")
+    size = max(abs(value), 1e-2 * (p.upper - p.lower))
+    if (high - low) / 2 > 0.5 * size and spread > 0.02:
+        return Verdict("weak", f"known to {100 * (high - low) / 2 / size:.0f} % only{_advice(p)}")
+    return Verdict("identified")
+
+
+def _advice(p: Parameter) -> str:
+    return f"; {p.shown_by} would show it" if p.shown_by else ""
+
+
+def unseen_directions(fit: Fit, covariance: Array) -> list[str]:
+    """Sentences on combinations that the recordings do not see: what can be traded for what without a trace."""
+    free = [p for p in fit.space.parameters if not p.frozen]
+    variances, directions = np.linalg.eigh(covariance)
+    slopes = fit.space.unit_slope(fit.values)
+    sentences = []
+    for variance, direction in zip(variances[::-1], directions.T[::-1], strict=True):
+        if np.sqrt(max(variance, 0.0)) < _LOOSE / 1.96:
+            break
+        chief = np.flatnonzero(np.abs(direction) > 0.35 * np.abs(direction).max())
+        chief = chief[np.argsort(-np.abs(direction[chief]))][:4]
+        sentences.append(_sentence([free[i] for i in chief], direction[chief], slopes[chief]))
+    return sentences
+
+
+def _sentence(parameters: list[Parameter], direction: Array, slopes: Array) -> str:
+    advice = next((f" {p.shown_by} would tell." for p in parameters if p.shown_by), "")
+    if len(parameters) == 1:
+        return f"{parameters[0].name} is not seen by these recordings.{advice and ' ' + advice.strip().capitalize()}"
+    names = [p.name for p in parameters]
+    if len(parameters) == 2:
+        a, b = parameters
+        opposed = direction[0] * direction[1] < 0
+        if a.scale == b.scale == "log":
+            power = abs(direction[0] * slopes[0] * b.nominal) / max(abs(direction[1] * slopes[1] * a.nominal), 1e-300)
+            what = "product" if opposed else "ratio"
+            if a.unit == b.unit and 0.3 < power < 3:
+                what = "sum" if opposed else "difference"
+            return f"only the {what} of {names[0]} and {names[1]} is seen by these recordings.{advice}"
+        factor = abs(direction[0] * slopes[0]) / max(abs(direction[1] * slopes[1]), 1e-300)
+        sign = "+" if opposed else "-"
+        return f"only the combination {names[0]} {sign} {factor:.2g} x {names[1]} is seen by these recordings.{advice}"
+    return f"{', '.join(names[:-1])} and {names[-1]} can be traded for one another without a trace.{advice}"

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings, a simulator and a discrepancy made into one function: parameter values in, residuals out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.controllers.controller import ControllerFactory
+from trueup.discrepancies.discrepancy import Discrepancy
+from trueup.errors import CalibrationError, SimulationFailedError
+from trueup.recording import Recording
+from trueup.simulators.simulator import Rollout, Simulator
+from trueup.trial import Observed, Trial
+
+Array = NDArray[np.float64]
+
+# More residuals than this cost memory and time and hardly add knowledge: samples are thinned evenly.
+_MOST_RESIDUALS = 600_000
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Where one channel of one recording lies in the residual vector: (T, k) flattened from `first` on."""
+
+    recording: int
+    channel: str
+    labels: tuple[str, ...]
+    unit: str
+    first: int
+    samples: int
+    scale: Array
+    """(k,) one unit of residual in `unit`."""
+
+    @property
+    def columns(self) -> slice:
+        """Its part of the residual vector."""
+        return slice(self.first, self.first + self.samples * len(self.labels))
+
+    def shaped(self, residual: Array) -> Array:
+        """(..., T, k) of a residual vector (..., m)."""
+        part = residual[..., self.columns]
+        return part.reshape(*part.shape[:-1], self.samples, len(self.labels))
+
+
+class Problem:
+    """Residuals (b, m) of values (b, n): all candidates on all recordings in one rollout."""
+
+    def __init__(
+        self, simulator: Simulator, recordings: Sequence[Recording], discrepancy: Discrepancy,
+        channels: Sequence[str] | None = None, *, longest: float | None = None,
+        controllers: ControllerFactory | None = None,
+    ) -> None:  # fmt: skip
+        self.simulator, self.recordings, self.discrepancy = simulator, tuple(recordings), discrepancy
+        self.evaluations = 0
+        self._controllers = controllers
+        self._wanted = channels
+        self.trials = _thinned([_trial(simulator, r, channels, longest) for r in recordings])
+        self.segments = self._segments()
+
+    def at_step(self, step: float) -> Problem:
+        """The same problem simulated with another step."""
+        twin = object.__new__(Problem)
+        twin.__dict__.update(self.__dict__)
+        twin.simulator = self.simulator.at_step(step)
+        return twin
+
+    def shortened(self, longest: float) -> Problem:
+        """The same problem on the first `longest` s of each recording."""
+        return Problem(
+            self.simulator,
+            self.recordings,
+            self.discrepancy,
+            self._wanted,
+            longest=longest,
+            controllers=self._controllers,
+        )
+
+    def rollouts(self, values: Array, only: Sequence[int] | None = None) -> list[Rollout]:
+        """The simulated recordings, all or `only` some."""
+        self.evaluations += len(values)
+        trials = self.trials if only is None else [self.trials[k] for k in only]
+        return self.simulator.rollout(trials, values, self._controllers)
+
+    def residuals(self, values: Array, only: Sequence[int] | None = None) -> Array:
+        """(b, m) noise-weighted residuals; a row is NaN where its simulation failed."""
+        done = self.rollouts(np.atleast_2d(values), only)
+        which = range(len(self.trials)) if only is None else only
+        parts = [self.discrepancy.residual(self.recordings[k], r) for k, r in zip(which, done, strict=True)]
+        residuals = np.concatenate(parts, axis=1)
+        for rollout in done:
+            residuals[list(rollout.failures)] = np.nan
+        return residuals
+
+    def start_residual(self, values: Array) -> Array:
+        """(m,) at one set of values. Raises SimulationFailedError with the simulator's reasons."""
+        done = self.rollouts(np.atleast_2d(values))
+        reasons = [f"'{r.trial.name}': {why}" for r in done for why in r.failures.values()]
+        if reasons:
+            raise SimulationFailedError("the simulation fails at the start values: " + "; ".join(reasons))
+        parts = [self.discrepancy.residual(k, r) for k, r in zip(self.recordings, done, strict=True)]
+        return np.concatenate(parts, axis=1)[0]
+
+    @property
+    def main(self) -> tuple[str, str]:
+        """The channel that replay errors are quoted in, and its unit: position if it is there."""
+        names = [s.channel for s in self.segments]
+        name = "position" if "position" in names else names[0]
+        return name, next(s.unit for s in self.segments if s.channel == name)
+
+    def rmse(self, residual: Array, recording: int | None = None) -> float:
+        """Pooled replay error of the main channel in its unit, over all recordings or one."""
+        name, _ = self.main
+        squares, count = 0.0, 0
+        for segment in self.segments:
+            if segment.channel == name and recording in (None, segment.recording):
+                part = segment.shaped(residual) * segment.scale
+                squares += float(np.sum(part**2))
+                count += int(np.count_nonzero(part))
+        return float(np.sqrt(squares / max(count, 1)))
+
+    def _segments(self) -> tuple[Segment, ...]:
+        found, first = [], 0
+        for k, trial in enumerate(self.trials):
+            for name, o in trial.observed.items():
+                scale = self.discrepancy.scale(name, o.labels)
+                found.append(Segment(k, name, o.labels, o.unit, first, len(o.time), scale))
+                first += len(o.time) * len(o.labels)
+        return tuple(found)
+
+
+def _trial(simulator: Simulator, recording: Recording, channels: Sequence[str] | None, longest: float | None) -> Trial:
+    seen = simulator.observable(recording)
+    wanted = [c for c in seen if channels is None or c in channels]
+    if not wanted:
+        raise CalibrationError(
+            f"recording '{recording.name}' has no channel that the simulator '{simulator.name}' reproduces; it has: "
+            f"{', '.join(recording.channels)}"
+        )
+    trial = Trial.of(recording, wanted)
+    if longest is None or trial.duration <= longest:
+        return trial
+    stop = trial.start + longest
+    observed = {
+        name: Observed(o.labels, o.unit, o.time[o.time <= stop])
+        for name, o in trial.observed.items()
+        if o.time[0] <= stop
+    }
+    return replace(trial, duration=longest, observed=observed)
+
+
+def _thinned(trials: list[Trial]) -> list[Trial]:
+    total = sum(len(o.time) * len(o.labels) for t in trials for o in t.observed.values())
+    stride = int(np.ceil(total / _MOST_RESIDUALS))
+    if stride <= 1:
+        return trials
+    return [
+        replace(t, observed={n: Observed(o.labels, o.unit, o.time[::stride]) for n, o in t.observed.items()})
+        for t in trials
+    ]

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How sure the estimates are: covariance that knows about correlated residuals, and 95 % intervals."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.loop.fit import Fit
+from trueup.loop.problem import Problem
+
+Array = NDArray[np.float64]
+
+# Nothing is less certain than "anywhere in the box": a uniform prior's variance is 1 / 12.
+PRIOR = 12.0
+_NORMAL_95 = 1.959964
+
+
+def unit_covariance(problem: Problem, fit: Fit) -> Array:
+    """(n_free, n_free) covariance of the estimate in the unit box: A^-1 B A^-1 (Huber's sandwich).
+
+    A is the curvature of the loss. B holds the residuals' own variance and autocorrelation, series by series, so that
+    model errors that last for seconds widen the intervals as they must (Newey and West, Econometrica 55(3), 1987, with
+    the autocorrelation estimated from the residuals and tapered).
+    """
+    jacobian = fit.jacobian * fit.weights[:, None]
+    curvature = fit.jacobian.T @ jacobian
+    spread = np.zeros_like(curvature)
+    for segment in problem.segments:
+        slopes = jacobian[segment.columns].reshape(segment.samples, len(segment.labels), -1)
+        errors = segment.shaped(fit.residual)
+        counts = segment.shaped(fit.weights)
+        for j in range(len(segment.labels)):
+            spread += _series(slopes[:, j], errors[:, j], counts[:, j])
+    size = max(float(np.trace(spread)) / max(float(np.trace(curvature)), 1e-300), 1e-12)
+    inverse = np.linalg.inv(curvature + size * PRIOR * np.eye(len(curvature)))
+    return inverse @ (spread + size**2 * PRIOR * np.eye(len(curvature))) @ inverse
+
+
+def intervals(fit: Fit, covariance: Array) -> tuple[Array, Array]:
+    """(n_free,) lower and upper ends of the 95 % intervals, in the parameters' units, within their bounds."""
+    half = _NORMAL_95 * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    free = fit.space.free
+    low = fit.space.from_unit(np.clip(fit.unit - half, 0.0, 1.0))[free]
+    high = fit.space.from_unit(np.clip(fit.unit + half, 0.0, 1.0))[free]
+    return low, high
+
+
+def _series(slopes: Array, errors: Array, weights: Array) -> Array:
+    """(n, n) variance of sum(slopes * errors) for one series (T, n), (T,), with the errors' own autocorrelation."""
+    given = errors != 0.0
+    if int(given.sum()) < 3:
+        return np.zeros((slopes.shape[1], slopes.shape[1]))
+    shown = errors * weights
+    autocovariance = _autocovariance(shown[given] if given.all() else shown)
+    autocovariance /= max(float(np.mean(weights[given] ** 2)), 1e-12)
+    if len(autocovariance) == 1:
+        return autocovariance[0] * (slopes.T @ slopes)
+    kernel = np.concatenate([autocovariance[:0:-1], autocovariance])
+    size = 1 << int(np.ceil(np.log2(len(slopes) + len(kernel))))
+    spectrum = np.fft.rfft(slopes, size, axis=0) * np.fft.rfft(kernel, size)[:, None]
+    smoothed = np.fft.irfft(spectrum, size, axis=0)[len(autocovariance) - 1 :][: len(slopes)]
+    found = slopes.T @ smoothed
+    return 0.5 * (found + found.T)
+
+
+def _autocovariance(errors: Array) -> Array:
+    """(lags,) autocovariance until it is lost in its own noise, tapered so that it stays a covariance."""
+    n = len(errors)
+    size = 1 << int(np.ceil(np.log2(2 * n)))
+    spectrum = np.abs(np.fft.rfft(errors, size)) ** 2
+    full = np.fft.irfft(spectrum, size)[: max(n // 4, 1)] / n
+    noise = 2.0 * full[0] / np.sqrt(n)
+    # The first lag that is lost in noise ends it: white residuals keep lag zero only.
+    below = np.flatnonzero(np.abs(full) < noise)
+    lags = int(below[0]) if len(below) else len(full)
+    if lags <= 1:
+        return full[:1]
+    reach = min(2 * lags, len(full))
+    return full[:reach] * (1.0 - np.arange(reach) / reach)

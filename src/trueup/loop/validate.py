@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Does it hold on what was not fitted? Leave one recording out, without starting over."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.loop.fit import Fit
+from trueup.loop.problem import Problem
+
+Array = NDArray[np.float64]
+
+
+def left_out_points(problem: Problem, fit: Fit, held: Array | None = None) -> Array:
+    """(R, n_free) where the fit would go if it had never seen recording r: one Gauss-Newton step from the optimum.
+
+    `held` (n_free,) are values in the unit box for parameters that must not be used, NaN for the others.
+    """
+    weighted = fit.jacobian * fit.weights[:, None]
+    fixed = np.zeros(len(fit.unit), dtype=bool) if held is None else np.isfinite(held)
+    jump = np.where(fixed, (held if held is not None else fit.unit) - fit.unit, 0.0)
+    curvature = fit.jacobian.T @ weighted
+    slope = weighted.T @ fit.residual
+    points = np.empty((len(problem.trials), len(fit.unit)))
+    for r in range(len(problem.trials)):
+        own = np.zeros(len(fit.residual), dtype=bool)
+        for segment in problem.segments:
+            if segment.recording == r:
+                own[segment.columns] = True
+        left = curvature - fit.jacobian[own].T @ weighted[own]
+        pull = slope - weighted[own].T @ fit.residual[own] + left @ jump
+        free = ~fixed
+        damped = left[np.ix_(free, free)]
+        ridge = 1e-4 * np.diag(np.diag(curvature)[free]) + 12.0 * np.eye(int(free.sum()))
+        step = np.array(jump)
+        step[free] = -np.linalg.solve(damped + ridge, pull[free])
+        points[r] = np.clip(fit.unit + np.clip(step, -0.5, 0.5), 0.0, 1.0)
+        points[r, fixed] = np.clip((held if held is not None else fit.unit)[fixed], 0.0, 1.0)
+    return points
+
+
+def left_out_errors(problem: Problem, fit: Fit, variants: list[Array | None]) -> Array:
+    """(len(variants), R) replay error of each recording, in the main channel's unit, by a fit that never saw it.
+
+    Each variant names the parameters it does without (see `left_out_points`). inf where the replay fails.
+    """
+    points = [left_out_points(problem, fit, held) for held in variants]
+    errors = np.full((len(variants), len(problem.trials)), np.inf)
+    for r in range(len(problem.trials)):
+        rows = fit.space.from_unit(np.array([p[r] for p in points]))
+        residuals = problem.residuals(rows, only=[r])
+        scales, offset = [], 0
+        for segment in problem.segments:
+            if segment.recording == r:
+                stop = offset + segment.samples * len(segment.labels)
+                if segment.channel == problem.main[0]:
+                    part = residuals[:, offset:stop].reshape(len(rows), segment.samples, -1) * segment.scale
+                    scales.append(np.mean(part**2, axis=(1, 2)))
+                offset = stop
+        if scales:
+            errors[:, r] = np.sqrt(np.mean(scales, axis=0))
+    return np.where(np.isfinite(errors), errors, np.inf)

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Measurement noise and encoder grid, estimated from a signal that moves."""
+
+from __future__ import annotations
+
+from math import comb, sqrt
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+# Orders of the differences: low ones keep motion, high ones need many samples; motion can only add, so the least counts.
+_ORDERS = (2, 3, 4, 6, 8)
+_BLOCK = 40  # differences per block
+_FEWEST = 8  # samples below which nothing is estimated
+_LEVELS = 6  # distinct values needed to tell a grid
+
+
+def estimate_noise(values: ArrayLike, time: ArrayLike) -> Array:
+    """(k,) standard deviation of the measurement noise of each column, in the unit of `values` (T, k); time (T,) in s.
+
+    Divided differences of high order remove every motion that is smooth over a few samples, at uneven instants too, and
+    leave white noise with a known factor. The median over short blocks passes over bursts (impacts, steps). Where values
+    lie on an encoder grid the result is at least its quantisation error, step / sqrt(12). NaN where a column has fewer
+    than 8 samples. Noise that is slow (drift, filtered signals) is not seen.
+    """
+    matrix = np.asarray(values, dtype=np.float64)
+    columns = matrix[:, None] if matrix.ndim == 1 else matrix
+    instants = np.asarray(time, dtype=np.float64)
+    return np.array([_noise(column, instants) for column in columns.T])
+
+
+def estimate_grid(values: ArrayLike) -> float | None:
+    """Step of the grid that the samples (T,) lie on, in their unit, as an encoder leaves it; None if continuous.
+
+    The step is the largest one of which nearly all differences between neighbouring distinct values are multiples.
+    """
+    finite = np.asarray(values, dtype=np.float64)
+    finite = finite[np.isfinite(finite)]
+    if finite.size < _FEWEST:
+        return None
+    levels = np.unique(finite)
+    # Numbers stored in single precision scatter about their grid by this much.
+    fuzz = 3e-7 * float(np.abs(levels).max()) + 1e-300
+    steps = np.diff(levels)
+    steps = steps[steps > fuzz]
+    if steps.size < _LEVELS - 1:
+        return None
+    best = max((_refined(steps, s) for s in np.quantile(steps, [0.0, 0.01, 0.05, 0.25, 0.5])), default=0.0)
+    if best <= 4.0 * fuzz or _is_printed(best, float(np.ptp(levels))):
+        return None
+    return best
+
+
+def _noise(column: Array, time: Array) -> float:
+    finite = np.isfinite(column)
+    values, instants = column[finite], time[finite]
+    if values.size < _FEWEST:
+        return float("nan")
+    orders = [order for order in _ORDERS if values.size >= 4 * order] or [_ORDERS[0]]
+    spread = min(_scatter(values, instants, order) for order in orders)
+    step = estimate_grid(values)
+    return max(spread, (step or 0.0) / sqrt(12.0))
+
+
+def _scatter(values: Array, time: Array, order: int) -> float:
+    """Noise by divided differences: weights that annul polynomials below `order`, of unit norm."""
+    windows = sliding_window_view(values, order + 1)
+    instants = sliding_window_view(time, order + 1)
+    scale = (instants[:, -1] - instants[:, 0])[:, None] / order
+    relative = (instants - instants[:, :1]) / scale
+    apart = relative[:, :, None] - relative[:, None, :]
+    apart[:, np.arange(order + 1), np.arange(order + 1)] = 1.0
+    weights = 1.0 / np.prod(apart, axis=2)
+    weights /= np.sqrt(np.sum(weights**2, axis=1, keepdims=True))
+    squares = np.sum(weights * (windows - windows[:, :1]), axis=1) ** 2
+    blocks = max(1, squares.size // _BLOCK)
+    means = np.array([float(np.mean(block)) for block in np.array_split(squares, blocks)])
+    if blocks < 3:
+        return sqrt(float(np.mean(squares)))
+    # Neighbouring differences are correlated; the median of a mean of squares with few degrees of freedom is low.
+    freedom = squares.size / blocks / _redundancy(order)
+    return sqrt(float(np.median(means)) / (1.0 - 2.0 / (9.0 * freedom)) ** 3)
+
+
+def _redundancy(order: int) -> float:
+    """Samples per degree of freedom in the mean square of differences of white noise."""
+    correlation = [comb(2 * order, order - k) / comb(2 * order, order) for k in range(1, order + 1)]
+    return 1.0 + 2.0 * sum(r * r for r in correlation)
+
+
+def _refined(steps: Array, candidate: float) -> float:
+    """The grid step near `candidate` of which 98 % of `steps` are multiples, or 0."""
+    if candidate <= 0.0:
+        return 0.0
+    step = candidate
+    for _ in range(3):
+        near = steps[steps < 40.0 * step]
+        counts = np.round(near / step)
+        if not near.size or not counts.sum():
+            return 0.0
+        step = float(near.sum() / counts.sum())
+    near = steps[steps < 40.0 * step]
+    counts = np.round(near / step)
+    good = (counts > 0) & (np.abs(near / step - counts) < 0.06)
+    return step if near.size >= 0.5 * steps.size and float(np.mean(good)) >= 0.98 else 0.0
+
+
+def _is_printed(step: float, span: float) -> bool:
+    """Whether a grid is only the last decimal that was printed: a power of ten, with very many levels."""
+    exponent = np.log10(step)
+    return bool(abs(exponent - np.round(exponent)) < 1e-3 and span / step > 5e3)

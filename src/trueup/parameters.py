@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters that may be calibrated: name, unit, nominal value, bounds, scale; and the box a search works in."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trueup.errors import ParameterError, unknown_name
+
+Array = NDArray[np.float64]
+
+SCALES = ("linear", "log")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number that may be calibrated. Raises ParameterError for impossible declarations."""
+
+    name: str
+    unit: str
+    nominal: float
+    """Where the search starts, and the value of a frozen parameter, in `unit`."""
+    lower: float
+    upper: float
+    scale: str = "linear"
+    """'linear', or 'log' for what may be wrong by a factor."""
+    frozen: bool = False
+    """Frozen is not absent: the nominal value is applied to the model, the search skips it."""
+    source: str = ""
+    """Where nominal and bounds come from, for the report."""
+    shown_by: str = ""
+    """Which motion shows it ("slow reversals"), for the advice on what a recording could not tell."""
+    optional: str = ""
+    """Name of a structure that the model can do without ("backlash"): kept only if it lowers the held-out error."""
+
+    def __post_init__(self) -> None:
+        """Checks the declaration."""
+        if self.scale not in SCALES:
+            raise ParameterError(f"parameter '{self.name}': scale '{self.scale}' is not one of: {', '.join(SCALES)}")
+        if not all(map(math.isfinite, (self.nominal, self.lower, self.upper))):
+            raise ParameterError(
+                f"parameter '{self.name}': nominal {self.nominal}, bounds {self.lower} ... {self.upper} must be finite"
+            )
+        if not self.lower < self.upper:
+            raise ParameterError(
+                f"parameter '{self.name}': lower bound {self.lower} is not below the upper bound {self.upper} {self.unit}"
+            )
+        if self.scale == "log" and self.lower <= 0:
+            raise ParameterError(
+                f"parameter '{self.name}': a log scale needs a lower bound above zero, it is {self.lower} {self.unit}"
+            )
+        if not self.frozen and not self.lower <= self.nominal <= self.upper:
+            raise ParameterError(
+                f"parameter '{self.name}': nominal {self.nominal} {self.unit} lies outside its bounds "
+                f"{self.lower} ... {self.upper}; widen the bounds or freeze it"
+            )
+
+    def replace(self, **changes: object) -> Parameter:
+        """A copy with some fields changed; checked like a new one."""
+        return dataclasses.replace(self, **changes)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterSpace:
+    """An ordered set of parameters. Values are (n,) or (b, n) in the parameters' units, frozen ones included.
+
+    The search sees only the free ones, in a unit box: (n_free,) or (b, n_free) in [0, 1].
+    """
+
+    parameters: tuple[Parameter, ...]
+
+    def __post_init__(self) -> None:
+        """Checks that names are unique."""
+        object.__setattr__(self, "parameters", tuple(self.parameters))
+        seen: set[str] = set()
+        for name in self.names:
+            if name in seen:
+                raise ParameterError(f"parameter '{name}' is declared twice")
+            seen.add(name)
+
+    def __len__(self) -> int:
+        return len(self.parameters)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All names, in order."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def nominal(self) -> Array:
+        """(n,) nominal values."""
+        return np.array([p.nominal for p in self.parameters], dtype=np.float64)
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """(n,) True where the search may change the value."""
+        return np.array([not p.frozen for p in self.parameters], dtype=bool)
+
+    def index(self, name: str) -> int:
+        """The position of a parameter. Raises UnknownNameError, which lists the names."""
+        try:
+            return self.names.index(name)
+        except ValueError:
+            raise unknown_name("parameter", name, self.names, "the parameter space") from None
+
+    def __getitem__(self, name: str) -> Parameter:
+        return self.parameters[self.index(name)]
+
+    def freeze(self, names: Iterable[str], values: Mapping[str, float] | None = None) -> ParameterSpace:
+        """The same space with some parameters frozen, at their nominal or at the given values."""
+        wanted = set(names)
+        for name in wanted:
+            self.index(name)
+        given = values or {}
+        return ParameterSpace(
+            tuple(
+                p.replace(frozen=True, nominal=float(given.get(p.name, p.nominal))) if p.name in wanted else p
+                for p in self.parameters
+            )
+        )
+
+    def with_nominal(self, values: ArrayLike) -> ParameterSpace:
+        """The same space with other nominal values (n,), clipped into the bounds of the free ones."""
+        given = self._checked(values)
+        return ParameterSpace(
+            tuple(
+                p.replace(nominal=float(v if p.frozen else np.clip(v, p.lower, p.upper)))
+                for p, v in zip(self.parameters, given, strict=True)
+            )
+        )
+
+    def to_unit(self, values: ArrayLike) -> Array:
+        """Values (..., n) to the unit box of the free parameters (..., n_free); out of bounds gives outside [0, 1]."""
+        given = self._checked(values)[..., self.free]
+        low, high, log = self._box()
+        inside = np.where(log, np.log(np.maximum(given, 1e-300)), given)
+        return (inside - low) / (high - low)
+
+    def from_unit(self, unit: ArrayLike) -> Array:
+        """Points of the unit box (..., n_free) to values (..., n); frozen parameters take their nominal value."""
+        box = np.asarray(unit, dtype=np.float64)
+        count = int(self.free.sum())
+        if box.shape[-1] != count:
+            raise ParameterError(f"a point of the unit box has {count} numbers, not {box.shape[-1]}")
+        low, high, log = self._box()
+        inside = low + box * (high - low)
+        values = np.broadcast_to(self.nominal, (*box.shape[:-1], len(self))).copy()
+        values[..., self.free] = np.where(log, np.exp(np.where(log, inside, 0.0)), inside)
+        return values
+
+    def unit_slope(self, values: ArrayLike) -> Array:
+        """(n_free,) d value / d unit at `values` (n,): turns a covariance of the unit box into the parameters' units."""
+        given = self._checked(values)[self.free]
+        low, high, log = self._box()
+        return np.where(log, given, 1.0) * (high - low)
+
+    def _box(self) -> tuple[Array, Array, NDArray[np.bool_]]:
+        free = [p for p in self.parameters if not p.frozen]
+        log = np.array([p.scale == "log" for p in free], dtype=bool)
+        low = np.array([math.log(p.lower) if p.scale == "log" else p.lower for p in free])
+        high = np.array([math.log(p.upper) if p.scale == "log" else p.upper for p in free])
+        return low, high, log
+
+    def _checked(self, values: ArrayLike) -> Array:
+        given = np.asarray(values, dtype=np.float64)
+        if given.shape[-1:] != (len(self),):
+            raise ParameterError(f"expected {len(self)} values (one for each parameter), got an array of {given.shape}")
+        return given
+
+
+def concatenate(spaces: Sequence[ParameterSpace]) -> ParameterSpace:
+    """One space of several, in order. Raises ParameterError where a name occurs twice."""
+    return ParameterSpace(tuple(p for space in spaces for p in space.parameters))

@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Round numbers for the axes of hand-drawn charts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from trueup.report.numbers import fixed
+
+
+def nice_marks(low: float, high: float, most: int) -> list[float]:
+    """At most `most` multiples of 1, 2 or 5 x 10^n between `low` and `high`, ascending."""
+    if not low < high:
+        return [low]
+    magnitude = 10.0 ** (math.floor(math.log10(high - low)) - 2)
+    for step in (f * magnitude * 10.0**d for d in range(5) for f in (1.0, 2.0, 5.0)):
+        first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+        if last - first + 1 <= most:
+            return [i * step for i in range(first, last + 1)]
+    return [low, high]
+
+
+def mark_texts(marks: Sequence[float]) -> list[str]:
+    """The marks with as many decimals as their distance needs."""
+    distance = min((b - a for a, b in zip(marks, marks[1:], strict=False)), default=abs(marks[0]) if marks else 1.0)
+    decimals = max(0, -math.floor(math.log10(distance) + 1e-9)) if distance > 0 else 0
+    return [fixed(m, decimals) for m in marks]

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Still pictures for a paper, a README or a slide: SVG files that need no script, no style sheet and no fonts."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from trueup.calibration import Calibration, Replay
+from trueup.errors import unknown_name
+from trueup.report.figures import error_scale
+from trueup.report.markup import Markup, escape, tag
+from trueup.report.marks import mark_texts, nice_marks
+from trueup.report.numbers import Scale, ratio_text, scale_for, with_unit
+from trueup.report.panel import COLOURS, Panel, replay_panel
+from trueup.report.summary import Comparison, Score, comparisons, pooled_score
+from trueup.report.writing import write_aside
+
+WIDTH = 900
+"""Width of every picture in pixels, or points on paper."""
+
+_FONT = "system-ui, 'Helvetica Neue', 'Liberation Sans', Arial, sans-serif"
+
+
+def write_pictures(calibration: Calibration, folder: str | os.PathLike[str]) -> list[Path]:
+    """Write `before-after.svg` and `replay-NAME.svg` for each held-out recording (each recording if there is none).
+
+    Raises:
+        OutputError: a file cannot be written; older ones are untouched.
+    """
+    groups = comparisons(calibration)
+    if not groups:
+        return []
+    folder = Path(folder)
+    pictures = {"before-after": before_after_picture(calibration)}
+    for replay in groups[0].held_out or groups[0].training:
+        name = "replay-" + (re.sub(r"[^A-Za-z0-9._-]+", "-", replay.recording).strip("-.") or "recording")[:80]
+        while name in pictures:
+            name += "-2"
+        pictures[name] = replay_picture(replay)
+    for name, text in pictures.items():
+        write_aside(text, folder / f"{name}.svg")
+    return [folder / f"{name}.svg" for name in pictures]
+
+
+def replay_picture(
+    replay: Replay,
+    *,
+    labels: Sequence[str] | None = None,
+    start: float | None = None,
+    stop: float | None = None,
+) -> str:
+    """An SVG with a panel for each of `labels` (default: all): the recording, the replays, and the error beneath.
+
+    `start` and `stop` cut the time in s on the recording's clock.
+
+    Raises:
+        UnknownNameError: a label that the replay does not have.
+    """
+    chosen = replay.labels if labels is None else tuple(labels)
+    for label in chosen:
+        if label not in replay.labels:
+            raise unknown_name("label", label, replay.labels, f"the replay of '{replay.recording}'")
+    scale = scale_for(replay.unit, [pooled_score([replay]).after])
+    across = 1 if len(chosen) < 3 else 2
+    width, height, top = WIDTH / across, 230.0, 46.0
+    rows = math.ceil(len(chosen) / across)
+    parts = [_key(replay, with_command=replay.command is not None)]
+    for index, label in enumerate(chosen):
+        corner = (width * (index % across), top + height * (index // across))
+        panel = Panel(*corner, width, height, first=index % across == 0, last=index + across >= len(chosen))
+        parts.append(replay_panel(replay, replay.labels.index(label), panel, scale, (start, stop)))
+    kind = "held out" if replay.held_out else "fitted"
+    return _document(
+        parts, top + rows * height + 8, f"Replay of {replay.recording} ({kind}), before and after calibration"
+    )
+
+
+def before_after_picture(calibration: Calibration) -> str:
+    """An SVG with a line for each recording: replay error before and after, held-out recordings first.
+
+    It shows the main channel. An empty picture says so where nothing was replayed.
+    """
+    groups = comparisons(calibration)
+    if not groups:
+        return _document([_text("Nothing was replayed.", 16, 30)], 50, "Nothing was replayed")
+    return _before_after(groups[0], error_scale(groups[0]))
+
+
+def _before_after(group: Comparison, scale: Scale) -> str:
+    scores = {id(r): pooled_score([r]) for r in group.replays}
+    values = [v * scale.factor for s in scores.values() for v in (s.before, s.after) if math.isfinite(v)]
+    high = max(values, default=1.0) or 1.0
+    left, right, row, y = 220.0, WIDTH - 190.0, 26.0, 20.0
+
+    def place(value: float) -> float:
+        return left + (right - left) * value / (1.03 * high)
+
+    parts, top = [], y + 6
+    for title, replays in (("Held out", group.held_out), ("Fitted", group.training)):
+        if not replays:
+            continue
+        y += row
+        parts.append(_text(title, 16, y, weight="600", fill=COLOURS["soft"]))
+        for replay in replays:
+            y += row
+            parts += _before_after_row(replay, scores[id(replay)], scale, y, place)
+        y += 6
+    bottom = y + 8
+    marks = nice_marks(0.0, high, 6)
+    grid = [_line(place(m), top, place(m), bottom, COLOURS["grid"]) for m in marks]
+    texts = [
+        _text(t, place(m), bottom + 16, anchor="middle", fill=COLOURS["soft"])
+        for m, t in zip(marks, mark_texts(marks), strict=True)
+    ]
+    unit = f" in {scale.unit}" if scale.unit else ""
+    title = _text(f"Root mean square replay error{unit}", (left + right) / 2, bottom + 36, anchor="middle")
+    key = [_key_dot("before", left), _key_dot("after", left + 90)]
+    return _document([*grid, *parts, *texts, title, *key], bottom + 50, "Replay error before and after calibration")
+
+
+def _before_after_row(replay: Replay, score: Score, scale: Scale, y: float, place) -> list[Markup]:
+    middle = y - 4
+    parts = [_text(_short(replay.recording, 26), 28, y)]
+    ends = {"before": score.before * scale.factor, "after": score.after * scale.factor}
+    shown = {kind: place(v) for kind, v in ends.items() if math.isfinite(v)}
+    if len(shown) == 2:
+        parts.append(_line(shown["before"], middle, shown["after"], middle, COLOURS["command"], width=2.5))
+    parts += [tag("circle", cx=x, cy=middle, r=5, fill=COLOURS[kind]) for kind, x in shown.items()]
+    amounts = f"{scale.text(score.before)} → {with_unit(scale.text(score.after), scale.unit)}"
+    parts.append(_text(amounts, WIDTH - 66, y, anchor="end"))
+    ratio = ratio_text(score.after, score.before)
+    parts.append(_text(ratio, WIDTH - 14, y, anchor="end", weight="600", fill=COLOURS["bad" if score.worse else "ink"]))
+    return parts
+
+
+def _key(replay: Replay, *, with_command: bool) -> Markup:
+    kind = "held out" if replay.held_out else "fitted"
+    parts = [_text(f"{_short(replay.recording, 44)} ({kind})", 14, 24, weight="600", size=14)]
+    x = WIDTH - 14.0
+    for name in ("after", "before", "measured") + (("command",) if with_command else ()):
+        parts.append(_text(name, x, 24, anchor="end"))
+        x -= 7.0 * len(name) + 4
+        dash = "4 3" if name == "command" else None
+        parts.append(_line(x - 22, 20, x, 20, COLOURS[name], width=1.2 if dash else 2.2, dash=dash))
+        x -= 38
+    return tag("g", parts)
+
+
+def _key_dot(kind: str, x: float) -> Markup:
+    return tag("g", tag("circle", cx=x + 5, cy=14, r=5, fill=COLOURS[kind]), _text(kind, x + 16, 18))
+
+
+def _line(
+    x1: float, y1: float, x2: float, y2: float, colour: str, *, width: float = 1.0, dash: str | None = None
+) -> Markup:
+    return tag("line", x1=x1, y1=y1, x2=x2, y2=y2, stroke=colour, stroke_width=width, stroke_dasharray=dash)
+
+
+def _text(
+    text: str,
+    x: float,
+    y: float,
+    *,
+    anchor: str | None = None,
+    weight: str | None = None,
+    size: float | None = None,
+    fill: str | None = None,
+) -> Markup:
+    return tag("text", text, x=x, y=y, text_anchor=anchor, font_weight=weight, font_size=size, fill=fill)
+
+
+def _short(text: str, most: int) -> str:
+    return text if len(text) <= most else text[: most - 1] + "…"
+
+
+def _document(parts: Sequence[Markup], height: float, title: str) -> str:
+    size = f"0 0 {WIDTH} {height:.0f}"
+    opening = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{size}" width="{WIDTH}" height="{height:.0f}" '
+        f'font-family="{escape(_FONT)}" font-size="12.5" fill="{COLOURS["ink"]}" role="img">'
+    )
+    ground = tag("rect", width=WIDTH, height=height, fill="#ffffff")
+    return "\n".join(
+        ['<?xml version="1.0" encoding="UTF-8"?>', opening, tag("title", title), ground, *parts, "</svg>", ""]
+    )

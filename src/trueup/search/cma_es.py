@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+"""CMA-ES over the unit box, by pycma, with restarts of growing population (IPOP).
+
+N. Hansen, "The CMA Evolution Strategy: A Tutorial"; A. Auger and N. Hansen, IEEE CEC 2005, for the restarts.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import cma
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import CalibrationError
+from trueup.search.search import SearchState
+
+Array = NDArray[np.float64]
+
+
+class CmaEs:
+    """Asks for generations of candidates; needs no slopes, only which candidates are better.
+
+    Resuming replays the told losses with the same seed, so that a resumed search equals an uninterrupted one.
+    """
+
+    def __init__(
+        self, start: Array, *, seed: int, sigma: float = 0.2, population: int | None = None, restarts: int = 1,
+        max_evaluations: int = 4000, tolerance: float = 1e-4,
+    ) -> None:  # fmt: skip
+        self._start = np.clip(np.asarray(start, dtype=np.float64), 0.02, 0.98)
+        self._seed, self._sigma = seed, sigma
+        self._population = population or 4 + int(3 * math.log(max(2, len(self._start)))) + 4
+        self._restarts_left, self._max, self._tolerance = restarts, max_evaluations, tolerance
+        self._rng = np.random.default_rng(seed)
+        self._told: list[list[float]] = []
+        self._evaluations = 0
+        self._best, self._best_loss = self._start, np.inf
+        self._done = ""
+        self._engine = self._new(self._start)
+
+    def ask(self) -> Array:
+        """(population, n) in [0, 1]."""
+        return np.clip(np.array(self._engine.ask()), 0.0, 1.0)
+
+    def tell(self, candidates: Array, losses: Array) -> None:
+        """Losses (population,); NaN counts as worse than all others."""
+        given = np.asarray(losses, dtype=np.float64)
+        finite = given[np.isfinite(given)]
+        worst = float(finite.max()) * 2.0 + 1.0 if len(finite) else 1e12
+        filled = np.where(np.isfinite(given), given, worst)
+        self._told.append([float(x) for x in filled])
+        self._evaluations += len(filled)
+        k = int(filled.argmin())
+        if filled[k] < self._best_loss and np.isfinite(given[k]):
+            self._best, self._best_loss = np.array(candidates[k]), float(filled[k])
+        self._engine.tell([np.array(c) for c in candidates], filled.tolist())
+        self._check()
+
+    @property
+    def done(self) -> str:
+        """Why the search has ended, or ''."""
+        return self._done
+
+    @property
+    def best(self) -> tuple[Array, float]:
+        """The best candidate and its loss."""
+        return self._best, self._best_loss
+
+    def state(self) -> SearchState:
+        """The seed and every loss told."""
+        return {"seed": self._seed, "n": len(self._start), "told": self._told}
+
+    def resume(self, state: SearchState) -> None:
+        """Replays the told losses. Raises CalibrationError where the state belongs to another search."""
+        if state["seed"] != self._seed or state["n"] != len(self._start):
+            raise CalibrationError("the saved search had another seed or other parameters; start in a new folder")
+        for losses in state["told"]:
+            self.tell(self.ask(), np.array(losses))
+
+    def _new(self, start: Array) -> Any:
+        return cma.CMAEvolutionStrategy(
+            start.tolist(), self._sigma,
+            {
+                "bounds": [0.0, 1.0], "popsize": self._population, "verbose": -9, "seed": math.nan,
+                "randn": lambda *shape: self._rng.standard_normal(shape), "tolfun": 0.0, "tolx": 1e-5,
+                "maxfevals": self._max,
+            },
+        )  # fmt: skip
+
+    def _check(self) -> None:
+        recent = [min(t) for t in self._told[-12:]]
+        flat = len(recent) == 12 and (max(recent) - min(recent)) < self._tolerance * abs(min(recent))
+        if self._evaluations >= self._max:
+            self._done = f"stopped after {self._max} evaluations; more may help"
+        elif flat or self._engine.stop():
+            if self._restarts_left <= 0:
+                self._done = "converged: the generations no longer differ"
+                return
+            self._restarts_left -= 1
+            self._population *= 2
+            self._engine = self._new(self._rng.uniform(0.05, 0.95, len(self._start)))

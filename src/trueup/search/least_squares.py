@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bounded Gauss-Newton / Levenberg-Marquardt by ask and tell: one batch holds all finite-difference columns.
+
+D. Marquardt, SIAM J. 11(2), 1963, with projection onto the box; robust loss after P. Huber's pseudo-Huber form.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import CalibrationError
+from trueup.search.search import SearchState
+
+Array = NDArray[np.float64]
+
+# Damping factors tried side by side: one batch of steps instead of one step after the other.
+_LADDER = (0.03, 1.0, 30.0)
+
+
+@dataclass
+class LeastSquares:
+    """Minimises the robust sum of squared residuals over the unit box.
+
+    `log_range` (n,) is ln(upper / lower) of parameters on a log scale, 0 for the others: such parameters mostly act in
+    proportion to their value, so a step may also be taken in the value instead of its logarithm.
+    """
+
+    start: Array
+    """(n,) where to begin, in [0, 1]."""
+    log_range: Array
+    difference: float = 2e-3
+    """Finite-difference step, as a share of the box."""
+    robust: float = 3.0
+    """Residuals beyond this many robust standard deviations count less; inf for plain least squares."""
+    tolerance: float = 1e-3
+    """Ends when a step lowers the loss by less than this share, twice in a row."""
+    max_iterations: int = 30
+    patience: int = 4
+    """Ends after this many batches of steps without any descent."""
+    nudge: float = 0.05
+    """How far a start on a bound is moved inside: there a logarithmic parameter has almost no slope."""
+
+    point: Array = field(init=False)
+    loss: float = field(init=False, default=np.inf)
+    iteration: int = field(init=False, default=0)
+    jacobian: Array | None = field(init=False, default=None)
+    """(m, n) d residual / d unit at `point` once the columns are told."""
+    residual: Array | None = field(init=False, default=None)
+    """(m,) at `point`."""
+    delta: float = field(init=False, default=np.inf)
+    """Present bend of the robust loss, in residual units."""
+    _damping: float = field(init=False, default=1e-2)
+    _stale: int = field(init=False, default=0)
+    _small: int = field(init=False, default=0)
+    _done: str = field(init=False, default="")
+    _steps: Array = field(init=False, default_factory=lambda: np.zeros(0))
+
+    def __post_init__(self) -> None:
+        """Moves the start off the bounds."""
+        self.start = np.asarray(self.start, dtype=np.float64)
+        self.point = np.clip(self.start, self.nudge, 1.0 - self.nudge)
+
+    @property
+    def done(self) -> str:
+        """Why the search has ended, or ''."""
+        return self._done
+
+    @property
+    def best(self) -> tuple[Array, float]:
+        """The point and its loss."""
+        return self.point, self.loss
+
+    def ask(self) -> Array:
+        """Finite-difference columns around the point (with the point itself first), or steps of several lengths."""
+        if self.jacobian is None:
+            inward = np.where(self.point > 0.5, -1.0, 1.0)
+            self._steps = inward * self.difference
+            return np.concatenate([self.point[None], self.point + np.diag(self._steps)])
+        return self._trial_points()
+
+    def tell(self, candidates: Array, losses: Array) -> None:
+        """Residuals (b, m) of the candidates; rows with NaN are failed evaluations."""
+        residuals = np.asarray(losses)
+        if self.jacobian is None:
+            self._take_jacobian(residuals)
+        else:
+            self._take_step(candidates, residuals)
+
+    def state(self) -> SearchState:
+        """The point, its damping and counters; the next ask is for the columns around it."""
+        return {
+            "point": self.point.tolist(), "loss": self.loss, "iteration": self.iteration, "damping": self._damping,
+            "stale": self._stale, "small": self._small, "done": self._done,
+        }  # fmt: skip
+
+    def resume(self, state: SearchState) -> None:
+        """Goes on from `state`. Raises CalibrationError where it belongs to another number of parameters."""
+        point = np.asarray(state["point"], dtype=np.float64)
+        if point.shape != self.point.shape:
+            raise CalibrationError(f"the saved search has {len(point)} parameters, this one {len(self.point)}")
+        self.point, self.loss, self.iteration = point, float(state["loss"]), int(state["iteration"])
+        self._damping, self._stale, self._small = float(state["damping"]), int(state["stale"]), int(state["small"])
+        self._done = str(state["done"])
+
+    def _take_jacobian(self, residuals: Array) -> None:
+        base = residuals[0]
+        if not np.isfinite(base).all():
+            raise CalibrationError("the simulation fails at the start values; check the model and the start state")
+        columns = (residuals[1:] - base) / self._steps[:, None]
+        # A column whose simulation failed tells nothing this time; the parameter rests until the next round.
+        columns[~np.isfinite(columns).all(axis=1)] = 0.0
+        self.jacobian, self.residual = columns.T, base
+        scale = 1.4826 * float(np.median(np.abs(base[base != 0]))) if np.any(base) else 1.0
+        self.delta = self.robust * max(scale, 1.0)
+        self.loss = float(self._loss(base[None])[0])
+
+    def _take_step(self, candidates: Array, residuals: Array) -> None:
+        losses = self._loss(residuals)
+        k = int(np.nanargmin(np.where(np.isfinite(losses), losses, np.inf)))
+        before = self.loss
+        if losses[k] < before:
+            gain = (before - losses[k]) / before
+            self._small = self._small + 1 if gain < self.tolerance else 0
+            self._damping = float(np.clip(self._damping * _LADDER[k % len(_LADDER)], 1e-9, 1e9))
+            self.point, self.loss, self.iteration = candidates[k], float(losses[k]), self.iteration + 1
+            self.jacobian, self._stale = None, 0
+        else:
+            self._stale += 1
+            self._damping = min(self._damping * 300.0, 1e9)
+        if self._small >= 2:
+            self._done = "converged: the last two steps changed almost nothing"
+        elif self._stale >= self.patience:
+            self._done = "converged: no step of any length goes further down"
+        elif self.iteration >= self.max_iterations:
+            self._done = f"stopped after {self.max_iterations} iterations; more may help"
+
+    def _loss(self, residuals: Array) -> Array:
+        """(b,) sum of pseudo-Huber losses, half of the squares for small residuals."""
+        if not np.isfinite(self.delta):
+            return 0.5 * np.einsum("bm,bm->b", residuals, residuals)
+        ratio = residuals / self.delta
+        ratio *= ratio
+        return self.delta**2 * (np.sqrt(1.0 + ratio) - 1.0).sum(axis=1)
+
+    def weights(self) -> Array:
+        """(m,) how much each residual counts at the point: 1 for small ones, less for outliers."""
+        if self.residual is None:
+            raise CalibrationError("no residuals told yet")
+        return 1.0 / np.sqrt(1.0 + (self.residual / self.delta) ** 2)
+
+    def _trial_points(self) -> Array:
+        jacobian, residual, weights = self.jacobian, self.residual, self.weights()
+        if jacobian is None or residual is None:
+            raise CalibrationError("steps asked before the columns were told")
+        curvature = jacobian.T @ (jacobian * weights[:, None])
+        slope = jacobian.T @ (weights * residual)
+        found = [self._damped(curvature, slope, self._damping * factor) for factor in _LADDER]
+        plain = [np.clip(self.point + d, 0.0, 1.0) for d in found]
+        if not np.any(self.log_range > 0):
+            return np.array(plain)
+        return np.array(plain + [np.clip(self.point + self._in_value(d), 0.0, 1.0) for d in found])
+
+    def _in_value(self, step: Array) -> Array:
+        """The step that changes a logarithmic parameter's value, not its logarithm, by what was computed."""
+        span = np.where(self.log_range > 0, self.log_range, 1.0)
+        moved = np.log1p(np.maximum(step * span, -0.95)) / span
+        return np.where(self.log_range > 0, moved, step)
+
+    def _damped(self, curvature: Array, slope: Array, damping: float) -> Array:
+        """The Levenberg-Marquardt step inside the box: parameters pushed against a bound are held there."""
+        n = len(slope)
+        diagonal = np.diag(curvature)
+        floor = 1e-9 * max(float(diagonal.max()), 1e-300)
+        free = np.ones(n, dtype=bool)
+        step = np.zeros(n)
+        for _ in range(n):
+            step[:] = 0.0
+            inner = curvature[np.ix_(free, free)] + damping * np.diag(diagonal[free] + floor)
+            step[free] = -np.linalg.solve(inner + floor * np.eye(int(free.sum())), slope[free])
+            blocked = free & (((self.point <= 0.0) & (step < 0)) | ((self.point >= 1.0) & (step > 0)))
+            if not blocked.any():
+                break
+            free &= ~blocked
+            if not free.any():
+                return np.zeros(n)
+        return step

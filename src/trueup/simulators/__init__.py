@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Simulators of robots, one engine a module; `simulator.py` says what each must offer."""

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled inner loops over simulations and samples: delayed commands, servo dead bands, reading off at instants."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True)
+def delayed_commands(
+    times: Array, values: Array, integral: Array, delay: Array, start: float, step: float, out: Array
+) -> None:
+    """The mean of each held, delayed command over each step: exact for any fraction of a step, smooth in the delay.
+
+    times (n,) s; values, integral (n, k) held values and their running integral; delay (b, k) s;
+    out (b, steps, k): row i, step s covers [start + s step, start + (s + 1) step).
+    """
+    n = len(times)
+    for i in range(out.shape[0]):
+        for j in range(out.shape[2]):
+            at = 0
+            before = 0.0
+            for s in range(out.shape[1] + 1):
+                t = start + s * step - delay[i, j]
+                while at + 1 < n and times[at + 1] <= t:
+                    at += 1
+                area = integral[at, j] + values[at, j] * (t - times[at])
+                if s > 0:
+                    out[i, s - 1, j] = (area - before) / step
+                before = area
+
+
+def held_integral(times: Array, values: Array) -> Array:
+    """(n, k) integral of a held signal up to each of its instants, for `delayed_commands`."""
+    steps = np.diff(times)[:, None] * values[:-1]
+    return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])
+
+
+@njit(cache=True, nogil=True)
+def own_delayed_command(
+    times: Array, values: Array, count: int, delay: Array, now: float, step: float, out: Array
+) -> None:
+    """As `delayed_commands` for one step, each row with commands of its own: values (n, b, k), the first `count` set."""
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            left = now - delay[i, j]
+            right = left + step
+            at = count - 1
+            while at > 0 and times[at] >= right:
+                at -= 1
+            area = 0.0
+            while at > 0 and times[at] > left:
+                area += values[at, i, j] * (right - times[at])
+                right = times[at]
+                at -= 1
+            area += values[at, i, j] * (right - left)
+            out[i, j] = area / step
+
+
+@njit(cache=True, nogil=True)
+def dead_band_command(command: Array, position: Array, band: Array, out: Array) -> None:
+    """What a servo without dead band must be told to push like one with it; all (b, k), band in rad (half width)."""
+    for i in range(command.shape[0]):
+        for j in range(command.shape[1]):
+            error = command[i, j] - position[i, j]
+            if error > band[i, j]:
+                error -= band[i, j]
+            elif error < -band[i, j]:
+                error += band[i, j]
+            else:
+                error = 0.0
+            out[i, j] = position[i, j] + error
+
+
+@njit(cache=True, nogil=True)
+def stribeck_friction(
+    speed: Array, force: Array, coulomb: Array, static: Array, stribeck: Array, load: Array, out: Array
+) -> None:
+    """Friction limit of each joint at its present speed: Coulomb + breakaway exp(-(v / vs)^2) + load share; all (b, k).
+
+    Armstrong-Helouvry et al., "A survey of models ... for control of machines with friction", Automatica 30(7), 1994.
+    """
+    for i in range(speed.shape[0]):
+        for j in range(speed.shape[1]):
+            ratio = speed[i, j] / stribeck[i, j]
+            out[i, j] = coulomb[i, j] + static[i, j] * np.exp(-ratio * ratio) + load[i, j] * abs(force[i, j])
+
+
+@njit(cache=True, nogil=True)
+def read_off(
+    history: Array, first: int, last: int, ends: bool, at: Array, shared: bool, bias: Array, out: Array
+) -> None:
+    """Interpolates a stretch of simulated steps at the instants that fall into it.
+
+    history (b, m, k) holds steps first ... first + m - 1; `at` (b or 1, T) instants in steps, ascending; those in
+    [first, last), and all later ones where the run `ends` here, are written to out (b, T, k), plus `bias` (b, k).
+    """
+    held = history.shape[1]
+    for i in range(out.shape[0]):
+        row = 0 if shared else i
+        begin = np.searchsorted(at[row], first)
+        for t in range(begin, out.shape[1]):
+            x = at[row, t]
+            if x >= last and not ends:
+                break
+            k = min(int(np.floor(x)) - first, held - 2)
+            f = min(x - first - k, 1.0)
+            for j in range(out.shape[2]):
+                a, b = history[i, k, j], history[i, k + 1, j]
+                out[i, t, j] = a + f * (b - a) + bias[i, j]

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What may be calibrated in a MuJoCo model: each kind of quantity, its unit, its usual bounds, and where it lives.
+
+A `Quantity` says which elements one parameter writes; several elements share one value (a group, a mirrored pair).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import ModelError, unknown_name
+from trueup.simulators.mujoco.inertia import COMPONENTS, log_cholesky_of_body
+from trueup.simulators.mujoco.model import Model
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of quantity. `bounds` gives (lower, upper) from a nominal value, in `unit`."""
+
+    name: str
+    family: str
+    """What its targets are: joint, actuator, body, geom, channel, world, recording or controller."""
+    unit: str
+    scale: str
+    nominal: Callable[[Model, str], float]
+    """The model's own value for one target."""
+    bounds: Callable[[float], tuple[float, float]]
+    title: str
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What one parameter writes: a kind, the elements that take the value, and a sign for each (mirrored sides)."""
+
+    kind: str
+    targets: tuple[str, ...]
+    signs: tuple[float, ...] = ()
+
+    def sign(self, i: int) -> float:
+        """The factor of target i; 1 unless mirrored."""
+        return self.signs[i] if self.signs else 1.0
+
+
+def _factor(down: float, up: float, least: float) -> Callable[[float], tuple[float, float]]:
+    """Bounds a factor below and above the nominal, reaching at least [least / down, least * up] for tiny nominals."""
+
+    def bounds(nominal: float) -> tuple[float, float]:
+        return max(min(nominal, least), 1e-9) / down, max(nominal, least) * up
+
+    return bounds
+
+
+def _around(half: float) -> Callable[[float], tuple[float, float]]:
+    return lambda nominal: (nominal - half, nominal + half)
+
+
+def _between(lower: float, upper: float) -> Callable[[float], tuple[float, float]]:
+    return lambda nominal: (min(lower, nominal), max(upper, nominal))
+
+
+def _dof(field: str, column: int | None = None) -> Callable[[Model, str], float]:
+    def read(model: Model, joint: str) -> float:
+        dof = int(model.compiled.jnt_dofadr[model.index("joint", joint)])
+        value = getattr(model.compiled, field)[dof]
+        return float(value if column is None else value[column])
+
+    return read
+
+
+def _kp(model: Model, actuator: str) -> float:
+    return _servo(model, actuator).compiled.actuator_gainprm[model.index("actuator", actuator), 0]
+
+
+def _kv(model: Model, actuator: str) -> float:
+    return -_servo(model, actuator).compiled.actuator_biasprm[model.index("actuator", actuator), 2]
+
+
+def _servo(model: Model, actuator: str) -> Model:
+    if not model.is_position_servo(model.index("actuator", actuator)):
+        names = model.names("actuator")
+        servos = [n for i, n in enumerate(names) if n and model.is_position_servo(i)]
+        raise ModelError(
+            f"actuator '{actuator}' is not a position servo, so it has no kp, kv or dead band; "
+            f"position servos are: {', '.join(servos) or 'none'}"
+        )
+    return model
+
+
+def _force_limit(model: Model, actuator: str) -> float:
+    i = model.index("actuator", actuator)
+    return float(model.compiled.actuator_forcerange[i, 1]) if model.compiled.actuator_forcelimited[i] else 0.0
+
+
+def _mass(model: Model, body: str) -> float:
+    return float(model.compiled.body_mass[model.index("body", body)])
+
+
+def _com(axis: int) -> Callable[[Model, str], float]:
+    return lambda model, body: float(model.compiled.body_ipos[model.index("body", body), axis])
+
+
+def _inertia(component: int) -> Callable[[Model, str], float]:
+    return lambda model, body: float(log_cholesky_of_body(model.compiled, model.index("body", body))[component])
+
+
+def _geom(field: str) -> Callable[[Model, str], float]:
+    return lambda model, geom: float(getattr(model.compiled, field)[model.index("geom", geom), 0])
+
+
+def _zero(model: Model, target: str) -> float:
+    return 0.0
+
+
+def _constant(value: float) -> Callable[[Model, str], float]:
+    return lambda model, target: value
+
+
+def _inertia_bounds(component: str) -> Callable[[float], tuple[float, float]]:
+    if component.startswith("t"):
+        return _around(0.1)
+    if component == "alpha":
+        return _around(0.5 * np.log(4.0))
+    return _around(np.log(3.0)) if component.startswith("d") else _around(0.2)
+
+
+def kinds() -> Mapping[str, Kind]:
+    """All kinds by name. Bounds are generous: a factor where a value is usually known to a factor."""
+    rows = [
+        Kind("kp", "actuator", "N m/rad", "log", _kp, _factor(100, 30, 1.0), "servo stiffness"),
+        Kind("kv", "actuator", "N m s/rad", "log", _kv, _factor(100, 30, 0.05), "servo damping"),
+        Kind("force_limit", "actuator", "N m", "log", _force_limit, _factor(10, 10, 0.3), "force limit"),
+        Kind("gain", "actuator", "", "log", _constant(1.0), _factor(5, 5, 1.0), "factor on the actuator's force"),
+        Kind("delay", "actuator", "s", "linear", _zero, _between(0.0, 0.1), "delay of the command"),
+        Kind("dead_band", "actuator", "rad", "linear", _zero, _between(0.0, 0.1), "dead band of the servo"),
+        Kind("damping", "joint", "N m s/rad", "log", _dof("dof_damping"), _factor(100, 50, 0.05), "viscous friction"),
+        Kind("damping_quadratic", "joint", "N m s2/rad2", "linear", _dof("dof_dampingpoly", 0), _between(0.0, 5.0),
+             "friction growing with speed squared"),
+        Kind("friction", "joint", "N m", "log", _dof("dof_frictionloss"), _factor(100, 50, 0.05), "Coulomb friction"),
+        Kind("friction_static", "joint", "N m", "linear", _zero, _between(0.0, 2.0), "breakaway above Coulomb friction"),
+        Kind("stribeck_speed", "joint", "rad/s", "log", _constant(0.05), _factor(10, 10, 0.05), "Stribeck speed"),
+        Kind("friction_load", "joint", "", "linear", _zero, _between(0.0, 1.0), "friction per unit of actuator force"),
+        Kind("armature", "joint", "kg m2", "log", _dof("dof_armature"), _factor(100, 50, 0.005), "rotor inertia"),
+        Kind("backlash", "joint", "rad", "linear", _constant(0.005), _between(0.0, 0.1), "backlash, end to end"),
+        Kind("bias", "joint", "rad", "linear", _zero, _around(0.2), "error of the position sensor"),
+        Kind("offset", "joint", "rad", "linear", _zero, _around(0.2), "zero error shared by sensor and command"),
+        Kind("sensor_delay", "channel", "s", "linear", _zero, _between(0.0, 0.1), "delay of a measured channel"),
+        Kind("mass", "body", "kg", "log", _mass, _factor(4, 4, 1e-3), "mass (inertia scales along)"),
+        Kind("com_x", "body", "m", "linear", _com(0), _around(0.1), "centre of mass, x in the body frame"),
+        Kind("com_y", "body", "m", "linear", _com(1), _around(0.1), "centre of mass, y in the body frame"),
+        Kind("com_z", "body", "m", "linear", _com(2), _around(0.1), "centre of mass, z in the body frame"),
+        Kind("tilt_roll", "world", "rad", "linear", _zero, _around(0.2), "gravity turned about x"),
+        Kind("tilt_pitch", "world", "rad", "linear", _zero, _around(0.2), "gravity turned about y"),
+        Kind("contact_friction", "geom", "", "log", _geom("geom_friction"), _factor(10, 5, 0.3), "sliding friction"),
+        Kind("contact_softness", "geom", "s", "log", _geom("geom_solref"), _factor(5, 10, 0.01),
+             "time constant of the contact"),
+        Kind("start_position", "recording", "rad", "linear", _zero, _around(0.2), "correction of the start position"),
+        Kind("start_velocity", "recording", "rad/s", "linear", _zero, _around(2.0), "correction of the start speed"),
+    ]  # fmt: skip
+    rows += [
+        Kind(f"inertia_{name}", "body", "m" if name.startswith("t") else "", "linear", _inertia(i),
+             _inertia_bounds(name), f"log-Cholesky {name} of the pseudo-inertia")
+        for i, name in enumerate(COMPONENTS)
+    ]  # fmt: skip
+    return {k.name: k for k in rows}
+
+
+def kind(name: str) -> Kind:
+    """One kind. Raises UnknownNameError, which lists all kinds."""
+    known = kinds()
+    if name not in known:
+        raise unknown_name("quantity", name, known, "what MuJoCo models offer")
+    return known[name]

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters that change signals rather than the model: delays, sensor errors, corrections of the start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.simulators.mujoco.kernels import delayed_commands, held_integral
+from trueup.simulators.mujoco.model import Model
+from trueup.simulators.mujoco.quantities import Quantity
+from trueup.simulators.mujoco.wiring import actuators_of, joint_id, start_state
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+
+
+class Signals:
+    """Commands, start states and read-off instants of trials (R) x candidates (b)."""
+
+    def __init__(
+        self,
+        model: Model,
+        compiled: mujoco.MjModel,
+        quantities: Sequence[Quantity],
+        trials: Sequence[Trial],
+        values: Array,
+    ) -> None:
+        self._model, self._compiled = model, compiled
+        self._trials, self._values = trials, values
+        self._quantities = quantities
+        names = model.names("actuator")
+        self.delay = np.zeros((len(values), compiled.nu))
+        """(b, nu) delay of each command, in s."""
+        self._offsets: dict[str, Array] = {}
+        self._biases: dict[str, Array] = {}
+        for column, quantity in enumerate(quantities):
+            for i, target in enumerate(quantity.targets):
+                value = values[:, column] * quantity.sign(i)
+                if quantity.kind == "delay":
+                    self.delay[:, compiled.actuator_ctrladr[names.index(target)]] = value
+                elif quantity.kind == "offset":
+                    self._offsets[target] = value
+                elif quantity.kind == "bias":
+                    self._biases[target] = value
+        self._commands = [self._command(t) for t in trials]
+
+    def starts(self) -> list[tuple[Array, Array]]:
+        """For each trial (b, nq) positions and (b, nv) velocities, sensor errors taken out, corrections added."""
+        found = []
+        for trial in self._trials:
+            q0, v0 = start_state(self._model, self._compiled, trial)
+            qpos = np.repeat(q0[None], len(self._values), axis=0)
+            qvel = np.repeat(v0[None], len(self._values), axis=0)
+            measured = trial.initial.get("position")
+            labels = measured.labels if measured is not None else ()
+            for errors in (self._biases, self._offsets):
+                for joint, value in errors.items():
+                    if joint in labels:
+                        qpos[:, self._qpos(joint)] -= value
+            self._correct(trial, "start_position", qpos, self._compiled.jnt_qposadr)
+            self._correct(trial, "start_velocity", qvel, self._compiled.jnt_dofadr)
+            found.append((qpos, qvel))
+        return found
+
+    def _correct(self, trial: Trial, kind: str, state: Array, address: NDArray[np.int32]) -> None:
+        for column, quantity in enumerate(self._quantities):
+            if quantity.kind == kind:
+                for target in quantity.targets:
+                    recording, _, joint = target.partition(":")
+                    if recording == trial.name:
+                        state[:, address[joint_id(self._compiled, joint)]] += self._values[:, column]
+
+    def hold(self, trial: int) -> Array:
+        """(nu,) the command of actuators that nobody commands: servos hold their start, others do nothing."""
+        q0, _ = start_state(self._model, self._compiled, self._trials[trial])
+        held = np.zeros(self._compiled.nu)
+        for joint, actuator in self._model.actuator_of_joint().items():
+            if self._model.is_position_servo(actuator):
+                held[self._compiled.actuator_ctrladr[actuator]] = q0[self._qpos(joint)]
+        return held
+
+    def commands(self, trial: int, at: int, count: int, step: float) -> Array:
+        """(b, count, nu) commands of steps at ... at + count: held, delayed, averaged over each step."""
+        held = self._commands[trial]
+        out = np.empty((len(self._values), count, self._compiled.nu))
+        out[:] = self.hold(trial)
+        if held is None:
+            return out
+        columns, times, values, integral = held
+        part = np.empty((len(self._values), count, len(columns)))
+        delayed_commands(times, values, integral, np.ascontiguousarray(self.delay[:, columns]), at * step, step, part)
+        out[:, :, columns] = part
+        for joint, value in self._offsets.items():
+            actuator = self._model.actuator_of_joint().get(joint, -1)
+            if actuator >= 0 and self._model.is_position_servo(actuator):
+                out[:, :, self._compiled.actuator_ctrladr[actuator]] -= value[:, None]
+        return out
+
+    def instants(self, trial: int, channel: str, step: float) -> Array:
+        """(1 or b, T) when a channel is to be read off, in steps since the start, each sensor's delay taken off."""
+        at = (self._trials[trial].observed[channel].time - self._trials[trial].start)[None] / step
+        for column, quantity in enumerate(self._quantities):
+            if quantity.kind == "sensor_delay" and channel in quantity.targets:
+                at = at - self._values[:, column : column + 1] / step
+        return np.ascontiguousarray(np.maximum(at, 0.0))
+
+    def bias(self, trial: int, channel: str) -> Array:
+        """(b, k) what the sensor adds to the truth."""
+        labels = self._trials[trial].observed[channel].labels
+        bias = np.zeros((len(self._values), len(labels)))
+        if channel == "position":
+            for errors in (self._biases, self._offsets):
+                for joint, value in errors.items():
+                    if joint in labels:
+                        bias[:, labels.index(joint)] += value
+        return bias
+
+    def _command(self, trial: Trial) -> tuple[NDArray[np.int64], Array, Array, Array] | None:
+        if trial.command is None:
+            return None
+        actuators = actuators_of(self._model, trial.command)
+        columns = np.array([self._compiled.actuator_ctrladr[a] for a in actuators], dtype=np.int64)
+        times = trial.command.time - trial.start
+        values = _filled(trial.command.values)
+        # What was commanded before the first sample is not known: the first command held for ever before.
+        times = np.concatenate([[min(times[0], 0.0) - 10.0], times])
+        values = np.concatenate([values[:1], values])
+        return columns, times, values, held_integral(times, values)
+
+    def _qpos(self, joint: str) -> int:
+        return int(self._compiled.jnt_qposadr[joint_id(self._compiled, joint)])
+
+
+def _filled(values: Array) -> Array:
+    """Missing commands repeat the last known one (a controller holds what it was told)."""
+    filled = np.array(values)
+    for column in filled.T:
+        good = np.flatnonzero(np.isfinite(column))
+        if len(good) == 0:
+            column[:] = 0.0
+            continue
+        last = np.maximum.accumulate(np.where(np.isfinite(column), np.arange(len(column)), good[0]))
+        column[:] = column[last]
+    return filled

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One planned run: where it starts, what is commanded, what is observed, for how long, within which limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import RecordingError
+from trueup.recording import Channel, Recording
+
+Array = NDArray[np.float64]
+
+COMMANDS = ("command_sent", "command")
+"""Channel names that hold commands, the better first: what was sent beats what was requested."""
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """What a robot may not exceed in a trial; NaN where there is no limit. All arrays are (k,), columns as `labels`."""
+
+    labels: tuple[str, ...]
+    lower: Array
+    upper: Array
+    """Joint range in rad or m."""
+    speed: Array
+    """In rad/s or m/s."""
+    effort: Array
+    """In N m or N."""
+
+
+@dataclass(frozen=True)
+class Observed:
+    """What is to be read off: labels of one channel at given instants."""
+
+    labels: tuple[str, ...]
+    unit: str
+    time: Array
+    """(T,) in s, on the trial's clock; the trial starts at `Trial.start`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One planned run. A recording gives the trial that would repeat it (`Trial.of`)."""
+
+    name: str
+    start: float
+    """Instant at which the run starts, in s, on the clock of `command` and `observed`."""
+    duration: float
+    """In s."""
+    command: Channel | None
+    """What is commanded (held between its samples), or None where a controller decides."""
+    observed: Mapping[str, Observed]
+    initial: Mapping[str, Channel] = field(default_factory=dict)
+    """Measured channels around the start, from which a simulator estimates its start state."""
+    limits: Limits | None = None
+    repeats: int = 1
+
+    @classmethod
+    def of(cls, recording: Recording, channels: Sequence[str] | None = None) -> Trial:
+        """The trial that repeats `recording`, observing `channels` (all but commands if None).
+
+        Raises RecordingError where nothing was measured.
+        """
+        measured = [name for name in recording.channels if name not in COMMANDS]
+        wanted = measured if channels is None else list(channels)
+        if not wanted:
+            raise RecordingError(
+                f"recording '{recording.name}' holds no measured channel; it has: {', '.join(recording.channels) or 'none'}"
+            )
+        observed = {name: Observed(c.labels, c.unit, c.time) for name in wanted for c in (recording.channel(name),)}
+        command = command_of(recording)
+        starts = [o.time[0] for o in observed.values()] + ([command.time[0]] if command is not None else [])
+        stop = max(o.time[-1] for o in observed.values())
+        # A channel that begins later than the others is simply not observed before.
+        start = min(starts) if command is None else max(min(starts), min(o.time[0] for o in observed.values()))
+        return cls(
+            name=recording.name,
+            start=float(start),
+            duration=float(stop - start),
+            command=command,
+            observed=observed,
+            initial={name: recording.channel(name) for name in measured},
+        )
+
+
+def command_of(recording: Recording) -> Channel | None:
+    """The command channel of a recording: what was sent if it is known, else what was requested, else None."""
+    for name in COMMANDS:
+        if recording.has(name):
+            return recording.channel(name)
+    return None

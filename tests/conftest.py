@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Fixtures that all tests share: a seeded generator, the recordings of real robots, a settled hypothesis."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+ROOT = Path(__file__).resolve().parents[1]
+
+# A deadline would fail on a busy machine; CI tries the same examples each time, so a red run can be had again.
+settings.register_profile("local", deadline=None)
+settings.register_profile("ci", deadline=None, derandomize=True, database=None, print_blob=True)
+settings.load_profile("ci" if os.environ.get("CI") else "local")
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """A generator that gives the same numbers in each run of each test."""
+    return np.random.default_rng(0)
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """The folder of recordings of real robots; a test that asks for it is skipped where there is none."""
+    said = os.environ.get("TRUEUP_DATA")
+    folder = Path(said) if said else ROOT.parent / "shared" / "data"
+    if not folder.is_dir():
+        where = f"TRUEUP_DATA={said} is not a folder" if said else "set TRUEUP_DATA to their folder"
+        pytest.skip(f"no recordings of real robots here: {where}")
+    return folder

@@ -1,0 +1,339 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Who may import whom, how long files and functions may be, how a file opens: read from the source, not from memory.
+
+Longer than 300 lines because the rules, the checker and the proof that it checks belong together.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCE = ROOT / "src" / "trueup"
+
+# ---- the rules; names are modules or folders below trueup/, a folder stands for all in it, "" for everything ----
+
+NOUNS = ("parameters", "recording", "units", "noise", "trial", "calibration", "inspection", "formats")
+FAMILIES = {  # folder -> its base, the protocol that the others may know
+    "robots": "robots.robot",
+    "simulators": "simulators.simulator",
+    "controllers": "controllers.controller",
+    "tasks": "tasks.task",
+    "discrepancies": "discrepancies.discrepancy",
+    "search": "search.search",
+    "evaluation": "evaluation.evaluator",
+}
+BASES = tuple(FAMILIES.values())
+ANYTHING = ("",)
+
+
+@dataclass(frozen=True)
+class Rule:
+    """`who` may import itself, `errors` and `may`; inside functions (or for types only) also `lazily`."""
+
+    who: str
+    may: tuple[str, ...]
+    lazily: tuple[str, ...] = ()
+
+
+RULES = (
+    Rule("errors", ()),
+    *(Rule(noun, NOUNS) for noun in NOUNS),
+    *(Rule(base, (*NOUNS, *BASES)) for base in BASES),
+    # siblings of a family know its base and the nouns; another family or sibling only where it is the point:
+    *(Rule(family, (base, *NOUNS)) for family, base in FAMILIES.items()),
+    Rule("robots.stand_in", ("robots.robot", "simulators.simulator", *NOUNS)),
+    Rule("tasks", ("tasks.task", "controllers", *NOUNS)),
+    Rule("simulators", ("simulators.simulator", "controllers.controller", *NOUNS)),
+    Rule("discrepancies.weighted", ("discrepancies.discrepancy", "discrepancies.alignment", *NOUNS)),
+    Rule("identification", ("simulators.simulator", "controllers.playback", *NOUNS)),
+    Rule("grounding", ("simulators.simulator", "controllers.playback", *NOUNS)),
+    Rule("loop", (*BASES, "identification", "grounding", *NOUNS)),
+    Rule("campaign", ("loop", *BASES, *NOUNS)),
+    Rule("campaign.assemble", ("loop", *BASES, *NOUNS), lazily=ANYTHING),  # alone turns names into concrete classes
+    Rule("report", ("campaign.journal", *NOUNS)),
+    Rule("cli", ("report", "campaign"), lazily=("loop", *NOUNS)),
+    Rule("testing", (*BASES, *NOUNS)),  # contract checks, shipped to those who write a robot, simulator or search
+    Rule("__init__", (), lazily=ANYTHING),  # public names, imported when used
+)
+NEVER_REACHES = {"loop": ("mujoco",)}  # not by way of another module either, and not inside a function
+HEAVY = ("mujoco", "numba", "cma", "plotly", "pyarrow", "rosbags", "scipy", "numpy")  # never by `import trueup`
+LONGEST_FILE, LONGEST_FUNCTION = 300, 40
+EXCUSE = re.compile(r"\blong(er)?\b.*\bbecause\b", re.IGNORECASE | re.DOTALL)  # "Longer than 40 lines because ..."
+OPENING = "# SPDX-License-Identifier: Apache-2.0"
+
+# ---- reading the source ----
+
+
+@dataclass(frozen=True)
+class Import:
+    """One imported module. `lazy`: inside a function; `typing_only`: under `if TYPE_CHECKING`."""
+
+    module: str
+    line: int
+    lazy: bool
+    typing_only: bool
+
+
+def modules_of(source: Path) -> dict[str, Path]:
+    """Module name below trueup -> file; a folder's `__init__.py` has the folder's name, that of trueup `__init__`."""
+    names = {}
+    for path in sorted(source.rglob("*.py")):
+        parts = path.relative_to(source).with_suffix("").parts
+        names[".".join(parts if len(parts) == 1 or parts[-1] != "__init__" else parts[:-1])] = path
+    return names
+
+
+def imports_of(name: str, path: Path, known: Mapping[str, Path]) -> list[Import]:
+    """All imports of a file, own ones as `trueup...`, relative ones resolved."""
+    package = ["trueup", *name.split(".")]
+    if path.name != "__init__.py" or name == "__init__":
+        package.pop()
+    found: list[Import] = []
+
+    def visit(node: ast.AST, lazy: bool, typing_only: bool) -> None:
+        for module in _imported(node, package, known):
+            found.append(Import(module, getattr(node, "lineno", 0), lazy, typing_only))
+        lazy = lazy or isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            for child in node.body:
+                visit(child, lazy, True)
+            for child in node.orelse:
+                visit(child, lazy, typing_only)
+            return
+        for child in ast.iter_child_nodes(node):
+            visit(child, lazy, typing_only)
+
+    visit(ast.parse(path.read_text(encoding="utf-8")), False, False)
+    return found
+
+
+def _imported(node: ast.AST, package: list[str], known: Mapping[str, Path]) -> Iterator[str]:
+    if isinstance(node, ast.Import):
+        yield from (alias.name for alias in node.names)
+    elif isinstance(node, ast.ImportFrom):
+        above = package[: len(package) - node.level + 1] if node.level else []
+        base = ".".join([*above, *([node.module] if node.module else [])])
+        for alias in node.names:  # `from trueup.loop import calibrate` imports the module trueup.loop.calibrate
+            full = f"{base}.{alias.name}"
+            yield full if full.removeprefix("trueup.") in known else base
+    elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module") and node.args:
+        match node.args[0]:
+            case ast.Constant(value=str(module)):
+                yield module
+
+
+# ---- checking ----
+
+
+def within(module: str, names: tuple[str, ...]) -> bool:
+    """Is `module` one of `names`, or in one of these folders?"""
+    return any(name == "" or module == name or module.startswith(f"{name}.") for name in names)
+
+
+def rule_for(name: str) -> Rule | None:
+    """The most specific rule that covers a module; of two for the same name the later one."""
+    covering = [rule for rule in RULES if within(name, (rule.who,))]
+    return max(reversed(covering), key=lambda rule: len(rule.who)) if covering else None
+
+
+def itself(name: str, rule: Rule) -> str:
+    """What a module may always import: its layer; in a family only what is below its own name, for the folder its base.
+
+    So importing a base, which runs the `__init__.py` of its folder, never loads a concrete sibling.
+    """
+    if name in FAMILIES:
+        return FAMILIES[name]
+    return ".".join(name.split(".")[:2]) if rule.who in FAMILIES else rule.who
+
+
+def broken_imports(source: Path) -> list[str]:
+    """One sentence for each import that breaks a rule: where, what, and the rule."""
+    known, problems = modules_of(source), []
+    for name, path in known.items():
+        rule = rule_for(name)
+        if rule is None:
+            problems.append(f"{path}: no rule says what 'trueup.{name}' may import; add it to RULES")
+            continue
+        always = ("errors", itself(name, rule), *rule.may)
+        for one in imports_of(name, path, known):
+            own = "" if one.module == "trueup" else one.module.removeprefix("trueup.")
+            if own and own == one.module:
+                continue  # another package
+            allowed = (*always, *rule.lazily) if one.lazy or one.typing_only else always
+            if within(own, allowed):
+                continue
+            may = ", ".join(always) + (f"; inside functions also {', '.join(rule.lazily)}" if rule.lazily else "")
+            problems.append(f"{path}:{one.line}: {name} imports {one.module}, but {rule.who} may only import {may}")
+    return problems
+
+
+def chains_to(source: Path, layer: str, package: str) -> list[str]:
+    """The ways by which importing a module of `layer` ends in a foreign `package`, each as `a -> b -> package`."""
+    known = modules_of(source)
+    found: list[str] = []
+
+    def walk(name: str, chain: tuple[str, ...], seen: set[str]) -> None:
+        seen.add(name)
+        for one in imports_of(name, known[name], known):
+            if one.typing_only:
+                continue
+            if within(one.module, (package,)):
+                found.append(f"{known[chain[0]]}: " + " -> ".join([*chain, one.module]))
+            parts = one.module.removeprefix("trueup.").split(".") if one.module.startswith("trueup.") else []
+            for depth in range(1, len(parts) + 1):  # importing a.b.c runs a and a.b first
+                below = ".".join(parts[:depth])
+                if below in known and below not in seen:
+                    walk(below, (*chain, below), seen)
+
+    for name in known:
+        if within(name, (layer,)):
+            walk(name, (name,), set())
+    return found
+
+
+def broken_shapes(source: Path) -> list[str]:
+    """One sentence for each file that opens wrongly or is too long, and each function that is too long."""
+    problems = []
+    for path in modules_of(source).values():
+        text = path.read_text(encoding="utf-8")
+        problems += wrong_opening(path, text)
+        tree, lines = ast.parse(text), text.count("\n")
+        if lines > LONGEST_FILE and not EXCUSE.search(ast.get_docstring(tree) or ""):
+            problems.append(
+                f"{path}: {lines} lines; at most {LONGEST_FILE}, or its docstring says 'longer ... because'"
+            )
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                lines, why = _lines(node), ast.get_docstring(node) or ""
+                if lines > LONGEST_FUNCTION and not EXCUSE.search(why):
+                    problems.append(
+                        f"{path}:{node.lineno}: {node.name}() has {lines} lines without its docstring; "
+                        f"at most {LONGEST_FUNCTION}, or the docstring says 'longer ... because'"
+                    )
+    return problems
+
+
+def _lines(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    first = node.body[0]
+    docstring = ast.get_docstring(node) is not None and (first.end_lineno or 0) - first.lineno + 1
+    return (node.end_lineno or node.lineno) - node.lineno + 1 - int(docstring)
+
+
+def wrong_opening(path: Path, text: str) -> list[str]:
+    """A file opens with the licence line, then a docstring whose first line says what the file is for."""
+    licence, docstring = [*text.split("\n", 2), "", ""][:2]
+    if licence != OPENING:
+        return [f"{path}:1: the first line must be '{OPENING}'"]
+    if not re.match(r'r?"""\S.*[.:!?]("""|\s*$)', docstring):
+        return [f"{path}:2: the second line must be a docstring: one sentence that says what the file is for"]
+    return []
+
+
+# ---- the project keeps the rules ----
+
+
+def test_every_import_keeps_to_the_layers() -> None:
+    assert "errors" in modules_of(SOURCE), "the checker does not see the source"
+    assert not (problems := broken_imports(SOURCE)), "\n".join(problems)
+
+
+@pytest.mark.parametrize(("layer", "package"), [(a, b) for a, names in NEVER_REACHES.items() for b in names])
+def test_a_layer_never_reaches_what_it_must_not_know(layer: str, package: str) -> None:
+    assert not (chains := chains_to(SOURCE, layer, package)), "\n".join(chains)
+
+
+def test_files_open_alike_and_stay_short() -> None:
+    assert not (problems := broken_shapes(SOURCE)), "\n".join(problems)
+
+
+def test_tests_benchmarks_and_examples_open_like_the_source() -> None:
+    files = [path for folder in ("tests", "benchmarks", "examples") for path in sorted((ROOT / folder).rglob("*.py"))]
+    assert not (problems := [p for path in files for p in wrong_opening(path, path.read_text("utf-8"))]), problems
+
+
+def test_importing_the_package_loads_nothing_heavy() -> None:
+    code = f"import sys, trueup; print(*(name for name in {HEAVY} if name in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == []
+
+
+def test_importing_the_loop_loads_no_mujoco() -> None:
+    names = [f"trueup.{name}" for name in modules_of(SOURCE) if within(name, ("loop",))]
+    code = f"import importlib, sys; [importlib.import_module(n) for n in {names}]; print('mujoco' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.strip()) == (0, "False"), done.stderr
+
+
+# ---- and the checker would notice ----
+
+PLANTED = [  # file, what it holds, what must be said
+    ("recording.py", "from trueup.loop import calibrate", "recording imports trueup.loop.calibrate, but"),
+    ("recording.py", "from .loop.calibrate import fit", "recording imports trueup.loop.calibrate, but"),
+    ("recording.py", "import importlib\nimportlib.import_module('trueup.loop')", "recording imports trueup.loop, but"),
+    ("recording.py", "from trueup import Recording", "recording imports trueup, but"),
+    ("controllers/stanley.py", "from trueup.controllers.playback import P", "but controllers may only import errors,"),
+    ("controllers/__init__.py", "from .playback import Playback", "controllers imports trueup.controllers.playback"),
+    ("loop/calibrate.py", "def f():\n    from trueup.simulators.mujoco.model import M", "loop may only import"),
+    ("report/report.py", "from trueup.campaign import assemble", "report may only import"),
+    ("campaign/assemble.py", "from trueup.simulators.mujoco import model", "inside functions also"),
+    ("cli.py", "def f():\n    from trueup.simulators.mujoco import model", "cli may only import"),
+    ("shortcuts.py", "", "no rule says what 'trueup.shortcuts' may import"),
+]
+
+
+@pytest.fixture
+def planted(tmp_path: Path) -> Path:
+    """A small package that keeps all the rules."""
+    files = ("__init__", "errors", "recording", "cli", "loop/__init__", "loop/calibrate", "controllers/playback")
+    for name in (*files, "simulators/mujoco/__init__", "simulators/mujoco/model", "campaign/assemble"):
+        _plant(tmp_path / f"{name}.py", "from trueup.errors import E" if name != "errors" else "")
+    _plant(tmp_path / "__init__.py", "def f():\n    from trueup.recording import R")
+    _plant(tmp_path / "campaign/assemble.py", "def f():\n    from trueup.simulators.mujoco import model")
+    assert broken_imports(tmp_path) == broken_shapes(tmp_path) == []
+    return tmp_path
+
+
+def _plant(path: Path, code: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f'{OPENING}\n"""What it is for."""\n\n{code}\n', encoding="utf-8")
+
+
+@pytest.mark.parametrize(("file", "code", "said"), PLANTED)
+def test_a_planted_import_is_caught(planted: Path, file: str, code: str, said: str) -> None:
+    _plant(planted / file, code)
+    (problem,) = broken_imports(planted)
+    assert said in problem
+    assert str(planted / file) in problem
+
+
+def test_a_way_round_to_mujoco_is_caught(planted: Path) -> None:
+    _plant(planted / "recording.py", "from trueup.simulators.mujoco.model import M")
+    _plant(planted / "simulators/mujoco/__init__.py", "import mujoco.batch")
+    _plant(planted / "loop/calibrate.py", "def f():\n    from trueup import recording")
+    (chain,) = chains_to(planted, "loop", "mujoco")
+    assert chain.endswith("loop.calibrate -> recording -> simulators.mujoco -> mujoco.batch")
+
+
+def test_a_file_or_function_that_is_too_long_is_caught_unless_it_says_why(planted: Path) -> None:
+    body = "\n".join(["    pass"] * 41)
+    _plant(planted / "cli.py", f"def f():\n{body}")
+    assert ["f() has 42 lines" in problem for problem in broken_shapes(planted)] == [True]
+    _plant(planted / "cli.py", f'def f():\n    """Do.\n\n    Longer, because it is a table.\n    """\n{body}')
+    assert broken_shapes(planted) == []
+    _plant(planted / "cli.py", "\n" * 300)
+    assert ["at most 300" in problem for problem in broken_shapes(planted)] == [True]
+
+
+@pytest.mark.parametrize("text", ['"""Do."""\n', f"{OPENING}\nimport os\n", f'{OPENING}\n"""\nLate.\n"""\n', ""])
+def test_a_file_that_opens_otherwise_is_caught(text: str) -> None:
+    assert len(wrong_opening(Path("x.py"), text)) == 1
