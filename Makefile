@@ -39,7 +39,8 @@ benchmarks: $(DEV_READY) ## run every benchmark, write docs/benchmarks.md (ARGS=
 
 study-%: $(RUN_READY) ## run one of the papers' experiments, into out/study-NAME
 	@test -f src/trueup/studies/$*/campaign.toml || { \
-	  echo "no study '$*'; studies are: $$(cd src/trueup/studies 2>/dev/null && ls -d */ | tr -d / | xargs || true)" >&2; exit 2; }
+	  studies=$$(cd src/trueup/studies 2>/dev/null && ls -d */ | tr -d / | xargs); \
+  echo "no study '$*'; studies are: $${studies:-none yet}" >&2; exit 2; }
 	@$(VENV)/bin/trueup run src/trueup/studies/$*/campaign.toml --out out/study-$*
 
 hooks: $(DEV_READY) ## run the checks before each commit
@@ -58,7 +59,7 @@ clean: ## remove .venv, caches and the demo's results
 
 # ---- set-up: the stamps say which lock was installed last; an unfinished set-up leaves none and starts again ----
 
-find_python = for p in $(PYTHON) python3.13 python3.12 python3.11 python3; do \
+find_python = for p in $(or $(PYTHON),python3.13 python3.12 python3.11 python3); do \
   $$p -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1 && { echo $$p; break; }; done
 
 define set_up

@@ -17,7 +17,7 @@ from absl import logging
 from mujoco import sysid
 from numpy.typing import NDArray
 
-from trueup.recording import Channel, Recording
+from trueup.recording import Recording
 
 Array = NDArray[np.float64]
 Geoms = Literal["keep", "remove_visuals", "none"]
@@ -100,28 +100,33 @@ def fit(
     logging.set_verbosity(logging.ERROR)  # its INFO log is the parameter table
     wall, cpu = time.perf_counter(), time.process_time()
     setup = _setup(model, parameters, recordings, geoms)
-    sequences = setup.sequences(recordings)
-    evaluations = 0
-
-    def counted(x: Array, params: sysid.ParameterDict) -> tuple[list[Array], object, object]:
-        nonlocal evaluations
-        evaluations += x.shape[1] if x.ndim > 1 else 1
-        return residual(x, params)
-
-    residual = sysid.build_residual_fn(models_sequences=[sequences])
+    residual = _Counted(sysid.build_residual_fn(models_sequences=[setup.sequences(recordings)]))
     options = {} if x_scale is None else {"x_scale": x_scale}
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
         found, result = sysid.optimize(
-            initial_params=setup.parameter_dict(), residual_fn=counted, max_iters=max_iters, **options
+            initial_params=setup.parameter_dict(), residual_fn=residual, max_iters=max_iters, **options
         )
     cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+    evaluations, iterations = residual.candidates, len(result.extras["objective"]) - 1
     at_optimum, _, _ = residual(result.x, found)
     _, half_widths = sysid.calculate_intervals(at_optimum, result.jac)
     status = next((line for line in printed.getvalue().splitlines() if line.startswith("Terminated")), "")
-    iterations = len(result.extras["objective"]) - 1
-    values = np.array(found.as_vector())
-    return PeerFit(values, np.asarray(half_widths), cpu, wall, iterations, evaluations, status, setup)
+    return PeerFit(
+        np.array(found.as_vector()), np.asarray(half_widths), cpu, wall, iterations, evaluations, status, setup
+    )
+
+
+class _Counted:
+    """A residual function that counts the candidates it was asked for."""
+
+    def __init__(self, residual: Callable[..., tuple[list[Array], object, object]]) -> None:
+        self._residual = residual
+        self.candidates = 0
+
+    def __call__(self, x: Array, params: sysid.ParameterDict) -> tuple[list[Array], object, object]:
+        self.candidates += x.shape[1] if x.ndim > 1 else 1
+        return self._residual(x, params)
 
 
 @dataclass(frozen=True)
@@ -282,8 +287,7 @@ def _start(model: mujoco.MjModel, recording: Recording) -> Array:
     command, position = recording.channel("command"), recording.channel("position")
     moved = np.flatnonzero(np.any(command.values != command.values[0], axis=1))
     until = min(position.time[0] + 0.1, command.time[moved[0]] if moved.size else np.inf)
-    rest: Channel = position.replace(time=position.time, values=position.values)
-    mean = rest.values[: max(1, int(np.searchsorted(position.time, until)))].mean(axis=0)
+    mean = np.nanmean(position.values[: max(1, int(np.searchsorted(position.time, until)))], axis=0)
     qpos = np.array(mujoco.MjData(model).qpos)
     for label, value in zip(position.labels, mean, strict=True):
         qpos[model.joint(label).qposadr[0]] = value

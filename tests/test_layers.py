@@ -53,7 +53,11 @@ RULES = (
     Rule("robots.stand_in", ("robots.robot", "simulators.simulator", *NOUNS)),
     Rule("tasks", ("tasks.task", "controllers", *NOUNS)),
     Rule("simulators", ("simulators.simulator", "controllers.controller", *NOUNS)),
-    Rule("discrepancies.weighted", ("discrepancies.discrepancy", "discrepancies.alignment", *NOUNS)),
+    Rule("discrepancies", ("discrepancies.discrepancy", "simulators.simulator", *NOUNS)),  # they compare with a rollout
+    Rule(
+        "discrepancies.weighted",
+        ("discrepancies.discrepancy", "discrepancies.alignment", "simulators.simulator", *NOUNS),
+    ),
     Rule("identification", ("simulators.simulator", "controllers.playback", *NOUNS)),
     Rule("grounding", ("simulators.simulator", "controllers.playback", *NOUNS)),
     Rule("loop", (*BASES, "identification", "grounding", *NOUNS)),

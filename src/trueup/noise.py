@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-# Orders of the differences: low ones keep motion, high ones need many samples; motion can only add, so the least counts.
+# Orders of the differences. Low ones keep motion, high ones need many samples; motion only adds, so the least counts.
 _ORDERS = (2, 3, 4, 6, 8)
 _BLOCK = 40  # differences per block
 _FEWEST = 8  # samples below which nothing is estimated
@@ -21,10 +21,10 @@ _LEVELS = 6  # distinct values needed to tell a grid
 def estimate_noise(values: ArrayLike, time: ArrayLike) -> Array:
     """(k,) standard deviation of the measurement noise of each column, in the unit of `values` (T, k); time (T,) in s.
 
-    Divided differences of high order remove every motion that is smooth over a few samples, at uneven instants too, and
-    leave white noise with a known factor. The median over short blocks passes over bursts (impacts, steps). Where values
-    lie on an encoder grid the result is at least its quantisation error, step / sqrt(12). NaN where a column has fewer
-    than 8 samples. Noise that is slow (drift, filtered signals) is not seen.
+    Divided differences of high order remove every motion that is smooth over a few samples, at uneven instants too,
+    and leave white noise with a known factor. The median over short blocks passes over bursts (impacts, steps). Where
+    values lie on an encoder grid the result is at least its quantisation error, step / sqrt(12). NaN where a column
+    has fewer than 8 samples. Noise that is slow (drift, filtered signals) is not seen.
     """
     matrix = np.asarray(values, dtype=np.float64)
     columns = matrix[:, None] if matrix.ndim == 1 else matrix

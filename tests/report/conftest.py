@@ -28,7 +28,13 @@ def follow(command: Array, dt: float, bandwidth: float, delay: float) -> Array:
 
 
 def made_up_replay(
-    name: str, *, held_out: bool = False, labels: tuple[str, ...] = JOINTS, seconds: float = 20.0, rate: float = 50.0, seed: int = 0
+    name: str,
+    *,
+    held_out: bool = False,
+    labels: tuple[str, ...] = JOINTS,
+    seconds: float = 20.0,
+    rate: float = 50.0,
+    seed: int = 0,
 ) -> Replay:
     """A recording of every label with play, noise and an encoder grid, and two models of it."""
     random = np.random.default_rng([seed, *name.encode()])
@@ -53,7 +59,11 @@ def made_up_replay(
 def made_up_estimates(joints: tuple[str, ...] = JOINTS) -> tuple[Estimate, ...]:
     """Five parameters a joint with every verdict among them."""
     random = np.random.default_rng(3)
-    kinds = (("kp", "N m/rad", 17.8, 1.0, 60.0), ("damping", "N m s/rad", 0.6, 0.0, 3.0), ("friction", "N m", 0.05, 0.0, 0.6))
+    kinds = (
+        ("kp", "N m/rad", 17.8, 1.0, 60.0),
+        ("damping", "N m s/rad", 0.6, 0.0, 3.0),
+        ("friction", "N m", 0.05, 0.0, 0.6),
+    )
     kinds += (("armature", "kg m²", 0.028, 1e-3, 0.3), ("delay", "s", 0.01, 0.0, 0.1))
     found = []
     for joint in joints:
@@ -61,7 +71,11 @@ def made_up_estimates(joints: tuple[str, ...] = JOINTS) -> tuple[Estimate, ...]:
             value = start * random.uniform(0.6, 1.7)
             half = value * random.choice([0.004, 0.03, 0.12])
             verdict, note = ("weak", "half width 12 % of the value") if half / value > 0.1 else ("identified", "")
-            found.append(Estimate(f"{joint}.{kind}", unit, start, value, value - half, value + half, low, high, True, verdict, note))
+            found.append(
+                Estimate(
+                    f"{joint}.{kind}", unit, start, value, value - half, value + half, low, high, True, verdict, note
+                )
+            )
     nan = float("nan")
     change = {
         3: ("not identified", True, (0.001, 0.3), "never accelerates enough: a faster motion would show it"),
@@ -74,7 +88,9 @@ def made_up_estimates(joints: tuple[str, ...] = JOINTS) -> tuple[Estimate, ...]:
         if index < len(found):
             e = found[index]
             value = e.upper_bound if verdict == "at bound" else e.value if fitted else e.start
-            found[index] = Estimate(e.name, e.unit, e.start, value, low, high, e.lower_bound, e.upper_bound, fitted, verdict, note)
+            found[index] = Estimate(
+                e.name, e.unit, e.start, value, low, high, e.lower_bound, e.upper_bound, fitted, verdict, note
+            )
     return tuple(found)
 
 
@@ -95,7 +111,10 @@ def made_up_calibration(**changes: object) -> Calibration:
     replays = [made_up_replay(n) for n in TRAINING] + [made_up_replay(n, held_out=True) for n in HELD_OUT]
     errors = 36.1 * np.exp(-np.arange(14) / 2.5) + 6.2
     stages = ["gauss-newton"] * 10 + ["structure"] * 4
-    trace = [TracePoint(s, 31 * i, 1e4 * e**2, e / 1000, 3.1 * i) for i, (s, e) in enumerate(zip(stages, errors, strict=True))]
+    trace = [
+        TracePoint(s, 31 * i, 1e4 * e**2, e / 1000, 3.1 * i)
+        for i, (s, e) in enumerate(zip(stages, errors, strict=True))
+    ]
     fields: dict[str, object] = {
         "model_name": "so101_new_calib",
         "estimates": estimates,
@@ -103,8 +122,8 @@ def made_up_calibration(**changes: object) -> Calibration:
         "trace": tuple(trace),
         "covariance": made_up_covariance(estimates),
         "unidentified": (
-            "Only the sum of elbow_flex.kp and the elbow's force limit is seen by these recordings; a motion that saturates "
-            "the elbow servo (a fast lift with payload) would separate them.",
+            "Only the sum of elbow_flex.kp and the elbow's force limit is seen by these recordings; a motion that "
+            "saturates the elbow servo (a fast lift with payload) would separate them.",
             "gripper.armature: no recording accelerates the gripper enough. A chirp up to 4 Hz would show it.",
         ),
         "warnings": ("Channel 'position' of wrist_roll does not move in hold_under_gravity.",),
@@ -112,7 +131,10 @@ def made_up_calibration(**changes: object) -> Calibration:
         "seconds": 203.4,
         "cpu_seconds": 371.2,
         "evaluations": 4123,
-        "notes": ("Gauss-Newton was picked: the replay is smooth in all fitted parameters.", "Clock of step_response moved by 4.1 ms."),
+        "notes": (
+            "Gauss-Newton was picked: the replay is smooth in all fitted parameters.",
+            "Clock of step_response moved by 4.1 ms.",
+        ),
     }
     return Calibration(**(fields | changes))  # type: ignore[arg-type]
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.inspection import estimate_noise
+from trueup.noise import estimate_noise
 from trueup.recording import Recording
 from trueup.simulators.simulator import Rollout
 

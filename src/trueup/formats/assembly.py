@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 # Clocks further from zero than this [s] count from a date: they are moved to begin at 0, which keeps their precision.
 _DATE = 1e7
+# From this share of empty rows on, a channel has a slower clock than its table, rather than missing samples.
+_BLANK = 0.4
 # Tables of words with at most so many rows are lists of events.
 _EVENTS = 50
 
@@ -36,7 +38,7 @@ def assemble(tables: Sequence[Table], mapping: ChannelMap, name: str, provenance
     for role, entry in mapping.channels.items():
         table = _table(role, entry, tables)
         values, labels = _values(role, entry, table)
-        samples = _timed(role, entry, mapping.time, table, tables, values)
+        samples = _without_blanks(_timed(role, entry, mapping.time, table, tables, values), role)
         missing = int(np.count_nonzero(np.isnan(samples.values)))
         warnings += samples.warnings
         if missing:
@@ -180,6 +182,15 @@ def _on_second_clock(entry: ChannelColumns, time: TimeColumn, table: Table, own:
         )
     samples = increasing(Samples(own, values, notes), table, time.repair, held=True)
     return replace(samples, time=samples.time + offset)
+
+
+def _without_blanks(samples: Samples, role: str) -> Samples:
+    """Drops the rows in which a table of several clocks has nothing for this channel."""
+    blank = np.all(np.isnan(samples.values), axis=1)
+    if np.all(blank) or np.mean(blank) < _BLANK:
+        return samples
+    note = f"{role}: {int(blank.sum())} of {len(blank)} rows have no value for it and were left out"
+    return Samples(samples.time[~blank], samples.values[~blank], (*samples.warnings, note))
 
 
 def _time_table(time: TimeColumn, table: Table, tables: Sequence[Table]) -> Table:

@@ -176,6 +176,8 @@ def _shares_word(column: str, clock: str, main: str) -> bool:
 
 def _is_held_with(values: Array, clock: Array) -> bool:
     """Whether a column changes only when a slow clock does, and does change."""
+    if len(clock) < 2:
+        return False
     still = np.diff(clock) == 0.0
     changes = np.diff(values, axis=0) != 0.0
     changes = changes if changes.ndim == 1 else np.any(changes, axis=1)

@@ -148,7 +148,8 @@ def _is_cut(cell: str, above: str, decimal: str) -> bool:
     """Whether a cell of the last line misses its end: a list that is not closed, a number that is none."""
     if above[:1] in ("[", "("):
         return cell[-1:] not in ("]", ")") and not is_empty(cell)
-    return is_number(above, decimal) and not is_number(cell, decimal) and not is_empty(cell)
+    empty = is_empty(cell) and not cell.startswith("-")
+    return is_number(above, decimal) and not is_number(cell, decimal) and not empty
 
 
 def _parse(body: _Body, dialect: Dialect, path: Path) -> pa.Table:

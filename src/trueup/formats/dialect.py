@@ -151,13 +151,11 @@ def _head(
     if len(above) > 1 and (found := _units_line(above[-1], separator, width)):
         units, above = found, above[:-1]
     cells: list[str] = []
-    if above:
-        bare = COMMENT.sub("", above[-1], count=1).strip() if COMMENT.match(above[-1]) else above[-1]
-        cells = _fitted(split(bare, separator), width, open_end)
-        if len(cells) != width and separator != " " and COMMENT.match(above[-1]):
-            cells = _fitted(split(bare, ","), width, open_end)  # numpy.savetxt(header="t, q1, q2")
-        plain = not COMMENT.match(above[-1])
-        if plain and len(cells) != width and len(cells) > 1 and separator != " ":
+    for line in reversed(above):
+        cells = _names_in(line, separator, width, open_end)
+        if len(cells) == width:
+            break
+        if not COMMENT.match(line) and len(cells) > 1 and separator != " ":
             raise FormatError(
                 f"{path}: the line above the data has {len(cells)} names, the lines of data {width} cells"
             )
@@ -165,6 +163,15 @@ def _head(
     names = unique_names(cells if named else [""] * width)
     pairs = {name: unit for name, unit in zip(names, units, strict=False) if unit}
     return tuple(names), pairs, tuple(above[:-1] if named else above)
+
+
+def _names_in(line: str, separator: str, width: int, open_end: bool) -> list[str]:
+    """The cells of a line that may hold the names, with or without a comment sign."""
+    bare = COMMENT.sub("", line, count=1).strip() if COMMENT.match(line) else line
+    cells = _fitted(split(bare, separator), width, open_end)
+    if len(cells) != width and COMMENT.match(line):
+        return _fitted(split(bare, ","), width, open_end)  # numpy.savetxt(header="t, q1, q2")
+    return cells
 
 
 def _fitted(cells: list[str], width: int, open_end: bool) -> list[str]:

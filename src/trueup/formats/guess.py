@@ -222,6 +222,13 @@ def _notes(channels: dict[str, ChannelColumns], groups: dict[str, list[_Column]]
     if not any(name.split("_")[0] in ("command", *set(VOCABULARY.kinds.values())) for name in channels):
         found = listing(member.name for group in groups.values() for member in group)
         notes.append(f"no column's name says command, position, velocity, torque or current; columns are: {found}")
+    if "command" in channels and "position" in channels:
+        command, position = channels["command"].labels, channels["position"].labels
+        if not set(command) & set(position):
+            notes.append(
+                f"command: its joints ({listing(command, 6)}) are none of position ({listing(position, 6)}): "
+                "give labels that say which is which"
+            )
     for name, channel in channels.items():
         mixed = sorted({to_si(member.unit)[0] for member in groups[name]})
         if len(mixed) > 1:

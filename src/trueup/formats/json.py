@@ -82,7 +82,11 @@ def _find(data: Any, path: Path) -> dict[str, list[Any]]:
     if odd and usual > 4:
         key = next(iter(odd))
         raise FormatError(f"{path}: column '{key}' has {odd[key]} samples, the others {usual}")
-    return {key: value for key, value in lists.items() if len(value) == usual}
+    columns = {key: value for key, value in lists.items() if len(value) == usual}
+    outer = {key.rpartition(".")[0] for key in columns}
+    if len(outer) == 1:  # all in one object: its name says nothing
+        return {key.rpartition(".")[2]: value for key, value in columns.items()}
+    return columns
 
 
 def _from_entries(entries: Sequence[Any], path: Path, key: str) -> dict[str, list[Any]]:

@@ -45,14 +45,14 @@ def read(path: Path) -> Table:
 
 def _load(path: Path) -> dict[str, NDArray[Any]]:
     try:
-        loaded = np.load(path, allow_pickle=False)
-        if isinstance(loaded, np.ndarray):
-            array = np.atleast_1d(loaded)
-            if array.ndim == 2:
-                return {f"column_{i + 1}": array[:, i] for i in range(array.shape[1])}
-            return {"column_1": array}
-        with loaded:
-            return {name: np.asarray(loaded[name]) for name in loaded.files}
+        with path.open("rb") as file:
+            loaded = np.load(file, allow_pickle=False)
+            if not isinstance(loaded, np.ndarray):
+                return {name: np.asarray(loaded[name]) for name in loaded.files}
+        array = np.atleast_1d(loaded)
+        if array.ndim == 2:
+            return {f"column_{i + 1}": array[:, i] for i in range(array.shape[1])}
+        return {"column_1": array}
     except Exception as error:  # a damaged archive raises whatever its deepest part raises
         reason = str(error) or type(error).__name__
         if "pickle" in reason:

@@ -114,12 +114,9 @@ def _names_in(path: Path) -> tuple[str, ...]:
 
 def _complement(tables: Sequence[Table]) -> bool:
     """Whether files are parts of one recording rather than runs: other columns, or other roles in their names."""
-    layouts = {tuple(table.columns) for table in tables}
-    if len(layouts) == len(tables):
-        return True
     said = [meaning(table.name.rsplit(".", 1)[0]) for table in tables]
-    roles = {(one.kind, one.command) for one in said}
-    return len(roles) == len(tables)
+    kinds = {(tuple(t.columns), tuple(t.text), one.kind, one.command) for t, one in zip(tables, said, strict=True)}
+    return len(kinds) == len(tables)
 
 
 def _labelled(source: Source, names: Iterable[tuple[str, ...]]) -> Source:

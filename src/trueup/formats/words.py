@@ -29,6 +29,7 @@ _MEASURED = (
     "measured meas msr msd actual present feedback fb observation observed obs state states read sensor sensed data "
     "motor motors joint joints field"
 )
+_NEUTRAL = "controller controllers trajectory"
 _TIME = (
     "time timestamp timestamps t stamp stamps times clock elapsed ts sec secs seconds millis micros datetime msec usec "
     "nsec nanosec timestep date received zeit tiempo tempo"
@@ -48,6 +49,8 @@ class Vocabulary:
     kinds: dict[str, str]
     commands: frozenset[str]
     measured: frozenset[str]
+    neutral: frozenset[str]
+    """Words that say nothing about the role and are no part of a joint's name."""
     time: frozenset[str]
     not_time: frozenset[str]
     not_joint: frozenset[str]
@@ -58,6 +61,7 @@ VOCABULARY = Vocabulary(
     kinds={word: kind for kind, words in _KINDS.items() for word in words.split()},
     commands=frozenset(_COMMAND.split()),
     measured=frozenset(_MEASURED.split()),
+    neutral=frozenset(_NEUTRAL.split()),
     time=frozenset(_TIME.split()),
     not_time=frozenset(_NOT_TIME.split()),
     not_joint=frozenset(_NOT_JOINT.split()),
@@ -188,15 +192,19 @@ def _unit_suffix(bare: str, kind: str) -> tuple[str, range]:
 
 def _kept_words(spans: Sequence[tuple[str, int, int]], kinds: Sequence[str], commands: Sequence[bool]) -> list[bool]:
     """Which words belong to the joint's name."""
+    franka = [word == "j" and i > 0 and spans[i - 1][0] == "tau" for i, (word, _, _) in enumerate(spans)]  # tau_J
     special = [
-        (bool(kinds[i]) or commands[i] or word in _SENT) and word not in _ITSELF for i, (word, _, _) in enumerate(spans)
+        (bool(kinds[i]) or commands[i] or franka[i] or word in _SENT) and word not in _ITSELF
+        for i, (word, _, _) in enumerate(spans)
     ]
     keep = [not is_special for is_special in special]
-    named = [i for i, kept in enumerate(keep) if kept and spans[i][0] not in VOCABULARY.measured]
+    dropped = VOCABULARY.measured | VOCABULARY.neutral
+    named = [i for i, kept in enumerate(keep) if kept and spans[i][0] not in dropped]
     # "joint" and "motor" are part of a name such as FL_hip_joint or Joint_1, "actual" in actual_q_0 is not.
     for i, (word, _, _) in enumerate(spans):
-        if word in VOCABULARY.measured:
-            part = word in ("joint", "joints", "motor", "motors") and bool(named)
+        if word in dropped:
+            topic = i + 1 < len(spans) and spans[i + 1][0] in ("state", "states")
+            part = word in ("joint", "joints", "motor", "motors") and bool(named) and not topic
             keep[i] = keep[i] and part
     return keep
 

@@ -80,7 +80,7 @@ def fit(
     """Values of the free parameters that minimise the robust discrepancy, starting from values (n,).
 
     `search`: 'gradient' (Gauss-Newton), 'cma-es', 'hybrid' (CMA-ES, then Gauss-Newton), or 'auto', which takes the
-    gradient where residuals bend smoothly and the hybrid where they do not. Raises CalibrationError for other words.
+    gradient and, where no slope leads down, the hybrid. Raises CalibrationError for other words.
     """
     if search not in SEARCHES:
         raise CalibrationError(f"search '{search}' is not one of: {', '.join(SEARCHES)}")
@@ -88,41 +88,24 @@ def fit(
     coarse = _coarse(problem, space, point)
     stages = _stages(problem, coarse)
     begin, saved = 0, None
-    if resume and resume.get("stage") in [name for name, *_ in stages]:
-        begin = [name for name, *_ in stages].index(resume["stage"])
+    if resume:
+        names = [name for name, *_ in stages]
+        begin = names.index(resume["stage"]) if resume.get("stage") in names else len(names) - 1
         saved = resume["search"]
-    elif search == "auto":
-        search = "gradient" if smooth(coarse, space, point) else "hybrid"
-    if search in ("cma-es", "hybrid") and saved is None:
-        point = _evolve(coarse, space, point, watch, seed, short=search == "hybrid")
+    elif search in ("cma-es", "hybrid"):
+        point = _evolve(stages[0][1], space, point, watch, seed, short=search == "hybrid")
     last: LeastSquares | None = None
     for name, stage, cheap, tolerance, most in stages[begin:]:
-        nudge = 0.05 if last is None and saved is None else 0.0
+        nudge = 0.05 if last is None and not resume else 0.0
         last = _descend(name, stage, cheap, space, point, watch, robust, tolerance, most, saved, nudge)
+        if search == "auto" and last.iteration == 0 and not resume and name == stages[0][0]:
+            # No slope leads down: the residuals are rough (contacts, falls). Look around first, then try slopes again.
+            point = _evolve(stage, space, point, watch, seed, short=True)
+            last = _descend(name, stage, cheap, space, point, watch, robust, tolerance, most, None, 0.0)
         point, saved = last.point, None
     if last is None:
         raise CalibrationError("nothing was searched")
     return _finished(problem, coarse, space, last)
-
-
-def smooth(problem: Problem, space: ParameterSpace, point: Array) -> bool:
-    """True where residuals change in proportion to small changes of most parameters: slopes can be trusted.
-
-    Compares finite differences over a step and over half of it.
-    """
-    inside = np.clip(point, 0.05, 0.95)
-    step = 4e-3
-    rows = np.concatenate(
-        [inside[None], inside + step * np.eye(len(inside)), inside + 0.5 * step * np.eye(len(inside))]
-    )
-    residuals = problem.residuals(space.from_unit(rows))
-    if not np.isfinite(residuals[0]).all():
-        raise CalibrationError("the simulation fails at the start values; check the model and the start state")
-    whole, half = (residuals[1 : 1 + len(inside)] - residuals[0], 2.0 * (residuals[1 + len(inside) :] - residuals[0]))
-    size = np.linalg.norm(whole, axis=1)
-    bend = np.linalg.norm(whole - half, axis=1) / np.maximum(size, 1e-12)
-    seen = np.isfinite(bend) & (size > 1e-6 * np.sqrt(residuals.shape[1]))
-    return bool(not seen.any() or np.median(bend[seen]) < 0.7)
 
 
 def _stages(problem: Problem, coarse: Problem) -> list[tuple[str, Problem, Problem, float, int]]:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 from trueup.report.marks import mark_texts, nice_marks
 from trueup.report.markup import Markup, tag
@@ -13,6 +14,13 @@ from trueup.report.summary import Score
 
 class Axis:
     """The horizontal axis of the chart: from zero, or logarithmic where the errors span more than a factor of 100."""
+
+    @classmethod
+    def over(cls, scores: Iterable[Score], scale: Scale) -> Axis:
+        """An axis on which all of `scores` can be shown."""
+        ends = [v * scale.factor for s in scores for v in (s.before, s.after) if math.isfinite(v)]
+        largest = max(ends, default=1.0)
+        return cls(largest, min((v for v in ends if v > 0), default=largest))
 
     def __init__(self, largest: float, smallest: float) -> None:
         self.log = smallest > 0 and largest / smallest > 100
@@ -35,10 +43,13 @@ class Axis:
             return decades[:: max(1, math.ceil(len(decades) / 6))]
         return nice_marks(0.0, self.high, 6)
 
+    def mark_texts(self) -> list[str]:
+        """The marks as they are written."""
+        return [significant(m, 1) for m in self.marks()] if self.log else mark_texts(self.marks())
+
     def ticks(self, unit: str) -> Markup:
         """The axis with its numbers, as an SVG that is as wide as its cell."""
         marks = self.marks()
-        written = [significant(m, 1) for m in marks] if self.log else mark_texts(marks)
         texts = [
             tag(
                 "text",
@@ -47,7 +58,7 @@ class Axis:
                 y="14",
                 text_anchor="start" if self.percent(m) < 8 else "end" if self.percent(m) > 92 else "middle",
             )
-            for m, text in zip(marks, written, strict=True)
+            for m, text in zip(marks, self.mark_texts(), strict=True)
         ]
         return tag("svg", texts, width="100%", height="18", class_="ticks", aria_hidden="true")
 

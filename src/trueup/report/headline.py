@@ -163,9 +163,7 @@ def _worse(replays: Sequence[Replay], scale: Scale, *, held_out: bool) -> list[M
 
 def _chart(group: Comparison, scale: Scale) -> Markup:
     scores = {id(r): pooled_score([r]) for r in group.replays}
-    largest = max((s for score in scores.values() for s in (score.before, score.after) if math.isfinite(s)), default=1)
-    smallest = min((s.after for s in scores.values() if s.after > 0), default=largest)
-    axis = Axis(largest * scale.factor, smallest * scale.factor)
+    axis = Axis.over(scores.values(), scale)
     head = tag(
         "tr",
         tag("th", "Recording", scope="col"),

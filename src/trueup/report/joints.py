@@ -51,8 +51,8 @@ def heat_table(group: Comparison, *, first: int = 0) -> Markup:
         rows.append(tag("tr", name, cells, whole))
     rows += _noise_row(group, scale)
     caption = (
-        f"Root mean square error of '{group.channel}' after calibration in {scale.unit or 'its own unit'}; beneath it the "
-        "ratio to the error before, marked ▲ where it got worse. Choose a cell to see that replay below."
+        f"Root mean square error of '{group.channel}' after calibration in {scale.unit or 'its own unit'}; beneath it "
+        "the ratio to the error before, marked ▲ where it got worse. Choose a cell to see that replay below."
     )
     columns = len(labels) + 1
     width = f"min-width:{180 + 76 * columns}px;max-width:{180 + 160 * columns}px"
@@ -145,19 +145,19 @@ def _figures() -> Markup:
         "div",
         tag("label", tag("span", "Recording"), tag("select", id="recording")),
         tag("div", id="labels", class_="segments", role="group", aria_label="Joint"),
-        tag(
-            "div",
-            tag("button", "Worst moment", type="button", id="worst"),
-            tag("button", "Whole recording", type="button", id="whole"),
-            class_="zoom",
-        ),
         class_="controls",
+    )
+    zoom = tag(
+        "div",
+        tag("button", "Worst moment", type="button", id="worst"),
+        tag("button", "Whole recording", type="button", id="whole"),
+        class_="zoom",
     )
     return tag(
         "div",
         tag("h3", "Replay against the recording"),
         choose,
-        tag("p", id="replay-title", class_="figure-title", aria_live="polite"),
+        tag("div", tag("p", id="replay-title", aria_live="polite"), zoom, class_="figure-title controls"),
         tag("div", id="replay-figure", class_="figure tall"),
         tag("p", id="replay-caption", class_="caption"),
         tag(
@@ -187,7 +187,7 @@ def _small_figures() -> Markup:
             tag("div", id="speed-figure", class_="figure"),
             tag(
                 "figcaption",
-                "Mean error at each measured speed. A step at zero is friction or backlash, a slope is delay or damping.",
+                "Mean error at each measured speed. A step at zero is friction or backlash, a slope delay or damping.",
                 class_="caption",
             ),
         ),

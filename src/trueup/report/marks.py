@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 from trueup.report.numbers import fixed
 
@@ -23,6 +24,6 @@ def nice_marks(low: float, high: float, most: int) -> list[float]:
 
 def mark_texts(marks: Sequence[float]) -> list[str]:
     """The marks with as many decimals as their distance needs."""
-    distance = min((b - a for a, b in zip(marks, marks[1:], strict=False)), default=abs(marks[0]) if marks else 1.0)
+    distance = min((b - a for a, b in pairwise(marks)), default=abs(marks[0]) if marks else 1.0)
     decimals = max(0, -math.floor(math.log10(distance) + 1e-9)) if distance > 0 else 0
     return [fixed(m, decimals) for m in marks]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How numbers are written: as many digits as the interval supports, in a unit that needs no zeros."""
+"""How numbers and names are written: as many digits as the interval supports, in a unit that needs no zeros."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def supported_decimals(value: float, low: float, high: float) -> int:
 
 
 def ratio_text(after: float, before: float) -> str:
-    """after / before as '0.27×', a dash where that is no number."""
+    """The ratio after / before as '0.27×', a dash where that is no number."""
     if not (math.isfinite(after) and math.isfinite(before)) or before == 0.0:
         return _ABSENT
     ratio = after / before
@@ -95,6 +95,13 @@ def duration_text(seconds: float) -> str:
 def with_unit(number: str, unit: str) -> str:
     """The number and its unit, kept on one line."""
     return f"{number}\u00a0{unit}" if unit else number
+
+
+def shortened(text: str, most: int) -> str:
+    """`text` with an ellipsis in its middle where it is longer than `most` characters."""
+    if len(text) <= most:
+        return text
+    return f"{text[: most // 2]}…{text[len(text) - (most - most // 2 - 1) :]}"
 
 
 def _power_of_ten(value: float, decimals: int) -> str:

@@ -11,9 +11,9 @@ import numpy as np
 
 from trueup.calibration import Array, Replay
 from trueup.report.encoding import kept_samples
-from trueup.report.markup import Markup, tag
 from trueup.report.marks import mark_texts, nice_marks
-from trueup.report.numbers import Scale, with_unit
+from trueup.report.markup import Markup, join, tag
+from trueup.report.numbers import Scale, shortened, with_unit
 from trueup.report.summary import column_score
 
 COLOURS = {
@@ -62,8 +62,8 @@ class Box:
         return self.left + (values - self.x0) / (self.x1 - self.x0) * (self.right - self.left)
 
     def y(self, values: Array) -> Array:
-        """Pixels from the top of `values` on the vertical axis, kept a little beyond the box at most."""
-        part = np.clip((values - self.y0) / (self.y1 - self.y0), -0.02, 1.02)
+        """Pixels from the top of `values` on the vertical axis, a hundred box heights away at most."""
+        part = np.clip((values - self.y0) / (self.y1 - self.y0), -100.0, 101.0)
         return self.bottom - part * (self.bottom - self.top)
 
 
@@ -85,11 +85,17 @@ def replay_panel(
     score = column_score(replay, column)
     amounts = f"{scale.text(score.before)} → {with_unit(scale.text(score.after), scale.unit)}"
     parts = [
-        *_frame(upper, replay.unit if panel.first else "", with_time=False),
-        *_frame(lower, f"error, {scale.unit}" if panel.first else "", with_time=panel.last),
-        *(_curve(time[kept], values[kept], upper, name) for name, values in lines.items()),
-        *(_curve(time[kept], values[kept], lower, name) for name, values in errors.items()),
-        tag("text", replay.labels[column], x=upper.left, y=upper.top - 7, font_weight="600"),
+        *_frame(upper, replay.unit if panel.first else "", nice_marks(upper.y0, upper.y1, 4), with_time=False),
+        *_frame(lower, f"error, {scale.unit}" if panel.first else "", _either_side(lower.y1), with_time=panel.last),
+        _clipped(upper, f"value-{column}", [_curve(time[kept], v[kept], upper, name) for name, v in lines.items()]),
+        _clipped(lower, f"error-{column}", [_curve(time[kept], v[kept], lower, name) for name, v in errors.items()]),
+        tag(
+            "text",
+            shortened(replay.labels[column], 30 if panel.width < 500 else 60),
+            x=upper.left,
+            y=upper.top - 7,
+            font_weight="600",
+        ),
         tag("text", amounts, x=upper.right, y=upper.top - 7, text_anchor="end", fill=COLOURS["soft"]),
     ]
     return tag("g", parts)
@@ -105,7 +111,7 @@ def _boxes(
     upper = Box(
         left, right, top, split, start, stop, *_range([lines[k] for k in lines if k != "before"], lines["before"])
     )
-    low, high = _range([errors["after"]], errors["before"], spare=4.0)
+    low, high = _range([errors["after"]], errors["before"], spare=15.0)
     size = max(abs(low), abs(high))
     return upper, Box(left, right, split + gap, bottom, start, stop, -size, size)
 
@@ -128,11 +134,23 @@ def _range(main: Sequence[Array], other: Array, spare: float = 0.5) -> tuple[flo
     return low - margin, high + margin
 
 
-def _frame(box: Box, title: str, *, with_time: bool) -> list[Markup]:
+def _either_side(size: float) -> list[float]:
+    """-m, 0, m with the largest m of the form 1, 2 or 5 x 10^n that fits below `size`."""
+    magnitude = 10.0 ** math.floor(math.log10(0.9 * size))
+    mark = max(f * magnitude for f in (1.0, 2.0, 5.0) if f * magnitude <= 0.9 * size)
+    return [-mark, 0.0, mark]
+
+
+def _clipped(box: Box, key: str, curves: Sequence[Markup]) -> Markup:
+    """The curves inside the box only: what ran away leaves it instead of lying flat along its edge."""
+    frame = tag("rect", x=box.left, y=box.top, width=box.right - box.left, height=box.bottom - box.top)
+    return join(tag("clipPath", frame, id=key), tag("g", curves, clip_path=f"url(#{key})"))
+
+
+def _frame(box: Box, title: str, marks: Sequence[float], *, with_time: bool) -> list[Markup]:
     parts = [
         tag("line", x1=box.left, x2=box.right, y1=box.bottom, y2=box.bottom, stroke=COLOURS["command"]),
     ]
-    marks = nice_marks(box.y0, box.y1, 4)
     for mark, text in zip(marks, mark_texts(marks), strict=True):
         y = float(box.y(np.array([mark]))[0])
         parts.append(tag("line", x1=box.left, x2=box.right, y1=y, y2=y, stroke=COLOURS["grid"]))

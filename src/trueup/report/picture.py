@@ -6,17 +6,17 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from trueup.calibration import Calibration, Replay
 from trueup.errors import unknown_name
+from trueup.report.dumbbell import Axis
 from trueup.report.figures import error_scale
 from trueup.report.markup import Markup, escape, tag
-from trueup.report.marks import mark_texts, nice_marks
-from trueup.report.numbers import Scale, ratio_text, scale_for, with_unit
+from trueup.report.numbers import Scale, ratio_text, scale_for, shortened, with_unit
 from trueup.report.panel import COLOURS, Panel, replay_panel
-from trueup.report.summary import Comparison, Score, comparisons, pooled_score
+from trueup.report.summary import Comparison, Score, column_score, comparisons, pooled_score
 from trueup.report.writing import write_aside
 
 WIDTH = 900
@@ -64,7 +64,7 @@ def replay_picture(
     for label in chosen:
         if label not in replay.labels:
             raise unknown_name("label", label, replay.labels, f"the replay of '{replay.recording}'")
-    scale = scale_for(replay.unit, [pooled_score([replay]).after])
+    scale = scale_for(replay.unit, [column_score(replay, j).after for j in range(len(replay.labels))])
     across = 1 if len(chosen) < 3 else 2
     width, height, top = WIDTH / across, 230.0, 46.0
     rows = math.ceil(len(chosen) / across)
@@ -92,12 +92,11 @@ def before_after_picture(calibration: Calibration) -> str:
 
 def _before_after(group: Comparison, scale: Scale) -> str:
     scores = {id(r): pooled_score([r]) for r in group.replays}
-    values = [v * scale.factor for s in scores.values() for v in (s.before, s.after) if math.isfinite(v)]
-    high = max(values, default=1.0) or 1.0
-    left, right, row, y = 220.0, WIDTH - 190.0, 26.0, 20.0
+    axis = Axis.over(scores.values(), scale)
+    left, right, row, y = 220.0, WIDTH - 210.0, 26.0, 20.0
 
     def place(value: float) -> float:
-        return left + (right - left) * value / (1.03 * high)
+        return left + (right - left) * axis.percent(value) / 100.0
 
     parts, top = [], y + 6
     for title, replays in (("Held out", group.held_out), ("Fitted", group.training)):
@@ -110,21 +109,20 @@ def _before_after(group: Comparison, scale: Scale) -> str:
             parts += _before_after_row(replay, scores[id(replay)], scale, y, place)
         y += 6
     bottom = y + 8
-    marks = nice_marks(0.0, high, 6)
-    grid = [_line(place(m), top, place(m), bottom, COLOURS["grid"]) for m in marks]
-    texts = [
-        _text(t, place(m), bottom + 16, anchor="middle", fill=COLOURS["soft"])
-        for m, t in zip(marks, mark_texts(marks), strict=True)
-    ]
+    marks = [(place(m), text) for m, text in zip(axis.marks(), axis.mark_texts(), strict=True)]
+    grid = [_line(x, top, x, bottom, COLOURS["grid"]) for x, _ in marks]
+    texts = [_text(text, x, bottom + 16, anchor="middle", fill=COLOURS["soft"]) for x, text in marks]
     unit = f" in {scale.unit}" if scale.unit else ""
     title = _text(f"Root mean square replay error{unit}", (left + right) / 2, bottom + 36, anchor="middle")
     key = [_key_dot("before", left), _key_dot("after", left + 90)]
     return _document([*grid, *parts, *texts, title, *key], bottom + 50, "Replay error before and after calibration")
 
 
-def _before_after_row(replay: Replay, score: Score, scale: Scale, y: float, place) -> list[Markup]:
+def _before_after_row(
+    replay: Replay, score: Score, scale: Scale, y: float, place: Callable[[float], float]
+) -> list[Markup]:
     middle = y - 4
-    parts = [_text(_short(replay.recording, 26), 28, y)]
+    parts = [_text(shortened(replay.recording, 26), 28, y)]
     ends = {"before": score.before * scale.factor, "after": score.after * scale.factor}
     shown = {kind: place(v) for kind, v in ends.items() if math.isfinite(v)}
     if len(shown) == 2:
@@ -139,11 +137,11 @@ def _before_after_row(replay: Replay, score: Score, scale: Scale, y: float, plac
 
 def _key(replay: Replay, *, with_command: bool) -> Markup:
     kind = "held out" if replay.held_out else "fitted"
-    parts = [_text(f"{_short(replay.recording, 44)} ({kind})", 14, 24, weight="600", size=14)]
+    parts = [_text(f"{shortened(replay.recording, 44)} ({kind})", 14, 24, weight="600", size=14)]
     x = WIDTH - 14.0
     for name in ("after", "before", "measured") + (("command",) if with_command else ()):
         parts.append(_text(name, x, 24, anchor="end"))
-        x -= 7.0 * len(name) + 4
+        x -= 7.8 * len(name) + 5
         dash = "4 3" if name == "command" else None
         parts.append(_line(x - 22, 20, x, 20, COLOURS[name], width=1.2 if dash else 2.2, dash=dash))
         x -= 38
@@ -171,10 +169,6 @@ def _text(
     fill: str | None = None,
 ) -> Markup:
     return tag("text", text, x=x, y=y, text_anchor=anchor, font_weight=weight, font_size=size, fill=fill)
-
-
-def _short(text: str, most: int) -> str:
-    return text if len(text) <= most else text[: most - 1] + "…"
 
 
 def _document(parts: Sequence[Markup], height: float, title: str) -> str:

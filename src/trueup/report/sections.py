@@ -72,7 +72,8 @@ def _doubtful(estimates: tuple[Estimate, ...]) -> list[Markup]:
     for verdict in _DOUBTFUL:
         names = [e.name for e in estimates if e.verdict == verdict]
         if names:
-            listed = join(*(join(", " if i else None, tag("span", breakable(n), class_="parameter")) for i, n in enumerate(names)))
+            written = [tag("span", breakable(n), class_="parameter") for n in names]
+            listed = join(written[:1], [join(", ", name) for name in written[1:]])
             rows.append(tag("div", tag("dt", chip(verdict)), tag("dd", listed, tag("small", VERDICTS[verdict]))))
     return [tag("h3", "Parameters in doubt"), tag("dl", rows, class_="doubtful")] if rows else []
 
@@ -87,7 +88,7 @@ def _correlated(calibration: Calibration) -> list[Markup]:
     pairs = _strong_pairs(matrix, names)
     parts = []
     if pairs:
-        text = f"These pairs correlate by more than {STRONG}: the recordings tell their combination better than each alone."
+        text = f"These pairs correlate by more than {STRONG}: the recordings tell a combination, not each alone."
         rows = [
             tag(
                 "tr",

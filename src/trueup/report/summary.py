@@ -25,11 +25,6 @@ class Score:
     """NaN where the noise is unknown."""
 
     @property
-    def ratio(self) -> float:
-        """after / before; NaN where that is no number."""
-        return self.after / self.before if self.before > 0 else math.nan
-
-    @property
     def worse(self) -> bool:
         """Whether the error rose by more than a percent, or the calibrated model could not be replayed at all."""
         return self.after > self.before * (1 + SAME) or (math.isnan(self.after) and math.isfinite(self.before))

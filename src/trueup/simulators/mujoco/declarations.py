@@ -31,6 +31,9 @@ class Declaration:
     scale: str | None = None
     frozen: bool = False
     name: str | None = None
+    """What to call the parameter of a tied group; the names of its members joined by '+' if None."""
+    optional: str = ""
+    """A structure that is kept only if it lowers the error on left-out recordings ("sensor bias")."""
 
 
 def declare(
@@ -124,7 +127,8 @@ def _parameter(model: Model, k: Kind, line: Declaration, group: tuple[str, ...])
     label = line.name or _label(group, line)
     parameter = Parameter(
         name=label if label == k.name else f"{label}.{k.name}", unit=k.unit, nominal=nominal, lower=lower, upper=upper,
-        scale=scale, frozen=line.frozen, source="declared" if line.nominal is not None else "model",
+        scale=scale, frozen=line.frozen, source="declared" if line.nominal is not None else "model", shown_by=k.shown_by,
+        optional=line.optional,
     )  # fmt: skip
     return parameter, Quantity(k.name, group, signs)
 

@@ -97,6 +97,10 @@ def _dof_field(field: str, column: int | None = None) -> Callable[[mujoco.MjMode
     return write
 
 
+def _creep(model: mujoco.MjModel, fields: Fields, target: str, value: Array) -> None:
+    fields.expand("dof_solimp")[:, _dof(model, target), :2] = (1.0 - value)[:, None]
+
+
 def _kp(model: mujoco.MjModel, fields: Fields, target: str, value: Array) -> None:
     i = _id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, target)
     fields.expand("actuator_gainprm")[:, i, 0] = value
@@ -156,6 +160,7 @@ _WRITERS: dict[str, Callable[[mujoco.MjModel, Fields, str, Array], None]] = {
     "damping": _dof_field("dof_damping"),
     "damping_quadratic": _dof_field("dof_dampingpoly", 0),
     "friction": _dof_field("dof_frictionloss"),
+    "friction_creep": _creep,
     "armature": _dof_field("dof_armature"),
     "backlash": _backlash,
     "mass": _mass,

@@ -14,10 +14,6 @@ import numpy as np
 
 from trueup.errors import ModelError, unknown_name
 
-# A friction constraint with MuJoCo's default impedance (0.9) lets a joint held by dry friction creep by about
-# 10 mrad/s towards its balance; real gears stick. With 0.9999 the creep is a thousand times slower.
-STICKING_IMPEDANCE = 0.9999
-
 _OBJECTS = {
     "joint": mujoco.mjtObj.mjOBJ_JOINT,
     "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
@@ -106,11 +102,11 @@ def load(path: str | Path) -> Model:
 
 
 def prepared(
-    model: Model, *, step: float, frictional: Sequence[str] = (), slack: Sequence[str] = (), limited: Sequence[str] = ()
+    model: Model, *, step: float, slack: Sequence[str] = (), limited: Sequence[str] = ()
 ) -> mujoco.MjModel:
-    """A compiled copy for simulation: visual geoms dropped, friction that sticks, a joint for each backlash.
+    """A compiled copy for simulation: visual geoms dropped, a joint for each backlash.
 
-    `step` in s; `frictional` joints get STICKING_IMPEDANCE; `slack` joints get a second, free joint '<name>/slack'
+    `step` in s; `slack` joints get a second, free joint '<name>/slack'
     with a range of its own (MuJoCo's documented way to model backlash); `limited` actuators get a force range.
     """
     spec = model.spec.copy()
@@ -118,8 +114,6 @@ def prepared(
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     _drop_visuals(spec, model.compiled)
-    for name in frictional:
-        spec.joint(name).solimp_friction[:2] = STICKING_IMPEDANCE
     for name in slack:
         _add_slack(spec, name)
     for name in limited:

@@ -7,7 +7,7 @@ A `Quantity` says which elements one parameter writes; several elements share on
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,29 @@ class Kind:
     """The model's own value for one target."""
     bounds: Callable[[float], tuple[float, float]]
     title: str
+    shown_by: str = ""
+    """Which motion shows it."""
+
+
+_SHOWN_BY = {
+    "kp": "holding against gravity in several poses, or stiff fast motion",
+    "kv": "fast motion",
+    "force_limit": "steps large enough to saturate the drive",
+    "delay": "fast steps or chirps, recorded at a high rate",
+    "dead_band": "slow reversals of small amplitude",
+    "damping": "steady motion at several speeds",
+    "damping_quadratic": "fast steady motion",
+    "friction": "slow reversals",
+    "friction_creep": "long holds under load",
+    "friction_static": "starts from rest and slow reversals",
+    "armature": "fast accelerations (chirps, steps)",
+    "backlash": "slow reversals without load",
+    "bias": "holding in several poses",
+    "offset": "holding against gravity in several poses",
+    "mass": "accelerating and holding against gravity in several poses",
+    "contact_friction": "sliding contacts",
+    "contact_softness": "landings and impacts",
+}
 
 
 @dataclass(frozen=True)
@@ -109,6 +132,14 @@ def _inertia(component: int) -> Callable[[Model, str], float]:
     return lambda model, body: float(log_cholesky_of_body(model.compiled, model.index("body", body))[component])
 
 
+def _creep(model: Model, joint: str) -> float:
+    """MuJoCo lets a joint that dry friction should hold creep: one minus the impedance of its friction constraint.
+
+    The default, 0.1, means some 10 mrad/s for a small arm; real gears stick, which is 0.001 and less.
+    """
+    return float(1.0 - model.compiled.dof_solimp[int(model.compiled.jnt_dofadr[model.index("joint", joint)]), 0])
+
+
 def _geom(field: str) -> Callable[[Model, str], float]:
     return lambda model, geom: float(getattr(model.compiled, field)[model.index("geom", geom), 0])
 
@@ -142,6 +173,7 @@ def kinds() -> Mapping[str, Kind]:
         Kind("damping_quadratic", "joint", "N m s2/rad2", "linear", _dof("dof_dampingpoly", 0), _between(0.0, 5.0),
              "friction growing with speed squared"),
         Kind("friction", "joint", "N m", "log", _dof("dof_frictionloss"), _factor(100, 50, 0.05), "Coulomb friction"),
+        Kind("friction_creep", "joint", "", "log", _creep, lambda nominal: (1e-4, 0.2), "creep of a joint held by friction"),
         Kind("friction_static", "joint", "N m", "linear", _zero, _between(0.0, 2.0), "breakaway above Coulomb friction"),
         Kind("stribeck_speed", "joint", "rad/s", "log", _constant(0.05), _factor(10, 10, 0.05), "Stribeck speed"),
         Kind("friction_load", "joint", "", "linear", _zero, _between(0.0, 1.0), "friction per unit of actuator force"),
@@ -167,7 +199,7 @@ def kinds() -> Mapping[str, Kind]:
              _inertia_bounds(name), f"log-Cholesky {name} of the pseudo-inertia")
         for i, name in enumerate(COMPONENTS)
     ]  # fmt: skip
-    return {k.name: k for k in rows}
+    return {k.name: replace(k, shown_by=_SHOWN_BY.get(k.name, "")) for k in rows}
 
 
 def kind(name: str) -> Kind:

@@ -41,7 +41,7 @@ class MujocoSimulator:
     def __init__(
         self, model: Model, space: ParameterSpace | None = None, quantities: Sequence[Quantity] = (), *,
         step: float = 0.002, threads: int | None = None, controller: ControllerFactory | None = None,
-        controller_parameters: ParameterSpace | None = None, as_shipped: bool = False,
+        controller_parameters: ParameterSpace | None = None,
     ) -> None:  # fmt: skip
         own = space if space is not None else ParameterSpace(())
         self.model = model
@@ -50,7 +50,6 @@ class MujocoSimulator:
         self.controller = controller
         self.parameters = concatenate([own, controller_parameters]) if controller_parameters is not None else own
         self._threads = threads or len(os.sched_getaffinity(0))
-        self._as_shipped = as_shipped
         self._compiled = self._prepare()
         self._batches: dict[tuple[int, bool], Batch] = {}
         # None until a run with contacts has shown whether anything touches anything.
@@ -62,10 +61,8 @@ class MujocoSimulator:
         return self.model.name
 
     def shipped(self) -> MujocoSimulator:
-        """The same model as it came: no parameter applied, MuJoCo's own friction model, the same step."""
-        return MujocoSimulator(
-            self.model, step=self.step, threads=self._threads, controller=self.controller, as_shipped=True
-        )
+        """The same model as it came: no parameter applied, the same step."""
+        return MujocoSimulator(self.model, step=self.step, threads=self._threads, controller=self.controller)
 
     def with_parameters(self, space: ParameterSpace) -> MujocoSimulator:
         """The same simulator with other nominal values or frozen flags (names and order must stay)."""
@@ -129,12 +126,10 @@ class MujocoSimulator:
 
     def _prepare(self) -> mujoco.MjModel:
         targets = {k: [t for q in self.quantities if q.kind == k for t in q.targets] for k in
-                   ("friction", "friction_static", "backlash", "force_limit")}  # fmt: skip
-        frictional = () if self._as_shipped else tuple(dict.fromkeys(targets["friction"] + targets["friction_static"]))
+                   ("backlash", "force_limit")}  # fmt: skip
         return prepared(
-            self.model, step=self.step, frictional=frictional, slack=tuple(dict.fromkeys(targets["backlash"])),
-            limited=tuple(targets["force_limit"]),
-        )  # fmt: skip
+            self.model, step=self.step, slack=tuple(dict.fromkeys(targets["backlash"])), limited=tuple(targets["force_limit"])
+        )
 
     def _can_touch(self) -> bool:
         m = self._compiled

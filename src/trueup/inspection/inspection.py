@@ -1,0 +1,268 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a recording is worth: rate, gaps, what does not move or is cut off, encoder grid, noise, suspicious units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.inspection.suspicions import suspicions
+from trueup.noise import estimate_grid, estimate_noise
+from trueup.recording import Channel, Recording, is_command
+
+Array = NDArray[np.float64]
+
+_GAP = 1.75  # in median steps: one sample missing
+_JITTER = 0.2  # of a step in time: beyond, it is worth a word
+_MEASURED = ("position", "velocity", "torque", "current")
+_SMOOTHED = 16  # samples in a mean that shows slow motion under noise
+_STUCK_SECONDS, _STUCK_SAMPLES, _STUCK_SHARE = 0.15, 10, 0.02
+_FEW_LEVELS = 10  # a signal with fewer distinct values is a switch: resting at its highest is no saturation
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A stretch without samples, much longer than the usual step."""
+
+    start: float
+    """Time of the last sample before it, in s."""
+    duration: float
+    """In s."""
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelInspection:
+    """What was found in one channel. Arrays are (k,), in the order of `labels`."""
+
+    name: str
+    labels: tuple[str, ...]
+    unit: str
+    samples: int
+    rate: float
+    """Median rate in Hz; NaN for a single sample."""
+    jitter: float
+    """Standard deviation of the steps in time without the gaps, in s."""
+    gaps: tuple[Gap, ...]
+    repeats: int
+    """Rows equal to the row before. Many mean that the sensor is slower than the log."""
+    held: int
+    """How many rows each value stands for, where that is regular; 1 where every row is a new sample."""
+    missing: NDArray[np.int64]
+    """NaN samples."""
+    lowest: Array
+    highest: Array
+    motionless: tuple[str, ...]
+    """Labels that show nothing but noise."""
+    saturated: tuple[str, ...]
+    """Labels that rest at their extreme for long."""
+    grid: tuple[float | None, ...]
+    """Step of the encoder grid in `unit`; None where values are continuous."""
+    noise: Array
+    """Standard deviation of the noise in `unit`, quantisation included."""
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """What was found in a recording."""
+
+    name: str
+    start: float
+    duration: float
+    """In s."""
+    channels: tuple[ChannelInspection, ...]
+    suspicions: tuple[str, ...]
+    """Units and signs that cannot be right, in words."""
+    warnings: tuple[str, ...]
+    """What the reader left out or repaired."""
+    guesses: tuple[str, ...]
+    """What the reader was not sure of, where it guessed the mapping."""
+
+    def channel(self, name: str) -> ChannelInspection:
+        """The findings of one channel. Raises KeyError."""
+        return next(c for c in self.channels if c.name == name)
+
+    def findings(self) -> tuple[str, ...]:
+        """Sentences with units, and what to do; empty if all is well."""
+        said: dict[str, list[str]] = {}
+        for channel in self.channels:
+            for sentence in _sentences(channel):
+                said.setdefault(sentence, []).append(channel.name)
+        found = [f"{', '.join(names)}: {sentence}" for sentence, names in said.items()]
+        return (*self.warnings, *self.suspicions, *found)
+
+
+def inspect(recording: Recording) -> Inspection:
+    """Looks at every channel of a recording."""
+    return Inspection(
+        name=recording.name,
+        start=recording.start,
+        duration=recording.duration,
+        channels=tuple(_inspect(channel, recording) for channel in recording.channels.values()),
+        suspicions=tuple(suspicions(recording)),
+        warnings=tuple(recording.provenance.get("warnings", "").splitlines()),
+        guesses=tuple(recording.provenance.get("guesses", "").splitlines()),
+    )
+
+
+def _inspect(channel: Channel, recording: Recording) -> ChannelInspection:
+    rate, jitter, gaps = _clock(channel.time)
+    noise = estimate_noise(channel.values, channel.time)
+    grid = tuple(estimate_grid(column) for column in channel.values.T)
+    motionless = tuple(
+        label
+        for label, column, sigma, step in zip(channel.labels, channel.values.T, noise, grid, strict=True)
+        if _is_motionless(column, float(sigma), step)
+    )
+    moving = [label for label in channel.labels if label not in motionless]
+    repeats, held = _repeats(channel)
+    return ChannelInspection(
+        name=channel.name,
+        labels=channel.labels,
+        unit=channel.unit,
+        samples=len(channel.time),
+        rate=rate,
+        jitter=jitter,
+        gaps=gaps,
+        repeats=repeats,
+        held=held,
+        missing=np.count_nonzero(np.isnan(channel.values), axis=0).astype(np.int64),
+        lowest=_extreme(channel.values, np.fmin),
+        highest=_extreme(channel.values, np.fmax),
+        motionless=motionless,
+        saturated=tuple(label for label in moving if _is_saturated(channel, label, recording)),
+        grid=grid,
+        noise=noise,
+    )
+
+
+def _extreme(values: Array, which: np.ufunc) -> Array:
+    """(k,) lowest or highest value, NaN where all are missing."""
+    return np.asarray(which.reduce(values, axis=0), dtype=np.float64)
+
+
+def _clock(time: Array) -> tuple[float, float, tuple[Gap, ...]]:
+    """Median rate [Hz], jitter [s], gaps."""
+    steps = np.diff(time)
+    if not steps.size:
+        return float("nan"), 0.0, ()
+    usual = float(np.median(steps))
+    # Where the steps scatter widely anyway, only what stands out of that scatter is a gap.
+    limit = max(_GAP * usual, usual + 6.0 * 1.4826 * float(np.median(np.abs(steps - usual))))
+    late = np.flatnonzero(steps > limit)
+    gaps = tuple(Gap(float(time[i]), float(steps[i])) for i in late)
+    return 1.0 / usual, float(np.std(np.delete(steps, late))), gaps
+
+
+def _repeats(channel: Channel) -> tuple[int, int]:
+    """Rows equal to the one before, and how many rows each value stands for where that is regular."""
+    values = channel.values
+    same = np.all((values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1])), axis=1)
+    if is_command(channel.name) or not np.any(same):
+        return int(np.count_nonzero(same)), 1
+    edges = np.flatnonzero(np.concatenate([[True], ~same, [True]]))
+    runs = np.diff(edges)[1:-1]  # the first and the last may be cut
+    if runs.size < 20:
+        return int(np.count_nonzero(same)), 1
+    usual = int(np.median(runs))
+    regular = usual > 1 and float(np.mean(np.abs(runs - usual) <= 1)) > 0.9 and float(np.mean(runs == 1)) < 0.05
+    return int(np.count_nonzero(same)), usual if regular else 1
+
+
+def _is_motionless(column: Array, noise: float, step: float | None) -> bool:
+    finite = column[np.isfinite(column)]
+    if finite.size < 2:
+        return True
+    spread = float(np.ptp(finite))
+    if spread == 0.0 or (step is not None and spread <= 1.01 * step):
+        return True
+    if finite.size < 20 * _SMOOTHED or not np.isfinite(noise):
+        return False
+    # Means of white noise scatter little; a motion, which lasts, stays in them.
+    means = finite[: finite.size // _SMOOTHED * _SMOOTHED].reshape(-1, _SMOOTHED).mean(axis=1)
+    return float(np.std(means)) < 1.5 * noise / np.sqrt(_SMOOTHED) and float(np.std(finite)) < 1.3 * noise
+
+
+def _is_saturated(channel: Channel, label: str, recording: Recording) -> bool:
+    """Whether a column rests at its largest size for long; a position only where its command goes further."""
+    column = channel.column(label)
+    finite = column[np.isfinite(column)]
+    if finite.size == 0 or len(np.unique(finite)) < _FEW_LEVELS:
+        return False
+    size = float(np.abs(finite).max())
+    close = 1e-6 * size
+    for extreme in (float(finite.max()), float(finite.min())):
+        # Drives clip alike on both sides; a joint has its own stop on each.
+        if extreme == 0.0 or (channel.name != "position" and abs(extreme) < 0.95 * size):
+            continue
+        there = np.abs(column - extreme) <= close
+        if _rests(there, channel.time) and _is_pushed(channel, label, extreme, there, recording):
+            return True
+    return False
+
+
+def _rests(there: NDArray[np.bool_], time: Array) -> bool:
+    """Whether samples stay at an extreme long enough, in one go and in all."""
+    if float(np.mean(there)) < _STUCK_SHARE:
+        return False
+    changes = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(int)))
+    starts, stops = changes[::2], changes[1::2] - 1
+    longest = int(np.argmax(stops - starts))
+    seconds = float(time[stops[longest]] - time[starts[longest]])
+    return bool(stops[longest] - starts[longest] >= _STUCK_SAMPLES and seconds >= _STUCK_SECONDS)
+
+
+def _is_pushed(channel: Channel, label: str, extreme: float, there: NDArray[np.bool_], recording: Recording) -> bool:
+    """Positions rest wherever they are told to; only a command that moves on beyond shows that something stops them."""
+    if is_command(channel.name):
+        return False
+    if channel.name != "position":
+        return True
+    command = recording.channels.get("command")
+    if command is None or label not in command.labels or command.unit != channel.unit:
+        return False
+    wanted = command.select([label]).at(channel.time, hold=True)[:, 0]
+    span = float(np.fmax.reduce(wanted) - np.fmin.reduce(wanted))
+    resting = wanted[there]
+    beyond = (resting - extreme) * np.sign(extreme) > 0.02 * span
+    moves_on = float(np.fmax.reduce(resting) - np.fmin.reduce(resting)) > 0.2 * span
+    return bool(moves_on and np.mean(beyond) > 0.6)
+
+
+def _sentences(channel: ChannelInspection) -> Iterator[str]:
+    """What to say about one channel, without its name."""
+    if channel.gaps:
+        longest = max(channel.gaps, key=lambda gap: gap.duration)
+        count = "a gap" if len(channel.gaps) == 1 else f"{len(channel.gaps)} gaps; the longest"
+        yield (
+            f"{count} lasts {longest.duration:.3g} s after {longest.start:.3f} s. Cut the recording there with "
+            "slice(), or check the logger"
+        )
+    if np.isfinite(channel.rate) and channel.jitter > _JITTER / channel.rate:
+        yield (
+            f"samples come at {channel.rate:.4g} Hz with {channel.jitter * 1e3:.2g} ms jitter; log the time at which "
+            "each was taken, not the time at which it was written"
+        )
+    if channel.held > 1:
+        yield (
+            f"each value stands for {channel.held} rows, so the sensor runs at about "
+            f"{channel.rate / channel.held:.3g} Hz, not {channel.rate:.4g} Hz. Keep every {channel.held}th row"
+        )
+    if channel.missing.any():
+        worst = int(np.argmax(channel.missing))
+        yield (
+            f"{int(channel.missing.sum())} values are missing, most of them ({int(channel.missing[worst])}) of "
+            f"{channel.labels[worst]}; they are skipped"
+        )
+    if channel.motionless and (is_command(channel.name) or channel.name in _MEASURED):
+        verb = "never changes" if is_command(channel.name) else "shows nothing but noise"
+        every = len(channel.motionless) == len(channel.labels) > 1
+        who = "every column" if every else ", ".join(channel.motionless)
+        yield f"{who} {verb}; this recording tells little about it. Move it, or freeze its parameters"
+    if channel.saturated:
+        yield (
+            f"{', '.join(channel.saturated)} rests at its extreme value for long; what it would do beyond is cut off. "
+            "Move less far or fast, or calibrate the limit"
+        )

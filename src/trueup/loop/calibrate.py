@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes a simulator replay recordings of the robot: fit, choose what the data support, say how sure it is."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.calibration import Calibration, CrossValidation, Estimate, Replay
+from trueup.controllers.controller import ControllerFactory
+from trueup.discrepancies.discrepancy import Discrepancy
+from trueup.discrepancies.weighted import Weighted, measured_at
+from trueup.errors import CalibrationError, SimulationFailedError
+from trueup.loop.checks import check
+from trueup.loop.fit import Checkpoint, Fit, Progress, Watch, fit
+from trueup.loop.identifiability import unseen_directions, verdicts
+from trueup.loop.problem import Problem
+from trueup.loop.selection import Choice, unhelpful, unsupported
+from trueup.loop.uncertainty import intervals, unit_covariance
+from trueup.loop.validate import left_out_errors
+from trueup.parameters import ParameterSpace
+from trueup.recording import Recording
+from trueup.simulators.simulator import Simulator
+from trueup.trial import command_of
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to calibrate; the defaults are meant to be right."""
+
+    search: str = "auto"
+    """'auto', 'gradient', 'cma-es' or 'hybrid'."""
+    select: bool = True
+    """Freeze what the recordings cannot tell, and leave out optional structures that do not help."""
+    robust: float = 3.0
+    """Residuals beyond this many robust standard deviations count less; inf for plain least squares."""
+    channels: tuple[str, ...] | None = None
+    """Which measured channels to fit; all that the simulator reproduces if None."""
+    seed: int = 0
+    cross_validate: bool = True
+
+
+def calibrate(
+    simulator: Simulator, recordings: Sequence[Recording], hold_out: Sequence[Recording] = (), *,
+    options: Options | None = None, discrepancy: Discrepancy | None = None, controllers: ControllerFactory | None = None,
+    progress: Progress | None = None, checkpoint: Checkpoint | None = None, resume: dict[str, Any] | None = None,
+) -> Calibration:  # fmt: skip
+    """Fits the simulator's free parameters to `recordings`, and judges the result on `hold_out` too.
+
+    Raises CalibrationError where nothing can be fitted and SimulationFailedError where the start values already fail.
+    """
+    chosen = options or Options()
+    began, cpu = time.perf_counter(), time.process_time()
+    warnings = check(recordings, hold_out)
+    space = simulator.parameters
+    if not space.free.any():
+        raise CalibrationError("all parameters are frozen: nothing to calibrate")
+    channels = sorted({c for r in recordings for c in simulator.observable(r)})
+    measure = discrepancy or Weighted.estimated(recordings, channels)
+    problem = Problem(simulator, recordings, measure, chosen.channels, controllers=controllers)
+    watch = Watch(progress, checkpoint)
+    if resume is not None:
+        space = space.freeze(resume.get("frozen", ()))
+    found = fit(
+        problem,
+        space,
+        space.nominal,
+        watch,
+        search=chosen.search,
+        robust=chosen.robust,
+        seed=chosen.seed,
+        resume=resume,
+    )
+    choices: list[Choice] = []
+    if chosen.select:
+        found, choices = _selected(problem, found, watch, chosen)
+    covariance = unit_covariance(problem, found)
+    validation = _cross_validation(problem, found, simulator) if chosen.cross_validate and len(recordings) > 1 else ()
+    return Calibration(
+        model_name=simulator.name,
+        estimates=_estimates(found, covariance, choices, simulator.parameters),
+        replays=_replays(simulator, found.values, recordings, hold_out, measure, chosen.channels, controllers),
+        trace=tuple(watch.trace),
+        covariance=_in_units(found, covariance),
+        unidentified=tuple(unseen_directions(found, covariance)) + tuple(n for c in choices[:1] for n in c.notes),
+        warnings=tuple(warnings),
+        cross_validation=validation,
+        seconds=time.perf_counter() - began,
+        cpu_seconds=time.process_time() - cpu,
+        evaluations=problem.evaluations,
+        notes=(found.ended, *(n for c in choices[1:] for n in c.notes)),
+    )
+
+
+def _selected(problem: Problem, found: Fit, watch: Watch, options: Options) -> tuple[Fit, list[Choice]]:
+    """The fit with what the data do not support frozen, refitted from where it was."""
+    unseen = unsupported(found, unit_covariance(problem, found))
+    found = _without(problem, found, unseen, watch, options)
+    useless = unhelpful(problem, found)
+    found = _without(problem, found, useless, watch, options)
+    return found, [unseen, useless]
+
+
+def _without(problem: Problem, found: Fit, choice: Choice, watch: Watch, options: Options) -> Fit:
+    if not choice.freeze or len(choice.freeze) == int(found.space.free.sum()):
+        return found
+    values = found.values
+    space = found.space.freeze(choice.freeze)
+    start = np.where(space.free, values, space.nominal)
+    return fit(problem, space, start, watch, search="gradient", robust=options.robust, seed=options.seed,
+               resume={"stage": "all, full step", "search": None})  # fmt: skip
+
+
+def _estimates(
+    found: Fit, covariance: Array, choices: Sequence[Choice], declared: ParameterSpace
+) -> tuple[Estimate, ...]:
+    low, high = intervals(found, covariance)
+    words = iter(zip(low, high, verdicts(found, covariance), strict=True))
+    unseen = choices[0].freeze if choices else ()
+    rows = []
+    for p, start, value in zip(found.space.parameters, declared.nominal, found.values, strict=True):
+        if not p.frozen:
+            lo, hi, verdict = next(words)
+            word, note = verdict.word, verdict.note
+        else:
+            lo = hi = float("nan")
+            word, note = _frozen(p.name, unseen, declared[p.name].frozen)
+        rows.append(
+            Estimate(p.name, p.unit, float(start), float(value), float(lo), float(hi), p.lower, p.upper, not p.frozen, word,
+                     note)
+        )  # fmt: skip
+    return tuple(rows)
+
+
+def _frozen(name: str, unseen: Sequence[str], declared: bool) -> tuple[str, str]:
+    if declared:
+        return "frozen", "as declared"
+    if name in unseen:
+        return "not identified", "these recordings cannot tell it; kept at its start value"
+    return "not supported", "leaving it out does not raise the error on left-out recordings"
+
+
+def _in_units(found: Fit, covariance: Array) -> Array:
+    slope = found.space.unit_slope(found.values)
+    return covariance * np.outer(slope, slope)
+
+
+def _cross_validation(problem: Problem, found: Fit, simulator: Simulator) -> tuple[CrossValidation, ...]:
+    errors = left_out_errors(problem, found, [None])[0]
+    before = simulator.shipped().rollout(problem.trials, np.zeros((1, 0)))
+    name, unit = problem.main
+    rows = []
+    for recording, rollout, error in zip(problem.recordings, before, errors, strict=True):
+        if name not in rollout.channels:
+            continue
+        observed = rollout.trial.observed[name]
+        measured = measured_at(recording, name, observed.labels, observed.time)
+        shipped = float(np.sqrt(np.nanmean((rollout.channels[name][0] - measured) ** 2)))
+        rows.append(CrossValidation(recording.name, shipped, float(error), unit))
+    return tuple(rows)
+
+
+def _replays(
+    simulator: Simulator, values: Array, training: Sequence[Recording], held_out: Sequence[Recording],
+    measure: Discrepancy, channels: Sequence[str] | None, controllers: ControllerFactory | None,
+) -> tuple[Replay, ...]:  # fmt: skip
+    """Every recording replayed by the shipped and by the calibrated simulator."""
+    everything = (*training, *held_out)
+    problem = Problem(simulator, everything, measure, channels, controllers=controllers)
+    after = problem.rollouts(values[None])
+    before = simulator.shipped().rollout(problem.trials, np.zeros((1, 0)), controllers)
+    failed = [r.trial.name for r in after if r.failures]
+    if failed:
+        raise SimulationFailedError(f"the calibrated simulator fails on: {', '.join(failed)}")
+    replays = []
+    for k, (recording, old, new) in enumerate(zip(everything, before, after, strict=True)):
+        command = command_of(recording)
+        for name, observed in new.trial.observed.items():
+            measured = measured_at(recording, name, observed.labels, observed.time)
+            replays.append(Replay(
+                recording=recording.name, held_out=k >= len(training), channel=name, labels=observed.labels,
+                unit=observed.unit, time=observed.time - new.trial.start, measured=measured, before=old.channels[name][0],
+                after=new.channels[name][0], noise=measure.scale(name, observed.labels),
+                command=_commanded(command, observed.labels, observed.time) if name == "position" else None,
+            ))  # fmt: skip
+    return tuple(replays)
+
+
+def _commanded(command: Any, labels: tuple[str, ...], time: Array) -> Array | None:
+    if command is None or not all(label in command.labels for label in labels):
+        return None
+    return command.select(labels).at(time, hold=True)

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Looks at recordings before a calibration: what cannot be right is said, what cannot be used is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from trueup.discrepancies.alignment import lag
+from trueup.errors import CalibrationError, RecordingError
+from trueup.recording import Channel, Recording
+from trueup.trial import command_of
+
+_DEGREES = 6.5  # rad: beyond a full turn from zero a joint angle is more likely in degrees
+
+
+def check(training: Sequence[Recording], held_out: Sequence[Recording]) -> list[str]:
+    """Warnings, in words. Raises CalibrationError where nothing can be fitted."""
+    if not training:
+        raise CalibrationError("no recording to fit: all were held out")
+    names = [r.name for r in (*training, *held_out)]
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise CalibrationError(f"two recordings are called {', '.join(twice)}: rename one, or leave one out")
+    warnings: list[str] = []
+    for recording in (*training, *held_out):
+        warnings += _about(recording)
+    if not held_out:
+        warnings.append("no recording was held out: nothing shows that this fit holds on motions that it has not seen")
+    return warnings + _never_moving(training)
+
+
+def _about(recording: Recording) -> list[str]:
+    found = [f"'{recording.name}': {w}" for w in recording.provenance.get("warnings", "").split("\n") if w]
+    command = command_of(recording)
+    for name in ("position", "command", "command_sent"):
+        if recording.has(name):
+            found += _units(recording.name, recording.channel(name))
+    if command is not None and recording.has("position"):
+        position = recording.channel("position")
+        found += _far(recording.name, command, position)
+        try:
+            delay = lag(command, position, hold=True)
+        except RecordingError:
+            return found
+        if delay < -0.03:
+            found.append(
+                f"'{recording.name}': positions move {-1000 * delay:.0f} ms before their commands; the clocks of the two "
+                "channels differ, or command and position are swapped"
+            )
+    return found
+
+
+def _units(recording: str, channel: Channel) -> list[str]:
+    if channel.unit != "rad":
+        return []
+    largest = np.nanmax(np.abs(channel.values), axis=0, initial=0.0)
+    big = [f"{label} reaches {v:.4g}" for label, v in zip(channel.labels, largest, strict=True) if v > _DEGREES]
+    if not big:
+        return []
+    return [
+        f"'{recording}', channel '{channel.name}': {', '.join(big)} rad, more than a full turn: are these degrees? "
+        'then say unit = "deg" in the mapping'
+    ]
+
+
+def _far(recording: str, command: Channel, position: Channel) -> list[str]:
+    """Command and position of different joints or units hardly follow one another."""
+    labels = [label for label in position.labels if label in command.labels]
+    found = []
+    held = command.select(labels).at(position.time, hold=True) if labels else np.zeros((0, 0))
+    for j, label in enumerate(labels):
+        moved, asked = position.column(label), held[:, j]
+        spread, wanted = float(np.nanstd(moved)), float(np.nanstd(asked))
+        if min(spread, wanted) < 1e-3:
+            continue
+        good = np.isfinite(moved) & np.isfinite(asked)
+        if np.corrcoef(moved[good], asked[good])[0, 1] < 0.3:
+            best = _better_partner(command, position, label)
+            hint = f"; it follows the command of '{best}': are the joints in the wrong order?" if best else ""
+            found.append(f"'{recording}': position of '{label}' does not follow its own command{hint}")
+    return found
+
+
+def _better_partner(command: Channel, position: Channel, label: str) -> str:
+    moved = position.column(label)
+    held = command.at(position.time, hold=True)
+    scores = {}
+    for j, other in enumerate(command.labels):
+        good = np.isfinite(moved) & np.isfinite(held[:, j])
+        if other != label and float(np.std(held[good, j])) > 1e-3:
+            scores[other] = float(np.corrcoef(moved[good], held[good, j])[0, 1])
+    best = max(scores, key=lambda k: scores[k], default="")
+    return best if best and scores[best] > 0.8 else ""
+
+
+def _never_moving(training: Sequence[Recording]) -> list[str]:
+    moves: dict[str, float] = {}
+    for recording in training:
+        if recording.has("position"):
+            channel = recording.channel("position")
+            for label, span in zip(channel.labels, np.nanmax(channel.values, axis=0) - np.nanmin(channel.values, axis=0),
+                                   strict=True):  # fmt: skip
+                moves[label] = max(moves.get(label, 0.0), float(span))
+    still = [label for label, span in moves.items() if span < 5e-3]
+    return [
+        f"joint '{label}' never moves in the recordings that are fitted: nothing can be learned of it"
+        for label in still
+    ]

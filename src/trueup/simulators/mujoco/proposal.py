@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which parameters to calibrate when nobody says: those of the drives that move in the recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from trueup.recording import Recording
+from trueup.simulators.mujoco.declarations import Declaration
+from trueup.simulators.mujoco.model import Model
+
+_MOVES = 5e-3  # rad or m: a joint that moves less teaches nothing
+
+
+def propose(model: Model, recordings: Sequence[Recording]) -> list[Declaration]:
+    """Declarations for the joints that move: servo stiffness, damping, friction, rotor inertia, sensor bias, one delay.
+
+    Force limits are proposed where a servo saturates, that is, where it falls far behind its command.
+    """
+    joints = moving_joints(model, recordings)
+    if not joints:
+        joints = model.scalar_joints()
+    driven = model.actuator_of_joint()
+    servos = tuple(j for j in joints if j in driven and model.is_position_servo(driven[j]))
+    commanded = tuple(j for j in joints if j in driven)
+    lines = []
+    if servos:
+        lines.append(Declaration("kp", servos))
+    lines += [
+        Declaration("damping", joints),
+        Declaration("friction", joints),
+        # Real gears stick: starting at MuJoCo's own creep would let every friction estimate leak away.
+        Declaration("friction_creep", joints, tie="all", name="friction_creep", nominal=1e-3),
+        Declaration("armature", joints),
+        Declaration("damping_quadratic", joints, optional="quadratic damping"),
+    ]
+    if servos:
+        lines.append(Declaration("bias", servos, optional="sensor bias"))
+    if commanded:
+        lines.append(Declaration("delay", commanded, tie="all", name="delay"))
+    return lines
+
+
+def moving_joints(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Joints of the model that move in at least one recording, in the model's order."""
+    moved: set[str] = set()
+    for recording in recordings:
+        if recording.has("position"):
+            channel = recording.channel("position")
+            for label, column in zip(channel.labels, channel.values.T, strict=True):
+                finite = column[np.isfinite(column)]
+                if len(finite) and float(np.ptp(finite)) > _MOVES:
+                    moved.add(label)
+    return tuple(j for j in model.scalar_joints() if j in moved)

@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Text tables are read whatever their layout, and a fault in one is named with its line, column and value."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trueup import formats
+from trueup.errors import FormatError, MappingError
+from trueup.recording import Recording
+
+
+def read(path: Path, text: str | bytes, **time_keys: Any) -> Recording:
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    mapping = None
+    if time_keys:
+        channels = {"position": {"columns": "q*", "unit": "rad"}}
+        mapping = formats.ChannelMap.from_dict({"time": {"column": "time", **time_keys}, "channels": channels})
+    (recording,) = formats.read(path, mapping)
+    return recording
+
+
+def rows(*lines: str) -> str:
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        rows("time,q1,q2", "0,1,-2", "0.01,1.5,2", "0.02,2,3"),
+        rows("time;q1;q2", "0;1;-2", "0.01;1.5;2", "0.02;2;3"),
+        rows("time;q1;q2", "0,00;1,0;-2,0", "0,01;1,5;2,0", "0,02;2,0;3,0"),
+        rows("time\tq1\tq2", "0\t1\t-2", "0.01\t1.5\t2", "0.02\t2\t3"),
+        rows("time q1 q2", "  0.00  1   -2", "0.01 1.5 2", "0.02     2 3 "),
+        rows("# time q1 q2", "0 1 -2", "0.01 1.5 2", "0.02 2 3"),
+        rows("time, q1, q2", "0, 1, -2", "0.01, 1.5, 2", "0.02, 2, 3"),
+        rows('"time","q1","q2"', '"0","1","-2"', '"0.01","1.5","2"', '"0.02","2","3"'),
+        rows("Robot: two joints", "Date: 2024-01-01", "", "time,q1,q2", "0,1,-2", "0.01,1.5,2", "0.02,2,3"),
+        rows("time,q1,q2", "s,rad,rad", "0,1,-2", "0.01,1.5,2", "0.02,2,3"),
+        rows("time [ms],q1 [rad],q2 [rad]", "0,1,-2", "10,1.5,2", "20,2,3"),
+        rows("time_us,q1,q2", "0,1,-2", "10000,1.5,2", "20000,2,3"),
+        rows("time,q1,q2", "0,1,-2", "# the operator coughed", "0.01,1.5,2", "", "0.02,2,3"),
+        rows("time,q1,q2,", "0,1,-2,", "0.01,1.5,2,", "0.02,2,3,"),
+        rows(",time,q1,q2", "0,0,1,-2", "1,0.01,1.5,2", "2,0.02,2,3"),
+        rows('time,q', '0,"[1, -2]"', '0.01,"[1.5, 2]"', '0.02,"[2, 3]"'),
+        rows('time,q', '0,"[ 1.  -2. ]"', '0.01,"[ 1.5  2. ]"', '0.02,"[2. 3.]"'),
+        rows("time;q", "0;(1, -2)", "0.01;(1.5, 2)", "0.02;(2, 3)"),
+        rows("time,q", "0,[1, -2]", "0.01,[1.5, 2]", "0.02,[2, 3]"),
+        rows("mode,time,q1,q2", "IDLE,0,1,-2", "RUN,0.01,1.5,2", "RUN,0.02,2,3"),
+        "time,q1,q2\r\n0,1,-2\r\n0.01,1.5,2\r\n0.02,2,3",
+        b"\xef\xbb\xbf" + rows("time,q1,q2", "0,1,-2", "0.01,1.5,2", "0.02,2,3").encode(),
+        rows("time,q1,q2", "0,1,-2", "0.01,1.5,2", "0.02,2,3").encode("utf-16"),
+    ],
+)  # fmt: skip
+def test_one_content_in_any_layout_is_one_recording(tmp_path: Path, text: str | bytes) -> None:
+    position = read(tmp_path / "log.csv", text).channel("position")
+    assert position.unit == "rad"
+    assert position.labels == ("joint_1", "joint_2")
+    assert position.time == pytest.approx([0.0, 0.01, 0.02])
+    assert np.allclose(position.values, [[1.0, -2.0], [1.5, 2.0], [2.0, 3.0]])
+
+
+@pytest.mark.parametrize(
+    ("stamps", "steps"),
+    [
+        (["1700000000.00", "1700000000.01", "1700000000.02"], 0.01),
+        (["1700000000000", "1700000000010", "1700000000020"], 0.01),
+        (["1700000000000000000", "1700000000010000000", "1700000000020000000"], 0.01),
+        (["2024-05-01 10:00:00.00", "2024-05-01 10:00:00.01", "2024-05-01 10:00:00.02"], 0.01),
+        (["2024-05-01T10:00:00.000Z", "2024-05-01T10:00:00.010Z", "2024-05-01T10:00:00.020Z"], 0.01),
+        (["23:59:59.990", "00:00:00.000", "00:00:00.010"], 0.01),
+        (["0", "1", "2"], 0.001),
+    ],
+)
+def test_clocks_of_any_kind_tick_in_seconds(tmp_path: Path, stamps: list[str], steps: float) -> None:
+    recording = read(tmp_path / "log.csv", rows("stamp,q1", *(f"{stamp},{i}" for i, stamp in enumerate(stamps))))
+    assert np.diff(recording.time) == pytest.approx(steps, abs=1e-6)
+
+
+def test_seconds_and_nanoseconds_in_two_columns_are_one_clock(tmp_path: Path) -> None:
+    stamps = ["1700000000,990000000", "1700000001,0", "1700000001,10000000", "1700000001,20000000"]
+    recording = read(tmp_path / "log.csv", rows("sec,nanosec,q1", *(f"{stamp},1" for stamp in stamps)))
+    assert recording.time == pytest.approx([0.0, 0.01, 0.02, 0.03], abs=1e-6)
+    assert recording.provenance["time_origin"].startswith("1700000000.99")
+
+
+def test_topics_of_different_rates_in_one_table_keep_their_own_samples(tmp_path: Path) -> None:
+    lines = [f"{i / 100},{i},," if i % 2 else f"{i / 100},,{i},{-i}" for i in range(40)]
+    names = "__time,/controller/commands/hip,/joint_states/hip/position,/joint_states/knee/position"
+    recording = read(tmp_path / "log.csv", rows(names, *lines))
+    position = recording.channel("position")
+    assert position.labels == ("hip", "knee")
+    assert position.time == pytest.approx(np.arange(20) / 50.0)
+    assert not np.isnan(position.values).any()
+    assert recording.channel("command").labels == ("hip",)
+
+
+def test_a_missing_cell_is_a_missing_sample(tmp_path: Path) -> None:
+    recording = read(tmp_path / "log.csv", rows("time,q1,q2", "0,1,2", "0.1,,nan", "0.2,inf,3"))
+    assert np.isnan(recording.channel("position").values).tolist() == [[False, False], [True, True], [True, False]]
+    assert "position: 3 of 6 values are missing" in recording.provenance["warnings"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"log.csv is empty"),
+        ("time,q1\n", r"no column of numbers found; the first line is 'time,q1'"),
+        (bytes(range(256)) * 8, r"is not a text file"),
+        (rows("time,q1", "0,1", "0.1,\x00", "0.2,1"), r"line 3: a zero byte"),
+        (rows("time,q1", "0,1", "0.1,up", "0.2,1", "0.3,2"), r"line 3, column 'q1': 'up' is not a number"),
+        (rows("#", "time,q1", "#", "0,1", "", "0.1,up", "0.2,1", "0.3,2"), r"line 6, column 'q1': 'up'"),
+        (rows("time,q1,q2", "0,1,2", "0.1,1", "0.2,1,2", "0.3,1,2"), r"line 3: 2 cells, but there are 3 columns"),
+        (rows("time,q1", "0,1", "0.1,1,5,6", "0.2,1", "0.3,2"), r"line 3: 4 cells, but there are 2 columns"),
+        (rows("time,q1,q2", "0,1", "0.1,2", "0.2,3"), r"line above the data has 3 names, the lines of data 2 cells"),
+        (rows("time,q", '0,"[1, 2]"', '0.1,"[1]"', '0.2,"[3, 4]"'), r"line 3, column 'q': the list has 1 numbers"),
+        (rows("time,q", '0,"[1, 2]"', '0.1,"[1, x]"', '0.2,"[3, 4]"'), r"line 3, column 'q': '\[1, x\]' is not a list"),
+        (rows("time,q1", "0,1", '0.1,"2', "0.2,3", "0.3,4"), r"line 3: a quote is not closed"),
+        (rows("time,q1", "0,1", ",2", "0.2,3"), r"line 3: the time is missing \(1 such rows\).*repair"),
+        (rows("time,q1", "0,1", "0.2,2", "0.1,3", "0.3,4"), r'line 4: time goes back from 0.2 to 0.1 s.*"sort"'),
+        (rows("time,q1", "0,1", "0.1,2", "0.1,3", "0.2,4"), r'line 4: time 0.1 s again, with other values.*"drop"'),
+    ],
+)  # fmt: skip
+def test_a_fault_is_named_with_its_place_and_value(tmp_path: Path, text: str | bytes, message: str) -> None:
+    with pytest.raises(FormatError, match=message):
+        read(tmp_path / "log.csv", text)
+
+
+def test_a_file_that_is_not_there_says_so(tmp_path: Path) -> None:
+    with pytest.raises(FormatError, match=r"nothing.csv: no such file"):
+        formats.read(tmp_path / "nothing.csv")
+
+
+@pytest.mark.parametrize("end", ["0.3,4", "0.3", '0.3,"[4, 5', "0.3,4,-", "0.3,4,1e"])
+def test_a_last_line_that_was_cut_off_costs_that_line_only(tmp_path: Path, end: str) -> None:
+    recording = read(tmp_path / "log.csv", "time,q1,q2\n0,1,2\n0.1,2,3\n0.2,3,4\n" + end)
+    assert recording.channel("position").values.tolist() == [[1.0, 2.0], [2.0, 3.0], [3.0, 4.0]]
+    assert "the last line (5) is cut off" in recording.provenance["warnings"]
+
+
+def test_a_missing_newline_at_the_end_costs_nothing(tmp_path: Path) -> None:
+    assert len(read(tmp_path / "log.csv", "time,q1\n0,1\n0.1,2\n0.2,3").time) == 3
+
+
+def test_sorting_puts_rows_back_in_their_place(tmp_path: Path) -> None:
+    text = rows("time,q1", "0,0", "0.2,2", "0.1,1", "0.1,9", "0.3,3")
+    recording = read(tmp_path / "log.csv", text, repair="sort")
+    assert recording.channel("position").values[:, 0].tolist() == [0.0, 1.0, 2.0, 3.0]
+    assert "1 rows that repeat a time" in recording.provenance["warnings"]
+
+
+def test_dropping_leaves_out_rows_that_do_not_advance(tmp_path: Path) -> None:
+    text = rows("time,q1", "0,0", "0.2,2", "0.1,1", "0.2,9", ",5", "0.3,3")
+    recording = read(tmp_path / "log.csv", text, repair="drop")
+    assert recording.channel("position").values[:, 0].tolist() == [0.0, 2.0, 3.0]
+    assert "rows without a time" in recording.provenance["warnings"]
+
+
+def test_a_line_written_twice_is_dropped_with_a_word(tmp_path: Path) -> None:
+    recording = read(tmp_path / "log.csv", rows("time,q1", "0,0", "0.1,1", "0.1,1", "0.2,2"))
+    assert recording.time == pytest.approx([0.0, 0.1, 0.2])
+    assert "1 rows that repeat" in recording.provenance["warnings"]
+
+
+def test_many_repeated_rows_are_not_passed_over(tmp_path: Path) -> None:
+    lines = [f"{i // 2 / 100},{i // 2}" for i in range(40)]
+    with pytest.raises(FormatError, match=r"line 3: time 0 s again, with the same values \(20 such rows of 40\)"):
+        read(tmp_path / "log.csv", rows("time,q1", *lines))
+
+
+def test_a_column_that_holds_words_cannot_be_a_channel(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(rows("time,mode,q1", "0,IDLE,1", "0.1,RUN,2"))
+    mapping = formats.ChannelMap.from_dict({"time": {"column": "time"}, "channels": {"mode": {"columns": "mode"}}})
+    with pytest.raises(MappingError, match=r"column 'mode' .* holds words such as 'IDLE'"):
+        formats.read(path, mapping)
+
+
+def test_nothing_in_a_cell_is_ever_run(tmp_path: Path) -> None:
+    marker = tmp_path / "ran"
+    cell = f"\"[__import__('pathlib').Path('{marker}').touch()]\""
+    with pytest.raises(FormatError):
+        read(tmp_path / "log.csv", rows("time,q", f"0,{cell}", f"0.1,{cell}", '0.2,"[1]"', '0.3,"[1]"', '0.4,"[1]"'))
+    assert not marker.exists()
+
+
+def test_numbers_keep_all_their_digits(tmp_path: Path) -> None:
+    values = np.random.default_rng(0).normal(size=200) * 10.0 ** np.arange(-100, 100)
+    text = rows("time,q1", *(f"{i / 100!r},{float(value)!r}" for i, value in enumerate(values)))
+    assert np.array_equal(read(tmp_path / "log.csv", text).channel("position").values[:, 0], values)
+
+
+def test_a_file_of_millions_of_numbers_is_read_in_a_moment(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    line = ",".join(f"{0.123456789 * k:.12f}" for k in range(12))
+    names = "time," + ",".join(f"q{k}" for k in range(12))
+    path.write_text(rows(names, *(f"{i / 1000:.3f},{line}" for i in range(80_000))))
+    start = time.perf_counter()
+    (recording,) = formats.read(path)
+    assert recording.channel("position").values.shape == (80_000, 12)
+    assert time.perf_counter() - start < 3.0  # 15 MB; a loop in Python takes longer than that

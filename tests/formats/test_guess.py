@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a log's columns are is guessed from the names that robotics labs give them, and doubts are said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trueup import formats
+from trueup.errors import MappingError
+from trueup.formats import ChannelMap
+
+TWO = ("joint_1", "joint_2")
+
+
+def guess(folder: Path, names: str, scale: float = 1.0, rate: float = 100.0) -> ChannelMap:
+    """The mapping guessed for a file with these columns, filled with smooth signals."""
+    columns = names.split(",")
+    time = np.arange(200) / rate
+    parts = [time if any(w in name.lower() for w in ("time", "stamp")) or name == "t" else None for name in columns]
+    filled = [scale * np.sin(time + i) if part is None else part for i, part in enumerate(parts)]
+    text = names + "\n" + "\n".join(",".join(f"{x:.9f}" for x in row) for row in np.column_stack(filled)) + "\n"
+    (folder / "log.csv").write_text(text)
+    return formats.guess_mapping(folder / "log.csv")
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        ("t,q1,q2,q_ref1,q_ref2", {"position": TWO, "command": TWO}),
+        ("time,cmd_hip,cmd_knee,pos_hip,pos_knee,cur_hip,cur_knee",
+         {"command": ("hip", "knee"), "position": ("hip", "knee"), "current": ("hip", "knee")}),
+        ("timestamp,target_q_0,actual_q_0,actual_qd_0,actual_current_0,target_moment_0",
+         {"command": ("joint_0",), "position": ("joint_0",), "velocity": ("joint_0",), "current": ("joint_0",),
+          "command_torque": ("joint_0",)}),
+        ("time,q[0],q[1],q_d[0],q_d[1],dq[0],dq[1],tau_J[0],tau_J[1]",
+         {"position": ("joint_0", "joint_1"), "command": ("joint_0", "joint_1"), "velocity": ("joint_0", "joint_1"),
+          "torque": ("joint_0", "joint_1")}),
+        ("t,target/FL_hip_joint,position/FL_hip_joint,velocity/FL_hip_joint",
+         {"command": ("FL_hip_joint",), "position": ("FL_hip_joint",), "velocity": ("FL_hip_joint",)}),
+        ("timestamp,goal_position,present_position,present_speed,present_load",
+         {"command": ("joint_1",), "position": ("joint_1",), "velocity": ("joint_1",), "load": ("joint_1",)}),
+        ("timestamp,shoulder_pan.pos,elbow.pos,action.shoulder_pan,action.elbow",
+         {"position": ("shoulder_pan", "elbow"), "command": ("shoulder_pan", "elbow")}),
+        ("Time,qDes1,qDes2,qMeas1,qMeas2", {"command": TWO, "position": TWO}),
+        ("time,wrist_1_pos,wrist_2_pos,elbow_pos", {"position": ("wrist_1", "wrist_2", "elbow")}),
+        ("time,motor_1_pos,motor_2_pos,joint_1_pos,joint_2_pos",
+         {"position": ("motor_1", "motor_2"), "position_motor": TWO}),
+        ("time,cmd_sent_1,cmd_1,q1", {"command_sent": ("joint_1",), "command": ("joint_1",), "position": ("joint_1",)}),
+        ("time,throttle,steering,vel", {"command": ("throttle", "steering"), "velocity": ("joint_1",)}),
+        ("time,tcp_pose_x,tcp_pose_y,robot_mode,q1",
+         {"position": ("joint_1",), "tcp_pose": ("x", "y"), "robot_mode": ("robot_mode",)}),
+    ],
+)  # fmt: skip
+def test_names_tell_roles_and_joints(tmp_path: Path, names: str, expected: dict[str, tuple[str, ...]]) -> None:
+    found = {name: channel.labels for name, channel in guess(tmp_path, names).channels.items()}
+    if "position_motor" in expected:  # which of the two is the plain one does not matter; they are kept apart
+        assert {frozenset(labels) for labels in found.values()} == {frozenset(v) for v in expected.values()}
+    else:
+        assert found == expected
+
+
+@pytest.mark.parametrize(
+    ("names", "unit"),
+    [
+        ("t,pos_hip [deg]", "deg"),
+        ("t,pos_hip_deg", "deg"),
+        ("t,pos_deg_1", "deg"),
+        ("t,hip position (rad)", "rad"),
+        ("t,position_hip_m", "m"),
+    ],
+)
+def test_a_unit_in_a_name_is_believed(tmp_path: Path, names: str, unit: str) -> None:
+    assert guess(tmp_path, names).channels["position"].unit == unit
+
+
+def test_angles_too_large_for_radians_are_not_called_radians(tmp_path: Path) -> None:
+    mapping = guess(tmp_path, "t,q1,q2", scale=90.0)
+    assert mapping.channels["position"].unit == ""
+    assert any("degrees are suspected" in note for note in mapping.notes)
+
+
+def test_a_current_without_unit_is_asked_about(tmp_path: Path) -> None:
+    assert "current: unit unknown: say A or mA" in guess(tmp_path, "t,q1,current_1").notes
+
+
+def test_columns_that_say_nothing_are_listed(tmp_path: Path) -> None:
+    mapping = guess(tmp_path, "t,foo,bar")
+    assert any("columns are: " in note and "foo" in note for note in mapping.notes)
+    assert set(mapping.channels) == {"foo", "bar"}
+
+
+def test_a_file_with_nothing_but_time_says_what_was_found(tmp_path: Path) -> None:
+    with pytest.raises(MappingError, match=r"no column but time holds numbers.*log.csv: time"):
+        guess(tmp_path, "time")
+
+
+def test_without_a_time_the_mapping_asks_for_a_rate(tmp_path: Path) -> None:
+    mapping = guess(tmp_path, "q1,q2")
+    assert "# rate = 1000.0" in mapping.to_toml()
+    with pytest.raises(MappingError, match="or give rate = samples per second"):
+        formats.read(tmp_path / "log.csv")
+
+
+def test_numbers_without_names_are_still_told_from_time(tmp_path: Path) -> None:
+    (tmp_path / "log.txt").write_text("\n".join(f"{i / 100} {i * i} {-i}" for i in range(50)))
+    mapping = formats.guess_mapping(tmp_path / "log.txt")
+    assert mapping.time.column == "column_1"
+    assert [channel.columns for channel in mapping.channels.values()] == [("column_2", "column_3")]
+
+
+def test_what_was_guessed_reads_like_no_mapping_at_all(tmp_path: Path, small_files: Any) -> None:
+    folder = small_files.write_lists(tmp_path / "run")
+    formats.guess_mapping(folder).save(tmp_path / "mapping.toml")
+    (plain,), (mapped,) = formats.read(folder), formats.read(folder, tmp_path / "mapping.toml")
+    assert plain.channels.keys() == mapped.channels.keys() == {"command", "position"}
+    for name, channel in plain.channels.items():
+        assert np.array_equal(channel.values, mapped.channel(name).values)
+        assert channel.labels == ("hip", "knee")
+    assert "position: taken as rad" in plain.provenance["guesses"]
+    assert "guesses" not in mapped.provenance

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The report in a real browser, where one is installed: the figures are drawn and nothing goes wrong."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from trueup.calibration import Calibration
+from trueup.report import write_report
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--enable-logging=stderr",
+    "--window-size=1280,2000",
+    "--virtual-time-budget=10000",
+    "--dump-dom",
+)
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium to open the report with")
+def test_the_figures_are_drawn_without_an_error(calibration: Calibration, tmp_path: Path) -> None:
+    path = write_report(calibration, tmp_path / "report.html")
+    command = [str(BROWSER), *FLAGS, f"--user-data-dir={tmp_path / 'profile'}", path.as_uri()]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
+    except subprocess.TimeoutExpired:
+        pytest.skip("the browser does not start here")
+    if "</html>" not in done.stdout:
+        pytest.skip("the browser does not start here")
+    assert "CONSOLE" not in done.stderr, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+    for figure in ("replay-figure", "spectrum-figure", "speed-figure", "correlation-figure", "trace-figure"):
+        place = done.stdout.index(f'id="{figure}"')
+        assert "main-svg" in done.stdout[place : place + 3000], f"{figure} is drawn"
+    assert "held out, " in done.stdout, "the title of the first replay is filled in"
