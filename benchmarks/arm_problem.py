@@ -67,7 +67,7 @@ class ArmProblem:
     parameters: tuple[ArmParameter, ...]
     """30: damping, friction, armature of all joints, then mass and CoM of each of LINKS.
 
-    The rotational inertia about the CoM stays what the model says.
+    A heavier link is a denser one: its rotational inertia about the CoM scales with its mass.
     """
     truth: Array
     """(30,)"""
@@ -165,7 +165,9 @@ def changed(xml: str, parameters: Sequence[ArmParameter], values: Array) -> mujo
         if p.quantity in dofs:
             dofs[p.quantity][model.joint(p.target).dofadr[0]] = value
         elif p.quantity == "body.mass":
-            model.body_mass[model.body(p.target).id] = value
+            body = model.body(p.target).id
+            model.body_inertia[body] *= value / model.body_mass[body]
+            model.body_mass[body] = value
         else:
             model.body_ipos[model.body(p.target).id, "xyz".index(p.quantity[-1])] = value
     mujoco.mj_setConst(model, mujoco.MjData(model))

@@ -233,6 +233,11 @@ def modifier(spec: mujoco.MjSpec, quantity: str, target: str) -> Callable[[mujoc
     def force_limit(s: mujoco.MjSpec, p: sysid.Parameter) -> None:
         s.actuator(target).forcerange = np.array([-p.value[0], p.value[0]])
 
+    def mass(s: mujoco.MjSpec, p: sysid.Parameter) -> None:
+        body = s.body(target)
+        body.inertia = np.array(body.inertia) * (p.value[0] / body.mass)  # denser, not larger
+        body.mass = p.value[0]
+
     def com(axis: int) -> Callable[[mujoco.MjSpec, sysid.Parameter], None]:
         return lambda s, p: s.body(target).ipos.__setitem__(axis, p.value[0])
 
@@ -245,7 +250,7 @@ def modifier(spec: mujoco.MjSpec, quantity: str, target: str) -> Callable[[mujoc
         "actuator.kp": lambda s, p: sysid.apply_pgain(s, target, p.value[0]),
         "actuator.kv": lambda s, p: sysid.apply_dgain(s, target, p.value[0]),
         "actuator.force_limit": force_limit,
-        "body.mass": lambda s, p: setattr(s.body(target), "mass", p.value[0]),
+        "body.mass": mass,
         "body.com_x": com(0),
         "body.com_y": com(1),
         "body.com_z": com(2),

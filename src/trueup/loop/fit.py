@@ -109,15 +109,18 @@ def fit(
 
 
 def _stages(problem: Problem, coarse: Problem) -> list[tuple[str, Problem, Problem, float, int]]:
-    """Name, the problem to solve, the cheaper one for its slopes, tolerance and most iterations."""
+    """Name, the problem to solve, the cheaper one for its slopes, tolerance and most iterations.
+
+    Tolerances are in units of what chance alone gives: a first look may end early, the last must not.
+    """
     long = max(t.duration for t in problem.trials)
     stages: list[tuple[str, Problem, Problem, float, int]] = []
     if long > 2.0 * _SHORT:
         short = coarse.shortened(_SHORT)
-        stages.append(("first seconds", short, short, 2e-2, 15))
-    stages.append(("all, coarse step" if coarse is not problem else "all", coarse, coarse, 5e-3, 25))
+        stages.append(("first seconds", short, short, 30.0, 15))
+    stages.append(("all, coarse step" if coarse is not problem else "all", coarse, coarse, 5.0 if coarse is not problem else 0.05, 25))
     if coarse is not problem:
-        stages.append(("all, full step", problem, coarse, 2e-3, 12))
+        stages.append(("all, full step", problem, coarse, 0.05, 12))
     return stages
 
 
@@ -138,7 +141,8 @@ def _descend(
 ) -> LeastSquares:  # fmt: skip
     free = [p for p in space.parameters if not p.frozen]
     ranges = np.array([np.log(p.upper / p.lower) if p.scale == "log" else 0.0 for p in free])
-    search = LeastSquares(point, ranges, robust=robust, tolerance=tolerance, max_iterations=most, nudge=nudge)
+    search = LeastSquares(point, ranges, robust=robust, tolerance=tolerance, max_iterations=most, nudge=nudge,
+                          worth=lambda residual: stage.chance(residual) * len(free))  # fmt: skip
     if saved is not None:
         search.resume(saved)
     while not search.done:

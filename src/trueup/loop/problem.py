@@ -122,6 +122,18 @@ class Problem:
                 count += int(np.count_nonzero(part))
         return float(np.sqrt(squares / max(count, 1)))
 
+    def chance(self, residual: Array) -> float:
+        """By how much fitting one more parameter to chance alone would lower the loss: the residuals' variance / 2,
+        times the number of samples over which they stay alike (model errors last, noise does not)."""
+        variances, lasting = [], []
+        for segment in self.segments:
+            series = segment.shaped(residual)
+            variance = np.mean(series**2, axis=0)
+            alike = np.mean(series[1:] * series[:-1], axis=0) / np.maximum(variance, 1e-300)
+            variances += variance.tolist()
+            lasting += ((1.0 + np.clip(alike, 0.0, 0.99)) / (1.0 - np.clip(alike, 0.0, 0.99))).tolist()
+        return 0.5 * float(np.mean(variances)) * float(np.median(lasting))
+
     def _segments(self) -> tuple[Segment, ...]:
         found, first = [], 0
         for k, trial in enumerate(self.trials):

@@ -6,6 +6,7 @@ D. Marquardt, SIAM J. 11(2), 1963, with projection onto the box; robust loss aft
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -36,7 +37,10 @@ class LeastSquares:
     robust: float = 3.0
     """Residuals beyond this many robust standard deviations count less; inf for plain least squares."""
     tolerance: float = 1e-3
-    """Ends when a step lowers the loss by less than this share, twice in a row."""
+    """Ends when a step lowers the loss by less than this share of `worth`, or of the loss if `worth` is None."""
+    worth: Callable[[Array], float] | None = None
+    """Of residuals (m,): by how much noise alone changes the loss when all parameters are fitted. A step that gains
+    far less than that moves the estimates by far less than their uncertainty."""
     max_iterations: int = 30
     patience: int = 4
     """Ends after this many batches of steps without any descent."""
@@ -54,7 +58,7 @@ class LeastSquares:
     """Present bend of the robust loss, in residual units."""
     _damping: float = field(init=False, default=1e-2)
     _stale: int = field(init=False, default=0)
-    _small: int = field(init=False, default=0)
+    _small: bool = field(init=False, default=False)
     _done: str = field(init=False, default="")
     _steps: Array = field(init=False, default_factory=lambda: np.zeros(0))
 
@@ -102,7 +106,7 @@ class LeastSquares:
         if point.shape != self.point.shape:
             raise CalibrationError(f"the saved search has {len(point)} parameters, this one {len(self.point)}")
         self.point, self.loss, self.iteration = point, float(state["loss"]), int(state["iteration"])
-        self._damping, self._stale, self._small = float(state["damping"]), int(state["stale"]), int(state["small"])
+        self._damping, self._stale, self._small = float(state["damping"]), int(state["stale"]), bool(state["small"])
         self._done = str(state["done"])
 
     def _take_jacobian(self, residuals: Array) -> None:
@@ -122,16 +126,16 @@ class LeastSquares:
         k = int(np.nanargmin(np.where(np.isfinite(losses), losses, np.inf)))
         before = self.loss
         if losses[k] < before:
-            gain = (before - losses[k]) / before
-            self._small = self._small + 1 if gain < self.tolerance else 0
+            worth = before if self.worth is None else self.worth(residuals[k])
+            self._small = before - losses[k] < self.tolerance * worth
             self._damping = float(np.clip(self._damping * _LADDER[k % len(_LADDER)], 1e-9, 1e9))
             self.point, self.loss, self.iteration = candidates[k], float(losses[k]), self.iteration + 1
             self.jacobian, self._stale = None, 0
         else:
             self._stale += 1
             self._damping = min(self._damping * 300.0, 1e9)
-        if self._small >= 2:
-            self._done = "converged: the last two steps changed almost nothing"
+        if self._small:
+            self._done = "converged: the last step changed almost nothing"
         elif self._stale >= self.patience:
             self._done = "converged: no step of any length goes further down"
         elif self.iteration >= self.max_iterations:
