@@ -90,7 +90,7 @@ def _counts_rows(name: str, values: Array) -> bool:
 def _role(name: str, said: Meaning, context: Meaning | None, table: Table) -> str:
     """command, position, ...; '' where no word tells."""
     plain = words(name)
-    if not said.joint or (context is not None and not context.joint):
+    if not said.joint or (context is not None and not context.joint) or _of_floating_base(plain, table.columns[name]):
         return ""
     kind, command, sent = said.kind, said.command, said.sent
     if context is not None:
@@ -103,6 +103,11 @@ def _role(name: str, said: Meaning, context: Meaning | None, table: Table) -> st
         base = "command_sent" if sent else "command"
         return base if kind in ("", "position") else f"{base}_{kind}"
     return kind
+
+
+def _of_floating_base(plain: Sequence[str], values: Array) -> bool:
+    """Whether "base" means a trunk with a pose of several numbers, and not an arm's first joint."""
+    return "base" in plain and (values.ndim > 1 or any(word in VOCABULARY.axes or word.isdigit() for word in plain))
 
 
 def _own_name(name: str, table: Table, several: bool) -> tuple[str, str]:

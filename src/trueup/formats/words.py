@@ -37,7 +37,7 @@ _TIME = (
 _NOT_TIME = "index frame episode step steps count counter id seq"
 _NOT_JOINT = (
     "tcp ee pose imu mode status enable enabled flag index frame episode id seq count counter error err errors done "
-    "success force wrench quat orientation base gain kp kd ki vicon mocap gps odom cov covariance"
+    "success force wrench quat orientation gain kp kd ki vicon mocap gps odom cov covariance"
 )
 _AXES = "x y z w roll pitch yaw qx qy qz qw rx ry rz"
 

@@ -24,7 +24,8 @@ SEARCHES = ("auto", "gradient", "cma-es", "hybrid")
 Progress = Callable[[TracePoint], None]
 Checkpoint = Callable[[dict[str, Any]], None]
 
-_SHORT = 15.0  # s of each recording that the first stage looks at
+_SHORT = (2.5, 15.0)  # s: the first stage looks at the first quarter of the recordings, within these bounds
+_HELD = 3e-3  # least damping of the first looks: what is weakly seen must not wander off before all data are in
 _COARSE = 2.5  # factor on the integration step while far from the optimum
 
 
@@ -115,12 +116,13 @@ def _stages(problem: Problem, coarse: Problem) -> list[tuple[str, Problem, Probl
     """
     long = max(t.duration for t in problem.trials)
     stages: list[tuple[str, Problem, Problem, float, int]] = []
-    if long > 2.0 * _SHORT:
-        short = coarse.shortened(_SHORT)
+    first = float(np.clip(long / 4.0, *_SHORT))
+    if long > 2.0 * first:
+        short = coarse.shortened(first)
         stages.append(("first seconds", short, short, 30.0, 15))
-    stages.append(("all, coarse step" if coarse is not problem else "all", coarse, coarse, 5.0 if coarse is not problem else 0.05, 25))
     if coarse is not problem:
-        stages.append(("all, full step", problem, coarse, 0.05, 12))
+        stages.append(("all, coarse step", coarse, coarse, 5.0, 25))
+    stages.append(("all, full step", problem, problem, 0.05, 20))
     return stages
 
 
@@ -141,7 +143,8 @@ def _descend(
 ) -> LeastSquares:  # fmt: skip
     free = [p for p in space.parameters if not p.frozen]
     ranges = np.array([np.log(p.upper / p.lower) if p.scale == "log" else 0.0 for p in free])
-    search = LeastSquares(point, ranges, robust=robust, tolerance=tolerance, max_iterations=most, nudge=nudge,
+    held = 1e-9 if tolerance < 1.0 else _HELD
+    search = LeastSquares(point, ranges, least_damping=held, robust=robust, tolerance=tolerance, max_iterations=most, nudge=nudge,
                           worth=lambda residual: stage.chance(residual) * len(free))  # fmt: skip
     if saved is not None:
         search.resume(saved)

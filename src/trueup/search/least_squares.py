@@ -32,8 +32,8 @@ class LeastSquares:
     start: Array
     """(n,) where to begin, in [0, 1]."""
     log_range: Array
-    difference: float = 2e-3
-    """Finite-difference step, as a share of the box."""
+    difference: float = 1e-3
+    """Largest finite-difference step, as a share of the box."""
     robust: float = 3.0
     """Residuals beyond this many robust standard deviations count less; inf for plain least squares."""
     tolerance: float = 1e-3
@@ -42,8 +42,10 @@ class LeastSquares:
     """Of residuals (m,): by how much noise alone changes the loss when all parameters are fitted. A step that gains
     far less than that moves the estimates by far less than their uncertainty."""
     max_iterations: int = 30
-    patience: int = 4
+    patience: int = 3
     """Ends after this many batches of steps without any descent."""
+    least_damping: float = 1e-9
+    """Damping never goes below: it holds combinations that are weakly seen where they are."""
     nudge: float = 0.05
     """How far a start on a bound is moved inside: there a logarithmic parameter has almost no slope."""
 
@@ -56,9 +58,12 @@ class LeastSquares:
     """(m,) at `point`."""
     delta: float = field(init=False, default=np.inf)
     """Present bend of the robust loss, in residual units."""
+    reuse: int = 5
+    """How many steps in a row may be taken with slopes that are only corrected by what the last step showed."""
+    _fresh: bool = field(init=False, default=True)
+    _reused: int = field(init=False, default=0)
     _damping: float = field(init=False, default=1e-2)
     _stale: int = field(init=False, default=0)
-    _small: bool = field(init=False, default=False)
     _done: str = field(init=False, default="")
     _steps: Array = field(init=False, default_factory=lambda: np.zeros(0))
 
@@ -81,7 +86,7 @@ class LeastSquares:
         """Finite-difference columns around the point (with the point itself first), or steps of several lengths."""
         if self.jacobian is None:
             inward = np.where(self.point > 0.5, -1.0, 1.0)
-            self._steps = inward * self.difference
+            self._steps = inward * self._difference()
             return np.concatenate([self.point[None], self.point + np.diag(self._steps)])
         return self._trial_points()
 
@@ -97,7 +102,7 @@ class LeastSquares:
         """The point, its damping and counters; the next ask is for the columns around it."""
         return {
             "point": self.point.tolist(), "loss": self.loss, "iteration": self.iteration, "damping": self._damping,
-            "stale": self._stale, "small": self._small, "done": self._done,
+            "stale": self._stale, "done": self._done,
         }  # fmt: skip
 
     def resume(self, state: SearchState) -> None:
@@ -106,8 +111,16 @@ class LeastSquares:
         if point.shape != self.point.shape:
             raise CalibrationError(f"the saved search has {len(point)} parameters, this one {len(self.point)}")
         self.point, self.loss, self.iteration = point, float(state["loss"]), int(state["iteration"])
-        self._damping, self._stale, self._small = float(state["damping"]), int(state["stale"]), bool(state["small"])
+        self._damping, self._stale = float(state["damping"]), int(state["stale"])
         self._done = str(state["done"])
+
+    def _difference(self) -> float:
+        """Far from the recordings a coarse difference sees past the ripples of friction; at the noise it must be exact,
+        or weakly seen directions take the errors of the strong ones for their own slope."""
+        if self.residual is None:
+            return self.difference
+        rough = 1.4826 * float(np.median(np.abs(self.residual)))
+        return float(np.clip(1e-5 * rough**2, 1e-5, self.difference))
 
     def _take_jacobian(self, residuals: Array) -> None:
         base = residuals[0]
@@ -117,29 +130,62 @@ class LeastSquares:
         # A column whose simulation failed tells nothing this time; the parameter rests until the next round.
         columns[~np.isfinite(columns).all(axis=1)] = 0.0
         self.jacobian, self.residual = columns.T, base
+        self._fresh, self._reused = True, 0
         scale = 1.4826 * float(np.median(np.abs(base[base != 0]))) if np.any(base) else 1.0
         self.delta = self.robust * max(scale, 1.0)
         self.loss = float(self._loss(base[None])[0])
+        worth = self.loss if self.worth is None else self.worth(base)
+        if self.iteration > 0 and self._promise() < self.tolerance * worth:
+            self._done = "converged: no step promises a gain that noise would not give"
+
+    def _promise(self) -> float:
+        """By how much the loss would fall at most, were the slopes to hold all the way."""
+        curvature, slope = self._normal_equations()
+        step = np.clip(self.point + self._damped(curvature, slope, 1e-6), 0.0, 1.0) - self.point
+        return float(-(slope @ step + 0.5 * step @ curvature @ step))
+
+    def _normal_equations(self) -> tuple[Array, Array]:
+        if self.jacobian is None or self.residual is None:
+            raise CalibrationError("steps asked before the columns were told")
+        weights = self.weights()
+        return self.jacobian.T @ (self.jacobian * weights[:, None]), self.jacobian.T @ (weights * self.residual)
 
     def _take_step(self, candidates: Array, residuals: Array) -> None:
         losses = self._loss(residuals)
         k = int(np.nanargmin(np.where(np.isfinite(losses), losses, np.inf)))
-        before = self.loss
-        if losses[k] < before:
-            worth = before if self.worth is None else self.worth(residuals[k])
-            self._small = before - losses[k] < self.tolerance * worth
-            self._damping = float(np.clip(self._damping * _LADDER[k % len(_LADDER)], 1e-9, 1e9))
-            self.point, self.loss, self.iteration = candidates[k], float(losses[k]), self.iteration + 1
-            self.jacobian, self._stale = None, 0
+        if losses[k] < self.loss:
+            self._accept(candidates[k], float(losses[k]), residuals[k], _LADDER[k % len(_LADDER)])
+        elif not self._fresh:
+            self.jacobian = None  # corrected slopes have worn out: take new ones before giving up
         else:
             self._stale += 1
             self._damping = min(self._damping * 300.0, 1e9)
-        if self._small:
-            self._done = "converged: the last step changed almost nothing"
-        elif self._stale >= self.patience:
+        if self._stale >= self.patience:
             self._done = "converged: no step of any length goes further down"
         elif self.iteration >= self.max_iterations:
             self._done = f"stopped after {self.max_iterations} iterations; more may help"
+
+    def _accept(self, point: Array, loss: float, residual: Array, factor: float) -> None:
+        """Goes to a better point; ends where the gain is small, and corrects the slopes where they proved right."""
+        gain, moved = self.loss - loss, point - self.point
+        old, slopes = self.residual, self.jacobian
+        if old is None or slopes is None:
+            raise CalibrationError("a step was told before the columns")
+        predicted = old + slopes @ moved
+        self._damping = float(np.clip(self._damping * factor, self.least_damping, 1e9))
+        self.point, self.loss, self.iteration, self._stale = point, loss, self.iteration + 1, 0
+        small = gain < self.tolerance * (loss if self.worth is None else self.worth(residual))
+        trusted = np.linalg.norm(residual - predicted) < 0.3 * np.linalg.norm(residual - old)
+        if small and self._fresh:
+            self._done = "converged: the last step changed almost nothing"
+        if trusted and not small and self._reused < self.reuse:
+            # Broyden's rank-one correction, Math. Comp. 19, 1965: the slopes along the step just taken are now known.
+            slopes = slopes + np.outer(residual - predicted, moved / (moved @ moved))
+            self.jacobian, self.residual, self._fresh, self._reused = slopes, residual, False, self._reused + 1
+        elif self._done:
+            self.residual = residual  # slopes of a negligible step away will do
+        else:
+            self.jacobian = None
 
     def _loss(self, residuals: Array) -> Array:
         """(b,) sum of pseudo-Huber losses, half of the squares for small residuals."""
@@ -156,12 +202,8 @@ class LeastSquares:
         return 1.0 / np.sqrt(1.0 + (self.residual / self.delta) ** 2)
 
     def _trial_points(self) -> Array:
-        jacobian, residual, weights = self.jacobian, self.residual, self.weights()
-        if jacobian is None or residual is None:
-            raise CalibrationError("steps asked before the columns were told")
-        curvature = jacobian.T @ (jacobian * weights[:, None])
-        slope = jacobian.T @ (weights * residual)
-        found = [self._damped(curvature, slope, self._damping * factor) for factor in _LADDER]
+        curvature, slope = self._normal_equations()
+        found = [self._damped(curvature, slope, max(self._damping * factor, self.least_damping)) for factor in _LADDER]
         plain = [np.clip(self.point + d, 0.0, 1.0) for d in found]
         if not np.any(self.log_range > 0):
             return np.array(plain)

@@ -1,0 +1,47 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The examples run, and do what they say."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from trueup.demo import record
+
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three short recordings of the stand-in arm: enough to see that an example works."""
+    folder = tmp_path_factory.mktemp("recordings")
+    record(folder)
+    for name in ("slow_ramps", "waypoints", "pick_and_place"):
+        (folder / f"{name}.csv").unlink()
+    for path in folder.glob("*.csv"):
+        path.write_text("".join(path.read_text("utf-8").splitlines(keepends=True)[:300]), encoding="utf-8")
+    return folder
+
+
+def test_there_are_examples() -> None:
+    assert EXAMPLES
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_is_short(path: Path) -> None:
+    assert len(path.read_text("utf-8").splitlines()) <= 100
+
+
+def test_the_calibration_example_lowers_the_held_out_error(recordings: Path) -> None:
+    command = [sys.executable, str(ROOT / "examples" / "calibrate_arm.py"), str(recordings)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    numbers = re.search(r"held out \(steps\): ([\d.]+) -> ([\d.]+) mrad", done.stdout)
+    assert numbers, done.stdout
+    assert float(numbers[2]) < 0.5 * float(numbers[1])
+    assert (recordings / "report.html").is_file()
