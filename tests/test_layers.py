@@ -60,11 +60,13 @@ RULES = (
     ),
     Rule("identification", ("simulators.simulator", "controllers.playback", *NOUNS)),
     Rule("grounding", ("simulators.simulator", "controllers.playback", *NOUNS)),
-    Rule("loop", (*BASES, "identification", "grounding", *NOUNS)),
+    # what the loop computes with when nobody gives it something else; never a concrete simulator or robot
+    Rule("loop", (*BASES, "identification", "grounding", "discrepancies", "search", *NOUNS)),
     Rule("campaign", ("loop", *BASES, *NOUNS)),
     Rule("campaign.assemble", ("loop", *BASES, *NOUNS), lazily=ANYTHING),  # alone turns names into concrete classes
     Rule("report", ("campaign.journal", *NOUNS)),
-    Rule("cli", ("report", "campaign"), lazily=("loop", *NOUNS)),
+    Rule("demo", ANYTHING),  # one run of the whole, put together by hand
+    Rule("cli", ("report", "campaign"), lazily=("demo", "loop", *NOUNS)),
     Rule("testing", (*BASES, *NOUNS)),  # contract checks, shipped to those who write a robot, simulator or search
     Rule("__init__", (), lazily=ANYTHING),  # public names, imported when used
 )

@@ -78,8 +78,13 @@ def _far(recording: str, command: Channel, position: Channel) -> list[str]:
         good = np.isfinite(moved) & np.isfinite(asked)
         if np.corrcoef(moved[good], asked[good])[0, 1] < 0.3:
             best = _better_partner(command, position, label)
-            hint = f"; it follows the command of '{best}': are the joints in the wrong order?" if best else ""
-            found.append(f"'{recording}': position of '{label}' does not follow its own command{hint}")
+            if best:
+                found.append(
+                    f"'{recording}': position of '{label}' follows the command of '{best}', not its own: are the joints in "
+                    "the wrong order?"
+                )
+            elif wanted > 0.1:
+                found.append(f"'{recording}': position of '{label}' does not follow its own command")
     return found
 
 

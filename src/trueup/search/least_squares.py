@@ -17,6 +17,7 @@ from trueup.search.search import SearchState
 
 Array = NDArray[np.float64]
 
+_MOST_SHRINK = 5.0
 # Damping factors tried side by side: one batch of steps instead of one step after the other.
 _LADDER = (0.03, 1.0, 30.0)
 
@@ -120,7 +121,7 @@ class LeastSquares:
         if self.residual is None:
             return self.difference
         rough = 1.4826 * float(np.median(np.abs(self.residual)))
-        return float(np.clip(1e-5 * rough**2, 1e-5, self.difference))
+        return float(np.clip(1e-4 * rough**2, 1e-4, self.difference))
 
     def _take_jacobian(self, residuals: Array) -> None:
         base = residuals[0]
@@ -141,7 +142,8 @@ class LeastSquares:
     def _promise(self) -> float:
         """By how much the loss would fall at most, were the slopes to hold all the way."""
         curvature, slope = self._normal_equations()
-        step = np.clip(self.point + self._damped(curvature, slope, 1e-6), 0.0, 1.0) - self.point
+        # Not clipped to the box: a logarithm at its lower bound sees but a little of what a long way up would gain.
+        step = self._damped(curvature, slope, 1e-6)
         return float(-(slope @ step + 0.5 * step @ curvature @ step))
 
     def _normal_equations(self) -> tuple[Array, Array]:
@@ -175,7 +177,7 @@ class LeastSquares:
         self._damping = float(np.clip(self._damping * factor, self.least_damping, 1e9))
         self.point, self.loss, self.iteration, self._stale = point, loss, self.iteration + 1, 0
         small = gain < self.tolerance * (loss if self.worth is None else self.worth(residual))
-        trusted = np.linalg.norm(residual - predicted) < 0.3 * np.linalg.norm(residual - old)
+        trusted = np.linalg.norm(residual - predicted) < 0.7 * np.linalg.norm(residual - old)
         if small and self._fresh:
             self._done = "converged: the last step changed almost nothing"
         if trusted and not small and self._reused < self.reuse:
@@ -204,10 +206,16 @@ class LeastSquares:
     def _trial_points(self) -> Array:
         curvature, slope = self._normal_equations()
         found = [self._damped(curvature, slope, max(self._damping * factor, self.least_damping)) for factor in _LADDER]
-        plain = [np.clip(self.point + d, 0.0, 1.0) for d in found]
+        plain = [self._inside(d) for d in found]
         if not np.any(self.log_range > 0):
             return np.array(plain)
-        return np.array(plain + [np.clip(self.point + self._in_value(d), 0.0, 1.0) for d in found])
+        return np.array(plain + [self._inside(self._in_value(d)) for d in found])
+
+    def _inside(self, step: Array) -> Array:
+        """The point after a step, in the box. No step divides a logarithmic parameter by more than `_MOST_SHRINK`: where
+        it is tiny it has almost no effect, so one wrong step down to there would not be taken back."""
+        span = np.where(self.log_range > 0, self.log_range, 1e-3)
+        return np.clip(self.point + np.maximum(step, -np.log(_MOST_SHRINK) / span), 0.0, 1.0)
 
     def _in_value(self, step: Array) -> Array:
         """The step that changes a logarithmic parameter's value, not its logarithm, by what was computed."""

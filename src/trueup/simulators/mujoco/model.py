@@ -137,6 +137,7 @@ def _add_slack(spec: mujoco.MjSpec, name: str) -> None:
     spring.solimp_limit = [0.99, 0.999, 1e-4, 0.5, 2.0]
     spring.damping = [0.005, 0.0, 0.0]
     spring.armature = 1e-4
+    spring.frictionloss, spring.stiffness = 0.0, [0.0, 0.0, 0.0]
 
 
 def _drop_visuals(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:

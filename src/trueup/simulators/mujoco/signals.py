@@ -47,12 +47,12 @@ class Signals:
                 elif quantity.kind == "bias":
                     self._biases[target] = value
         self._commands = [self._command(t) for t in trials]
+        self._measured_starts = [start_state(model, compiled, t) for t in trials]
 
     def starts(self) -> list[tuple[Array, Array]]:
         """For each trial (b, nq) positions and (b, nv) velocities, sensor errors taken out, corrections added."""
         found = []
-        for trial in self._trials:
-            q0, v0 = start_state(self._model, self._compiled, trial)
+        for trial, (q0, v0) in zip(self._trials, self._measured_starts, strict=True):
             qpos = np.repeat(q0[None], len(self._values), axis=0)
             qvel = np.repeat(v0[None], len(self._values), axis=0)
             measured = trial.initial.get("position")
@@ -76,7 +76,7 @@ class Signals:
 
     def hold(self, trial: int) -> Array:
         """(nu,) the command of actuators that nobody commands: servos hold their start, others do nothing."""
-        q0, _ = start_state(self._model, self._compiled, self._trials[trial])
+        q0, _ = self._measured_starts[trial]
         held = np.zeros(self._compiled.nu)
         for joint, actuator in self._model.actuator_of_joint().items():
             if self._model.is_position_servo(actuator):

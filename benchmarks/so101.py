@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Calibrates a real SO-101 arm from recordings and replays motions held out, beside mujoco.sysid and the shipped model.
+
+Needs the recordings (folder `so101` of TRUEUP_DATA, or of ../shared/data); without them it says so and ends.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from results import result
+
+from trueup import formats
+from trueup.calibration import Calibration, TracePoint, pooled_rmse
+from trueup.loop.calibrate import calibrate
+from trueup.recording import Recording
+from trueup.simulators.mujoco.declarations import declare
+from trueup.simulators.mujoco.model import load
+from trueup.simulators.mujoco.proposal import propose
+from trueup.simulators.mujoco.rollout import MujocoSimulator
+
+Array = NDArray[np.float64]
+
+TRAINING = ("multisine", "chirp_sweep", "step_response", "friction_gravity", "backlash_detection", "random_waypoints")
+HELD_OUT = ("fast_transitions", "hold_under_gravity", "square_pattern", "sinusoidal_sweep")
+JOINTS = {
+    "Rotation": "shoulder_pan", "Pitch": "shoulder_lift", "Elbow": "elbow_flex", "Wrist_Pitch": "wrist_flex",
+    "Wrist_Roll": "wrist_roll",
+}  # fmt: skip
+
+
+def folder() -> Path:
+    """Where the recordings lie; ends the program with a reason if they are absent."""
+    root = Path(os.environ.get("TRUEUP_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+    if not (root / "so101").is_dir():
+        sys.exit("so101: no recordings (set TRUEUP_DATA to the folder that holds 'so101')")
+    return root / "so101"
+
+
+def recordings(names: Sequence[str], cut: float | None = None) -> list[Recording]:
+    """Commands and positions of the five arm joints, by the model's names; the first `cut` s of each."""
+    found = []
+    for name in names:
+        recording = formats.read(folder() / "recordings" / name)[0].replace(name=name).rename(JOINTS)
+        for role in [c for c in recording.channels if c not in ("command", "position")]:
+            recording = recording.without(role)
+        for role in ("command", "position"):
+            recording = recording.with_channel(recording.channel(role).select(tuple(JOINTS.values())))
+        found.append(recording if cut is None else recording.slice(recording.start, recording.start + cut))
+    return found
+
+
+def fit(training: Sequence[Recording], held_out: Sequence[Recording]) -> Calibration:
+    """Our calibration with the parameters that trueup proposes by itself."""
+    model = load(folder() / "model" / "so101_new_calib.xml")
+    space, quantities = declare(model, propose(model, training))
+    return calibrate(MujocoSimulator(model, space, quantities), training, held_out, progress=_progress)
+
+
+def _progress(point: TracePoint) -> None:
+    print(f"\r  {point.stage:20s} {1e3 * point.rmse:7.2f} mrad  {point.seconds:6.1f} s", end="", flush=True)
+
+
+def peer(training: Sequence[Recording], held_out: Sequence[Recording], most: int) -> tuple[float, float]:
+    """Pooled held-out error [rad] and CPU seconds of mujoco.sysid with kp, damping, friction and armature of each joint."""
+    import peer_sysid
+    from peer_sysid import PeerParameter
+
+    bounds = {"actuator.kp": (998.22, 10.0, 2000.0), "joint.damping": (0.6, 0.01, 30.0),
+              "joint.friction": (0.052, 0.001, 2.0), "joint.armature": (0.028, 0.001, 0.3)}  # fmt: skip
+    rows = [PeerParameter(q, j, *b) for q, b in bounds.items() for j in JOINTS.values()]
+    path = folder() / "model" / "so101_new_calib.xml"
+    theirs = peer_sysid.fit(
+        path, rows, [_whole(r) for r in training], geoms="none", x_scale="jac", max_iters=most
+    )
+    errors = []
+    for recording in held_out:
+        simulated = theirs.replay(_whole(recording))["position"][:, : len(JOINTS)]
+        errors.append((simulated - recording.channel("position").values).ravel())
+    return float(np.sqrt(np.mean(np.concatenate(errors) ** 2))), theirs.cpu_seconds
+
+
+def _whole(recording: Recording) -> Recording:
+    """With the jaw, which the peer wants commanded: it stays where it is."""
+    command = recording.channel("command")
+    still = np.zeros((len(command.time), 1))
+    return recording.with_channel(
+        command.replace(labels=(*command.labels, "gripper"), values=np.hstack([command.values, still]))
+    )
+
+
+def main() -> None:
+    """Prints the table and the RESULT lines."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="15 s of three recordings, no peer")
+    parser.add_argument("--no-peer", action="store_true")
+    parser.add_argument("--peer-iterations", type=int, default=8)
+    options = parser.parse_args()
+    training = recordings(TRAINING[2:5] if options.quick else TRAINING, 15.0 if options.quick else None)
+    held_out = recordings(HELD_OUT)
+    began = time.perf_counter()
+    found = fit(training, held_out)
+    print(f"\n{len(found.estimates)} parameters, {time.perf_counter() - began:.0f} s, {found.cpu_seconds:.0f} CPU s\n")
+    print("recording             shipped  calibrated  ratio   [mrad, five joints pooled]")
+    for replay in found.replays:
+        before, after = pooled_rmse([replay], after=False), pooled_rmse([replay], after=True)
+        print(f"{replay.recording:20s} {1e3 * before:8.2f} {1e3 * after:11.2f} {after / before:6.2f}"
+              f"{'   held out' if replay.held_out else ''}")  # fmt: skip
+    before, after = pooled_rmse(found.held_out(), after=False), pooled_rmse(found.held_out(), after=True)
+    worst = max(pooled_rmse([r], after=True) / pooled_rmse([r], after=False) for r in found.held_out())
+    result("held_out_rmse_over_shipped", after, "rad", 0.45, peer="shipped model", peer_value=before, ratio_goal=True)
+    result("worst_held_out_motion_over_shipped", worst, "", 1.0)
+    if not (options.quick or options.no_peer):
+        error, cpu = peer(training, held_out, options.peer_iterations)
+        result("held_out_rmse_over_sysid", after, "rad", 1.0, peer=f"mujoco.sysid, {options.peer_iterations} iterations",
+               peer_value=error, ratio_goal=True)  # fmt: skip
+        result("cpu_seconds", found.cpu_seconds, "s", 1.0, peer=f"mujoco.sysid, {options.peer_iterations} iterations",
+               peer_value=cpu, ratio_goal=True)  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
