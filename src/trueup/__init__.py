@@ -12,13 +12,49 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.calibration import Calibration as Calibration
+    from trueup.campaign.assemble import simulator_for as simulator_for
     from trueup.errors import TrueupError as TrueupError
+    from trueup.formats import ChannelMap as ChannelMap
+    from trueup.formats import read as read
+    from trueup.formats import write as write
+    from trueup.inspection import inspect as inspect
+    from trueup.loop.calibrate import Options as Options
+    from trueup.loop.calibrate import calibrate as calibrate
+    from trueup.parameters import Parameter as Parameter
+    from trueup.parameters import ParameterSpace as ParameterSpace
+    from trueup.recording import Channel as Channel
+    from trueup.recording import Recording as Recording
+    from trueup.report import write_report as write_report
+    from trueup.simulators.mujoco.declarations import Declaration as Declaration
+    from trueup.simulators.mujoco.declarations import declare as declare
+    from trueup.simulators.mujoco.proposal import propose as propose
+    from trueup.simulators.mujoco.rollout import MujocoSimulator as MujocoSimulator
+    from trueup.simulators.mujoco.write import write_model as write_model
+    from trueup.trial import Trial as Trial
 
 __version__ = "0.1.0"
 
 _HOME = {
     "Calibration": "trueup.calibration",
+    "Channel": "trueup.recording",
+    "ChannelMap": "trueup.formats",
+    "Declaration": "trueup.simulators.mujoco.declarations",
+    "MujocoSimulator": "trueup.simulators.mujoco.rollout",
+    "Options": "trueup.loop.calibrate",
+    "Parameter": "trueup.parameters",
+    "ParameterSpace": "trueup.parameters",
+    "Recording": "trueup.recording",
+    "Trial": "trueup.trial",
     "TrueupError": "trueup.errors",
+    "calibrate": "trueup.loop.calibrate",
+    "declare": "trueup.simulators.mujoco.declarations",
+    "inspect": "trueup.inspection",
+    "propose": "trueup.simulators.mujoco.proposal",
+    "read": "trueup.formats",
+    "simulator_for": "trueup.campaign.assemble",
+    "write": "trueup.formats",
+    "write_model": "trueup.simulators.mujoco.write",
+    "write_report": "trueup.report",
 }
 """Public name -> module that defines it."""
 

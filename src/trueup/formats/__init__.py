@@ -11,10 +11,10 @@ from trueup.formats import parquet
 from trueup.formats.assembly import assemble
 from trueup.formats.guess import guess
 from trueup.formats.mapping import ChannelColumns, ChannelMap, TimeColumn
-from trueup.formats.source import Source, checksums, sources
+from trueup.formats.source import Source, checksums, is_recording, sources
 from trueup.recording import Recording
 
-__all__ = ["ChannelColumns", "ChannelMap", "TimeColumn", "guess_mapping", "read", "write"]
+__all__ = ["ChannelColumns", "ChannelMap", "TimeColumn", "guess_mapping", "is_recording", "read", "write"]
 
 Paths = str | Path | Sequence[str | Path]
 

@@ -51,6 +51,13 @@ def sources(paths: Iterable[str | Path], *, together: bool) -> list[Source]:
     return found
 
 
+def is_recording(path: Path) -> bool:
+    """Whether a path may hold a recording, told from its ending; a folder may, unless it has nothing to read."""
+    if path.is_dir() and not rosbag.is_bag(path):
+        return any(is_recording(entry) for entry in path.iterdir() if not entry.name.startswith("."))
+    return path.suffix.lower() in _READERS or rosbag.is_bag(path)
+
+
 def checksums(paths: Sequence[Path]) -> dict[str, str]:
     """The SHA-256 of each file, by its name."""
     files = [file for path in paths for file in (sorted(path.iterdir()) if path.is_dir() else [path])]

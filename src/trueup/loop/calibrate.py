@@ -81,22 +81,29 @@ def calibrate(
     choices: list[Choice] = []
     if chosen.select:
         found, choices = _selected(problem, found, watch, chosen)
-    covariance = unit_covariance(problem, found)
-    validation = _cross_validation(problem, found, simulator) if chosen.cross_validate and len(recordings) > 1 else ()
+    cross = chosen.cross_validate and len(recordings) > 1
     return Calibration(
-        model_name=simulator.name,
-        estimates=_estimates(found, covariance, choices, simulator.parameters),
         replays=_replays(simulator, found.values, recordings, hold_out, measure, chosen.channels, controllers),
+        cross_validation=_cross_validation(problem, found, simulator) if cross else (),
         trace=tuple(watch.trace),
-        covariance=_in_units(found, covariance),
-        unidentified=tuple(unseen_directions(found, covariance)) + tuple(n for c in choices[:1] for n in c.notes),
         warnings=tuple(warnings),
-        cross_validation=validation,
         seconds=time.perf_counter() - began,
         cpu_seconds=time.process_time() - cpu,
         evaluations=problem.evaluations,
-        notes=(found.ended, *(n for c in choices[1:] for n in c.notes)),
+        **_findings(problem, found, choices),
     )
+
+
+def _findings(problem: Problem, found: Fit, choices: Sequence[Choice]) -> dict[str, Any]:
+    """The fields of a Calibration that follow from the fit alone."""
+    covariance = unit_covariance(problem, found)
+    return {
+        "model_name": problem.simulator.name,
+        "estimates": _estimates(found, covariance, choices, problem.simulator.parameters),
+        "covariance": _in_units(found, covariance),
+        "unidentified": (*unseen_directions(found, covariance), *(n for c in choices[:1] for n in c.notes)),
+        "notes": (found.ended, *(n for c in choices[1:] for n in c.notes)),
+    }
 
 
 def _selected(problem: Problem, found: Fit, watch: Watch, options: Options) -> tuple[Fit, list[Choice]]:

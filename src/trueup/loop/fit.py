@@ -26,6 +26,8 @@ Checkpoint = Callable[[dict[str, Any]], None]
 
 _SHORT = (2.5, 15.0)  # s: the first stage looks at the first quarter of the recordings, within these bounds
 _HELD = 3e-3  # least damping of the first looks: what is weakly seen must not wander off before all data are in
+_BLIND = 1.0  # rms change of the residuals across the whole box, in noise units: a slope below tells nothing
+_BETTER = 0.98  # a place elsewhere is worth going to if the loss falls at least to this share
 _COARSE = 2.5  # factor on the integration step while far from the optimum
 
 
@@ -103,6 +105,8 @@ def fit(
             # No slope leads down: the residuals are rough (contacts, falls). Look around first, then try slopes again.
             point = _evolve(stage, space, point, watch, seed, short=True)
             last = _descend(name, stage, cheap, space, point, watch, robust, tolerance, most, None, 0.0)
+        elif search == "auto" and not resume and (other := _elsewhere(stage, space, last)) is not None:
+            last = _descend(name, stage, cheap, space, other, watch, robust, tolerance, most, None, 0.0)
         point, saved = last.point, None
     if last is None:
         raise CalibrationError("nothing was searched")
@@ -122,7 +126,7 @@ def _stages(problem: Problem, coarse: Problem) -> list[tuple[str, Problem, Probl
         stages.append(("first seconds", short, short, 30.0, 15))
     if coarse is not problem:
         stages.append(("all, coarse step", coarse, coarse, 5.0, 25))
-    stages.append(("all, full step", problem, problem, 0.05, 20))
+    stages.append(("all, full step", problem, coarse, 0.05, 20))
     return stages
 
 
@@ -144,7 +148,8 @@ def _descend(
     free = [p for p in space.parameters if not p.frozen]
     ranges = np.array([np.log(p.upper / p.lower) if p.scale == "log" else 0.0 for p in free])
     held = 1e-9 if tolerance < 1.0 else _HELD
-    search = LeastSquares(point, ranges, least_damping=held, robust=robust, tolerance=tolerance, max_iterations=most, nudge=nudge,
+    search = LeastSquares(point, ranges, least_damping=held, share=2e-3 if tolerance < 1.0 else 3e-2,
+                          robust=robust, tolerance=tolerance, max_iterations=most, nudge=nudge,
                           worth=lambda residual: stage.chance(residual) * len(free))  # fmt: skip
     if saved is not None:
         search.resume(saved)
@@ -183,6 +188,25 @@ def _evolve(problem: Problem, space: ParameterSpace, point: Array, watch: Watch,
         k = int(np.nanargmin(losses)) if np.isfinite(losses).any() else 0
         watch.saw("cma-es", problem, search.best[1], problem.rmse(np.nan_to_num(residuals[k])))
     return search.best[0]
+
+
+def _elsewhere(problem: Problem, space: ParameterSpace, last: LeastSquares) -> Array | None:
+    """A better point along the axis of a parameter that has no slope where it is, if there is one.
+
+    The friction of a foot that sticks and the force limit of a drive that never saturates have none: slopes alone would
+    leave them where they started, however wrong that is.
+    """
+    if last.jacobian is None or last.residual is None:
+        return None
+    blind = np.flatnonzero(np.sqrt(np.mean(last.jacobian**2, axis=0)) < _BLIND)
+    places = np.linspace(0.05, 0.95, 10)
+    points = np.repeat(last.point[None], len(blind) * len(places), axis=0)
+    points[np.arange(len(points)), np.repeat(blind, len(places))] = np.tile(places, len(blind))
+    if not len(points):
+        return None
+    losses = _robust_losses(problem.residuals(space.from_unit(points)))
+    best = int(np.argmin(np.where(np.isfinite(losses), losses, np.inf)))
+    return points[best] if losses[best] < _BETTER * _robust_losses(last.residual[None])[0] else None
 
 
 def _robust_losses(residuals: Array, bend: float = 10.0) -> Array:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.loop.fit import Fit
-from trueup.parameters import Parameter
 from trueup.loop.uncertainty import intervals
+from trueup.parameters import Parameter
 
 Array = NDArray[np.float64]
 

@@ -124,7 +124,8 @@ class Problem:
 
     def chance(self, residual: Array) -> float:
         """By how much fitting one more parameter to chance alone would lower the loss: the residuals' variance / 2,
-        times the number of samples over which they stay alike (model errors last, noise does not)."""
+        times the number of samples over which they stay alike (model errors last, noise does not).
+        """
         variances, lasting = [], []
         for segment in self.segments:
             series = segment.shaped(residual)

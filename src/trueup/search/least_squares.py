@@ -38,13 +38,15 @@ class LeastSquares:
     robust: float = 3.0
     """Residuals beyond this many robust standard deviations count less; inf for plain least squares."""
     tolerance: float = 1e-3
-    """Ends when a step lowers the loss by less than this share of `worth`, or of the loss if `worth` is None."""
+    """Ends when a step lowers the loss by less than this many times `worth`, or than this share if `worth` is None."""
     worth: Callable[[Array], float] | None = None
     """Of residuals (m,): by how much noise alone changes the loss when all parameters are fitted. A step that gains
     far less than that moves the estimates by far less than their uncertainty."""
     max_iterations: int = 30
     patience: int = 3
     """Ends after this many batches of steps without any descent."""
+    share: float = 2e-3
+    """With `worth`: a gain above this share of the loss is never negligible."""
     least_damping: float = 1e-9
     """Damping never goes below: it holds combinations that are weakly seen where they are."""
     nudge: float = 0.05
@@ -117,7 +119,8 @@ class LeastSquares:
 
     def _difference(self) -> float:
         """Far from the recordings a coarse difference sees past the ripples of friction; at the noise it must be exact,
-        or weakly seen directions take the errors of the strong ones for their own slope."""
+        or weakly seen directions take the errors of the strong ones for their own slope.
+        """
         if self.residual is None:
             return self.difference
         rough = 1.4826 * float(np.median(np.abs(self.residual)))
@@ -135,9 +138,14 @@ class LeastSquares:
         scale = 1.4826 * float(np.median(np.abs(base[base != 0]))) if np.any(base) else 1.0
         self.delta = self.robust * max(scale, 1.0)
         self.loss = float(self._loss(base[None])[0])
-        worth = self.loss if self.worth is None else self.worth(base)
-        if self.iteration > 0 and self._promise() < self.tolerance * worth:
+        if self.iteration > 0 and self._promise() < self._negligible(self.loss, base):
             self._done = "converged: no step promises a gain that noise would not give"
+
+    def _negligible(self, loss: float, residual: Array) -> float:
+        """Gains below this are not worth another step."""
+        if self.worth is None:
+            return self.tolerance * loss
+        return min(self.tolerance * self.worth(residual), self.share * loss)
 
     def _promise(self) -> float:
         """By how much the loss would fall at most, were the slopes to hold all the way."""
@@ -176,7 +184,7 @@ class LeastSquares:
         predicted = old + slopes @ moved
         self._damping = float(np.clip(self._damping * factor, self.least_damping, 1e9))
         self.point, self.loss, self.iteration, self._stale = point, loss, self.iteration + 1, 0
-        small = gain < self.tolerance * (loss if self.worth is None else self.worth(residual))
+        small = gain < self._negligible(loss, residual)
         trusted = np.linalg.norm(residual - predicted) < 0.7 * np.linalg.norm(residual - old)
         if small and self._fresh:
             self._done = "converged: the last step changed almost nothing"
@@ -213,7 +221,8 @@ class LeastSquares:
 
     def _inside(self, step: Array) -> Array:
         """The point after a step, in the box. No step divides a logarithmic parameter by more than `_MOST_SHRINK`: where
-        it is tiny it has almost no effect, so one wrong step down to there would not be taken back."""
+        it is tiny it has almost no effect, so one wrong step down to there would not be taken back.
+        """
         span = np.where(self.log_range > 0, self.log_range, 1e-3)
         return np.clip(self.point + np.maximum(step, -np.log(_MOST_SHRINK) / span), 0.0, 1.0)
 
@@ -228,16 +237,20 @@ class LeastSquares:
         n = len(slope)
         diagonal = np.diag(curvature)
         floor = 1e-9 * max(float(diagonal.max()), 1e-300)
+        damped = curvature + np.diag(damping * (diagonal + floor) + floor)
         free = np.ones(n, dtype=bool)
         step = np.zeros(n)
-        for _ in range(n):
+        for _ in range(3 * n):
             step[:] = 0.0
-            inner = curvature[np.ix_(free, free)] + damping * np.diag(diagonal[free] + floor)
-            step[free] = -np.linalg.solve(inner + floor * np.eye(int(free.sum())), slope[free])
+            if free.any():
+                step[free] = -np.linalg.solve(damped[np.ix_(free, free)], slope[free])
             blocked = free & (((self.point <= 0.0) & (step < 0)) | ((self.point >= 1.0) & (step > 0)))
-            if not blocked.any():
+            if blocked.any():
+                free &= ~blocked
+                continue
+            # What was held while others pushed may now want to leave its bound.
+            pull = np.where(free, 0.0, -(slope + damped @ step) * np.where(self.point > 0.5, -1.0, 1.0))
+            if pull.max() <= 1e-12 * np.abs(slope).max():
                 break
-            free &= ~blocked
-            if not free.any():
-                return np.zeros(n)
+            free[int(pull.argmax())] = True
         return step

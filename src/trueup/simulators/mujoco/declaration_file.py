@@ -65,7 +65,7 @@ def write_parameters(
 
 def _table(estimate: Estimate, parameter: Parameter, quantity: Quantity) -> list[str]:
     label = estimate.name.removesuffix(f".{quantity.kind}")
-    targets = quantity.targets if quantity.targets != ("world",) else ("*",)
+    targets: tuple[str, ...] = quantity.targets if quantity.targets != ("world",) else ("*",)
     tie = "mirror" if quantity.signs else "all" if len(targets) > 1 else ""
     rows: dict[str, Any] = {"quantity": quantity.kind, "of": list(targets) if len(targets) > 1 else targets[0]}
     if tie:
@@ -103,7 +103,9 @@ def _declaration(table: Any, where: str) -> Declaration:
     known = kind(_text(table, "quantity", where))
     unit = table.get("unit", known.unit)
     if unit != known.unit:
-        raise ParameterError(f"{where}: unit '{unit}' is given, but {known.name} is in '{known.unit}'; convert the numbers")
+        raise ParameterError(
+            f"{where}: unit '{unit}' is given, but {known.name} is in '{known.unit}'; convert the numbers"
+        )
     return Declaration(
         quantity=known.name,
         of=_texts(table.get("of", "*"), where),

@@ -40,7 +40,8 @@ def declare(
     model: Model, declarations: Sequence[Declaration], extra: Mapping[str, Sequence[str]] | None = None
 ) -> tuple[ParameterSpace, tuple[Quantity, ...]]:
     """The parameter space and what each parameter writes. `extra` lists names of families that are not in the model
-    ('channel', 'recording'). Raises UnknownNameError and ParameterError, naming the declaration's quantity."""
+    ('channel', 'recording'). Raises UnknownNameError and ParameterError, naming the declaration's quantity.
+    """
     parameters: list[Parameter] = []
     quantities: list[Quantity] = []
     for line in declarations:

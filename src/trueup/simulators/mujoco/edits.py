@@ -185,7 +185,9 @@ class Edits:
 
     def _same(self, family: str, name: str, *fields: str) -> bool:
         return all(
-            np.allclose(read(self._wanted, family, name, f), read(self._shipped, family, name, f), rtol=1e-9, atol=1e-15)
+            np.allclose(
+                read(self._wanted, family, name, f), read(self._shipped, family, name, f), rtol=1e-9, atol=1e-15
+            )
             for f in fields
         )
 

@@ -62,7 +62,14 @@ class MujocoSimulator:
 
     def shipped(self) -> MujocoSimulator:
         """The same model as it came: no parameter applied, the same step."""
-        return MujocoSimulator(self.model, step=self.step, threads=self._threads, controller=self.controller)
+        return MujocoSimulator(self.model, step=self.step, threads=self._threads, controller=self._as_declared())
+
+    def _as_declared(self) -> ControllerFactory | None:
+        """The controller with the nominal values of its own parameters, whatever it is given."""
+        controller, own = self.controller, self.parameters.nominal[len(self.quantities) :]
+        if controller is None or not len(own):
+            return controller
+        return lambda values: controller(np.tile(own, (len(values), 1)))
 
     def with_parameters(self, space: ParameterSpace) -> MujocoSimulator:
         """The same simulator with other nominal values or frozen flags (names and order must stay)."""

@@ -168,7 +168,7 @@ class Lockstep:
     def _dead_bands(
         self, live: Sequence[tuple[int, Quantity]], values: Array
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], Array] | None:
-        """qpos addresses, ctrl columns and (rows, k) half widths of the servos with a dead band."""
+        """Qpos addresses, ctrl columns and (rows, k) half widths of the servos with a dead band."""
         found = [(t, values[:, c]) for c, q in live if q.kind == "dead_band" for t in q.targets]
         if not found:
             return None

@@ -113,7 +113,8 @@ def actuators_of(model: Model, command: Channel) -> list[int]:
 
 def start_state(model: Model, compiled: mujoco.MjModel, trial: Trial) -> tuple[Array, Array]:
     """(nq,), (nv,) at the trial's start: measured joints from the recording, the rest from the model's first keyframe
-    (or its reference pose)."""
+    (or its reference pose).
+    """
     qpos = np.array(compiled.key_qpos[0] if compiled.nkey else compiled.qpos0, dtype=np.float64)
     qvel = np.array(compiled.key_qvel[0] if compiled.nkey else np.zeros(compiled.nv), dtype=np.float64)
     position, velocity = trial.initial.get("position"), trial.initial.get("velocity")
@@ -136,23 +137,34 @@ def start_state(model: Model, compiled: mujoco.MjModel, trial: Trial) -> tuple[A
 def starting_point(channel: Channel, start: float, window: float = 0.06) -> tuple[Array, Array]:
     """(k,) value and (k,) slope at the start: a line or parabola through the first `window` s (five samples at least).
 
-    A joint that has not moved by more than its samples scatter is taken to be at rest.
+    Where the motion bends more than a parabola can follow, fewer samples are used. A joint that has not moved by more
+    than its samples scatter is taken to be at rest.
     """
     inside = channel.time >= start - 1e-9
     time, values = channel.time[inside] - start, channel.values[inside]
     count = max(5, int(np.searchsorted(time, window)))
-    time, values = time[:count], values[:count]
     value, slope = np.full(values.shape[1], np.nan), np.zeros(values.shape[1])
     for j in range(values.shape[1]):
-        good = np.isfinite(values[:, j])
-        t, y = time[good], values[good, j]
+        good = np.isfinite(values[:count, j])
+        t, y = time[:count][good], values[:count, j][good]
         if len(t) == 0:
             continue
-        degree = min(2, len(t) - 2) if len(t) > 2 else 0
-        line = np.polynomial.Polynomial.fit(t, y, degree) if degree > 0 else None
-        scatter = float(np.std(np.diff(y))) if len(y) > 2 else 0.0
-        if line is None or abs(float(y[-1] - y[0])) <= 3.0 * scatter + 1e-12:
+        # Third differences hide smooth motion and keep noise, twenty times its variance.
+        noise = float(np.std(np.diff(values[: 4 * count, j][np.isfinite(values[: 4 * count, j])], 3))) / np.sqrt(20.0)
+        noise = noise if np.isfinite(noise) else 0.0
+        if len(t) < 3 or float(np.std(y)) <= 2.0 * noise + 1e-12:
             value[j] = float(y.mean())
         else:
-            value[j], slope[j] = float(line(0.0)), float(line.deriv()(0.0))
+            value[j], slope[j] = _parabola(t, y, noise)
     return value, slope
+
+
+def _parabola(t: Array, y: Array, noise: float) -> tuple[float, float]:
+    """Value and slope at 0 of a parabola through as many of the first samples as it fits to within twice the noise."""
+    for count in range(len(t), 3, -1):
+        curve = np.polynomial.Polynomial.fit(t[:count], y[:count], min(2, count - 2))
+        error = float(np.sqrt(np.sum((curve(t[:count]) - y[:count]) ** 2) / max(count - 3, 1)))
+        if error <= 2.0 * noise or count <= 5:
+            return float(curve(0.0)), float(curve.deriv()(0.0))
+    line = np.polynomial.Polynomial.fit(t, y, 1)
+    return float(line(0.0)), float(line.deriv()(0.0))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes a calibrated MJCF: the same file with the calibrated values in it, loaded again and compared before it counts."""
+"""Writes a calibrated MJCF: the same file with other values in it, loaded again and compared before it counts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from trueup.simulators.mujoco.edits import Edits, read
 from trueup.simulators.mujoco.fields import SingleModel, write_fields
 from trueup.simulators.mujoco.inertia import body_inertia
 from trueup.simulators.mujoco.mjcf_text import MjcfText
-from trueup.simulators.mujoco.model import Model
 from trueup.simulators.mujoco.quantities import kind
 from trueup.simulators.mujoco.rollout import MujocoSimulator
 
@@ -47,7 +46,16 @@ _FIELDS = {
     "contact_friction": ("geom_friction",),
     "contact_softness": ("geom_solref",),
 }
-_SLACK = ("jnt_range", "jnt_axis", "jnt_pos", "jnt_solref", "jnt_solimp", "dof_damping", "dof_armature", "dof_frictionloss")
+_SLACK = (
+    "jnt_range",
+    "jnt_axis",
+    "jnt_pos",
+    "jnt_solref",
+    "jnt_solimp",
+    "dof_damping",
+    "dof_armature",
+    "dof_frictionloss",
+)
 
 
 def write_model(simulator: MujocoSimulator, values: ArrayLike, path: str | Path) -> tuple[str, ...]:
@@ -154,7 +162,9 @@ def _compare(
 def _close(name: str, field: str, written: Array, wanted: Array) -> None:
     size = float(np.max(np.abs(wanted), initial=0.0))
     if written.shape != wanted.shape or not np.all(np.abs(written - wanted) <= _TOLERANCE * size + 1e-12):
-        raise ModelError(f"the written model differs from the simulated one: {field} of '{name}' is {written}, not {wanted}")
+        raise ModelError(
+            f"the written model differs from the simulated one: {field} of '{name}' is {written}, not {wanted}"
+        )
 
 
 def _inertia(model: mujoco.MjModel, body: str) -> Array:
@@ -175,7 +185,9 @@ def _notes(simulator: MujocoSimulator, values: Array) -> list[str]:
     model = simulator.model
     notes: list[str] = []
     for name, title in _NOT_MJCF.items():
-        there = [t for q, v in zip(simulator.quantities, values, strict=True) if q.kind == name and v for t in q.targets]
+        there = [
+            t for q, v in zip(simulator.quantities, values, strict=True) if q.kind == name and v for t in q.targets
+        ]
         if there:
             notes.append(f"{title} ({', '.join(there[:12])}) is no part of MJCF: take it from parameters.toml")
     delays = _delays(simulator, values)

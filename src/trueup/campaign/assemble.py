@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Turns names into concrete things: a model file and recordings into a simulator, a calibration into its files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from trueup.calibration import Calibration
+from trueup.errors import ModelError, unknown_name
+from trueup.recording import Recording
+from trueup.trial import command_of
+
+if TYPE_CHECKING:
+    from trueup.simulators.mujoco.model import Model
+    from trueup.simulators.mujoco.rollout import MujocoSimulator
+
+_STIFFNESS = 100.0  # N m/rad of position actuators that a model lacks; calibrated from there
+
+
+def simulator_for(
+    model_path: str | Path, recordings: Sequence[Recording], parameters_file: str | Path | None = None
+) -> tuple[MujocoSimulator, tuple[str, ...]]:
+    """The simulator of a model file with parameters from a file, or proposed from what moves in `recordings`.
+
+    A model without actuators whose recordings hold position commands gets position actuators for those joints; the
+    notes say so, and what was lost on loading. Raises ModelError, ParameterError and UnknownNameError.
+    """
+    from trueup.simulators.mujoco.declaration_file import read_declarations
+    from trueup.simulators.mujoco.declarations import declare
+    from trueup.simulators.mujoco.model import load
+    from trueup.simulators.mujoco.proposal import propose
+    from trueup.simulators.mujoco.rollout import MujocoSimulator
+
+    model = load(model_path)
+    _check_joints(model, recordings)
+    model = _driven(model, recordings)
+    lines = read_declarations(parameters_file) if parameters_file is not None else propose(model, recordings)
+    names = {
+        "recording": tuple(r.name for r in recordings),
+        "channel": tuple(dict.fromkeys(c for r in recordings for c in r.channels)),
+    }
+    space, quantities = declare(model, lines, names)
+    return MujocoSimulator(model, space, quantities), model.notes
+
+
+def write_outcome(
+    simulator: MujocoSimulator, calibration: Calibration, model: Path, parameters: Path
+) -> tuple[str, ...]:
+    """Writes the calibrated MJCF and the parameters file; returns notes on what the MJCF cannot say.
+
+    Raises OutputError and ModelError; older files are untouched then.
+    """
+    from trueup.simulators.mujoco.declaration_file import write_parameters
+    from trueup.simulators.mujoco.write import write_model
+
+    write_parameters(calibration, simulator.parameters, simulator.quantities, parameters)
+    return write_model(simulator, calibration.values, model)
+
+
+def kinds_of(simulator: MujocoSimulator) -> tuple[tuple[str, str, int], ...]:
+    """(kind, family, number of elements) of the free parameters, in order: what a summary says of them."""
+    from trueup.simulators.mujoco.quantities import kind
+
+    counts: dict[str, int] = {}
+    for parameter, quantity in zip(simulator.parameters.parameters, simulator.quantities, strict=True):
+        if not parameter.frozen:
+            counts[quantity.kind] = counts.get(quantity.kind, 0) + 1
+    return tuple((name, kind(name).family, count) for name, count in counts.items())
+
+
+def joints_of(model_path: str | Path) -> tuple[str, ...]:
+    """Names of a model's hinge and slide joints. Raises ModelError."""
+    from trueup.simulators.mujoco.model import load
+
+    return load(model_path).scalar_joints()
+
+
+def _check_joints(model: Model, recordings: Sequence[Recording]) -> None:
+    """Raises UnknownNameError for a joint that the model does not have, and says how to rename it."""
+    joints = model.scalar_joints()
+    for recording in recordings:
+        if recording.has("position"):
+            for label in recording.channel("position").labels:
+                if label not in joints:
+                    raise unknown_name(
+                        "joint", label, joints,
+                        f"model '{model.path.name}' (recording '{recording.name}', channel 'position'; rename it in "
+                        f"the mapping's [joints]: `trueup inspect RECORDINGS --model {model.path.name}` proposes)",
+                    )  # fmt: skip
+
+
+def _driven(model: Model, recordings: Sequence[Recording]) -> Model:
+    """The model, with position actuators where it has no actuator at all and the commands are positions."""
+    from trueup.simulators.mujoco.model import Model
+
+    if model.compiled.nactuator:
+        return model
+    commands = [c for r in recordings for c in (command_of(r),) if c is not None and c.unit in ("rad", "m")]
+    wanted = [j for j in model.scalar_joints() if any(j in c.labels for c in commands)]
+    if not wanted:
+        return model
+    import mujoco
+
+    spec = model.spec.copy()
+    for joint in wanted:
+        actuator = spec.add_actuator()
+        actuator.name, actuator.target, actuator.trntype = joint, joint, mujoco.mjtTrn.mjTRN_JOINT
+        actuator.set_to_position(kp=_STIFFNESS)
+    try:
+        compiled = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ModelError(f"model '{model.path}' does not compile with actuators added: {error}") from None
+    note = (
+        f"the model has no actuators: position servos with kp {_STIFFNESS:g} N m/rad were added for the commanded "
+        f"joints ({', '.join(wanted)})"
+    )
+    return Model(model.path, spec, compiled, (*model.notes, note))

@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The folder of one calibration: never overwrites another's results, keeps the state to go on from, names its files."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trueup.calibration import Calibration, Replay, pooled_rmse
+from trueup.errors import OutputError
+from trueup.formats.aside import written_aside
+from trueup.recording import Recording
+
+_STATE, _OUTCOME = "state.json", "calibration.json"
+_FILES = (_OUTCOME, "parameters.toml", "report.html", "replay.svg")
+
+
+@dataclass(frozen=True)
+class Output:
+    """Where the results of a calibration go. `resume` is the state that an interrupted run of the same left, if any."""
+
+    folder: Path
+    fingerprint: str
+    model_file: Path
+    resume: Mapping[str, Any] | None = None
+    note: str = ""
+    """Why this folder, where it is not simply the one that was asked for."""
+
+    @classmethod
+    def open(cls, folder: Path, model: Path, fingerprint: str, *, force: bool = False) -> Output:
+        """The folder, or the first of folder-2, folder-3 ... that holds no other results; `force` takes it as it is.
+
+        Raises OutputError where it cannot be made, and where the calibrated model would overwrite the one given.
+        """
+        name = f"{model.stem}.xml"
+        for number in range(1, 1000):
+            at = folder if number == 1 else folder.with_name(f"{folder.name}-{number}")
+            if (at / name).resolve() == model.resolve():
+                if force:
+                    raise OutputError(f"{at / name} is the model that was given; name another folder with --out")
+                continue
+            state = _state(at / _STATE)
+            if state is not None and state.get("fingerprint") == fingerprint and not force:
+                return cls(at, fingerprint, at / name, state.get("search"), f"going on from {at / _STATE}")
+            if force or not any((at / f).exists() for f in (*_FILES, _STATE, name)):
+                note = f"{folder} holds other results, so these go to {at}" if number > 1 else ""
+                made = cls(at, fingerprint, at / name, None, note)
+                made._make()
+                return made
+        raise OutputError(f"{folder} and 998 folders like it hold results; name another with --out")
+
+    @property
+    def state_file(self) -> Path:
+        """Where the state of an unfinished search is."""
+        return self.folder / _STATE
+
+    @property
+    def outcome_file(self) -> Path:
+        """The plain numbers of a finished calibration."""
+        return self.folder / _OUTCOME
+
+    def save(self, state: Mapping[str, Any]) -> None:
+        """Keeps the state of the search, written aside and renamed. Raises OutputError."""
+        text = json.dumps({"fingerprint": self.fingerprint, "search": _plain(state)})
+        with written_aside(self.state_file) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+
+    def finish(self, calibration: Calibration) -> None:
+        """Writes the plain numbers; the state is no longer needed. Raises OutputError."""
+        text = json.dumps(_finite(summary_numbers(calibration)), indent=1, allow_nan=False)
+        with written_aside(self.outcome_file) as temporary:
+            temporary.write_text(text + "\n", encoding="utf-8")
+        self.state_file.unlink(missing_ok=True)
+
+    def _make(self) -> None:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"folder {self.folder} cannot be made ({error.strerror or error})") from None
+
+
+def fingerprint(
+    model: Path, parameters: Path | None, recordings: Sequence[Recording], choices: Mapping[str, Any]
+) -> str:
+    """What a calibration depends on, as one hash: model file, parameters file, recordings, choices."""
+    digest = hashlib.sha256(json.dumps(dict(choices), sort_keys=True).encode())
+    for file in (model, parameters):
+        digest.update(file.read_bytes() if file is not None else b"-")
+    for recording in recordings:
+        digest.update(recording.name.encode())
+        for name, channel in recording.channels.items():
+            digest.update(repr((name, channel.labels, channel.unit)).encode())
+            digest.update(np.ascontiguousarray(channel.time).tobytes())
+            digest.update(np.ascontiguousarray(channel.values).tobytes())
+    return digest.hexdigest()
+
+
+def summary_numbers(calibration: Calibration) -> dict[str, Any]:
+    """The outcome as plain numbers and texts, for scripts: SI units, NaN where there is no number."""
+    return {
+        "model": calibration.model_name,
+        "parameters": [vars(e) for e in calibration.estimates],
+        "covariance": calibration.covariance.tolist(),
+        "replays": [_replay(r) for r in calibration.replays],
+        "cross_validation": [vars(c) for c in calibration.cross_validation],
+        "unidentified": list(calibration.unidentified),
+        "warnings": list(calibration.warnings),
+        "notes": list(calibration.notes),
+        "trace": [vars(p) for p in calibration.trace],
+        "seconds": calibration.seconds,
+        "cpu_seconds": calibration.cpu_seconds,
+        "evaluations": calibration.evaluations,
+    }
+
+
+def _replay(replay: Replay) -> dict[str, Any]:
+    return {
+        "recording": replay.recording,
+        "held_out": replay.held_out,
+        "channel": replay.channel,
+        "unit": replay.unit,
+        "labels": list(replay.labels),
+        "rmse_before": replay.rmse_before().tolist(),
+        "rmse_after": replay.rmse_after().tolist(),
+        "pooled_rmse_before": pooled_rmse([replay], after=False),
+        "pooled_rmse_after": pooled_rmse([replay], after=True),
+        "noise": replay.noise.tolist(),
+    }
+
+
+def _state(path: Path) -> dict[str, Any] | None:
+    """The state in a file; None where there is none, or none that can be read (then nothing is lost but time)."""
+    try:
+        state = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return state if isinstance(state, dict) else None
+
+
+def _plain(value: Any) -> Any:
+    """Arrays as lists."""
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+
+
+def _finite(value: Any) -> Any:
+    """JSON knows no NaN and no infinity: null."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    return [_finite(v) for v in value] if isinstance(value, (list, tuple)) else value

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`trueup calibrate`: recordings and a model in, a calibrated model, its parameters and a report out."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.markup import escape
+
+from trueup.calibration import Calibration
+from trueup.campaign.assemble import kinds_of, simulator_for, write_outcome
+from trueup.campaign.output import Output, fingerprint
+from trueup.commands.progress import Watcher
+from trueup.commands.show import proposal_line, show_outcome
+from trueup.commands.sources import mapping_for, readable, split
+from trueup.formats import read
+from trueup.recording import Recording
+from trueup.report import replay_picture, write_report
+from trueup.report.writing import write_aside
+
+if TYPE_CHECKING:
+    from trueup.loop.calibrate import Options
+    from trueup.simulators.simulator import Simulator
+
+
+def run(args: argparse.Namespace, console: Console, told: Console) -> int:
+    """Calibrates and writes the results. `console` takes the summary (or JSON), `told` progress and notes.
+
+    Raises TrueupError, and KeyboardInterrupt after saying how to go on. Returns the exit code.
+    """
+    training, held_out, notes = _recordings(args)
+    simulator, more = simulator_for(args.model, [*training, *held_out], args.parameters)
+    model = Path(args.model)
+    parameters = Path(args.parameters) if args.parameters else None
+    choices = {"held out": [r.name for r in held_out], "search": args.search, "seed": args.seed, "select": args.select}
+    print_of = fingerprint(model, parameters, [*training, *held_out], choices)
+    output = Output.open(Path(args.out), model, print_of, force=args.force)
+    if not args.quiet:
+        for note in (*notes, *more, *([output.note] if output.note else [])):
+            told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
+        told.print(escape(proposal_line(kinds_of(simulator), given=args.parameters is not None)), soft_wrap=True)
+    calibration = _calibrated(args, simulator, training, held_out, output, told)
+    files, said = _write(args, output, simulator, calibration)
+    if args.json:
+        console.print_json(output.outcome_file.read_text(encoding="utf-8"))
+    else:
+        show_outcome(calibration, console, quiet=args.quiet)
+        for note in said:
+            console.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
+        console.print("  " + "  ".join(escape(str(f)) for f in files), soft_wrap=True, highlight=False)
+    return 0
+
+
+def _recordings(args: argparse.Namespace) -> tuple[list[Recording], list[Recording], list[str]]:
+    paths, notes = readable(args.recordings)
+    mapping, more = mapping_for(args.mapping)
+    recordings = [r for path in paths for r in read([path], mapping)]
+    training, held_out = split(recordings, [h for group in args.hold_out for h in group], mapping)
+    return training, held_out, [*notes, *more]
+
+
+def _options(args: argparse.Namespace) -> Options:
+    from trueup.loop.calibrate import Options
+
+    return Options(search=args.search, select=args.select, seed=args.seed)
+
+
+def _calibrated(
+    args: argparse.Namespace, simulator: Simulator, training: Sequence[Recording], held_out: Sequence[Recording],
+    output: Output, told: Console,
+) -> Calibration:  # fmt: skip
+    from trueup.loop.calibrate import calibrate
+
+    resume: dict[str, Any] | None = dict(output.resume) if output.resume is not None else None
+    try:
+        with Watcher(told, _main_unit(training), quiet=args.quiet) as watcher:
+            return calibrate(
+                simulator,
+                training,
+                held_out,
+                options=_options(args),
+                progress=watcher,
+                checkpoint=output.save,
+                resume=resume,
+            )
+    except KeyboardInterrupt:
+        again = shlex.join(["trueup", *args.command_line])
+        kept = output.state_file.is_file()
+        where = f"the search is kept in {output.state_file}" if kept else "there was nothing to keep yet"
+        then = "goes on from there" if kept else "starts again"
+        told.print(
+            escape(f"stopped; {where}. The same command {then}:\n  {again}"),
+            soft_wrap=True, highlight=False,
+        )  # fmt: skip
+        raise
+
+
+def _main_unit(training: Sequence[Recording]) -> str:
+    """The unit that the search speaks of: that of the positions where there are any."""
+    for recording in training:
+        if recording.has("position"):
+            return recording.channel("position").unit
+    return ""
+
+
+def _write(
+    args: argparse.Namespace, output: Output, simulator: Any, calibration: Calibration
+) -> tuple[list[Path], tuple[str, ...]]:
+    """All result files; the plain numbers last, since they mark the folder as finished."""
+    parameters, report = output.folder / "parameters.toml", output.folder / "report.html"
+    notes = write_outcome(simulator, calibration, output.model_file, parameters)
+    context = {"command": shlex.join(["trueup", *args.command_line]), "python": sys.version.split()[0]}
+    write_report(calibration, report, context=context)
+    shown = [*calibration.held_out(), *calibration.training()]
+    pictures = []
+    if shown:
+        pictures = [output.folder / "replay.svg"]
+        write_aside(replay_picture(shown[0]), pictures[0])
+    output.finish(calibration)
+    return [output.model_file, parameters, report, *pictures, output.outcome_file], notes

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`trueup inspect`: what is in these files, what to mind, and a mapping to edit where a guess is wrong."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+
+from trueup.campaign.assemble import joints_of
+from trueup.commands.sources import MAPPING, mapping_for, readable
+from trueup.formats import ChannelMap, guess_mapping, read
+from trueup.inspection import ChannelInspection, Inspection, inspect
+from trueup.recording import Recording
+from trueup.report.numbers import scale_for
+
+
+def run(args: argparse.Namespace, console: Console) -> int:
+    """Prints the findings; writes the mapping where there is none. Returns the exit code."""
+    paths, notes = readable(args.files)
+    target = Path(args.write_mapping or MAPPING)
+    mapping, more = (None, []) if args.force and not args.mapping else mapping_for(args.mapping or _existing(target))
+    notes += more
+    recordings = read(paths, mapping)
+    if args.model is not None:
+        notes += _unknown(recordings, args.model) if mapping is not None else []
+    found = [inspect(r) for r in recordings]
+    written = None
+    if mapping is None and any("reader" in r.provenance for r in recordings):
+        guess = guess_mapping(paths)
+        if args.model is not None:
+            guess, said = _renamed(guess, recordings, joints_of(args.model))
+            notes += said
+        guess.save(target)
+        written = target
+    if args.json:
+        told = {"recordings": [_plain(f) for f in found], "notes": notes, "mapping": str(written or mapping or "")}
+        console.print_json(json.dumps(told, allow_nan=False))
+        return 0
+    for inspection in found:
+        _show(inspection, console)
+    for guessed in dict.fromkeys(g for inspection in found for g in inspection.guesses):
+        console.print(f"[cyan]guess[/] {escape(guessed)}", highlight=False, soft_wrap=True)
+    for note in notes:
+        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
+    if written is not None:
+        console.print(f"wrote [bold]{escape(str(written))}[/]; edit it if a guess is wrong", soft_wrap=True)
+    elif mapping is not None:
+        console.print(
+            f"{escape(str(mapping))} is kept as it is; --force guesses anew and overwrites it", soft_wrap=True
+        )
+    return 0
+
+
+def _existing(target: Path) -> str | None:
+    return str(target) if target.is_file() else None
+
+
+def _labels(recordings: Sequence[Recording]) -> list[str]:
+    names = ("position", "command", "command_sent")
+    return list(dict.fromkeys(x for r in recordings for n in names if r.has(n) for x in r.channel(n).labels))
+
+
+def _unknown(recordings: Sequence[Recording], model: str) -> list[str]:
+    joints = joints_of(model)
+    strange = [label for label in _labels(recordings) if label not in joints]
+    return (
+        [f"{Path(model).name} has no joint {', '.join(strange)}; its joints are: {', '.join(joints)}"]
+        if strange
+        else []
+    )
+
+
+def _renamed(guess: ChannelMap, recordings: Sequence[Recording], joints: Sequence[str]) -> tuple[ChannelMap, list[str]]:
+    """Joint names of the model for those in the file: alike but for capitals, else by order where the counts agree."""
+    labels = _labels(recordings)
+    if all(label in joints for label in labels):
+        return guess, []
+    alike = {_key(j): j for j in joints}
+    if all(_key(label) in alike for label in labels):
+        names, how = {label: alike[_key(label)] for label in labels}, "by name"
+    elif len(labels) == len(joints):
+        names, how = dict(zip(labels, joints, strict=True)), "by order, which nothing here can prove: check them"
+    else:
+        return guess, [
+            f"the files speak of {len(labels)} joints ({', '.join(labels)}), the model has {len(joints)} "
+            f"({', '.join(joints)}): fill in [joints] in the mapping"
+        ]
+    said = ", ".join(f"{old} -> {new}" for old, new in names.items() if old != new)
+    return dataclasses.replace(guess, joints=names), [f"joints renamed {how}: {said}"]
+
+
+def _key(name: str) -> str:
+    return "".join(c for c in name.casefold() if c.isalnum())
+
+
+def _show(inspection: Inspection, console: Console) -> None:
+    first = inspection.channels[0] if inspection.channels else None
+    rate = f" at {first.rate:.4g} Hz" if first is not None and math.isfinite(first.rate) else ""
+    gaps = sum(len(c.gaps) for c in inspection.channels[:1])
+    detail = (
+        f" (jitter {1e3 * first.jitter:.2g} ms, {gaps or 'no'} gap{'s' * (gaps != 1)})" if first is not None else ""
+    )
+    console.print(f"[bold]{escape(inspection.name)}[/]   {inspection.duration:.1f} s{rate}{detail}", highlight=False)
+    for channel in inspection.channels:
+        console.print(f"  {escape(channel.name):13} {_line(channel)}", highlight=False, soft_wrap=True)
+    for sentence in inspection.findings():
+        console.print(f"  [yellow]mind[/] {escape(sentence)}", highlight=False, soft_wrap=True)
+
+
+def _line(channel: ChannelInspection) -> str:
+    parts = [f"{len(channel.labels)} x {channel.unit or 'unit unknown: say it in the mapping'}"]
+    steps = [g for g in channel.grid if g]
+    noise = [float(n) for n in channel.noise if math.isfinite(n) and n > 0]
+    if steps and not channel.name.startswith("command"):
+        scale = scale_for(channel.unit, steps)
+        parts.append(f"encoder grid {scale.text(min(steps))} {scale.unit}")
+    if noise and not channel.name.startswith("command"):
+        scale = scale_for(channel.unit, noise)
+        parts.append(f"noise {scale.text(sorted(noise)[len(noise) // 2], 2)} {scale.unit}")
+    names = ", ".join(channel.labels[:8]) + (" ..." if len(channel.labels) > 8 else "")
+    return escape(", ".join(parts) + f"   [{names}]")
+
+
+def _plain(inspection: Inspection) -> dict[str, Any]:
+    channels = [
+        {
+            "name": c.name, "labels": list(c.labels), "unit": c.unit, "samples": c.samples, "rate": _number(c.rate),
+            "jitter": _number(c.jitter), "gaps": [vars(g) for g in c.gaps], "missing": c.missing.tolist(),
+            "lowest": [_number(v) for v in c.lowest], "highest": [_number(v) for v in c.highest],
+            "motionless": list(c.motionless), "saturated": list(c.saturated), "grid": list(c.grid),
+            "noise": [_number(v) for v in c.noise],
+        }
+        for c in inspection.channels
+    ]  # fmt: skip
+    return {"name": inspection.name, "duration": inspection.duration, "channels": channels,
+            "findings": list(inspection.findings()), "guesses": list(inspection.guesses)}  # fmt: skip
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

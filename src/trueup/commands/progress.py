@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Shows how a calibration goes: stage, replay error, evaluations, time passed and about how much is left."""
+
+from __future__ import annotations
+
+import math
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from trueup.calibration import TracePoint
+from trueup.report.numbers import duration_text, scale_for
+
+# Where in the whole a stage begins and ends, from runs on arms of six joints. Refits come after the full step.
+_STAGES = {
+    "first seconds": (0.0, 0.2),
+    "all": (0.05, 0.75),
+    "all, coarse step": (0.2, 0.55),
+    "all, full step": (0.55, 0.8),
+    "cma-es": (0.0, 0.5),
+}
+
+
+class Watcher:
+    """A progress display, called with each TracePoint; one line a stage where not a terminal, silent with `quiet`."""
+
+    def __init__(self, console: Console, unit: str, *, quiet: bool) -> None:
+        self._console, self._unit, self._quiet = console, unit, quiet
+        self._first: float | None = None
+        self._stage, self._count, self._done = "", 0, 0.0
+        self._bar: Progress | None = None
+
+    def __enter__(self) -> Watcher:
+        if not self._quiet and self._console.is_terminal:
+            self._bar = Progress(
+                SpinnerColumn(), TextColumn("[bold]{task.description}"), BarColumn(24),
+                TextColumn("{task.fields[said]}"), TimeElapsedColumn(), console=self._console, transient=True,
+            )  # fmt: skip
+            self._task = self._bar.add_task("simulating", total=1.0, said="first replay")
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def __call__(self, point: TracePoint) -> None:
+        """One more point of the search."""
+        if self._first is None:
+            self._first = point.rmse
+        fresh = point.stage != self._stage
+        self._count = 0 if fresh else self._count + 1
+        self._stage = point.stage
+        begin, end = _STAGES.get(point.stage, (0.0, 1.0))
+        self._done = max(self._done, begin + (end - begin) * (1.0 - math.exp(-self._count / 4.0)))
+        scale = scale_for(self._unit, [self._first, point.rmse])
+        said = f"replay error {scale.text(self._first)} -> {scale.text(point.rmse)} {scale.unit}".rstrip()
+        said += f", {point.evaluations} simulations"
+        if self._bar is not None:
+            self._bar.update(self._task, completed=self._done, description=point.stage, said=said + self._left(point))
+        elif fresh and not self._quiet:
+            self._console.print(f"  {point.stage}: {said}, {point.seconds:.0f} s", highlight=False, soft_wrap=True)
+
+    def _left(self, point: TracePoint) -> str:
+        if self._done < 0.1:
+            return ""
+        return f", about {duration_text(math.ceil(point.seconds * (1.0 - self._done) / self._done))} left"

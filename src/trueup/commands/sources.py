@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From what stands on the command line to recordings: paths, the mapping that lies there, which ones are held out."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Sequence
+from pathlib import Path
+
+from trueup.errors import FormatError, unknown_name
+from trueup.formats import is_recording, read
+from trueup.recording import Recording
+
+MAPPING = Path("mapping.toml")
+"""The mapping that is used when none is named, in the current folder."""
+
+
+def readable(paths: Sequence[str]) -> tuple[list[Path], list[str]]:
+    """The paths that may be recordings, and notes on those left out (a licence, a picture). Raises FormatError."""
+    given = [Path(p) for p in paths]
+    for path in given:
+        if not path.exists():
+            raise FormatError(f"{path}: no such file or folder")
+    kept = [p for p in given if is_recording(p)] or given
+    left = [p.name for p in given if p not in kept]
+    return kept, [f"left out, no recordings: {', '.join(left)}"] if left else []
+
+
+def mapping_for(named: str | None) -> tuple[Path | None, list[str]]:
+    """The mapping file to read with, and a note where it was found rather than named."""
+    if named is not None:
+        return Path(named), []
+    if MAPPING.is_file():
+        return MAPPING, [f"columns are read as {MAPPING} in this folder says"]
+    return None, []
+
+
+def split(
+    recordings: Sequence[Recording], hold_out: Sequence[str], mapping: Path | None
+) -> tuple[list[Recording], list[Recording]]:
+    """Recordings to fit and recordings to hold out: by name, by pattern, by path among those given, or further paths.
+
+    Raises UnknownNameError for what is none of these.
+    """
+    held: dict[str, Recording] = {}
+    for entry in hold_out:
+        found = [r for r in recordings if fnmatch.fnmatchcase(r.name, entry) or _comes_from(r, Path(entry))]
+        if not found and Path(entry).exists():
+            found = read([Path(entry)], mapping)
+        if not found:
+            raise unknown_name("recording", entry, [r.name for r in recordings], "those given (nor a file or folder)")
+        held |= {r.name: r for r in found}
+    return [r for r in recordings if r.name not in held], list(held.values())
+
+
+def _comes_from(recording: Recording, path: Path) -> bool:
+    sources = recording.provenance.get("source", "").split("\n")
+    if not path.exists():
+        return False
+    there = path.resolve()
+    return any(s and (Path(s).resolve() == there or there in Path(s).resolve().parents) for s in sources)
