@@ -37,9 +37,8 @@ def fit(problem: ArmProblem, start: Array | None = None) -> tuple[Calibration, f
     ]  # fmt: skip
     space, quantities = declare(model, lines)
     simulator = MujocoSimulator(model, space, quantities)
-    found = calibrate(
-        simulator, problem.training, options=Options(select=False, cross_validate=False, robust=float("inf"))
-    )
+    options = Options(select=False, cross_validate=False, robust=float("inf"), channels=("position", "velocity", "torque"))
+    found = calibrate(simulator, problem.training, options=options)
     return found, time.process_time() - cpu, time.perf_counter() - wall
 
 

@@ -66,7 +66,7 @@ RULES = (
     Rule("campaign.assemble", ("loop", *BASES, *NOUNS), lazily=ANYTHING),  # alone turns names into concrete classes
     Rule("report", ("campaign.journal", *NOUNS)),
     Rule("demo", ANYTHING),  # one run of the whole, put together by hand
-    Rule("commands", ("report", "campaign", *NOUNS), lazily=("demo", "loop")),
+    Rule("commands", ("report", "campaign", *NOUNS), lazily=("demo", "loop", "simulators.simulator")),
     Rule("cli", ("report", "campaign"), lazily=("commands", "demo", "loop", *NOUNS)),
     Rule("testing", (*BASES, *NOUNS)),  # contract checks, shipped to those who write a robot, simulator or search
     Rule("__init__", (), lazily=ANYTHING),  # public names, imported when used

@@ -67,7 +67,7 @@ def record(folder: Path) -> list[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, command in motions(len(arm.joints)).items():
-            time = np.arange(len(command)) / RATE
+            time = np.arange(len(command), dtype=np.float64) / RATE
             trial = Trial(
                 name=name, start=0.0, duration=float(time[-1]),
                 command=Channel("command", arm.joints, "rad", time, command),

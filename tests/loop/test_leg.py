@@ -93,7 +93,7 @@ def record(name: str, height: float, speed: float, swing: float, duration: float
             data.ctrl[:] = controller.command(seen)[0]
         mujoco.mj_step(model, data)
     rng = np.random.default_rng(len(name))
-    time = model.opt.timestep * np.arange(count)[::5]
+    time = model.opt.timestep * np.arange(count, dtype=np.float64)[::5]
     position = rows[::5, 0] + 3e-4 * rng.standard_normal((len(time), 4))
     velocity = rows[::5, 1] + 1e-2 * rng.standard_normal((len(time), 4))
     units = ("rad", "rad/s")
@@ -118,9 +118,7 @@ def test_friction_and_gains_of_a_leg_that_lands_and_balances_are_found(tmp_path:
         Parameter("controller.kp", "N m/rad", 40.0, 10.0, 200.0, "log"),
         Parameter("controller.kd", "N m s/rad", 1.2, 0.2, 10.0, "log"),
     ))  # fmt: skip
-    simulator = MujocoSimulator(
-        model, space, quantities, step=0.001, controller=Crouch, controller_parameters=gains
-    )
+    simulator = MujocoSimulator(model, space, quantities, step=0.001, controller=Crouch, controller_parameters=gains)
     result = calibrate(simulator, recordings, options=Options(search=search, seed=1))
     values = {e.name: e.value for e in result.estimates}
     assert values["controller.kp"] == pytest.approx(TRUE_GAINS[0], rel=0.1)

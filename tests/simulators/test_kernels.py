@@ -29,7 +29,7 @@ def test_a_delayed_command_is_the_mean_over_each_step(seed: int, delay: float, s
 
 def test_commands_issued_on_the_way_are_delayed_alike() -> None:
     rng = np.random.default_rng(0)
-    times, values = np.arange(20) * 0.01, rng.standard_normal((20, 1))
+    times, values = np.arange(20, dtype=np.float64) * 0.01, rng.standard_normal((20, 1))
     step, delay = 0.002, 0.0137
     early = np.concatenate([[-10.0], times])
     first = np.concatenate([values[:1], values])

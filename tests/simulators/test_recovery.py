@@ -74,7 +74,7 @@ def record(
     name: str, command: Array, *, delay: float = 0.0, bias: float = 0.0, sensor_delay: float = 0.0,
     law: Law | None = None, seed: int = 0, noise: float = NOISE, **truth: object,
 ) -> Recording:  # fmt: skip
-    """Simulates the truth with plain `mj_step` from rest; a position is the joint angle with its slack, if it has any."""
+    """Simulates the truth with plain `mj_step` from rest; a position is the joint angle with its slack, if any."""
     model = mujoco.MjModel.from_xml_string(ARM.format(**{**NOMINAL, **truth}))
     model.opt.timestep = STEP
     data = mujoco.MjData(model)
@@ -89,7 +89,7 @@ def record(
         sample = max(0, int(np.floor(((k - before) * STEP - delay) / (STEP * EVERY) + 1e-9)))
         data.ctrl[:] = command[sample] if law is None else law(command[sample], angles[k])
         mujoco.mj_step(model, data)
-    time = STEP * EVERY * np.arange(len(command))
+    time = STEP * EVERY * np.arange(len(command), dtype=np.float64)
     clock = STEP * (np.arange(len(angles)) - before)
     seen = np.stack([np.interp(time - sensor_delay, clock, a) for a in angles.T], axis=1)
     seen = seen + bias + noise * np.random.default_rng(seed + 100).standard_normal(seen.shape)
@@ -101,8 +101,8 @@ def record(
 
 
 def found(
-    folder: Path, lines: Sequence[Declaration], recordings: Sequence[Recording], extra: dict[str, tuple[str, ...]] | None = None,
-    select: bool = False, step: float = 0.001, **nominal: object,
+    folder: Path, lines: Sequence[Declaration], recordings: Sequence[Recording],
+    extra: dict[str, tuple[str, ...]] | None = None, select: bool = False, step: float = 0.001, **nominal: object,
 ) -> tuple[dict[str, float], Calibration]:  # fmt: skip
     """The calibrated values by name, starting from the nominal model."""
     path = folder / "arm.xml"
@@ -110,7 +110,9 @@ def found(
     model = load(path)
     space, quantities = declare(model, lines, extra)
     result = calibrate(
-        MujocoSimulator(model, space, quantities, step=step), recordings, options=Options(select=select, cross_validate=False)
+        MujocoSimulator(model, space, quantities, step=step),
+        recordings,
+        options=Options(select=select, cross_validate=False),
     )
     return {e.name: e.value for e in result.estimates}, result
 
@@ -199,7 +201,7 @@ def test_tied_joints_share_one_value_and_mirrored_sides_share_theirs(tmp_path: P
     recordings = pair(damping=0.35, left_com="0.1 0.02 0.02", right_com="0.1 -0.02 0.02", right_axis="-0.5 1 0")
     start = {"left_com": "0.1 0.005 0.02", "right_com": "0.1 -0.005 0.02", "right_axis": "-0.5 1 0"}
     lines = [Declaration("damping", tie="mirror"), Declaration("com_y", tie="mirror", lower=-0.1, upper=0.1)]
-    values, result = found(tmp_path, lines, recordings, **start)
+    values, result = found(tmp_path, lines, recordings, **start)  # type: ignore[arg-type]
     assert len(result.estimates) == 2
     assert values["left_hip+right_hip.damping"] == pytest.approx(0.35, rel=0.02)
     assert values["left+right.com_y"] == pytest.approx(0.02, abs=2e-3)

@@ -31,7 +31,7 @@ def simulator(lines: list[Declaration], **options: object) -> MujocoSimulator:
 
 def recording(name: str = "r", duration: float = 2.0) -> Recording:
     command = motions(4)["multisine"][20 : 20 + round(50 * duration)]
-    time = 0.02 * np.arange(len(command))
+    time = 0.02 * np.arange(len(command), dtype=np.float64)
     channels = {n: Channel(n, JOINTS, "rad", time, command) for n in ("command", "position")}
     return Recording(name, channels)
 

@@ -31,11 +31,14 @@ def lag(reference: Channel, delayed: Channel, *, longest: float = 0.5, hold: boo
     b = np.nan_to_num(np.gradient(delayed.select(labels).at(grid), axis=0))
     if not a.any() or not b.any():
         raise RecordingError(f"channels '{reference.name}' and '{delayed.name}' do not move: no lag can be seen")
-    a, b = a / (a.std(axis=0) + 1e-12), b / (b.std(axis=0) + 1e-12)
+    # Faded at both ends, so that what enters and leaves the overlap does not pull the peak.
+    fade = np.hanning(len(grid) + 2)[1:-1]
+    a, b = (fade[:, None] * (x - x.mean(axis=0)) / (x.std(axis=0) + 1e-12) for x in (a, b))
     width = int(longest / step)
     size = 1 << int(np.ceil(np.log2(len(grid) + width)))
     spectrum = np.fft.rfft(b, size, axis=0) * np.conj(np.fft.rfft(a, size, axis=0))
-    correlation = np.fft.irfft(spectrum, size, axis=0).sum(axis=1)
+    overlap = np.fft.irfft(np.abs(np.fft.rfft(fade, size)) ** 2, size)
+    correlation = np.fft.irfft(spectrum, size, axis=0).sum(axis=1) / np.maximum(overlap, 1e-3 * overlap[0])
     around = np.concatenate([correlation[-width:], correlation[: width + 1]])
     k = int(around.argmax())
     fraction = 0.0

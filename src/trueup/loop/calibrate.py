@@ -42,7 +42,8 @@ class Options:
     robust: float = 3.0
     """Residuals beyond this many robust standard deviations count less; inf for plain least squares."""
     channels: tuple[str, ...] | None = None
-    """Which measured channels to fit; all that the simulator reproduces if None."""
+    """Which measured channels to fit. None: positions and sensors that the simulator reproduces, or whatever there is;
+    velocities repeat positions, and torques are often currents of unknown scale, so both wait to be asked for."""
     seed: int = 0
     cross_validate: bool = True
 
@@ -64,7 +65,8 @@ def calibrate(
         raise CalibrationError("all parameters are frozen: nothing to calibrate")
     channels = sorted({c for r in recordings for c in simulator.observable(r)})
     measure = discrepancy or Weighted.estimated(recordings, channels)
-    problem = Problem(simulator, recordings, measure, chosen.channels, controllers=controllers)
+    fitted = chosen.channels or _usual(channels)
+    problem = Problem(simulator, recordings, measure, fitted, controllers=controllers)
     watch = Watch(progress, checkpoint)
     if resume is not None:
         space = space.freeze(resume.get("frozen", ()))
@@ -83,7 +85,7 @@ def calibrate(
         found, choices = _selected(problem, found, watch, chosen)
     cross = chosen.cross_validate and len(recordings) > 1
     return Calibration(
-        replays=_replays(simulator, found.values, recordings, hold_out, measure, chosen.channels, controllers),
+        replays=_replays(simulator, found.values, recordings, hold_out, measure, fitted, controllers),
         cross_validation=_cross_validation(problem, found, simulator) if cross else (),
         trace=tuple(watch.trace),
         warnings=tuple(warnings),
@@ -92,6 +94,10 @@ def calibrate(
         evaluations=problem.evaluations,
         **_findings(problem, found, choices),
     )
+
+
+def _usual(channels: Sequence[str]) -> tuple[str, ...]:
+    return tuple(c for c in channels if c not in ("velocity", "torque")) or tuple(channels)
 
 
 def _findings(problem: Problem, found: Fit, choices: Sequence[Choice]) -> dict[str, Any]:

@@ -105,7 +105,7 @@ class StandInArm:
     def _run(self, trial: Trial, sent: Channel) -> tuple[Array, Array, Array]:
         """Times (T,) on the trial's clock and rotor angles and speeds (T, nq) behind the encoder."""
         count = int(np.ceil((trial.duration + _SETTLE) / _STEP)) + 2
-        time = trial.start - _SETTLE + _STEP * np.arange(count)
+        time = trial.start - _SETTLE + _STEP * np.arange(count, dtype=np.float64)
         orders = np.zeros((count, len(self.joints)))
         for label in sent.labels:
             j = self.joints.index(label)

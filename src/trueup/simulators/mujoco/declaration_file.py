@@ -65,9 +65,9 @@ def write_parameters(
 
 def _table(estimate: Estimate, parameter: Parameter, quantity: Quantity) -> list[str]:
     label = estimate.name.removesuffix(f".{quantity.kind}")
-    targets: tuple[str, ...] = quantity.targets if quantity.targets != ("world",) else ("*",)
+    targets = ["*"] if "world" in quantity.targets else list(quantity.targets)
     tie = "mirror" if quantity.signs else "all" if len(targets) > 1 else ""
-    rows: dict[str, Any] = {"quantity": quantity.kind, "of": list(targets) if len(targets) > 1 else targets[0]}
+    rows: dict[str, Any] = {"quantity": quantity.kind, "of": targets if len(targets) > 1 else targets[0]}
     if tie:
         rows["tie"] = tie
     if label != targets[0]:

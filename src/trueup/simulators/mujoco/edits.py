@@ -34,11 +34,13 @@ class Edits:
     ) -> None:
         self._text, self._shipped, self._wanted = text, shipped, wanted
         self._degrees, self._autolimits = degrees, autolimits
+        self._done: set[tuple[object, str]] = set()
 
     def write(self, kind: str, target: str) -> None:
         """The attributes of one quantity of one element. Raises ModelError where this text does not hold it."""
         writer = _WRITERS.get("inertia" if kind.startswith("inertia_") else kind)
-        if writer is not None:
+        if writer is not None and (writer, target) not in self._done:
+            self._done.add((writer, target))
             writer(self, target)
 
     def delay(self, actuator: str, seconds: float, step: float) -> None:
@@ -69,10 +71,10 @@ class Edits:
             return
         element, i = self._element("actuator", actuator), self._id("actuator", actuator)
         gain, bias = self._wanted.actuator_gainprm[i], self._wanted.actuator_biasprm[i]
-        if element.tag in ("position", "intvelocity"):
-            damped = bias[2] != 0.0 or "kv" in element.attributes or self._shipped.actuator_biasprm[i, 2] != 0.0
+        if element.tag == "position":
             self._text.change(element, kp=number(gain[0]))
-            if damped and element.tag == "position":
+            damped = not np.isclose(bias[2], self._shipped.actuator_biasprm[i, 2], rtol=1e-9, atol=1e-15)
+            if damped or "dampratio" in element.attributes:
                 # The ratio that the file gave is no longer the one that was found.
                 self._text.change(element, kv=number(-bias[2]), dampratio=None)
         elif element.tag == "velocity":

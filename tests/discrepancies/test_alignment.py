@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Lags between signals are found to a fraction of a sample, whatever their rates, offsets and noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from trueup.discrepancies.alignment import lag
+from trueup.errors import RecordingError
+from trueup.recording import Channel
+
+
+def channel(name: str, rate: float, shift: float = 0.0, noise: float = 0.0, label: str = "a") -> Channel:
+    time = np.arange(0, 12, 1 / rate)
+    t = time - shift
+    values = np.sin(2 * np.pi * 0.7 * t) + 0.4 * np.sin(2 * np.pi * 1.9 * t + 1) + 0.2 * np.sin(2 * np.pi * 3.1 * t)
+    return Channel(name, (label,), "rad", time, values + noise * np.random.default_rng(0).standard_normal(len(time)))
+
+
+@pytest.mark.parametrize("shift", [-0.12, -0.0137, 0.0, 0.0042, 0.0371, 0.2])
+def test_a_known_shift_is_found(shift: float) -> None:
+    assert lag(channel("command", 100), channel("position", 100, shift)) == pytest.approx(shift, abs=1e-3)
+
+
+def test_rates_may_differ_and_samples_be_noisy() -> None:
+    assert lag(channel("command", 50), channel("position", 200, 0.03, 2e-3)) == pytest.approx(0.03, abs=2e-3)
+
+
+def test_a_shift_is_symmetric() -> None:
+    a, b = channel("a", 100), channel("b", 100, 0.05)
+    assert lag(a, b) == pytest.approx(-lag(b, a), abs=1e-4)
+
+
+def test_signals_that_share_nothing_are_refused() -> None:
+    with pytest.raises(RecordingError, match="share no label"):
+        lag(channel("command", 50), channel("position", 50, label="b"))
+
+
+def test_signals_that_do_not_move_are_refused() -> None:
+    still = Channel("position", ("a",), "rad", np.arange(0, 12, 0.02), np.zeros((600, 1)))
+    with pytest.raises(RecordingError, match="do not move"):
+        lag(channel("command", 50), still)

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a calibration promises: the optimum from anywhere, weights by noise, words for what cannot be told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trueup.discrepancies.weighted import Weighted
+from trueup.errors import CalibrationError
+from trueup.loop.calibrate import Options, calibrate
+from trueup.loop.fit import Watch, fit
+from trueup.loop.problem import Problem
+from trueup.recording import Channel, Recording
+from trueup.simulators.mujoco.declarations import Declaration, declare
+from trueup.simulators.mujoco.model import load
+from trueup.simulators.mujoco.rollout import MujocoSimulator
+
+Array = NDArray[np.float64]
+JOINTS = ("shoulder", "elbow")
+STEP, EVERY = 0.001, 10
+
+ARM = """
+<mujoco>
+  <compiler angle="radian"/>
+  <option timestep="0.001" integrator="implicitfast"/>
+  <default>
+    <joint axis="0 1 0" damping="{damping}" frictionloss="{friction}" armature="{armature}"
+           solimpfriction="0.999 0.999 0.001"/>
+    <position kp="{kp}"/>
+  </default>
+  <worldbody>
+    <body>
+      <joint name="shoulder"/><inertial pos="0 0 -0.12" mass="0.6" diaginertia="0.004 0.004 0.001"/>
+      <body pos="0 0 -0.25">
+        <joint name="elbow"/><inertial pos="0 0 -0.1" mass="{mass}" diaginertia="0.002 0.002 0.0005"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><position name="shoulder" joint="shoulder"/><position name="elbow" joint="elbow"/></actuator>
+</mujoco>
+"""
+TRUTH = {"kp": 18.0, "damping": 0.5, "friction": 0.08, "armature": 0.015, "mass": 0.4}
+LINES = [Declaration("kp"), Declaration("damping"), Declaration("friction"), Declaration("armature")]
+
+
+def command(seed: int, duration: float = 4.0) -> Array:
+    rng = np.random.default_rng(seed)
+    time = STEP * EVERY * np.arange(round(duration / (STEP * EVERY)))[:, None, None]
+    waves = np.sin(2 * np.pi * rng.uniform(0.2, 2.0, (4, 2)) * time + rng.uniform(0, 6, (4, 2))).sum(axis=1)
+    return 0.25 * waves * np.clip(time[:, 0] / 0.5, 0, 1)
+
+
+def record(name: str, asked: Array, noise: dict[str, float], seed: int = 0) -> Recording:
+    """The truth by plain MuJoCo."""
+    model = mujoco.MjModel.from_xml_string(ARM.format(**TRUTH))
+    data = mujoco.MjData(model)
+    rows = {"position": np.empty_like(asked), "velocity": np.empty_like(asked)}
+    for k in range(len(asked)):
+        rows["position"][k], rows["velocity"][k] = data.qpos, data.qvel
+        data.ctrl[:] = asked[k]
+        mujoco.mj_step(model, data, EVERY)
+    rng = np.random.default_rng(seed)
+    time = STEP * EVERY * np.arange(len(asked), dtype=np.float64)
+    channels = {"command": Channel("command", JOINTS, "rad", time, asked)}
+    for role, sigma in noise.items():
+        unit = "rad" if role == "position" else "rad/s"
+        values = rows[role] + sigma * rng.standard_normal(asked.shape)
+        channels[role] = Channel(role, JOINTS, unit, time, values)
+    return Recording(name, channels)
+
+
+@pytest.fixture(scope="module")
+def recordings() -> list[Recording]:
+    return [record(f"r{i}", command(i, 4.0 - i), {"position": 3e-4}, i) for i in range(3)]
+
+
+@pytest.fixture
+def simulator(tmp_path: Path) -> Callable[..., MujocoSimulator]:
+    """Makes a simulator of the arm with wrong values and these declarations."""
+
+    def make(lines: list[Declaration] | None = None) -> MujocoSimulator:
+        path = tmp_path / "arm.xml"
+        wrong = {**TRUTH, "kp": 10.0, "damping": 0.2, "friction": 0.03, "armature": 0.008}
+        path.write_text(ARM.format(**wrong), encoding="utf-8")
+        model = load(path)
+        return MujocoSimulator(model, *declare(model, lines or LINES), step=STEP)
+
+    return make
+
+
+def test_starts_on_bounds_and_far_off_reach_the_optimum(
+    simulator: Callable[..., MujocoSimulator], recordings: list[Recording]
+) -> None:
+    made = simulator()
+    space = made.parameters
+    problem = Problem(made, recordings[:2], Weighted.estimated(recordings, ["position"]))
+    rng = np.random.default_rng(1)
+    truth = np.repeat([TRUTH[k] for k in ("kp", "damping", "friction", "armature")], 2)
+    reached = 0
+    for i in range(8):
+        far = truth * 10.0 ** rng.choice([-1, 1], 8) if i % 2 else space.from_unit(rng.integers(0, 2, 8).astype(float))
+        start = space.from_unit(np.clip(space.to_unit(far), 0.0, 1.0))
+        found = fit(problem, space, start, Watch(), search="gradient")
+        reached += bool(np.allclose(found.values, truth, rtol=0.05))
+    assert reached >= 7
+
+
+def test_a_resumed_calibration_ends_where_an_uninterrupted_one_does(
+    simulator: Callable[..., MujocoSimulator], recordings: list[Recording]
+) -> None:
+    states: list[dict[str, object]] = []
+    options = Options(select=False, cross_validate=False)
+    whole = calibrate(simulator(), recordings, options=options, checkpoint=states.append)
+    assert len(states) > 2
+    again = calibrate(simulator(), recordings, options=options, resume=states[len(states) // 2])
+    assert np.allclose(again.values, whole.values, rtol=1e-2)
+
+
+class ByNorm(Weighted):
+    """What others do: each channel divided by its signal's size instead of its noise."""
+
+    def scale(self, channel: str, labels: tuple[str, ...]) -> Array:
+        return np.full(len(labels), {"position": 0.3, "velocity": 3.0}[channel])
+
+
+def test_weights_by_noise_beat_weights_by_signal_size(simulator: Callable[..., MujocoSimulator]) -> None:
+    truth = np.repeat([TRUTH[k] for k in ("kp", "damping", "friction", "armature")], 2)
+    errors = {"noise": [], "norm": []}
+    for seed in range(2):
+        noisy = [
+            record(f"r{i}", command(10 * seed + i), {"position": 1e-4, "velocity": 0.3}, 10 * seed + i)
+            for i in range(2)
+        ]
+        for name, measure in (("noise", None), ("norm", ByNorm({}))):
+            options = Options(select=False, cross_validate=False, robust=np.inf)
+            result = calibrate(simulator(), noisy, options=options, discrepancy=measure)
+            errors[name].append(np.abs(np.log(result.values / truth)).max())
+    assert np.max(errors["noise"]) < 0.5 * np.max(errors["norm"])
+
+
+def test_what_cannot_be_told_is_named_and_not_fitted(
+    simulator: Callable[..., MujocoSimulator], recordings: list[Recording]
+) -> None:
+    result = calibrate(simulator([*LINES, Declaration("force_limit", ("elbow",), nominal=50.0)]), recordings)
+    limit = next(e for e in result.estimates if e.name == "elbow.force_limit")
+    assert limit.verdict in ("not identified", "no effect")
+    assert limit.value == pytest.approx(50.0)
+    assert any("elbow.force_limit" in sentence for sentence in result.unidentified)
+
+
+def test_estimates_lie_within_their_intervals_of_the_truth(
+    simulator: Callable[..., MujocoSimulator], recordings: list[Recording]
+) -> None:
+    result = calibrate(simulator(), recordings[:2], recordings[2:])
+    truth = np.repeat([TRUTH[k] for k in ("kp", "damping", "friction", "armature")], 2)
+    assert np.allclose(result.values, truth, rtol=0.03)
+    (held_out,) = result.held_out()
+    assert held_out.rmse_after().max() < 1.2 * 3e-4  # noise, and the start state estimated from noisy samples
+    assert [e.verdict for e in result.estimates] == ["identified"] * 8
+
+
+def test_frozen_parameters_alone_are_refused(
+    simulator: Callable[..., MujocoSimulator], recordings: list[Recording]
+) -> None:
+    with pytest.raises(CalibrationError, match="all parameters are frozen"):
+        calibrate(simulator([Declaration("kp", frozen=True)]), recordings)

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The 95 % intervals hold what they promise, also where errors last longer than a sample."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from trueup.loop.fit import Fit
+from trueup.loop.problem import Segment
+from trueup.loop.uncertainty import intervals, unit_covariance
+from trueup.parameters import Parameter, ParameterSpace
+
+SAMPLES, LABELS = 500, ("a", "b")
+
+
+def linear_problem() -> tuple[Any, np.ndarray]:
+    """Two recordings of two joints, and a smooth dependence of them on four parameters, (m, 4)."""
+    time = np.linspace(0, 1, SAMPLES)
+    columns = []
+    rng = np.random.default_rng(4)
+    for _ in range(4):
+        parts = [np.sin(2 * np.pi * rng.uniform(1, 12) * time + rng.uniform(0, 6)) for _ in range(4)]
+        columns.append(np.concatenate([np.stack(parts[:2], axis=1).ravel(), np.stack(parts[2:], axis=1).ravel()]))
+    size = SAMPLES * len(LABELS)
+    segments = tuple(Segment(k, "position", LABELS, "rad", k * size, SAMPLES, np.ones(len(LABELS))) for k in range(2))
+    return SimpleNamespace(segments=segments), 50.0 * np.stack(columns, axis=1)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.6, 0.9])
+def test_intervals_cover_the_truth_as_often_as_they_say(correlation: float) -> None:
+    problem, jacobian = linear_problem()
+    space = ParameterSpace(tuple(Parameter(n, "", 0.5, 0.0, 1.0) for n in "wxyz"))
+    truth = np.array([0.4, 0.5, 0.55, 0.6])
+    rng = np.random.default_rng(0)
+    inside = []
+    for _ in range(150):
+        white = rng.standard_normal((4, SAMPLES)) * np.sqrt(1 - correlation**2)
+        series = np.asarray(lfilter([1.0], [1.0, -correlation], white, axis=1))
+        noise = np.concatenate([series[:2].T.ravel(), series[2:].T.ravel()])
+        unit = np.linalg.lstsq(jacobian, jacobian @ truth + noise, rcond=None)[0]
+        residual = jacobian @ (unit - truth) - noise
+        fit = Fit(space, unit, residual, jacobian, np.ones(len(residual)), "")
+        low, high = intervals(fit, unit_covariance(problem, fit))
+        inside.append((low <= truth) & (truth <= high))
+    assert 0.90 <= np.mean(inside) <= 0.985
