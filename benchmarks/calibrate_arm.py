@@ -37,7 +37,9 @@ def fit(problem: ArmProblem, start: Array | None = None) -> tuple[Calibration, f
     ]  # fmt: skip
     space, quantities = declare(model, lines)
     simulator = MujocoSimulator(model, space, quantities)
-    options = Options(select=False, cross_validate=False, robust=float("inf"), channels=("position", "velocity", "torque"))
+    options = Options(
+        select=False, cross_validate=False, robust=float("inf"), channels=("position", "velocity", "torque")
+    )
     found = calibrate(simulator, problem.training, options=options)
     return found, time.process_time() - cpu, time.perf_counter() - wall
 
@@ -91,7 +93,9 @@ def warm_up() -> None:
     space, quantities = declare(model, [Declaration("damping", ("*",))])
     from trueup.trial import Trial
 
-    MujocoSimulator(model, space, quantities).rollout([Trial.of(problem.training[0].slice(0.0, 0.5))], space.nominal[None])
+    MujocoSimulator(model, space, quantities).rollout(
+        [Trial.of(problem.training[0].slice(0.0, 0.5))], space.nominal[None]
+    )
 
 
 def peer(seed: int, problem: ArmProblem) -> float:
@@ -113,7 +117,9 @@ def meshed() -> None:
     print(f"20 meshes: trueup {cpu:.1f} CPU s ({wall:.1f} s wall)")
     theirs = peer_sysid.fit(problem.model, problem.parameters, problem.training)
     stripped = peer_sysid.fit(problem.model, problem.parameters, problem.training, geoms="remove_visuals")
-    print(f"20 meshes: mujoco.sysid as its tutorial {theirs.cpu_seconds:.1f}, visuals removed {stripped.cpu_seconds:.1f}")
+    print(
+        f"20 meshes: mujoco.sysid as its tutorial {theirs.cpu_seconds:.1f}, visuals removed {stripped.cpu_seconds:.1f}"
+    )
     result("meshed_cpu_seconds", cpu, "s", 0.1, peer="mujoco.sysid", peer_value=theirs.cpu_seconds, ratio_goal=True)
 
 

@@ -81,9 +81,7 @@ def peer(training: Sequence[Recording], held_out: Sequence[Recording], most: int
               "joint.friction": (0.052, 0.001, 2.0), "joint.armature": (0.028, 0.001, 0.3)}  # fmt: skip
     rows = [PeerParameter(q, j, *b) for q, b in bounds.items() for j in JOINTS.values()]
     path = folder() / "model" / "so101_new_calib.xml"
-    theirs = peer_sysid.fit(
-        path, rows, [_whole(r) for r in training], geoms="none", x_scale="jac", max_iters=most
-    )
+    theirs = peer_sysid.fit(path, rows, [_whole(r) for r in training], geoms="none", x_scale="jac", max_iters=most)
     errors = []
     for recording in held_out:
         simulated = theirs.replay(_whole(recording))["position"][:, : len(JOINTS)]

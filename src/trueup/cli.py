@@ -160,6 +160,9 @@ def _add_calibrate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--search", default="auto", choices=("auto", "gradient", "cma-es", "hybrid"),
                         help="gradient where it is smooth, cma-es where it is not (default: %(default)s)")  # fmt: skip
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all random numbers (default: %(default)s)")
+    parser.add_argument("--channels", metavar="LIST",
+                        help="measured channels to fit, with commas (default: positions and sensors; velocity and torque "
+                             "only if asked for, or if there is nothing else)")  # fmt: skip
     parser.add_argument("--no-select", dest="select", action="store_false",
                         help="keep parameters that the recordings cannot support")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print the outcome as JSON, for scripts")

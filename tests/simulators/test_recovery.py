@@ -119,7 +119,7 @@ def found(
 
 def pair(seed: int = 0, **truth: object) -> list[Recording]:
     """Two recordings of different motions and lengths."""
-    return [record(f"r{i}", excitation(10 * seed + i, 5.0 - i), seed=i, **truth) for i in range(2)]  # type: ignore[arg-type]
+    return [record(f"r{i}", excitation(10 * seed + i, 4.0 - i), seed=i, **truth) for i in range(2)]  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("delay", [0.0035, 0.0137, 0.0291])

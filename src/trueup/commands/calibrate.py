@@ -38,7 +38,8 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     simulator, more = simulator_for(args.model, [*training, *held_out], args.parameters)
     model = Path(args.model)
     parameters = Path(args.parameters) if args.parameters else None
-    choices = {"held out": [r.name for r in held_out], "search": args.search, "seed": args.seed, "select": args.select}
+    choices = {"held out": [r.name for r in held_out], "search": args.search, "seed": args.seed, "select": args.select,
+               "channels": args.channels}  # fmt: skip
     print_of = fingerprint(model, parameters, [*training, *held_out], choices)
     output = Output.open(Path(args.out), model, print_of, force=args.force)
     if not args.quiet:
@@ -68,7 +69,8 @@ def _recordings(args: argparse.Namespace) -> tuple[list[Recording], list[Recordi
 def _options(args: argparse.Namespace) -> Options:
     from trueup.loop.calibrate import Options
 
-    return Options(search=args.search, select=args.select, seed=args.seed)
+    channels = tuple(c.strip() for c in args.channels.split(",")) if args.channels else None
+    return Options(search=args.search, select=args.select, seed=args.seed, channels=channels)
 
 
 def _calibrated(

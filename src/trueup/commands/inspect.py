@@ -46,7 +46,8 @@ def run(args: argparse.Namespace, console: Console) -> int:
         return 0
     for inspection in found:
         _show(inspection, console)
-    for guessed in dict.fromkeys(g for inspection in found for g in inspection.guesses):
+    # The same guess for each file differs in its numbers only; once is enough.
+    for guessed in {g.split(" (")[0]: g for inspection in found for g in inspection.guesses}.values():
         console.print(f"[cyan]guess[/] {escape(guessed)}", highlight=False, soft_wrap=True)
     for note in notes:
         console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)

@@ -70,16 +70,7 @@ def calibrate(
     watch = Watch(progress, checkpoint)
     if resume is not None:
         space = space.freeze(resume.get("frozen", ()))
-    found = fit(
-        problem,
-        space,
-        space.nominal,
-        watch,
-        search=chosen.search,
-        robust=chosen.robust,
-        seed=chosen.seed,
-        resume=resume,
-    )
+    found = fit(problem, space, space.nominal, watch, resume=resume, **_how(chosen))
     choices: list[Choice] = []
     if chosen.select:
         found, choices = _selected(problem, found, watch, chosen)
@@ -94,6 +85,10 @@ def calibrate(
         evaluations=problem.evaluations,
         **_findings(problem, found, choices),
     )
+
+
+def _how(options: Options) -> dict[str, Any]:
+    return {"search": options.search, "robust": options.robust, "seed": options.seed}
 
 
 def _usual(channels: Sequence[str]) -> tuple[str, ...]:

@@ -55,11 +55,16 @@ class Problem:
         controllers: ControllerFactory | None = None,
     ) -> None:  # fmt: skip
         self.simulator, self.recordings, self.discrepancy = simulator, tuple(recordings), discrepancy
-        self.evaluations = 0
+        self._counted = [0]  # shared by the shorter and coarser versions of this problem
         self._controllers = controllers
         self._wanted = channels
         self.trials = _thinned([_trial(simulator, r, channels, longest) for r in recordings])
         self.segments = self._segments()
+
+    @property
+    def evaluations(self) -> int:
+        """Candidates simulated so far."""
+        return self._counted[0]
 
     def at_step(self, step: float) -> Problem:
         """The same problem simulated with another step."""
@@ -70,7 +75,7 @@ class Problem:
 
     def shortened(self, longest: float) -> Problem:
         """The same problem on the first `longest` s of each recording."""
-        return Problem(
+        short = Problem(
             self.simulator,
             self.recordings,
             self.discrepancy,
@@ -78,10 +83,12 @@ class Problem:
             longest=longest,
             controllers=self._controllers,
         )
+        short._counted = self._counted
+        return short
 
     def rollouts(self, values: Array, only: Sequence[int] | None = None) -> list[Rollout]:
         """The simulated recordings, all or `only` some."""
-        self.evaluations += len(values)
+        self._counted[0] += len(values)
         trials = self.trials if only is None else [self.trials[k] for k in only]
         return self.simulator.rollout(trials, values, self._controllers)
 

@@ -101,9 +101,7 @@ def load(path: str | Path) -> Model:
     return Model(file, spec, compiled, tuple(notes))
 
 
-def prepared(
-    model: Model, *, step: float, slack: Sequence[str] = (), limited: Sequence[str] = ()
-) -> mujoco.MjModel:
+def prepared(model: Model, *, step: float, slack: Sequence[str] = (), limited: Sequence[str] = ()) -> mujoco.MjModel:
     """A compiled copy for simulation: visual geoms dropped, a joint for each backlash.
 
     `step` in s; `slack` joints get a second, free joint '<name>/slack'

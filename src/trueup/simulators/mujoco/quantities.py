@@ -71,10 +71,11 @@ class Quantity:
 
 
 def _factor(down: float, up: float, least: float) -> Callable[[float], tuple[float, float]]:
-    """Bounds a factor below and above the nominal, reaching at least [least / down, least * up] for tiny nominals."""
+    """Bounds a factor below and above the nominal, which counts as `least` if it is smaller (a friction of zero)."""
 
     def bounds(nominal: float) -> tuple[float, float]:
-        return max(min(nominal, least), 1e-9) / down, max(nominal, least) * up
+        size = max(nominal, least)
+        return (min(size / down, nominal) if nominal > 0 else size / down), size * up
 
     return bounds
 

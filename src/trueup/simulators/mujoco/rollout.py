@@ -135,7 +135,10 @@ class MujocoSimulator:
         targets = {k: [t for q in self.quantities if q.kind == k for t in q.targets] for k in
                    ("backlash", "force_limit")}  # fmt: skip
         return prepared(
-            self.model, step=self.step, slack=tuple(dict.fromkeys(targets["backlash"])), limited=tuple(targets["force_limit"])
+            self.model,
+            step=self.step,
+            slack=tuple(dict.fromkeys(targets["backlash"])),
+            limited=tuple(targets["force_limit"]),
         )
 
     def _can_touch(self) -> bool:

@@ -93,11 +93,12 @@ class Lockstep:
         bound = {f: self._batch.bind(f) for f in record}
         self._out = {f: np.zeros((active, count, *b.shape[1:]), b.dtype) for f, b in bound.items()}
         trials = active // self._candidates
+        control: Array | None = None
         if self._controller is None:
             control = np.concatenate([self._signals.commands(k, at, count, self._step) for k in range(trials)])
         for s in range(count):
             now = (at + s) * self._step
-            wanted = control[:, s] if self._controller is None else self._closed_loop(now, active)
+            wanted = control[:, s] if control is not None else self._closed_loop(now, active)
             self._act(wanted, active)
             self._batch.step(None if everyone else ids)
             for field, array in bound.items():
