@@ -115,8 +115,9 @@ def actuators_of(model: Model, command: Channel) -> list[int]:
 
 
 def start_state(model: Model, compiled: mujoco.MjModel, trial: Trial) -> tuple[Array, Array]:
-    """(nq,), (nv,) at the trial's start: measured joints from the recording, the rest from the model's first keyframe
-    (or its reference pose).
+    """(nq,), (nv,) at the trial's start.
+
+    Measured joints come from the recording, the rest from the model's first keyframe (or its reference pose).
     """
     qpos = np.array(compiled.key_qpos[0] if compiled.nkey else compiled.qpos0, dtype=np.float64)
     qvel = np.array(compiled.key_qvel[0] if compiled.nkey else np.zeros(compiled.nv), dtype=np.float64)
@@ -141,7 +142,7 @@ def _slope_knows_better(position: Channel | None, velocity: Channel, label: str,
     """Whether the slope of the measured positions tells the start speed more exactly than a noisy speed channel."""
     if position is None or label not in position.labels:
         return False
-    # Variances at the end of a parabola through n samples in a window T: 9 / n of its value, 192 / (n T^2) of its slope.
+    # Variances at the end of a parabola through n samples in T seconds: 9 / n of its value, 192 / (n T^2) of its slope.
     sigma = {}
     for channel, factor in ((position, 192.0**0.5 / _WINDOW), (velocity, 3.0)):
         inside = (channel.time >= start - 1e-9) & (channel.time < start + 4.0 * _WINDOW)
