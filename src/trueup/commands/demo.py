@@ -10,12 +10,25 @@ from rich.console import Console
 from rich.markup import escape
 
 from trueup.commands.progress import Watcher
+from trueup.commands.show import replay_table
 
 
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Runs the demonstration into `args.out`. Returns the exit code."""
     from trueup import demo
 
+    last: list[str] = []
+
+    def say(line: str) -> None:
+        """Shows a line at once, but keeps where the report lies for the end."""
+        if line.startswith("wrote"):
+            last.append(line)
+        else:
+            console.print(escape(line), soft_wrap=True)
+
     with Watcher(told, "rad", quiet=False) as watcher:
-        demo.run(Path(args.out), lambda line: console.print(escape(line), soft_wrap=True), watcher)
+        calibration = demo.run(Path(args.out), say, watcher)
+    console.print(replay_table(calibration))
+    for line in last:
+        console.print(escape(line), soft_wrap=True)
     return 0

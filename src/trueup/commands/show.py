@@ -6,8 +6,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from rich.box import SIMPLE
 from rich.console import Console
 from rich.markup import escape
+from rich.table import Table
 
 from trueup.calibration import Calibration, Replay
 from trueup.report.numbers import duration_text, ratio_text, scale_for
@@ -50,6 +52,19 @@ def show_outcome(calibration: Calibration, console: Console, *, quiet: bool = Fa
         f"parameters: {told}   ({calibration.evaluations} simulations of all recordings, "
         f"{duration_text(calibration.seconds)})", highlight=False, soft_wrap=True,
     )  # fmt: skip
+
+
+def replay_table(calibration: Calibration) -> Table:
+    """One row a recording: replay error before and after, those held out marked."""
+    scale = scale_for(calibration.replays[0].unit, [pooled_score(calibration.replays).before])
+    table = Table(box=SIMPLE, caption=f"replay error in {scale.unit}, all joints", caption_justify="left")
+    for title in ("recording", "", "before", "after", "ratio"):
+        table.add_column(title, justify="left" if title in ("recording", "") else "right")
+    for replay in sorted(calibration.replays, key=lambda r: not r.held_out):
+        score = pooled_score([replay])
+        kind = "held out" if replay.held_out else "fitted"
+        table.add_row(escape(replay.recording), kind, scale.text(score.before), scale.text(score.after), _ratio(score))
+    return table
 
 
 def _line(console: Console, title: str, replays: Sequence[Replay], unit: str, *, floor: bool) -> None:
