@@ -54,7 +54,8 @@ ARM = """<?xml version="1.0"?>
 </mujoco>
 """
 ALL = (
-    Declaration("kp"), Declaration("kv"), Declaration("force_limit"), Declaration("delay", tie="all"),
+    Declaration("kp"), Declaration("kv"), Declaration("zero"), Declaration("force_limit"),
+    Declaration("delay", tie="all"),
     Declaration("damping"), Declaration("damping_quadratic", ("elbow",)), Declaration("friction"),
     Declaration("friction_creep", tie="all"), Declaration("armature"), Declaration("backlash", ("elbow",)),
     Declaration("mass", ("upper",)), Declaration("com_x", ("lower",)), Declaration("inertia_d1", ("lower",)),
@@ -137,6 +138,7 @@ def test_the_written_model_replays_in_plain_mujoco(arm: Path, tmp_path: Path) ->
     lines = [
         Declaration("kp", nominal=25.0), Declaration("damping", nominal=0.3), Declaration("friction", nominal=0.08),
         Declaration("delay", tie="all", nominal=0.0173), Declaration("mass", ("upper",), nominal=0.5),
+        Declaration("zero", nominal=0.03),
     ]  # fmt: skip
     model = load(arm)
     space, quantities = declare(model, lines)

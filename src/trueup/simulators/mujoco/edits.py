@@ -71,7 +71,16 @@ class Edits:
             return
         element, i = self._element("actuator", actuator), self._id("actuator", actuator)
         gain, bias = self._wanted.actuator_gainprm[i], self._wanted.actuator_biasprm[i]
-        if element.tag == "position":
+        if element.tag == "position" and bias[0]:
+            # <position> has no constant term; <general> is the same servo with one.
+            if {"inheritrange", "timeconst"} & set(element.attributes):
+                raise ModelError(f"'{actuator}' has attributes that only <position> knows")
+            element.renamed = "general"
+            self._text.change(
+                element, kp=None, kv=None, dampratio=None, biastype="affine", gainprm=number(gain[0]),
+                biasprm=numbers(bias[:3]),
+            )  # fmt: skip
+        elif element.tag == "position":
             self._text.change(element, kp=number(gain[0]))
             damped = not np.isclose(bias[2], self._shipped.actuator_biasprm[i, 2], rtol=1e-9, atol=1e-15)
             if damped or "dampratio" in element.attributes:
@@ -202,7 +211,7 @@ class Edits:
 
 
 _WRITERS: Mapping[str, Callable[[Edits, str], None]] = {
-    "kp": Edits.kp, "kv": Edits.kp, "gain": Edits.kp, "force_limit": Edits.force_limit, "damping": Edits.damping,
+    "kp": Edits.kp, "kv": Edits.kp, "gain": Edits.kp, "zero": Edits.kp, "force_limit": Edits.force_limit, "damping": Edits.damping,
     "damping_quadratic": Edits.damping, "friction": Edits.friction, "friction_creep": Edits.creep,
     "armature": Edits.armature, "backlash": Edits.backlash, "mass": Edits.inertial, "com_x": Edits.inertial,
     "com_y": Edits.inertial, "com_z": Edits.inertial, "inertia": Edits.inertial,

@@ -40,6 +40,7 @@ def write_fields(model: mujoco.MjModel, fields: Fields, quantities: Sequence[Qua
     """Writes values (b, n) of the parameters into `fields`. Kinds that are not model fields are skipped."""
     inertias: dict[int, dict[int, Array]] = {}
     tilt = np.zeros((len(values), 2))
+    zeros: dict[str, Array] = {}
     for column, quantity in enumerate(quantities):
         for i, target in enumerate(quantity.targets):
             value = values[:, column] * quantity.sign(i)
@@ -48,10 +49,15 @@ def write_fields(model: mujoco.MjModel, fields: Fields, quantities: Sequence[Qua
                 inertias.setdefault(body, {})[COMPONENTS.index(quantity.kind.removeprefix("inertia_"))] = value
             elif quantity.kind.startswith("tilt_"):
                 tilt[:, 0 if quantity.kind == "tilt_roll" else 1] = value
+            elif quantity.kind == "zero":
+                zeros[target] = value
             elif quantity.kind in _WRITERS:
                 _WRITERS[quantity.kind](model, fields, target, value)
     for body, components in inertias.items():
         _write_inertia(model, fields, body, components)
+    for target, value in zeros.items():  # once every stiffness is known
+        i = _id(model, mujoco.mjtObj.mjOBJ_ACTUATOR, target)
+        fields.expand("actuator_biasprm")[:, i, 0] = fields.expand("actuator_gainprm")[:, i, 0] * value
     if np.any(tilt):
         _write_tilt(model, fields, tilt)
 

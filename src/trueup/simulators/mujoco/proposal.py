@@ -15,9 +15,9 @@ _MOVES = 5e-3  # rad or m: a joint that moves less teaches nothing
 
 
 def propose(model: Model, recordings: Sequence[Recording]) -> list[Declaration]:
-    """Declarations for the joints that move: servo stiffness, damping, friction, rotor inertia, sensor bias, one delay.
+    """Declarations for the joints that move: servo stiffness, damping, friction, rotor inertia, servo zero, one delay.
 
-    Force limits are proposed where a servo saturates, that is, where it falls far behind its command.
+    All of it is part of MJCF, so the calibrated file replays the robot in any MuJoCo program.
     """
     joints = moving_joints(model, recordings)
     if not joints:
@@ -37,7 +37,7 @@ def propose(model: Model, recordings: Sequence[Recording]) -> list[Declaration]:
         Declaration("damping_quadratic", joints, optional="quadratic damping"),
     ]
     if servos:
-        lines.append(Declaration("bias", servos, optional="sensor bias"))
+        lines.append(Declaration("zero", servos, optional="servo zero"))
     if commanded:
         lines.append(Declaration("delay", commanded, tie="all", name="delay"))
     return lines

@@ -49,6 +49,7 @@ _SHOWN_BY = {
     "friction_static": "starts from rest and slow reversals",
     "armature": "fast accelerations (chirps, steps)",
     "backlash": "slow reversals without load",
+    "zero": "holding in several poses",
     "bias": "holding in several poses",
     "offset": "holding against gravity in several poses",
     "mass": "accelerating and holding against gravity in several poses",
@@ -103,6 +104,11 @@ def _kp(model: Model, actuator: str) -> float:
 
 def _kv(model: Model, actuator: str) -> float:
     return -_servo(model, actuator).compiled.actuator_biasprm[model.index("actuator", actuator), 2]
+
+
+def _zero_error(model: Model, actuator: str) -> float:
+    i = _servo(model, actuator).index("actuator", actuator)
+    return float(model.compiled.actuator_biasprm[i, 0] / model.compiled.actuator_gainprm[i, 0])
 
 
 def _servo(model: Model, actuator: str) -> Model:
@@ -169,6 +175,7 @@ def kinds() -> Mapping[str, Kind]:
         Kind("force_limit", "actuator", "N m", "log", _force_limit, _factor(10, 10, 0.3), "force limit"),
         Kind("gain", "actuator", "", "log", _constant(1.0), _factor(5, 5, 1.0), "factor on the actuator's force"),
         Kind("delay", "actuator", "s", "linear", _zero, _between(0.0, 0.1), "delay of the command"),
+        Kind("zero", "actuator", "rad", "linear", _zero_error, _around(0.2), "zero error of the servo: it holds command + zero"),
         Kind("dead_band", "actuator", "rad", "linear", _zero, _between(0.0, 0.1), "dead band of the servo"),
         Kind("damping", "joint", "N m s/rad", "log", _dof("dof_damping"), _factor(100, 50, 0.05), "viscous friction"),
         Kind("damping_quadratic", "joint", "N m s2/rad2", "linear", _dof("dof_dampingpoly", 0), _between(0.0, 5.0),

@@ -33,6 +33,7 @@ _NOT_MJCF = {
     "start_velocity": "corrections of start speeds",
 }
 _FIELDS = {
+    "zero": ("actuator_gainprm", "actuator_biasprm"),
     "kp": ("actuator_gainprm", "actuator_biasprm"),
     "kv": ("actuator_gainprm", "actuator_biasprm"),
     "gain": ("actuator_gainprm", "actuator_biasprm"),
