@@ -65,6 +65,7 @@ class LeastSquares:
     """How many steps in a row may be taken with slopes that are only corrected by what the last step showed."""
     _fresh: bool = field(init=False, default=True)
     _reused: int = field(init=False, default=0)
+    _short: int = field(init=False, default=0)
     _damping: float = field(init=False, default=1e-2)
     _stale: int = field(init=False, default=0)
     _done: str = field(init=False, default="")
@@ -105,7 +106,7 @@ class LeastSquares:
         """The point, its damping and counters; the next ask is for the columns around it."""
         return {
             "point": self.point.tolist(), "loss": self.loss, "iteration": self.iteration, "damping": self._damping,
-            "stale": self._stale, "done": self._done,
+            "stale": self._stale, "short": self._short, "done": self._done,
         }  # fmt: skip
 
     def resume(self, state: SearchState) -> None:
@@ -115,7 +116,7 @@ class LeastSquares:
             raise CalibrationError(f"the saved search has {len(point)} parameters, this one {len(self.point)}")
         self.point, self.loss, self.iteration = point, float(state["loss"]), int(state["iteration"])
         self._damping, self._stale = float(state["damping"]), int(state["stale"])
-        self._done = str(state["done"])
+        self._short, self._done = int(state["short"]), str(state["done"])
 
     def _difference(self) -> float:
         """Far from the recordings a coarse difference sees past the ripples of friction; at the noise it must be exact,
@@ -186,8 +187,10 @@ class LeastSquares:
         self.point, self.loss, self.iteration, self._stale = point, loss, self.iteration + 1, 0
         small = gain < self._negligible(loss, residual)
         trusted = np.linalg.norm(residual - predicted) < 0.7 * np.linalg.norm(residual - old)
-        if small and self._fresh:
-            self._done = "converged: the last step changed almost nothing"
+        # One short step may be bad luck in a bent valley; two in a row, with new slopes in between, are the bottom.
+        self._short = self._short + 1 if small and self._fresh else 0
+        if self._short >= 2:
+            self._done = "converged: the last steps changed almost nothing"
         if trusted and not small and self._reused < self.reuse:
             # Broyden's rank-one correction, Math. Comp. 19, 1965: the slopes along the step just taken are now known.
             slopes = slopes + np.outer(residual - predicted, moved / (moved @ moved))
