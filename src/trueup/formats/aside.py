@@ -34,7 +34,7 @@ def written_aside(path: Path) -> Iterator[Path]:
         temporary = None
     except OSError as error:
         reason = error.strerror or str(error)
-        raise OutputError(f"{path} could not be written ({reason}); what was there before is untouched") from error
+        raise OutputError(f"cannot write '{path}': {reason}; what was there before is untouched") from error
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writing a file so that there is always a whole one: the new beside the old, then renamed onto it."""
+"""Writes a text so that there is always a whole file."""
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
-from trueup.errors import OutputError
+from trueup.formats.aside import written_aside
 
 
 def write_aside(text: str, path: Path) -> None:
@@ -15,25 +14,5 @@ def write_aside(text: str, path: Path) -> None:
     Raises:
         OutputError: the folder or disk does not take it; what was at `path` is untouched.
     """
-    aside = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with aside.open("w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(aside, path)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        kept = "; the older file there is untouched" if path.is_file() else ""
-        raise OutputError(f"cannot write '{path}': {reason}{kept}") from error
-    finally:
-        _discard(aside)
-
-
-def _discard(aside: Path) -> None:
-    # after a success it is gone already; after a failure a broken disk must not hide the first error
-    try:
-        aside.unlink(missing_ok=True)
-    except OSError:
-        return
+    with written_aside(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")

@@ -211,7 +211,8 @@ class Edits:
 
 
 _WRITERS: Mapping[str, Callable[[Edits, str], None]] = {
-    "kp": Edits.kp, "kv": Edits.kp, "gain": Edits.kp, "zero": Edits.kp, "force_limit": Edits.force_limit, "damping": Edits.damping,
+    "kp": Edits.kp, "kv": Edits.kp, "gain": Edits.kp, "zero": Edits.kp,
+    "force_limit": Edits.force_limit, "damping": Edits.damping,
     "damping_quadratic": Edits.damping, "friction": Edits.friction, "friction_creep": Edits.creep,
     "armature": Edits.armature, "backlash": Edits.backlash, "mass": Edits.inertial, "com_x": Edits.inertial,
     "com_y": Edits.inertial, "com_z": Edits.inertial, "inertia": Edits.inertial,

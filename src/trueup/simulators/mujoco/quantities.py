@@ -175,7 +175,7 @@ def kinds() -> Mapping[str, Kind]:
         Kind("force_limit", "actuator", "N m", "log", _force_limit, _factor(10, 10, 0.3), "force limit"),
         Kind("gain", "actuator", "", "log", _constant(1.0), _factor(5, 5, 1.0), "factor on the actuator's force"),
         Kind("delay", "actuator", "s", "linear", _zero, _between(0.0, 0.1), "delay of the command"),
-        Kind("zero", "actuator", "rad", "linear", _zero_error, _around(0.2), "zero error of the servo: it holds command + zero"),
+        Kind("zero", "actuator", "rad", "linear", _zero_error, _around(0.2), "zero error of the servo's own sensor"),
         Kind("dead_band", "actuator", "rad", "linear", _zero, _between(0.0, 0.1), "dead band of the servo"),
         Kind("damping", "joint", "N m s/rad", "log", _dof("dof_damping"), _factor(100, 50, 0.05), "viscous friction"),
         Kind("damping_quadratic", "joint", "N m s2/rad2", "linear", _dof("dof_dampingpoly", 0), _between(0.0, 5.0),
