@@ -33,7 +33,7 @@ def write(recording: Recording, path: Path) -> None:
         try:
             pq.write_table(table, temporary, compression="zstd", write_page_checksum=True)
         except pa.ArrowException as error:
-            raise OutputError(f"{path} could not be written ({error}); what was there before is untouched") from error
+            raise OutputError(f"cannot write '{path}': {error}; what was there before is untouched") from error
 
 
 def read(path: Path) -> Recording | Table:

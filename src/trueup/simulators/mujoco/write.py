@@ -126,7 +126,7 @@ def _write(
         os.replace(aside, path)
     except OSError as error:
         raise OutputError(
-            f"{path} could not be written ({error.strerror or error}); what was there before is untouched"
+            f"cannot write '{path}': {error.strerror or error}; what was there before is untouched"
         ) from error
     finally:
         aside.unlink(missing_ok=True)
