@@ -80,6 +80,6 @@ def unhelpful(problem: Problem, fit: Fit) -> Choice:
 
 
 def pooled(errors: Array) -> Sequence[float]:
-    """One number a variant: the median over recordings is blind to a recording that nothing explains (a collision)."""
+    """One number a variant: the geometric mean, so that a recording which nothing explains (a collision) does not rule."""
     logs = np.log(np.maximum(errors, 1e-12))
     return [float(np.exp(np.mean(row))) for row in logs]

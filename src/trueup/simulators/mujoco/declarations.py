@@ -33,7 +33,7 @@ class Declaration:
     name: str | None = None
     """What to call the parameter of a tied group; the names of its members joined by '+' if None."""
     optional: str = ""
-    """A structure that is kept only if it lowers the error on left-out recordings ("sensor bias")."""
+    """A structure that is kept only if it lowers the error on left-out recordings ("servo zero")."""
 
 
 def declare(
