@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from trueup import formats
@@ -186,6 +186,7 @@ times = st.one_of(
     st.dictionaries(texts, channels, min_size=1, max_size=3), times, st.dictionaries(texts, texts, max_size=3),
     st.lists(st.text(max_size=20), max_size=2),
 )  # fmt: skip
+@example({"position": ChannelColumns(("q*",), offset=(0.0, 0.0))}, TimeColumn(), {}, [])  # usual, but one for each
 def test_a_mapping_saved_is_the_mapping_loaded(
     tmp_path_factory: pytest.TempPathFactory,
     entries: dict[str, ChannelColumns],

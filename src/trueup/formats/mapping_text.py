@@ -68,7 +68,7 @@ def _channel(channel: ChannelColumns) -> list[str]:
         ("offset", channel.offset, 0.0),
         ("sign", channel.sign, 1.0),
     ):
-        if any(value != usual for value in values):
+        if values != (usual,):
             lines.append(f"{key} = {_numbers(values)}")
     if channel.width:
         lines.append(f"width = {channel.width}  # one number a line")
