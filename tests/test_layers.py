@@ -21,7 +21,7 @@ SOURCE = ROOT / "src" / "trueup"
 
 # ---- the rules; names are modules or folders below trueup/, a folder stands for all in it, "" for everything ----
 
-NOUNS = ("parameters", "recording", "units", "noise", "trial", "calibration", "inspection", "formats")
+NOUNS = ("parameters", "recording", "units", "noise", "trial", "paths", "calibration", "inspection", "formats")
 FAMILIES = {  # folder -> its base, the protocol that the others may know
     "robots": "robots.robot",
     "simulators": "simulators.simulator",
@@ -50,7 +50,7 @@ RULES = (
     *(Rule(base, (*NOUNS, *BASES)) for base in BASES),
     # siblings of a family know its base and the nouns; another family or sibling only where it is the point:
     *(Rule(family, (base, *NOUNS)) for family, base in FAMILIES.items()),
-    Rule("robots.stand_in", ("robots.robot", "simulators.simulator", *NOUNS)),
+    Rule("robots", ("robots.robot", "controllers.controller", "simulators.simulator", *NOUNS)),  # stand-ins simulate
     Rule("tasks", ("tasks.task", "controllers", *NOUNS)),
     Rule("simulators", ("simulators.simulator", "controllers.controller", *NOUNS)),
     Rule("discrepancies", ("discrepancies.discrepancy", "simulators.simulator", *NOUNS)),  # they compare with a rollout
@@ -62,11 +62,12 @@ RULES = (
     Rule("grounding", ("simulators.simulator", "controllers.playback", *NOUNS)),
     # what the loop computes with when nobody gives it something else; never a concrete simulator or robot
     Rule("loop", (*BASES, "identification", "grounding", "discrepancies", "search", *NOUNS)),
-    Rule("campaign", ("loop", *BASES, *NOUNS)),
+    Rule("campaign", ("loop", "campaign", *BASES, *NOUNS)),
     Rule("campaign.assemble", ("loop", *BASES, *NOUNS), lazily=ANYTHING),  # alone turns names into concrete classes
-    Rule("report", ("campaign.journal", *NOUNS)),
+    Rule("report", ("campaign.journal", "campaign.plan", "identification.result", *NOUNS)),
+    Rule("studies", ANYTHING),  # an experiment put together by hand
     Rule("demo", ANYTHING),  # one run of the whole, put together by hand
-    Rule("commands", ("report", "campaign", *NOUNS), lazily=("demo", "loop", "simulators.simulator")),
+    Rule("commands", ("report", "campaign", *NOUNS), lazily=("demo", "loop", "identification", "studies", "simulators.simulator")),
     Rule("cli", ("report", "campaign"), lazily=("commands", "demo", "loop", *NOUNS)),
     Rule("testing", (*BASES, *NOUNS)),  # contract checks, shipped to those who write a robot, simulator or search
     Rule("__init__", (), lazily=ANYTHING),  # public names, imported when used

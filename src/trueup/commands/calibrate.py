@@ -29,6 +29,46 @@ if TYPE_CHECKING:
     from trueup.simulators.simulator import Simulator
 
 
+ABOUT = """\
+Finds the parameters of a robot model (MJCF or URDF) with which it replays the recordings, says how sure each one is,
+and judges the result on recordings that were held out. In DIR you find the calibrated model, parameters.toml,
+report.html (start there), replay.svg and calibration.json. Ctrl-C is fine: the same command goes on from there.
+
+  trueup calibrate robot.xml logs/*.csv --hold-out fast --out fit
+  trueup calibrate robot.xml logs/*.csv --hold-out 'walk_*' --parameters mine.toml --out fit
+
+A parameters file says what to calibrate, one table for each line; the result, fit/parameters.toml, is such a file too:
+
+  [[parameter]]
+  quantity = "friction"       # kp, kv, damping, armature, delay, backlash, mass, ...; a wrong name lists all
+  of = "*"                    # names or patterns of joints, actuators or bodies
+  tie = "each"                # or "all" (one value for all), or "mirror" (left and right share one)
+  nominal = 0.1               # where to start; also lower, upper, scale = "log", frozen = true
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What this command takes."""
+    parser.add_argument("model", metavar="MODEL", help="MJCF or URDF of the robot")
+    parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="files or folders")
+    parser.add_argument("--out", required=True, metavar="DIR", help="folder for the results; the next run takes DIR-2")
+    parser.add_argument("--hold-out", nargs="+", action="append", default=[], metavar="NAME",
+                        help="recordings to judge by and not to fit: names, patterns ('fast_*') or paths")  # fmt: skip
+    parser.add_argument("--parameters", metavar="FILE", help="what to calibrate (TOML); proposed if absent")
+    parser.add_argument("--mapping", metavar="FILE", help="how columns become channels (default: mapping.toml if here)")
+    parser.add_argument("--search", default="auto", choices=("auto", "gradient", "cma-es", "hybrid"),
+                        help="gradient where it is smooth, cma-es where it is not (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all random numbers (default: %(default)s)")
+    parser.add_argument("--channels", metavar="LIST",
+                        help="measured channels to fit, with commas (default: positions and sensors; velocity and torque "
+                             "only if asked for, or if there is nothing else)")  # fmt: skip
+    parser.add_argument("--no-select", dest="select", action="store_false",
+                        help="keep parameters that the recordings cannot support")  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="print the outcome as JSON, for scripts")
+    parser.add_argument("--force", action="store_true", help="start anew in DIR and replace what is there")
+    parser.add_argument("-q", "--quiet", action="store_true", help="no progress, no notes")
+
+
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Calibrates and writes the results. `console` takes the summary (or JSON), `told` progress and notes.
 

@@ -12,6 +12,18 @@ from rich.markup import escape
 from trueup.commands.progress import Watcher
 from trueup.commands.show import replay_table
 
+ABOUT = """\
+Records a simulated arm whose truth has another structure than its model (Stribeck friction, backlash, delay, encoder
+grid), calibrates the model from these files alone, and writes recordings and report. Takes about a minute.
+
+  trueup demo --out out/demo
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What this command takes."""
+    parser.add_argument("--out", default="trueup-demo", metavar="DIR", help="where to write (default: %(default)s)")
+
 
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Runs the demonstration into `args.out`. Returns the exit code."""

@@ -21,8 +21,27 @@ from trueup.inspection import ChannelInspection, Inspection, inspect
 from trueup.recording import Recording
 from trueup.report.numbers import scale_for
 
+ABOUT = """\
+Looks at recordings: rate, gaps, jitter, channels and units, encoder grid, noise, what does not move or is cut off.
+Guesses which columns are what and writes that as mapping.toml, for you to edit; one that is there is used and kept.
 
-def run(args: argparse.Namespace, console: Console) -> int:
+  trueup inspect logs/*.csv
+  trueup inspect recordings/* --model robot.xml      also proposes which joint of the file is which of the model
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What this command takes."""
+    parser.add_argument("files", nargs="+", metavar="FILE", help="CSV, JSON, NPZ, Parquet, ROS bags, or folders")
+    parser.add_argument("--mapping", metavar="FILE", help="read with this mapping instead of guessing")
+    parser.add_argument("--model", metavar="MODEL", help="compare joint names with this MJCF or URDF, propose renaming")
+    parser.add_argument("--write-mapping", metavar="FILE", help="where to write the mapping (default: mapping.toml)",
+                        nargs="?", const="mapping.toml")  # fmt: skip
+    parser.add_argument("--force", action="store_true", help="guess anew and overwrite the mapping")
+    parser.add_argument("--json", action="store_true", help="print the findings as JSON, for scripts")
+
+
+def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Prints the findings; writes the mapping where there is none. Returns the exit code."""
     paths, notes = readable(args.files)
     target = Path(args.write_mapping or MAPPING)
