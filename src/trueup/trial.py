@@ -30,6 +30,18 @@ class Limits:
     """In rad/s or m/s."""
     effort: Array
     """In N m or N."""
+    workspace: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Label of any other thing that is measured or planned (x and y of a path) to its range, in its SI unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A table that a robot needs to perform a trial: a path to follow, a trajectory, keyframes."""
+
+    labels: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    """(N, k), one column a label, in `units`."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +70,10 @@ class Trial:
     """Measured channels around the start, from which a simulator estimates its start state."""
     limits: Limits | None = None
     repeats: int = 1
+    settings: Mapping[str, float] = field(default_factory=dict)
+    """What the controller on the robot is to be set to (gains), by the names and in the units of the task's parameters."""
+    references: Mapping[str, Reference] = field(default_factory=dict)
+    """Tables that the controller on the robot follows, by name ('path')."""
 
     @classmethod
     def of(cls, recording: Recording, channels: Sequence[str] | None = None) -> Trial:
