@@ -51,6 +51,7 @@ RULES = (
     # siblings of a family know its base and the nouns; another family or sibling only where it is the point:
     *(Rule(family, (base, *NOUNS)) for family, base in FAMILIES.items()),
     Rule("robots", ("robots.robot", "controllers.controller", "simulators.simulator", *NOUNS)),  # stand-ins simulate
+    Rule("search.optuna", ("search.search", "search.study_file", *NOUNS)),  # the study for the dashboard
     Rule("tasks", ("tasks.task", "controllers", *NOUNS)),
     Rule("simulators", ("simulators.simulator", "controllers.controller", *NOUNS)),
     Rule("discrepancies", ("discrepancies.discrepancy", "simulators.simulator", *NOUNS)),  # they compare with a rollout
