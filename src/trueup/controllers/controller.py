@@ -10,6 +10,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.trial import Trial
+
 Array = NDArray[np.float64]
 
 
@@ -25,6 +27,8 @@ class Observation:
     """(b, nv) generalised velocities."""
     sensors: Mapping[str, Array]
     """Sensor name to (b, dim)."""
+    trial: Trial | None = None
+    """The trial that is being run, where all b copies run the same: its references are what is to be followed."""
 
 
 class Controller(Protocol):

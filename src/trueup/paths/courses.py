@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Courses to drive: the 14 m x 2 m hairpin circuit of the Stanley study, and others to train on or to hold out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.paths.path import SPACING, Path
+from trueup.paths.speed import SpeedLimits
+
+Array = NDArray[np.float64]
+
+LIMITS = SpeedLimits(lateral=0.9, acceleration=0.25, deceleration=0.25, highest=1.0, start=0.1, stop=0.1)
+"""For a carrying robot of 50 kg at walking pace."""
+
+LAPS = (0.4, 0.68, 0.95)
+"""Cruising speed of the three laps, in m/s: one in each of the controller's three ranges."""
+
+Piece = tuple[float, float]
+"""Length in m and curvature in 1/m."""
+
+
+def from_pieces(
+    name: str, laps: Sequence[tuple[Sequence[Piece], float]], limits: SpeedLimits = LIMITS, spacing: float = SPACING
+) -> Path:
+    """Straights and arcs one after the other, from the origin along x; `laps`: pieces and their speed in m/s.
+
+    Heading and curvature are exact: nothing is smoothed.
+    """
+    x, y, heading = 0.0, 0.0, 0.0
+    points, headings, curvatures, speeds = [(x, y)], [heading], [laps[0][0][0][1]], [laps[0][1]]
+    for pieces, speed in laps:
+        for length, curvature in pieces:
+            count = max(1, math.ceil(length / spacing - 1e-9))
+            for s in (np.arange(1, count + 1) * (length / count)).tolist():
+                dx, dy = _along(s, curvature)
+                points.append((x + dx * math.cos(heading) - dy * math.sin(heading),
+                               y + dx * math.sin(heading) + dy * math.cos(heading)))  # fmt: skip
+                headings.append(heading + curvature * s)
+                curvatures.append(curvature)
+                speeds.append(speed)
+            (x, y), heading = points[-1], headings[-1]
+    return Path.from_dense(
+        name,
+        np.array(points),
+        np.array(speeds),
+        heading=np.array(headings),
+        curvature=np.array(curvatures),
+        limits=limits,
+    )
+
+
+def hairpin(
+    laps: Sequence[float] = LAPS, *, straight: float = 12.0, radius: float = 1.0, limits: SpeedLimits = LIMITS
+) -> Path:
+    """The circuit of the Stanley study: two straights joined by two half circles, one lap for each speed (m/s).
+
+    The paper shows a 14 m x 2 m area, two straights, two sharp curves and 170 s a run, without speeds; 12 m and 1 m fill
+    the area, and three laps at these speeds take 150 s (a robot that is slower than commanded still finishes in 170 s)
+    and use each of its three speed ranges. Laps begin in the middle of a straight: both curves are at the lap's speed.
+    """
+    half = math.pi * radius
+    lap = [(0.5 * straight, 0.0), (half, 1.0 / radius), (straight, 0.0), (half, 1.0 / radius), (0.5 * straight, 0.0)]
+    return from_pieces("hairpin", [(lap, speed) for speed in laps], limits)
+
+
+def figure_eight(laps: Sequence[float] = LAPS, *, radius: float = 1.6, limits: SpeedLimits = LIMITS) -> Path:
+    """A left circle, then a right one, for each speed."""
+    turn = 2.0 * math.pi * radius
+    lap = [(turn, 1.0 / radius), (turn, -1.0 / radius)]
+    return from_pieces("figure_eight", [([(1.0, 0.0)], laps[0]), *((lap, v) for v in laps), ([(1.0, 0.0)], laps[-1])],
+                       limits)  # fmt: skip
+
+
+def rounded_rectangle(
+    laps: Sequence[float] = LAPS, *, sides: tuple[float, float] = (5.0, 3.0), radius: float = 1.0,
+    limits: SpeedLimits = LIMITS,
+) -> Path:  # fmt: skip
+    """A rectangle of straight `sides` (m) with rounded corners, driven to the right."""
+    corner = (0.5 * math.pi * radius, -1.0 / radius)
+    lap = [p for side in (*sides, *sides) for p in ((side, 0.0), corner)]
+    return from_pieces("rounded_rectangle", [*((lap, v) for v in laps), ([(1.0, 0.0)], laps[-1])], limits)
+
+
+def chicane(
+    laps: Sequence[float] = LAPS, *, shift: float = 60.0, radius: float = 1.2, limits: SpeedLimits = LIMITS
+) -> Path:
+    """Lane changes left and right by arcs of `shift` degrees, with straights in between."""
+    arc = math.radians(shift) * radius
+    left, right = (arc, 1.0 / radius), (arc, -1.0 / radius)
+    lap = [(2.0, 0.0), left, right, (2.0, 0.0), right, left]
+    return from_pieces("chicane", [*((lap * 2, v) for v in laps), ([(1.0, 0.0)], laps[-1])], limits)
+
+
+def slalom(
+    laps: Sequence[float] = LAPS, *, radius: float = 1.5, angle: float = 100.0, limits: SpeedLimits = LIMITS
+) -> Path:
+    """Swings left and right without a straight in between: arcs of `angle` degrees."""
+    arc = math.radians(angle) * radius
+    swing = [(0.5 * arc, 1.0 / radius), (arc, -1.0 / radius), (0.5 * arc, 1.0 / radius)]
+    return from_pieces("slalom", [([(1.0, 0.0)], laps[0]), *((swing * 3, v) for v in laps)], limits)
+
+
+def loops(laps: Sequence[float] = LAPS, *, limits: SpeedLimits = LIMITS) -> Path:
+    """A smooth closed curve with bends of many radii, for each speed."""
+    angle = np.linspace(0.0, 2.0 * math.pi, 41)[:-1]
+    reach = 2.6 + 0.35 * np.cos(3.0 * angle)
+    lap = np.stack([1.4 * reach * np.cos(angle), reach * np.sin(angle)], axis=1)
+    whole = np.concatenate([np.tile(lap, (len(laps), 1)), lap[:1]])
+    smooth = Path.from_spline("loops", whole, spacing=SPACING)
+    speeds = np.asarray(laps)[np.minimum((smooth.arc / smooth.length * len(laps)).astype(int), len(laps) - 1)]
+    return smooth.replace(speed=speeds).limited(limits)
+
+
+COURSES: Mapping[str, Callable[[], Path]] = MappingProxyType(
+    {
+        "hairpin": hairpin,
+        "figure_eight": figure_eight,
+        "rounded_rectangle": rounded_rectangle,
+        "chicane": chicane,
+        "slalom": slalom,
+        "loops": loops,
+    }
+)
+"""Name to course, for plans."""
+
+
+def _along(s: float, curvature: float) -> tuple[float, float]:
+    """Where a piece that starts at the origin along x is after s m."""
+    if curvature == 0.0:
+        return s, 0.0
+    return math.sin(curvature * s) / curvature, (1.0 - math.cos(curvature * s)) / curvature

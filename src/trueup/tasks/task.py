@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a task must offer: the controller's parameters, the trials that show how good they are, and a score."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.controllers.controller import Controller
+from trueup.errors import ParameterError, RecordingError
+from trueup.parameters import ParameterSpace
+from trueup.recording import Recording
+from trueup.simulators.simulator import Rollout, Simulator
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+
+
+class Task(Protocol):
+    """What is wanted of a robot. The same score judges simulations and recordings of the robot."""
+
+    @property
+    def name(self) -> str:
+        """For reports."""
+        ...
+
+    @property
+    def parameters(self) -> ParameterSpace:
+        """What may be tuned: (m,) values of the controller; the nominal ones are what the robot runs with today."""
+        ...
+
+    @property
+    def trials(self) -> tuple[Trial, ...]:
+        """The runs that show how good a candidate is; one or several paths, loads, starts."""
+        ...
+
+    def controllers(self, values: Array) -> Controller:
+        """The controller of b copies with parameters (b, m); it learns at its reset which trial it is in."""
+        ...
+
+    def score(self, rollouts: Sequence[Rollout]) -> Array:
+        """(b,) lower is better, from one Rollout of b rows for each of `trials`, in their order; NaN where one failed."""
+        ...
+
+
+def simulated_scores(task: Task, simulator: Simulator, model: Array, candidates: Array) -> Array:
+    """(p, b) scores of candidates (b, m) under each model: values (p, n) or (n,) of the simulator's parameters.
+
+    All models x candidates are rows of one rollout.
+    """
+    models, tried = np.atleast_2d(model), np.atleast_2d(candidates)
+    if tried.shape[1] != len(task.parameters):
+        raise ParameterError(f"task '{task.name}' has {len(task.parameters)} parameters, got {tried.shape[1]}")
+    rows = np.concatenate([np.repeat(models, len(tried), axis=0), np.tile(tried, (len(models), 1))], axis=1)
+    scores = task.score(simulator.rollout(task.trials, rows, task.controllers))
+    return scores.reshape(len(models), len(tried))
+
+
+def robot_trials(task: Task, candidate: Array, label: str = "") -> tuple[Trial, ...]:
+    """The task's trials with the controller set to one candidate (m,), ready for `Robot.perform`.
+
+    `label` is put after each trial's name, so that recordings of several candidates can be told apart.
+    """
+    settings = dict(zip(task.parameters.names, (float(v) for v in candidate), strict=True))
+    return tuple(dataclasses.replace(t, name=t.name + label, settings=settings) for t in task.trials)
+
+
+def robot_scores(task: Task, recordings: Sequence[Sequence[Recording]]) -> Array:
+    """(b,) scores of what the robot did: for each of the task's trials its b repeats, by the task's own score."""
+    return task.score([as_rollout(t, r) for t, r in zip(task.trials, recordings, strict=True)])
+
+
+def as_rollout(trial: Trial, recordings: Sequence[Recording]) -> Rollout:
+    """Recordings of one trial in the shape of a rollout: one row a recording, read off at the trial's instants.
+
+    Each recording's clock is moved so that it begins at the trial's start. Instants after its end are NaN.
+    Raises RecordingError where there is none, UnknownNameError where a recording lacks an observed channel.
+    """
+    if not recordings:
+        raise RecordingError(f"trial '{trial.name}' has no recording")
+    channels = {
+        name: np.stack([
+            r.channel(name).select(o.labels).at(o.time - trial.start + r.start, hold=name.startswith("command"))
+            for r in recordings
+        ])
+        for name, o in trial.observed.items()
+    }  # fmt: skip
+    return Rollout(trial, channels, {})
