@@ -59,7 +59,8 @@ RULES = (
         "discrepancies.weighted",
         ("discrepancies.discrepancy", "discrepancies.alignment", "simulators.simulator", *NOUNS),
     ),
-    Rule("identification", ("simulators.simulator", "controllers.playback", *NOUNS)),
+    # an MJCF is read as MuJoCo compiles it
+    Rule("identification", ("simulators.simulator", "controllers.playback", *NOUNS), lazily=("simulators.mujoco.model",)),
     Rule("grounding", ("simulators.simulator", "controllers.playback", *NOUNS)),
     # what the loop computes with when nobody gives it something else; never a concrete simulator or robot
     Rule("loop", (*BASES, "identification", "grounding", "discrepancies", "search", *NOUNS)),

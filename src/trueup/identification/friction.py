@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Friction and drive terms of a joint, each a column that is linear in its coefficient."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import ParameterError, unknown_name
+
+Array = NDArray[np.float64]
+
+
+def _forward(value: Array) -> Array:
+    return np.maximum(value, 0.0)
+
+
+def _backward(value: Array) -> Array:
+    return np.minimum(value, 0.0)
+
+
+# kind -> symbol of its coefficient, power of speed in its unit, column from (speed, its sign, speed of the term)
+_Column = Callable[[Array, Array, float], Array]
+_KINDS: Mapping[str, tuple[str, int, _Column]] = MappingProxyType(
+    {
+        "coulomb": ("f0", 0, lambda v, s, v0: s),
+        "viscous": ("f1", 1, lambda v, s, v0: v),
+        "quadratic": ("f2", 2, lambda v, s, v0: s * v * v),
+        "offset": ("fo", 0, lambda v, s, v0: np.ones_like(v)),
+        "coulomb_forward": ("f0+", 0, lambda v, s, v0: _forward(s)),
+        "coulomb_backward": ("f0-", 0, lambda v, s, v0: _backward(s)),
+        "viscous_forward": ("f1+", 1, lambda v, s, v0: _forward(v)),
+        "viscous_backward": ("f1-", 1, lambda v, s, v0: _backward(v)),
+        "cubic": ("f3", 3, lambda v, s, v0: v**3),
+        "stribeck": ("fs", 0, lambda v, s, v0: s * np.exp(-((v / v0) ** 2))),
+        "saturating": ("ft", 0, lambda v, s, v0: np.tanh(v / v0)),
+    }
+)
+_NEEDS_SPEED = ("stribeck", "saturating")
+
+
+@dataclass(frozen=True)
+class Term:
+    """One friction term; `speed` in rad/s (m/s) is where a Stribeck term decays, or a saturating one saturates.
+
+    The papers' model (evolved trajectories, eq. 2) is coulomb, viscous, quadratic:
+    f0 sign(qd) + f1 qd + f2 sign(qd) qd^2. Raises UnknownNameError, or ParameterError without a speed where one is needed.
+    """
+
+    kind: str
+    speed: float = float("nan")
+
+    def __post_init__(self) -> None:
+        """Checks kind and speed."""
+        if self.kind not in _KINDS:
+            raise unknown_name("friction term", self.kind, _KINDS, "the list")
+        if self.kind in _NEEDS_SPEED and not self.speed > 0.0:
+            raise ParameterError(f"friction term '{self.kind}' needs a speed above 0 rad/s, got {self.speed}")
+
+    @property
+    def symbol(self) -> str:
+        """The name of its coefficient: f0, f1, f2, ..."""
+        return _KINDS[self.kind][0]
+
+    def unit(self, prismatic: bool) -> str:
+        """The unit of its coefficient."""
+        power, force, speed = _KINDS[self.kind][1], "N" if prismatic else "N m", "m" if prismatic else "rad"
+        exponent = "" if power == 1 else f"^{power}"
+        return force if power == 0 else f"{force} s{exponent}/{speed}{exponent}"
+
+    def column(self, speed: Array, rest: float = 0.0) -> Array:
+        """The torque that a coefficient of one gives at `speed` (...); below `rest` the sign fades linearly to zero."""
+        sign = np.clip(speed / rest, -1.0, 1.0) if rest > 0.0 else np.sign(speed)
+        return _KINDS[self.kind][2](speed, sign, self.speed)
+
+
+PAPER = (Term("coulomb"), Term("viscous"), Term("quadratic"))
+COMMON = (Term("coulomb"), Term("viscous"), Term("offset"))
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A drive that turns with two joints: drive `drive` moves with q[drive] + ratio q[joint], as in many wrists.
+
+    Its rotor inertia and friction then load both joints (by `ratio` the second one).
+    """
+
+    drive: int
+    joint: int
+    ratio: float = 1.0
+
+
+@dataclass(frozen=True)
+class Transmission:
+    """From motors to joints: motor angle = ratio (q + coupled joints' q). Ratios have the sign of the gear."""
+
+    ratios: tuple[float, ...]
+    couplings: tuple[Coupling, ...] = ()
+
+    def matrix(self) -> Array:
+        """(n, n) motor speeds for joint speeds. Raises ParameterError for a ratio of zero."""
+        if not all(np.isfinite(self.ratios)) or 0.0 in self.ratios:
+            raise ParameterError(f"gear ratios must be finite and not zero, got {self.ratios}")
+        to_drive = np.eye(len(self.ratios))
+        for c in self.couplings:
+            to_drive[c.drive, c.joint] += c.ratio
+        return np.asarray(self.ratios)[:, None] * to_drive
+
+    def joint_positions(self, motor: Array) -> Array:
+        """(S, n) joint positions (or speeds, accelerations) of motor ones (S, n)."""
+        return np.asarray(np.linalg.solve(self.matrix(), motor.T).T, dtype=np.float64)
+
+    def joint_torques(self, motor: Array) -> Array:
+        """(S, n) joint torques of motor torques (S, n): power is kept."""
+        return motor @ self.matrix()

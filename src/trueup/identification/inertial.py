@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Inertial parameters of rigid bodies as ten numbers: (m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz), linear in torque.
+
+Mass in kg, first moments in kg m, second moments in kg m^2 about the frame's origin in the frame's axes. Products of
+inertia are matrix entries (Ixy = -integral of x y dm). The order is Pinocchio's.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+UNITS = ("kg", "kg m", "kg m", "kg m", "kg m^2", "kg m^2", "kg m^2", "kg m^2", "kg m^2", "kg m^2")
+_ROWS, _COLUMNS = (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)
+
+
+def from_com(mass: float, com: Array, inertia: Array) -> Array:
+    """(10,) parameters of a body with `inertia` (3, 3) about its centre of mass `com` (3,), both in the frame's axes."""
+    c = np.asarray(com, dtype=float)
+    about_origin = np.asarray(inertia, dtype=float) + mass * (c @ c * np.eye(3) - np.outer(c, c))
+    return np.concatenate([[mass], mass * c, about_origin[_ROWS, _COLUMNS]])
+
+
+def tensor(inertial: Array) -> Array:
+    """(..., 3, 3) inertia about the frame's origin of parameters (..., 10)."""
+    full = np.empty((*inertial.shape[:-1], 3, 3))
+    full[..., _ROWS, _COLUMNS] = inertial[..., 4:]
+    full[..., _COLUMNS, _ROWS] = inertial[..., 4:]
+    return full
+
+
+def pseudo_inertia(inertial: Array) -> Array:
+    """(..., 4, 4) second moments of the mass distribution; a body is physical if and only if this is >= 0.
+
+    Wensing, Kim & Slotine, "Linear matrix inequalities for physically consistent inertial parameter identification",
+    IEEE RA-L 3(1), 2018, eq. 12.
+    """
+    inertia = tensor(inertial)
+    full = np.empty((*inertial.shape[:-1], 4, 4))
+    full[..., :3, :3] = 0.5 * np.trace(inertia, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - inertia
+    full[..., :3, 3] = full[..., 3, :3] = inertial[..., 1:4]
+    full[..., 3, 3] = inertial[..., 0]
+    return full
+
+
+def from_pseudo_inertia(pseudo: Array) -> Array:
+    """(..., 10) parameters of pseudo-inertia matrices (..., 4, 4); the inverse of `pseudo_inertia`."""
+    moments = pseudo[..., :3, :3]
+    inertia = np.trace(moments, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - moments
+    return np.concatenate([pseudo[..., 3, 3:], pseudo[..., 3, :3], inertia[..., _ROWS, _COLUMNS]], axis=-1)
+
+
+def moved(inertial: Array, rotation: Array, offset: Array) -> Array:
+    """(..., 10) the same bodies seen from a frame in which the old one is rotated by `rotation` and lies at `offset`."""
+    shape = np.broadcast_shapes(inertial.shape[:-1], rotation.shape[:-2], offset.shape[:-1])
+    pose = np.zeros((*shape, 4, 4))
+    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = rotation, offset, 1.0
+    return from_pseudo_inertia(pose @ pseudo_inertia(inertial) @ np.swapaxes(pose, -1, -2))
+
+
+def moving_matrix(rotation: Array, offset: Array) -> Array:
+    """(10, 10) matrix M with `moved(inertial, rotation, offset) == M @ inertial`."""
+    return moved(np.eye(10), rotation, offset).T

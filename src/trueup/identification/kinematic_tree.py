@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The kinematic tree of a robot: its joints, how their axes lie to one another, their limits, and what the file weighs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trueup.errors import ModelError, unknown_name
+from trueup.identification.inertial import moved
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class KinematicTree:
+    """n revolute and prismatic joints on a fixed base, parents before children; arrays are read-only.
+
+    The frame of link i is fixed to it, with its origin on the axis of joint i: at q = 0 it stands at `offset[i]`,
+    `rotation[i]` in the frame of its parent link (or the base), and it moves with q about (or along) `axis[i]`.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    links: tuple[str, ...]
+    """What each joint moves; bodies that are fixed to it are merged into it."""
+    parent: NDArray[np.int64]
+    """(n,) index of the joint before, -1 for the base."""
+    prismatic: NDArray[np.bool_]
+    axis: Array
+    """(n, 3) unit vectors in the link's own frame."""
+    rotation: Array
+    """(n, 3, 3) link frame to parent's link frame at q = 0."""
+    offset: Array
+    """(n, 3) in m, in the parent's link frame at q = 0."""
+    gravity: Array
+    """(3,) acceleration of free fall in the base frame, m/s^2."""
+    lower: Array
+    upper: Array
+    speed: Array
+    """(n,) limit in rad/s or m/s; NaN where the file has none, as for `lower`, `upper` and `effort`."""
+    effort: Array
+    inertial: Array
+    """(n, 10) from the file, in the order of `trueup.identification.inertial`; NaN for a link that it does not weigh."""
+    armature: Array
+    """(n,) rotor inertia at the joint, kg m^2 (or kg)."""
+    notes: tuple[str, ...] = ()
+    """What was left out or assumed on reading, in words."""
+
+    def __post_init__(self) -> None:
+        """Copies arrays to read-only ones of the right kind. Raises ModelError where shapes disagree."""
+        n = len(self.joints)
+        shapes = {"axis": (n, 3), "rotation": (n, 3, 3), "offset": (n, 3), "gravity": (3,), "inertial": (n, 10)}
+        for field in fields(self):
+            if field.name in ("name", "joints", "links", "notes"):
+                continue
+            kind = {"parent": np.int64, "prismatic": np.bool_}.get(field.name, np.float64)
+            values = np.array(getattr(self, field.name), dtype=kind)
+            if values.shape != (wanted := shapes.get(field.name, (n,))):
+                raise ModelError(f"{field.name} of tree '{self.name}' has shape {values.shape}, expected {wanted}")
+            values.flags.writeable = False
+            object.__setattr__(self, field.name, values)
+        if np.any(self.parent >= np.arange(n)):
+            raise ModelError(f"joints of tree '{self.name}' must come after the joints that carry them")
+
+    @property
+    def n(self) -> int:
+        """The number of joints."""
+        return len(self.joints)
+
+    def index(self, joint: str) -> int:
+        """The place of a joint. Raises UnknownNameError, which lists the joints."""
+        if joint not in self.joints:
+            raise unknown_name("joint", joint, self.joints)
+        return self.joints.index(joint)
+
+    def carries(self) -> NDArray[np.bool_]:
+        """(n, n) whether joint i carries link j, itself included: where the torque of i depends on the mass of j."""
+        moves = np.eye(self.n, dtype=bool)
+        for j, p in enumerate(self.parent):
+            if p >= 0:
+                moves[:, j] |= moves[:, p]
+        return moves
+
+    def weighed(self) -> Array:
+        """(n, 10) the file's inertial parameters. Raises ModelError naming the links that have none."""
+        missing = [link for link, row in zip(self.links, self.inertial, strict=True) if np.isnan(row).any()]
+        if missing:
+            raise ModelError(
+                f"model '{self.name}' gives no inertia for {len(missing)} of {self.n} links: {', '.join(missing)}; "
+                "motion and base parameters need none, but torque from the file's own values does: fill in <inertial> "
+                "(a rough guess from volume will do as a start) or pass inertial parameters of your own"
+            )
+        return self.inertial
+
+    def replace(self, **changes: object) -> KinematicTree:
+        """A copy with some fields changed: `tree.replace(gravity=(0, 0, 9.81))` for an arm that hangs."""
+        return replace(self, **changes)  # type: ignore[arg-type]
+
+    def lock(self, names: Iterable[str], at: float | ArrayLike = 0.0) -> KinematicTree:
+        """A tree without these joints, each welded at its value `at` (rad or m); their links join the links before.
+
+        Raises UnknownNameError for a joint that is not there.
+        """
+        gone = [self.index(name) for name in names]
+        held = dict(zip(gone, np.broadcast_to(np.asarray(at, dtype=float), (len(gone),)), strict=True))
+        tree = self
+        for i in sorted(held, reverse=True):
+            tree = tree._without(i, float(held[i]))
+        return tree
+
+    def _without(self, i: int, q: float) -> KinematicTree:
+        """The tree with joint i welded at q: its children hang on its parent, which gains its mass."""
+        R, p = joint_pose(self, i, q)
+        rotation, offset, inertial, parent = (
+            np.array(a) for a in (self.rotation, self.offset, self.inertial, self.parent)
+        )
+        for j in np.flatnonzero(parent == i):
+            rotation[j], offset[j] = R @ rotation[j], p + R @ offset[j]
+        if (carrier := int(parent[i])) >= 0:
+            inertial[carrier] += moved(np.nan_to_num(inertial[i]), R, p)
+        parent[parent == i] = carrier
+        parent[parent > i] -= 1
+        keep = np.arange(self.n) != i
+        arrays = {
+            k: getattr(self, k)[keep] for k in ("prismatic", "axis", "lower", "upper", "speed", "effort", "armature")
+        }
+        return self.replace(
+            joints=tuple(np.array(self.joints)[keep].tolist()), links=tuple(np.array(self.links)[keep].tolist()),
+            parent=parent[keep], rotation=rotation[keep], offset=offset[keep], inertial=inertial[keep], **arrays,
+        )  # fmt: skip
+
+
+def about(axis: Array, angle: ArrayLike) -> Array:
+    """(..., 3, 3) rotation by `angle` (...) rad about a unit `axis` (3,): Rodrigues' formula."""
+    x, y, z = axis
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turn = np.asarray(angle, dtype=float)[..., None, None]
+    return np.eye(3) + np.sin(turn) * K + (1.0 - np.cos(turn)) * (K @ K)
+
+
+def joint_pose(tree: KinematicTree, i: int, q: float) -> tuple[Array, Array]:
+    """Rotation (3, 3) and position (3,) of link i in its parent's frame, with its joint at q."""
+    if tree.prismatic[i]:
+        return tree.rotation[i], tree.offset[i] + tree.rotation[i] @ tree.axis[i] * q
+    return tree.rotation[i] @ about(tree.axis[i], q), tree.offset[i]
+
+
+def load_tree(path: str | Path, *, fix_base: bool = False) -> KinematicTree:
+    """The tree of a URDF or MJCF file; meshes are not needed. `fix_base` welds a floating base where it stands.
+
+    Raises ModelError where the file cannot be read or has joints that are neither revolute nor prismatic.
+    """
+    from trueup.identification.mjcf import tree_from_mjcf
+    from trueup.identification.urdf import is_urdf, tree_from_urdf
+
+    return tree_from_urdf(path, fix_base=fix_base) if is_urdf(path) else tree_from_mjcf(path, fix_base=fix_base)
+
+
+def from_dh(
+    a: Sequence[float], alpha: Sequence[float], d: Sequence[float], theta: Sequence[float] | None = None, *,
+    prismatic: Sequence[bool] | None = None, convention: Literal["standard", "modified"] = "standard",
+    joints: Sequence[str] | None = None, name: str = "arm", gravity: ArrayLike = (0.0, 0.0, -9.81), **given: ArrayLike,
+) -> KinematicTree:  # fmt: skip
+    """A chain from Denavit-Hartenberg rows (m, rad); `theta` are the offsets of revolute joints, `given` other fields.
+
+    'standard' (distal): T_i = Rz(theta_i + q_i) Tz(d_i) Tx(a_i) Rx(alpha_i); link i has the axes of frame i and the
+    origin of frame i - 1, a point of its joint axis, so that its moments depend on no a or d. 'modified' (Craig):
+    T_i = Rx(alpha_i) Tx(a_i) Rz(theta_i + q_i) Tz(d_i), with link frames those of the table.
+    """
+    n = len(a)
+    turns = np.zeros(n) if theta is None else np.asarray(theta, dtype=float)
+    x, z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    twist = about(x, np.asarray(alpha, dtype=float))
+    lengths = np.column_stack([a, np.zeros(n), d])
+    if convention == "standard":
+        axis = np.einsum("nij,i->nj", twist, z)  # the joint's axis z of frame i - 1, seen from frame i
+        rotation = about(z, turns) @ twist
+        ahead = np.einsum("nij,ni->nj", twist, lengths)  # origin i seen from origin i - 1 in the axes of frame i
+        offset = np.vstack([np.zeros(3), ahead[:-1]])
+    else:
+        axis, rotation = np.tile(z, (n, 1)), twist @ about(z, turns)
+        offset = np.einsum("nij,nj->ni", twist, lengths)
+    names = tuple(joints) if joints is not None else tuple(f"joint{i + 1}" for i in range(n))
+    unknown = np.full(n, np.nan)
+    rest = {"lower": unknown, "upper": unknown, "speed": unknown, "effort": unknown, "armature": np.zeros(n)}
+    values = {**rest, "inertial": np.full((n, 10), np.nan), "links": tuple(f"link{i + 1}" for i in range(n)), **given}
+    return KinematicTree(
+        name=name, joints=names, parent=np.arange(n) - 1, axis=axis, rotation=rotation, offset=offset,
+        prismatic=np.zeros(n, dtype=bool) if prismatic is None else np.asarray(prismatic, dtype=bool),
+        gravity=np.asarray(gravity, dtype=float), **values,  # type: ignore[arg-type]
+    )  # fmt: skip

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads the kinematic tree of an MJCF file, as MuJoCo compiles it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import ModelError
+from trueup.identification.inertial import from_com, moved
+from trueup.identification.kinematic_tree import KinematicTree, about
+
+if TYPE_CHECKING:
+    import mujoco
+
+Array = NDArray[np.float64]
+
+
+def tree_from_mjcf(path: str | Path, *, fix_base: bool = False) -> KinematicTree:
+    """The tree of an MJCF file; bodies without joints are merged, a body with k joints gets k - 1 massless links before.
+
+    Raises ModelError where it does not compile, for ball joints, and unless `fix_base` for free ones.
+    """
+    from trueup.simulators.mujoco.model import load
+
+    model = load(path)
+    return tree_of(model.compiled, model.name, fix_base=fix_base, notes=model.notes)
+
+
+def tree_of(model: mujoco.MjModel, name: str, *, fix_base: bool = False, notes: tuple[str, ...] = ()) -> KinematicTree:
+    """The tree of a compiled model. Raises ModelError for joints that are neither hinge nor slide, see `fix_base`."""
+    _check_joints(model, name, fix_base)
+    parent: list[int] = []
+    of_joint: list[int] = []  # MuJoCo's id of each joint of the tree
+    rotation, offset, mass = [], [], []
+    where: dict[int, tuple[int, Array, Array]] = {0: (-1, np.eye(3), np.zeros(3))}  # body -> carrier, pose in its frame
+    for body in range(1, model.nbody):
+        carrier, R, p = where[int(model.body_parentid[body])]
+        R, p = R @ _matrix(model.body_quat[body]), p + R @ model.body_pos[body]
+        for j in range(model.body_jntadr[body], model.body_jntadr[body] + max(int(model.body_jntnum[body]), 0)):
+            if int(model.jnt_type[j]) == 0:  # a free joint, welded
+                continue
+            at = np.array(model.jnt_pos[j])
+            R_zero, p_zero = _at_zero(model, j, R, p + R @ at)
+            parent.append(carrier)
+            of_joint.append(j)
+            rotation.append(R_zero)
+            offset.append(p_zero)
+            mass.append(np.zeros(10))
+            carrier, R, p = len(of_joint) - 1, np.eye(3), -at  # the body's frame, seen from the link's
+        where[body] = (carrier, R, p)
+        if carrier >= 0:
+            mass[carrier] = mass[carrier] + moved(_inertial(model, body), R, p)
+    if not of_joint:
+        raise ModelError(f"model '{name}' has no hinge or slide joint")
+    return _tree(model, name, notes, np.array(of_joint), parent, rotation, offset, mass)
+
+
+def _tree(
+    model: mujoco.MjModel, name: str, notes: tuple[str, ...], ids: NDArray[np.int64], parent: list[int],
+    rotation: list[Array], offset: list[Array], mass: list[Array],
+) -> KinematicTree:  # fmt: skip
+    limited = model.jnt_limited[ids].astype(bool)
+    bounds = np.where(limited[:, None], model.jnt_range[ids], np.nan)
+    effort = np.where(model.jnt_actfrclimited[ids].astype(bool), model.jnt_actfrcrange[ids, 1], np.nan)
+    if model.neq:
+        notes = (*notes, f"{model.neq} equality constraints are left out: each joint moves on its own")
+    return KinematicTree(
+        name=name, joints=tuple(model.joint(i).name for i in ids),
+        links=tuple(model.body(int(model.jnt_bodyid[i])).name for i in ids),
+        parent=np.array(parent), prismatic=model.jnt_type[ids] == 2, axis=model.jnt_axis[ids],
+        rotation=np.array(rotation), offset=np.array(offset), gravity=np.array(model.opt.gravity),
+        lower=bounds[:, 0], upper=bounds[:, 1], speed=np.full(len(ids), np.nan), effort=effort, inertial=np.array(mass),
+        armature=model.dof_armature[model.jnt_dofadr[ids]], notes=notes,
+    )  # fmt: skip
+
+
+def _check_joints(model: mujoco.MjModel, name: str, fix_base: bool) -> None:
+    for j in range(model.njnt):
+        kind = ("free", "ball", "slide", "hinge")[int(model.jnt_type[j])]
+        if kind == "ball" or (kind == "free" and not fix_base):
+            hint = "; the base can be welded with fix_base=True" if kind == "free" else ""
+            raise ModelError(
+                f"joint '{model.joint(j).name}' of '{name}' is {kind}; only hinge and slide joints on a fixed base "
+                f"can be used{hint}"
+            )
+
+
+def _at_zero(model: mujoco.MjModel, j: int, R: Array, p: Array) -> tuple[Array, Array]:
+    """The pose at q = 0: the file shows the body at q = ref."""
+    ref, axis = float(model.qpos0[model.jnt_qposadr[j]]), np.array(model.jnt_axis[j])
+    if int(model.jnt_type[j]) == 2:
+        return R, p - R @ axis * ref
+    return R @ about(axis, -ref), p
+
+
+def _inertial(model: mujoco.MjModel, body: int) -> Array:
+    R = _matrix(model.body_iquat[body])
+    return from_com(float(model.body_mass[body]), model.body_ipos[body], R @ np.diag(model.body_inertia[body]) @ R.T)
+
+
+def _matrix(quaternion: Array) -> Array:
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip

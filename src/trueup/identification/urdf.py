@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads the kinematic tree of a URDF, with its inertias and limits exactly as written; meshes are never opened."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import ModelError
+from trueup.identification.inertial import from_com, moved
+from trueup.identification.kinematic_tree import KinematicTree, about
+
+Array = NDArray[np.float64]
+Element = ElementTree.Element
+
+_MOVING = ("revolute", "continuous", "prismatic")
+
+
+def is_urdf(path: str | Path) -> bool:
+    """True where the file's first element is <robot>. Raises ModelError where there is no such file or it is not XML."""
+    file = Path(path)
+    if not file.is_file():
+        raise ModelError(f"model file '{file}' does not exist (looked in {file.absolute().parent})")
+    try:
+        return next(element.tag for _, element in ElementTree.iterparse(file, events=("start",))) == "robot"
+    except (ElementTree.ParseError, UnicodeDecodeError, StopIteration) as error:
+        raise ModelError(f"model file '{file}' is not XML: {error}") from None
+
+
+@dataclass
+class _Chain:
+    """Rows of the tree while it is walked; `mass` are the inertial parameters gathered for each joint's link."""
+
+    joints: list[Element] = field(default_factory=list)
+    links: list[str] = field(default_factory=list)
+    parent: list[int] = field(default_factory=list)
+    rotation: list[Array] = field(default_factory=list)
+    offset: list[Array] = field(default_factory=list)
+    mass: list[Array] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def tree_from_urdf(path: str | Path, *, fix_base: bool = False) -> KinematicTree:
+    """The tree of a URDF; what fixed joints hold is merged, `mimic` joints move on their own and are noted.
+
+    Raises ModelError for loops, several roots, joints of other types, and unless `fix_base` for a floating base.
+    """
+    file = Path(path)
+    root = ElementTree.parse(file).getroot()
+    links = {k.get("name", ""): k for k in root.findall("link")}
+    below: dict[str, list[Element]] = {}
+    children = set()
+    for joint in root.findall("joint"):
+        above, child = _end(joint, "parent", links, file), _end(joint, "child", links, file)
+        below.setdefault(above, []).append(joint)
+        if child in children:
+            raise ModelError(f"link '{child}' of '{file}' hangs on two joints; only trees can be identified")
+        children.add(child)
+    tops = [name for name in links if name not in children]
+    if len(tops) != 1:
+        raise ModelError(f"'{file}' has {len(tops)} root links ({', '.join(tops) or 'a loop'}); expected one")
+    chain = _Chain()
+    _walk(chain, tops[0], -1, np.eye(3), np.zeros(3), links, below, fix_base)
+    if not chain.joints:
+        raise ModelError(f"'{file}' has no joint that moves")
+    return _tree(chain, root.get("name", file.stem))
+
+
+def _walk(
+    chain: _Chain, link: str, carrier: int, R: Array, p: Array, links: dict[str, Element],
+    below: dict[str, list[Element]], fix_base: bool,
+) -> None:  # fmt: skip
+    """Adds a link at pose R, p in the frame of joint `carrier`'s link, then all that hangs on it, depth first."""
+    if carrier >= 0 and (element := links[link].find("inertial")) is not None:
+        own = moved(_inertial(element, link), R, p)
+        chain.mass[carrier] = own if np.isnan(chain.mass[carrier]).any() else chain.mass[carrier] + own
+    for joint in below.get(link, []):
+        kind, child = joint.get("type", ""), joint.find("child")
+        child_name = child.get("link", "") if child is not None else ""
+        turn, shift = _pose(joint.find("origin"))
+        R_child, p_child = R @ turn, p + R @ shift
+        if kind == "fixed" or (kind == "floating" and fix_base):
+            _walk(chain, child_name, carrier, R_child, p_child, links, below, fix_base)
+        elif kind in _MOVING:
+            chain.joints.append(joint)
+            chain.links.append(child_name)
+            chain.parent.append(carrier)
+            chain.rotation.append(R_child)
+            chain.offset.append(p_child)
+            chain.mass.append(np.full(10, np.nan))
+            if (mimic := joint.find("mimic")) is not None:
+                chain.notes.append(
+                    f"joint '{joint.get('name')}' mimics '{mimic.get('joint')}'; here it moves on its own"
+                )
+            _walk(chain, child_name, len(chain.joints) - 1, np.eye(3), np.zeros(3), links, below, fix_base)
+        else:
+            hint = "; a floating base can be welded with fix_base=True" if kind == "floating" else ""
+            raise ModelError(
+                f"joint '{joint.get('name')}' is {kind!r}; only {', '.join(_MOVING)}, fixed are known{hint}"
+            )
+
+
+def _tree(chain: _Chain, name: str) -> KinematicTree:
+    limits = [j.find("limit") for j in chain.joints]
+    bounded = [k if j.get("type") != "continuous" else None for j, k in zip(chain.joints, limits, strict=True)]
+    unweighed = [k for k, mass in zip(chain.links, chain.mass, strict=True) if np.isnan(mass).any()]
+    if unweighed:
+        chain.notes.append(f"no <inertial> for links {', '.join(unweighed)}: motion can be computed, torque cannot")
+    return KinematicTree(
+        name=name, joints=tuple(j.get("name", "") for j in chain.joints), links=tuple(chain.links),
+        parent=np.array(chain.parent), prismatic=np.array([j.get("type") == "prismatic" for j in chain.joints]),
+        axis=np.array([_axis(j) for j in chain.joints]), rotation=np.array(chain.rotation), offset=np.array(chain.offset),
+        gravity=np.array([0.0, 0.0, -9.81]), lower=_limits(bounded, "lower"), upper=_limits(bounded, "upper"),
+        speed=_limits(limits, "velocity"), effort=_limits(limits, "effort"), inertial=np.array(chain.mass),
+        armature=np.zeros(len(chain.joints)), notes=tuple(chain.notes),
+    )  # fmt: skip
+
+
+def _end(joint: Element, which: str, links: dict[str, Element], file: Path) -> str:
+    element = joint.find(which)
+    name = element.get("link", "") if element is not None else ""
+    if name not in links:
+        raise ModelError(f"joint '{joint.get('name')}' of '{file}' has {which} link '{name}', which is not in the file")
+    return name
+
+
+def _limits(elements: list[Element | None], key: str) -> Array:
+    """(n,) one limit of each joint; 0 for speed or effort means that nobody filled it in."""
+    values = np.array([float(e.get(key, "nan")) if e is not None else np.nan for e in elements])
+    return np.where(values == 0.0, np.nan, values) if key in ("velocity", "effort") else values
+
+
+def _axis(joint: Element) -> Array:
+    element = joint.find("axis")
+    axis = _numbers(element.get("xyz", "1 0 0")) if element is not None else np.array([1.0, 0.0, 0.0])
+    if not (length := float(np.linalg.norm(axis))) > 0.0:
+        raise ModelError(f"joint '{joint.get('name')}' has axis {axis}, which has no direction")
+    return axis / length
+
+
+def _pose(origin: Element | None) -> tuple[Array, Array]:
+    """Rotation and offset of an <origin>: fixed-axis roll, pitch, yaw."""
+    if origin is None:
+        return np.eye(3), np.zeros(3)
+    roll, pitch, yaw = _numbers(origin.get("rpy", "0 0 0"))
+    x, y, z = np.eye(3)
+    return about(z, yaw) @ about(y, pitch) @ about(x, roll), _numbers(origin.get("xyz", "0 0 0"))
+
+
+def _inertial(element: Element, link: str) -> Array:
+    mass, inertia = element.find("mass"), element.find("inertia")
+    if mass is None or inertia is None:
+        raise ModelError(f"<inertial> of link '{link}' lacks {'<mass>' if mass is None else '<inertia>'}")
+    R, p = _pose(element.find("origin"))
+    xx, xy, xz, yy, yz, zz = (float(inertia.get(k, "0")) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    full = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return from_com(float(mass.get("value", "0")), p, R @ full @ R.T)
+
+
+def _numbers(text: str) -> Array:
+    return np.array([float(word) for word in text.split()])
