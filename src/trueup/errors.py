@@ -43,8 +43,32 @@ class CalibrationError(TrueupError):
     """A calibration cannot start or go on: nothing to fit, no common channel, resumed with another problem."""
 
 
+class IdentificationError(TrueupError):
+    """A dynamic model cannot be identified: no motion, torque that does not fit the joints, impossible settings."""
+
+
 class OutputError(TrueupError):
     """A result could not be written; what was there before is untouched."""
+
+
+class PlanError(TrueupError):
+    """A campaign's plan says something impossible; the message names file, key, value and the choices."""
+
+
+class JournalError(TrueupError):
+    """A campaign's journal cannot be read, belongs to another plan, or is in use by another process."""
+
+
+class TrialError(TrueupError):
+    """A trial cannot be handed out or its outcome used: a limit exceeded, an outcome unknown after an interruption."""
+
+
+class TrialAbortedError(TrialError):
+    """The operator stopped a run; it says nothing about what was tried."""
+
+
+class RobotFellError(TrialError):
+    """The robot fell or failed in a run: what was tried is bad, and is scored so."""
 
 
 class MissingExtraError(TrueupError):

@@ -7,6 +7,7 @@ fed by a limited voltage (so that torque falls with speed), a command that comes
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -62,8 +63,8 @@ class StandInArm:
     """A simulated Robot. `path` is an MJCF of hinges in series, whose own drive values are ignored.
 
     The truth differs from it in `drives` (one for each actuated joint, in the model's order) and in body masses, which
-    are `heavier` times the model's. Encoder: `grid` in rad, `noise` (standard deviation before rounding) in rad.
-    Raises ModelError where drives and actuators do not correspond.
+    are `heavier` times the model's. Encoder: `grid` in rad, `noise` (standard deviation before rounding) in rad; what it
+    draws depends on `seed` and the trial's name alone. Raises ModelError where drives and actuators do not correspond.
     """
 
     def __init__(
@@ -77,7 +78,12 @@ class StandInArm:
         self.joints = tuple(mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_JOINT, i) for i in range(m.njnt))
         self._drives = drives
         self._grid, self._noise = grid, noise
-        self._rng = np.random.default_rng(seed)
+        self._seed = seed
+
+    @property
+    def repeatable(self) -> bool:
+        """True: the same trial gives the same recordings."""
+        return True
 
     def perform(self, trial: Trial) -> list[Recording]:
         """See Robot. Observes 'position' and 'velocity' of any joints; commands beyond a joint's range are cut.
@@ -94,8 +100,9 @@ class StandInArm:
                 raise unknown_name("channel", name, ("position", "velocity"), "what this arm measures")
         sent = trial.command.replace(name="command_sent", values=self._within(trial.command))
         time, position, velocity = self._run(trial, sent)
+        rng = np.random.default_rng([self._seed, zlib.crc32(trial.name.encode())])
         names = [trial.name] if trial.repeats == 1 else [f"{trial.name}-{i + 1}" for i in range(trial.repeats)]
-        return [self._recording(name, trial, sent, time, position, velocity) for name in names]
+        return [self._recording(name, trial, sent, time, position, velocity, rng) for name in names]
 
     def _within(self, command: Channel) -> Array:
         rows = [self.joints.index(label) for label in command.labels]
@@ -122,8 +129,9 @@ class StandInArm:
         return time, angles, speeds
 
     def _recording(
-        self, name: str, trial: Trial, sent: Channel, time: Array, position: Array, velocity: Array
-    ) -> Recording:
+        self, name: str, trial: Trial, sent: Channel, time: Array, position: Array, velocity: Array,
+        rng: np.random.Generator,
+    ) -> Recording:  # fmt: skip
         command = trial.command
         if command is None:
             raise RecordingError(f"trial '{trial.name}' has no command")
@@ -134,7 +142,7 @@ class StandInArm:
             truth = position if role == "position" else velocity
             values = np.stack([np.interp(o.time, time, truth[:, self.joints.index(x)]) for x in o.labels], axis=1)
             scale = self._noise if role == "position" else 20.0 * self._noise
-            values = values + scale * self._rng.standard_normal(values.shape)
+            values = values + scale * rng.standard_normal(values.shape)
             if role == "position":
                 values = np.round(values / self._grid) * self._grid
             channels[role] = Channel(role, o.labels, o.unit, o.time, values)

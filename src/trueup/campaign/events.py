@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a campaign's journal records, one typed event a line; numbers are plain, so that a line holds them exactly."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+from trueup.errors import JournalError
+
+Row = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Begun:
+    """The first event: which plan, which seed. Every generator is derived from the seed and from what is journaled."""
+
+    plan: str
+    """SHA-256 of the plan's text."""
+    seed: int
+    version: str
+
+
+@dataclass(frozen=True)
+class RoundBegun:
+    """A round starts around an incumbent (unit box of the task's parameters) with a trust region of this radius."""
+
+    round: int
+    incumbent: Row
+    radius: float
+
+
+@dataclass(frozen=True)
+class TrialPlanned:
+    """A trial is decided on and about to be handed out: written before anything moves."""
+
+    trial: str
+    """'trial-001', counted through the campaign."""
+    round: int
+    step: str
+    """'experiment' or 'transfer'."""
+    of: str
+    """The task's trial that it performs."""
+    candidate: int
+    """Which of the round's candidates; 0 for experiments."""
+    settings: Mapping[str, float]
+    repeats: int
+
+
+@dataclass(frozen=True)
+class TrialStarted:
+    """The robot is told to perform a trial, now. Without a TrialDone after it the outcome is unknown."""
+
+    trial: str
+
+
+@dataclass(frozen=True)
+class TrialDone:
+    """What became of a trial: written once, after its recordings are safe."""
+
+    trial: str
+    outcome: str
+    """'done', 'fell', 'aborted' or 'unknown'."""
+    recordings: tuple[str, ...]
+    """File names in recordings/."""
+    checksums: tuple[str, ...]
+    """Of the recordings' content."""
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Scored:
+    """How a candidate did on the robot: the task's score of all its trials, by repeat; NaN where one was not done."""
+
+    round: int
+    step: str
+    candidate: int
+    unit: Row
+    """The candidate in the unit box of the task's parameters."""
+    scores: Row
+    fell: bool
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """The simulator's parameters fitted to all recordings so far, and how sure they are."""
+
+    round: int
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Row
+    fitted: tuple[bool, ...]
+    low: Row
+    high: Row
+    """95 % interval; NaN where not fitted."""
+    verdicts: tuple[str, ...]
+    covariance: tuple[Row, ...]
+    """Of the fitted ones, in their units."""
+    error_before: float
+    error_after: float
+    """Replay error of the recordings by the shipped and by the calibrated simulator, in `unit`."""
+    unit: str
+    recordings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Generation:
+    """What a search asked for in a round and was told; replaying these is the search's state, generator included."""
+
+    round: int
+    candidates: tuple[Row, ...]
+    """In the search's own unit box."""
+    losses: Row
+    means: Row
+    spreads: Row
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """What goes to the robot: distinct candidates (unit box of the task's parameters), as the simulator ranks them."""
+
+    round: int
+    candidates: tuple[Row, ...]
+    predicted: Row
+    spreads: Row
+    incumbent: int
+    """Which of them is the incumbent; -1 where it is not run again."""
+    ended: str
+    """Why the search ended."""
+
+
+@dataclass(frozen=True)
+class Validated:
+    """Did the simulator, before it saw these runs, say what the robot would do?"""
+
+    round: int
+    predicted: Row
+    measured: Row
+    """Scores by candidate, NaN where unknown."""
+    tau: float
+    low: float
+    high: float
+    """Kendall's rank correlation with its 95 % interval; NaN with fewer than two candidates."""
+    spearman: float
+    replay_shipped: float
+    replay_calibrated: float
+    """Replay error of the new recordings, which this calibration never saw, in `unit`."""
+    unit: str
+
+
+@dataclass(frozen=True)
+class RoundEnded:
+    """The best so far on the robot, and what the next round may search."""
+
+    round: int
+    best: Row
+    """Unit box of the task's parameters."""
+    score: float
+    improved: bool
+    radius: float
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The last event, and why."""
+
+    reason: str
+    success: bool
+
+
+Event = (
+    Begun | RoundBegun | TrialPlanned | TrialStarted | TrialDone | Scored | Calibrated | Generation | Chosen | Validated
+    | RoundEnded | Ended
+)  # fmt: skip
+_KINDS = {
+    kind.__name__: kind
+    for kind in (Begun, RoundBegun, TrialPlanned, TrialStarted, TrialDone, Scored, Calibrated, Generation, Chosen, Validated,
+                 RoundEnded, Ended)
+}  # fmt: skip
+
+
+def to_plain(event: Event) -> dict[str, Any]:
+    """The event for JSON: its name under 'event', NaN as null."""
+    return {"event": type(event).__name__, **{k: _without_nan(v) for k, v in asdict(event).items()}}
+
+
+def from_plain(plain: Mapping[str, Any], where: str) -> Event:
+    """The event of a line. Raises JournalError where it is none that this version knows."""
+    name = plain.get("event")
+    kind = _KINDS.get(name) if isinstance(name, str) else None
+    given = {k: v for k, v in plain.items() if k not in ("event", "number")}
+    if kind is None or {f.name for f in fields(kind)} != set(given):
+        raise JournalError(f"{where}: '{name}' with {', '.join(given)} was written by another version of trueup")
+    return kind(**{k: _with_nan(v) for k, v in given.items()})
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {k: _without_nan(v) for k, v in value.items()}
+    return [_without_nan(v) for v in value] if isinstance(value, (list, tuple)) else value
+
+
+def _with_nan(value: Any) -> Any:
+    if value is None:
+        return math.nan
+    if isinstance(value, dict):
+        return {k: _with_nan(v) for k, v in value.items()}
+    return tuple(_with_nan(v) for v in value) if isinstance(value, list) else value

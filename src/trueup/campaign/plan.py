@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plan of a campaign, as campaign.toml says it: typed, checked, nothing made yet."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from trueup.campaign.typed_toml import Component, build, read_toml
+from trueup.errors import PlanError
+from trueup.trial import Limits
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """[experiment]: the runs whose recordings the first calibration starts from."""
+
+    settings: int = 1
+    """With how many settings the task's trials are performed before the first calibration. The first is what the robot
+    runs with today, which gives the score to beat; more are chosen for what they tell about the simulator."""
+    later: int = 0
+    """The same for each later round."""
+    repeats: int = 1
+    noise: float = 0.02
+    """Measurement noise that the choice reckons with, as a share of each signal's range."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for what cannot be."""
+        _at_least(self, "settings", 0)
+        _at_least(self, "later", 0)
+        _at_least(self, "repeats", 1)
+
+
+@dataclass(frozen=True)
+class Calibrate:
+    """[calibrate]: which of the simulator's parameters are fitted to which recordings, and how."""
+
+    method: Component = field(default_factory=lambda: Component("fit"))
+    """'fit' (least squares, or CMA-ES where slopes mislead), 'none', or your own function."""
+    recordings: tuple[str, ...] = ()
+    """Files, folders or patterns, relative to the plan, beside those of the campaign itself."""
+    mapping: str = ""
+    hold_out: tuple[str, ...] = ()
+    """Names or patterns of recordings that only judge the fit."""
+    parameters: tuple[str, ...] = ()
+    """Names or patterns of what is fitted; the others stay as they are. Empty: all that the simulator declares free."""
+    channels: tuple[str, ...] = ()
+    """Measured channels to fit; empty: positions and sensors."""
+    discrepancy: Component | None = None
+    search: Literal["auto", "gradient", "cma-es", "hybrid"] = "auto"
+    select: bool = True
+    robust: float = 3.0
+
+
+@dataclass(frozen=True)
+class Optimize:
+    """[optimize]: how the controller is tuned in the calibrated simulator."""
+
+    search: Component = field(default_factory=lambda: Component("cma-es"))
+    evaluations: int = 200
+    """Candidates tried in each round."""
+    samples: int = 8
+    """Each candidate is simulated with this many sets of the simulator's parameters, drawn from what the calibration
+    is unsure of."""
+    risk: float = 1.0
+    """A candidate's loss is its mean score over these samples plus this many of their standard deviations."""
+    widen: float = 1.0
+    """Factor on the calibration's own uncertainty; above 1 where the simulator's structure is doubted."""
+    trust: float = 0.5
+    """Half width of the first trust region, as a share of each parameter's range; 0.5 or more: all of it."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for what cannot be."""
+        _at_least(self, "evaluations", 1)
+        _at_least(self, "samples", 1)
+        _at_least(self, "risk", 0)
+        if not 0.0 < self.trust <= 1.0:
+            raise ValueError(f"trust = {self.trust} must be above 0 and at most 1")
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """[transfer]: what goes to the robot at the end of a round."""
+
+    candidates: int = 3
+    """Distinct settings that are tried on the robot."""
+    incumbent: bool = True
+    """Whether the best so far is run again beside them, so that a drift of the robot is not taken for progress."""
+    repeats: int = 1
+    apart: float = 0.2
+    """How far candidates lie from each other at least, as a share of the trust region."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for what cannot be."""
+        _at_least(self, "candidates", 1)
+        _at_least(self, "repeats", 1)
+
+
+@dataclass(frozen=True)
+class Stop:
+    """[stop]: when the campaign ends. It always ends after its rounds."""
+
+    rounds: int = 3
+    success: float = -math.inf
+    """A score on the robot that is good enough."""
+    patience: int = 2
+    """Rounds in a row without improvement."""
+    improvement: float = 0.01
+    """What counts as one, as a share of the score."""
+    trials: int = 0
+    """Runs on the robot at most; 0: no limit."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for what cannot be."""
+        _at_least(self, "rounds", 1)
+        _at_least(self, "patience", 1)
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """[limits.joints.NAME]: range in rad or m, speed per s, effort in N m or N; a missing one is no limit."""
+
+    range: tuple[float, float] = (-math.inf, math.inf)
+    speed: float = math.inf
+    effort: float = math.inf
+
+
+@dataclass(frozen=True)
+class Safety:
+    """[limits]: what a trial may not exceed, checked before it is handed out."""
+
+    joints: Mapping[str, JointLimits] = field(default_factory=dict)
+    workspace: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def limits(self) -> Limits | None:
+        """As a trial carries them; None where nothing is limited."""
+        if not self.joints and not self.workspace:
+            return None
+        rows = self.joints.values()
+        array = [np.array([f(j) for j in rows], dtype=np.float64) for f in
+                 (lambda j: j.range[0], lambda j: j.range[1], lambda j: j.speed, lambda j: j.effort)]  # fmt: skip
+        return Limits(tuple(self.joints), *array, workspace=dict(self.workspace))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """campaign.toml. Names are resolved by campaign/assemble.py."""
+
+    robot: Component
+    simulator: Component
+    task: Component
+    name: str = "campaign"
+    seed: int = 0
+    experiment: Experiment = field(default_factory=Experiment)
+    calibrate: Calibrate = field(default_factory=Calibrate)
+    optimize: Optimize = field(default_factory=Optimize)
+    transfer: Transfer = field(default_factory=Transfer)
+    stop: Stop = field(default_factory=Stop)
+    limits: Safety = field(default_factory=Safety)
+
+
+@dataclass(frozen=True)
+class PlanFile:
+    """A plan, where it was read, and its text, which a campaign keeps."""
+
+    plan: Plan
+    path: Path
+    text: str
+
+    @property
+    def checksum(self) -> str:
+        """SHA-256 of the text."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+
+def read_plan(path: Path) -> PlanFile:
+    """The plan in a file. Raises PlanError, naming file, table, key, value and the choices."""
+    table, text = read_toml(path)
+    for f in fields(Plan):
+        if f.name in ("robot", "simulator", "task") and f.name not in table:
+            raise PlanError(f'{path}: [{f.name}] is missing; it says with type = "..." which {f.name} to use')
+    return PlanFile(build(Plan, table, str(path)), path, text)
+
+
+def _at_least(table: object, key: str, least: float) -> None:
+    value = getattr(table, key)
+    if not value >= least:
+        raise ValueError(f"{key} = {value} must be at least {least}")
