@@ -54,12 +54,22 @@ RULES = (
     Rule("search.optuna", ("search.search", "search.study_file", *NOUNS)),  # the study for the dashboard
     Rule("tasks", ("tasks.task", "controllers", *NOUNS)),
     Rule("simulators", ("simulators.simulator", "controllers.controller", *NOUNS)),
+    # the bicycle runs the compiled Stanley law inside its own loop
+    Rule("simulators.bicycle", ("simulators.simulator", "controllers.controller", "controllers.stanley", *NOUNS)),
     Rule("discrepancies", ("discrepancies.discrepancy", "simulators.simulator", *NOUNS)),  # they compare with a rollout
     Rule(
         "discrepancies.weighted",
         ("discrepancies.discrepancy", "discrepancies.alignment", "simulators.simulator", *NOUNS),
     ),
     # an MJCF is read as MuJoCo compiles it
+    Rule(
+        "discrepancies.path_shape",
+        ("discrepancies.discrepancy", "discrepancies.dtw", "discrepancies.weighted", "simulators.simulator", *NOUNS),
+    ),
+    *(  # they read the measured samples off as the weighted one does
+        Rule(name, ("discrepancies.discrepancy", "discrepancies.weighted", "simulators.simulator", *NOUNS))
+        for name in ("discrepancies.plain", "discrepancies.outcome")
+    ),
     Rule("identification", ("simulators.simulator", "controllers.playback", *NOUNS), lazily=("simulators.mujoco.model",)),
     Rule("grounding", ("simulators.simulator", "controllers.playback", *NOUNS)),
     # what the loop computes with when nobody gives it something else; never a concrete simulator or robot

@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The plain difference of simulated and measured samples: for losses that are to be quoted in the channel's own unit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.discrepancies.weighted import measured_at
+from trueup.recording import Recording
+from trueup.simulators.simulator import Rollout
+
+Array = NDArray[np.float64]
+
+
+class Plain:
+    """A Discrepancy: (simulated - measured) / unit, sample by sample; its rms is the RMSE in units of `unit`."""
+
+    def __init__(self, units: Mapping[str, float] | None = None) -> None:
+        """`units`: what counts as one unit of residual, channel by channel, in the channel's unit; 1 where not given."""
+        self._units = dict(units or {})
+
+    def scale(self, channel: str, labels: tuple[str, ...]) -> Array:
+        """(k,) see Discrepancy."""
+        return np.full(len(labels), self._units.get(channel, 1.0))
+
+    def residual(self, real: Recording, simulated: Rollout) -> Array:
+        """See Discrepancy."""
+        parts = []
+        for name, values in simulated.channels.items():
+            observed = simulated.trial.observed[name]
+            measured = measured_at(real, name, observed.labels, observed.time)
+            difference = (values - measured) / self.scale(name, observed.labels)
+            difference[:, ~np.isfinite(measured)] = 0.0
+            parts.append(difference.reshape(len(values), -1))
+        return np.concatenate(parts, axis=1)
+
+
+def rmse(real: Recording, simulated: Rollout, channel: str) -> Array:
+    """(b,) root mean square difference of one channel over all labels, in its unit; NaN for failed simulations."""
+    observed = simulated.trial.observed[channel]
+    measured = measured_at(real, channel, observed.labels, observed.time)
+    difference = (simulated.channels[channel] - measured)[:, np.isfinite(measured)]
+    return np.sqrt(np.mean(difference**2, axis=1))
