@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class BaseParameters:
-    """r independent columns and the groups that they stand for: Y @ parameters == Y[:, independent] @ grouping @ parameters."""
+    """r independent columns and the groups they stand for: Y @ parameters == Y[:, independent] @ grouping @ parameters."""
 
     columns: tuple[str, ...]
     """Names of all p parameters."""
@@ -77,7 +77,7 @@ def base_parameters(stacked: Array, columns: tuple[str, ...], preference: Array 
     seen = np.flatnonzero(scale > 1e-9 * scale.max())
     wish = np.zeros(p) if preference is None else np.asarray(preference, dtype=float)
     order = sorted(seen.tolist(), key=lambda k: (-wish[k], k))
-    triangle = np.linalg.qr(stacked[:, order] / scale[order], mode="r")
+    triangle = np.asarray(np.linalg.qr(stacked[:, order] / scale[order], mode="r"))
     kept, dropped, sizes, R = _greedy(triangle)
     gap = min(sizes) / max([*dropped.values(), np.finfo(float).eps])
     if gap < 1e4:

@@ -5,14 +5,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trueup.errors import ParameterError
+from trueup.errors import ModelError, ParameterError
 from trueup.identification import regressors
 from trueup.identification.base_parameters import BaseParameters, base_parameters
+from trueup.identification.blocks import Layout, layout
 from trueup.identification.friction import PAPER, Coupling, Term
+from trueup.identification.grams import structured_grams
 from trueup.identification.inertial import UNITS
 from trueup.identification.kinematic_tree import KinematicTree
 
@@ -89,29 +92,49 @@ class DynamicModel:
 
     def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """(S, n, p) at joint positions, velocities, accelerations (S, n); memory runs along the samples."""
-        rigid = regressors.regressor(self.tree, q, qd, qdd)
-        v, a = np.atleast_2d(np.asarray(qd, dtype=float)), np.atleast_2d(np.asarray(qdd, dtype=float))
-        S, n = v.shape
-        full = np.zeros((n, self.p, S))
-        full[:, : 10 * n] = np.moveaxis(rigid, 0, -1)
-        for k, c in enumerate(self.columns[10 * n :], 10 * n):
-            if c.coupling is None:
-                full[c.joint, k] = a[:, c.joint] if c.term is None else c.term.column(v[:, c.joint], self.rest)
-                continue
-            d, j, ratio = c.coupling.drive, c.coupling.joint, c.coupling.ratio
-            both = a[:, d] + ratio * a[:, j] if c.term is None else c.term.column(v[:, d] + ratio * v[:, j], self.rest)
-            full[d, k], full[j, k] = both, ratio * both
-        return np.moveaxis(full, -1, 0)
+        q_, qd_, qdd_ = regressors.samples(self.tree, q, qd, qdd)
+        return regressors.filled(self._layout, q_, qd_, qdd_)
 
-    def grams(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, columns: ArrayLike | None = None) -> Array:
-        """(B, n, p, p) one Gram matrix for each joint and individual, from motions (B, S, n); `columns` picks some."""
-        batches = [np.asarray(x, dtype=float) for x in (q, qd, qdd)]
-        chosen = np.arange(self.p) if columns is None else np.asarray(columns)
-        grams = np.empty((len(batches[0]), self.tree.n, len(chosen), len(chosen)))
-        for b, one in enumerate(zip(*batches, strict=True)):
-            Y = np.moveaxis(self.regressor(*one), 0, -1)[:, chosen]
-            grams[b] = Y @ np.swapaxes(Y, -1, -2)
-        return grams
+    def grams(
+        self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, columns: ArrayLike | None = None, *,
+        lengths: ArrayLike | None = None, threads: int = 1,
+    ) -> Array:  # fmt: skip
+        """(B, n, p, p) Gram matrix of each joint's regressor rows, from motions (B, S, n), without the regressor itself.
+
+        Sums over joints with any weights cost nothing more. `columns` picks some (base: `base().independent`);
+        `lengths` (B,) counts the samples of each individual that are used. Raises ModelError where shapes do not fit.
+        """
+        batch = [np.ascontiguousarray(np.asarray(x, dtype=float)) for x in (q, qd, qdd)]
+        chosen = np.arange(self.p) if columns is None else np.asarray(columns, dtype=np.int64)
+        if any(x.ndim != 3 or x.shape != batch[0].shape or x.shape[2] != self.tree.n for x in batch):
+            shapes = ", ".join(str(x.shape) for x in batch)
+            raise ModelError(
+                f"motions of '{self.tree.name}' must be (individuals, samples, {self.tree.n}), got {shapes}"
+            )
+        counts = np.broadcast_to(np.asarray(batch[0].shape[1] if lengths is None else lengths), (len(batch[0]),))
+        return structured_grams(
+            self._layout, batch[0], batch[1], batch[2], counts, chosen, self._acts[:, chosen], threads
+        )
+
+    @cached_property
+    def _layout(self) -> Layout:
+        further = []
+        for c in self.columns[10 * self.tree.n :]:
+            code, speed = (c.term.code, c.term.speed) if c.term is not None else (0, 0.0)
+            joint, ratio = (c.coupling.joint, c.coupling.ratio) if c.coupling is not None else (-1, 0.0)
+            further.append((code, c.joint, joint, ratio, speed))
+        return layout(self.tree, tuple(further), self.rest)
+
+    @cached_property
+    def _acts(self) -> NDArray[np.bool_]:
+        """(n, p) whether the torque of a joint may depend on a column at all."""
+        acts = np.zeros((self.tree.n, self.p), dtype=bool)
+        acts[:, : 10 * self.tree.n] = np.repeat(self.tree.carries(), 10, axis=1)
+        for k, c in enumerate(self.columns[10 * self.tree.n :], 10 * self.tree.n):
+            acts[c.joint, k] = True
+            if c.coupling is not None:
+                acts[c.coupling.joint, k] = True
+        return acts
 
     def nominal(self) -> Array:
         """(p,) the file's inertial parameters and rotor inertias, zero friction. Raises ModelError for unweighed links."""

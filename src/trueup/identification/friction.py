@@ -66,6 +66,11 @@ class Term:
         """The name of its coefficient: f0, f1, f2, ..."""
         return _KINDS[self.kind][0]
 
+    @property
+    def code(self) -> int:
+        """The number by which the compiled loops know it, from 1."""
+        return list(_KINDS).index(self.kind) + 1
+
     def unit(self, prismatic: bool) -> str:
         """The unit of its coefficient."""
         power, force, speed = _KINDS[self.kind][1], "N" if prismatic else "N m", "m" if prismatic else "rad"

@@ -1,0 +1,261 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled loops over blocks of samples: regressor rows, torques and Gram matrices of a whole model."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from trueup.identification.kernels import ROWS, TILE, W, carried, motion, pose, power, sines
+from trueup.identification.kinematic_tree import KinematicTree
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LONG = 256  # samples for which regressor rows are gathered before they are multiplied: they stay in the second cache
+_FUSED = {"contract"}
+
+
+class Layout(NamedTuple):
+    """A tree as the kernels want it; n joints, m further columns (rotors, friction, couplings)."""
+
+    parent: Ints
+    turns: Array
+    """(n,) 1 for a revolute joint, 0 for a prismatic one."""
+    axis: Array
+    fixed: Array
+    """(n, 3, 9) rotation link to parent = fixed[0] + sin(q) fixed[1] + cos(q) fixed[2], row by row."""
+    slide: Array
+    """(n, 2, 3) offset in the parent = slide[0] + q slide[1]."""
+    gravity: Array
+    carries: NDArray[np.bool_]
+    kind: Ints
+    """(m,) what a further column is a function of, see `further`."""
+    drive: Ints
+    joint: Ints
+    """(m,) the second joint of a coupling, -1 without one."""
+    ratio: Array
+    speed: Array
+    rest: float
+
+
+def layout(
+    tree: KinematicTree, further: tuple[tuple[int, int, int, float, float], ...] = (), rest: float = 0.0
+) -> Layout:
+    """The arrays of a tree; `further` are rows of kind, drive, joint, ratio, speed."""
+    turns = (~tree.prismatic).astype(float)
+    x, y, z = tree.axis.T
+    zero = np.zeros_like(x)
+    K = np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), -1, 0)
+    fixed = np.stack([tree.rotation @ (np.eye(3) + K @ K), tree.rotation @ K, -tree.rotation @ K @ K], axis=1)
+    fixed[tree.prismatic] = np.stack([tree.rotation, 0 * tree.rotation, 0 * tree.rotation], axis=1)[tree.prismatic]
+    along = np.einsum("nij,nj->ni", tree.rotation, tree.axis) * (1.0 - turns)[:, None]
+    rows = np.array(further, dtype=float).reshape(-1, 5)
+    kind, drive, joint = (np.ascontiguousarray(rows[:, k]).astype(np.int64) for k in range(3))
+    return Layout(
+        np.array(tree.parent), turns, np.array(tree.axis), np.ascontiguousarray(fixed.reshape(-1, 3, 9)),
+        np.ascontiguousarray(np.stack([tree.offset, along], axis=1)), np.array(tree.gravity), tree.carries(),
+        kind, drive, joint, np.ascontiguousarray(rows[:, 3]), np.ascontiguousarray(rows[:, 4]), float(rest),
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def workspace(n: int) -> Array:
+    """Room for the base's and n links' rows, then 27 rows of scratch."""
+    return np.zeros(((n + 1) * (ROWS + 6 * n) + 27) * W)
+
+
+@njit(cache=True, nogil=True, fastmath=_FUSED)
+def kinematics(tree: Layout, q: Array, qd: Array, qdd: Array, first: int, count: int, work: Array) -> None:
+    """Fills the rows of all links for samples first ... first + count - 1; a short block repeats its last sample."""
+    n = len(tree.parent)
+    size = (ROWS + 6 * n) * W
+    rest = work[(n + 1) * size :]
+    T, x, v, acc, sine, cosine = rest[: 12 * W], rest[12 * W : 13 * W], rest[13 * W : 14 * W], rest[14 * W : 15 * W], rest[15 * W : 16 * W], rest[16 * W : 17 * W]  # fmt: skip  # noqa: E501
+    for c in range(3):
+        work[(6 + c) * W : (7 + c) * W] = -tree.gravity[c]
+    for j in range(n):
+        for s in range(W):
+            t = first + min(s, count - 1)
+            x[s], v[s], acc[s] = q[t, j], qd[t, j], qdd[t, j]
+        sines(x, sine, cosine)
+        pose(tree.fixed[j], tree.slide[j], x, sine, cosine, T)
+        up = work[(tree.parent[j] + 1) * size : (tree.parent[j] + 2) * size]
+        own = work[(j + 1) * size : (j + 2) * size]
+        motion(T, up, v, acc, tree.axis[j], tree.turns[j], own)
+        for i in range(j):
+            if tree.carries[i, j]:
+                at = (ROWS + 6 * i) * W
+                carried(T, up[at : at + 6 * W], own[at : at + 6 * W])
+        for c in range(3):
+            at = (ROWS + 6 * j + c) * W
+            own[at : at + W] = tree.turns[j] * tree.axis[j, c]
+            own[at + 3 * W : at + 4 * W] = (1.0 - tree.turns[j]) * tree.axis[j, c]
+
+
+@njit(cache=True, nogil=True, fastmath=_FUSED)
+def inertial_rows(tree: Layout, work: Array, count: int, place: Ints, out: Array, stride: int, at: int) -> None:
+    """Writes each wanted regressor entry (joint i, column k) of a block to row place[i, k] of `out`, from `at` on."""
+    n = len(tree.parent)
+    size = (ROWS + 6 * n) * W
+    y = work[(n + 1) * size + 17 * W :]
+    for j in range(n):
+        own = work[(j + 1) * size : (j + 2) * size]
+        for i in range(j + 1):
+            if not tree.carries[i, j] or not np.any(place[i, 10 * j : 10 * j + 10] >= 0):
+                continue
+            power(own[: ROWS * W], own[(ROWS + 6 * i) * W : (ROWS + 6 * i + 6) * W], y)
+            for c in range(10):
+                row = place[i, 10 * j + c]
+                if row >= 0:
+                    to = out[row * stride + at : row * stride + at + count]
+                    of = y[c * W : (c + 1) * W]
+                    for s in range(count):
+                        to[s] = of[s]
+
+
+@njit(cache=True, nogil=True, fastmath=_FUSED)
+def further(kind: int, v: float, a: float, v0: float, rest: float) -> float:
+    """The torque of one unit of a rotor inertia (0) or friction term at speed v, acceleration a; kinds as in friction.py."""
+    if kind == 0:
+        return a
+    if kind == 2:
+        return v
+    sign = min(max(v / rest, -1.0), 1.0) if rest > 0.0 else (1.0 if v > 0.0 else (-1.0 if v < 0.0 else 0.0))
+    if kind == 1:
+        return sign
+    if kind == 3:
+        return sign * v * v
+    if kind == 4:
+        return 1.0
+    if kind == 5:
+        return max(sign, 0.0)
+    if kind == 6:
+        return min(sign, 0.0)
+    if kind == 7:
+        return max(v, 0.0)
+    if kind == 8:
+        return min(v, 0.0)
+    if kind == 9:
+        return v * v * v
+    if kind == 10:
+        return sign * np.exp(-((v / v0) ** 2))
+    return np.tanh(v / v0)
+
+
+@njit(cache=True, nogil=True, fastmath=_FUSED)
+def further_rows(
+    tree: Layout, qd: Array, qdd: Array, first: int, count: int, place: Ints, out: Array, stride: int, at: int
+) -> None:
+    """As `inertial_rows` for rotors, friction and couplings."""
+    n = len(tree.parent)
+    for k in range(len(tree.kind)):
+        d, j, kind, v0 = tree.drive[k], tree.joint[k], tree.kind[k], tree.speed[k]
+        row = place[d, 10 * n + k]
+        if row < 0:
+            continue
+        to = out[row * stride + at : row * stride + at + count]
+        if j < 0:
+            for s in range(count):
+                to[s] = further(kind, qd[first + s, d], qdd[first + s, d], v0, tree.rest)
+            continue
+        ratio = tree.ratio[k]
+        second = out[place[j, 10 * n + k] * stride + at :]
+        for s in range(count):
+            v, a = qd[first + s, d] + ratio * qd[first + s, j], qdd[first + s, d] + ratio * qdd[first + s, j]
+            to[s] = further(kind, v, a, v0, tree.rest)
+            second[s] = ratio * to[s]
+
+
+@njit(cache=True, nogil=True)
+def regressor_rows(tree: Layout, q: Array, qd: Array, qdd: Array, place: Ints, out: Array) -> None:
+    """All samples (S, n) into `out` (rows S,), row place[i, k] for joint i and column k; rows not placed stay as they are."""
+    S = len(q)
+    work = workspace(len(tree.parent))
+    for first in range(0, S, W):
+        count = min(W, S - first)
+        kinematics(tree, q, qd, qdd, first, count, work)
+        inertial_rows(tree, work, count, place, out, S, first)
+        further_rows(tree, qd, qdd, first, count, place, out, S, first)
+
+
+@njit(cache=True, nogil=True, fastmath=_FUSED)
+def torques(tree: Layout, inertial: Array, q: Array, qd: Array, qdd: Array, out: Array) -> None:
+    """Torque out (S, n) of rigid links `inertial` (n, 10), from the same rows as the regressor."""
+    S, n = q.shape
+    work = workspace(n)
+    size = (ROWS + 6 * n) * W
+    y = work[(n + 1) * size + 17 * W :]
+    for first in range(0, S, W):
+        count = min(W, S - first)
+        kinematics(tree, q, qd, qdd, first, count, work)
+        for j in range(n):
+            own = work[(j + 1) * size : (j + 2) * size]
+            for i in range(j + 1):
+                if tree.carries[i, j]:
+                    power(own[: ROWS * W], own[(ROWS + 6 * i) * W : (ROWS + 6 * i + 6) * W], y)
+                    for s in range(count):
+                        for c in range(10):
+                            out[first + s, i] += y[c * W + s] * inertial[j, c]
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"})
+def tile(Z: Array, r: int, c: int, G: Array, width: int) -> None:
+    """Adds the products of rows r ... r + 3 with rows c ... c + 3 of Z (rows of LONG) to G (width, width)."""
+    a0, a1, a2, a3 = Z[r * LONG : (r + 1) * LONG], Z[(r + 1) * LONG : (r + 2) * LONG], Z[(r + 2) * LONG : (r + 3) * LONG], Z[(r + 3) * LONG : (r + 4) * LONG]  # fmt: skip  # noqa: E501
+    b0, b1, b2, b3 = Z[c * LONG : (c + 1) * LONG], Z[(c + 1) * LONG : (c + 2) * LONG], Z[(c + 2) * LONG : (c + 3) * LONG], Z[(c + 3) * LONG : (c + 4) * LONG]  # fmt: skip  # noqa: E501
+    g00 = g01 = g02 = g03 = g10 = g11 = g12 = g13 = 0.0
+    g20 = g21 = g22 = g23 = g30 = g31 = g32 = g33 = 0.0
+    for s in range(LONG):
+        g00 += a0[s] * b0[s]
+        g01 += a0[s] * b1[s]
+        g02 += a0[s] * b2[s]
+        g03 += a0[s] * b3[s]
+        g10 += a1[s] * b0[s]
+        g11 += a1[s] * b1[s]
+        g12 += a1[s] * b2[s]
+        g13 += a1[s] * b3[s]
+        g20 += a2[s] * b0[s]
+        g21 += a2[s] * b1[s]
+        g22 += a2[s] * b2[s]
+        g23 += a2[s] * b3[s]
+        g30 += a3[s] * b0[s]
+        g31 += a3[s] * b1[s]
+        g32 += a3[s] * b2[s]
+        g33 += a3[s] * b3[s]
+    sums = ((g00, g01, g02, g03), (g10, g11, g12, g13), (g20, g21, g22, g23), (g30, g31, g32, g33))
+    for k in range(4):
+        for m in range(4):
+            G[(r + k) * width + c + m] += sums[k][m]
+
+
+@njit(cache=True, nogil=True)
+def gram(
+    tree: Layout, q: Array, qd: Array, qdd: Array, place: Ints, start: Ints, width: Ints, Z: Array, G: Array
+) -> None:
+    """Upper tiles of the Gram matrix of each joint's regressor columns, added to G.
+
+    Joint i has width[i] packed columns (a multiple of TILE), from row start[i] of Z; its matrix follows that of
+    joint i - 1 in G. No more of the regressor exists at a time than LONG samples.
+    """
+    S, n = q.shape
+    work = workspace(n)
+    for begin in range(0, S, LONG):
+        end = min(begin + LONG, S)
+        if end - begin < LONG:
+            Z[:] = 0.0
+        for first in range(begin, end, W):
+            count = min(W, end - first)
+            kinematics(tree, q, qd, qdd, first, count, work)
+            inertial_rows(tree, work, count, place, Z, LONG, first - begin)
+            further_rows(tree, qd, qdd, first, count, place, Z, LONG, first - begin)
+        at = 0
+        for i in range(n):
+            mine = Z[start[i] * LONG :]
+            for r in range(0, width[i], TILE):
+                for c in range(r, width[i], TILE):
+                    tile(mine, r, c, G[at:], width[i])
+            at += width[i] * width[i]
