@@ -20,7 +20,7 @@ from trueup.simulators.mujoco.kernels import read_off
 from trueup.simulators.mujoco.model import Model, prepared
 from trueup.simulators.mujoco.quantities import Quantity
 from trueup.simulators.mujoco.signals import Signals
-from trueup.simulators.mujoco.stepping import Stepper, stepper
+from trueup.simulators.mujoco.stepping import Stepper, stepper, unclocked
 from trueup.simulators.mujoco.wiring import Source, actuators_of, source_of
 from trueup.simulators.simulator import Rollout
 from trueup.trial import COMMANDS, Trial, command_of
@@ -51,7 +51,7 @@ class MujocoSimulator:
         self.parameters = concatenate([own, controller_parameters]) if controller_parameters is not None else own
         self._threads = threads or len(os.sched_getaffinity(0))
         self._compiled = self._prepare()
-        self._batches: dict[tuple[int, bool], Batch] = {}
+        self._batches: dict[tuple[int, bool, bool], Batch] = {}
         # None until a run with contacts has shown whether anything touches anything.
         self._touching: bool | None = None if self._can_touch() else False
 
@@ -107,22 +107,24 @@ class MujocoSimulator:
         contacts = self._touching is not False or (verifying and self._can_touch())
         order = sorted(range(len(trials)), key=lambda k: -trials[k].duration)
         run = _Run(self, [trials[k] for k in order], values, controllers or self.controller, contacts)
-        touched = run.simulate()
+        with unclocked():
+            touched = run.simulate()
         if contacts:
             self._touching = touched
         done = run.rollouts()
         return [done[order.index(k)] for k in range(len(trials))]
 
-    def batch(self, rows: int, contacts: bool) -> Batch:
+    def batch(self, rows: int, contacts: bool, sensors: bool) -> Batch:
         """A batch of that many simulations; the last ones are kept, making one costs more than a short run."""
-        key = (rows, contacts)
+        key = (rows, contacts, sensors)
         if key not in self._batches:
             if len(self._batches) >= 3:
                 self._batches.pop(next(iter(self._batches)))
-            model = self._compiled
-            if not contacts:
-                model = model.__copy__()
-                model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+            model, off = self._compiled.__copy__(), mujoco.mjtDisableBit
+            model.opt.disableflags |= 0 if contacts else int(off.mjDSBL_CONTACT)
+            model.opt.disableflags |= 0 if sensors else int(off.mjDSBL_SENSOR)
+            # One tree is one island: to look for more costs a tenth of a step and changes nothing.
+            model.opt.disableflags |= int(off.mjDSBL_ISLAND) if model.ntree == 1 else 0
             self._batches[key] = Batch(model, rows, min(self._threads, rows))
         return self._batches[key]
 
@@ -156,13 +158,14 @@ class _Run:
         self.simulator, self.trials = simulator, trials
         self.candidates = len(values)
         self.contacts = contacts
-        self.batch = simulator.batch(len(trials) * self.candidates, contacts)
         self.compiled = simulator.compiled
         self.signals = Signals(simulator.model, self.compiled, simulator.quantities, trials, values)
         self.failures: list[dict[int, str]] = [{} for _ in trials]
         self.out: list[dict[str, Array]] = []
         self.sources: list[dict[str, Source]] = []
         self._allocate()
+        read = any(s.field == "sensordata" for per in self.sources for s in per.values())
+        self.batch = simulator.batch(len(trials) * self.candidates, contacts, controllers is not None or read)
         self._write_model(values)
         self.stepper = self._stepper(values, controllers)
 
