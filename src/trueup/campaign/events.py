@@ -127,6 +127,8 @@ class Chosen:
     spreads: Row
     incumbent: int
     """Which of them is the incumbent; -1 where it is not run again."""
+    unsafe: int
+    """Candidates that were passed over because their simulated runs go beyond the limits."""
     ended: str
     """Why the search ended."""
 

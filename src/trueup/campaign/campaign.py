@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The durable loop: rounds of experiment, calibrate, optimize, transfer, validate.
+
+The code below is run from its beginning each time. What the journal holds is taken from there instead of being done
+again, so that a campaign that was killed anywhere goes on as if it had not been: state is a replay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.campaign.events import (
+    Begun,
+    Calibrated,
+    Chosen,
+    Ended,
+    Generation,
+    RoundBegun,
+    RoundEnded,
+    Scored,
+    Validated,
+)
+from trueup.campaign.hardware import Hardware
+from trueup.campaign.journal import Journal
+from trueup.campaign.outcomes import belief_of, calibrated, chosen, generation, tried_in, validated
+from trueup.campaign.parts import Listener, Parts, Silent
+from trueup.campaign.plan import Plan
+from trueup.errors import JournalError
+from trueup.loop.belief import Belief
+from trueup.loop.experiment import most_telling, spread_settings
+from trueup.loop.optimize import Optimum, TrustRegion, optimize
+from trueup.loop.transfer import best_known
+from trueup.parameters import ParameterSpace
+
+Array = NDArray[np.float64]
+E = TypeVar("E")
+
+_EXPERIMENT, _MODELS, _SEARCH = range(3)  # what a round's generators are for
+_CHOICES = 24  # settings among which an experiment is chosen
+
+
+class Campaign:
+    """One campaign, begun or taken up again from its journal."""
+
+    def __init__(
+        self, plan: Plan, checksum: str, version: str, parts: Parts, journal: Journal, listener: Listener | None = None
+    ) -> None:
+        """Raises JournalError where the journal is of another plan."""
+        self._plan, self._parts, self._journal = plan, parts, journal
+        self._listener = listener or Silent()
+        self._hardware = Hardware(parts, journal, journal.folder, self._listener, self._once)
+        self._scores: list[Scored] = []
+        self._belief: Belief | None = None
+        begun = self._once(Begun, lambda: Begun(checksum, plan.seed, version))
+        if begun.plan != checksum:
+            raise JournalError(
+                f"{journal.folder}: this folder holds a campaign of another plan; name another with --out"
+            )
+
+    def run(self) -> Ended:
+        """Goes on to the end. Raises what robot, simulator and search raise; calling it again goes on from there."""
+        start = np.clip(self._space.to_unit(self._space.nominal), 0.0, 1.0)
+        region = TrustRegion(start, self._plan.optimize.trust)
+        score, stale = float("nan"), 0
+        ended: Ended | None = None
+        for number in range(1, self._plan.stop.rounds + 1):
+            begun = self._once(RoundBegun, lambda n=number, r=region: RoundBegun(n, tuple(r.centre.tolist()), r.radius))
+            region = TrustRegion(np.array(begun.incumbent), begun.radius)
+            last = self._round(number, region, score)
+            stale = 0 if last.improved else stale + 1
+            region, score = TrustRegion(np.array(last.best), last.radius), last.score
+            ended = self._over(number, last, stale)
+            if ended is not None:
+                break
+        final = ended or Ended(f"all {self._plan.stop.rounds} rounds are done", success=False)
+        return self._once(Ended, lambda: final)
+
+    @property
+    def _space(self) -> ParameterSpace:
+        return self._parts.task.parameters
+
+    def _round(self, number: int, region: TrustRegion, score: float) -> RoundEnded:
+        belief = self._prior()
+        self._experiment(number, region, belief)
+        belief = self._calibrate(number)
+        models = belief.sample(
+            self._plan.optimize.samples, self._generator(number, _MODELS), widen=self._plan.optimize.widen
+        )
+        optimum = self._optimize(number, models, region)
+        picked = self._once(
+            Chosen, lambda: chosen(number, self._plan.transfer, self._parts, optimum, region, models, self._room())
+        )
+        known = self._best()[1] if self._scored() else score
+        fresh = len(self._hardware.recordings())
+        tested = self._hardware.test(number, "transfer", np.array(picked.candidates), self._plan.transfer.repeats)
+        self._scores += tested
+        new = self._hardware.recordings()[fresh:]
+        self._once(Validated, lambda: validated(number, self._parts, belief.values, picked, tested, new))
+        return self._once(RoundEnded, lambda: self._round_ended(number, region, known))
+
+    def _experiment(self, number: int, region: TrustRegion, belief: Belief) -> None:
+        plan = self._plan.experiment
+        count = plan.settings if number == 1 else plan.later
+        if count == 0:
+            return
+        rng = self._generator(number, _EXPERIMENT)
+        units = region.centre[None] if number == 1 else np.zeros((0, len(region.centre)))
+        more = count - len(units)
+        if more > 0 and len(belief.unsure):
+            options = spread_settings(region, _CHOICES, rng)
+            known = () if number > 1 else (0,)
+            choice = most_telling(self._parts.task, self._parts.simulator, belief, self._space.from_unit(options), more,
+                                  noise=plan.noise, known=known)  # fmt: skip
+            units = np.concatenate([units, options[list(choice.rows)]])
+        self._scores += self._hardware.test(number, "experiment", units, plan.repeats)
+
+    def _prior(self) -> Belief:
+        """What was believed before this round's experiment: the last calibration, or the ranges."""
+        return self._belief or Belief.prior(self._parts.simulator.parameters)
+
+    def _calibrate(self, number: int) -> Belief:
+        if self._parts.calibrator is None:
+            return Belief.prior(self._parts.simulator.parameters)
+        fitted = (*self._parts.recordings, *self._hardware.recordings())
+        if not fitted:
+            return self._prior()
+        event = self._once(Calibrated, lambda: calibrated(number, self._parts, fitted, self._listener))
+        self._belief = belief_of(event, self._parts.simulator.parameters)
+        return self._belief
+
+    def _optimize(self, number: int, models: Array, region: TrustRegion) -> Optimum:
+        seed = int(np.random.SeedSequence([self._plan.seed, number, _SEARCH]).generate_state(1)[0])
+        search = self._parts.search(region.inside(region.centre), seed)
+        past = []
+        while isinstance(self._journal.coming(), Generation):
+            past.append(tried_in(self._once(Generation, _never)))
+        return optimize(
+            self._parts.task, self._parts.simulator, models, search, region, risk=self._plan.optimize.risk,
+            evaluations=self._plan.optimize.evaluations, past=past,
+            watch=lambda t: tried_in(self._once(Generation, lambda: generation(number, t))),
+        )  # fmt: skip
+
+    def _round_ended(self, number: int, region: TrustRegion, before: float) -> RoundEnded:
+        if not self._scored():
+            return RoundEnded(number, tuple(region.centre.tolist()), float("nan"), False, region.radius)
+        best, score = self._best()
+        improved = not score > before - self._plan.stop.improvement * abs(before)
+        moved = region.moved(best, success=improved)
+        return RoundEnded(number, tuple(moved.centre.tolist()), score, improved, moved.radius)
+
+    def _over(self, number: int, last: RoundEnded, stale: int) -> Ended | None:
+        stop = self._plan.stop
+        if last.score <= stop.success:
+            return Ended(f"success: {last.score:.4g} on the robot in round {number}", success=True)
+        if stale >= stop.patience:
+            return Ended(f"no improvement on the robot in {stale} rounds in a row", success=False)
+        if self._room() < 1 + self._plan.transfer.incumbent:
+            return Ended(f"the budget of {stop.trials} runs on the robot is used up", success=False)
+        return None
+
+    def _room(self) -> int:
+        """Candidates that the budget of runs still allows."""
+        if not self._plan.stop.trials:
+            return 10**9
+        each = len(self._parts.task.trials) * self._plan.transfer.repeats
+        return max(0, (self._plan.stop.trials - self._hardware.runs) // each)
+
+    def _scored(self) -> bool:
+        return any(np.isfinite(s.scores).any() for s in self._scores)
+
+    def _best(self) -> tuple[Array, float]:
+        return best_known([np.array(s.unit) for s in self._scores], [np.array(s.scores) for s in self._scores])
+
+    def _generator(self, number: int, purpose: int) -> np.random.Generator:
+        return np.random.default_rng([self._plan.seed, number, purpose])
+
+    def _once(self, kind: type[E], make: Callable[[], E]) -> E:
+        fresh = not self._journal.replaying
+        event = self._journal.once(kind, make)
+        self._listener.saw(event, fresh=fresh)  # type: ignore[arg-type]
+        return event
+
+
+def _never() -> Generation:
+    raise JournalError("a generation was to be taken from the journal, but it is not there")

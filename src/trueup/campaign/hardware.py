@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Trials on the robot, each journaled before it is handed out and once it is safe: none is lost, none silently repeated."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.campaign.events import Scored, TrialDone, TrialPlanned, TrialStarted
+from trueup.campaign.journal import Journal
+from trueup.campaign.parts import Listener, Parts
+from trueup.campaign.store import Kept, Store
+from trueup.errors import JournalError, RobotFellError, TrialAbortedError
+from trueup.loop.safety import require_safe
+from trueup.loop.transfer import prepared
+from trueup.recording import Recording
+from trueup.robots.robot import HandsOut
+from trueup.tasks.task import robot_scores, robot_trials
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+E = TypeVar("E")
+
+
+class Take(Protocol):
+    """The next event of a kind: from the journal, or made now and journaled."""
+
+    def __call__(self, kind: type[E], make: Callable[[], E]) -> E:
+        """The event."""
+        ...
+
+
+class Hardware:
+    """The robot as a campaign sees it: candidates in, scores out, recordings kept."""
+
+    def __init__(self, parts: Parts, journal: Journal, folder: Path, listener: Listener, take: Take) -> None:
+        self._parts, self._journal, self._listener, self._take = parts, journal, listener, take
+        self._store = Store(folder)
+        self._settled = {e.trial for e in journal.past if isinstance(e, TrialDone)}
+        self._files: list[tuple[str, str]] = []
+        self._read: dict[str, Recording] = {}
+        self.planned = 0
+        """Trials decided on so far."""
+        self.runs = 0
+        """Runs asked of the robot so far, repeats counted."""
+
+    def recordings(self) -> list[Recording]:
+        """Those of all trials that were done, in the order of the trials."""
+        return [self._recording(file, expected) for file, expected in self._files]
+
+    def test(self, round_: int, step: str, units: Array, repeats: int) -> list[Scored]:
+        """Performs the task's trials with each candidate (c, m) of the unit box, and scores them.
+
+        Raises TrialError where a trial goes beyond a limit, before any is handed out.
+        """
+        task = self._parts.task
+        values = task.parameters.from_unit(units)
+        batch = [
+            self._planned(round_, step, k, trial, repeats)
+            for k, row in enumerate(values) for trial in robot_trials(task, row)
+        ]  # fmt: skip
+        self._announce([trial for _, trial in batch if trial.name not in self._settled])
+        done = [self._perform(planned, trial) for planned, trial in batch]
+        each = len(task.trials)
+        return [
+            self._scored(round_, step, k, unit, done[k * each : (k + 1) * each], repeats)
+            for k, unit in enumerate(units)
+        ]
+
+    def _planned(
+        self, round_: int, step: str, candidate: int, trial: Trial, repeats: int
+    ) -> tuple[TrialPlanned, Trial]:
+        self.planned += 1
+        self.runs += repeats
+        name = f"trial-{self.planned:03d}"
+        ready = dataclasses.replace(prepared(trial, self._parts.limits, repeats), name=name)
+        if name not in self._settled:
+            require_safe(ready)
+        event = self._take(
+            TrialPlanned,
+            lambda: TrialPlanned(name, round_, step, trial.name, candidate, dict(trial.settings), repeats),
+        )
+        return event, ready
+
+    def _announce(self, waiting: Sequence[Trial]) -> None:
+        if not waiting:
+            return
+        if not self._parts.robot.repeatable:
+            self._listener.confirm(waiting, [_words(t) for t in waiting])
+        if isinstance(self._parts.robot, HandsOut):
+            self._parts.robot.hand_out(waiting)
+
+    def _perform(self, planned: TrialPlanned, trial: Trial) -> TrialDone:
+        before = self._journal.replaying
+        self._take(TrialStarted, lambda: TrialStarted(trial.name))
+        done = self._take(TrialDone, lambda: self._done(planned, trial, interrupted=before))
+        if done.outcome == "done":
+            self._files += zip(done.recordings, done.checksums, strict=True)
+        return done
+
+    def _done(self, planned: TrialPlanned, trial: Trial, *, interrupted: bool) -> TrialDone:
+        kept = self._store.kept(trial.name)  # there already if the end came between keeping and journaling
+        if kept is None and interrupted and not self._parts.robot.repeatable and self._left_unknown(trial):
+            kept = self._store.keep(trial, planned.of, "unknown", (), "interrupted; nobody could say what became of it")
+        if kept is None:
+            kept = self._performed(planned, trial)
+        return TrialDone(trial.name, kept.outcome, kept.files, kept.checksums, kept.note)
+
+    def _left_unknown(self, trial: Trial) -> bool:
+        return self._listener.unknown(trial) == "unknown"
+
+    def _performed(self, planned: TrialPlanned, trial: Trial) -> Kept:
+        outcome, note, recordings = "done", "", []
+        try:
+            recordings = self._parts.robot.perform(trial)
+            note = "\n".join(dict.fromkeys(r.provenance["note"] for r in recordings if "note" in r.provenance))
+        except RobotFellError as error:
+            outcome, note = "fell", str(error)
+        except TrialAbortedError as error:
+            outcome, note = "aborted", str(error)
+        if outcome == "done" and len(recordings) != trial.repeats:
+            raise JournalError(
+                f"'{trial.name}': the robot gave {len(recordings)} recordings for {trial.repeats} repeats"
+            )
+        return self._store.keep(trial, planned.of, outcome, recordings, note)
+
+    def _scored(
+        self, round_: int, step: str, candidate: int, unit: Array, done: Sequence[TrialDone], repeats: int
+    ) -> Scored:
+        def make() -> Scored:
+            scores = np.full(repeats, np.nan)
+            if all(d.outcome == "done" for d in done):
+                runs = [[self._recording(f, c) for f, c in zip(d.recordings, d.checksums, strict=True)] for d in done]
+                scores = robot_scores(self._parts.task, runs)
+            fell = any(d.outcome == "fell" for d in done)
+            return Scored(round_, step, candidate, tuple(unit.tolist()), tuple(np.asarray(scores).tolist()), fell)
+
+        return self._take(Scored, make)
+
+    def _recording(self, file: str, expected: str) -> Recording:
+        if file not in self._read:
+            self._read[file] = self._store.read(file, expected)
+        return self._read[file]
+
+
+def _words(trial: Trial) -> str:
+    settings = ", ".join(f"{k} = {v:.5g}" for k, v in trial.settings.items())
+    return f"{trial.name}: {trial.duration:.4g} s" + (f", {trial.repeats} times" if trial.repeats > 1 else "") + (
+        f", {settings}" if settings else ""
+    )  # fmt: skip

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes what a plan names: finds the class or function, checks the options against its signature, calls it."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import inspect
+import sys
+import types
+import typing
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from trueup.campaign.typed_toml import Component, check_keys, convert
+from trueup.errors import PlanError, TrueupError, unknown_name
+
+
+def made(component: Component, kind: str, known: Mapping[str, str], given: Mapping[str, Any], base: Path) -> Any:
+    """What `component` names, called with its options.
+
+    `known` holds short names as 'module:attribute'; other packages add theirs by the entry points 'trueup.<kind>s'. The
+    callable also gets what it asks for by name out of `given`, unless the plan says otherwise. Paths are relative to
+    `base`. Raises PlanError, which names file, table, key, value and the choices.
+    """
+    target = found(component, kind, known, base)
+    return called(component, target, given, base)
+
+
+def found(component: Component, kind: str, known: Mapping[str, str], base: Path) -> Callable[..., Any]:
+    """The class or function that `component` names. Raises PlanError."""
+    address = component.type
+    if ":" not in address:
+        names = {**{e.name: e.value for e in importlib.metadata.entry_points(group=f"trueup.{kind}s")}, **known}
+        if address not in names:
+            error = unknown_name(kind, address, names, "what trueup knows")
+            raise PlanError(f'{component.where}: {error}; or name your own as "module:attribute"')
+        address = names[address]
+    module_name, _, attribute = address.partition(":")
+    target = _module(module_name, component.where, base)
+    for part in attribute.split("."):
+        if not hasattr(target, part):
+            raise PlanError(
+                f"{component.where}: module '{module_name}' ({getattr(target, '__file__', '?')}) has no '{attribute}'"
+            )
+        target = getattr(target, part)
+    if not callable(target):
+        raise PlanError(f"{component.where}: '{address}' is a {type(target).__name__}, not a class or function")
+    return target
+
+
+def called(component: Component, target: Callable[..., Any], given: Mapping[str, Any], base: Path) -> Any:
+    """`target` called with the component's options and what it asks for out of `given`. Raises PlanError."""
+    parameters = inspect.signature(target).parameters
+    free = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
+    names = [n for n, p in parameters.items() if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)]
+    if not free:
+        check_keys(component.options, names, component.where)
+    hints = _hints(target)
+    options = {k: _option(hints.get(k, Any), v, component.where, k, base) for k, v in component.options.items()}
+    offered = {k: v for k, v in given.items() if k in names}
+    missing = [
+        n for n in names if parameters[n].default is inspect.Parameter.empty and n not in options and n not in offered
+    ]
+    if missing:
+        raise PlanError(f"{component.where}: '{component.type}' needs '{missing[0]}'; it takes: {', '.join(names)}")
+    try:
+        return target(**{**offered, **options})
+    except TrueupError:
+        raise
+    except (TypeError, ValueError) as error:
+        raise PlanError(f"{component.where}: '{component.type}' cannot be made: {error}") from error
+
+
+def _module(name: str, where: str, base: Path) -> Any:
+    """A module, also one that lies beside the plan."""
+    folder = str(base.resolve())
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name not in (name, name.partition(".")[0]):
+            raise PlanError(f"{where}: module '{name}' needs '{error.name}', which is not installed") from error
+        raise PlanError(f"{where}: there is no module '{name}', neither installed nor in {base}") from None
+
+
+def _hints(target: Callable[..., Any]) -> dict[str, Any]:
+    """The annotations of what is called; none where they cannot be resolved."""
+    try:
+        return typing.get_type_hints(target.__init__ if inspect.isclass(target) else target)  # type: ignore[misc]
+    except (NameError, TypeError, AttributeError):
+        return {}
+
+
+def _option(hint: Any, value: Any, where: str, key: str, base: Path) -> Any:
+    made_of = convert(hint, value, where, key)
+    choices = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
+    if Path in choices and isinstance(made_of, (str, Path)):
+        return base / made_of
+    if any(typing.get_args(c)[:1] == (Path,) for c in choices) and isinstance(made_of, tuple):
+        return tuple(base / entry for entry in made_of)
+    return made_of

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the loop's functions find, as events, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.calibration import Calibration, pooled_rmse
+from trueup.campaign.events import Calibrated, Chosen, Generation, Row, Scored, Validated
+from trueup.campaign.parts import Listener, Parts
+from trueup.campaign.plan import Transfer
+from trueup.errors import CalibrationError, TrialError
+from trueup.loop.belief import Belief
+from trueup.loop.optimize import Optimum, Tried, TrustRegion
+from trueup.loop.replay import replay_error
+from trueup.loop.safety import predicted
+from trueup.loop.transfer import Shortlist, compared, mean_score, prepared, shortlist
+from trueup.parameters import ParameterSpace
+from trueup.recording import Recording
+from trueup.tasks.task import robot_trials
+
+Array = NDArray[np.float64]
+
+
+def calibrated(number: int, parts: Parts, fitted: Sequence[Recording], listener: Listener) -> Calibrated:
+    """Fits the simulator, hands the result to the listener, and keeps what the loop needs of it."""
+    if parts.calibrator is None:
+        raise CalibrationError("the plan calibrates nothing")
+    found = parts.calibrator(fitted, parts.held_out, listener.fitting)
+    listener.calibrated(number, found)
+    e = found.estimates
+    main = _main(found)
+    shown = [r for r in found.training() if r.channel == main]
+    return Calibrated(
+        number, tuple(x.name for x in e), tuple(x.unit for x in e), _row([x.value for x in e]),
+        tuple(x.fitted for x in e), _row([x.low for x in e]), _row([x.high for x in e]), tuple(x.verdict for x in e),
+        tuple(_row(r) for r in np.atleast_2d(found.covariance)) if np.size(found.covariance) else (),
+        pooled_rmse(shown, after=False), pooled_rmse(shown, after=True), shown[0].unit if shown else "",
+        tuple(r.name for r in fitted),
+    )  # fmt: skip
+
+
+def belief_of(event: Calibrated, space: ParameterSpace) -> Belief:
+    """What a journaled calibration leaves to believe."""
+    return Belief.estimated(
+        space, np.array(event.values), np.array(event.fitted, dtype=bool),
+        np.array(event.covariance, dtype=np.float64).reshape(sum(event.fitted), -1), event.verdicts,
+    )  # fmt: skip
+
+
+def generation(number: int, tried: Tried) -> Generation:
+    """One generation of a search as an event."""
+    rows = tuple(_row(r) for r in tried.candidates)
+    return Generation(number, rows, _row(tried.losses), _row(tried.means), _row(tried.spreads))
+
+
+def tried_in(event: Generation) -> Tried:
+    """The generation that an event holds."""
+    return Tried(np.array(event.candidates), np.array(event.losses), np.array(event.means), np.array(event.spreads))
+
+
+def chosen(
+    number: int, plan: Transfer, parts: Parts, optimum: Optimum, region: TrustRegion, models: Array, room: int
+) -> Chosen:
+    """What goes to the robot: distinct candidates whose simulated runs stay within the limits.
+
+    Raises TrialError where none does.
+    """
+    wanted = max(0, min(plan.candidates, room - plan.incumbent))
+    many = wanted if parts.limits is None else 4 * wanted
+    found = shortlist(optimum, region, many, apart=plan.apart, incumbent=plan.incumbent, task=parts.task,
+                      simulator=parts.simulator, models=models)  # fmt: skip
+    problems = [_problems(parts, unit, models[0]) for unit in found.unit]
+    safe = [k for k, p in enumerate(problems) if not p][: wanted + (found.incumbent >= 0)]
+    if not safe or (found.incumbent >= 0 and 0 not in safe):
+        raise TrialError(
+            "no candidate stays within the limits: " + "; ".join(dict.fromkeys(s for p in problems for s in p))
+        )
+    kept = Shortlist(found.unit[safe], found.predicted[safe], found.spreads[safe], found.incumbent)
+    return Chosen(
+        number, tuple(_row(r) for r in kept.unit), _row(kept.predicted), _row(kept.spreads), kept.incumbent,
+        sum(bool(p) for p in problems), optimum.ended,
+    )  # fmt: skip
+
+
+def validated(
+    number: int, parts: Parts, values: Array, picked: Chosen, tested: Sequence[Scored], new: Sequence[Recording]
+) -> Validated:
+    """How well the simulator foretold the runs that it had not seen."""
+    measured = np.array([mean_score(np.array(s.scores)) for s in tested])
+    worst = float(np.nanmax(np.append(measured[np.isfinite(measured)], 0.0)))
+    ranked = np.where([s.fell for s in tested], worst + 1.0, measured)  # a fall is worse than any score
+    rank = compared(np.array(picked.predicted), ranked).agreement
+    replayed = replay_error(parts.simulator, values, new, discrepancy=parts.discrepancy, channels=parts.channels)
+    return Validated(
+        number, picked.predicted, _row(measured), rank.tau, rank.low, rank.high, rank.spearman, replayed.shipped,
+        replayed.calibrated, replayed.unit,
+    )  # fmt: skip
+
+
+def _problems(parts: Parts, unit: Array, model: Array) -> tuple[str, ...]:
+    """What the simulated runs of a candidate go beyond."""
+    if parts.limits is None:
+        return ()
+    values = parts.task.parameters.from_unit(unit)
+    trials = [prepared(t, parts.limits, 1) for t in robot_trials(parts.task, values)]
+    rows = np.concatenate([model, values])[None]
+    return predicted(parts.simulator.rollout(trials, rows, parts.task.controllers))
+
+
+def _main(calibration: Calibration) -> str:
+    names = [r.channel for r in calibration.replays]
+    return "position" if "position" in names else names[0] if names else ""
+
+
+def _row(values: object) -> Row:
+    return tuple(float(v) for v in np.asarray(values, dtype=np.float64))

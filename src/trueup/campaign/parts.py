@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a campaign is made of once its plan's names are resolved, and who is told how it goes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.calibration import Calibration, TracePoint
+from trueup.campaign.events import Event
+from trueup.discrepancies.discrepancy import Discrepancy
+from trueup.recording import Recording
+from trueup.robots.robot import Robot
+from trueup.search.search import Search
+from trueup.simulators.simulator import Simulator
+from trueup.tasks.task import Task
+from trueup.trial import Limits, Trial
+
+Array = NDArray[np.float64]
+
+Calibrator = Callable[[Sequence[Recording], Sequence[Recording], Callable[[TracePoint], None]], Calibration]
+"""(recordings to fit, recordings held out, progress) -> Calibration; the same input gives the same numbers."""
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The concrete things of one campaign."""
+
+    robot: Robot
+    simulator: Simulator
+    task: Task
+    search: Callable[[Array, int], Search]
+    """(start (m,) in the search's box, seed) -> a new search."""
+    calibrator: Calibrator | None
+    """None: the simulator stays as it is, as unsure as its parameters' ranges."""
+    recordings: tuple[Recording, ...] = ()
+    """From before the campaign, to fit."""
+    held_out: tuple[Recording, ...] = ()
+    discrepancy: Discrepancy | None = None
+    channels: tuple[str, ...] | None = None
+    limits: Limits | None = None
+    notes: tuple[str, ...] = field(default=())
+
+
+class Listener(Protocol):
+    """Is told how a campaign goes, and asked what only an operator knows."""
+
+    def saw(self, event: Event, *, fresh: bool) -> None:
+        """An event, in order; `fresh` is False for those of earlier runs, which are replayed."""
+        ...
+
+    def fitting(self, point: TracePoint) -> None:
+        """One more step of a calibration's search."""
+        ...
+
+    def calibrated(self, round: int, calibration: Calibration) -> None:
+        """A calibration is complete; its files may be written now. May be called again after an interruption."""
+        ...
+
+    def confirm(self, trials: Sequence[Trial], expected: Sequence[str]) -> None:
+        """Hardware is about to move: raises TrialError unless that is allowed. `expected`: what is simulated of each."""
+        ...
+
+    def unknown(self, trial: Trial) -> Literal["repeat", "unknown"]:
+        """What an interruption left of a trial on hardware is not known: perform it again, or leave it unknown?"""
+        ...
+
+
+class Silent:
+    """A Listener for notebooks and tests: hears nothing, allows hardware to move, never repeats a trial by itself."""
+
+    def saw(self, event: Event, *, fresh: bool) -> None:
+        """Nothing."""
+
+    def fitting(self, point: TracePoint) -> None:
+        """Nothing."""
+
+    def calibrated(self, round: int, calibration: Calibration) -> None:
+        """Nothing."""
+
+    def confirm(self, trials: Sequence[Trial], expected: Sequence[str]) -> None:
+        """Allows it: whoever writes code has decided."""
+
+    def unknown(self, trial: Trial) -> Literal["repeat", "unknown"]:
+        """Leaves it unknown."""
+        return "unknown"
