@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
@@ -12,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from trueup.campaign.typed_toml import Component, build, read_toml
+from trueup.campaign.typed_toml import Component, build, parse_toml, read_text
 from trueup.errors import PlanError
 from trueup.trial import Limits
 
@@ -173,19 +172,20 @@ class PlanFile:
     path: Path
     text: str
 
-    @property
-    def checksum(self) -> str:
-        """SHA-256 of the text."""
-        return hashlib.sha256(self.text.encode()).hexdigest()
-
 
 def read_plan(path: Path) -> PlanFile:
     """The plan in a file. Raises PlanError, naming file, table, key, value and the choices."""
-    table, text = read_toml(path)
+    text = read_text(path)
+    return PlanFile(plan_in(text, path), path, text)
+
+
+def plan_in(text: str, where: Path) -> Plan:
+    """The plan in a text, which came from the file `where`. Raises PlanError."""
+    table = parse_toml(text, where)
     for f in fields(Plan):
         if f.name in ("robot", "simulator", "task") and f.name not in table:
-            raise PlanError(f'{path}: [{f.name}] is missing; it says with type = "..." which {f.name} to use')
-    return PlanFile(build(Plan, table, str(path)), path, text)
+            raise PlanError(f'{where}: [{f.name}] is missing; it says with type = "..." which {f.name} to use')
+    return build(Plan, table, str(where))
 
 
 def _at_least(table: object, key: str, least: float) -> None:

@@ -43,15 +43,22 @@ class Component:
         object.__setattr__(self, "options", MappingProxyType(dict(self.options)))
 
 
-def read_toml(path: Path) -> tuple[dict[str, Value], str]:
-    """The tables of a TOML file and its text. Raises PlanError with line and column where it is none."""
+def read_text(path: Path) -> str:
+    """The text of a file. Raises PlanError."""
     try:
-        text = path.read_text(encoding="utf-8")
-        return tomllib.loads(text), text
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise PlanError(f"{path}: is not text in UTF-8 ({error.reason} at byte {error.start})") from None
     except OSError as error:
         raise PlanError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise PlanError(f"{path}: not valid TOML ({error})") from None
+
+
+def parse_toml(text: str, where: Path) -> dict[str, Value]:
+    """The tables of a TOML text. Raises PlanError with line and column where it is none."""
+    try:
+        return tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise PlanError(f"{where}: not valid TOML ({error})") from None
 
 
 def build(kind: type[T], table: Value, where: str) -> T:

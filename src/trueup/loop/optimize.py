@@ -88,13 +88,16 @@ class Optimum:
         """Rows of up to `count` candidates, the best first, each `apart` from the others in some parameter.
 
         Only candidates in the better half are considered: one that the simulator says is bad teaches the robot little.
+        Where these lie too close together for so many, `apart` is halved, twice at most.
         """
         good = np.flatnonzero(np.isfinite(self.losses))
         order = good[np.argsort(self.losses[good], kind="stable")][: max(count, (len(good) + 1) // 2)]
         chosen: list[int] = []
-        for k in order:
-            if all(np.abs(self.unit[k] - self.unit[c]).max() >= apart for c in chosen):
-                chosen.append(int(k))
+        for distance in (apart, apart / 2, apart / 4):
+            chosen = []
+            for k in order:
+                if len(chosen) < count and all(np.abs(self.unit[k] - self.unit[c]).max() >= distance for c in chosen):
+                    chosen.append(int(k))
             if len(chosen) == count:
                 break
         return tuple(chosen)

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The folder of a campaign: found or made, never another's, with all that is needed to go on in it."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from trueup.campaign.events import Begun, Ended
+from trueup.campaign.journal import JOURNAL, keep_text, read_journal
+from trueup.campaign.plan import PlanFile, plan_in
+from trueup.errors import JournalError, PlanError
+
+PLAN, _ORIGIN = "plan.toml", "origin.json"
+
+
+@dataclass(frozen=True)
+class Folder:
+    """Where a campaign lives. The plan that it began with is kept in it: editing the original changes nothing here."""
+
+    path: Path
+    file: PlanFile
+    checksum: str
+    """Of plan and seed: what makes it this campaign."""
+    note: str = ""
+    """Why this folder, where it is not simply the one that was asked for."""
+
+    @classmethod
+    def begin(cls, file: PlanFile, out: Path | None, seed: int | None) -> Folder:
+        """The folder to run a plan in: the one that holds it unfinished, else a fresh one.
+
+        Without `out` that is the plan's own folder where one stands in it, and one of the plan's name here elsewhere.
+        `seed` replaces the plan's. Raises OutputError.
+        """
+        used = file if seed is None else dataclasses.replace(file, plan=dataclasses.replace(file.plan, seed=seed))
+        check = _checksum(used)
+        here = file.path.parent.resolve() == Path.cwd().resolve()
+        asked = out if out is not None else Path(".") if here else Path(file.plan.name)
+        for number in range(1, 1000):
+            at = asked if number == 1 else _numbered(asked, number)
+            state = _state(at, check)
+            if state == "unfinished":
+                return cls(at, used, check, f"going on with the campaign in {at}")
+            if state == "free":
+                note = f"{asked} holds another campaign, so this one goes to {at}" if number > 1 else ""
+                made = cls(at, used, check, note)
+                made._keep()
+                return made
+        raise PlanError(f"{asked} and 998 folders like it hold campaigns; name another with --out")
+
+    @classmethod
+    def open(cls, path: Path) -> Folder:
+        """A campaign begun before. Raises JournalError where there is none, PlanError where its plan cannot be used."""
+        try:
+            origin = json.loads((path / _ORIGIN).read_text(encoding="utf-8"))
+            text = (path / PLAN).read_text(encoding="utf-8")
+            where, seed = Path(os.path.normpath(path / origin["plan"])), int(origin["seed"])
+        except (OSError, ValueError, KeyError, TypeError):
+            raise JournalError(f"{path}: this is not a campaign's folder; `trueup run PLAN` makes one") from None
+        file = PlanFile(plan_in(text, where), where, text)
+        used = dataclasses.replace(file, plan=dataclasses.replace(file.plan, seed=seed))
+        return cls(path, used, _checksum(used))
+
+    def _keep(self) -> None:
+        origin = os.path.relpath(self.file.path.resolve(), self.path.resolve())
+        keep_text(self.path / PLAN, self.file.text)
+        keep_text(self.path / _ORIGIN, json.dumps({"plan": origin, "seed": self.file.plan.seed}))
+
+
+def _numbered(path: Path, number: int) -> Path:
+    whole = path.resolve()
+    return path.with_name(f"{path.name}-{number}") if path.name else whole / f"run-{number}"
+
+
+def _state(path: Path, check: str) -> str:
+    """'free', 'unfinished' (this very campaign, to go on with) or 'other'."""
+    if not (path / JOURNAL).exists():
+        return "free"
+    try:
+        events = read_journal(path)
+    except JournalError:
+        return "other"
+    if not events:
+        return "free"
+    mine = isinstance(events[0], Begun) and events[0].plan == check
+    return "unfinished" if mine and not isinstance(events[-1], Ended) else "other"
+
+
+def _checksum(file: PlanFile) -> str:
+    return hashlib.sha256(f"{file.text}\0{file.plan.seed}".encode()).hexdigest()

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a plan to the concrete parts of a campaign: names resolved, recordings read, nothing moved yet."""
+
+from __future__ import annotations
+
+import fnmatch
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.calibration import Calibration, TracePoint
+from trueup.campaign.kinds import CALIBRATIONS, DISCREPANCIES, ROBOTS, SEARCHES, SIMULATORS, TASKS
+from trueup.campaign.making import called, found, made
+from trueup.campaign.parts import Calibrator, Parts
+from trueup.campaign.plan import Calibrate, PlanFile
+from trueup.campaign.typed_toml import Component
+from trueup.discrepancies.discrepancy import Discrepancy
+from trueup.errors import PlanError
+from trueup.formats import read
+from trueup.loop.restricted import Restricted
+from trueup.recording import Recording
+from trueup.search.search import Search
+from trueup.simulators.simulator import Simulator
+
+Array = NDArray[np.float64]
+
+
+def parts_of(file: PlanFile, folder: Path, say: Callable[[str], None]) -> Parts:
+    """Everything that the plan names, made; `folder` is the campaign's, `say` shows a robot's messages to the operator.
+
+    What is made may ask, by the names of its parameters, for: folder, say, seed, recordings, and the task and the
+    simulator that were made before it. Raises PlanError, and what the parts raise.
+    """
+    plan, base = file.plan, file.path.parent
+    recordings, held_out = _recordings(plan.calibrate, base, str(file.path))
+    given: dict[str, Any] = {"folder": folder, "say": say, "seed": plan.seed, "recordings": (*recordings, *held_out)}
+    simulator: Simulator = made(plan.simulator, "simulator", SIMULATORS, given, base)
+    if plan.calibrate.parameters:
+        simulator = Restricted.to(simulator, plan.calibrate.parameters)
+    given["simulator"] = simulator
+    given["task"] = task = made(plan.task, "task", TASKS, given, base)
+    robot = made(plan.robot, "robot", ROBOTS, given, base)
+    discrepancy = None
+    if plan.calibrate.discrepancy is not None:
+        discrepancy = made(plan.calibrate.discrepancy, "discrepancy", DISCREPANCIES, given, base)
+    given["discrepancy"] = discrepancy
+    return Parts(
+        robot, simulator, task, _search(file, task.parameters), _calibrator(file, given, discrepancy), tuple(recordings),
+        tuple(held_out), discrepancy, plan.calibrate.channels or None, plan.limits.limits(),
+    )  # fmt: skip
+
+
+def _recordings(plan: Calibrate, base: Path, where: str) -> tuple[list[Recording], list[Recording]]:
+    """Those to fit and those held out. Raises PlanError for a pattern that finds none, FormatError."""
+    paths: list[Path] = []
+    for pattern in plan.recordings:
+        matching = sorted(base.glob(pattern)) if any(c in pattern for c in "*?[") else [base / pattern]
+        if not matching or not matching[0].exists():
+            raise PlanError(f"{where}, [calibrate], recordings: '{pattern}' finds nothing in {base}")
+        paths += matching
+    everything = read(paths, base / plan.mapping if plan.mapping else None) if paths else []
+    names = [r.name for r in everything]
+    for pattern in plan.hold_out:
+        if not fnmatch.filter(names, pattern):
+            raise PlanError(
+                f"{where}, [calibrate], hold_out: '{pattern}' is none of the recordings: {', '.join(names) or 'none'}"
+            )
+    held = [r for r in everything if any(fnmatch.fnmatchcase(r.name, p) for p in plan.hold_out)]
+    return [r for r in everything if r not in held], held
+
+
+def _search(file: PlanFile, space: Any) -> Callable[[Array, int], Search]:
+    """Makes a new search; checked once now, so that a wrong option is said before the robot moves."""
+    plan, base = file.plan.optimize, file.path.parent
+    labels = tuple(p.name for p in space.parameters if not p.frozen)
+    budget = {"trials": plan.evaluations, "max_evaluations": plan.evaluations, "labels": labels}
+    target = found(plan.search, "search", SEARCHES, base)
+
+    def new(start: Array, seed: int) -> Search:
+        return called(plan.search, target, {"start": start, "seed": seed, **budget}, base)
+
+    new(np.full(len(labels), 0.5), 0)
+    return new
+
+
+def _calibrator(file: PlanFile, given: Mapping[str, Any], discrepancy: Discrepancy | None) -> Calibrator | None:
+    plan, base = file.plan, file.path.parent
+    if plan.calibrate.method.type == "none":
+        return None
+    if plan.calibrate.method.type == "fit":
+        return _fit(file, given["simulator"], discrepancy)
+    target = found(plan.calibrate.method, "calibration", CALIBRATIONS, base)
+    _check_options(plan.calibrate.method, target)
+
+    def own(
+        recordings: Sequence[Recording], held_out: Sequence[Recording], progress: Callable[[TracePoint], None]
+    ) -> Calibration:
+        now = {**given, "recordings": recordings, "held_out": held_out, "progress": progress}
+        return called(plan.calibrate.method, target, now, base)
+
+    return own
+
+
+def _fit(file: PlanFile, simulator: Simulator, discrepancy: Discrepancy | None) -> Calibrator:
+    plan = file.plan.calibrate
+    if plan.method.options:
+        raise PlanError(f"{plan.method.where}: 'fit' takes no options here; set search, robust, ... in [calibrate]")
+
+    def fit(
+        recordings: Sequence[Recording], held_out: Sequence[Recording], progress: Callable[[TracePoint], None]
+    ) -> Calibration:
+        from trueup.loop.calibrate import Options, calibrate
+
+        options = Options(search=plan.search, select=plan.select, robust=plan.robust, channels=plan.channels or None,
+                          seed=file.plan.seed)  # fmt: skip
+        return calibrate(simulator, recordings, held_out, options=options, discrepancy=discrepancy, progress=progress)
+
+    return fit
+
+
+def _check_options(component: Component, target: Callable[..., Any]) -> None:
+    known = list(inspect.signature(target).parameters)
+    wrong = [k for k in component.options if k not in known]
+    if wrong:
+        raise PlanError(f"{component.where}: unknown key '{wrong[0]}'; '{component.type}' takes: {', '.join(known)}")
