@@ -205,30 +205,19 @@ def torques(tree: Layout, inertial: Array, q: Array, qd: Array, qdd: Array, out:
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc", "nsz"})
 def tile(Z: Array, r: int, c: int, G: Array, width: int) -> None:
     """Adds the products of rows r ... r + 3 with rows c ... c + 3 of Z (rows of LONG) to G (width, width)."""
-    a0, a1, a2, a3 = Z[r * LONG : (r + 1) * LONG], Z[(r + 1) * LONG : (r + 2) * LONG], Z[(r + 2) * LONG : (r + 3) * LONG], Z[(r + 3) * LONG : (r + 4) * LONG]  # fmt: skip  # noqa: E501
-    b0, b1, b2, b3 = Z[c * LONG : (c + 1) * LONG], Z[(c + 1) * LONG : (c + 2) * LONG], Z[(c + 2) * LONG : (c + 3) * LONG], Z[(c + 3) * LONG : (c + 4) * LONG]  # fmt: skip  # noqa: E501
+    a, b = Z[r * LONG : (r + TILE) * LONG], Z[c * LONG : (c + TILE) * LONG]
     g00 = g01 = g02 = g03 = g10 = g11 = g12 = g13 = 0.0
     g20 = g21 = g22 = g23 = g30 = g31 = g32 = g33 = 0.0
     for s in range(LONG):
-        g00 += a0[s] * b0[s]
-        g01 += a0[s] * b1[s]
-        g02 += a0[s] * b2[s]
-        g03 += a0[s] * b3[s]
-        g10 += a1[s] * b0[s]
-        g11 += a1[s] * b1[s]
-        g12 += a1[s] * b2[s]
-        g13 += a1[s] * b3[s]
-        g20 += a2[s] * b0[s]
-        g21 += a2[s] * b1[s]
-        g22 += a2[s] * b2[s]
-        g23 += a2[s] * b3[s]
-        g30 += a3[s] * b0[s]
-        g31 += a3[s] * b1[s]
-        g32 += a3[s] * b2[s]
-        g33 += a3[s] * b3[s]
+        a0, a1, a2, a3 = a[s], a[LONG + s], a[2 * LONG + s], a[3 * LONG + s]
+        b0, b1, b2, b3 = b[s], b[LONG + s], b[2 * LONG + s], b[3 * LONG + s]
+        g00, g01, g02, g03 = g00 + a0 * b0, g01 + a0 * b1, g02 + a0 * b2, g03 + a0 * b3
+        g10, g11, g12, g13 = g10 + a1 * b0, g11 + a1 * b1, g12 + a1 * b2, g13 + a1 * b3
+        g20, g21, g22, g23 = g20 + a2 * b0, g21 + a2 * b1, g22 + a2 * b2, g23 + a2 * b3
+        g30, g31, g32, g33 = g30 + a3 * b0, g31 + a3 * b1, g32 + a3 * b2, g33 + a3 * b3
     sums = ((g00, g01, g02, g03), (g10, g11, g12, g13), (g20, g21, g22, g23), (g30, g31, g32, g33))
-    for k in range(4):
-        for m in range(4):
+    for k in range(TILE):
+        for m in range(TILE):
             G[(r + k) * width + c + m] += sums[k][m]
 
 
