@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The chain of joints from the base to a tool: pose, Jacobian and its rate, as compiled kernels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from trueup.errors import unknown_name
+
+if TYPE_CHECKING:
+    from trueup.identification.kinematic_tree import KinematicTree
+
+Array = NDArray[np.float64]
+
+
+class ChainArrays(NamedTuple):
+    """A chain of m joints as plain arrays, in the form that the kernels take."""
+
+    joint: NDArray[np.int64]
+    """(m,) which column of q each is."""
+    prismatic: NDArray[np.bool_]
+    axis: Array
+    rotation: Array
+    offset: Array
+    tool_rotation: Array
+    tool_offset: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """The joints that move one link, and where the tool sits on it."""
+
+    tree: KinematicTree
+    link: str
+    arrays: ChainArrays = field(repr=False)
+
+    @classmethod
+    def of(
+        cls, tree: KinematicTree, link: str | None = None, *, tool: ArrayLike = (0.0, 0.0, 0.0),
+        tool_rotation: ArrayLike | None = None,
+    ) -> Chain:  # fmt: skip
+        """The chain to `link` (default: the one that most joints carry and a revolute joint moves: no finger of a hand).
+
+        `tool` (3,) in m and `tool_rotation` (3, 3) are the tool's pose in the link's frame. Raises UnknownNameError.
+        """
+        if link is None:
+            depth = tree.carries().sum(axis=0) - tree.n * np.array(tree.prismatic) * (not np.all(tree.prismatic))
+            link = tree.links[int(len(depth) - 1 - np.argmax(depth[::-1]))]
+        elif link not in tree.links:
+            raise unknown_name("link", link, tree.links)
+        path, at = [], tree.links.index(link)
+        while at >= 0:
+            path.append(at)
+            at = int(tree.parent[at])
+        joint = np.array(path[::-1], dtype=np.int64)
+        turn = np.eye(3) if tool_rotation is None else np.asarray(tool_rotation, dtype=np.float64)
+        arrays = ChainArrays(
+            joint, np.array(tree.prismatic)[joint], np.array(tree.axis)[joint], np.array(tree.rotation)[joint],
+            np.array(tree.offset)[joint], np.ascontiguousarray(turn), np.array(tool, dtype=np.float64),
+        )  # fmt: skip
+        return cls(tree, link, arrays)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints of the chain."""
+        return tuple(self.tree.joints[j] for j in self.arrays.joint)
+
+    def poses(self, q: ArrayLike) -> tuple[Array, Array]:
+        """Rotations (..., 3, 3) tool to base and positions (..., 3) of the tool, at q (..., n)."""
+        given = np.asarray(q, dtype=np.float64)
+        flat = np.ascontiguousarray(given.reshape(-1, given.shape[-1]))
+        R, p = np.empty((len(flat), 3, 3)), np.empty((len(flat), 3))
+        _poses(self.arrays, flat, R, p)
+        return R.reshape(*given.shape[:-1], 3, 3), p.reshape(*given.shape[:-1], 3)
+
+    def jacobian(self, q: ArrayLike) -> Array:
+        """(6, n) tool velocity (m/s, then rad/s, in the base frame) for unit speeds of all joints, at q (n,)."""
+        arrays, m = self.arrays, len(self.arrays.joint)
+        R, p, z, o = np.empty((3, 3)), np.empty(3), np.empty((m, 3)), np.empty((m, 3))
+        place(arrays, np.asarray(q, dtype=np.float64), R, p, z, o)
+        J, whole = np.zeros((6, m)), np.zeros((6, self.tree.n))
+        slopes(arrays, p, z, o, J)
+        whole[:, arrays.joint] = J
+        return whole
+
+
+@njit(cache=True, nogil=True)
+def place(chain: ChainArrays, q: Array, R: Array, p: Array, z: Array, o: Array) -> None:
+    """Tool pose R (3, 3), p (3,), joint axes z (m, 3) and points on them o (m, 3), in the base frame, at q (n,)."""
+    R[:] = np.eye(3)
+    p[:] = 0.0
+    turn, half = np.empty((3, 3)), np.empty((3, 3))
+    for i in range(len(chain.joint)):
+        _go(R, p, chain.offset[i])
+        _multiply(R, chain.rotation[i], half)
+        x, y, w = chain.axis[i]
+        for a in range(3):
+            z[i, a] = half[a, 0] * x + half[a, 1] * y + half[a, 2] * w
+        value = q[chain.joint[i]]
+        if chain.prismatic[i]:
+            for a in range(3):
+                p[a] += value * z[i, a]
+            R[:] = half
+        else:
+            _about(chain.axis[i], float(value), turn)
+            _multiply(half, turn, R)
+        o[i] = p
+    _go(R, p, chain.tool_offset)
+    half[:] = R
+    _multiply(half, chain.tool_rotation, R)
+
+
+@njit(cache=True, nogil=True)
+def slopes(chain: ChainArrays, p: Array, z: Array, o: Array, J: Array) -> None:
+    """J (>= 6, m): linear velocity of the tool at p in rows 0-2, angular velocity in rows 3-5, for unit joint speeds."""
+    for i in range(len(chain.joint)):
+        if chain.prismatic[i]:
+            for a in range(3):
+                J[a, i], J[3 + a, i] = z[i, a], 0.0
+        else:
+            x, y, w = p[0] - o[i, 0], p[1] - o[i, 1], p[2] - o[i, 2]
+            J[0, i] = z[i, 1] * w - z[i, 2] * y
+            J[1, i] = z[i, 2] * x - z[i, 0] * w
+            J[2, i] = z[i, 0] * y - z[i, 1] * x
+            for a in range(3):
+                J[3 + a, i] = z[i, a]
+
+
+@njit(cache=True, nogil=True)
+def unforced_acceleration(chain: ChainArrays, p: Array, z: Array, o: Array, qd: Array, out: Array) -> None:
+    """dJ/dt qd into out (>= 6,): what the tool accelerates at joint speeds qd (m,) without joint acceleration."""
+    omega, alpha, a, x, r = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    for i in range(len(chain.joint)):
+        r[:] = o[i] - x
+        _carry(omega, alpha, r, a)
+        c0 = (omega[1] * z[i, 2] - omega[2] * z[i, 1]) * qd[i]
+        c1 = (omega[2] * z[i, 0] - omega[0] * z[i, 2]) * qd[i]
+        c2 = (omega[0] * z[i, 1] - omega[1] * z[i, 0]) * qd[i]
+        if chain.prismatic[i]:  # Coriolis
+            a[0] += 2.0 * c0
+            a[1] += 2.0 * c1
+            a[2] += 2.0 * c2
+        else:
+            alpha[0] += c0
+            alpha[1] += c1
+            alpha[2] += c2
+            for k in range(3):
+                omega[k] += z[i, k] * qd[i]
+        x[:] = o[i]
+    r[:] = p - x
+    _carry(omega, alpha, r, a)
+    out[:3] = a
+    out[3:6] = alpha
+
+
+@njit(cache=True, nogil=True)
+def _carry(omega: Array, alpha: Array, r: Array, a: Array) -> None:
+    """Acceleration a (3,) of a point moved by r on the same body: a += alpha x r + omega x (omega x r)."""
+    along = omega[0] * r[0] + omega[1] * r[1] + omega[2] * r[2]
+    square = omega[0] * omega[0] + omega[1] * omega[1] + omega[2] * omega[2]
+    a[0] += alpha[1] * r[2] - alpha[2] * r[1] + omega[0] * along - r[0] * square
+    a[1] += alpha[2] * r[0] - alpha[0] * r[2] + omega[1] * along - r[1] * square
+    a[2] += alpha[0] * r[1] - alpha[1] * r[0] + omega[2] * along - r[2] * square
+
+
+@njit(cache=True, nogil=True)
+def _go(R: Array, p: Array, offset: Array) -> None:
+    for a in range(3):
+        p[a] += R[a, 0] * offset[0] + R[a, 1] * offset[1] + R[a, 2] * offset[2]
+
+
+@njit(cache=True, nogil=True)
+def _multiply(A: Array, B: Array, out: Array) -> None:
+    for a in range(3):
+        for b in range(3):
+            out[a, b] = A[a, 0] * B[0, b] + A[a, 1] * B[1, b] + A[a, 2] * B[2, b]
+
+
+@njit(cache=True, nogil=True)
+def _about(axis: Array, angle: float, out: Array) -> None:
+    s, c = np.sin(angle), np.cos(angle)
+    x, y, z, d = axis[0], axis[1], axis[2], 1.0 - c
+    out[0, 0], out[0, 1], out[0, 2] = c + x * x * d, x * y * d - z * s, x * z * d + y * s
+    out[1, 0], out[1, 1], out[1, 2] = y * x * d + z * s, c + y * y * d, y * z * d - x * s
+    out[2, 0], out[2, 1], out[2, 2] = z * x * d - y * s, z * y * d + x * s, c + z * z * d
+
+
+@njit(cache=True, nogil=True)
+def turned(R: Array, vector: Array, share: float, out: Array) -> None:
+    """Out (3, 3) = R Exp(share vector): `R` turned about a vector of its own frame by `share` of the vector's length."""
+    angle = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
+    if angle < 1e-14:
+        out[:] = R
+        return
+    turn = np.empty((3, 3))
+    _about(vector / angle, share * angle, turn)
+    _multiply(R, turn, out)
+
+
+@njit(cache=True, nogil=True)
+def rotation_between(A: Array, B: Array, out: Array) -> None:
+    """Out (3,): the vector in the base frame about which A must turn to become B, of the angle's length (< pi)."""
+    x = 0.5 * (_entry(B, A, 2, 1) - _entry(B, A, 1, 2))
+    y = 0.5 * (_entry(B, A, 0, 2) - _entry(B, A, 2, 0))
+    z = 0.5 * (_entry(B, A, 1, 0) - _entry(B, A, 0, 1))
+    sine = np.sqrt(x * x + y * y + z * z)
+    cosine = 0.5 * (_entry(B, A, 0, 0) + _entry(B, A, 1, 1) + _entry(B, A, 2, 2) - 1.0)
+    scale = np.arctan2(sine, cosine) / sine if sine > 1e-12 else 1.0
+    out[0], out[1], out[2] = x * scale, y * scale, z * scale
+
+
+@njit(cache=True, nogil=True)
+def _entry(B: Array, A: Array, i: int, j: int) -> float:
+    """Entry (i, j) of B A^T."""
+    return B[i, 0] * A[j, 0] + B[i, 1] * A[j, 1] + B[i, 2] * A[j, 2]
+
+
+@njit(cache=True, nogil=True)
+def _poses(chain: ChainArrays, q: Array, R: Array, p: Array) -> None:
+    m = len(chain.joint)
+    z, o = np.empty((m, 3)), np.empty((m, 3))
+    for s in range(len(q)):
+        place(chain, q[s], R[s], p[s], z, o)

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the joints of an arm may do: range, speed, acceleration, torque; what a model file leaves out is assumed, and said."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import ModelError, unknown_name
+
+if TYPE_CHECKING:
+    from trueup.identification.kinematic_tree import KinematicTree
+
+Array = NDArray[np.float64]
+
+_TO_SPEED = 0.4
+"""s in which industrial arms reach their top speed; the acceleration limit where none is given."""
+_SPEED, _PRISMATIC_SPEED = np.pi, 1.0
+_FIELDS = ("lower", "upper", "speed", "acceleration", "torque")
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """Limits of n joints, each (n,): positions in rad (m), speed in rad/s, acceleration in rad/s^2, torque in N m (N)."""
+
+    joints: tuple[str, ...]
+    lower: Array
+    upper: Array
+    speed: Array
+    acceleration: Array
+    torque: Array
+    """Nominal torque; NaN where it is not known."""
+    notes: tuple[str, ...] = ()
+    """What was assumed because the model file does not say it."""
+
+    @classmethod
+    def of(cls, tree: KinematicTree) -> JointLimits:
+        """The limits of a model file; turns without range may make one turn, and top speed is reached in 0.4 s.
+
+        Raises ModelError for a prismatic joint without a range.
+        """
+        notes: list[str] = []
+        prismatic = np.asarray(tree.prismatic, dtype=bool)
+        endless = ~(np.isfinite(tree.lower) & np.isfinite(tree.upper))
+        if (endless & prismatic).any():
+            raise ModelError(
+                f"prismatic joint '{_listed(tree.joints, endless & prismatic)}' has no range; the model must give one"
+            )
+        lower, upper = np.where(endless, -np.pi, tree.lower), np.where(endless, np.pi, tree.upper)
+        slow = ~(np.isfinite(tree.speed) & (np.asarray(tree.speed) > 0))
+        speed = np.where(slow, np.where(prismatic, _PRISMATIC_SPEED, _SPEED), tree.speed)
+        weak = ~(np.isfinite(tree.effort) & (np.asarray(tree.effort) > 0))
+        if endless.any():
+            notes.append(f"no range in the model, taken as +-180 deg: {_listed(tree.joints, endless)}")
+        if slow.any():
+            notes.append(f"no speed limit in the model, taken as 180 deg/s (1 m/s): {_listed(tree.joints, slow)}")
+        if weak.any():
+            notes.append(f"no torque limit in the model: {_listed(tree.joints, weak)}")
+        notes.append("acceleration limits: top speed in 0.4 s (model files hold none; give your arm's with --limits)")
+        torque = np.where(weak, np.nan, tree.effort)
+        return cls(tuple(tree.joints), lower, upper, speed, speed / _TO_SPEED, torque, tuple(notes))
+
+    def changed(self, **values: Mapping[str, float]) -> JointLimits:
+        """Limits with some values replaced: `changed(acceleration={"elbow": 7.0})`. Raises UnknownNameError, ModelError."""
+        fields: dict[str, Array] = {}
+        for name, given in values.items():
+            if name not in _FIELDS:
+                raise unknown_name("limit", name, _FIELDS, "limits of joints")
+            fields[name] = np.array(getattr(self, name))
+            for joint, value in given.items():
+                if joint not in self.joints:
+                    raise unknown_name("joint", joint, self.joints)
+                fields[name][self.joints.index(joint)] = value
+        made = replace(self, **fields)
+        for k, joint in enumerate(made.joints):
+            if not made.lower[k] < made.upper[k] or not made.speed[k] > 0 or not made.acceleration[k] > 0:
+                raise ModelError(
+                    f"limits of joint '{joint}' are impossible: range {made.lower[k]:g} ... {made.upper[k]:g}, "
+                    f"speed {made.speed[k]:g}, acceleration {made.acceleration[k]:g}"
+                )
+        return made
+
+    def within(self, *, range_share: float = 1.0, speed_share: float = 1.0, margin: float = 0.0) -> JointLimits:
+        """Narrower limits: a share of each range about its middle less `margin` [rad] at both ends, a share of the speeds."""
+        middle, half = 0.5 * (self.lower + self.upper), 0.5 * (self.upper - self.lower)
+        half = np.maximum(half * range_share - margin, 1e-3)
+        return replace(
+            self,
+            lower=middle - half,
+            upper=middle + half,
+            speed=self.speed * speed_share,
+            acceleration=self.acceleration,
+        )
+
+
+def _listed(names: tuple[str, ...], chosen: NDArray[np.bool_]) -> str:
+    return ", ".join(name for name, one in zip(names, chosen, strict=True) if one)

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The part of the workspace in which an arm may move its tool: a box for the tool, a cone for its orientation.
+
+As a file (SI units, base frame of the model):
+
+    link = "wrist_3_link"            # default: the last link
+    tool = [0.0, 0.0, 0.15]          # the tool's centre on that link; default: its origin
+    [box]
+    centre = [0.8, 0.0, 0.6]
+    size = [0.3, 0.3, 0.3]
+    [orientation]                    # default: about the tool's axis in the posture, 30 deg
+    centre = [0.0, 1.0, 0.0, 0.0]    # quaternion w x y z; [0, 1, 0, 0] points the tool's z axis down
+    cone = 0.52                      # how far the tool's z axis may lean, rad
+    spin = 0.52                      # how far the tool may turn about its z axis, rad; both ways
+    [posture]                        # the branch of the inverse kinematics; default: the least singular one found
+    elbow = -1.5
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trueup.errors import ModelError, unknown_name
+
+Array = NDArray[np.float64]
+
+_KEYS = {
+    "": ("link", "tool", "box", "orientation", "posture"),
+    "box": ("centre", "size", "lower", "upper"),
+    "orientation": ("centre", "cone", "spin"),
+}
+CONE = np.radians(30.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """A box (3,) in m about `centre` (3,) in the base frame, with orientations about `orientation` (3, 3)."""
+
+    centre: Array
+    size: Array
+    orientation: Array | None = None
+    """Rotation (3, 3) tool to base in the middle of the cone; None: that of the posture."""
+    cone: float = CONE
+    spin: float = CONE
+    link: str | None = None
+    tool: Array = field(default_factory=lambda: np.zeros(3))
+    posture: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, centre: ArrayLike, size: ArrayLike, **rest: Any) -> Region:
+        """A region from plain lists. Raises ModelError where the box has no volume."""
+        box = np.broadcast_to(np.asarray(size, dtype=np.float64), (3,)).copy()
+        middle = np.asarray(centre, dtype=np.float64)
+        if middle.shape != (3,) or not np.isfinite(middle).all() or not (box > 0).all():
+            raise ModelError(
+                f"a region needs a centre of three numbers [m] and a size above 0; got {centre} and {size}"
+            )
+        return cls(middle, box, **rest)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Region:
+        """Reads a region file (see the module). Raises ModelError and UnknownNameError that name file and key."""
+        file = Path(path)
+        try:
+            with file.open("rb") as opened:
+                given = tomllib.load(opened)
+        except FileNotFoundError:
+            raise ModelError(f"region file '{file}' does not exist (looked in {file.absolute().parent})") from None
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise ModelError(f"region file '{file}' is not TOML: {error}") from None
+        for table, keys in _KEYS.items():
+            for key in given.get(table, {}) if table else given:
+                if key not in keys:
+                    raise unknown_name("key", key, keys, f"[{table}] of '{file}'" if table else f"'{file}'")
+        if "box" not in given:
+            raise ModelError(f"region file '{file}' has no [box]; give its centre and size, or lower and upper, in m")
+        centre, size = _box(given["box"], file)
+        turn = given.get("orientation", {})
+        return cls.of(
+            centre, size, link=given.get("link"), tool=_numbers(given, "tool", 3, file, (0.0, 0.0, 0.0)),
+            orientation=_rotation(_numbers(turn, "centre", 4, file), file) if "centre" in turn else None,
+            cone=float(_numbers(turn, "cone", 1, file, (CONE,))[0]), spin=float(_numbers(turn, "spin", 1, file, (CONE,))[0]),
+            posture={name: float(value) for name, value in given.get("posture", {}).items()},
+        )  # fmt: skip
+
+    def positions(self, genes: Array) -> Array:
+        """(..., 3) tool positions [m] of genes (..., 3) in [0, 1]."""
+        return self.centre + (genes - 0.5) * self.size
+
+    def orientations(self, genes: Array, middle: Array) -> Array:
+        """(..., 3, 3) tool orientations of genes (..., 3) in [0, 1] about `middle` (3, 3): two lean the axis, one spins.
+
+        The square of the first two is folded onto the disc, so that no gene has an edge where another means nothing.
+        """
+        u, v = 2.0 * genes[..., 0] - 1.0, 2.0 * genes[..., 1] - 1.0
+        lean_x, lean_y = u * np.sqrt(1.0 - 0.5 * v**2), v * np.sqrt(1.0 - 0.5 * u**2)
+        nought = np.zeros_like(u)
+        lean = exponential(self.cone * np.stack([lean_x, lean_y, nought], axis=-1))
+        spin = exponential(np.stack([nought, nought, self.spin * (2.0 * genes[..., 2] - 1.0)], axis=-1))
+        return middle @ lean @ spin
+
+    def holds(self, positions: Array, margin: float = 0.0) -> NDArray[np.bool_]:
+        """(...,) whether tool positions (..., 3) lie in the box, `margin` m around it included."""
+        return np.all(np.abs(positions - self.centre) <= 0.5 * self.size + margin, axis=-1)
+
+
+def exponential(vector: Array) -> Array:
+    """(..., 3, 3) rotations about vectors (..., 3) by their length in rad: Rodrigues' formula."""
+    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    x, y, z = np.moveaxis(vector, -1, 0)
+    nought = np.zeros_like(x)
+    K = np.stack([nought, -z, y, z, nought, -x, -y, x, nought], axis=-1).reshape(*vector.shape[:-1], 3, 3)
+    return np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2 * (K @ K)
+
+
+def _box(box: Mapping[str, Any], file: Path) -> tuple[Array, Array]:
+    if "lower" in box and "upper" in box:
+        lower, upper = _numbers(box, "lower", 3, file), _numbers(box, "upper", 3, file)
+        return 0.5 * (lower + upper), upper - lower
+    if "centre" in box and "size" in box:
+        return _numbers(box, "centre", 3, file), _numbers(box, "size", 3, file)
+    raise ModelError(
+        f"[box] of '{file}' needs centre and size, or lower and upper, in m; it has {', '.join(box) or 'nothing'}"
+    )
+
+
+def _numbers(
+    table: Mapping[str, Any], key: str, count: int, file: Path, otherwise: tuple[float, ...] | None = None
+) -> Array:
+    """(count,) numbers of a key; one number may stand for a list of one."""
+    given = table.get(key, otherwise)
+    try:
+        values = np.atleast_1d(np.asarray(given, dtype=np.float64))
+    except (TypeError, ValueError):
+        values = np.zeros(0)
+    if values.shape != (count,) or not np.isfinite(values).all():
+        raise ModelError(f"'{key}' in '{file}' is {given!r}; expected {count} number{'s' if count > 1 else ''}")
+    return values
+
+
+def _rotation(quaternion: Array, file: Path) -> Array:
+    length = float(np.linalg.norm(quaternion))
+    if not 0.5 < length < 2.0:
+        raise ModelError(
+            f"orientation centre in '{file}' is {quaternion.tolist()}; a unit quaternion w x y z is expected"
+        )
+    w, x, y, z = quaternion / length
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
