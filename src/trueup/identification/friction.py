@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
+import scipy.optimize
 from numpy.typing import NDArray
 
 from trueup.errors import ParameterError, unknown_name
@@ -81,6 +82,32 @@ class Term:
         """The torque that a coefficient of one gives at `speed` (...); below `rest` the sign fades linearly to zero."""
         sign = np.clip(speed / rest, -1.0, 1.0) if rest > 0.0 else np.sign(speed)
         return _KINDS[self.kind][2](speed, sign, self.speed)
+
+
+def stribeck_speed(
+    speed: Array, torque: Array, others: Array, low: float = 1e-3, high: float = 1.0
+) -> tuple[float, float]:
+    """The speed v0 at which a Stribeck term explains most of one joint's torque beyond other columns, and its share.
+
+    The second, nonlinear step after a linear fit: for each v0 in [low, high] rad/s the best coefficients follow by
+    linear least squares (variable projection, Golub & Pereyra 1973), so only v0 is searched. speed, torque (S,);
+    others (S, k) all other columns of this joint, the Coulomb and viscous ones among them. The share is of the squared
+    residual that is left without the term: near 0 the data show no Stribeck effect, and v0 means nothing.
+    """
+    basis = np.linalg.qr(others)[0]
+    left = torque - basis @ (basis.T @ torque)
+
+    def explained(log_v0: float) -> float:
+        column = Term("stribeck", float(np.exp(log_v0))).column(speed)
+        column = column - basis @ (basis.T @ column)
+        length = column @ column
+        return float((column @ left) ** 2 / length) if length > 1e-12 * len(speed) else 0.0
+
+    grid = np.linspace(np.log(low), np.log(high), 40)
+    best = int(np.argmax([explained(x) for x in grid]))
+    ends = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    found = scipy.optimize.minimize_scalar(lambda x: -explained(x), bounds=ends, method="bounded")
+    return float(np.exp(found.x)), explained(float(found.x)) / max(float(left @ left), np.finfo(float).tiny)
 
 
 PAPER = (Term("coulomb"), Term("viscous"), Term("quadratic"))
