@@ -52,7 +52,8 @@ RULES = (
     *(Rule(family, (base, *NOUNS)) for family, base in FAMILIES.items()),
     Rule("robots", ("robots.robot", "controllers.controller", "simulators.simulator", *NOUNS)),  # stand-ins simulate
     Rule("search.optuna", ("search.search", "search.study_file", *NOUNS)),  # the study for the dashboard
-    Rule("tasks", ("tasks.task", "controllers", *NOUNS)),
+    Rule("robots.stand_in_vehicle", ("robots.robot", "controllers.stanley", *NOUNS)),  # its own controller is a Stanley too
+    Rule("tasks", ("tasks.task", "controllers", "simulators.simulator", *NOUNS)),
     Rule("simulators", ("simulators.simulator", "controllers.controller", *NOUNS)),
     # the bicycle runs the compiled Stanley law inside its own loop
     Rule("simulators.bicycle", ("simulators.simulator", "controllers.controller", "controllers.stanley", *NOUNS)),

@@ -61,7 +61,9 @@ def stanley(
     speed: float,
     yaw_rate: float,
 ) -> tuple[float, float]:
-    """Commanded speed (m/s) and steering (rad); `gains` (6,) and `settings` (7,) as in `law.py`."""
+    """Commanded speed (m/s) and steering (rad); `gains` (7,) and `settings` (7,) as in `law.py`."""
+    gone, half = speed * gains[6], 0.5 * yaw_rate * gains[6]
+    x, y, theta = x + gone * math.cos(theta + half), y + gone * math.sin(theta + half), theta + yaw_rate * gains[6]
     fx, fy = x + settings[0] * math.cos(theta), y + settings[0] * math.sin(theta)
     i, t = nearest(path, fx, fy, settings[6], memory)
     if memory[1] >= path[path.shape[0] - 1, 5] - 1e-3:

@@ -22,6 +22,7 @@ _OPTIONS = (
     Parameter("softening", "m/s", 0.2, 0.02, 2.0, "log", source="added to the speed under the arc tangent"),
     Parameter("heading_gain", "", 1.0, 0.2, 2.0, source="on the heading error"),
     Parameter("yaw_damping", "s", 0.0, -0.5, 0.5, source="on the path's turn rate minus the robot's"),
+    Parameter("lead", "s", 0.0, 0.0, 1.0, source="the law acts on the pose expected so much later"),
 )
 
 GAINS = ("k1", "k2", "k3")
@@ -69,8 +70,9 @@ class Stanley:
 
     delta = g (theta_path - theta) + atan(k e / (v + v_soft)) + k_yaw (kappa v - omega), with e positive where the path
     lies to the left of the front axle: eq. (2) of the paper with the signs that make its eq. (1) stable. k is k1, k2 or
-    k3 by measured speed. `values` (b, m) are the parameters `names`; all others keep their nominal value. The path is
-    given, or comes with the trial (reference 'path').
+    k3 by measured speed. With a `lead` the law acts on the pose that is expected then at the present speed and turn rate,
+    which makes up for delays. `values` (b, m) are the parameters `names`; all others keep their nominal value. The path
+    is given, or comes with the trial (reference 'path').
     """
 
     def __init__(
@@ -84,7 +86,7 @@ class Stanley:
             raise ParameterError(f"the Stanley controller was given {given.shape[1]} values for {', '.join(names)}")
         everything = ParameterSpace(_OPTIONS)
         self.gains = np.tile(everything.nominal, (len(given), 1))
-        """(b, 6): k1, k2, k3, softening, heading_gain, yaw_damping."""
+        """(b, 7): k1, k2, k3, softening, heading_gain, yaw_damping, lead."""
         self.gains[:, [everything.index(name) for name in names]] = given
         self._given = path
 
@@ -111,7 +113,9 @@ class Stanley:
         """(b, 2) speed and steering; positions are (b, 3) x, y, heading of the rear axle, velocities speed, yaw rate."""
         x, y, theta = observation.position.T
         speed, yaw_rate = observation.velocity.T
-        s, path = self.settings, self.path
+        s, path, lead = self.settings, self.path, self.gains[:, 6]
+        gone, half = speed * lead, 0.5 * yaw_rate * lead
+        x, y, theta = x + gone * np.cos(theta + half), y + gone * np.sin(theta + half), theta + yaw_rate * lead
         front = np.stack([x + s.wheelbase * np.cos(theta), y + s.wheelbase * np.sin(theta)], axis=1)
         foot = self._advance(front)
         along = self.arc

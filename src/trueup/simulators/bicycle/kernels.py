@@ -13,6 +13,15 @@ from trueup.controllers.stanley.kernel import MEMORY, stanley
 
 Array = NDArray[np.float64]
 
+(
+    WHEELBASE, MAX_STEERING, SPEED_DELAY, STEERING_DELAY,
+    ACCELERATION_LIMIT, YAW_RATE_LIMIT, YAW_ACCELERATION_LIMIT, SPEED_LAG,
+    STEERING_LAG, STEERING_RATE_LIMIT, WHEEL_SCALE, STEERING_SCALE,
+    STEERING_OFFSET, STEERING_SLACK, UNDERSTEER, POSITION_NOISE,
+    HEADING_NOISE, LOCALISATION_LATENCY,
+) = range(18)  # fmt: skip
+"""Columns of a row of the model: the vehicle, then QUANTITIES in their order."""
+
 STATE = 8
 """x, y (m), heading (rad) of the rear axle; wheel speed (m/s); yaw rate (rad/s); steering (rad) after lag, slack, rate."""
 POSE = 5
@@ -66,14 +75,14 @@ def step_vehicle(
     Steering clip, then omega* = v tan(delta) / (L (1 + K v^2)), its clamp (beta_4), its rate limit (beta_5), pose; the
     speed beside it under beta_3. The pose moves on a circle, exactly, while speed and yaw rate last a step.
     """
-    s[3] = toward(s[3], s[3] + speed_share * (speed - s[3]), p[4] * dt)
-    s[5] += steering_share * (min(max(steering, -p[1]), p[1]) - s[5])
-    gap = 0.5 * p[13]
+    s[3] = toward(s[3], s[3] + speed_share * (speed - s[3]), p[ACCELERATION_LIMIT] * dt)
+    s[5] += steering_share * (min(max(steering, -p[MAX_STEERING]), p[MAX_STEERING]) - s[5])
+    gap = 0.5 * p[STEERING_SLACK]
     s[6] = min(max(s[6], s[5] - gap), s[5] + gap)
-    s[7] = toward(s[7], s[6], p[9] * dt)
-    v = p[10] * s[3]
-    turn = v * math.tan(p[11] * s[7] + p[12]) / (p[0] * (1.0 + p[14] * v * v))
-    s[4] = toward(s[4], min(max(turn, -p[5]), p[5]), p[6] * dt)
+    s[7] = toward(s[7], s[6], p[STEERING_RATE_LIMIT] * dt)
+    v = p[WHEEL_SCALE] * s[3]
+    turn = v * math.tan(p[STEERING_SCALE] * s[7] + p[STEERING_OFFSET]) / (p[WHEELBASE] * (1.0 + p[UNDERSTEER] * v * v))
+    s[4] = toward(s[4], min(max(turn, -p[YAW_RATE_LIMIT]), p[YAW_RATE_LIMIT]), p[YAW_ACCELERATION_LIMIT] * dt)
     half = 0.5 * s[4] * dt
     chord = v * dt * (1.0 - half * half / 6.0 if abs(half) < 1e-4 else math.sin(half) / half)
     s[0] += chord * math.cos(s[2] + half)
@@ -109,21 +118,21 @@ def seen_pose(history: Array, at: float, last: int, column: int) -> float:
 def read_off(
     p: Array, history: Array, last: int, dt: float, times: Array, noise: Array, period: float, out: Array
 ) -> None:
-    """What is measured at `times` (T,) since the start: out (T, POSE). Poses come late (p[17]) and noisy (p[15], p[16]).
+    """What is measured at `times` (T,) since the start: out (T, POSE). Poses come late and noisy.
 
     `noise` (ticks, 3) standard normal numbers, one row for each measurement of the pose, every `period` s; or none.
     """
     for k in range(len(times)):
-        at, late = times[k] / dt, (times[k] - p[17]) / dt
+        at, late = times[k] / dt, (times[k] - p[LOCALISATION_LATENCY]) / dt
         for c in range(3):
             out[k, c] = seen_pose(history, late, last, c)
         for c in range(3, POSE):
             out[k, c] = seen_pose(history, at, last, c)
         if len(noise):
             n = min(int(times[k] / period + 1e-6), len(noise) - 1)
-            out[k, 0] += p[15] * noise[n, 0]
-            out[k, 1] += p[15] * noise[n, 1]
-            out[k, 2] += p[16] * noise[n, 2]
+            out[k, 0] += p[POSITION_NOISE] * noise[n, 0]
+            out[k, 1] += p[POSITION_NOISE] * noise[n, 1]
+            out[k, 2] += p[HEADING_NOISE] * noise[n, 2]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -140,14 +149,14 @@ def replay_rows(
     for i in range(rows.shape[0]):
         p = rows[i]
         s[:] = start
-        speed_share, steering_share = share_of(p[7], dt), share_of(p[8], dt)
-        before, b = at_times(times, commands, 1, -p[3], commands[0, 1], 0)
-        s[5] = s[6] = s[7] = min(max(before, -p[1]), p[1])
+        speed_share, steering_share = share_of(p[SPEED_LAG], dt), share_of(p[STEERING_LAG], dt)
+        before, b = at_times(times, commands, 1, -p[STEERING_DELAY], commands[0, 1], 0)
+        s[5] = s[6] = s[7] = min(max(before, -p[MAX_STEERING]), p[MAX_STEERING])
         keep(s, history[0])
         a = 0
         for k in range(steps):
-            speed, a = at_times(times, commands, 0, k * dt - p[2], start[3], a)
-            steering, b = at_times(times, commands, 1, k * dt - p[3], commands[0, 1], b)
+            speed, a = at_times(times, commands, 0, k * dt - p[SPEED_DELAY], start[3], a)
+            steering, b = at_times(times, commands, 1, k * dt - p[STEERING_DELAY], commands[0, 1], b)
             step_vehicle(p, speed_share, steering_share, dt, speed, steering, s)
             keep(s, history[k + 1])
         read_off(p, history, steps, dt, read, none, 1.0, out[i])
@@ -156,12 +165,12 @@ def replay_rows(
 @njit(cache=True, nogil=True, error_model="numpy")
 def observe(p: Array, history: Array, k: int, dt: float, noise: Array, out: Array) -> None:
     """What the controller sees after k steps: out (POSE,); `noise` (3,) standard normal numbers of this measurement."""
-    late = k - p[17] / dt
+    late = k - p[LOCALISATION_LATENCY] / dt
     for c in range(3):
         out[c] = seen_pose(history, late, k, c)
-    out[0] += p[15] * noise[0]
-    out[1] += p[15] * noise[1]
-    out[2] += p[16] * noise[2]
+    out[0] += p[POSITION_NOISE] * noise[0]
+    out[1] += p[POSITION_NOISE] * noise[1]
+    out[2] += p[HEADING_NOISE] * noise[2]
     out[3] = history[k, 3]
     out[4] = history[k, 4]
 
@@ -177,8 +186,8 @@ def drive(
     period = substeps * dt
     for j in range(substeps):
         now = tick + j / substeps
-        speed = at_ticks(orders, 0, tick, now - p[2] / period, before[3])
-        steering = at_ticks(orders, 1, tick, now - p[3] / period, before[5])
+        speed = at_ticks(orders, 0, tick, now - p[SPEED_DELAY] / period, before[3])
+        steering = at_ticks(orders, 1, tick, now - p[STEERING_DELAY] / period, before[5])
         step_vehicle(p, shares[0], shares[1], dt, speed, steering, s)
         keep(s, history[tick * substeps + j + 1])
 
@@ -188,7 +197,7 @@ def follow_rows(
     rows: Array, start: Array, gains: Array, settings: Array, path: Array, ticks: int, substeps: int, dt: float,
     noise: Array, read: Array, out: Array, orders: Array,
 ) -> None:  # fmt: skip
-    """Closed loop with the Stanley law: rows (b, n) with gains (b, 6) on one path; out (b, T, POSE), orders (b, ticks, 2)."""
+    """Closed loop with the Stanley law: rows (b, n) with gains (b, 7) on one path; out (b, T, POSE), orders (b, ticks, 2)."""
     history = np.empty((ticks * substeps + 1, POSE))
     s, seen, shares = np.empty(STATE), np.empty(POSE), np.empty(2)
     memory = np.empty(MEMORY)
@@ -196,7 +205,7 @@ def follow_rows(
         p = rows[i]
         s[:] = start
         memory[:] = 0.0
-        shares[0], shares[1] = share_of(p[7], dt), share_of(p[8], dt)
+        shares[0], shares[1] = share_of(p[SPEED_LAG], dt), share_of(p[STEERING_LAG], dt)
         keep(s, history[0])
         for n in range(ticks):
             observe(p, history, n * substeps, dt, noise[n], seen)
@@ -220,7 +229,7 @@ def drive_all(
     """`drive` for all rows: orders (b, ticks, 2), state (b, STATE), history (b, steps + 1, POSE)."""
     shares = np.empty(2)
     for i in range(rows.shape[0]):
-        shares[0], shares[1] = share_of(rows[i, 7], dt), share_of(rows[i, 8], dt)
+        shares[0], shares[1] = share_of(rows[i, SPEED_LAG], dt), share_of(rows[i, STEERING_LAG], dt)
         drive(rows[i], start, orders[i], tick, substeps, dt, shares, state[i], history[i])
 
 

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stand-in vehicle as a Robot: it follows a trial's path with the gains that the trial asks for, or plays commands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.controllers.stanley.kernel import path_table
+from trueup.controllers.stanley.law import GAINS, Stanley, StanleySettings
+from trueup.errors import RecordingError, unknown_name
+from trueup.paths import Path
+from trueup.recording import Channel, Recording
+from trueup.robots.stand_in_vehicle.kernel import KEPT, follow, play
+from trueup.robots.stand_in_vehicle.truth import VehicleTruth
+from trueup.trial import Observed, Trial
+
+Array = NDArray[np.float64]
+
+STEP = 2e-3
+"""Of the truth, in s."""
+
+COLUMNS = {"position": (0, 1), "heading": (2,), "speed": (3,), "yaw_rate": (4,)}
+_LABELS = {"position": ("x", "y"), "heading": ("heading",), "speed": ("speed",), "yaw_rate": ("yaw_rate",)}
+_DRIFTING = 8.0  # s over which the slow error of the localisation changes
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """What really happened in b runs, and what was measured; arrays are (b, T, 5): x, y, heading, wheel speed, yaw rate."""
+
+    time: Array
+    """(T,) since the start, in s, at the controller's rate."""
+    truth: Array
+    seen: Array
+    orders: Array
+    """(b, T, 2) commanded speed and steering."""
+
+
+class StandInVehicle:
+    """A simulated Robot with a hidden truth: a seed of the series, or given.
+
+    A trial with a reference 'path' is driven by the robot's own Stanley controller with the gains in `Trial.settings`
+    (1 where none is given); one with a command channel (speed, steering) is played open loop. `failing` is the share of
+    runs that the operator must abort: their recordings end early and say so in provenance['outcome'].
+    """
+
+    def __init__(
+        self,
+        truth: VehicleTruth | int = 0,
+        settings: StanleySettings | None = None,
+        *,
+        seed: int = 0,
+        failing: float = 0.0,
+    ) -> None:
+        self.truth = VehicleTruth.drawn(truth) if isinstance(truth, int) else truth
+        self.settings = settings or StanleySettings()
+        self._failing = failing
+        self._rng = np.random.default_rng([seed, 7])
+
+    def perform(self, trial: Trial) -> list[Recording]:
+        """See Robot. Raises RecordingError for a trial with neither path nor command, UnknownNameError for channels."""
+        for name in trial.observed:
+            if name not in COLUMNS and not name.startswith("command"):
+                raise unknown_name("channel", name, COLUMNS, "what this robot measures")
+        names = [trial.name] if trial.repeats == 1 else [f"{trial.name}-{i + 1}" for i in range(trial.repeats)]
+        if trial.command is not None:
+            return [self._recording(name, trial, self._play(trial), 0) for name in names]
+        gains = np.array([list(trial.settings.values()) or [1.0] * len(GAINS)], dtype=np.float64)
+        drive = self.drive(trial, np.repeat(gains, len(names), axis=0), tuple(trial.settings) or GAINS)
+        return [self._recording(name, trial, drive, i) for i, name in enumerate(names)]
+
+    def drive(self, trial: Trial, gains: Array, names: tuple[str, ...] = GAINS) -> Drive:
+        """Closed loop on the trial's path for b sets of gains (b, m), each with noise of its own.
+
+        Nobody on the floor sees the truth in it: it is for judging methods. Raises RecordingError without a path.
+        """
+        if "path" not in trial.references:
+            raise RecordingError(f"trial '{trial.name}' has neither a reference 'path' nor a command: nothing to drive")
+        table = path_table(Path.of(trial.references["path"], trial.name))
+        controller = Stanley(gains, self.settings, names=names)
+        rows, time = len(controller.gains), self._clock(trial)
+        noise = self._noise(rows, len(time))
+        truth, seen = np.empty((rows, len(time), KEPT)), np.empty((rows, len(time), KEPT))
+        orders = np.empty((rows, len(time), 2))
+        follow(self.truth.row, _start(trial), controller.gains, self.settings.row, table, self.settings.period, STEP, noise,
+               truth, seen, orders)  # fmt: skip
+        return Drive(time, truth, seen, orders)
+
+    def _play(self, trial: Trial) -> Drive:
+        if trial.command is None:
+            raise RecordingError(f"trial '{trial.name}' has no command")
+        time = self._clock(trial)
+        orders = np.ascontiguousarray(trial.command.select(("speed", "steering")).at(time + trial.start, hold=True))
+        truth, seen = np.empty((len(time), KEPT)), np.empty((len(time), KEPT))
+        noise = self._noise(1, len(time))[0]
+        play(self.truth.row, _start(trial), self.settings.period, STEP, noise, orders, truth, seen)
+        return Drive(time, truth[None], seen[None], orders[None])
+
+    def _clock(self, trial: Trial) -> Array:
+        return self.settings.period * np.arange(
+            int(np.ceil(trial.duration / self.settings.period)) + 1, dtype=np.float64
+        )
+
+    def _noise(self, rows: int, ticks: int) -> Array:
+        """(rows, ticks, 7) unit noise of x, y, heading, speed, yaw rate, and slow drift of x and y."""
+        from scipy.signal import lfilter
+
+        noise = self._rng.standard_normal((rows, ticks, 7))
+        keep = np.exp(-self.settings.period / _DRIFTING)
+        slow = noise[:, :, 5:] * np.sqrt(1.0 - keep**2)
+        slow[:, 0] = noise[:, 0, 5:]
+        noise[:, :, 5:] = lfilter([1.0], [1.0, -keep], slow, axis=1)
+        return noise
+
+    def _recording(self, name: str, trial: Trial, drive: Drive, row: int) -> Recording:
+        lasting, outcome = trial.duration, "completed"
+        if self._rng.random() < self._failing:
+            lasting, outcome = trial.duration * self._rng.uniform(0.1, 0.7), "aborted"
+        command = trial.command
+        if command is None:
+            stop = drive.time <= lasting + 1e-9
+            command = Channel(
+                "command", ("speed", "steering"), "", trial.start + drive.time[stop], drive.orders[row, stop]
+            )
+        channels = {"command": command.replace(name="command")}
+        for role, o in trial.observed.items():
+            if role in COLUMNS:
+                time = o.time[o.time - trial.start <= lasting + 1e-9]
+                last = np.searchsorted(drive.time, time - trial.start + 1e-9, side="right") - 1
+                columns = [COLUMNS[role][_LABELS[role].index(label)] for label in o.labels]
+                channels[role] = Channel(role, o.labels, o.unit, time, drive.seen[row][last][:, columns])
+        settings = " ".join(f"{k}={v:.6g}" for k, v in trial.settings.items())
+        return Recording(name, channels, {"source": "stand-in vehicle", "outcome": outcome, "settings": settings})
+
+
+def _start(trial: Trial) -> Array:
+    """(3,) where the operator puts the robot: x, y in m, heading in rad."""
+    if "position" in trial.initial:
+        given = trial.initial
+        heading = given["heading"].values[0, 0] if "heading" in given else 0.0
+        return np.array([*given["position"].values[0], heading])
+    if "path" in trial.references:
+        path = Path.of(trial.references["path"], trial.name)
+        return np.array([*path.points[0], path.heading[0]])
+    return np.zeros(3)
+
+
+def observed(rate: float, duration: float) -> dict[str, Observed]:
+    """All that this robot measures, at `rate` Hz, for a trial that starts at zero."""
+    time = np.arange(int(duration * rate) + 1, dtype=np.float64) / rate
+    units = {"position": "m", "heading": "rad", "speed": "m/s", "yaw_rate": "rad/s"}
+    return {name: Observed(_LABELS[name], unit, time) for name, unit in units.items()}

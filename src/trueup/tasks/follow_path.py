@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Following paths with the Stanley controller: gains in, distance from the path out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from trueup.controllers.stanley.kernel import MEMORY, nearest, path_table
+from trueup.controllers.stanley.law import GAINS, Stanley, StanleySettings, gain_space
+from trueup.errors import ParameterError, unknown_name
+from trueup.parameters import ParameterSpace
+from trueup.paths import Path
+from trueup.recording import Channel
+from trueup.simulators.simulator import Rollout
+from trueup.trial import Observed, Trial
+
+Array = NDArray[np.float64]
+
+POINTS = ("front", "rear")
+MEASURES = ("rms", "mean", "max")
+
+LOST = 1.0
+"""Distance, in m, that counts for every metre of the path that was never reached."""
+
+_SLACK = 1.12  # a robot somewhat slower than commanded still arrives
+_PAUSE = 4.0  # s: delays, and the first steps from standstill
+
+
+class FollowPath:
+    """A Task: tune the Stanley gains `names` so that the robot stays on `paths` (one trial each).
+
+    The score is the distance from the path by arc length ('rms', 'mean' or 'max', in m), averaged over the paths, of the
+    axle that the controller steers onto the path ('front'), or of the pose itself ('rear'): a front axle on the path means
+    a rear axle inside the curve, by geometry, whatever the gains. `nominal` are today's gains.
+    Raises ParameterError without paths, UnknownNameError for other points or measures.
+    """
+
+    def __init__(
+        self, paths: Sequence[Path], settings: StanleySettings | None = None, *, names: tuple[str, ...] = GAINS,
+        nominal: dict[str, float] | None = None, measure: str = "rms", point: str = "front", rate: float = 20.0,
+    ) -> None:  # fmt: skip
+        if not paths:
+            raise ParameterError("a path-following task needs at least one path")
+        for value, known, kind in ((measure, MEASURES, "measure"), (point, POINTS, "point")):
+            if value not in known:
+                raise unknown_name(kind, value, known, "what a path-following task can judge by")
+        self.paths = tuple(paths)
+        self.settings = settings or StanleySettings()
+        self.parameters: ParameterSpace = gain_space(names, **(nominal or {}))
+        self.measure, self.point = measure, point
+        self.trials = tuple(trial_of(p, self.settings, rate) for p in self.paths)
+
+    @property
+    def name(self) -> str:
+        """What is followed."""
+        return "follow " + ", ".join(p.name for p in self.paths)
+
+    def controllers(self, values: Array) -> Stanley:
+        """The controller of b copies with gains (b, m)."""
+        return Stanley(values, self.settings, names=self.parameters.names)
+
+    def score(self, rollouts: Sequence[Rollout]) -> Array:
+        """(b,) in m, NaN where a simulation failed. See Task.score."""
+        each = [self.errors(r, p) for r, p in zip(rollouts, self.paths, strict=True)]
+        return np.mean(each, axis=0)
+
+    def errors(self, rollout: Rollout, path: Path) -> Array:
+        """(b,) distance from one path, in m."""
+        driven = self.driven(rollout)
+        return _distances(driven, path_table(path), self.settings.ahead, MEASURES.index(self.measure))
+
+    def driven(self, rollout: Rollout) -> Array:
+        """(b, T, 2) where the judged point of the vehicle was, in m; NaN where nothing was measured."""
+        position = rollout.channels["position"]
+        if self.point == "rear":
+            return np.ascontiguousarray(position)
+        heading = rollout.channels["heading"][:, :, 0]
+        return position + self.settings.wheelbase * np.stack([np.cos(heading), np.sin(heading)], axis=2)
+
+
+def trial_of(path: Path, settings: StanleySettings, rate: float = 20.0, duration: float | None = None) -> Trial:
+    """The trial that drives `path` once, from standstill with the front axle on its first point; `rate` in Hz."""
+    lasting = path.duration * _SLACK + _PAUSE if duration is None else duration
+    time = np.arange(int(lasting * rate) + 1, dtype=np.float64) / rate
+    heading = path.heading[0]
+    rear = path.points[0] - settings.wheelbase * np.array([np.cos(heading), np.sin(heading)])
+    start = np.zeros(1)
+    return Trial(
+        name=path.name, start=0.0, duration=float(time[-1]), command=None,
+        observed={
+            "position": Observed(("x", "y"), "m", time),
+            "heading": Observed(("heading",), "rad", time),
+            "speed": Observed(("speed",), "m/s", time),
+            "command": Observed(("speed", "steering"), "", time),
+        },
+        initial={
+            "position": Channel("position", ("x", "y"), "m", start, rear[None]),
+            "heading": Channel("heading", ("heading",), "rad", start, np.array([[heading]])),
+            "speed": Channel("speed", ("speed",), "m/s", start, np.zeros((1, 1))),
+        },
+        references={"path": path.reference()},
+    )  # fmt: skip
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _distances(driven: Array, path: Array, ahead: float, measure: int) -> Array:
+    """(b,) distance of driven points (b, T, 2) from the path, each metre of path counting alike."""
+    out = np.empty(driven.shape[0])
+    memory = np.empty(MEMORY)
+    length = path[path.shape[0] - 1, 5]
+    for row in range(driven.shape[0]):
+        memory[:] = 0.0
+        total, largest, before, seen = 0.0, 0.0, 0.0, False
+        for k in range(driven.shape[1]):
+            x, y = driven[row, k, 0], driven[row, k, 1]
+            if not (np.isfinite(x) and np.isfinite(y)):
+                continue
+            was = memory[1]
+            i, t = nearest(path, x, y, ahead, memory)
+            dx = path[i, 0] + t * (path[i + 1, 0] - path[i, 0]) - x
+            dy = path[i, 1] + t * (path[i + 1, 1] - path[i, 1]) - y
+            d = np.sqrt(dx * dx + dy * dy)
+            gone = memory[1] - was
+            # Trapezes between samples; the first sample counts for what it has skipped.
+            total += (
+                gone * (d if measure == 1 else d * d)
+                if not seen
+                else 0.5 * gone * (d + before if measure == 1 else d * d + before * before)
+            )
+            # Once the end is reached the robot may stop a little beyond it.
+            largest = max(largest, d) if gone > 0.0 else largest
+            before, seen = d, True
+        missing = length - memory[1]
+        if not seen:
+            out[row] = np.nan
+        elif measure == 2:
+            out[row] = max(largest, LOST) if missing > 0.5 else largest
+        else:
+            mean = (total + max(missing, 0.0) * LOST) / length
+            out[row] = mean if measure == 1 else np.sqrt(mean)
+    return out
