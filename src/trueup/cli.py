@@ -29,6 +29,11 @@ _COMMANDS = {
     "inspect": "look at recordings, write a mapping",
     "calibrate": "make a model replay recordings",
     "demo": "the whole, on a simulated arm",
+    "new": "write a campaign's plan, to edit",
+    "run": "run a campaign: experiment, calibrate, optimize, transfer",
+    "status": "how a campaign stands",
+    "resume": "go on with a campaign",
+    "report": "a campaign's story, as one HTML file",
 }
 """Command -> its line in the help; trueup.commands.COMMAND holds ABOUT, add_arguments(parser) and run(...)."""
 

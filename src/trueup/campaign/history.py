@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A campaign's events put together by rounds: what its status, its report and its display are made from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from trueup.campaign.events import (
+    Begun,
+    Calibrated,
+    Chosen,
+    Ended,
+    Event,
+    Generation,
+    RoundBegun,
+    RoundEnded,
+    Scored,
+    TrialDone,
+    TrialPlanned,
+    TrialStarted,
+    Validated,
+)
+
+
+@dataclass
+class TrialStory:
+    """One trial: planned, perhaps under way, perhaps done."""
+
+    planned: TrialPlanned
+    started: bool = False
+    done: TrialDone | None = None
+
+
+@dataclass
+class RoundStory:
+    """One round as far as it went."""
+
+    begun: RoundBegun
+    trials: list[TrialStory] = field(default_factory=list)
+    scored: list[Scored] = field(default_factory=list)
+    calibrated: Calibrated | None = None
+    generations: list[Generation] = field(default_factory=list)
+    chosen: Chosen | None = None
+    validated: Validated | None = None
+    ended: RoundEnded | None = None
+
+    @property
+    def tried(self) -> int:
+        """Candidates simulated so far."""
+        return sum(len(g.losses) for g in self.generations)
+
+    @property
+    def best_simulated(self) -> float:
+        """The lowest loss so far; NaN without any."""
+        losses = [x for g in self.generations for x in g.losses if math.isfinite(x)]
+        return min(losses, default=math.nan)
+
+    @property
+    def transferred(self) -> list[Scored]:
+        """The candidates of the transfer, as the robot scored them."""
+        return [s for s in self.scored if s.step == "transfer"]
+
+
+@dataclass
+class History:
+    """The whole story so far."""
+
+    begun: Begun | None = None
+    rounds: list[RoundStory] = field(default_factory=list)
+    ended: Ended | None = None
+
+    @classmethod
+    def of(cls, events: Iterable[Event]) -> History:
+        """From the events of a journal."""
+        history = cls()
+        for event in events:
+            history.add(event)
+        return history
+
+    def add(self, event: Event) -> None:
+        """One more event."""
+        match event:
+            case Begun():
+                self.begun = event
+            case RoundBegun():
+                self.rounds.append(RoundStory(event))
+            case Ended():
+                self.ended = event
+            case TrialPlanned():
+                self.rounds[-1].trials.append(TrialStory(event))
+            case TrialStarted():
+                self._trial(event.trial).started = True
+            case TrialDone():
+                self._trial(event.trial).done = event
+            case Scored():
+                self.rounds[-1].scored.append(event)
+            case Calibrated():
+                self.rounds[-1].calibrated = event
+            case Generation():
+                self.rounds[-1].generations.append(event)
+            case Chosen():
+                self.rounds[-1].chosen = event
+            case Validated():
+                self.rounds[-1].validated = event
+            case RoundEnded():
+                self.rounds[-1].ended = event
+
+    @property
+    def trials(self) -> list[TrialStory]:
+        """All trials, in order."""
+        return [t for r in self.rounds for t in r.trials]
+
+    @property
+    def waiting(self) -> list[TrialStory]:
+        """Trials that were planned and have no outcome."""
+        return [t for t in self.trials if t.done is None]
+
+    @property
+    def first_score(self) -> float:
+        """What the robot did with the settings it had at the beginning; NaN where that was never run."""
+        start = self.rounds[0].begun.incumbent if self.rounds else ()
+        return _mean([x for r in self.rounds for s in r.scored if s.unit == start for x in s.scores])
+
+    @property
+    def best(self) -> tuple[Mapping[str, float], float]:
+        """Settings and score of the best on the robot so far; {} and NaN before any run was scored."""
+        found: dict[tuple[float, ...], list[float]] = {}
+        for r in self.rounds:
+            for s in r.scored:
+                found.setdefault(s.unit, []).extend(x for x in s.scores if math.isfinite(x))
+        means = {unit: _mean(scores) for unit, scores in found.items() if scores}
+        if not means:
+            return {}, math.nan
+        best = min(means, key=lambda u: means[u])
+        return self.settings(best), means[best]
+
+    def settings(self, unit: tuple[float, ...]) -> Mapping[str, float]:
+        """The settings that a candidate was performed with; {} where it never was."""
+        for r in self.rounds:
+            for s in r.scored:
+                if s.unit == unit:
+                    for t in r.trials:
+                        if (t.planned.step, t.planned.candidate) == (s.step, s.candidate):
+                            return t.planned.settings
+        return {}
+
+    @property
+    def phase(self) -> str:
+        """What it is doing, or was when it stopped."""
+        if self.ended is not None:
+            return "ended"
+        if not self.rounds or self.rounds[-1].ended is not None:
+            return "starting"
+        last = self.rounds[-1]
+        if last.chosen is not None:
+            return "transfer"
+        if last.generations:
+            return "optimize"
+        if any(t.done is None for t in last.trials):
+            return "experiment"
+        return "optimize" if last.calibrated is not None else "calibrate"
+
+    def _trial(self, name: str) -> TrialStory:
+        return next(t for t in reversed(self.rounds[-1].trials) if t.planned.trial == name)
+
+
+def _mean(values: list[float]) -> float:
+    known = [v for v in values if math.isfinite(v)]
+    return sum(known) / len(known) if known else math.nan

@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Shows how a campaign goes: a line for each step, the best so far and the time left while something is computed."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Literal
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.prompt import Confirm, Prompt
+
+from trueup.calibration import Calibration, TracePoint
+from trueup.campaign.events import (
+    Calibrated,
+    Chosen,
+    Ended,
+    Event,
+    Generation,
+    RoundEnded,
+    Scored,
+    TrialDone,
+    TrialStarted,
+    Validated,
+)
+from trueup.campaign.history import History
+from trueup.campaign.plan import Plan
+from trueup.commands.progress import Watcher
+from trueup.errors import TrialError
+from trueup.report.numbers import duration_text
+from trueup.report.report import write_report
+
+Unknown = Literal["ask", "repeat", "leave"]
+
+
+class CampaignView:
+    """A Listener for terminals: lines to `console`, asks before hardware moves, writes each calibration's report."""
+
+    def __init__(
+        self,
+        console: Console,
+        plan: Plan,
+        folder: Path,
+        *,
+        quiet: bool = False,
+        yes: bool = False,
+        unknown: Unknown = "ask",
+    ) -> None:
+        self.history = History()
+        self._console, self._plan, self._folder = console, plan, folder
+        self._quiet, self._yes, self._unknown = quiet, yes, unknown
+        self._bar: Progress | None = None
+        self._fit: Watcher | None = None
+        self._began = time.perf_counter()
+
+    def __enter__(self) -> CampaignView:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._rest()
+
+    def saw(self, event: Event, *, fresh: bool) -> None:
+        """See Listener."""
+        self.history.add(event)
+        if not fresh or self._quiet:
+            return
+        if isinstance(event, Generation):
+            self._searching()
+            return
+        self._rest()
+        for line in self._lines(event):
+            self._console.print(line, soft_wrap=True, highlight=False)
+
+    def fitting(self, point: TracePoint) -> None:
+        """See Listener."""
+        if self._quiet:
+            return
+        if self._fit is None:
+            self._fit = Watcher(self._console, "", quiet=not self._console.is_terminal)
+            self._fit.__enter__()
+        self._fit(point)
+
+    def calibrated(self, round: int, calibration: Calibration) -> None:
+        """See Listener: round-1/calibration.html."""
+        self._rest()
+        at = self._folder / f"round-{round}"
+        write_report(calibration, at / "calibration.html", title=f"{self._plan.name}, calibration of round {round}")
+
+    def confirm(self, trials: Sequence[object], expected: Sequence[str]) -> None:
+        """See Listener: shows what is about to move, and asks."""
+        self._rest()
+        self._console.print(f"[bold]the robot is about to perform {len(trials)} trials[/], within their limits:")
+        for line in expected:
+            self._console.print(f"  {escape(line)}", highlight=False, soft_wrap=True)
+        if self._yes:
+            return
+        if not self._console.is_terminal:
+            raise TrialError("nobody can be asked whether the robot may move; say so with --yes")
+        if not Confirm.ask("go?", console=self._console, default=False):
+            raise TrialError("not allowed to move the robot; `trueup resume` asks again")
+
+    def unknown(self, trial: object) -> Literal["repeat", "unknown"]:
+        """See Listener: asks what became of a trial, unless the command line has said it."""
+        name = getattr(trial, "name", "a trial")
+        said = self._unknown
+        if said == "ask":
+            if not self._console.is_terminal:
+                raise TrialError(
+                    f"{name} was interrupted, and the robot cannot say what became of it: look, then resume with "
+                    "--unknown repeat (perform it again) or --unknown leave (go on without it)"
+                )
+            asked = f"{name} was interrupted on the robot. Perform it again, or leave it unknown?"
+            said = Prompt.ask(asked, console=self._console, choices=["repeat", "leave"])
+        return "repeat" if said == "repeat" else "unknown"
+
+    def _searching(self) -> None:
+        now, whole = self.history.rounds[-1], self._plan.optimize.evaluations
+        if self._bar is None:
+            if not self._console.is_terminal:
+                return
+            self._began = time.perf_counter()
+            self._bar = Progress(
+                SpinnerColumn(), TextColumn("[bold]{task.description}"), BarColumn(24), TextColumn("{task.fields[said]}"),
+                TimeElapsedColumn(), console=self._console, transient=True,
+            )  # fmt: skip
+            self._task = self._bar.add_task(f"round {len(self.history.rounds)}  optimize", total=whole, said="")
+            self._bar.start()
+        done, spent = min(now.tried, whole), time.perf_counter() - self._began
+        left = f", about {duration_text(math.ceil(spent * (whole - done) / done))} left" if spent > 2.0 else ""
+        self._bar.update(self._task, completed=done, said=f"best so far {now.best_simulated:.4g}{left}")
+
+    def _rest(self) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None
+        if self._fit is not None:
+            self._fit.__exit__(None, None, None)
+            self._fit = None
+
+    def _lines(self, event: Event) -> list[str]:
+        head = f"round {len(self.history.rounds)} of {self._plan.stop.rounds}"
+        match event:
+            case TrialStarted():
+                return []
+            case TrialDone():
+                return [
+                    _line(head, "robot", f"{event.trial} {event.outcome}" + (f": {event.note}" if event.note else ""))
+                ]
+            case Scored(step="experiment"):
+                return [_line(head, "experiment", f"settings {event.candidate + 1}: {_scores(event)} on the robot")]
+            case Calibrated():
+                return [_line(head, "calibrate", line) for line in calibration_words(event)]
+            case Chosen():
+                return [_line(head, "optimize", self._chosen_words(event))]
+            case Scored():
+                return [_line(head, "transfer", self._transfer_words(event))]
+            case Validated():
+                return [_line(head, "validate", line) for line in validation_words(event)]
+            case RoundEnded():
+                first = self.history.first_score
+                share = (
+                    f" ({100 * (event.score / first - 1):+.0f} %)" if first > 0 and math.isfinite(event.score) else ""
+                )
+                return [_line(head, "best so far", f"{first:.4g} at first -> {event.score:.4g} on the robot{share}")]
+            case Ended():
+                return [f"[bold]{'[green]' if event.success else ''}{escape(event.reason)}[/]"]
+        return []
+
+    def _chosen_words(self, event: Chosen) -> str:
+        tried = self.history.rounds[-1].tried
+        new = [p for k, p in enumerate(event.predicted) if k != event.incumbent]
+        now = f", now {event.predicted[event.incumbent]:.4g}" if event.incumbent >= 0 else ""
+        unsafe = f"; {event.unsafe} were beyond the limits" if event.unsafe else ""
+        best = f"best {min(new):.4g}{now}; " if new else ""
+        return f"{tried} candidates simulated: {best}{len(new)} distinct ones go to the robot{unsafe}"
+
+    def _transfer_words(self, event: Scored) -> str:
+        picked = self.history.rounds[-1].chosen
+        said = f"{picked.predicted[event.candidate]:.4g} expected, " if picked else ""
+        which = "as before" if picked and event.candidate == picked.incumbent else f"candidate {event.candidate}"
+        return f"{which}: {said}{_scores(event)} on the robot"
+
+
+def calibration_words(event: Calibrated) -> list[str]:
+    """What a calibration found, in two lines: the replay error, and the parameters with their intervals."""
+    found = [
+        f"{n} {v:.4g} ± {0.5 * (h - lo):.2g} {u if u != '1' else ''}".rstrip()
+        for n, v, lo, h, u, fitted in zip(
+            event.names, event.values, event.low, event.high, event.units, event.fitted, strict=True
+        )
+        if fitted
+    ]
+    shown = ", ".join(found[:6]) + (f", and {len(found) - 6} more" if len(found) > 6 else "")
+    return [
+        f"replay error {event.error_before:.4g} -> {event.error_after:.4g} {event.unit} "
+        f"on {len(event.recordings)} recordings",
+        shown,
+    ]
+
+
+def validation_words(event: Validated) -> list[str]:
+    """How well the simulator foretold what it had not seen."""
+    lines = []
+    if math.isfinite(event.tau):
+        lines.append(
+            f"simulator and robot rank the candidates with tau {event.tau:.2f} [{event.low:.2f}, {event.high:.2f}]"
+        )
+    if math.isfinite(event.replay_calibrated):
+        lines.append(
+            f"new recordings replayed to {event.replay_calibrated:.4g} {event.unit} (as shipped {event.replay_shipped:.4g})"
+        )
+    return lines
+
+
+def _line(head: str, step: str, words: str) -> str:
+    return f"[dim]{head}[/]  [bold]{step:11}[/] {escape(words)}"
+
+
+def _scores(event: Scored) -> str:
+    known = [x for x in event.scores if math.isfinite(x)]
+    if not known:
+        return "fell" if event.fell else "no score"
+    return f"{sum(known) / len(known):.4g}" + (f" (mean of {len(known)})" if len(known) > 1 else "")

@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`trueup run`: a campaign from its plan, to the end or until it is stopped."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import cast
+
+from rich.console import Console
+from rich.markup import escape
+
+from trueup.campaign.campaign import Campaign
+from trueup.campaign.folder import Folder
+from trueup.campaign.history import History
+from trueup.campaign.journal import Journal, read_journal
+from trueup.campaign.plan import read_plan
+from trueup.campaign.resolve import parts_of
+from trueup.commands.campaign_view import CampaignView, Unknown
+from trueup.commands.status import as_json, show_status
+from trueup.report.campaign import write_campaign_report
+
+ABOUT = """\
+Runs a campaign: experiment on the robot, calibrate the simulator, optimize the controller in it, transfer the best to
+the robot, validate; round by round, until the robot is good enough or the budget is spent. The plan says all of it;
+`trueup new NAME` writes one to edit.
+
+  trueup run                            the campaign.toml of this folder
+  trueup run plan.toml --out DIR        into DIR; the next run of another plan takes DIR-2
+
+Ctrl-C, a power cut or a closed lid are fine: the same command, or `trueup resume DIR`, goes on from there, with the same
+proposals. No trial on the robot is lost, and none is repeated unless you say so. In DIR: report.html, the recordings,
+a report of each calibration, and journal.jsonl, which holds everything that was decided.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What this command takes."""
+    parser.add_argument("plan", nargs="?", default="campaign.toml", metavar="PLAN", help="default: %(default)s")
+    parser.add_argument("--out", metavar="DIR", help="folder of the campaign (default: the plan's, or its name)")
+    parser.add_argument("--seed", type=int, metavar="N", help="of all random numbers (default: the plan's)")
+    add_common(parser)
+
+
+def add_common(parser: argparse.ArgumentParser) -> None:
+    """What `run` and `resume` share."""
+    parser.add_argument("--yes", action="store_true", help="let hardware move without asking each time")
+    parser.add_argument("--unknown", choices=("ask", "repeat", "leave"), default="ask",
+                        help="what to do about a trial that was interrupted on hardware (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="print the outcome as JSON, for scripts")
+    parser.add_argument("-q", "--quiet", action="store_true", help="no progress, no notes")
+
+
+def run(args: argparse.Namespace, console: Console, told: Console) -> int:
+    """Runs the plan. Raises TrueupError, and KeyboardInterrupt after saying how to go on. Returns the exit code."""
+    folder = Folder.begin(read_plan(Path(args.plan)), Path(args.out) if args.out else None, args.seed)
+    return go_on(folder, args, console, told)
+
+
+def go_on(folder: Folder, args: argparse.Namespace, console: Console, told: Console) -> int:
+    """Runs the campaign in `folder` from wherever it is."""
+    if folder.note and not args.quiet:
+        told.print(f"[yellow]note[/] {escape(folder.note)}", soft_wrap=True, highlight=False)
+
+    def say(line: str) -> None:
+        if not args.quiet:
+            told.print(f"  {escape(line)}", soft_wrap=True, highlight=False)
+
+    parts = parts_of(folder.file, folder.path, say)
+    unknown = cast(Unknown, args.unknown)
+    with Journal(folder.path) as journal:
+        view = CampaignView(told, folder.file.plan, folder.path, quiet=args.quiet, yes=args.yes, unknown=unknown)
+        try:
+            with view:
+                Campaign(folder.file.plan, folder.checksum, _version(), parts, journal, view).run()
+        except KeyboardInterrupt:
+            told.print(
+                f"stopped; everything is kept. To go on: trueup resume {escape(str(folder.path))}", soft_wrap=True
+            )
+            raise
+    return told_outcome(folder, args, console)
+
+
+def told_outcome(folder: Folder, args: argparse.Namespace, console: Console) -> int:
+    """Writes the report and shows the outcome."""
+    report = write_campaign_report(folder.path, folder.file.plan)
+    history = History.of(read_journal(folder.path))
+    if args.json:
+        console.print_json(as_json(history))
+        return 0
+    show_status(history, folder.file.plan, console)
+    console.print(f"  {escape(str(report))}", soft_wrap=True, highlight=False)
+    return 0
+
+
+def _version() -> str:
+    from trueup import __version__
+
+    return __version__

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`trueup status`: how a campaign stands, without touching it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from trueup.campaign.folder import Folder
+from trueup.campaign.history import History, RoundStory
+from trueup.campaign.journal import read_journal
+from trueup.campaign.plan import Plan
+
+ABOUT = """\
+Shows how the campaign in DIR stands: rounds, the best on the robot so far, and what it waits for. It only reads, so it
+may be asked while the campaign runs.
+
+  trueup status DIR
+  trueup status DIR --json
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What this command takes."""
+    parser.add_argument(
+        "folder", nargs="?", default=".", metavar="DIR", help="the campaign's folder (default: this one)"
+    )
+    parser.add_argument("--json", action="store_true", help="print it as JSON, for scripts")
+
+
+def run(args: argparse.Namespace, console: Console, told: Console) -> int:
+    """Shows the state. Raises JournalError where there is no campaign. Returns the exit code."""
+    folder = Folder.open(Path(args.folder))
+    history = History.of(read_journal(folder.path))
+    if args.json:
+        console.print_json(as_json(history))
+    else:
+        show_status(history, folder.file.plan, console)
+    return 0
+
+
+def show_status(history: History, plan: Plan, console: Console) -> None:
+    """A table of the rounds, then the best so far, what is waited for, or why it ended."""
+    table = Table(title=escape(plan.name), title_justify="left", box=None, pad_edge=False)
+    for name in ("round", "runs", "replay error", "simulated best", "on the robot", "rank agreement"):
+        table.add_column(name, justify="left" if name == "round" else "right")
+    for story in history.rounds:
+        table.add_row(*_row(story))
+    console.print(table)
+    settings, score = history.best
+    if settings:
+        first = history.first_score
+        share = f", {100 * (1 - score / first):.1f} % less" if first > 0 and score < first else ""
+        console.print(f"best on the robot: {score:.4g} (at first {first:.4g}{share})", highlight=False)
+        console.print("  " + ", ".join(f"{escape(k)} = {v:.5g}" for k, v in settings.items()), highlight=False)
+    if history.ended is not None:
+        console.print(escape(history.ended.reason), highlight=False)
+    elif history.waiting:
+        names = ", ".join(t.planned.trial for t in history.waiting)
+        console.print(f"waits for {names} ({history.phase} of round {len(history.rounds)})", highlight=False)
+    else:
+        console.print(f"stopped or busy: {history.phase} of round {len(history.rounds)}", highlight=False)
+
+
+def as_json(history: History) -> str:
+    """Where it stands, as JSON: SI units, null where there is no number."""
+    settings, score = history.best
+    plain: dict[str, Any] = {
+        "phase": history.phase,
+        "ended": None if history.ended is None else asdict(history.ended),
+        "first_score": history.first_score,
+        "best_score": score,
+        "best_settings": dict(settings),
+        "waiting": [t.planned.trial for t in history.waiting],
+        "runs": len([t for t in history.trials if t.done is not None]),
+        "rounds": [_plain(r) for r in history.rounds],
+    }
+    return json.dumps(_finite(plain), allow_nan=False)
+
+
+def _plain(story: RoundStory) -> dict[str, Any]:
+    done = story.calibrated
+    return {
+        "round": story.begun.round,
+        "parameters": dict(zip(done.names, done.values, strict=True)) if done else {},
+        "replay_error": done.error_after if done else math.nan,
+        "simulated": story.tried,
+        "predicted": list(story.chosen.predicted) if story.chosen else [],
+        "measured": list(story.validated.measured) if story.validated else [],
+        "rank_agreement": None if story.validated is None else [story.validated.tau, story.validated.low,
+                                                                  story.validated.high],
+        "best": story.ended.score if story.ended else math.nan,
+    }  # fmt: skip
+
+
+def _row(story: RoundStory) -> tuple[str, ...]:
+    done, rank = story.calibrated, story.validated
+    return (
+        str(story.begun.round),
+        str(sum(t.done is not None for t in story.trials)),
+        f"{done.error_before:.3g} -> {done.error_after:.3g} {escape(done.unit)}" if done else "",
+        f"{story.best_simulated:.4g} of {story.tried}" if story.tried else "",
+        f"{story.ended.score:.4g}" if story.ended else "",
+        f"{rank.tau:.2f} [{rank.low:.2f}, {rank.high:.2f}]" if rank and math.isfinite(rank.tau) else "",
+    )
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    return [_finite(v) for v in value] if isinstance(value, (list, tuple)) else value

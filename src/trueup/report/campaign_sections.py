@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sections of a campaign's report, in the order of the questions that its reader asks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from datetime import datetime
+
+from trueup.campaign.events import Scored
+from trueup.campaign.history import History, RoundStory, TrialStory
+from trueup.campaign.plan import Plan
+from trueup.report.campaign_figures import gap_figure, parameter_figures, ranking_figure, score_figure, search_figure
+from trueup.report.campaign_tracks import Track, track_figure
+from trueup.report.headline import callout
+from trueup.report.markup import Markup, join, tag
+from trueup.report.numbers import duration_text, fixed, ratio_text, significant, with_unit
+from trueup.report.sections import Section
+
+
+def campaign_sections(
+    history: History, plan: Plan, times: dict[int, float], plan_text: str, tracks: Sequence[Track]
+) -> tuple[Section, ...]:
+    """All sections."""
+    return (
+        Section("better", "Better?", "Is the robot better, and by how much?", _better(history, tracks)),
+        Section("rounds", "Round by round", "What was tried, and what did the robot do?", _rounds(history)),
+        Section("gap", "The gap", "How did the gap between simulator and robot close?", _gap(history)),
+        Section(
+            "ranking", "Can it be trusted?", "Does the simulator rank candidates as the robot does?", _ranking(history)
+        ),
+        Section("search", "The search", "How did the search go?", _search(history)),
+        Section("trials", "Every run", "What became of every run on the robot?", _trials(history)),
+        Section(
+            "plan", "The plan", "What was planned, and when did it happen?", _plan(history, plan, times, plan_text)
+        ),
+    )
+
+
+def _better(history: History, tracks: Sequence[Track]) -> Markup:
+    first, (settings, best) = history.first_score, history.best
+    if not settings:
+        return join(callout("warn", "No run has a score yet.", "The robot's runs are listed below as they come."))
+    numbers = tag(
+        "div",
+        tag("span", significant(first), class_="before"), tag("span", " → ", class_="arrow"),
+        tag("span", significant(best), class_="after"), class_="hero-numbers",
+    )  # fmt: skip
+    label = tag("div", "the task's score on the robot (lower is better)", class_="hero-label")
+    words = tag("p", _sentence(first, best), class_="verdict-sentence")
+    rows = [tag("div", tag("dt", name), tag("dd", significant(value, 4))) for name, value in settings.items()]
+    parts = [
+        tag("div", tag("div", label, numbers), tag("div", words), class_="hero"),
+        tag("h3", "The best settings"), tag("dl", rows, class_="facts"),
+        tag("h3", "Every candidate on the robot"), _legend(("before", "settings at first"), ("after", "on the robot"),
+                                                           ("ink", "best so far; hollow: what the simulator expected")),
+        score_figure(history),
+    ]  # fmt: skip
+    if tracks:
+        parts += [
+            tag("h3", "What the robot did"),
+            _legend(("before", "with the first settings"), ("after", "with the best")),
+        ]
+        parts += [track_figure(t) for t in tracks]
+    return join(parts)
+
+
+def _sentence(first: float, best: float) -> str:
+    if not math.isfinite(first):
+        return "The settings that the robot had at first were not run, so there is nothing to compare with."
+    if best < first:
+        return f"On the robot the score fell to {ratio_text(best, first)}: {fixed(100 * (1 - best / first), 1)} % less."
+    return "Nothing that was tried did better on the robot than what it had at first; these settings are kept."
+
+
+def _rounds(history: History) -> Markup:
+    return (
+        join(_round(history, r) for r in history.rounds) if history.rounds else tag("p", "Nothing yet.", class_="empty")
+    )
+
+
+def _round(history: History, story: RoundStory) -> Markup:
+    parts = [tag("h3", f"Round {story.begun.round}"), tag("p", _round_words(story))]
+    rows = [_candidate(history, story, s) for s in story.scored]
+    if rows:
+        names = sorted({k for t in story.trials for k in t.planned.settings})
+        head = [tag("th", x, class_="number" if k else None) for k, x in
+                enumerate(("tried", *names, "expected", "on the robot"))]  # fmt: skip
+        table = tag("table", tag("thead", tag("tr", head)), tag("tbody", rows), class_="rounds")
+        parts.append(tag("div", table, class_="scroll"))
+    return join(parts)
+
+
+def _round_words(story: RoundStory) -> str:
+    parts = []
+    done, new = story.calibrated, story.validated
+    if done is not None:
+        before, after = (with_unit(significant(x), done.unit) for x in (done.error_before, done.error_after))
+        parts.append(
+            f"{sum(done.fitted)} parameters fitted to {len(done.recordings)} recordings: replay error {before} as shipped, "
+            f"{after} calibrated."
+        )
+    if story.generations:
+        reach = significant(story.begun.radius, 2)
+        parts.append(f"{story.tried} candidates simulated within {reach} of each range around the best.")
+    if new is not None and math.isfinite(new.replay_calibrated):
+        error = with_unit(significant(new.replay_calibrated), new.unit)
+        parts.append(f"The new runs, which the fit had not seen, were replayed to {error}.")
+    if story.ended is not None:
+        wider = "widened" if story.ended.radius > story.begun.radius else "narrowed"
+        moved = "same" if story.ended.radius == story.begun.radius else wider
+        verdict = "The robot improved" if story.ended.improved else "The robot did not improve"
+        parts.append(f"{verdict}; trust region {moved}.")
+    return " ".join(parts) or "Under way."
+
+
+def _candidate(history: History, story: RoundStory, scored: Scored) -> Markup:
+    names = sorted({k for t in story.trials for k in t.planned.settings})
+    settings = next(
+        (t.planned.settings for t in story.trials
+         if (t.planned.step, t.planned.candidate) == (scored.step, scored.candidate)), {}
+    )  # fmt: skip
+    picked = story.chosen if scored.step == "transfer" else None
+    known = [x for x in scored.scores if math.isfinite(x)]
+    measured = sum(known) / len(known) if known else math.nan
+    expected = math.nan
+    which = "experiment"
+    if picked is not None:
+        expected = picked.predicted[scored.candidate]
+        which = "best so far, again" if scored.candidate == picked.incumbent else f"candidate {scored.candidate}"
+    elif scored.candidate == 0 and story.begun.round == 1:
+        which = "as it was"
+    shown = "fell" if scored.fell else significant(measured, 4)
+    best = story.ended is not None and scored.unit == story.ended.best
+    cells = [tag("td", significant(settings.get(n, math.nan), 4), class_="number") for n in names]
+    return tag(
+        "tr", tag("th", which, scope="row"), cells, tag("td", significant(expected, 4), class_="number"),
+        tag("td", shown, class_="number"), class_="best" if best else None,
+    )  # fmt: skip
+
+
+def _gap(history: History) -> Markup:
+    if not any(r.calibrated for r in history.rounds):
+        return tag("p", "Nothing was calibrated.", class_="empty")
+    figure = gap_figure(history)
+    legend = _legend(("before", "new runs, simulator as shipped"), ("after", "new runs, calibrated before they were made"),
+                     ("ink", "fitted runs"))  # fmt: skip
+    parts = [legend, figure, tag("h3", "The parameters"), tag("div", parameter_figures(history), class_="figures")]
+    caption = "Dots: estimates of each round; bars: their 95 % intervals; the axis spans what all rounds found."
+    return join([*parts, tag("p", caption, class_="caption")])
+
+
+def _ranking(history: History) -> Markup:
+    rows = []
+    for r in history.rounds:
+        v = r.validated
+        if v is None:
+            continue
+        interval = f"{fixed(v.low, 2)} to {fixed(v.high, 2)}" if math.isfinite(v.tau) else "—"
+        compared = sum(math.isfinite(m) for m in v.measured)
+        cells = (str(compared), fixed(v.tau, 2), interval, fixed(v.spearman, 2))
+        rows.append(tag("tr", tag("th", str(v.round), scope="row"), [tag("td", c, class_="number") for c in cells]))
+    if not rows:
+        return tag("p", "No candidates have been compared yet.", class_="empty")
+    head = tag("tr", [tag("th", x, class_="number" if k else None) for k, x in
+                      enumerate(("round", "candidates", "Kendall's tau", "95 % interval", "Spearman's rho"))])  # fmt: skip
+    caption = (
+        "1: simulator and robot put the candidates in the same order; 0: no relation; −1: the reverse. The interval is exact "
+        "under Mallows' model of rankings, and wide as long as few candidates were compared."
+    )
+    table = tag("table", tag("thead", head), tag("tbody", rows))
+    return join(ranking_figure(history), tag("div", table, class_="scroll"), tag("p", caption, class_="caption"))
+
+
+def _search(history: History) -> Markup:
+    done = [r for r in history.rounds if r.generations]
+    if not done:
+        return tag("p", "Nothing was searched yet.", class_="empty")
+    ends = [f"round {r.begun.round}: {r.chosen.ended}" for r in done if r.chosen is not None]
+    return join(search_figure(history), tag("ul", [tag("li", e) for e in ends], class_="sentences"))
+
+
+def _trials(history: History) -> Markup:
+    rows = [_trial(t) for t in history.trials]
+    if not rows:
+        return tag("p", "None yet.", class_="empty")
+    head = tag("tr", [tag("th", x) for x in ("run", "round", "of", "settings", "outcome", "recordings")])
+    return tag("div", tag("table", tag("thead", head), tag("tbody", rows)), class_="scroll")
+
+
+def _trial(story: TrialStory) -> Markup:
+    p, done = story.planned, story.done
+    settings = ", ".join(f"{k} {significant(v, 4)}" for k, v in p.settings.items())
+    outcome = done.outcome if done else "waited for" if story.started else "planned"
+    note = tag("small", f" {done.note}") if done and done.note else None
+    files: Iterable[Markup] = (tag("a", f, href=f"recordings/{f}") for f in (done.recordings if done else ()))
+    return tag("tr", tag("th", p.trial, scope="row"), tag("td", f"{p.round}, {p.step}"), tag("td", p.of), tag("td", settings),
+               tag("td", outcome, note), tag("td", [join(f, " ") for f in files]))  # fmt: skip
+
+
+def _plan(history: History, plan: Plan, times: dict[int, float], plan_text: str) -> Markup:
+    facts: list[tuple[str, str]] = [("seed", str(plan.seed))]
+    if history.begun is not None:
+        facts += [("trueup", history.begun.version), ("plan and seed, SHA-256", history.begun.plan[:16] + "…")]
+    if times:
+        first, last = (datetime.fromtimestamp(f(times.values())) for f in (min, max))
+        facts += [("begun", f"{first:%Y-%m-%d %H:%M}"), ("last event", f"{last:%Y-%m-%d %H:%M}"),
+                  ("from first to last", duration_text((last - first).total_seconds()))]  # fmt: skip
+    rows = [tag("div", tag("dt", name), tag("dd", value)) for name, value in facts]
+    text = tag("pre", plan_text, class_="plan") if plan_text else None
+    return join(tag("dl", rows, class_="facts"), text)
+
+
+def _legend(*entries: tuple[str, str]) -> Markup:
+    shown = [join(tag("b", "● ", style=f"color:var(--{colour})"), words, "   ") for colour, words in entries]
+    return tag("p", shown, class_="legend")

@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Small still plots as SVG in the report's own colours: dots, lines and intervals over two plain axes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+from trueup.report.marks import mark_texts, nice_marks
+from trueup.report.markup import Markup, tag
+
+Point = tuple[float, float]
+
+BEFORE, AFTER, INK, SOFT, FAINT, BAD = (f"var(--{name})" for name in ("before", "after", "ink", "soft", "faint", "bad"))
+
+
+@dataclass
+class Plot:
+    """A plot being drawn: axes from the ranges given, elements added in order. Values in any unit, NaN skipped."""
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    x_title: str = ""
+    y_title: str = ""
+    width: int = 720
+    height: int = 300
+    x_marks: Sequence[tuple[float, str]] | None = None
+    """Where to write what below the axis; round numbers if None."""
+    equal: bool = False
+    """One unit is as long on both axes: for maps."""
+    _parts: list[Markup] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Widens empty ranges, and the longer axis of a map."""
+        self.x, self.y = _wide(self.x), _wide(self.y)
+        if self.equal:
+            inner = self.width - 72
+            scale = max((self.x[1] - self.x[0]) / inner, (self.y[1] - self.y[0]) / (self.height - 58))
+            self.x, self.y = _about(self.x, scale * inner), _about(self.y, scale * (self.height - 58))
+
+    def at(self, point: Point) -> tuple[float, float]:
+        """Where a point lies, in pixels."""
+        left, right, top, bottom = 58, self.width - 14, 14, self.height - 44
+        share_x = (point[0] - self.x[0]) / (self.x[1] - self.x[0])
+        share_y = (point[1] - self.y[0]) / (self.y[1] - self.y[0])
+        return left + share_x * (right - left), bottom - min(max(share_y, -0.5), 1.5) * (bottom - top)
+
+    def line(self, points: Iterable[Point], colour: str, *, width: float = 1.6, dashed: bool = False) -> None:
+        """A line through points; a gap where one is NaN."""
+        pieces, down = [], False
+        for p in points:
+            if not all(map(math.isfinite, p)):
+                down = False
+                continue
+            px, py = self.at(p)
+            pieces.append(f"{'L' if down else 'M'}{px:.1f} {py:.1f}")
+            down = True
+        self._parts.append(tag("path", d="".join(pieces) or "M0 0", fill="none", style=f"stroke:{colour}",
+                               stroke_width=width, stroke_dasharray="5 4" if dashed else None))  # fmt: skip
+
+    def dot(self, point: Point, colour: str, *, hollow: bool = False, size: float = 4.5, title: str = "") -> None:
+        """A dot, hollow for what is only expected; `title` is shown under the pointer."""
+        if not all(map(math.isfinite, point)):
+            return
+        px, py = self.at(point)
+        fill = f"fill:{'var(--ground)' if hollow else colour};stroke:{colour}"
+        body = tag("title", title) if title else None
+        self._parts.append(
+            Markup(
+                f'<circle cx="{px:.1f}" cy="{py:.1f}" r="{size}" style="{fill}" stroke-width="1.8">{body or ""}</circle>'
+            )
+        )
+
+    def bar(self, x: float, low: float, high: float, colour: str) -> None:
+        """A vertical interval."""
+        if math.isfinite(low) and math.isfinite(high):
+            (x1, y1), (x2, y2) = self.at((x, low)), self.at((x, high))
+            self._parts.append(tag("line", x1=x1, y1=y1, x2=x2, y2=y2, style=f"stroke:{colour}", stroke_width=1.8))
+
+    def text(self, point: Point, words: str, colour: str = SOFT, *, anchor: str = "start", above: float = 0.0) -> None:
+        """Words at a point."""
+        px, py = self.at(point)
+        self._parts.append(
+            tag("text", words, x=px, y=py - above, style=f"fill:{colour}", font_size="12", text_anchor=anchor)
+        )
+
+    def svg(self, label: str) -> Markup:
+        """The finished plot; `label` says it to those who cannot see it."""
+        return tag(
+            "svg", [*self._axes(), *self._parts], viewBox=f"0 0 {self.width} {self.height}", role="img", aria_label=label,
+            style="width:100%;height:auto", font_family="inherit",
+        )  # fmt: skip
+
+    def _axes(self) -> list[Markup]:
+        rows = []
+        marks = nice_marks(*self.y, 5)
+        for mark, words in zip(marks, mark_texts(marks), strict=True):
+            x1, y = self.at((self.x[0], mark))
+            x2, _ = self.at((self.x[1], mark))
+            rows.append(tag("line", x1=x1, y1=y, x2=x2, y2=y, style="stroke:var(--rule)"))
+            rows.append(_word(x1 - 7, y + 4, words, "end"))
+        written = self.x_marks
+        if written is None:
+            places = nice_marks(*self.x, 8)
+            written = list(zip(places, mark_texts(places), strict=True))
+        bottom = self.height - 44
+        rows += [_word(self.at((place, self.y[0]))[0], bottom + 17, words, "middle") for place, words in written]
+        rows.append(_word((58 + self.width - 14) / 2, self.height - 6, self.x_title, "middle"))
+        middle = (14 + bottom) / 2
+        rows.append(tag("text", self.y_title, x=14, y=middle, text_anchor="middle", font_size="12",
+                        style="fill:var(--soft)", transform=f"rotate(-90 14 {middle:.0f})"))  # fmt: skip
+        return rows
+
+
+def span(values: Iterable[float], *, zero: bool = False, margin: float = 0.06) -> tuple[float, float]:
+    """The range of the finite values with a margin; with `zero` it holds zero too."""
+    known = [v for v in values if math.isfinite(v)] + ([0.0] if zero else [])
+    if not known:
+        return 0.0, 1.0
+    low, high = min(known), max(known)
+    more = margin * ((high - low) or abs(high) or 1.0)
+    return (low if zero and low == 0.0 else low - more), (high if zero and high == 0.0 else high + more)
+
+
+def _wide(ends: tuple[float, float]) -> tuple[float, float]:
+    return ends if ends[1] > ends[0] else (ends[0] - 0.5, ends[0] + 0.5)
+
+
+def _about(ends: tuple[float, float], length: float) -> tuple[float, float]:
+    middle = 0.5 * (ends[0] + ends[1])
+    return middle - 0.5 * length, middle + 0.5 * length
+
+
+def _word(x: float, y: float, words: str, anchor: str) -> Markup:
+    return tag("text", words, x=x, y=y, text_anchor=anchor, font_size="12", style="fill:var(--soft)")
