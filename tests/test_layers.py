@@ -71,7 +71,8 @@ RULES = (
         Rule(name, ("discrepancies.discrepancy", "discrepancies.weighted", "simulators.simulator", *NOUNS))
         for name in ("discrepancies.plain", "discrepancies.outcome")
     ),
-    Rule("identification", ("simulators.simulator", "controllers.playback", *NOUNS), lazily=("simulators.mujoco.model",)),
+    # excitation is designed with the searches, which are arithmetic
+    Rule("identification", ("simulators.simulator", "controllers.playback", "search", *NOUNS), lazily=("simulators.mujoco.model",)),
     Rule("grounding", ("simulators.simulator", "controllers.playback", *NOUNS)),
     # what the loop computes with when nobody gives it something else; never a concrete simulator or robot
     Rule("loop", (*BASES, "identification", "grounding", "discrepancies", "search", *NOUNS)),

@@ -47,7 +47,7 @@ def follow(
     """q, qd, qdd (S, n) at `times` (S,) along a program, from the posture `start` (n,) near its first pose.
 
     Speeds and accelerations are exact, from the Jacobian and its rate. `under` (S,) is the move under way. Returns how
-    it ended.
+    it ended. Longer than 40 lines because a compiled loop pays for each scratch array that it cannot keep.
     """  # fmt: skip
     m, n = len(chain.joint), len(start)
     R_, R0, p0, z, o = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty((m, 3)), np.empty((m, 3))
@@ -102,7 +102,8 @@ def tool_program(
     """Plans one program: laws T and `begin` of its moves such that no joint exceeds `speed`, `acceleration` (n,).
 
     A move that asks too much of a joint is slowed down, with those that it blends with, as controllers do. `look`:
-    samples on which that is judged. Returns how it ended and the duration [s].
+    samples on which that is judged. Returns how it ended and the duration [s]. Longer than 40 lines because a compiled
+    loop pays for each scratch array that it cannot keep.
     """  # fmt: skip
     moves, n = len(turns), len(start)
     move_lengths(P, R, X, turns)

@@ -115,6 +115,7 @@ def tool_state(
     """Pose R_ (3, 3), p (3,) and rates v, a (6 + own,) of the program at t; own joint values go to v, a's tail and p's.
 
     p has 3 + own entries. Returns the move that is under way (the later one where two blend).
+    Longer than 40 lines because each component of position, turn and own joints is written out for the compiler.
     """
     own = X.shape[1]
     p[:3] = P[0]

@@ -1,0 +1,275 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Designs excitations: a class of motion, a criterion, a search; the papers' algorithms A, A_local and B among them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import IdentificationError
+from trueup.identification.cell import Cell, Settings
+from trueup.identification.criteria import Criterion
+from trueup.identification.excitation import MotionClass, Sines, at_rest, joint_box
+from trueup.identification.limits import JointLimits
+from trueup.identification.planner import ViaPoints
+from trueup.identification.trajectories import Motions, Trajectory
+from trueup.search.genetic import Genetic
+from trueup.search.quasi_newton import QuasiNewton
+from trueup.search.search import Search
+
+Array = NDArray[np.float64]
+
+Method = Literal["genetic", "cma-es", "quick"]
+Allowed = Callable[[Motions], bool]
+"""Whether a single motion (one row) may be performed: what is too dear to ask for each candidate."""
+Told = Callable[["Step"], None]
+
+
+@dataclass(frozen=True)
+class Step:
+    """How far a search is."""
+
+    loss: float
+    evaluations: int
+    seconds: float
+    share: float
+    """Of the whole, about."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How an excitation is looked for."""
+
+    method: Method = "quick"
+    """'genetic' as in the papers, 'cma-es', or 'quick': quasi-Newton on coarse samples from the best of many starts."""
+    samples: int = 2000
+    """Samples at which the result is judged; the genetic search and CMA-ES judge each candidate so."""
+    population: int = 150
+    generations: int = 150
+    coarse: int = 0
+    """Samples at which 'quick' begins; refined to twice as many later. 0: enough for the model, two rows a column."""
+    starts: int = 300
+    """Random motions among which 'quick' chooses where to begin."""
+    climbs: int = 3
+    """How many of them it follows."""
+    budget: float = np.inf
+    """s after which 'quick' ends with what it has."""
+    target: float = -np.inf
+    """A loss that is good enough to stop at."""
+    seed: int = 0
+    threads: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Excitation:
+    """A designed motion, how good it is, and how it was found."""
+
+    trajectory: Trajectory
+    genes: Array
+    loss: float
+    """By the criterion, at `Options.samples` samples."""
+    printed: float
+    """log10 det [H^t H] as the papers print it, summed over that many samples."""
+    trace: tuple[Step, ...]
+    evaluations: int
+    seconds: float
+    cpu_seconds: float
+
+
+@dataclass
+class _Run:
+    """What a search has found so far: the best genes that are allowed, and the trace."""
+
+    kind: MotionClass
+    criterion: Criterion
+    options: Options
+    told: Told | None
+    allowed: Allowed | None
+    began: float = field(default_factory=time.perf_counter)
+    trace: list[Step] = field(default_factory=list)
+    evaluations: int = 0
+
+    @property
+    def seconds(self) -> float:
+        return time.perf_counter() - self.began
+
+    def losses(self, genes: Array, samples: int) -> Array:
+        """(B,) of genes (B, size); NaN for impossible motions."""
+        self.evaluations += len(genes)
+        motions = self.kind.motions(genes, samples, threads=self.options.threads)
+        return self.criterion.losses(motions, self.options.threads, as_of=self.options.samples)
+
+    def first_allowed(self, genes: Array, losses: Array, samples: int) -> Array:
+        """The losses, with NaN for those that are better than the best allowed one, and not allowed."""
+        if self.allowed is None:
+            return losses
+        kept = np.where(np.isfinite(losses), losses, np.inf)
+        while np.isfinite(kept).any():
+            k = int(np.argmin(kept))
+            if self.allowed(self.kind.motions(genes[k : k + 1], max(samples, 150))):
+                break
+            kept[k] = np.inf
+        return np.where(np.isfinite(kept), kept, np.nan)
+
+    def note(self, loss: float, share: float) -> None:
+        step = Step(loss, self.evaluations, self.seconds, min(1.0, share))
+        self.trace.append(step)
+        if self.told is not None:
+            self.told(step)
+
+    @property
+    def over(self) -> bool:
+        return self.seconds > self.options.budget
+
+
+def design(
+    kind: MotionClass, criterion: Criterion, options: Options | None = None, *, allowed: Allowed | None = None,
+    told: Told | None = None, name: str = "excitation", rate: float = 500.0,
+) -> Excitation:  # fmt: skip
+    """The motion of a class that is best by a criterion, sampled at `rate` Hz.
+
+    `allowed` is asked of the best candidate of each generation or step. Raises IdentificationError where no motion of
+    the class is possible.
+    """
+    chosen = options or Options()
+    run, cpu = _Run(kind, criterion, chosen, told, allowed), time.process_time()
+    genes = _quick(run) if chosen.method == "quick" else _generations(run)
+    final = kind.motions(genes[None], chosen.samples)
+    loss, printed = float(criterion.losses(final)[0]), float(criterion.printed(final)[0])
+    if not np.isfinite(loss):
+        raise IdentificationError(_nothing(kind, final))
+    count = int(np.ceil(float(final.duration[0]) * rate)) + 1
+    trajectory = kind.motions(genes[None], count).single(0, criterion.model.tree.joints, name)
+    return Excitation(
+        trajectory, genes, loss, printed, tuple(run.trace), run.evaluations, run.seconds, time.process_time() - cpu
+    )
+
+
+def algorithm_a(
+    criterion: Criterion, limits: JointLimits, options: Options | None = None, *, terms: int = 5, longest: float = 20.0,
+    rest: bool = True, told: Told | None = None, rate: float = 500.0,
+) -> Excitation:  # fmt: skip
+    """Sums of sines over the whole range (Local identification, section II-1); `rest` adds a start and a stop."""
+    found = design(Sines(limits, terms, longest=longest), criterion, options, told=told, name="A", rate=rate)
+    return _rested(found, limits) if rest else found
+
+
+def algorithm_a_local(
+    criterion: Criterion, cell: Cell, options: Options | None = None, *, terms: int = 5, longest: float = 20.0,
+    rest: bool = True, told: Told | None = None, rate: float = 500.0,
+) -> Excitation:  # fmt: skip
+    """The same sums of sines bounded to the joint positions of a region (section II-3)."""
+    middle, reach = joint_box(cell)
+    kind = Sines(cell.limits, terms, middle, reach, longest=longest)
+    found = design(kind, criterion, options, told=told, name="A_local", rate=rate)
+    return _rested(found, cell.limits) if rest else found
+
+
+def algorithm_b(
+    criterion: Criterion, cell: Cell, options: Options | None = None, *, via_points: int = 6,
+    settings: Settings | None = None, slowest: float = 0.2, told: Told | None = None, rate: float = 500.0,
+) -> Excitation:  # fmt: skip
+    """Via points in a region and one speed, through the motion planner (section II-2)."""
+    kind = ViaPoints(cell, via_points, settings or Settings(), slowest)
+    return design(kind, criterion, options, told=told, name="B", rate=rate)
+
+
+def _rested(found: Excitation, limits: JointLimits) -> Excitation:
+    trajectory = at_rest(found.trajectory, limits)
+    return Excitation(
+        trajectory,
+        found.genes,
+        found.loss,
+        found.printed,
+        found.trace,
+        found.evaluations,
+        found.seconds,
+        found.cpu_seconds,
+    )
+
+
+def _generations(run: _Run) -> Array:
+    """A search over generations, each candidate judged at all samples."""
+    options, start = run.options, np.full(run.kind.size, 0.5)
+    start = np.random.default_rng(options.seed).uniform(size=run.kind.size)
+    search: Search
+    if options.method == "genetic":
+        search = Genetic(start, seed=options.seed, population=options.population, generations=options.generations)
+    else:
+        from trueup.search.cma_es import CmaEs
+
+        search = CmaEs(start, seed=options.seed, max_evaluations=options.population * options.generations, restarts=3)
+    while not search.done and not run.over and search.best[1] > options.target:
+        candidates = search.ask()
+        losses = run.first_allowed(candidates, run.losses(candidates, options.samples), options.samples)
+        search.tell(candidates, losses)
+        run.note(search.best[1], run.evaluations / (options.population * options.generations))
+    return search.best[0]
+
+
+def _quick(run: _Run) -> Array:
+    """Random starts on coarse samples; quasi-Newton from the best few; the best of them again on finer samples.
+
+    The determinant of a smooth motion needs far fewer samples than its torque does: with two rows a column it is
+    known to a few tenths, and a step costs a twentieth.
+    """
+    options = run.options
+    columns, n = len(run.criterion.independent), run.criterion.model.tree.n
+    coarse = options.coarse or max(60, 4 * columns // n + 20)
+    rng = np.random.default_rng(options.seed)
+    starts = rng.uniform(size=(options.starts, run.kind.size))
+    losses = run.losses(starts, coarse)
+    found: list[tuple[float, Array]] = []
+    while len(found) < options.climbs:
+        losses = run.first_allowed(starts, losses, coarse)
+        if not np.isfinite(losses).any():
+            break
+        k = int(np.nanargmin(losses))
+        found.append((float(losses[k]), starts[k]))
+        run.note(float(losses[k]), 0.05)
+        losses[k] = np.nan
+    if not found:
+        raise IdentificationError(_nothing(run.kind, run.kind.motions(starts[:20], coarse)))
+    # At first all climb a little; then only those that lead go on.
+    rounds = (
+        (coarse, 25, len(found)),
+        (coarse, 60, 2),
+        (2 * coarse, 200, 1),
+        (min(6 * coarse, options.samples), 60, 1),
+    )
+    passed = 0
+    for samples, most, count in rounds:
+        found = [
+            _climb(run, genes, samples, most, passed / 4) for _, genes in sorted(found, key=lambda f: f[0])[:count]
+        ]
+        passed += 1
+        if run.over:
+            break
+    return min(found, key=lambda f: f[0])[1]
+
+
+def _climb(run: _Run, genes: Array, samples: int, most: int, share: float) -> tuple[float, Array]:
+    search = QuasiNewton(genes, most=most, tolerance=1e-5)
+    n = run.kind.size
+    while not search.done and not run.over and (search.best[1] > run.options.target or not np.isfinite(search.best[1])):
+        candidates = search.ask()
+        losses = run.losses(candidates, samples)
+        if len(candidates) != n + 1:  # slopes are only asked, steps are gone
+            losses = run.first_allowed(candidates, losses, samples)
+        search.tell(candidates, losses)
+        run.note(search.best[1], share)
+    return search.best[1], search.best[0]
+
+
+def _nothing(kind: MotionClass, motions: Motions) -> str:
+    reasons = sorted({reason for reason in motions.failure if reason})
+    why = f" ({'; '.join(reasons)})" if reasons else ""
+    return (
+        f"no motion of the class {type(kind).__name__} can be performed and excites all columns{why}; "
+        "make the region smaller or move it, keep away from singular postures, or lower the margin to obstacles"
+    )
