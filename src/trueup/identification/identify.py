@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A model file and logs in, a dynamic model that predicts torque out: the sentence that joins this folder."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import IdentificationError
+from trueup.identification.alignment import find_shift, shifted
+from trueup.identification.consistent import cross_validated_fit
+from trueup.identification.diagnosis import POOR, check_log, mistakes
+from trueup.identification.drives import Drives
+from trueup.identification.estimate import Estimate, least_squares
+from trueup.identification.filtering import Lowpass, decimated
+from trueup.identification.kinematic_tree import KinematicTree
+from trueup.identification.moments import blocks_of, moments_of
+from trueup.identification.motion import Log, Motion, log_of
+from trueup.identification.outcome import outcome
+from trueup.identification.pool import STRUCTURES, Pool, chosen, pool_for
+from trueup.identification.result import Alignment, Identification
+from trueup.identification.torque_model import Rows, TorqueModel
+from trueup.recording import Recording
+
+Array = NDArray[np.float64]
+Told = Callable[[str, float], None]
+
+_BLOCKS = 8
+_COMPARED = 5.0
+"""Samples per second that are compared, over the cut-off."""
+_GAP = 2.0
+"""Between what is fitted and what is held out of the same recording, in periods of the cut-off."""
+_SLOW = 5.0
+"""Hz: cut-off for the quick fits that look for mistakes."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to identify; the defaults decide by the data."""
+
+    cutoff: float | None = None
+    """Hz; None takes it from the motion."""
+    align: Literal["auto", "off"] | float = "auto"
+    """Torque against position: 'auto' corrects a shift that is certain, a number of s is taken as it is."""
+    hold_out: float = 0.0
+    """Share of each recording, at its end, that is not fitted."""
+    structure: str = "select"
+    """'select', 'paper' or 'common', see pool.chosen."""
+    robust: bool | None = None
+    """Whether to weigh outliers down; None decides by their share."""
+    consistent: bool = True
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A recording, or a part of one, ready to be compared."""
+
+    motion: Motion
+    """At the instants of `rows`."""
+    rows: Rows
+    held_out: bool
+
+
+def identify(
+    tree: KinematicTree, training: Sequence[Recording], held_out: Sequence[Recording] = (), *, drives: Drives | None = None,
+    options: Options | None = None, told: Told | None = None,
+) -> Identification:  # fmt: skip
+    """The dynamic model of `tree` from recordings of position and torque (or current), judged on what was held out.
+
+    Raises IdentificationError and UnknownNameError, naming the recording and what to do, for logs that cannot be used.
+    """
+    started, wanted, say = time.perf_counter(), options or Options(), told or (lambda stage, share: None)
+    _check_options(wanted, training)
+    gears = drives or Drives.direct(tree.joints)
+    rng = np.random.default_rng(wanted.seed)
+    say("reading the logs", 0.0)
+    logs, judged = ([log_of(r, tree, gears) for r in group] for group in (training, held_out))
+    warnings = [note for log in [*logs, *judged] for note in check_log(log, tree)]
+    cutoff = wanted.cutoff or natural_cutoff(logs)
+    measured = _measured_speed(logs, tree, gears, cutoff, rng)
+    say("computing regressors", 0.1)
+    motions = [log.motion(cutoff, measured_speed=measured).moving() for log in logs]
+    pool = pool_for(tree, gears.coupling, motions, rng)
+    unseen = [log.motion(cutoff, measured_speed=measured).moving() for log in judged]
+    pieces = [p for m in motions for p in _pieces(m, pool.model, cutoff, wanted.hold_out)]
+    pieces += [replace(p, held_out=True) for m in unseen for p in _pieces(m, pool.model, cutoff, 0.0)]
+    say("comparing clocks", 0.3)
+    alignment, pieces = _aligned(pool, pieces, logs[0].rate, wanted.align)
+    warnings += _poor(logs, tree, gears, pool, pieces, rng)
+    say("choosing the structure of friction", 0.4)
+    parts = [p.rows for p in pieces if not p.held_out]
+    moments = moments_of(blocks_of(parts, _BLOCKS, 1.0 / cutoff))
+    nominal = _nominal(pool.model)
+    prior = _prior(pool, nominal)
+    choice = chosen(pool, moments, prior * moments.scale, wanted.structure)
+    say("estimating", 0.8)
+    active = np.flatnonzero(choice.active)
+    estimate = least_squares(parts, active, choice.weights, prior=prior, strength=choice.strength, robust=wanted.robust)
+    bodies, pull = None, 0.0
+    if wanted.consistent:
+        # All samples, where the choice of the structure left out those at the borders of blocks.
+        whole = moments_of(blocks_of(parts, _BLOCKS, 0.0))
+        bodies, pull = cross_validated_fit(pool.model, whole, choice.weights, active, nominal)
+    say("writing", 0.95)
+    return outcome(
+        tree, pool, choice, estimate, bodies, pieces, alignment,
+        moments=moments, pull=pull, nominal=nominal, cutoff=cutoff, warnings=warnings, rng=rng, started=started,
+    )  # fmt: skip
+
+
+def natural_cutoff(logs: Sequence[Log]) -> float:
+    """A cut-off in Hz from the motion: five times the frequency below which 99 % of the acceleration's power lies...
+
+    at least 5 Hz, at most 40 Hz or a tenth of the rate: torque above is noise, ripple and elasticity.
+    """
+    found = []
+    for log in logs:
+        # Speeds of positions seen through a wide filter; noise above is not motion.
+        slow = log.motion(min(20.0, 0.15 * log.rate), measured_speed=False)
+        power = np.abs(np.fft.rfft(slow.v - slow.v.mean(axis=0), axis=0)) ** 2
+        share = np.cumsum(power / np.maximum(power.sum(axis=0), 1e-300), axis=0).mean(axis=1)
+        frequency = np.fft.rfftfreq(len(slow.v), 1.0 / slow.rate)
+        found.append(float(frequency[int(np.searchsorted(share, 0.99))]))
+    lowest = min(log.rate for log in logs)
+    return float(np.clip(round(5.0 * max(found), 1), min(5.0, 0.08 * lowest), min(40.0, 0.16 * lowest)))
+
+
+def _check_options(options: Options, training: Sequence[Recording]) -> None:
+    if not training:
+        raise IdentificationError("no recording is left to fit: all are held out")
+    if options.structure not in STRUCTURES:
+        raise IdentificationError(
+            f"friction structure '{options.structure}' is unknown; choices: {', '.join(STRUCTURES)}"
+        )
+    if not 0.0 <= options.hold_out < 0.9:
+        raise IdentificationError(f"a share of {options.hold_out:g} cannot be held out; give 0 to 0.9")
+    if options.cutoff is not None and not options.cutoff > 0.0:
+        raise IdentificationError(f"a cut-off of {options.cutoff:g} Hz is not above zero")
+
+
+def _pieces(motion: Motion, model: TorqueModel, cutoff: float, hold_out: float) -> list[Piece]:
+    """The rows of a motion, filtered with its torque, whole or split in two with a gap between."""
+    if len(motion.time) < 50:
+        raise IdentificationError(
+            f"recording '{motion.name}': {len(motion.time) / motion.rate:.2g} s of motion are too little for a cut-off of "
+            f"{cutoff:g} Hz"
+        )
+    rows = model.rows(motion.time, motion.q, motion.v, motion.a, motion.torque)
+    every = decimated(motion.rate, _COMPARED * cutoff)
+    if cutoff < 0.45 * motion.rate:
+        rows = rows.filtered(Lowpass(motion.rate, cutoff), every)
+    whole = _at(motion, slice(None, None, every))
+    if hold_out == 0.0:
+        return [Piece(whole, rows, False)]
+    edge = rows.time[0] + (1.0 - hold_out) * (rows.time[-1] - rows.time[0])
+    first, last = rows.time <= edge, rows.time > edge + _GAP / cutoff
+    return [Piece(_at(whole, keep), rows.part(keep), held) for keep, held in ((first, False), (last, True))]
+
+
+def _at(motion: Motion, keep: slice | NDArray[np.bool_]) -> Motion:
+    arrays = {name: getattr(motion, name)[keep] for name in ("time", "q", "v", "a", "torque")}
+    return replace(motion, **arrays)
+
+
+def _basic(pool: Pool) -> NDArray[np.int64]:
+    return np.flatnonzero(pool.with_groups("rotor", "offset", "viscous", "saturating 0.01"))
+
+
+def _relative(rows: Sequence[Rows], estimate: Estimate) -> float:
+    """Relative error, joints weighed by what they carry: no joint of little torque is drowned."""
+    errors = np.concatenate([r.torque - r.predict(estimate.parameters) for r in rows])
+    torque = np.concatenate([r.torque for r in rows])
+    return float(np.sqrt(np.mean(np.sum(errors**2, axis=0) / np.maximum(np.sum(torque**2, axis=0), 1e-300))))
+
+
+def _quick(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator) -> float:
+    """The relative error of a basic model on a motion."""
+    pool = pool_for(tree, drives.coupling, [motion], rng)
+    basic = _basic(pool)
+    model = pool.model.only([int(k) - 10 * tree.n for k in basic if k >= 10 * tree.n])
+    active = np.concatenate([basic[basic < 10 * tree.n], np.arange(10 * tree.n, model.p)])
+    rows = [p.rows for p in _pieces(motion, model, cutoff, 0.0)]
+    power = np.maximum(np.mean(rows[0].torque ** 2, axis=0), 1e-300)
+    return _relative(rows, least_squares(rows, active, 1.0 / power))
+
+
+def _measured_speed(
+    logs: Sequence[Log], tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator
+) -> bool:
+    """Whether speeds as measured explain torque better than differences of positions."""
+    if any(log.velocity is None for log in logs):
+        return False
+    errors = [
+        _quick(logs[0].motion(cutoff, measured_speed=measured).moving(), tree, drives, cutoff, rng)
+        for measured in (True, False)
+    ]
+    return errors[0] <= errors[1]
+
+
+def _aligned(
+    pool: Pool, pieces: Sequence[Piece], rate: float, align: str | float
+) -> tuple[Alignment | None, list[Piece]]:
+    """Pieces with a shift of their torque taken out, where it is asked for or certain."""
+    if align == "off":
+        return None, list(pieces)
+    if isinstance(align, str):
+        parts = [p.rows for p in pieces if not p.held_out]
+        basic = _basic(pool)
+        weights = least_squares(parts, basic).noise ** -2.0
+        found = find_shift(parts, basic, weights / weights.mean(), rate)
+    else:
+        found = Alignment(float(align), 0.0, rate, True, float("nan"))
+    if not found.corrected:
+        return found, list(pieces)
+    return found, [replace(p, rows=shifted(p.rows, found.shift)) for p in pieces]
+
+
+def _poor(
+    logs: Sequence[Log], tree: KinematicTree, drives: Drives, pool: Pool, pieces: Sequence[Piece], rng: np.random.Generator
+) -> list[str]:  # fmt: skip
+    """Nothing where a basic model explains the torque; else what else might be wrong. Raises where a mistake explains it."""
+    parts = [p.rows for p in pieces if not p.held_out]
+    basic = _basic(pool)
+    power = np.maximum(sum(np.mean(r.torque**2, axis=0) for r in parts), 1e-300)
+    relative = _relative(parts, least_squares(parts, basic, 1.0 / power))
+    if relative < POOR:
+        return []
+    slow = min(_SLOW, 0.08 * logs[0].rate)
+    motion = logs[0].motion(slow, measured_speed=False).moving()
+    error = _quick(motion, tree, drives, slow, rng)
+    for said in mistakes(motion, tree, lambda m: _quick(m, tree, drives, slow, rng), error):
+        raise IdentificationError(f"recording '{logs[0].name}': {said}. Correct the mapping and identify again")
+    return [
+        f"a rigid arm with friction explains little of this torque ({100 * relative:.0f} % of it is left): is it the right "
+        "model file, are torques measured rather than commanded, are joints in the right order?"
+    ]
+
+
+def _nominal(model: TorqueModel) -> Array:
+    """(p,) what the file says, with a body of 1 kg where it says nothing: where the consistent fit looks first."""
+    nominal = model.nominal()
+    for j in range(model.tree.n):
+        if not np.isfinite(model.tree.inertial[j]).all() or nominal[10 * j] <= 0.0:
+            nominal[10 * j : 10 * j + 10] = [1.0, 0.0, 0.0, 0.0, 0.01, 0.0, 0.01, 0.0, 0.0, 0.01]
+    return nominal
+
+
+def _prior(pool: Pool, nominal: Array) -> Array:
+    """(p,) the base parameters of the file at their columns, zero elsewhere."""
+    prior = np.zeros(pool.model.p)
+    prior[pool.base.independent] = pool.base.of(nominal)
+    prior[10 * pool.model.tree.n :] = nominal[10 * pool.model.tree.n :]
+    return prior
