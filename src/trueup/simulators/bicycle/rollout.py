@@ -109,6 +109,9 @@ class BicycleSimulator:
         given = np.atleast_2d(np.asarray(values, dtype=np.float64))
         rows = np.tile(self.vehicle.row, (len(given), 1))
         rows[:, self._columns] = given[:, : len(self._columns)]
+        # What is not a number is not simulated: such a delay would be looked up outside of all memory.
+        unusable = np.flatnonzero(~np.isfinite(given).all(axis=1))
+        rows[unusable] = self.vehicle.row
         factory = controllers or self.controller
         done = []
         for trial in trials:
@@ -118,7 +121,7 @@ class BicycleSimulator:
             else:
                 controller = factory(given[:, len(self._columns) :])
                 pose, orders = self._drive(trial, rows, controller, read.times)
-            done.append(self._rollout(trial, read, pose, orders))
+            done.append(self._rollout(trial, read, pose, orders, unusable))
         return done
 
     def _replay(self, trial: Trial, rows: Array, times: Array) -> Array:
@@ -175,7 +178,9 @@ class BicycleSimulator:
         with ThreadPoolExecutor(parts) as pool:
             list(pool.map(work, [slice(a, b) for a, b in pairwise(edges.tolist())]))
 
-    def _rollout(self, trial: Trial, read: _Read, pose: Array, orders: _Orders | None) -> Rollout:
+    def _rollout(
+        self, trial: Trial, read: _Read, pose: Array, orders: _Orders | None, unusable: NDArray[np.intp]
+    ) -> Rollout:
         channels = {}
         for name, o in trial.observed.items():
             if name in COMMANDS and orders is not None:
@@ -183,10 +188,10 @@ class BicycleSimulator:
                 continue
             columns = [_COLUMNS[label] for label in o.labels]
             channels[name] = pose[:, read.rows[name]][:, :, columns]
-        failures = {}
+        failures = {int(row): "a parameter is not finite" for row in unusable}
         for channel in channels.values():
             for row in np.flatnonzero(~np.isfinite(channel).all(axis=(1, 2))):
-                failures[int(row)] = "the simulation gave values that are not finite"
+                failures.setdefault(int(row), "the simulation gave values that are not finite")
         for row in failures:
             for channel in channels.values():
                 channel[row] = np.nan

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Path following as a task: distances that geometry gives, and the same score for robots and simulators."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from trueup.errors import ParameterError, UnknownNameError
+from trueup.paths import Path
+from trueup.paths.courses import hairpin
+from trueup.recording import Channel, Recording
+from trueup.simulators.bicycle import BicycleSimulator, Vehicle, vehicle_space
+from trueup.tasks.follow_path import FollowPath
+from trueup.tasks.task import as_rollout, robot_scores, robot_trials, simulated_scores
+
+STRAIGHT = Path.from_points("straight", [[0.0, 0.0], [10.0, 0.0]], speed=0.5)
+
+
+def drive(task: FollowPath, beside: float, until: float = 10.0, pause: float = 0.0) -> Recording:
+    """A robot that keeps `beside` m to the left of the straight, and waits for `pause` s in between."""
+    time = task.trials[0].observed["position"].time
+    x = np.minimum(0.5 * (time - np.clip(time - 4.0, 0.0, pause)), until)
+    xy = np.stack([x - 0.55, np.full_like(x, beside)], axis=1)
+    still = np.zeros((len(time), 1))
+    return Recording("run", {
+        "position": Channel("position", ("x", "y"), "m", time, xy),
+        "heading": Channel("heading", ("heading",), "rad", time, still),
+        "speed": Channel("speed", ("speed",), "m/s", time, still),
+        "command": Channel("command", ("speed", "steering"), "", time, np.zeros((len(time), 2))),
+    })  # fmt: skip
+
+
+@pytest.mark.parametrize("measure", ["rms", "mean", "max"])
+def test_a_constant_offset_is_its_own_error_whatever_the_pace(measure: str) -> None:
+    task = FollowPath([STRAIGHT], measure=measure)
+    runs = [drive(task, 0.07), drive(task, -0.07, pause=2.0)]
+    np.testing.assert_allclose(task.score([as_rollout(task.trials[0], runs)]), 0.07, rtol=1e-6)
+
+
+def test_a_path_that_was_not_finished_costs_a_metre_for_each_metre() -> None:
+    task = FollowPath([STRAIGHT], measure="mean")
+    (score,) = robot_scores(task, [[drive(task, 0.0, until=7.0)]])
+    assert score == pytest.approx(0.3, abs=0.01)
+
+
+def test_robot_and_simulator_are_scored_alike() -> None:
+    task = FollowPath([hairpin((0.6,))])
+    vehicle = Vehicle("same", 0.55, 0.698)
+    simulator = BicycleSimulator(vehicle, vehicle_space(vehicle, ("steering_delay",)))
+    gains = np.array([[1.0, 1.0, 1.0], [2.0, 2.0, 2.0]])
+    scores = simulated_scores(task, simulator, np.array([[0.1], [0.3]]), gains)
+    rows = np.array([[0.3, *gains[1]]])
+    (rollout,) = simulator.rollout(task.trials, rows, task.controllers)
+    np.testing.assert_allclose(robot_scores(task, [[rollout.recording()]])[0], scores[1, 1], rtol=1e-12)
+    assert scores[1, 0] > scores[0, 0], "later steering is worse"
+
+
+def test_a_failed_simulation_has_no_score() -> None:
+    task = FollowPath([STRAIGHT])
+    simulator = BicycleSimulator(
+        Vehicle("v", 0.55, 0.698), vehicle_space(Vehicle("v", 0.55, 0.698), ("steering_delay",))
+    )
+    scores = simulated_scores(task, simulator, np.array([[0.1], [np.nan]]), np.ones((1, 3)))
+    assert np.isfinite(scores[0, 0])
+    assert np.isnan(scores[1, 0])
+
+
+def test_the_robot_is_told_its_gains_by_name() -> None:
+    task = FollowPath([STRAIGHT, hairpin((0.5,))], names=("k1", "lead"), nominal={"k1": 2.0})
+    trials = robot_trials(task, np.array([1.5, 0.1]), ", try 1")
+    assert [t.name for t in trials] == ["straight, try 1", "hairpin, try 1"]
+    assert dict(trials[0].settings) == {"k1": 1.5, "lead": 0.1}
+    assert task.parameters.nominal.tolist() == [2.0, 0.0]
+
+
+def test_what_cannot_be_judged_is_refused() -> None:
+    with pytest.raises(ParameterError, match="at least one path"):
+        FollowPath([])
+    with pytest.raises(UnknownNameError, match="measure 'rmse'"):
+        FollowPath([STRAIGHT], measure="rmse")
+    with pytest.raises(UnknownNameError, match="parameter 'k4'"):
+        FollowPath([STRAIGHT], names=("k4",))
