@@ -24,8 +24,8 @@ from trueup.trial import Observed, Reference, Trial
 
 Array = NDArray[np.float64]
 
-STEP, DURATION = 0.02, 6.0
-TIME = np.arange(round(DURATION / STEP) + 1) * STEP
+STEP, DURATION = 0.04, 4.0
+TIME = np.asarray(np.arange(round(DURATION / STEP) + 1) * STEP, dtype=np.float64)
 TARGETS = {"steps": np.sign(np.sin(TIME)), "ramps": np.abs((0.4 * TIME) % 2.0 - 1.0)}
 
 
@@ -126,23 +126,37 @@ class Lag:
 class Cart:
     """The robot: a second lag, a dead band, noise; what it does depends on the trial's name and settings alone.
 
-    With `folder` each performance leaves a file there, made whole in one step, and a second one of the same trial fails:
-    what would be a trial silently repeated.
+    With `folder` it is a machine of its own that remembers its jobs by their names: a performance is a file that appears
+    there in one step, and asked again for the same trial it hands out what it has. A second performance of a trial would
+    be an error. `forgetful`: it remembers nothing, as most drivers of hardware do; each performance is a line in a file.
     """
 
-    repeatable = True
+    def __init__(
+        self, folder: Path | None = None, forgetful: bool = False, noise: float = 0.005, slow: float = 0.08
+    ) -> None:
+        self._folder, self._forgetful, self._noise, self._slow = folder, forgetful, noise, slow
 
-    def __init__(self, folder: Path | None = None, noise: float = 0.005, slow: float = 0.08) -> None:
-        self._folder, self._noise, self._slow = folder, noise, slow
+    @property
+    def repeatable(self) -> bool:
+        return not self._forgetful
 
     def perform(self, trial: Trial) -> list[Recording]:
-        runs = [self._run(trial, k) for k in range(trial.repeats)]
         if self._folder is not None:
             self._folder.mkdir(exist_ok=True)
-            aside = self._folder / f".{trial.name}.{os.getpid()}"
-            aside.write_text(repr(dict(trial.settings)))
-            os.replace(aside, self._folder / trial.name)
-        return runs
+            self._remember(trial)
+        return [self._run(trial, k) for k in range(trial.repeats)]
+
+    def _remember(self, trial: Trial) -> None:
+        folder = self._folder or Path()
+        if self._forgetful:
+            with (folder / "performed.txt").open("a") as file:
+                file.write(trial.name + "\n")
+            return
+        if (folder / trial.name).exists():
+            return
+        aside = folder / f".{trial.name}.{os.getpid()}"
+        aside.write_text(repr(dict(trial.settings)))
+        os.link(aside, folder / trial.name)  # fails where it exists
 
     def _run(self, trial: Trial, repeat: int) -> Recording:
         rng = np.random.default_rng([zlib.crc32(trial.name.encode()), repeat])

@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Is a log what was asked for? Channels, joints and their order, duration, clock, the command, the path."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.recording import Channel, Recording, is_command
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+
+_CLOCKS = {1e3: "ms", 1e6: "us", 1e9: "ns", 1.0 / 60.0: "min", 60.0: "s read as min", 1e-3: "s read as ms",
+           1e-6: "s read as us", 1e-9: "s read as ns"}  # fmt: skip
+_COMPLETE, _ARRIVED = (
+    0.95,
+    0.6,
+)  # share of the duration that must be there: of a command; of a run that ends by arriving
+_TOO_LONG = 1.6
+_SAME_COMMAND = 0.15  # root mean square difference from what was asked, as a share of its spread
+_ASTRAY = 0.25  # median distance from the path, as a share of its extent
+
+
+def mismatches(trial: Trial, recording: Recording) -> list[str]:
+    """What is not as asked for, one sentence each with what mends it; [] for a log that can be used."""
+    found = _channels(trial, recording)
+    if found:
+        return found
+    found = _lasts(trial, recording)
+    if found:
+        return found
+    return _commands(trial, recording) + _follows(trial, recording)
+
+
+def _channels(trial: Trial, recording: Recording) -> list[str]:
+    found = []
+    for name, o in trial.observed.items():
+        if not recording.has(name):
+            has = ", ".join(f"{c.name} ({', '.join(c.labels)})" for c in recording.channels.values())
+            found.append(
+                f"there is no channel '{name}' in it; it holds {has}: a wrong file, or mapping.toml must say where"
+            )
+            continue
+        channel = recording.channel(name)
+        missing = [label for label in o.labels if label not in channel.labels]
+        if missing:
+            found.append(
+                f"channel '{name}' lacks {', '.join(missing)}; it has {', '.join(channel.labels)}: give the joints their "
+                "names in mapping.toml (labels, or [joints])"
+            )
+        elif o.unit and channel.unit and o.unit != channel.unit:
+            found.append(f"channel '{name}' is in {channel.unit}, asked for in {o.unit}: say the unit in mapping.toml")
+    return found
+
+
+def _lasts(trial: Trial, recording: Recording) -> list[str]:
+    """The shortest of the observed channels must cover the run."""
+    lasts = min(recording.channel(n).time[-1] - recording.channel(n).time[0] for n in trial.observed)
+    if lasts <= 0.0:
+        return ["it holds a single instant"]
+    ratio = lasts / trial.duration
+    for factor, unit in _CLOCKS.items():
+        if abs(np.log(ratio / factor)) < 0.5:
+            return [
+                f"it lasts {lasts:.4g} s, {ratio:.3g} times the {trial.duration:.4g} s that were asked for: its clock is in "
+                f"another unit ({unit}); say it in mapping.toml, [time], unit"
+            ]
+    if ratio < (_COMPLETE if trial.command is not None else _ARRIVED):
+        return [
+            f"it lasts {lasts:.4g} s of {trial.duration:.4g} s: still being written, or broken off? If the run was stopped, "
+            f"put {trial.name}-aborted.txt beside it"
+        ]
+    if ratio > _TOO_LONG:
+        return [
+            f"it lasts {lasts:.4g} s, {ratio:.2g} times what was asked for: does it hold two runs? cut out the right one"
+        ]
+    return []
+
+
+def _commands(trial: Trial, recording: Recording) -> list[str]:
+    """The command recorded is the one requested; where none was recorded, the joints follow it in the right order."""
+    asked = trial.command
+    if asked is None:
+        return []
+    for name in ("command", "command_sent"):
+        if recording.has(name):
+            done = recording.channel(name)
+            labels = [label for label in asked.labels if label in done.labels]
+            if len(labels) < len(asked.labels):
+                lost = [label for label in asked.labels if label not in labels]
+                return [
+                    f"channel '{name}' lacks {', '.join(lost)}, which were commanded; it has {', '.join(done.labels)}"
+                ]
+            found = _as_asked(asked, done)
+            return found + (_swapped(asked, recording) if not found else [])
+    return _swapped(asked, recording)
+
+
+def _as_asked(asked: Channel, done: Channel) -> list[str]:
+    request, sent = _side_by_side(asked, done)
+    spread = np.maximum(request.std(axis=0), 1e-3 * max(1e-9, float(request.std())))
+    off = np.sqrt(np.mean((sent - request) ** 2, axis=0)) / spread
+    wrong = [k for k in range(len(off)) if off[k] > _SAME_COMMAND]
+    if not wrong:
+        return []
+    for k in wrong:
+        others = np.sqrt(np.mean((sent[:, [k]] - request) ** 2, axis=0)) / spread
+        best = int(np.argmin(others))
+        if best != k and others[best] < _SAME_COMMAND:
+            return [
+                f"the command recorded for '{asked.labels[k]}' is what was asked of '{asked.labels[best]}': the joints are "
+                "in another order; give the columns their right labels in mapping.toml"
+            ]
+    names = ", ".join(f"'{asked.labels[k]}' ({100 * off[k]:.0f} % off)" for k in wrong[:4])
+    return [
+        f"the command recorded is not the one asked for: {names}; is this the log of another run, or in another unit?"
+    ]
+
+
+def _swapped(asked: Channel, recording: Recording) -> list[str]:
+    """Positions that follow another joint's command."""
+    if not recording.has("position"):
+        return []
+    position = recording.channel("position")
+    labels = [label for label in asked.labels if label in position.labels]
+    if len(labels) < 2:
+        return []
+    request, moved = _side_by_side(asked.select(labels), position.select(labels))
+    moving = request.std(axis=0) > 1e-3
+    for k, label in enumerate(labels):
+        if not moving[k] or moved[:, k].std() < 1e-3:
+            continue
+        alike = [_correlation(moved[:, k], request[:, j]) if moving[j] else 0.0 for j in range(len(labels))]
+        best = int(np.argmax(alike))
+        if best != k and alike[best] > 0.8 and alike[k] < 0.5:
+            return [
+                f"the position of '{label}' follows what was asked of '{labels[best]}': the joints are in another order; "
+                "give the columns their right labels in mapping.toml"
+            ]
+    return []
+
+
+def _side_by_side(asked: Channel, done: Channel) -> tuple[Array, Array]:
+    """(T, k) what was asked and what was recorded, on the request's instants from its start; the best of some offsets.
+
+    A log that begins before the run, or has a clock of its own, is shifted by up to half the run.
+    """
+    time = asked.time - asked.time[0]
+    grid = np.arange(0.0, time[-1], max(0.01, float(np.median(np.diff(time)) if len(time) > 1 else 0.01)))
+    request = asked.at(asked.time[0] + grid, hold=True)
+    picked = done.select(list(asked.labels))
+    best, least = 0.0, np.inf
+    spare = max(0.0, float(done.time[-1] - done.time[0]) - float(time[-1]))
+    for offset in np.linspace(0.0, spare, 1 + min(200, round(spare / 0.02))):
+        sent = picked.at(done.time[0] + offset + grid, hold=True)
+        size = float(
+            np.nanmean((np.sort(sent, axis=1) - np.sort(request, axis=1)) ** 2)
+        )  # blind to the order of joints
+        if size < least:
+            best, least = float(offset), size
+    return request, np.nan_to_num(picked.at(done.time[0] + best + grid, hold=is_command(done.name)))
+
+
+def _follows(trial: Trial, recording: Recording) -> list[str]:
+    """Positions lie near the path that was to be followed."""
+    path = trial.references.get("path")
+    if path is None or not recording.has("position"):
+        return []
+    position = recording.channel("position")
+    if not {"x", "y"} <= set(path.labels) or not {"x", "y"} <= set(position.labels):
+        return []
+    wanted = path.values[:, [path.labels.index("x"), path.labels.index("y")]]
+    driven = position.select(("x", "y")).values
+    driven = driven[np.isfinite(driven).all(axis=1)]
+    if not len(driven):
+        return ["its positions are all missing"]
+    few, dense = _thin(driven, 200), _thin(wanted, 2000)
+    away = np.sqrt(((few[:, None, :] - dense[None, :, :]) ** 2).sum(axis=2)).min(axis=1)
+    extent = float(np.ptp(wanted, axis=0).max())
+    if np.median(away) <= max(_ASTRAY * extent, 0.5):
+        return []
+    ratio = float(np.ptp(driven, axis=0).max()) / max(extent, 1e-9)
+    unit = " (its extent is about a thousand times the path's: in mm?)" if 300 < ratio < 3000 else ""
+    return [f"its positions lie {np.median(away):.3g} m from the path{unit}: another run, frame or unit?"]
+
+
+def _correlation(a: Array, b: Array) -> float:
+    return float(np.corrcoef(a, b)[0, 1]) if a.std() > 0 and b.std() > 0 else 0.0
+
+
+def _thin(points: Array, most: int) -> Array:
+    return points[:: max(1, len(points) // most)]
+
+
+def one_of(trials: Sequence[Trial], recording: Recording) -> list[Trial]:
+    """The trials whose request a recording fits."""
+    return [t for t in trials if not mismatches(t, recording)]

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What an operator is given for one trial: a sheet to read, and the numbers as CSV files."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import OutputError
+from trueup.formats import ChannelColumns, ChannelMap, TimeColumn
+from trueup.trial import Limits, Trial
+
+Array = NDArray[np.float64]
+
+
+def write_sheet(trial: Trial, outbox: Path, inbox: Path) -> Path:
+    """Makes outbox/TRIAL/ with README.txt, settings.csv, command.csv, one CSV for each reference, and trial.json.
+
+    The folder appears whole or not at all; one that is there already is left as it is. Raises OutputError.
+    """
+    folder = outbox / trial.name
+    if folder.exists():
+        return folder
+    aside = outbox / f".{trial.name}.part"
+    try:
+        shutil.rmtree(aside, ignore_errors=True)  # our own unfinished one
+        aside.mkdir(parents=True)
+        if trial.settings:
+            _csv(aside / "settings.csv", ("name", "value"), [(k, repr(float(v))) for k, v in trial.settings.items()])
+        if trial.command is not None:
+            c = trial.command
+            head = ("time_s", *(f"{label} [{c.unit}]" for label in c.labels))
+            _csv(aside / "command.csv", head, _numbers(np.column_stack([c.time - trial.start, c.values])))
+        for name, r in trial.references.items():
+            head = tuple(f"{label} [{unit}]" for label, unit in zip(r.labels, r.units, strict=True))
+            _csv(aside / f"{name}.csv", head, _numbers(r.values))
+        _csv(aside / "log-header.csv", tuple(canonical(trial)), [])
+        (aside / "trial.json").write_text(json.dumps(_plain(trial), indent=1) + "\n", encoding="utf-8")
+        (aside / "README.txt").write_text(words(trial, inbox), encoding="utf-8")
+        os.replace(aside, folder)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written ({error.strerror or error})") from None
+    return folder
+
+
+def canonical(trial: Trial) -> dict[str, str]:
+    """Names that a log's columns may have so that no mapping is needed -> unit."""
+    names = {"time": "s"}
+    for channel, o in trial.observed.items():
+        names.update({f"{channel}/{label}": _unit(o.unit) for label in o.labels})
+    return names
+
+
+def canonical_map(trial: Trial) -> ChannelMap:
+    """The mapping of a log that has these names."""
+    channels = {
+        name: ChannelColumns(columns=tuple(f"{name}/{label}" for label in o.labels), labels=o.labels, unit=o.unit)
+        for name, o in trial.observed.items()
+    }
+    return ChannelMap(channels, TimeColumn(column="time", unit="s"))
+
+
+def words(trial: Trial, inbox: Path) -> str:
+    """The sheet."""
+    lines = [f"{trial.name}: run this once, then put its log into {inbox}/", "=" * 72, ""]
+    if trial.repeats > 1:
+        lines[0] = f"{trial.name}: run this {trial.repeats} times, then put the {trial.repeats} logs into {inbox}/"
+    lines += _to_set(trial)
+    lines += [f"The run lasts {trial.duration:.4g} s. Start the log when it starts.", ""]
+    lines += _limits(trial.limits)
+    lines += ["Record, with the time of each sample in s:"]
+    for channel, o in trial.observed.items():
+        rate = (len(o.time) - 1) / (o.time[-1] - o.time[0]) if len(o.time) > 1 else math.nan
+        lines.append(f"  {channel:14} {', '.join(o.labels)}   in {_unit(o.unit)}, at {rate:.3g} Hz or faster")
+    lines += [
+        "", "Any format that trueup reads is fine: CSV, JSON, NPZ, Parquet, rosbag2, MCAP. Columns named as in",
+        f"log-header.csv need no mapping; for others put a mapping.toml into {inbox}/ (`trueup inspect LOG` writes one).", "",
+        f"Name the log (or a folder with it) {trial.name}, for example {trial.name}.csv. If something went wrong, put a text",
+        "file with a note in it there instead, or beside the log:", "",
+        f"  {trial.name}-aborted.txt   you stopped it; it says nothing about the settings",
+        f"  {trial.name}-fell.txt      the robot fell, crashed or left the track: the settings are bad",
+        f"  {trial.name}-repeat.txt    you will run it again; what was put there before does not count", "",
+    ]  # fmt: skip
+    return "\n".join(lines)
+
+
+def _to_set(trial: Trial) -> list[str]:
+    lines: list[str] = []
+    if trial.settings:
+        width = max(map(len, trial.settings))
+        lines += ["Set the controller to (settings.csv):"]
+        lines += [f"  {name:{width}}  {value:.6g}" for name, value in trial.settings.items()] + [""]
+    if trial.command is not None:
+        c = trial.command
+        lines += [
+            f"Send command.csv: {len(c.time)} rows of {', '.join(c.labels)} in {_unit(c.unit)}, each held to the next."
+        ]
+        for label, column in zip(c.labels, c.values.T, strict=True):
+            lines.append(
+                f"  {label:14} from {column.min():.4g} to {column.max():.4g} {c.unit}, begins at {column[0]:.4g}"
+            )
+        lines.append("")
+    for name, r in trial.references.items():
+        columns = ", ".join(f"{label} [{unit}]" for label, unit in zip(r.labels, r.units, strict=True))
+        lines += [f"Follow {name}.csv: {len(r.values)} rows of {columns}.", ""]
+    for name, channel in trial.initial.items():
+        at = ", ".join(f"{label} {v:.4g}" for label, v in zip(channel.labels, channel.values[0], strict=True))
+        lines.append(f"Start with {name}: {at} {channel.unit}")
+    return [*lines, ""] if trial.initial else lines
+
+
+def _limits(limits: Limits | None) -> list[str]:
+    if limits is None:
+        return []
+    lines = ["Stop the run if it goes beyond:"]
+    for k, label in enumerate(limits.labels):
+        parts = []
+        if np.isfinite([limits.lower[k], limits.upper[k]]).any():
+            parts.append(f"{limits.lower[k]:.4g} to {limits.upper[k]:.4g}")
+        parts += [f"speed {limits.speed[k]:.4g}"] if np.isfinite(limits.speed[k]) else []
+        parts += [f"effort {limits.effort[k]:.4g}"] if np.isfinite(limits.effort[k]) else []
+        lines.append(f"  {label:14} {', '.join(parts)}")
+    lines += [f"  {label:14} {low:.4g} to {high:.4g}" for label, (low, high) in limits.workspace.items()]
+    return [*lines, ""]
+
+
+def _plain(trial: Trial) -> dict[str, object]:
+    """The trial for a program that reads it."""
+    return {
+        "trial": trial.name, "duration": trial.duration, "repeats": trial.repeats, "settings": dict(trial.settings),
+        "command": "command.csv" if trial.command is not None else None,
+        "references": {name: f"{name}.csv" for name in trial.references},
+        "record": {name: {"labels": list(o.labels), "unit": o.unit} for name, o in trial.observed.items()},
+        "columns": canonical(trial),
+    }  # fmt: skip
+
+
+def _csv(path: Path, head: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    lines = [",".join(head), *(",".join(row) for row in rows)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _numbers(values: Array) -> list[list[str]]:
+    return [[f"{v:.9g}" for v in row] for row in values]
+
+
+def _unit(unit: str) -> str:
+    return unit or "SI units"

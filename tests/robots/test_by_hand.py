@@ -1,0 +1,346 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A robot run by people: whatever is dropped into the inbox, only what was asked for is taken, and nothing is lost."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trueup.errors import RobotFellError, TrialAbortedError
+from trueup.recording import Channel
+from trueup.robots.by_hand import ByHand
+from trueup.trial import Limits, Observed, Reference, Trial
+
+Array = NDArray[np.float64]
+
+RATE, DURATION = 50.0, 8.0
+TIME = np.arange(round(RATE * DURATION) + 1) / RATE
+JOINTS = ("hip", "knee", "ankle")
+
+
+def motion() -> Array:
+    """(T, 3) commanded angles, all joints different."""
+    return np.stack(
+        [0.6 * np.sin(0.9 * TIME), 0.4 * np.sin(1.7 * TIME + 1.0), 0.3 * np.sign(np.sin(1.1 * TIME))], axis=1
+    )
+
+
+def trial(name: str = "trial-001", repeats: int = 1) -> Trial:
+    limits = Limits(JOINTS, np.full(3, -1.0), np.full(3, 1.0), np.full(3, 4.0), np.full(3, np.nan))
+    return Trial(
+        name, 0.0, DURATION, Channel("command", JOINTS, "rad", TIME, motion()),
+        {"position": Observed(JOINTS, "rad", TIME)}, limits=limits, repeats=repeats,
+    )  # fmt: skip
+
+
+def drive(name: str, gain: float) -> Trial:
+    """A run in which the robot's own controller decides: gains and a path, no command."""
+    path = Reference(("x", "y"), ("m", "m"), np.stack([np.linspace(0, 8, 400), np.sin(np.linspace(0, 8, 400))], axis=1))
+    return Trial(
+        name, 0.0, DURATION, None, {"position": Observed(("x", "y"), "m", TIME)}, settings={"k": gain},
+        references={"path": path},
+    )  # fmt: skip
+
+
+def log_text(
+    head: tuple[str, ...] = ("time", *(f"cmd_{j}" for j in JOINTS), *(f"pos_{j}" for j in JOINTS)),
+    order: tuple[int, ...] = (0, 1, 2), clock: float = 1.0, seconds: float = DURATION, seed: int = 0,
+) -> str:  # fmt: skip
+    """A log of a run as a robot would write it: commands, and positions that lag behind them."""
+    rng = np.random.default_rng(seed)
+    command = motion()
+    position = np.stack([np.interp(TIME - 0.06, TIME, c) for c in command.T], axis=1) + 1e-3 * rng.standard_normal(
+        (len(TIME), 3)
+    )
+    rows = np.column_stack([TIME * clock, command[:, order], position[:, order]])[seconds >= TIME]
+    return ",".join(head) + "\n" + "".join(",".join(f"{v:.6g}" for v in row) + "\n" for row in rows)
+
+
+class Bench:
+    """An operator's desk: a robot run by hand in a folder, and what was said."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.said = folder, []
+        self.inbox, self.accepted = folder / "inbox", folder / "accepted"
+        self.robot = self.again()
+
+    def again(self) -> ByHand:
+        """As after switching everything off for the night."""
+        self.robot = ByHand(self.folder, say=self.said.append, poll=0.01, rest=0.03)
+        return self.robot
+
+    def drop(self, name: str, text: str) -> None:
+        path = self.inbox / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+
+    def look(self) -> str:
+        """Lets the robot look until all is at rest; what it said, as one text."""
+        self.robot.look()
+        time.sleep(0.05)
+        self.robot.look()
+        return "\n".join(self.said)
+
+    def outcome(self, name: str = "trial-001") -> bool:
+        return (self.accepted / name / "outcome.json").exists()
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Bench:
+    return Bench(tmp_path)
+
+
+def test_the_sheet_says_all_that_an_operator_needs(bench: Bench) -> None:
+    bench.robot.hand_out([trial(), drive("trial-002", 2.5)])
+    sheet = (bench.folder / "outbox" / "trial-001" / "README.txt").read_text()
+    for word in ("8 s", "hip", "knee", "ankle", "rad", "command.csv", "speed 4", "-1 to 1", "trial-001-aborted.txt"):
+        assert word in sheet
+    command = np.loadtxt(bench.folder / "outbox" / "trial-001" / "command.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(command[:, 1:], motion(), atol=1e-8)
+    second = bench.folder / "outbox" / "trial-002"
+    assert "k,2.5" in (second / "settings.csv").read_text()
+    assert len((second / "path.csv").read_text().splitlines()) == 401
+
+
+def test_a_log_that_was_asked_for_comes_back_as_the_recording(bench: Bench) -> None:
+    bench.robot.hand_out([trial()])
+    bench.drop("trial-001.csv", log_text())
+    (recording,) = bench.robot.perform(trial())
+    assert recording.channel("position").labels == JOINTS
+    np.testing.assert_allclose(recording.channel("command").values, motion(), atol=1e-5)
+    assert not list(bench.inbox.glob("*.csv"))
+    assert (bench.accepted / "trial-001" / "trial-001.csv").read_text() == log_text()
+
+
+def test_columns_named_as_in_the_header_need_no_mapping(bench: Bench) -> None:
+    bench.robot.hand_out([trial()])
+    head = (bench.folder / "outbox" / "trial-001" / "log-header.csv").read_text().strip()
+    assert head == "time,position/hip,position/knee,position/ankle"
+    rows = [line.split(",") for line in log_text().splitlines()[1:]]
+    bench.drop("whatever.csv", head + "\n" + "".join(",".join((r[0], *r[4:])) + "\n" for r in rows))
+    (recording,) = bench.robot.perform(trial())
+    assert recording.channel("position").unit == "rad"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("trial-001.csv", "date,weather\n2026,rain\n", ("trial-001.csv not taken",)),
+        (
+            "holiday.csv",
+            "time,temp\n" + "".join(f"{t},20\n" for t in range(9)),
+            ("no channel 'position'", "wrong file"),
+        ),
+        ("trial-001.csv", log_text(order=(1, 0, 2)), ("another order", "'hip'", "'knee'", "mapping.toml")),
+        (
+            "trial-001.csv",
+            log_text(head=("time", "cmd_a", "cmd_b", "cmd_c", "pos_a", "pos_b", "pos_c")),
+            ("lacks hip", "mapping"),
+        ),
+        ("trial-001.csv", log_text(seconds=3.0), ("3 s of 8 s", "broken off", "trial-001-aborted.txt")),
+        ("trial-007.csv", log_text(), ("trial-007 was not asked for", "trial-001")),
+        ("trial-001.csv", log_text(seed=0).replace("time", "time_s").replace("\n0.02,", "\nzero,", 1), ("not taken",)),
+    ],
+    ids=[
+        "no numbers",
+        "wrong file",
+        "wrong joint order",
+        "unnamed joints",
+        "half a run",
+        "not asked for",
+        "damaged line",
+    ],
+)
+def test_what_does_not_fit_stays_and_the_reason_is_said(
+    bench: Bench, name: str, text: str, words: tuple[str, ...]
+) -> None:
+    bench.robot.hand_out([trial()])
+    bench.drop(name, text)
+    said = bench.look()
+    for word in words:
+        assert word in said
+    assert (bench.inbox / name).read_text() == text
+    assert f"{name}: " in (bench.inbox / "problems.txt").read_text()
+    assert not bench.outcome()
+    (bench.inbox / name).unlink()
+    bench.drop("trial-001.csv", log_text(seed=1))
+    assert len(bench.robot.perform(trial())) == 1
+    assert (bench.inbox / "problems.txt").read_text() == ""
+
+
+def test_a_clock_in_another_unit_is_named_and_a_mapping_mends_it(bench: Bench) -> None:
+    bench.robot.hand_out([trial()])
+    head = "time,position/hip,position/knee,position/ankle"  # the header promises s; these are ms
+    rows = [line.split(",") for line in log_text(clock=1e3).splitlines()[1:]]
+    bench.drop("trial-001.csv", head + "\n" + "".join(",".join((r[0], *r[4:])) + "\n" for r in rows))
+    assert "clock is in another unit (ms)" in bench.look()
+    columns = '["position/hip", "position/knee", "position/ankle"]'
+    mapping = f'[channels.position]\ncolumns = {columns}\nlabels = ["hip", "knee", "ankle"]\nunit = "rad"\n'
+    bench.drop("mapping.toml", '[time]\ncolumn = "time"\nunit = "ms"\n' + mapping)
+    (recording,) = bench.robot.perform(trial())
+    assert recording.duration == pytest.approx(DURATION, abs=0.03)
+
+
+def test_a_file_that_is_still_being_written_is_left_until_it_rests(bench: Bench) -> None:
+    bench.robot.hand_out([trial()])
+    text = log_text()
+    bench.inbox.mkdir(exist_ok=True)
+    done = threading.Event()
+
+    def write_slowly() -> None:
+        with (bench.inbox / "trial-001.csv").open("w") as file:
+            for k in range(0, len(text), len(text) // 20):
+                file.write(text[k : k + len(text) // 20])
+                file.flush()
+                time.sleep(0.01)
+        done.set()
+
+    writer = threading.Thread(target=write_slowly)
+    writer.start()
+    while not done.is_set():
+        bench.robot.look()
+        assert not bench.outcome() or done.is_set()
+    writer.join()
+    (recording,) = bench.robot.perform(trial())
+    assert recording.duration == pytest.approx(DURATION, abs=0.03)
+
+
+def test_a_file_cut_off_is_refused_and_taken_once_it_is_whole(bench: Bench) -> None:
+    bench.robot.hand_out([trial()])
+    text = log_text()
+    bench.drop("trial-001.csv", text[: len(text) // 2])
+    assert "not taken" in bench.look()
+    bench.drop("trial-001.csv", text)
+    assert len(bench.robot.perform(trial())) == 1
+
+
+def test_two_runs_at_once_are_not_guessed_between(bench: Bench) -> None:
+    bench.robot.hand_out([trial()])
+    bench.drop("trial-001.csv", log_text(seed=1))
+    bench.drop("trial-001 again.csv", log_text(seed=2))
+    assert "leave only what counts" in bench.look()
+    assert not bench.outcome()
+    (bench.inbox / "trial-001.csv").unlink()
+    (recording,) = bench.robot.perform(trial())
+    assert recording.provenance["log"] == "trial-001 again.csv"
+
+
+def test_a_log_with_two_runs_in_it_is_said_to_hold_them(bench: Bench) -> None:
+    bench.robot.hand_out([trial()])
+    lines = log_text().splitlines()
+    later = [f"{float(line.split(',')[0]) + DURATION + 1.0:.3f},{line.partition(',')[2]}" for line in lines[1:]]
+    bench.drop("trial-001.csv", "\n".join([*lines, *later]) + "\n")
+    assert "does it hold two runs" in bench.look()
+
+
+def test_repeats_are_as_many_logs(bench: Bench) -> None:
+    wanted = trial(repeats=2)
+    bench.robot.hand_out([wanted])
+    bench.drop("trial-001-a.csv", log_text(seed=1))
+    bench.look()
+    assert not bench.outcome()
+    bench.drop("trial-001-b.csv", log_text(seed=2))
+    first, second = bench.robot.perform(wanted)
+    assert not np.array_equal(first.channel("position").values, second.channel("position").values)
+
+
+@pytest.mark.parametrize(("word", "error"), [("aborted", TrialAbortedError), ("fell", RobotFellError)])
+def test_an_operator_may_say_how_a_run_ended(bench: Bench, word: str, error: type[Exception]) -> None:
+    bench.robot.hand_out([trial()])
+    bench.drop("trial-001.csv", log_text(seconds=2.0))
+    bench.drop(f"trial-001-{word}.txt", "a cable came loose")
+    with pytest.raises(error, match="a cable came loose"):
+        bench.robot.perform(trial())
+    kept = sorted(p.name for p in (bench.accepted / "trial-001" / "set-aside").iterdir())
+    assert kept == [f"trial-001-{word}.txt", "trial-001.csv"]
+    with pytest.raises(error, match="a cable came loose"):  # the same on the next day
+        bench.again().perform(trial())
+
+
+def test_result_toml_says_it_too(bench: Bench) -> None:
+    bench.robot.hand_out([trial(), trial("trial-002")])
+    bench.drop("trial-002/result.toml", 'outcome = "fell"\nnote = "into the wall"\n')
+    bench.drop("trial-001/result.toml", 'outcome = "fallen"\n')
+    assert "'fallen' is not one of: aborted, fell, repeat, done" in bench.look()
+    with pytest.raises(RobotFellError, match="into the wall"):
+        bench.robot.perform(trial("trial-002"))
+
+
+def test_a_run_to_be_repeated_does_not_count(bench: Bench) -> None:
+    bench.robot.hand_out([trial()])
+    bench.drop("trial-001.csv", log_text(seed=1))
+    bench.drop("trial-001-repeat.txt", "the battery was low")
+    assert "to be run again (the battery was low)" in bench.look()
+    assert not bench.outcome()
+    bench.drop("trial-001.csv", log_text(seed=2))
+    bench.robot.perform(trial())
+    assert (bench.accepted / "trial-001" / "set-aside" / "trial-001.csv").read_text() == log_text(seed=1)
+
+
+def test_the_same_log_is_not_taken_for_two_trials(bench: Bench) -> None:
+    bench.robot.hand_out([trial(), trial("trial-002")])
+    bench.drop("trial-001.csv", log_text())
+    bench.robot.perform(trial())
+    bench.drop("trial-002.csv", log_text())
+    assert "accepted for trial-001 already" in bench.look()
+
+
+def test_logs_of_runs_that_look_alike_must_be_named(bench: Bench) -> None:
+    runs = [drive("trial-001", 1.0), drive("trial-002", 2.0)]
+    bench.robot.hand_out(runs)
+    x = np.linspace(0, 8, len(TIME))
+    text = "time,position/x,position/y\n" + "".join(
+        f"{t:.3f},{a:.4f},{np.sin(a):.4f}\n" for t, a in zip(TIME, x, strict=True)
+    )
+    bench.drop("log.csv", text)
+    assert "could be trial-001 or trial-002: put the right one into its name" in bench.look()
+    (bench.inbox / "log.csv").rename(bench.inbox / "log trial-002.csv")
+    assert len(bench.robot.perform(runs[1])) == 1
+
+
+def test_positions_far_from_the_path_are_another_run(bench: Bench) -> None:
+    bench.robot.hand_out([drive("trial-001", 1.0)])
+    bench.drop("trial-001.csv", "time,position/x,position/y\n" + "".join(f"{t:.3f},{1e3 * t:.4f},{30}\n" for t in TIME))
+    assert "from the path" in bench.look()
+    assert "in mm?" in "\n".join(bench.said)
+
+
+def test_waiting_goes_on_the_next_day(bench: Bench) -> None:
+    bench.robot.hand_out([trial(), trial("trial-002")])
+    bench.drop("trial-001.csv", log_text(seed=1))
+    bench.robot.perform(trial())
+    before = (bench.folder / "outbox" / "trial-002" / "README.txt").stat().st_mtime_ns
+    bench.drop("trial-002.csv", log_text(seed=2))  # in the night, nobody is looking
+    tomorrow = bench.again()
+    tomorrow.hand_out([trial("trial-002")])
+    assert len(tomorrow.perform(trial("trial-002"))) == 1
+    assert len(tomorrow.perform(trial())) == 1  # again, as after an interruption: the same log
+    assert (bench.folder / "outbox" / "trial-002" / "README.txt").stat().st_mtime_ns == before
+
+
+def test_a_log_moved_in_right_before_an_interruption_is_not_lost(bench: Bench) -> None:
+    bench.robot.hand_out([trial()])
+    bench.drop("trial-001.csv", log_text())
+    bench.robot.perform(trial())
+    (bench.accepted / "trial-001" / "outcome.json").unlink()  # the outcome was not written any more
+    (recording,) = bench.again().perform(trial())
+    assert recording.channel("position").labels == JOINTS
+
+
+def test_a_folder_with_its_own_mapping_and_note_is_one_log(bench: Bench) -> None:
+    bench.robot.hand_out([trial()])
+    head = ("t", "c1", "c2", "c3", "p1", "p2", "p3")
+    bench.drop("trial-001/notes.txt", "windy")
+    bench.drop("trial-001/mapping.toml", '[time]\ncolumn = "t"\n[channels.position]\ncolumns = ["p1", "p2", "p3"]\n'
+               'labels = ["hip", "knee", "ankle"]\nunit = "rad"\n')  # fmt: skip
+    bench.drop("trial-001/run.csv", log_text(head=head))
+    (recording,) = bench.robot.perform(trial())
+    assert recording.provenance["note"] == "windy"
+    shutil.rmtree(bench.inbox)
+    assert len(bench.again().perform(trial())) == 1
