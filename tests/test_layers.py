@@ -51,6 +51,7 @@ RULES = (
     # siblings of a family know its base and the nouns; another family or sibling only where it is the point:
     *(Rule(family, (base, *NOUNS)) for family, base in FAMILIES.items()),
     Rule("robots", ("robots.robot", "controllers.controller", "simulators.simulator", *NOUNS)),  # stand-ins simulate
+    Rule("search.least_squares", ("search.search", "search.bounded_step", "search.robust", *NOUNS)),  # its arithmetic
     Rule("search.optuna", ("search.search", "search.study_file", *NOUNS)),  # the study for the dashboard
     Rule("robots.stand_in_vehicle", ("robots.robot", "controllers.stanley", *NOUNS)),  # its own controller is a Stanley too
     Rule("tasks", ("tasks.task", "controllers", "simulators.simulator", *NOUNS)),
@@ -71,8 +72,8 @@ RULES = (
         Rule(name, ("discrepancies.discrepancy", "discrepancies.weighted", "simulators.simulator", *NOUNS))
         for name in ("discrepancies.plain", "discrepancies.outcome")
     ),
-    # excitation is designed with the searches, which are arithmetic
-    Rule("identification", ("simulators.simulator", "controllers.playback", "search", *NOUNS), lazily=("simulators.mujoco.model",)),
+    # excitation is designed with the searches, which are arithmetic; MJCF is read and written as MuJoCo has it
+    Rule("identification", ("simulators.simulator", "controllers.playback", "search", *NOUNS), ("simulators.mujoco",)),
     Rule("grounding", ("simulators.simulator", "controllers.playback", *NOUNS)),
     # what the loop computes with when nobody gives it something else; never a concrete simulator or robot
     Rule("loop", (*BASES, "identification", "grounding", "discrepancies", "search", *NOUNS)),
@@ -81,7 +82,7 @@ RULES = (
     Rule("report", ("campaign.journal", "campaign.plan", "identification.result", *NOUNS)),
     Rule("studies", ANYTHING),  # an experiment put together by hand
     Rule("demo", ANYTHING),  # one run of the whole, put together by hand
-    Rule("commands", ("report", "campaign", *NOUNS), lazily=("demo", "loop", "identification", "studies", "simulators.simulator")),
+    Rule("commands", ("report", "campaign", "identification.result", *NOUNS), lazily=("demo", "loop", "identification", "studies", "simulators.simulator")),
     Rule("cli", ("report", "campaign"), lazily=("commands", "demo", "loop", *NOUNS)),
     Rule("testing", (*BASES, *NOUNS)),  # contract checks, shipped to those who write a robot, simulator or search
     Rule("__init__", (), lazily=ANYTHING),  # public names, imported when used

@@ -17,6 +17,7 @@ from trueup.loop.problem import Problem
 from trueup.parameters import ParameterSpace
 from trueup.search.cma_es import CmaEs
 from trueup.search.least_squares import LeastSquares
+from trueup.search.robust import robust_losses
 
 Array = NDArray[np.float64]
 
@@ -28,6 +29,9 @@ _SHORT = (2.5, 15.0)  # s: the first stage looks at the first quarter of the rec
 _HELD = 3e-3  # least damping of the first looks: what is weakly seen must not wander off before all data are in
 _BLIND = 1.0  # rms change of the residuals across the whole box, in noise units: a slope below tells nothing
 _BETTER = 0.98  # a place elsewhere is worth going to if the loss falls at least to this share
+_BEND = (
+    10.0  # noise units from which losses grow linearly where places far apart are compared: one fall must not hide all
+)
 _COARSE = 2.5  # factor on the integration step while far from the optimum
 
 
@@ -100,13 +104,13 @@ def fit(
     last: LeastSquares | None = None
     for name, stage, cheap, tolerance, most in stages[begin:]:
         nudge = 0.05 if last is None and not resume else 0.0
-        last = _descend(name, stage, cheap, space, point, watch, robust, tolerance, most, saved, nudge)
+        last = _descend(name, stage, cheap, space, point, watch, robust, tolerance, most, saved, nudge, last)
         if search == "auto" and last.iteration == 0 and not resume and name == stages[0][0]:
             # No slope leads down: the residuals are rough (contacts, falls). Look around first, then try slopes again.
             point = _evolve(stage, space, point, watch, seed, short=True)
-            last = _descend(name, stage, cheap, space, point, watch, robust, tolerance, most, None, 0.0)
+            last = _descend(name, stage, cheap, space, point, watch, robust, tolerance, most, None, 0.0, last)
         elif search == "auto" and not resume and (other := _elsewhere(stage, space, last)) is not None:
-            last = _descend(name, stage, cheap, space, other, watch, robust, tolerance, most, None, 0.0)
+            last = _descend(name, stage, cheap, space, other, watch, robust, tolerance, most, None, 0.0, last)
         point, saved = last.point, None
     if last is None:
         raise CalibrationError("nothing was searched")
@@ -144,12 +148,15 @@ def _coarse(problem: Problem, space: ParameterSpace, point: Array) -> Problem:
 def _descend(
     name: str, stage: Problem, cheap: Problem, space: ParameterSpace, point: Array, watch: Watch, robust: float,
     tolerance: float, most: int, saved: dict[str, Any] | None, nudge: float,
+    before: LeastSquares | None,
 ) -> LeastSquares:  # fmt: skip
     free = [p for p in space.parameters if not p.frozen]
     ranges = np.array([np.log(p.upper / p.lower) if p.scale == "log" else 0.0 for p in free])
     held = 1e-9 if tolerance < 1.0 else _HELD
     search = LeastSquares(point, ranges, least_damping=held, share=2e-3 if tolerance < 1.0 else 3e-2,
                           robust=robust, tolerance=tolerance, max_iterations=most, nudge=nudge,
+                          confirm=tolerance < 1.0,
+                          difference=LeastSquares.difference if before is None else before.careful_difference(),
                           worth=lambda residual: stage.chance(residual) * len(free))  # fmt: skip
     if saved is not None:
         search.resume(saved)
@@ -183,7 +190,7 @@ def _evolve(problem: Problem, space: ParameterSpace, point: Array, watch: Watch,
     while not search.done:
         candidates = search.ask()
         residuals = problem.residuals(space.from_unit(candidates))
-        losses = _robust_losses(residuals)
+        losses = robust_losses(residuals, _BEND)
         search.tell(candidates, losses)
         k = int(np.nanargmin(losses)) if np.isfinite(losses).any() else 0
         watch.saw("cma-es", problem, search.best[1], problem.rmse(np.nan_to_num(residuals[k])))
@@ -204,14 +211,9 @@ def _elsewhere(problem: Problem, space: ParameterSpace, last: LeastSquares) -> A
     points[np.arange(len(points)), np.repeat(blind, len(places))] = np.tile(places, len(blind))
     if not len(points):
         return None
-    losses = _robust_losses(problem.residuals(space.from_unit(points)))
+    losses = robust_losses(problem.residuals(space.from_unit(points)), _BEND)
     best = int(np.argmin(np.where(np.isfinite(losses), losses, np.inf)))
-    return points[best] if losses[best] < _BETTER * _robust_losses(last.residual[None])[0] else None
-
-
-def _robust_losses(residuals: Array, bend: float = 10.0) -> Array:
-    """(b,) losses that grow linearly beyond `bend` noise units, so that one fall does not hide all else."""
-    return bend**2 * (np.sqrt(1.0 + (residuals / bend) ** 2) - 1.0).sum(axis=1)
+    return points[best] if losses[best] < _BETTER * robust_losses(last.residual[None], _BEND)[0] else None
 
 
 def _finished(problem: Problem, coarse: Problem, space: ParameterSpace, search: LeastSquares) -> Fit:

@@ -13,13 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import CalibrationError
+from trueup.search.bounded_step import damped_step, gain, in_value, inside
+from trueup.search.robust import robust_losses, robust_weights
 from trueup.search.search import SearchState
 
 Array = NDArray[np.float64]
 
-_MOST_SHRINK = 5.0
 # Damping factors tried side by side: one batch of steps instead of one step after the other.
 _LADDER = (0.03, 1.0, 30.0)
+_ALIKE = 0.02  # steps nearer to one another than this share of the promised gain are one: simulations are dear
+_CREDIT = 2  # steps uphill in a row, each on the promise that the next one comes down below everything before
+_WORN = 0.7  # new slopes are taken once a step leaves more than this share of what was promised: they cost ten steps
+_CROSSING = 1e-4  # damping of the imagined step across the valley that candidates are judged by
 
 
 @dataclass
@@ -44,11 +49,13 @@ class LeastSquares:
     far less than that moves the estimates by far less than their uncertainty."""
     max_iterations: int = 30
     patience: int = 3
-    """Ends after this many batches of steps without any descent."""
+    """Batches of steps in a row without any descent after which it ends."""
     share: float = 2e-3
     """With `worth`: a gain above this share of the loss is never negligible."""
     least_damping: float = 1e-9
     """Damping never goes below: it holds combinations that are weakly seen where they are."""
+    confirm: bool = True
+    """Take new slopes where the search ends; a first look can do without."""
     nudge: float = 0.05
     """How far a start on a bound is moved inside: there a logarithmic parameter has almost no slope."""
 
@@ -69,6 +76,11 @@ class LeastSquares:
     _damping: float = field(init=False, default=1e-2)
     _stale: int = field(init=False, default=0)
     _done: str = field(init=False, default="")
+    _credit: int = field(init=False, default=_CREDIT)
+    _lowest: tuple[Array, float, Array] | None = field(init=False, default=None)
+    """Point, loss and residual of the lowest place so far."""
+    _normal: tuple[Array, Array] | None = field(init=False, default=None)
+    _factors: list[float] = field(init=False, default_factory=list)
     _steps: Array = field(init=False, default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
@@ -83,14 +95,13 @@ class LeastSquares:
 
     @property
     def best(self) -> tuple[Array, float]:
-        """The point and its loss."""
-        return self.point, self.loss
+        """The lowest point and its loss."""
+        return (self.point, self.loss) if self._lowest is None else self._lowest[:2]
 
     def ask(self) -> Array:
         """Finite-difference columns around the point (with the point itself first), or steps of several lengths."""
         if self.jacobian is None:
-            inward = np.where(self.point > 0.5, -1.0, 1.0)
-            self._steps = inward * self._difference()
+            self._steps = np.where(self.point > 0.5, -1.0, 1.0) * self.careful_difference()
             return np.concatenate([self.point[None], self.point + np.diag(self._steps)])
         return self._trial_points()
 
@@ -118,9 +129,10 @@ class LeastSquares:
         self._damping, self._stale = float(state["damping"]), int(state["stale"])
         self._short, self._done = int(state["short"]), str(state["done"])
 
-    def _difference(self) -> float:
-        """Far from the recordings a coarse difference sees past the ripples of friction; at the noise it must be exact,
-        or weakly seen directions take the errors of the strong ones for their own slope.
+    def careful_difference(self) -> float:
+        """Share of the box by which parameters are moved to see slopes. Far from the recordings a coarse one sees past the
+        ripples of friction; at the noise it must be exact, or weakly seen directions take the errors of the strong ones
+        for their own slope.
         """
         if self.residual is None:
             return self.difference
@@ -134,13 +146,22 @@ class LeastSquares:
         columns = (residuals[1:] - base) / self._steps[:, None]
         # A column whose simulation failed tells nothing this time; the parameter rests until the next round.
         columns[~np.isfinite(columns).all(axis=1)] = 0.0
-        self.jacobian, self.residual = columns.T, base
+        self._bend_and_lowest(base)
+        self._see(columns.T, base)
         self._fresh, self._reused = True, 0
-        scale = 1.4826 * float(np.median(np.abs(base[base != 0]))) if np.any(base) else 1.0
-        self.delta = self.robust * max(scale, 1.0)
-        self.loss = float(self._loss(base[None])[0])
         if self.iteration > 0 and self._promise() < self._negligible(self.loss, base):
             self._done = "converged: no step promises a gain that noise would not give"
+
+    def _bend_and_lowest(self, base: Array) -> None:
+        """Sets the robust loss by the residuals at hand, and what is lowest by that loss."""
+        scale = 1.4826 * float(np.median(np.abs(base[base != 0]))) if np.any(base) else 1.0
+        self.delta = self.robust * max(scale, 1.0)
+        self.loss = float(robust_losses(base[None], self.delta)[0])
+        if self._lowest is not None:
+            point, _, residual = self._lowest
+            self._lowest = point, float(robust_losses(residual[None], self.delta)[0]), residual
+        if self._lowest is None or self.loss <= self._lowest[1]:
+            self._lowest = self.point, self.loss, base
 
     def _negligible(self, loss: float, residual: Array) -> float:
         """Gains below this are not worth another step."""
@@ -152,108 +173,126 @@ class LeastSquares:
         """By how much the loss would fall at most, were the slopes to hold all the way."""
         curvature, slope = self._normal_equations()
         # Not clipped to the box: a logarithm at its lower bound sees but a little of what a long way up would gain.
-        step = self._damped(curvature, slope, 1e-6)
-        return float(-(slope @ step + 0.5 * step @ curvature @ step))
+        return gain(curvature, slope, damped_step(curvature, slope, 1e-6, self.point))
 
     def _normal_equations(self) -> tuple[Array, Array]:
+        """(n, n) curvature and (n,) slope of the loss at the point."""
+        if self._normal is None:
+            jacobian, residual = self._known()
+            weighted = jacobian * self.weights()[:, None] if np.isfinite(self.delta) else jacobian
+            self._normal = jacobian.T @ weighted, weighted.T @ residual
+        return self._normal
+
+    def _known(self) -> tuple[Array, Array]:
+        """Slopes and residual at the point."""
         if self.jacobian is None or self.residual is None:
             raise CalibrationError("steps asked before the columns were told")
-        weights = self.weights()
-        return self.jacobian.T @ (self.jacobian * weights[:, None]), self.jacobian.T @ (weights * self.residual)
+        return self.jacobian, self.residual
+
+    def _see(self, jacobian: Array | None, residual: Array | None) -> None:
+        """Other slopes, or another residual; with no slopes the next ask is for columns."""
+        self.jacobian, self.residual, self._normal = jacobian, residual, None
 
     def _take_step(self, candidates: Array, residuals: Array) -> None:
-        losses = self._loss(residuals)
-        k = int(np.nanargmin(np.where(np.isfinite(losses), losses, np.inf)))
-        if losses[k] < self.loss:
-            self._accept(candidates[k], float(losses[k]), residuals[k], _LADDER[k % len(_LADDER)])
-        elif not self._fresh:
-            self.jacobian = None  # corrected slopes have worn out: take new ones before giving up
+        losses = np.nan_to_num(robust_losses(residuals, self.delta), nan=np.inf)
+        hoped = self._hoped(candidates, residuals, losses)
+        below = self.best[1]
+        k, lowest = int(hoped.argmin()), int(losses.argmin())
+        climbs = losses[k] >= below
+        if climbs and not (self._credit > 0 and hoped[k] < below - self._negligible(below, residuals[lowest])):
+            k, climbs = lowest, False
+        if climbs or losses[k] < below:
+            self._credit = self._credit - 1 if climbs else _CREDIT
+            self._accept(candidates[k], float(losses[k]), residuals[k], float(losses[k] - hoped[k]), self._factors[k])
         else:
-            self._stale += 1
-            self._damping = min(self._damping * 300.0, 1e9)
+            self._reject()
         if self._stale >= self.patience:
             self._done = "converged: no step of any length goes further down"
         elif self.iteration >= self.max_iterations:
             self._done = f"stopped after {self.max_iterations} iterations; more may help"
+        if self._done and self.loss > self.best[1]:
+            self._go_back()
 
-    def _accept(self, point: Array, loss: float, residual: Array, factor: float) -> None:
-        """Goes to a better point; ends where the gain is small, and corrects the slopes where they proved right."""
-        gain, moved = self.loss - loss, point - self.point
-        old, slopes = self.residual, self.jacobian
-        if old is None or slopes is None:
-            raise CalibrationError("a step was told before the columns")
-        predicted = old + slopes @ moved
+    def _hoped(self, candidates: Array, residuals: Array, losses: Array) -> Array:
+        """(b,) what the loss of each candidate would be after one more step with the slopes at hand.
+
+        In a bent valley a long step along it climbs the wall, and a step across it, which the slopes know well, comes
+        back down. Judged by their own loss only short steps along the valley would ever be taken.
+        """
+        curvature, _ = self._normal_equations()
+        finite = np.flatnonzero(np.isfinite(losses))
+        slopes = (robust_weights(residuals[finite], self.delta) * residuals[finite]) @ self._known()[0]
+        hoped = np.full(len(losses), np.inf)
+        for k, slope in zip(finite, slopes, strict=True):
+            step = damped_step(curvature, slope, max(self.least_damping, _CROSSING), candidates[k])
+            hoped[k] = losses[k] - gain(curvature, slope, step)
+        return hoped
+
+    def _reject(self) -> None:
+        if self.loss > self.best[1] or not self._fresh:
+            self._go_back()  # corrected slopes have worn out, or a way uphill led nowhere
+        else:
+            self._stale += 1
+            self._damping = min(self._damping * 300.0, 1e9)
+
+    def _go_back(self) -> None:
+        """To the lowest place, with new slopes, and no more climbing before something lower is found."""
+        self.point, self.loss = self.best
+        self._credit = 0
+        self._see(None, self.residual if self._lowest is None else self._lowest[2])
+
+    def _accept(self, point: Array, loss: float, residual: Array, left: float, factor: float) -> None:
+        """Goes to a point that leaves a gain of `left`; corrects the slopes as long as they serve."""
+        fallen, moved, promised = self.loss - loss, point - self.point, self._promise()
         self._damping = float(np.clip(self._damping * factor, self.least_damping, 1e9))
         self.point, self.loss, self.iteration, self._stale = point, loss, self.iteration + 1, 0
-        small = gain < self._negligible(loss, residual)
-        trusted = np.linalg.norm(residual - predicted) < 0.7 * np.linalg.norm(residual - old)
+        if loss < self.best[1]:
+            self._lowest = point, loss, residual
+        negligible = self._negligible(loss, residual)
         # One short step may be bad luck in a bent valley; two in a row, with new slopes in between, are the bottom.
-        self._short = self._short + 1 if small and self._fresh else 0
+        self._short = self._short + 1 if abs(fallen) < negligible and self._fresh else 0
         if self._short >= 2:
             self._done = "converged: the last steps changed almost nothing"
-        if trusted and not small and self._reused < self.reuse:
-            # Broyden's rank-one correction, Math. Comp. 19, 1965: the slopes along the step just taken are now known.
-            slopes = slopes + np.outer(residual - predicted, moved / (moved @ moved))
-            self.jacobian, self.residual, self._fresh, self._reused = slopes, residual, False, self._reused + 1
-        elif self._done:
-            self.residual = residual  # slopes of a negligible step away will do
+        elif left < negligible and not self.confirm and loss <= self.best[1]:
+            self._done = "converged: no step promises a gain that noise would not give"
+        serve = negligible < left < _WORN * promised or loss > self.best[1]
+        self._fresh = False
+        if self._done:
+            self._see(self.jacobian, residual)  # slopes of a negligible step away will do
+        elif serve and self._reused < self.reuse:
+            self._see(self._corrected(moved, residual), residual)
+            self._reused += 1
         else:
-            self.jacobian = None
+            self._see(None, residual)
 
-    def _loss(self, residuals: Array) -> Array:
-        """(b,) sum of pseudo-Huber losses, half of the squares for small residuals."""
-        if not np.isfinite(self.delta):
-            return 0.5 * np.einsum("bm,bm->b", residuals, residuals)
-        ratio = residuals / self.delta
-        ratio *= ratio
-        return self.delta**2 * (np.sqrt(1.0 + ratio) - 1.0).sum(axis=1)
+    def _corrected(self, moved: Array, residual: Array) -> Array:
+        """The slopes with what a step showed, where they had foretold most of it: Broyden's rank-one correction, Math.
+        Comp. 19, 1965.
+        """
+        slopes, before = self._known()
+        change = residual - before
+        surprise = change - slopes @ moved
+        if np.linalg.norm(surprise) >= 0.7 * np.linalg.norm(change):
+            return slopes
+        return slopes + np.outer(surprise, moved / (moved @ moved))
 
     def weights(self) -> Array:
         """(m,) how much each residual counts at the point: 1 for small ones, less for outliers."""
         if self.residual is None:
             raise CalibrationError("no residuals told yet")
-        return 1.0 / np.sqrt(1.0 + (self.residual / self.delta) ** 2)
+        return robust_weights(self.residual, self.delta)
 
     def _trial_points(self) -> Array:
+        """Steps of several lengths that differ; the factor on the damping that made each is kept beside it."""
         curvature, slope = self._normal_equations()
-        found = [self._damped(curvature, slope, max(self._damping * factor, self.least_damping)) for factor in _LADDER]
-        plain = [self._inside(d) for d in found]
-        if not np.any(self.log_range > 0):
-            return np.array(plain)
-        return np.array(plain + [self._inside(self._in_value(d)) for d in found])
-
-    def _inside(self, step: Array) -> Array:
-        """The point after a step, in the box. No step divides a logarithmic parameter by more than `_MOST_SHRINK`: where
-        it is tiny it has almost no effect, so one wrong step down to there would not be taken back.
-        """
-        span = np.where(self.log_range > 0, self.log_range, 1e-3)
-        return np.clip(self.point + np.maximum(step, -np.log(_MOST_SHRINK) / span), 0.0, 1.0)
-
-    def _in_value(self, step: Array) -> Array:
-        """The step that changes a logarithmic parameter's value, not its logarithm, by what was computed."""
-        span = np.where(self.log_range > 0, self.log_range, 1.0)
-        moved = np.log1p(np.maximum(step * span, -0.95)) / span
-        return np.where(self.log_range > 0, moved, step)
-
-    def _damped(self, curvature: Array, slope: Array, damping: float) -> Array:
-        """The Levenberg-Marquardt step inside the box: parameters pushed against a bound are held there."""
-        n = len(slope)
-        diagonal = np.diag(curvature)
-        floor = 1e-9 * max(float(diagonal.max()), 1e-300)
-        damped = curvature + np.diag(damping * (diagonal + floor) + floor)
-        free = np.ones(n, dtype=bool)
-        step = np.zeros(n)
-        for _ in range(3 * n):
-            step[:] = 0.0
-            if free.any():
-                step[free] = -np.linalg.solve(damped[np.ix_(free, free)], slope[free])
-            blocked = free & (((self.point <= 0.0) & (step < 0)) | ((self.point >= 1.0) & (step > 0)))
-            if blocked.any():
-                free &= ~blocked
-                continue
-            # What was held while others pushed may now want to leave its bound.
-            pull = np.where(free, 0.0, -(slope + damped @ step) * np.where(self.point > 0.5, -1.0, 1.0))
-            if pull.max() <= 1e-12 * np.abs(slope).max():
-                break
-            free[int(pull.argmax())] = True
-        return step
+        apart = _ALIKE * self._promise()
+        points: list[Array] = []
+        self._factors = []
+        for factor in _LADDER:
+            step = damped_step(curvature, slope, max(self._damping * factor, self.least_damping), self.point)
+            for moved in (step, in_value(step, self.log_range)):
+                point = inside(self.point, moved, self.log_range)
+                if all((point - p) @ curvature @ (point - p) >= apart for p in points) or not points:
+                    points.append(point)
+                    self._factors.append(factor)
+        return np.array(points)

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Steps of Levenberg and Marquardt inside a box, and what a quadratic model says of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_MOST_SHRINK = 5.0
+
+
+def damped_step(curvature: Array, slope: Array, damping: float, at: Array) -> Array:
+    """(n,) the step from `at` that minimises slope . step + step . curvature . step / 2, damped in proportion to the
+    curvature's diagonal (D. Marquardt, SIAM J. 11(2), 1963): parameters pushed against a bound of [0, 1] are held there.
+    """
+    n = len(slope)
+    diagonal = np.diag(curvature)
+    floor = 1e-9 * max(float(diagonal.max()), 1e-300)
+    damped = curvature + np.diag(damping * (diagonal + floor) + floor)
+    free = np.ones(n, dtype=bool)
+    step = np.zeros(n)
+    for _ in range(3 * n):
+        step[:] = 0.0
+        if free.any():
+            step[free] = -np.linalg.solve(damped[np.ix_(free, free)], slope[free])
+        blocked = free & (((at <= 0.0) & (step < 0)) | ((at >= 1.0) & (step > 0)))
+        if blocked.any():
+            free &= ~blocked
+            continue
+        # What was held while others pushed may now want to leave its bound.
+        pull = np.where(free, 0.0, -(slope + damped @ step) * np.where(at > 0.5, -1.0, 1.0))
+        if pull.max() <= 1e-12 * np.abs(slope).max():
+            break
+        free[int(pull.argmax())] = True
+    return step
+
+
+def gain(curvature: Array, slope: Array, step: Array) -> float:
+    """By how much a step lowers the quadratic model."""
+    return float(-(slope @ step + 0.5 * step @ curvature @ step))
+
+
+def inside(point: Array, step: Array, log_range: Array) -> Array:
+    """The point after a step, in the box. No step divides a logarithmic parameter (`log_range` > 0, see LeastSquares) by
+    more than `_MOST_SHRINK`: where it is tiny it has almost no effect, so one wrong step down there would not be taken back.
+    """
+    span = np.where(log_range > 0, log_range, 1e-3)
+    return np.clip(point + np.maximum(step, -np.log(_MOST_SHRINK) / span), 0.0, 1.0)
+
+
+def in_value(step: Array, log_range: Array) -> Array:
+    """The step that changes a logarithmic parameter's value, not its logarithm, by what was computed."""
+    span = np.where(log_range > 0, log_range, 1.0)
+    moved = np.log1p(np.maximum(step * span, -0.95)) / span
+    return np.where(log_range > 0, moved, step)
