@@ -118,6 +118,7 @@ class Hardware:
         outcome, note, recordings = "done", "", []
         try:
             recordings = self._parts.robot.perform(trial)
+            outcome = _worst(recordings)
             note = "\n".join(dict.fromkeys(r.provenance["note"] for r in recordings if "note" in r.provenance))
         except RobotFellError as error:
             outcome, note = "fell", str(error)
@@ -146,6 +147,12 @@ class Hardware:
         if file not in self._read:
             self._read[file] = self._store.read(file, expected)
         return self._read[file]
+
+
+def _worst(recordings: Sequence[Recording]) -> str:
+    """'done', unless a robot says of a recording that it fell or was aborted."""
+    said = {r.provenance.get("outcome", "") for r in recordings}
+    return next((word for word in ("fell", "aborted") if word in said), "done")
 
 
 def _words(trial: Trial) -> str:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,14 +58,20 @@ class StandInVehicle:
     ) -> None:
         self.truth = VehicleTruth.drawn(truth) if isinstance(truth, int) else truth
         self.settings = settings or StanleySettings()
-        self._failing = failing
+        self._failing, self._seed = failing, seed
         self._rng = np.random.default_rng([seed, 7])
+
+    @property
+    def repeatable(self) -> bool:
+        """True: a trial's noise and failures depend on the seed and on its name alone."""
+        return True
 
     def perform(self, trial: Trial) -> list[Recording]:
         """See Robot. Raises RecordingError for a trial with neither path nor command, UnknownNameError for channels."""
         for name in trial.observed:
             if name not in COLUMNS and not name.startswith("command"):
                 raise unknown_name("channel", name, COLUMNS, "what this robot measures")
+        self._rng = np.random.default_rng([self._seed, 7, zlib.crc32(trial.name.encode())])
         names = [trial.name] if trial.repeats == 1 else [f"{trial.name}-{i + 1}" for i in range(trial.repeats)]
         if trial.command is not None:
             return [self._recording(name, trial, self._play(trial), 0) for name in names]
