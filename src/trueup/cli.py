@@ -28,6 +28,7 @@ Makes a robot's simulator agree with the robot, from a handful of recordings.
 _COMMANDS = {
     "inspect": "look at recordings, write a mapping",
     "calibrate": "make a model replay recordings",
+    "identify": "a dynamic model of an arm that predicts torque",
     "demo": "the whole, on a simulated arm",
     "new": "write a campaign's plan, to edit",
     "run": "run a campaign: experiment, calibrate, optimize, transfer",

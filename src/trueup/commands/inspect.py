@@ -16,7 +16,8 @@ from rich.markup import escape
 
 from trueup.campaign.assemble import joints_of
 from trueup.commands.sources import MAPPING, mapping_for, readable
-from trueup.formats import ChannelMap, guess_mapping, read
+from trueup.errors import MappingError
+from trueup.formats import ChannelMap, TimeColumn, guess_mapping, read
 from trueup.inspection import ChannelInspection, Inspection, inspect
 from trueup.recording import Recording
 from trueup.report.numbers import scale_for
@@ -34,6 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What this command takes."""
     parser.add_argument("files", nargs="+", metavar="FILE", help="CSV, JSON, NPZ, Parquet, ROS bags, or folders")
     parser.add_argument("--mapping", metavar="FILE", help="read with this mapping instead of guessing")
+    parser.add_argument(
+        "--rate", type=float, metavar="HZ", help="samples per second, for logs without a column of time"
+    )
     parser.add_argument("--model", metavar="MODEL", help="compare joint names with this MJCF or URDF, propose renaming")
     parser.add_argument("--write-mapping", metavar="FILE", help="where to write the mapping (default: mapping.toml)",
                         nargs="?", const="mapping.toml")  # fmt: skip
@@ -47,21 +51,21 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     target = Path(args.write_mapping or MAPPING)
     mapping, more = (None, []) if args.force and not args.mapping else mapping_for(args.mapping or _existing(target))
     notes += more
-    recordings = read(paths, mapping)
+    recordings = _read(paths, mapping, args.rate, target)
     if args.model is not None:
         notes += _unknown(recordings, args.model) if mapping is not None else []
     found = [inspect(r) for r in recordings]
     written = None
     if mapping is None and any("reader" in r.provenance for r in recordings):
-        guess = guess_mapping(paths)
+        guess = _with_rate(guess_mapping(paths), args.rate)
         if args.model is not None:
             guess, said = _renamed(guess, recordings, joints_of(args.model))
             notes += said
         guess.save(target)
         written = target
     if args.json:
-        told = {"recordings": [_plain(f) for f in found], "notes": notes, "mapping": str(written or mapping or "")}
-        console.print_json(json.dumps(told, allow_nan=False))
+        plain = {"recordings": [_plain(f) for f in found], "notes": notes, "mapping": str(written or mapping or "")}
+        console.print_json(json.dumps(plain, allow_nan=False))
         return 0
     for inspection in found:
         _show(inspection, console)
@@ -77,6 +81,31 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
             f"{escape(str(mapping))} is kept as it is; --force guesses anew and overwrites it", soft_wrap=True
         )
     return 0
+
+
+def _read(paths: Sequence[Path], mapping: Path | None, rate: float | None, target: Path) -> list[Recording]:
+    """The recordings; where nothing but the time of the samples is missing, the guess is kept for the user to fill in."""
+    if mapping is not None:
+        return read(paths, mapping)
+    if rate is not None:
+        return read(paths, _with_rate(guess_mapping(paths), rate))
+    try:
+        return read(paths)
+    except MappingError as error:
+        if not guess_mapping(paths).time.column and not guess_mapping(paths).time.file:
+            guess_mapping(paths).save(target)
+            raise MappingError(
+                f"{error}. Give --rate HZ; or fill in rate in {target}, which was written with what could be guessed"
+            ) from None
+        raise
+
+
+def _with_rate(guess: ChannelMap, rate: float | None) -> ChannelMap:
+    if rate is None:
+        return guess
+    if not rate > 0.0:
+        raise MappingError(f"--rate {rate:g}: samples per second must be above zero")
+    return dataclasses.replace(guess, time=TimeColumn(rate=rate))
 
 
 def _existing(target: Path) -> str | None:

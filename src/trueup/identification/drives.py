@@ -16,22 +16,6 @@ from trueup.errors import IdentificationError, unknown_name
 
 Array = NDArray[np.float64]
 
-EXAMPLE = """\
-# How the columns of the log become joint positions and torques; leave out what is one to one.
-positions = "motor"          # "motor": angles before the gears; "joint" (the default): behind them
-torques = "motor"            # likewise
-
-[joints.joint_1]
-ratio = 32.0                 # turns of the motor for one of the joint; negative where it turns the other way
-offset = 0.0                 # rad, added to the joint's position
-torque_constant = 0.05       # N m/A at the motor (at the joint where torques = "joint"), for logs of currents
-
-[[couplings]]                # a motor that turns with a second joint too, as in many wrists
-drive = "joint_6"
-joint = "joint_5"
-ratio = 1.0                  # motor angle = ratio of joint_6 x (joint_6 + 1.0 x joint_5)
-"""
-
 _TOP = ("positions", "torques", "joints", "couplings")
 _JOINT = ("ratio", "offset", "torque_constant")
 _COUPLING = ("drive", "joint", "ratio")

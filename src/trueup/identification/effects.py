@@ -22,6 +22,11 @@ _OWN = {
     "hysteresis": "fh_{}",
 }
 _NEEDS_SCALE = ("saturating", "stribeck", "hysteresis")
+_SHORT = {
+    "rotor": "rotor inertia", "coulomb": "Coulomb", "saturating": "Coulomb that sets in with speed", "viscous": "viscous",
+    "quadratic": "quadratic", "cubic": "cubic", "root": "root of speed", "asymmetric": "asymmetric", "stribeck": "Stribeck",
+    "offset": "offset", "spring": "spring", "hysteresis": "hysteresis",
+}  # fmt: skip
 _MEANING = {
     "rotor": "inertia of the rotor, seen from the joint",
     "coulomb": "Coulomb friction",
@@ -59,6 +64,11 @@ class Effect:
     def meaning(self) -> str:
         """What it stands for, in words."""
         return _MEANING[self.kind]
+
+    @property
+    def short(self) -> str:
+        """Its name in a list."""
+        return _SHORT[self.kind]
 
     @property
     def is_friction(self) -> bool:

@@ -111,7 +111,8 @@ def _channel(recording: Recording, names: tuple[str, ...]) -> Channel:
             return recording.channels[name]
     raise IdentificationError(
         f"recording '{recording.name}' has no channel {' or '.join(repr(n) for n in names)}; its channels are: "
-        f"{', '.join(recording.channels)}. Say which columns they are in a mapping: `trueup inspect` writes one to edit"
+        f"{', '.join(recording.channels)}. Say which columns they are in a mapping (`trueup inspect` writes one to edit); "
+        "where positions and torques are in two files, give the folder that holds both"
     )
 
 

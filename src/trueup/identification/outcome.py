@@ -109,7 +109,7 @@ def _structure(model: TorqueModel, active: NDArray[np.int64]) -> tuple[tuple[str
     said: list[list[str]] = [[] for _ in model.tree.joints]
     for k in active[active >= 10 * model.tree.n]:
         d, effect = model.effects[int(k) - 10 * model.tree.n]
-        said[d].append(effect.meaning)
+        said[d].append(effect.short)
     return tuple(tuple(dict.fromkeys(each)) for each in said)
 
 

@@ -52,7 +52,7 @@ class Parameter:
     consistent: float
     """In the physically consistent model; NaN without one."""
     verdict: str
-    """'identified', 'roughly', 'small' or 'not seen'."""
+    """'identified', 'roughly', 'small', 'shared' or 'not seen'."""
     note: str = ""
 
     @property

@@ -19,6 +19,8 @@ SURE, ROUGH = 0.1, 0.5
 """Relative standard deviations up to which a parameter is identified, or roughly."""
 _SMALL = 0.02
 """Of the torque that a joint carries: a parameter that adds less is of no consequence in these motions."""
+_SHARED = ("saturating", "hysteresis", "quadratic", "cubic", "root", "asymmetric", "stribeck", "offset", "spring")
+"""Effects that were kept because they predict, of which one may stand for another."""
 _LISTED = 6
 
 
@@ -40,7 +42,7 @@ def parameters_of(
                 joint=tree.joints[owner], value=value, deviation=deviation,
                 file=float(row @ file) if known and kind in ("inertial", "rotor") else np.nan,
                 consistent=np.nan if consistent is None else float(row @ consistent),
-                verdict=_verdict(value, deviation, float(shares[k])),
+                verdict=_verdict(value, deviation, float(shares[k]), kind),
             )
         )  # fmt: skip
     return tuple(made)
@@ -58,7 +60,7 @@ def advice(
     """Sentences on what was not seen, and the kind of motion in which it would add most torque."""
     names = dict(zip(base.names, base.independent.tolist(), strict=True))
     missing = [p for p in parameters if p.verdict == "not seen" and p.kind == "inertial" and p.name in names]
-    friction = [p for p in parameters if p.verdict == "not seen" and p.kind not in ("inertial", "rotor")]
+    friction = [p for p in parameters if p.verdict == "not seen" and p.kind in ("viscous", "coulomb", "rotor")]
     by_motion: dict[str, list[str]] = {}
     for p in missing:
         by_motion.setdefault(_motion_for(model, names[p.name], rng), []).append(p.name)
@@ -66,18 +68,19 @@ def advice(
     for joint in dict.fromkeys(p.joint for p in friction):
         own = [f"{p.name} ({p.kind})" for p in friction if p.joint == joint]
         said.append(
-            f"not seen: {_listed(own)}. Move {joint} both ways at several steady speeds, from very slow to its top speed"
+            f"not seen: {_listed(own)}. Move {joint} both ways at several steady speeds, from very slow to its top speed, "
+            "with hard reversals"
         )
     return tuple(said)
 
 
-def _verdict(value: float, deviation: float, share: float) -> str:
+def _verdict(value: float, deviation: float, share: float, kind: str) -> str:
     relative = deviation / abs(value) if value else np.inf
     if relative <= SURE:
         return "identified"
     if (abs(value) + 2.0 * deviation) * share < _SMALL:
         return "small"
-    return "roughly" if relative <= ROUGH else "not seen"
+    return "roughly" if relative <= ROUGH else "shared" if kind in _SHARED else "not seen"
 
 
 def _shares(rows: Sequence[Rows]) -> Array:

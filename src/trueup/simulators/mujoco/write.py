@@ -114,7 +114,7 @@ def _write(
     edits.gravity()
     if model.compiled.opt.integrator != wanted.opt.integrator:
         edits.option("integrator", "implicitfast")
-    _relocate(text, model.path.absolute().parent, path.absolute().parent)
+    relocate(text, model.path.absolute().parent, path.absolute().parent)
     aside = path.with_name(f".{path.stem}.{os.getpid()}.part.xml")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -208,7 +208,7 @@ def _notes(simulator: MujocoSimulator, values: Array) -> list[str]:
     return notes
 
 
-def _relocate(text: MjcfText, old: Path, new: Path) -> None:
+def relocate(text: MjcfText, old: Path, new: Path) -> None:
     """Makes references to files resolve from another folder."""
     if old.resolve() == new.resolve():
         return

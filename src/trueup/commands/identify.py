@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`trueup identify`: an arm's model and logs of position and torque in, a dynamic model that predicts torque out."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.markup import escape
+
+from trueup.commands.sources import mapping_for, readable, split
+from trueup.errors import IdentificationError, OutputError
+from trueup.formats import ChannelMap, TimeColumn, guess_mapping, read
+from trueup.formats.aside import written_aside
+from trueup.recording import Recording
+
+if TYPE_CHECKING:
+    from trueup.identification.identify import Options
+    from trueup.identification.kinematic_tree import KinematicTree
+    from trueup.identification.result import Identification
+
+ABOUT = """\
+Finds the dynamic model of an arm (URDF or MJCF) from logs of joint positions and torques or motor currents: inertias,
+rotors and friction, with standard deviations, judged on motion that was held out. In DIR you find the model file with
+bodies that can exist, report.html (start there) and identification.json.
+
+  trueup identify arm.urdf run1.csv run2.csv --hold-out run3.csv --out model
+  trueup identify arm.urdf run.csv --hold-out 30% --out model            the last 30 % of each log is held out
+  trueup identify arm.xml logs/*.csv --hold-out 'slow*' --drives drives.toml --out model
+
+Logs of motor angles or currents need a drives file; leave out what is one to one:
+
+  # How the columns of the log become joint positions and torques; leave out what is one to one.
+  positions = "motor"          # "motor": angles before the gears; "joint" (the default): behind them
+  torques = "motor"            # likewise
+
+  [joints.joint_1]
+  ratio = 32.0                 # turns of the motor for one of the joint; negative where it turns the other way
+  offset = 0.0                 # rad, added to the joint's position
+  torque_constant = 0.05       # N m/A at the motor (at the joint where torques = "joint"), for logs of currents
+
+  [[couplings]]                # a motor that turns with a second joint too, as in many wrists
+  drive = "joint_6"
+  joint = "joint_5"
+  ratio = 1.0                  # motor angle = ratio of joint_6 x (joint_6 + 1.0 x joint_5)
+"""
+
+_FILES = ("report.html", "identification.json")
+_SHARE = re.compile(r"(\d+(?:\.\d+)?)\s*%")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What this command takes."""
+    parser.add_argument("model", metavar="MODEL", help="URDF or MJCF of the arm")
+    parser.add_argument("recordings", nargs="+", metavar="LOG", help="files or folders")
+    parser.add_argument("--out", required=True, metavar="DIR", help="folder for the results; the next run takes DIR-2")
+    parser.add_argument("--hold-out", nargs="+", action="append", default=[], metavar="NAME",
+                        help="logs to judge by, not to fit: names, patterns, paths; '30%%': the end of each")  # fmt: skip
+    parser.add_argument("--drives", metavar="FILE", help="gear ratios, couplings, offsets, torque constants (TOML)")
+    parser.add_argument("--mapping", metavar="FILE", help="how columns become channels (default: mapping.toml if here)")
+    parser.add_argument(
+        "--rate", type=float, metavar="HZ", help="samples per second, for logs without a column of time"
+    )
+    parser.add_argument(
+        "--lock", nargs="+", default=[], metavar="JOINT", help="joints that do not move: welded at zero"
+    )
+    parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the filter (default: from the motion)")
+    parser.add_argument("--align", default="auto", metavar="S",
+                        help="shift of torque against position: auto (corrected where certain), off, or seconds")  # fmt: skip
+    parser.add_argument("--friction", default="select", choices=("select", "paper", "common"),
+                        help="select: by cross-validation; paper: f0 sign(v) + f1 v + f2 sign(v) v^2; common: Coulomb, "
+                             "viscous, offset (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--no-consistent", dest="consistent", action="store_false",
+                        help="no physically possible bodies, and so no model file")  # fmt: skip
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all random numbers (default: %(default)s)")
+    parser.add_argument("--json", action="store_true", help="print the outcome as JSON, for scripts")
+    parser.add_argument("--force", action="store_true", help="replace what is in DIR")
+    parser.add_argument("-q", "--quiet", action="store_true", help="no progress, no notes")
+
+
+def run(args: argparse.Namespace, console: Console, told: Console) -> int:
+    """Identifies and writes the results; `console` takes the summary or JSON, `told` progress and notes.
+
+    Raises TrueupError. Returns the exit code.
+    """
+    from trueup.identification.drives import Drives
+    from trueup.identification.identify import identify
+    from trueup.identification.joint_names import matched
+    from trueup.identification.kinematic_tree import load_tree
+
+    options, names = _options(args)
+    training, held_out, notes = _recordings(args, names)
+    tree = load_tree(args.model).lock(args.lock)
+    tree, (training, held_out), said = matched(tree, (training, held_out))
+    drives = Drives.load(args.drives, tree.joints) if args.drives else None
+    folder = _folder(Path(args.out), Path(args.model), force=args.force)
+    if not args.quiet:
+        for note in (*notes, *said, *([f"results go to {folder}"] if folder != Path(args.out) else [])):
+            told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
+    progress = None if args.quiet else (lambda stage, share: told.print(f"  {stage}", highlight=False))
+    found = identify(tree, training, held_out, drives=drives, options=options, told=progress)
+    files, more = _write(args, found, tree, folder)
+    _show(args, found, more, files, console)
+    return 0
+
+
+def _options(args: argparse.Namespace) -> tuple[Options, list[str]]:
+    """The options, and what is held out by name."""
+    from trueup.identification.identify import Options
+
+    names, share = [], 0.0
+    for entry in (e for group in args.hold_out for e in group):
+        if found := _SHARE.fullmatch(entry):
+            share = 0.01 * float(found[1])
+        else:
+            names.append(entry)
+    align: str | float = args.align
+    if align not in ("auto", "off"):
+        try:
+            align = float(args.align)
+        except ValueError:
+            raise IdentificationError(f"--align {args.align}: choices are auto, off, or a number of seconds") from None
+    made = Options(cutoff=args.cutoff, align=align, hold_out=share, structure=args.friction,  # type: ignore[arg-type]
+                   consistent=args.consistent, seed=args.seed)  # fmt: skip
+    return made, names
+
+
+def _recordings(
+    args: argparse.Namespace, hold_out: Sequence[str]
+) -> tuple[list[Recording], list[Recording], list[str]]:
+    paths, notes = readable(args.recordings)
+    mapping, more = mapping_for(args.mapping)
+    used: ChannelMap | Path | None = mapping
+    if args.rate is not None:
+        used = _with_rate(ChannelMap.load(mapping) if mapping else guess_mapping(paths), args.rate)
+    recordings = [r for path in paths for r in read([path], used)]
+    training, held_out = split(recordings, hold_out, mapping)
+    return training, held_out, [*notes, *more]
+
+
+def _with_rate(mapping: ChannelMap, rate: float) -> ChannelMap:
+    if not rate > 0.0:
+        raise IdentificationError(f"--rate {rate:g}: samples per second must be above zero")
+    return ChannelMap(mapping.channels, TimeColumn(rate=rate), mapping.joints, mapping.notes)
+
+
+def _folder(folder: Path, model: Path, *, force: bool) -> Path:
+    """The folder, or the first of folder-2, folder-3 ... without results; made. Raises OutputError."""
+    for number in range(1, 1000):
+        at = folder if number == 1 else folder.with_name(f"{folder.name}-{number}")
+        own = (at / model.name).resolve() == model.resolve()
+        if own and force:
+            raise OutputError(f"{at / model.name} is the model that was given; name another folder with --out")
+        if not own and (force or not any((at / f).exists() for f in (*_FILES, model.name))):
+            try:
+                at.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise OutputError(f"folder {at} cannot be made ({error.strerror or error})") from None
+            return at
+    raise OutputError(f"{folder} and 998 folders like it hold results; name another with --out")
+
+
+def _write(
+    args: argparse.Namespace, found: Identification, tree: KinematicTree, folder: Path
+) -> tuple[list[Path], tuple[str, ...]]:
+    """All result files; the plain numbers last, since they mark the folder as finished."""
+    from trueup.identification.numbers import numbers_of
+    from trueup.identification.write import write_identified
+    from trueup.report.identification import write_identification_report
+
+    files, notes = [], ()
+    if found.links:
+        files.append(folder / Path(args.model).name)
+        notes = write_identified(found, tree, args.model, files[-1])
+    context = {"command": shlex.join(["trueup", *args.command_line]), "python": sys.version.split()[0]}
+    files.append(write_identification_report(found, folder / _FILES[0], context=context))
+    files.append(folder / _FILES[1])
+    with written_aside(files[-1]) as temporary:
+        text = json.dumps(numbers_of(found), indent=1, allow_nan=False)
+        temporary.write_text(text + "\n", encoding="utf-8")
+    return files, notes
+
+
+def _show(
+    args: argparse.Namespace, found: Identification, notes: Sequence[str], files: Sequence[Path], console: Console
+) -> None:
+    from trueup.commands.show_identification import show_identification
+
+    if args.json:
+        console.print_json(files[-1].read_text(encoding="utf-8"))
+        return
+    show_identification(found, console, quiet=args.quiet)
+    for note in notes if not args.quiet else ():
+        console.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
+    console.print("  " + "  ".join(escape(str(f)) for f in files), soft_wrap=True, highlight=False)

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which column of a log is which joint of a model: by name, else by order where that is the only way, and said."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from trueup.errors import UnknownNameError, unknown_name
+from trueup.identification.kinematic_tree import KinematicTree
+from trueup.recording import Recording
+
+_CHANNELS = ("position", "velocity", "torque", "current", "load")
+
+Groups = tuple[list[Recording], list[Recording]]
+
+
+def matched(tree: KinematicTree, groups: Groups) -> tuple[KinematicTree, Groups, tuple[str, ...]]:
+    """Recordings with the joints' names of the model, the tree with joints locked that no log has, and what was done.
+
+    Names count where they agree but for capitals and hyphens. Names that only number the joints (joint_1 ... joint_6)
+    are taken in the model's order, if their number is that of its joints or of its revolute ones. Raises
+    UnknownNameError for any other.
+    """
+    labels = list(
+        dict.fromkeys(x for group in groups for r in group if r.has("position") for x in r.channel("position").labels)
+    )
+    names, notes = _names(tree, labels), []
+    changed = {old: new for old, new in names.items() if old != new}
+    if changed and any(_plain(old) != _plain(new) for old, new in changed.items()):
+        said = ", ".join(f"{old} -> {new}" for old, new in changed.items())
+        notes.append(f"columns were taken as joints in the model's order, which nothing here can prove: {said}")
+    missing = [joint for joint in tree.joints if joint not in names.values()]
+    if missing and names:
+        notes.append(f"no log has {', '.join(missing)}: locked at zero")
+        tree = tree.lock(missing)
+    training, held_out = ([_renamed(r, changed) for r in group] for group in groups)
+    return tree, (training, held_out), tuple(notes)
+
+
+def _names(tree: KinematicTree, labels: Sequence[str]) -> dict[str, str]:
+    """Label -> joint."""
+    alike = {_plain(joint): joint for joint in tree.joints}
+    by_name = {label: alike[_plain(label)] for label in labels if _plain(label) in alike}
+    if by_name or not labels:
+        return by_name
+    turning = [j for j, slides in zip(tree.joints, np.asarray(tree.prismatic).tolist(), strict=True) if not slides]
+    for joints in (tree.joints, turning):
+        if len(joints) == len(labels) and all(label.rsplit("_", 1)[-1].isdigit() for label in labels):
+            return dict(zip(labels, joints, strict=True))
+    raise _unknown(tree, labels)
+
+
+def _unknown(tree: KinematicTree, labels: Sequence[str]) -> UnknownNameError:
+    return unknown_name(
+        "joint", labels[0], tree.joints,
+        f"model '{tree.name}' (position columns of the logs: {', '.join(labels)}). Say which column is which joint in the "
+        "mapping's [joints]: `trueup inspect LOGS --model MODEL` writes one to edit",
+    )  # fmt: skip
+
+
+def _renamed(recording: Recording, names: dict[str, str]) -> Recording:
+    present = {x for name in _CHANNELS if recording.has(name) for x in recording.channel(name).labels}
+    plain = {_plain(old): new for old, new in names.items()}
+    used = {x: names.get(x, plain.get(_plain(x), x)) for x in present}
+    used = {old: new for old, new in used.items() if old != new}
+    return recording.rename(used) if used else recording
+
+
+def _plain(name: str) -> str:
+    return "".join(c for c in name.casefold() if c.isalnum())

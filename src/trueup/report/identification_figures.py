@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The figures of an identification's report: torque with bounds, errors by axis, residuals by speed, where it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.identification.result import Identification, Prediction, rmse
+from trueup.report.encoding import kept_samples
+from trueup.report.markup import Markup, join, tag
+from trueup.report.numbers import significant
+from trueup.report.plots import AFTER, FAINT, INK, SOFT, Plot, span
+
+Array = NDArray[np.float64]
+
+_SAMPLES = 1500
+_SPEED_BINS, _CELLS = 15, 14
+_BAND = "rgba(var(--accent), 0.18)"
+_FEW = 8
+"""Samples below which a bin or a cell says nothing."""
+
+
+class Chart(Plot):
+    """A plot with areas."""
+
+    def band(self, x: Array, low: Array, high: Array, colour: str = _BAND) -> None:
+        """The area between two lines."""
+        points = [self.at(p) for p in [*zip(x, low, strict=True), *zip(x[::-1], high[::-1], strict=True)]]
+        outline = " ".join(f"{px:.1f},{py:.1f}" for px, py in points)
+        self._parts.append(tag("polygon", points=outline, style=f"fill:{colour}"))
+
+    def box(self, x: tuple[float, float], y: tuple[float, float], colour: str, title: str = "") -> None:
+        """A filled rectangle; `title` is shown under the pointer."""
+        (x0, y0), (x1, y1) = self.at((x[0], y[1])), self.at((x[1], y[0]))
+        body = tag("title", title) if title else ""
+        self._parts.append(
+            Markup(
+                f'<rect x="{x0:.1f}" y="{y0:.1f}" width="{max(x1 - x0, 0.5):.1f}" height="{max(y1 - y0, 0.5):.1f}" '
+                f'style="fill:{colour}">{body}</rect>'
+            )
+        )
+
+
+def torque_figures(found: Identification, prediction: Prediction, which: str) -> Markup:
+    """Measured and predicted torque of each joint; bounds are the prediction +- the RMSE (evolved trajectories, eq. 10)."""
+    bound = rmse(found.judged(), which)
+    predicted, figures = getattr(prediction, which), []
+    for j, joint in enumerate(found.joints):
+        measured, model = prediction.measured[:, j], predicted[:, j]
+        kept = kept_samples([measured, model], _SAMPLES)
+        t, low, high = prediction.time[kept], model[kept] - bound[j], model[kept] + bound[j]
+        unit = "N" if found.prismatic[j] else "N m"
+        chart = Chart(
+            (float(t[0]), float(t[-1])), span([*measured[kept], *low, *high]), "time in s", f"torque in {unit}",
+            width=1040, height=220,
+        )  # fmt: skip
+        chart.band(t, low, high)
+        chart.line(zip(t, measured[kept], strict=True), INK, width=1.3)
+        chart.line(zip(t, model[kept], strict=True), AFTER, width=1.3)
+        words = f"RMSE {significant(float(np.sqrt(np.mean((measured - model) ** 2))))} {unit}"
+        figures.append(
+            join(tag("h4", joint, tag("span", f"   {words}", class_="detail")), chart.svg(f"torque of {joint}"))
+        )
+    return join(figures)
+
+
+def error_figures(found: Identification, which: str) -> Markup:
+    """Distribution of the torque error of each axis, in N m and as a share of the torque limit (the papers' Figures 7, 8)."""
+    judged = found.judged()
+    errors = np.concatenate([p.measured - getattr(p, which) for p in judged])
+    figures = [_boxes(found, errors, "error in N m (N)")]
+    scale = np.where(np.isfinite(found.effort), found.effort, np.nan)
+    if np.isfinite(scale).any():
+        figures.append(_boxes(found, 100.0 * errors / scale, "error in % of the torque limit"))
+    else:
+        size = np.sqrt(np.mean(np.concatenate([p.measured for p in judged]) ** 2, axis=0))
+        figures.append(_boxes(found, 100.0 * errors / size, "error in % of the joint's mean torque"))
+    return tag("div", [tag("figure", f) for f in figures], class_="pair")
+
+
+def _boxes(found: Identification, errors: Array, title: str) -> Markup:
+    """Quartiles as a box, 5 and 95 % as whiskers, the extremes as dots."""
+    n = len(found.joints)
+    low, quarter, middle, three, high = np.nanpercentile(errors, [5, 25, 50, 75, 95], axis=0)
+    least, most = np.nanmin(errors, axis=0), np.nanmax(errors, axis=0)
+    shown = [v for v in [*(1.6 * low), *(1.6 * high)] if np.isfinite(v)]
+    chart = Chart(
+        (0.4, n + 0.6), span(shown, zero=True), "joint", title, width=520, height=300,
+        x_marks=[(j + 1, str(j + 1)) for j in range(n)],
+    )  # fmt: skip
+    for j in range(n):
+        if not np.isfinite(middle[j]):
+            continue
+        chart.bar(j + 1, low[j], high[j], SOFT)
+        said = f"{found.joints[j]}: half of all errors within {significant(quarter[j])} ... {significant(three[j])}"
+        chart.box((j + 0.75, j + 1.25), (quarter[j], three[j]), AFTER, said)
+        chart.line([(j + 0.75, middle[j]), (j + 1.25, middle[j])], "var(--ground)", width=2)
+        for extreme in (e for e in (least[j], most[j]) if chart.y[0] <= e <= chart.y[1]):
+            chart.dot((j + 1, extreme), FAINT, size=2.5, title=f"extreme {significant(extreme)}")
+    return chart.svg(title)
+
+
+def speed_figures(found: Identification, which: str) -> Markup:
+    """Mean error and its spread against speed, joint by joint: what is left of friction's structure."""
+    judged, figures = found.judged(), []
+    for j, joint in enumerate(found.joints):
+        v = np.concatenate([p.velocity[:, j] for p in judged])
+        error = np.concatenate([p.measured[:, j] - getattr(p, which)[:, j] for p in judged])
+        centre, mean, spread, low, high = binned(v, error)
+        unit, turn = ("N", "m") if found.prismatic[j] else ("N m", "rad")
+        chart = Chart(
+            span(centre), span([*(mean - spread), *(mean + spread)], zero=True), f"speed in {turn}/s", f"error in {unit}",
+            width=520, height=240,
+        )  # fmt: skip
+        if len(centre) > 1:
+            chart.band(centre, mean - spread, mean + spread)
+            chart.line([(chart.x[0], 0.0), (chart.x[1], 0.0)], FAINT, width=1)
+            chart.line(zip(centre, mean, strict=True), AFTER)
+            for x, a, b in zip(centre, low, high, strict=True):
+                chart.bar(x, a, b, AFTER)
+        figures.append(tag("figure", tag("h4", joint), chart.svg(f"error of {joint} against speed")))
+    return tag("div", figures, class_="pair")
+
+
+def binned(v: Array, error: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """Centre speeds, mean errors, their standard deviations, and the means' own 95 % bounds, in bins of equal count.
+
+    Neighbouring samples are alike: the bounds count a tenth of them.
+    """
+    order = np.argsort(v)
+    bins = [b for b in np.array_split(order, _SPEED_BINS) if len(b) >= _FEW]
+    centre = np.array([float(np.median(v[b])) for b in bins], dtype=np.float64)
+    mean = np.array([float(np.mean(error[b])) for b in bins], dtype=np.float64)
+    spread = np.array([float(np.std(error[b])) for b in bins], dtype=np.float64)
+    half = np.array([1.96 * s / np.sqrt(max(len(b) / 10.0, 1.0)) for s, b in zip(spread, bins, strict=True)])
+    half = np.asarray(half, dtype=np.float64)
+    return centre, mean, spread, mean - half, mean + half
+
+
+def validity_map(found: Identification, which: str) -> Markup:
+    """Where the tool frame was while the model was judged, side view and from above, coloured by the relative error there."""
+    judged = found.judged()
+    reach = np.concatenate([p.reach for p in judged])
+    error = np.concatenate([p.measured - getattr(p, which) for p in judged])
+    torque = np.concatenate([p.measured for p in judged])
+    trained = np.concatenate([p.reach for p in found.training()]) if found.held_out() else None
+    size = np.sqrt(np.mean(torque**2, axis=0))
+    views = [
+        ("from the side: distance from the base's axis and height, m", lambda r: (np.hypot(r[:, 0], r[:, 1]), r[:, 2])),
+        ("from above: x and y, m", lambda r: (r[:, 0], r[:, 1])),
+    ]
+    figures = []
+    for title, view in views:
+        x, y = view(reach)
+        where = [view(trained)] if trained is not None else []
+        figures.append(tag("figure", tag("h4", title), _map(x, y, error, size, where)))
+    return tag("div", figures, class_="pair")
+
+
+def _map(x: Array, y: Array, error: Array, size: Array, trained: Sequence[tuple[Array, Array]]) -> Markup:
+    every_x, every_y = (np.concatenate([a, *(t[k] for t in trained)]) for k, a in enumerate((x, y)))
+    chart = Chart(span(every_x), span(every_y), width=520, height=420, equal=True)
+    step = max(chart.x[1] - chart.x[0], chart.y[1] - chart.y[0]) / _CELLS
+    for tx, ty in trained:
+        for a, b in sorted(set(zip(np.floor(tx / step).tolist(), np.floor(ty / step).tolist(), strict=True))):
+            chart.box((a * step, (a + 1) * step), (b * step, (b + 1) * step), "var(--wash)", "fitted here, not judged")
+    column, row = np.floor(x / step), np.floor(y / step)
+    share = np.sqrt(np.mean((error / size) ** 2, axis=1))
+    overall = float(np.sqrt(np.mean(share**2)))
+    for a, b in sorted(set(zip(column.tolist(), row.tolist(), strict=True))):
+        here = (column == a) & (row == b)
+        if np.count_nonzero(here) < _FEW:
+            continue
+        local = float(np.sqrt(np.mean(share[here] ** 2)))
+        worse = local > 1.5 * overall
+        strength = min(max(local / (3.0 * overall), 0.12), 0.9)
+        colour = f"rgba(214, 120, 20, {strength:.2f})" if worse else f"rgba(var(--accent), {strength:.2f})"
+        said = f"{100 * local:.1f} % of the torque, {np.count_nonzero(here)} samples"
+        chart.box((a * step, (a + 1) * step), (b * step, (b + 1) * step), colour, said)
+    return chart.svg("where the model was judged")

@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The sections of an identification's report, in the order of the questions that an arm engineer asks."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+
+import numpy as np
+
+from trueup.identification.result import Identification, Parameter, relative_error, relative_errors, rmse
+from trueup.report.headline import callout
+from trueup.report.identification_figures import error_figures, speed_figures, torque_figures, validity_map
+from trueup.report.markup import Markup, breakable, join, tag
+from trueup.report.numbers import duration_text, fixed, significant, supported_decimals
+from trueup.report.sections import Section
+
+VERDICTS = {
+    "identified": "known to 10 % or better (standard deviation, with the errors' memory)",
+    "roughly": "known to 50 % or better",
+    "small": "adds less than 2 % of a joint's torque in these motions: of no consequence there",
+    "shared": "predicts together with the joint's other effects; alone it is not certain",
+    "not seen": "these motions cannot tell it: do not read the value as a measurement",
+}
+
+
+def identification_sections(found: Identification, context: Mapping[str, str]) -> tuple[Section, ...]:
+    """All sections."""
+    which = "fitted"
+    shown = found.judged()[0]
+    parts = [
+        Section("answer", "How good", "How well does it predict torque?", _answer(found)),
+        Section("torque", "Torque", f"Torque, measured and predicted: {shown.recording}", join(
+            tag("p", "Black: measured. Blue: predicted, with a band of one root mean squared error either side. ",
+                "Held out: the model never saw this motion." if shown.held_out else "This motion was fitted."),
+            torque_figures(found, shown, which),
+        )),
+        Section("errors", "Errors", "How are the errors distributed, axis by axis?", join(
+            error_figures(found, which),
+            tag("p", "Box: half of all errors. Line: 90 %. Dots: extremes, where they fit. Joints are numbered in the "
+                "model's order.", class_="caption"),
+        )),
+        Section("friction", "Friction", "Does friction have structure that is left?", _friction(found, which)),
+        Section("parameters", "Parameters", "What are the numbers, and how sure are they?", _parameters(found)),
+        *([Section("links", "Bodies", "Can these bodies exist?", _links(found))] if found.links else []),
+        Section("validity", "Where it holds", "Where was the model verified?", _validity(found, which)),
+        Section("missing", "What is missing", "What could these recordings not tell, and which motion would?",
+                _missing(found)),
+        Section("details", "Details", "How was this done?", _details(found, context)),
+    ]  # fmt: skip
+    return tuple(parts)
+
+
+def _answer(found: Identification) -> Markup:
+    judged, held = found.judged(), bool(found.held_out())
+    label = "error on motion that was held out" if held else "error on the training data: nothing was held out"
+    number = tag("div", tag("span", f"{100 * relative_error(judged):.2f}", class_="after" if held else "before"),
+                 tag("span", " % of the torque", class_="unit"), class_="hero-numbers")  # fmt: skip
+    facts = [("fitted", f"{100 * relative_error(found.training()):.2f} %")]
+    if found.links:
+        facts.append(("with bodies that can exist", f"{100 * relative_error(judged, 'consistent'):.2f} %"))
+    by_file = relative_error(judged, "file")
+    if math.isfinite(by_file):
+        facts.append(("by the model file's inertias alone", f"{100 * by_file:.0f} %"))
+    if math.isfinite(found.cross_validated()):
+        facts.append(("cross-validated, all joints", f"{significant(found.cross_validated())} N m"))
+    listed = tag("dl", [tag("div", tag("dt", k), tag("dd", v)) for k, v in facts], class_="hero-facts")
+    hero = tag("div", tag("div", tag("div", label, class_="hero-label"), number), listed, class_="hero")
+    mind = [callout("warn" if held else "bad", "Mind", sentence) for sentence in found.warnings]
+    return join(hero, mind, _joint_table(found))
+
+
+def _joint_table(found: Identification) -> Markup:
+    judged = found.judged()
+    errors, shares = rmse(judged), relative_errors(judged)
+    possible = rmse(judged, "consistent") if found.links else None
+    rows = []
+    for j, joint in enumerate(found.joints):
+        limit = found.effort[j]
+        rows.append(tag(
+            "tr", tag("th", breakable(joint), scope="row"), tag("td", significant(errors[j]), class_="number"),
+            tag("td", f"{100 * shares[j]:.1f} %", class_="number"),
+            tag("td", f"{100 * errors[j] / limit:.2f} %" if np.isfinite(limit) else "–", class_="number"),
+            tag("td", significant(possible[j]) if possible is not None else "–", class_="number"),
+            tag("td", ", ".join(found.structure[j])),
+        ))  # fmt: skip
+    titles = ("Joint", "RMSE, N m", "of its torque", "of its limit", "RMSE, possible bodies", "Effects kept")
+    head = tag("tr", [tag("th", t, scope="col", class_="number" if 0 < i < 5 else None) for i, t in enumerate(titles)])
+    return tag("div", tag("table", tag("thead", head), tag("tbody", rows), class_="compact"), class_="scroll")
+
+
+def _friction(found: Identification, which: str) -> Markup:
+    return join(
+        tag("p", "Mean error against speed, with the mean's own 95 % bars and the spread of the errors as a band. A mean "
+            "that leaves zero where its bars do not reach it is friction that the model lacks."),
+        speed_figures(found, which),
+    )  # fmt: skip
+
+
+def _parameters(found: Identification) -> Markup:
+    counts = Counter(p.verdict for p in found.parameters)
+    told = ", ".join(f"{counts[v]} {v}" for v in VERDICTS if counts[v])
+    titles = ("Parameter", "Joint", "Value", "Standard deviation", "Model file", "Possible bodies", "Unit", "Verdict")
+    head = tag("tr", [tag("th", t, scope="col", class_="number" if 1 < i < 6 else None) for i, t in enumerate(titles)])
+    rows = [_parameter(p) for p in found.parameters]
+    legend = tag(
+        "dl", [tag("div", tag("dt", _chip(v)), tag("dd", VERDICTS[v])) for v in VERDICTS if counts[v]], class_="legend"
+    )
+    return join(
+        tag("p", f"{len(found.parameters)} combinations and effects were fitted: {told}."),
+        tag(
+            "div",
+            tag("table", tag("thead", head), tag("tbody", rows), id="parameters", class_="compact"),
+            class_="scroll",
+        ),
+        legend,
+    )
+
+
+def _parameter(p: Parameter) -> Markup:
+    decimals = supported_decimals(p.value, p.value - p.deviation, p.value + p.deviation)
+    said = f"{p.verdict} to {100 * p.relative:.1f} %" if p.verdict == "identified" else p.verdict
+
+    def number(value: float) -> str:
+        return fixed(value, decimals)
+
+    return tag(
+        "tr", tag("th", tag("span", p.name, class_="parameter"), scope="row"), tag("td", breakable(p.joint)),
+        tag("td", number(p.value), class_="number value"), tag("td", number(p.deviation), class_="number"),
+        tag("td", number(p.file), class_="number start"), tag("td", number(p.consistent), class_="number"),
+        tag("td", p.unit, class_="unit"), tag("td", _chip(p.verdict, said)),
+    )  # fmt: skip
+
+
+def _chip(verdict: str, words: str = "") -> Markup:
+    return tag("span", words or verdict, class_=f"chip {verdict.replace(' ', '-')}")
+
+
+def _links(found: Identification) -> Markup:
+    edges = [link.name for link in found.links if link.on_boundary]
+    rows = []
+    for link in found.links:
+        x, y, z = (fixed(1e3 * c, 1) for c in link.com)
+        state = _chip("impossible", "on the edge") if link.on_boundary else _chip("identified", "possible")
+        rows.append(tag(
+            "tr", tag("th", breakable(link.name), scope="row"), tag("td", significant(link.mass), class_="number"),
+            tag("td", f"{x}, {y}, {z}", class_="number"),
+            tag("td", ", ".join(significant(m) for m in link.moments), class_="number"), tag("td", state),
+            tag("td", f"unconstrained: {link.violation}" if link.violation else "", class_="words"),
+        ))  # fmt: skip
+    titles = ("Link", "Mass, kg", "Centre of mass, mm", "Principal moments, kg m²", "", "")
+    head = tag("tr", [tag("th", t, scope="col", class_="number" if 0 < i < 4 else None) for i, t in enumerate(titles)])
+    words = (
+        "Torque tells only combinations of these numbers; what it cannot tell comes from the model file. Every link is a "
+        "mass distribution without negative mass, so a simulator can run it."
+    )
+    told = f" The fit stopped at the edge of what is possible for {', '.join(edges)}." if edges else ""
+    return join(
+        tag("p", words + told),
+        tag("div", tag("table", tag("thead", head), tag("tbody", rows), id="links", class_="compact"), class_="scroll"),
+    )
+
+
+def _validity(found: Identification, which: str) -> Markup:
+    judged = found.judged()
+    q, v = (np.concatenate([getattr(p, name) for p in judged]) for name in ("position", "velocity"))
+    rows = []
+    for j, joint in enumerate(found.joints):
+        angle = 1.0 if found.prismatic[j] else 180.0 / math.pi
+        unit = "m" if found.prismatic[j] else "deg"
+        rows.append(tag(
+            "tr", tag("th", breakable(joint), scope="row"),
+            tag("td", f"{fixed(angle * float(q[:, j].min()), 1)} … {fixed(angle * float(q[:, j].max()), 1)} {unit}",
+                class_="number"),
+            tag("td", f"{fixed(angle * float(np.abs(v[:, j]).max()), 1)} {unit}/s", class_="number"),
+        ))  # fmt: skip
+    head = tag("tr", tag("th", "Joint", scope="col"), tag("th", "Positions", scope="col", class_="number"),
+               tag("th", "Speeds up to", scope="col", class_="number"))  # fmt: skip
+    kind = "was held out" if found.held_out() else "was fitted (nothing was held out)"
+    return join(
+        tag("p", f"Where the last link's frame went in the motion that {kind}; darker is a larger error, orange is more than "
+            "1.5 times the mean one. Pale cells were fitted but not judged. Outside, the model is extrapolation."),
+        validity_map(found, which),
+        tag("div", tag("table", tag("thead", head), tag("tbody", rows), class_="compact pairs"), class_="scroll"),
+    )  # fmt: skip
+
+
+def _missing(found: Identification) -> Markup:
+    if not found.advice:
+        return tag("p", "Every combination that matters for torque was seen.")
+    return tag("ul", [tag("li", sentence) for sentence in found.advice], class_="sentences")
+
+
+def _details(found: Identification, context: Mapping[str, str]) -> Markup:
+    a = found.alignment
+    facts = {
+        "Filter": f"zero-phase Butterworth of order 8 at {found.cutoff:g} Hz, torque and regressor alike; compared at "
+        f"{found.rate:.4g} Hz",
+        "Weights": found.weighting,
+        "Clocks": "not compared" if a is None else (
+            f"torque comes {1e3 * a.shift:.2f} ± {1e3 * a.deviation:.2f} ms late ({a.samples:.2g} samples of the log); "
+            + ("corrected" if a.corrected else "not corrected")
+        ),
+        "Pull towards the model file": f"{found.trust:.0e}; for possible bodies {found.pull:.0e}",
+        "Cross-validation": f"{len(found.cross_validation)} blocks of time, each predicted from the others; effects "
+        "were chosen by the same blocks, so this number is a little kind",
+        "Computed in": duration_text(found.seconds),
+        **context,
+    }  # fmt: skip
+    rows = [
+        tag("tr", tag("th", k, scope="row"), tag("td", tag("code", v) if k in context else v)) for k, v in facts.items()
+    ]
+    notes = tag("ul", [tag("li", n) for n in found.notes], class_="sentences") if found.notes else None
+    return join(notes, tag("table", tag("tbody", rows), class_="context"))
