@@ -194,7 +194,7 @@ class LeastSquares:
         self.jacobian, self.residual, self._normal = jacobian, residual, None
 
     def _take_step(self, candidates: Array, residuals: Array) -> None:
-        losses = np.nan_to_num(robust_losses(residuals, self.delta), nan=np.inf)
+        losses = np.nan_to_num(robust_losses(residuals, self.delta), nan=np.inf, posinf=np.inf)
         hoped = self._hoped(candidates, residuals, losses)
         below = self.best[1]
         k, lowest = int(hoped.argmin()), int(losses.argmin())
