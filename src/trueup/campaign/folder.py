@@ -13,7 +13,7 @@ from pathlib import Path
 from trueup.campaign.events import Begun, Ended
 from trueup.campaign.journal import JOURNAL, keep_text, read_journal
 from trueup.campaign.plan import PlanFile, plan_in
-from trueup.errors import JournalError, PlanError
+from trueup.errors import JournalError, PlanError, TrueupError
 
 PLAN, _ORIGIN = "plan.toml", "origin.json"
 
@@ -79,7 +79,7 @@ def _numbered(path: Path, number: int) -> Path:
 def _state(path: Path, check: str) -> str:
     """'free', 'unfinished' (this very campaign, to go on with) or 'other'."""
     if not (path / JOURNAL).exists():
-        return "free"
+        return "free" if _unclaimed(path, check) else "other"
     try:
         events = read_journal(path)
     except JournalError:
@@ -88,6 +88,14 @@ def _state(path: Path, check: str) -> str:
         return "free"
     mine = isinstance(events[0], Begun) and events[0].plan == check
     return "unfinished" if mine and not isinstance(events[-1], Ended) else "other"
+
+
+def _unclaimed(path: Path, check: str) -> bool:
+    """Whether a folder without a journal is no other campaign's, which has not begun yet."""
+    try:
+        return not (path / _ORIGIN).exists() or Folder.open(path).checksum == check
+    except TrueupError:
+        return False
 
 
 def _checksum(file: PlanFile) -> str:

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A plan says what is wrong with it: file, table, key, value, and what would be right."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from trueup.campaign.plan import read_plan
+from trueup.campaign.resolve import parts_of
+from trueup.errors import ParameterError, PlanError, TrueupError
+from trueup.recording import Recording
+
+Write = Callable[..., Path]
+
+
+def quiet(line: str) -> None:
+    """Says nothing."""
+
+
+def complaint(path: Path) -> str:
+    with pytest.raises(PlanError) as found:
+        parts_of(read_plan(path), path.parent / "out", quiet)
+    return str(found.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("seed = 3", "sead = 3", ("unknown key 'sead' = 3", "did you mean 'seed'", "calibrate, experiment")),
+        ("seed = 3", 'seed = "three"', ("seed = 'three'", "whole number")),
+        ("samples = 4", "samples = 4.5", ("[optimize], samples = 4.5", "whole number")),
+        ("samples = 4", "samples = true", ("samples = True", "whole number")),
+        ("samples = 4", "samples = 0", ("[optimize]", "samples = 0 must be at least 1")),
+        ("trust = 0.3", "trust = 3", ("trust = 3", "at most 1")),
+        ("rounds = 2", 'success = "good"', ("success = 'good'", "a number")),
+        ("rounds = 2", "rounds = 2\n[limits.joints.x]\nrange = [1.0]", ("[limits.joints.x], range", "2 values")),
+        ("rounds = 2", "rounds = 2\n[limits.workspace]\nx = 3", ("[limits.workspace], x = 3", "list")),
+        ("rounds = 2", "rounds = ", ("not valid TOML", "line")),
+        ("[robot]", "[robots]", ("[robot] is missing",)),
+        ('"toy:Lag"', '"lag"', ("[simulator]", "simulator 'lag'", "mujoco", "module:attribute")),
+        ('"toy:Lag"', '"toi:Lag"', ("no module 'toi'",)),
+        ('"toy:Lag"', '"toy:Log"', ("toy.py", "has no 'Log'")),
+        ('"toy:Lag"', '"toy:STEP"', ("is a float, not a class",)),
+        ('"toy:Lag"', '"toy:Lag"\nsteep = 1', ("unknown key 'steep'", "did you mean 'step'", "parameters, step")),
+        ('"toy:Lag"', '"toy:Lag"\nstep = "fine"', ("step = 'fine'", "a number")),
+        ('"toy:Nearby"', '{ type = "toy:Nearby", generation = "x" }', ("[optimize.search], generation = 'x'", "whole")),
+        ('"toy:Nearby"', "5", ("[optimize.search] = 5", "name in quotes")),
+        ('"toy:regression"', '{ type = "toy:regression", speed = 1 }', ("unknown key 'speed'", "recordings")),
+        ("[calibrate]", '[calibrate]\nsearch = "newton"', ("search = 'newton'", "auto, gradient, cma-es, hybrid")),
+        ("[calibrate]", '[calibrate]\nrecordings = ["logs/*.csv"]', ("'logs/*.csv' finds nothing",)),
+        ("[calibrate]", '[calibrate]\nhold_out = ["fast"]', ("'fast' is none of the recordings",)),
+    ],
+)  # fmt: skip
+def test_a_wrong_plan_is_explained(write_plan: Write, old: str, new: str, words: tuple[str, ...]) -> None:
+    path = write_plan((old, new))
+    said = complaint(path)
+    assert said.startswith(str(path))
+    for word in words:
+        assert word in said
+
+
+def test_a_parameter_that_the_simulator_lacks_is_named(write_plan: Write) -> None:
+    path = write_plan(("[calibrate]", '[calibrate]\nparameters = ["gian"]'))
+    with pytest.raises(ParameterError, match=r"'gian' is not in simulator 'lag' .did you mean 'gain'"):
+        parts_of(read_plan(path), path.parent, quiet)
+
+
+def test_only_the_named_parameters_are_calibrated(write_plan: Write) -> None:
+    path = write_plan(("[calibrate]", '[calibrate]\nparameters = ["dr*"]'))
+    space = parts_of(read_plan(path), path.parent, quiet).simulator.parameters
+    assert [p.name for p in space.parameters if not p.frozen] == ["drag"]
+    assert space.names == ("gain", "drag")
+
+
+def test_paths_in_options_are_relative_to_the_plan(write_plan: Write) -> None:
+    path = write_plan(('"toy:Cart"', '"toy:Cart"\nfolder = "here"'))
+    robot = parts_of(read_plan(path), path.parent, quiet).robot
+    assert vars(robot)["_folder"] == path.parent / "here"
+
+
+def test_a_method_of_ones_own_gets_what_it_asks_for_by_name(write_plan: Write) -> None:
+    path = write_plan()
+    calibrator = parts_of(read_plan(path), path.parent, quiet).calibrator
+    assert calibrator is not None
+    with pytest.raises((TrueupError, ValueError), match=r"concatenate|recording"):
+        calibrator((), (), lambda point: None)
+    assert Recording is not None
