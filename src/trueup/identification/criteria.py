@@ -80,6 +80,10 @@ class Criterion:
         total = self.information(self.model.grams(*of, columns=self.independent, threads=threads)).sum(axis=0)
         return replace(self, kind="prediction", expected=total / (possible.sum() * motions.q.shape[1]))
 
+    def smooth(self, rest: float = 0.05) -> Criterion:
+        """The same with signs of speeds that fade below `rest` rad/s, so that slopes of the loss exist on coarse samples."""
+        return replace(self, model=replace(self.model, rest=max(rest, self.model.rest)))
+
     @property
     def weights(self) -> Array:
         """(n,) what the rows of each joint are multiplied by."""

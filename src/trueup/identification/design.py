@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -25,8 +25,8 @@ from trueup.search.search import Search
 Array = NDArray[np.float64]
 
 Method = Literal["genetic", "cma-es", "quick"]
-Allowed = Callable[[Motions], bool]
-"""Whether a single motion (one row) may be performed: what is too dear to ask for each candidate."""
+Penalty = Callable[[Motions, int], Array]
+"""(B,) what is added to the losses of motions, 0 where they do nothing forbidden; the number is of threads."""
 Told = Callable[["Step"], None]
 
 
@@ -89,7 +89,7 @@ class _Run:
     criterion: Criterion
     options: Options
     told: Told | None
-    allowed: Allowed | None
+    penalty: Penalty | None
     began: float = field(default_factory=time.perf_counter)
     trace: list[Step] = field(default_factory=list)
     evaluations: int = 0
@@ -101,20 +101,10 @@ class _Run:
     def losses(self, genes: Array, samples: int) -> Array:
         """(B,) of genes (B, size); NaN for impossible motions."""
         self.evaluations += len(genes)
-        motions = self.kind.motions(genes, samples, threads=self.options.threads)
-        return self.criterion.losses(motions, self.options.threads, as_of=self.options.samples)
-
-    def first_allowed(self, genes: Array, losses: Array, samples: int) -> Array:
-        """The losses, with NaN for those that are better than the best allowed one, and not allowed."""
-        if self.allowed is None:
-            return losses
-        kept = np.where(np.isfinite(losses), losses, np.inf)
-        while np.isfinite(kept).any():
-            k = int(np.argmin(kept))
-            if self.allowed(self.kind.motions(genes[k : k + 1], max(samples, 150))):
-                break
-            kept[k] = np.inf
-        return np.where(np.isfinite(kept), kept, np.nan)
+        threads = self.options.threads
+        motions = self.kind.motions(genes, samples, threads=threads)
+        losses = self.criterion.losses(motions, threads, as_of=self.options.samples)
+        return losses if self.penalty is None else losses + self.penalty(motions, threads)
 
     def note(self, loss: float, share: float) -> None:
         step = Step(loss, self.evaluations, self.seconds, min(1.0, share))
@@ -128,17 +118,18 @@ class _Run:
 
 
 def design(
-    kind: MotionClass, criterion: Criterion, options: Options | None = None, *, allowed: Allowed | None = None,
-    told: Told | None = None, name: str = "excitation", rate: float = 500.0,
+    kind: MotionClass, criterion: Criterion, options: Options | None = None, *, penalty: Penalty | None = None,
+    starts: Array | None = None, told: Told | None = None, name: str = "excitation", rate: float = 500.0,
 ) -> Excitation:  # fmt: skip
     """The motion of a class that is best by a criterion, sampled at `rate` Hz.
 
-    `allowed` is asked of the best candidate of each generation or step. Raises IdentificationError where no motion of
-    the class is possible.
+    `penalty` is added to the criterion; `starts` (m, size) are genes among which 'quick' begins, instead of random ones.
+    Raises IdentificationError where no motion of the class is possible.
     """
     chosen = options or Options()
-    run, cpu = _Run(kind, criterion, chosen, told, allowed), time.process_time()
-    genes = _quick(run) if chosen.method == "quick" else _generations(run)
+    judge = criterion.smooth() if chosen.method == "quick" else criterion
+    run, cpu = _Run(kind, judge, chosen, told, penalty), time.process_time()
+    genes = _quick(run, starts) if chosen.method == "quick" else _generations(run)
     final = kind.motions(genes[None], chosen.samples)
     loss, printed = float(criterion.losses(final)[0]), float(criterion.printed(final)[0])
     if not np.isfinite(loss):
@@ -180,17 +171,7 @@ def algorithm_b(
 
 
 def _rested(found: Excitation, limits: JointLimits) -> Excitation:
-    trajectory = at_rest(found.trajectory, limits)
-    return Excitation(
-        trajectory,
-        found.genes,
-        found.loss,
-        found.printed,
-        found.trace,
-        found.evaluations,
-        found.seconds,
-        found.cpu_seconds,
-    )
+    return replace(found, trajectory=at_rest(found.trajectory, limits))
 
 
 def _generations(run: _Run) -> Array:
@@ -206,13 +187,12 @@ def _generations(run: _Run) -> Array:
         search = CmaEs(start, seed=options.seed, max_evaluations=options.population * options.generations, restarts=3)
     while not search.done and not run.over and search.best[1] > options.target:
         candidates = search.ask()
-        losses = run.first_allowed(candidates, run.losses(candidates, options.samples), options.samples)
-        search.tell(candidates, losses)
+        search.tell(candidates, run.losses(candidates, options.samples))
         run.note(search.best[1], run.evaluations / (options.population * options.generations))
     return search.best[0]
 
 
-def _quick(run: _Run) -> Array:
+def _quick(run: _Run, given: Array | None) -> Array:
     """Random starts on coarse samples; quasi-Newton from the best few; the best of them again on finer samples.
 
     The determinant of a smooth motion needs far fewer samples than its torque does: with two rows a column it is
@@ -222,19 +202,13 @@ def _quick(run: _Run) -> Array:
     columns, n = len(run.criterion.independent), run.criterion.model.tree.n
     coarse = options.coarse or max(60, 4 * columns // n + 20)
     rng = np.random.default_rng(options.seed)
-    starts = rng.uniform(size=(options.starts, run.kind.size))
+    starts = rng.uniform(size=(options.starts, run.kind.size)) if given is None else given
     losses = run.losses(starts, coarse)
-    found: list[tuple[float, Array]] = []
-    while len(found) < options.climbs:
-        losses = run.first_allowed(starts, losses, coarse)
-        if not np.isfinite(losses).any():
-            break
-        k = int(np.nanargmin(losses))
-        found.append((float(losses[k]), starts[k]))
-        run.note(float(losses[k]), 0.05)
-        losses[k] = np.nan
-    if not found:
+    leading = [k for k in np.argsort(losses)[: options.climbs] if np.isfinite(losses[k])]
+    if not leading:
         raise IdentificationError(_nothing(run.kind, run.kind.motions(starts[:20], coarse)))
+    found = [(float(losses[k]), starts[k]) for k in leading]
+    run.note(found[0][0], 0.05)
     # At first all climb a little; then only those that lead go on.
     rounds = (
         (coarse, 25, len(found)),
@@ -242,12 +216,9 @@ def _quick(run: _Run) -> Array:
         (2 * coarse, 200, 1),
         (min(6 * coarse, options.samples), 60, 1),
     )
-    passed = 0
-    for samples, most, count in rounds:
-        found = [
-            _climb(run, genes, samples, most, passed / 4) for _, genes in sorted(found, key=lambda f: f[0])[:count]
-        ]
-        passed += 1
+    for passed, (samples, most, count) in enumerate(rounds):
+        leading = sorted(found, key=lambda f: f[0])[:count]
+        found = [_climb(run, genes, samples, most, passed / 4) for _, genes in leading]
         if run.over:
             break
     return min(found, key=lambda f: f[0])[1]
@@ -255,13 +226,9 @@ def _quick(run: _Run) -> Array:
 
 def _climb(run: _Run, genes: Array, samples: int, most: int, share: float) -> tuple[float, Array]:
     search = QuasiNewton(genes, most=most, tolerance=1e-5)
-    n = run.kind.size
-    while not search.done and not run.over and (search.best[1] > run.options.target or not np.isfinite(search.best[1])):
+    while not search.done and not run.over and (search.best[1] > run.options.target):
         candidates = search.ask()
-        losses = run.losses(candidates, samples)
-        if len(candidates) != n + 1:  # slopes are only asked, steps are gone
-            losses = run.first_allowed(candidates, losses, samples)
-        search.tell(candidates, losses)
+        search.tell(candidates, run.losses(candidates, samples))
         run.note(search.best[1], share)
     return search.best[1], search.best[0]
 

@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 _RESYNC = 64
 """Steps after which a rotating phase is computed anew, before rounding shows."""
+_POWER = 20
+_ASIDE = 0.9
 
 
 class MotionClass(Protocol):
@@ -132,38 +134,35 @@ class Fourier:
         a = c[..., :H] - c[..., :H].mean(axis=-1, keepdims=True)
         b = c[..., H:] - (c[..., H:] @ k)[..., None] * k / (k @ k)
         c = np.concatenate([a, b], axis=-1)
-        looked = [np.einsum("bjc,sc->bjs", c, basis, optimize=True) for basis in self._bases(self._look)]
-        scale, low, high = self._scale(looked, self.least + (1.0 - self.least) * each[..., -2])
-        bottom, top = self.limits.lower - scale * low, self.limits.upper - scale * high
-        start = bottom + each[..., -1] * np.maximum(top - bottom, 0.0)
+        middle, half = 0.5 * (self.limits.upper + self.limits.lower), 0.5 * (self.limits.upper - self.limits.lower)
+        aside = _ASIDE * (2.0 * each[..., -1] - 1.0)
+        # The squares keep both the place and the room around it smooth, and within the range together.
+        scale = self._scale(c, half * (1.0 - aside**2)) * (self.least + (1.0 - self.least) * each[..., -2])
         c = c * scale[..., None]
         q, qd, qdd = (np.ascontiguousarray(np.swapaxes(c @ basis.T, 1, 2)) for basis in self._bases(samples))
-        q += start[:, None]
+        q += (middle + half * aside * np.abs(aside))[:, None]
         return Motions(np.tile(np.linspace(0.0, self.duration, samples), (B, 1)), q, qd, qdd)
 
-    @property
-    def _look(self) -> int:
-        return 24 * self.harmonics + 1
+    def _scale(self, c: Array, room: Array) -> Array:
+        """(B, n): what the limits allow of motions with coefficients c (B, n, 2 H) and `room` (B, n) about their means.
 
-    def _scale(self, looked: list[Array], share: Array) -> tuple[Array, Array, Array]:
-        """(B, n): what the limits allow of unscaled motions (B, n, look), times `share`; the lowest and highest position."""
-        q, qd, qdd = looked
-        low, high = q.min(axis=-1), q.max(axis=-1)
-        # Between the looks a peak may be higher: by half a step of the fastest harmonic, at most this much.
-        above = 1.0 / np.cos(np.pi * self.harmonics / (self._look - 1))
-        tightest = np.maximum((high - low) / (self.limits.upper - self.limits.lower), 1e-12)
-        tightest = np.maximum(tightest, np.abs(qd).max(axis=-1) / self.limits.speed)
-        tightest = above * np.maximum(tightest, np.abs(qdd).max(axis=-1) / self.limits.acceleration)
-        return share / tightest, low, high
+        A sum of high powers stands for the largest value: it is never below it, and smooth, so that slopes help a search.
+        """
+        used = np.zeros(c.shape[:2])
+        allowed = (room, self.limits.speed, self.limits.acceleration)
+        for basis, most in zip(self._bases(12 * self.harmonics), allowed, strict=True):
+            share = (c @ basis.T) / np.broadcast_to(most, c.shape[:2])[..., None]
+            used += ((share * share) ** (_POWER // 2)).sum(axis=-1)
+        return np.maximum(used, 1e-300) ** (-1.0 / _POWER)
 
     def _bases(self, samples: int) -> tuple[Array, Array, Array]:
-        """(samples, 2 H) what the coefficients are multiplied with for q, qd, qdd; q starts at 0."""
+        """(samples, 2 H) what the coefficients are multiplied with for q (of mean zero), qd, qdd."""
         if samples not in self._known:
             w = 2.0 * np.pi / self.duration * np.arange(1.0, self.harmonics + 1.0)
             phase = np.linspace(0.0, self.duration, samples)[:, None] * w
             sine, cosine = np.sin(phase), np.cos(phase)
             self._known[samples] = (
-                np.hstack([sine / w, (1.0 - cosine) / w]),
+                np.hstack([sine / w, -cosine / w]),
                 np.hstack([cosine, sine]),
                 np.hstack([-sine * w, cosine * w]),
             )

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,14 @@ class Clearance(Protocol):
 
     def distances(self, q: Array) -> tuple[Array, tuple[str, ...]]:
         """(S,) least distance [m] at postures q (S, n), negative where parts overlap; and which two parts they are."""
+        ...
+
+    def shapes(self) -> tuple[NDArray[Any], ...]:
+        """What is checked as capsules and boxes, in the order of `trueup.identification.proximity.Proxies`."""
+        ...
+
+    def reach(self) -> Array:
+        """(n,) by how many m any two parts may come nearer when a joint moves by one rad (or one m)."""
         ...
 
 
@@ -91,10 +99,9 @@ class Feasibility:
         time, q = spread(trajectory)
         found = []
         if self.clearance is not None:
-            distance, pairs = self.clearance.distances(q)
-            k = int(np.argmin(distance))
-            if distance[k] < self.margin:
-                found.append(Problem("collision", pairs[k], float(distance[k]), self.margin, float(time[k]), "m"))
+            distance, parts, k = self.nearest(q)
+            if distance < self.margin:
+                found.append(Problem("collision", parts, distance, self.margin, float(time[k]), "m"))
         if self.cell is not None:
             box = self.cell.region
             outside = (np.abs(self.cell.chain.poses(q)[1] - box.centre) - 0.5 * box.size).max(axis=1)
@@ -103,19 +110,40 @@ class Feasibility:
                 found.append(Problem("region", "tool outside", float(outside[k]), self.leeway, float(time[k]), "m"))
         return tuple(found)
 
+    def nearest(self, q: Array, enough: float | None = None) -> tuple[float, str, int]:
+        """The least distance [m] along neighbouring postures q (S, n), between which parts, and at which posture.
+
+        A posture from which no part can have come as near as the least distance so far is skipped: no two parts approach
+        faster than `Clearance.reach` allows. With `enough` it ends at the first distance below.
+        """
+        if self.clearance is None:
+            return np.inf, "", 0
+        way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q, axis=0)) @ self.clearance.reach())])
+        best, parts, at, s = np.inf, "", 0, 0
+        while s < len(q):
+            distance, names = self.clearance.distances(q[s : s + 1])
+            if distance[0] < best:
+                best, parts, at = float(distance[0]), names[0], s
+                if enough is not None and best < enough:
+                    break
+            least = best if enough is None else min(best, enough)
+            s = max(s + 1, int(np.searchsorted(way, way[s] + float(distance[0]) - least)))
+        return best, parts, at
+
+    def allows(self, motion: Trajectory) -> bool:
+        """Whether a coarsely sampled motion keeps out of collision, in the region and within the torque."""
+        if any(p.kind == "torque" for p in self.joint_problems(motion)):
+            return False
+        _, q = spread(motion)
+        if self.cell is not None and not self.cell.region.holds(self.cell.chain.poses(q)[1], self.leeway).all():
+            return False
+        return self.clearance is None or self.nearest(q, enough=self.margin)[0] >= self.margin
+
     def torque(self, trajectory: Trajectory) -> Array | None:
         """(S, n) torque of the model at its parameters; None where it has none."""
         if self.model is None or self.parameters is None:
             return None
         return self.model.regressor(trajectory.q, trajectory.qd, trajectory.qdd) @ self.parameters
-
-    def least_distance(self, trajectory: Trajectory) -> tuple[float, str]:
-        """The least distance [m] over a trajectory and between what; inf where it is not checked."""
-        if self.clearance is None:
-            return np.inf, ""
-        distance, pairs = self.clearance.distances(spread(trajectory)[1])
-        k = int(np.argmin(distance))
-        return float(distance[k]), pairs[k]
 
     def _ends(self, trajectory: Trajectory) -> tuple[Problem, ...]:
         if trajectory.rests:
