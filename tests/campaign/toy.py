@@ -176,7 +176,8 @@ class Cart:
             "command": Channel("command", ("x",), "m/s", TIME, command[:, None]),
             "position": Channel("position", ("x",), "m", TIME, position[:, None]),
         }
-        return Recording(trial.name, channels, {"source": "toy"})
+        name = trial.name if trial.repeats == 1 else f"{trial.name}-{repeat + 1}"
+        return Recording(name, channels, {"source": "toy"})
 
 
 class Nearby:

@@ -153,7 +153,7 @@ def _judged(candidates: Array, scores: Array, risk: float) -> Tried:
     """From scores (p, b): a sample that fails counts like the candidate's worst; too many of them, and it has no loss."""
     failed = ~np.isfinite(scores)
     worst = np.where(failed, -np.inf, scores).max(axis=0)
-    filled = np.where(failed, worst, scores)
+    filled = np.where(failed, np.where(np.isfinite(worst), worst, 0.0), scores)
     means, spreads = filled.mean(axis=0), filled.std(axis=0)
     lost = failed.mean(axis=0) > _TOLERATED
     means, spreads = np.where(lost, np.nan, means), np.where(lost, np.nan, spreads)
