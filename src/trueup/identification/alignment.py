@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
+from trueup.identification.filtering import between
 from trueup.identification.moments import RIDGE, solve
 from trueup.identification.result import Alignment
 from trueup.identification.torque_model import Rows
@@ -51,22 +51,20 @@ def find_shift(rows: Sequence[Rows], active: Integers, weights: Array, log_rate:
 
 def shifted(rows: Rows, shift: float) -> Rows:
     """Rows with their torque taken `shift` s later, so that torque that came late fits its position."""
-    torque = np.stack([_reader(rows, j)(rows.time + shift) for j in range(rows.torque.shape[1])], axis=1)
-    return replace(rows, torque=torque)
+    return replace(
+        rows, torque=np.stack([_read(rows, j, rows.time + shift) for j in range(rows.torque.shape[1])], axis=1)
+    )
 
 
-def _reader(rows: Rows, j: int) -> CubicSpline:
-    # Beyond the ends the last values hold: a cubic would run away.
-    pad = max(int(np.ceil(2.0 * REACH / (rows.time[1] - rows.time[0]))), 2)
-    step = rows.time[1] - rows.time[0]
-    ahead = rows.time[0] - step * np.arange(pad, 0, -1)
-    behind = rows.time[-1] + step * np.arange(1, pad + 1)
-    return CubicSpline(np.concatenate([ahead, rows.time, behind]), np.pad(rows.torque[:, j], pad, mode="edge"))
+def _read(rows: Rows, j: int, instants: Array) -> Array:
+    """The torque of a joint at instants (...) between its samples."""
+    place = (instants - rows.time[0]) * ((rows.length - 1) / (rows.time[-1] - rows.time[0]))
+    return between(rows.torque[:, j], place.ravel()).reshape(place.shape)
 
 
 def _losses(rows: Sequence[Rows], active: Integers, weights: Array, shifts: Array) -> Array:
     """(blocks, shifts) weighted squared errors, each shift with its own fit to all blocks."""
-    p, n, K = rows[0].p, len(weights), len(shifts)
+    p, K = rows[0].p, len(shifts)
     place = np.full(p, -1)
     place[active] = np.arange(len(active))
     m, blocks = len(active), []
@@ -75,13 +73,12 @@ def _losses(rows: Sequence[Rows], active: Integers, weights: Array, shifts: Arra
         margin = int(np.ceil(REACH / (r.time[1] - r.time[0]))) + 1
         inside = np.arange(min(margin, r.length // 4), r.length - min(margin, r.length // 4))
         share = max(1, round(_BLOCKS * r.length / sum(x.length for x in rows)))
-        readers = [_reader(r, j) for j in range(n)]
         for keep in np.array_split(inside, share):
             G, h, t = np.zeros((m, m)), np.zeros((m, K)), np.zeros(K)
             for j, (c, v) in enumerate(zip(r.columns, r.values, strict=True)):
                 own = place[c] >= 0
                 Y, at = v[own][:, keep], place[c[own]]
-                torque = readers[j](r.time[keep][:, None] + shifts)
+                torque = _read(r, j, r.time[keep][:, None] + shifts)
                 G[np.ix_(at, at)] += weights[j] * Y @ Y.T
                 h[at] += weights[j] * Y @ torque
                 t += weights[j] * np.sum(torque**2, axis=0)

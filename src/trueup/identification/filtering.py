@@ -7,9 +7,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
-from scipy.signal import butter, sosfiltfilt
 
 from trueup.errors import IdentificationError
 
@@ -38,21 +37,64 @@ class Lowpass:
                 f"a cut-off of {self.cutoff:g} Hz cannot be had at {self.rate:g} samples per second; "
                 f"it must lie between 0 and {0.5 * self.rate:g} Hz"
             )
+        if self.order < 4 or self.order % 4:
+            raise IdentificationError(f"a filter of order {self.order} cannot be had; give 4, 8, 12, ...")
 
     def __call__(self, values: ArrayLike, axis: int = 0) -> Array:
         """`values` filtered along `axis`, forward and backward. Raises IdentificationError for too few samples."""
-        signal = np.asarray(values, dtype=np.float64)
+        signal = np.moveaxis(np.asarray(values, dtype=np.float64), axis, -1)
         if signal.size == 0:
-            return signal
-        padding = min(int(_PADDING * self.rate / self.cutoff) + 1, signal.shape[axis] - 1)
-        if signal.shape[axis] < 2 * ORDER:
-            raise IdentificationError(
-                f"{signal.shape[axis]} samples are too few to filter; at least {2 * ORDER} needed"
-            )
-        return np.asarray(sosfiltfilt(self._sections(), signal, axis=axis, padlen=padding))
+            return np.moveaxis(signal, -1, axis)
+        if signal.shape[-1] < 2 * ORDER:
+            raise IdentificationError(f"{signal.shape[-1]} samples are too few to filter; at least {2 * ORDER} needed")
+        padding = min(int(_PADDING * self.rate / self.cutoff) + 1, signal.shape[-1] - 1)
+        rows = signal.reshape(-1, signal.shape[-1])
+        passed = both_ways(np.ascontiguousarray(rows), padding, self._sections())
+        return np.moveaxis(passed.reshape(signal.shape), -1, axis)
 
     def _sections(self) -> Array:
-        return np.asarray(butter(max(self.order // 2, 1), self.cutoff, fs=self.rate, output="sos"))
+        """(order / 4, 3) each a pair of poles: gain, and the two coefficients of the recursion; zeros lie at -1.
+
+        The bilinear transform of Butterworth's poles, so that the cut-off stays where it is: Oppenheim & Schafer,
+        "Discrete-Time Signal Processing", section 7.1.
+        """
+        half = self.order // 2
+        w = math.tan(math.pi * self.cutoff / self.rate)
+        sections = []
+        for k in range(half // 2):
+            damping = 2.0 * math.sin(math.pi * (2 * k + 1) / (2 * half))
+            scale = 1.0 + damping * w + w * w
+            sections.append((w * w / scale, 2.0 * (w * w - 1.0) / scale, (1.0 - damping * w + w * w) / scale))
+        return np.array(sections)
+
+
+@njit(cache=True)
+def both_ways(rows: Array, padding: int, sections: Array) -> Array:
+    """(N, T) rows through sections (k, 3) forward and backward, prolonged at both ends by their own mirror image."""
+    N, T = rows.shape
+    passed = np.empty_like(rows)
+    long = np.empty(T + 2 * padding)
+    for n in range(N):
+        row = rows[n]
+        for i in range(padding):
+            long[padding - 1 - i] = 2.0 * row[0] - row[i + 1]
+            long[padding + T + i] = 2.0 * row[T - 1] - row[T - 2 - i]
+        long[padding : padding + T] = row
+        for _ in range(2):
+            for k in range(len(sections)):
+                gain, a1, a2 = sections[k]
+                # At rest on the first value: no jump at the start.
+                x = long[0]
+                s1, s2 = x * (1.0 - gain), x * (gain - a2)
+                for i in range(len(long)):
+                    x = long[i]
+                    y = gain * x + s1
+                    s1 = 2.0 * gain * x - a1 * y + s2
+                    s2 = gain * x - a2 * y
+                    long[i] = y
+            long = long[::-1].copy()
+        passed[n] = long[padding : padding + T]
+    return passed
 
 
 def derivative(values: Array, rate: float) -> Array:
@@ -61,13 +103,28 @@ def derivative(values: Array, rate: float) -> Array:
 
 
 def even(time: Array, values: Array, instants: Array) -> Array:
-    """(N, k) values (T, k) at even instants (N,): a cubic spline through the samples, linear across gaps and noise."""
-    steps = np.diff(time)
-    if np.all(np.abs(steps - np.median(steps)) < 1e-3 * np.median(steps)) and len(time) == len(instants):
+    """(N, k) values (T, k) at even instants (N,), linear between samples; as they are where they are even already."""
+    if len(time) == len(instants) and np.all(np.abs(time - instants) < 1e-3 * np.median(np.diff(time))):
         return values
-    if float(steps.max()) > 2.5 * float(np.median(steps)) or float(np.std(steps)) > 0.05 * float(np.median(steps)):
-        return np.stack([np.interp(instants, time, column) for column in values.T], axis=1)
-    return np.asarray(CubicSpline(time, values)(instants))
+    return np.stack([np.interp(instants, time, column) for column in values.T], axis=1)
+
+
+def between(values: Array, place: Array) -> Array:
+    """(M,) an even signal (T,) that oversamples what it holds, read at places (M,) counted in samples.
+
+    Lagrange's polynomial through the six neighbours; beyond the ends the first and last value hold.
+    """
+    padded = np.pad(values, 3, mode="edge")
+    at = np.clip(place, 0.0, len(values) - 1.0) + 3.0
+    first = np.clip(np.floor(at).astype(np.int64) - 2, 0, len(padded) - 6)
+    x, nodes = at - first, np.arange(6)
+    result = np.zeros(len(at))
+    for i in nodes:
+        weight = np.ones(len(at))
+        for k in nodes[nodes != i]:
+            weight *= (x - k) / (i - k)
+        result += weight * padded[first + i]
+    return result
 
 
 def grid(time: Array) -> tuple[Array, float]:

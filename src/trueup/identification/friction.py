@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-import scipy.optimize
 from numpy.typing import NDArray
 
 from trueup.errors import ParameterError, unknown_name
@@ -106,7 +105,9 @@ def stribeck_speed(
     grid = np.linspace(np.log(low), np.log(high), 40)
     best = int(np.argmax([explained(x) for x in grid]))
     ends = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    found = scipy.optimize.minimize_scalar(lambda x: -explained(x), bounds=ends, method="bounded")
+    from scipy.optimize import minimize_scalar  # half a second to load, and rarely needed
+
+    found = minimize_scalar(lambda x: -explained(x), bounds=ends, method="bounded")
     return float(np.exp(found.x)), explained(float(found.x)) / max(float(left @ left), np.finfo(float).tiny)
 
 

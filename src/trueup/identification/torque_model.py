@@ -123,7 +123,7 @@ class TorqueModel:
         Hysteresis is left out: it depends on the path, and is independent of all that depends on the state.
         Raises ModelError where the rank is not clear.
         """
-        n, count = self.tree.n, 40 * self.p // self.tree.n
+        n, count = self.tree.n, 15 * self.p // self.tree.n
         q, v, a = (rng.uniform(-s, s, (count, n)) for s in (np.pi, 2.0, 5.0))
         rows = self.rows(np.arange(count, dtype=float), q, v, a)
         return base_parameters(rows.dense().reshape(-1, self.p), self.names, preference)

@@ -62,8 +62,10 @@ def advice(
     missing = [p for p in parameters if p.verdict == "not seen" and p.kind == "inertial" and p.name in names]
     friction = [p for p in parameters if p.verdict == "not seen" and p.kind in ("viscous", "coulomb", "rotor")]
     by_motion: dict[str, list[str]] = {}
+    shown = _motions(model, rng) if missing else {}
     for p in missing:
-        by_motion.setdefault(_motion_for(model, names[p.name], rng), []).append(p.name)
+        best = max(shown, key=lambda motion: shown[motion][names[p.name]])
+        by_motion.setdefault(best, []).append(p.name)
     said = [f"not seen: {_listed(found)}. {motion}" for motion, found in by_motion.items()]
     for joint in dict.fromkeys(p.joint for p in friction):
         own = [f"{p.name} ({p.kind})" for p in friction if p.joint == joint]
@@ -93,29 +95,26 @@ def _shares(rows: Sequence[Rows]) -> Array:
     return np.sqrt(np.max(total / np.maximum(load, 1e-300)[:, None], axis=0))
 
 
-def _motion_for(model: TorqueModel, column: int, rng: np.random.Generator) -> str:
-    """The single-joint motion in which a unit of this column adds most torque."""
-    tree, trials = model.tree, 60
+def _motions(model: TorqueModel, rng: np.random.Generator) -> dict[str, Array]:
+    """Motion in words -> (p,) the torque that one unit of each column adds to what gravity alone shows, over the limits."""
+    tree, trials = model.tree, 40
+    part = model.only([])
     q = rng.uniform(-np.pi, np.pi, (trials, tree.n))
-    still = np.zeros_like(q)
+    still, load = np.zeros_like(q), np.where(np.isfinite(tree.effort), tree.effort, 1.0)[:, None]
     speed = np.where(np.isfinite(tree.speed), tree.speed, 2.0)
 
-    def seen(v: Array, a: Array) -> float:
-        rows = model.rows(np.arange(trials, dtype=float), q, v, a)
-        columns = rows.dense()[:, :, column]
-        load = np.where(np.isfinite(tree.effort), tree.effort, 1.0)
-        return float(np.sqrt(np.mean((columns / load) ** 2)))
+    def seen(v: Array, a: Array) -> Array:
+        shares = part.rows(np.arange(trials, dtype=float), q, v, a).dense() / load
+        return np.sqrt(np.mean(shares**2, axis=(0, 1)))
 
-    options = {"Hold or slowly move through many different poses: gravity shows it": seen(still, still)}
+    gravity = seen(still, still)
+    shown = {"Hold or slowly move through many different poses: gravity shows it": gravity}
     for j, joint in enumerate(tree.joints):
         one = np.zeros_like(q)
-        one[:, j] = 1.0
-        options[f"Accelerate {joint} harder, in different poses of the other joints"] = seen(
-            still, one * speed[j] / 0.4
-        )
-        options[f"Turn {joint} fast while others move"] = seen(one * speed[j], still)
-    gravity = seen(still, still)
-    return max(options, key=lambda name: options[name] - (gravity if "poses: gravity" not in name else 0.0))
+        one[:, j] = speed[j]
+        shown[f"Accelerate {joint} harder, in different poses of the other joints"] = seen(still, one / 0.4) - gravity
+        shown[f"Turn {joint} fast while others move"] = seen(one, still) - gravity
+    return shown
 
 
 def _listed(names: Sequence[str]) -> str:
