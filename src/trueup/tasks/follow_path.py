@@ -35,13 +35,15 @@ class FollowPath:
 
     The score is the distance from the path by arc length ('rms', 'mean' or 'max', in m), averaged over the paths, of the
     axle that the controller steers onto the path ('front'), or of the pose itself ('rear'): a front axle on the path means
-    a rear axle inside the curve, by geometry, whatever the gains. `nominal` are today's gains.
+    a rear axle inside the curve, by geometry, whatever the gains. `nominal` are today's gains; `duration` in s holds for all
+    paths, else each has a little more time than its target speed needs.
     Raises ParameterError without paths, UnknownNameError for other points or measures.
     """
 
     def __init__(
         self, paths: Sequence[Path], settings: StanleySettings | None = None, *, names: tuple[str, ...] = GAINS,
         nominal: dict[str, float] | None = None, measure: str = "rms", point: str = "front", rate: float = 20.0,
+        duration: float | None = None,
     ) -> None:  # fmt: skip
         if not paths:
             raise ParameterError("a path-following task needs at least one path")
@@ -52,7 +54,7 @@ class FollowPath:
         self.settings = settings or StanleySettings()
         self.parameters: ParameterSpace = gain_space(names, **(nominal or {}))
         self.measure, self.point = measure, point
-        self.trials = tuple(trial_of(p, self.settings, rate) for p in self.paths)
+        self.trials = tuple(trial_of(p, self.settings, rate, duration) for p in self.paths)
 
     @property
     def name(self) -> str:
@@ -70,14 +72,18 @@ class FollowPath:
 
     def errors(self, rollout: Rollout, path: Path) -> Array:
         """(b,) distance from one path, in m."""
-        driven = self.driven(rollout)
-        return _distances(driven, path_table(path), self.settings.ahead, MEASURES.index(self.measure))
+        return self.distances(self.driven(rollout), path)
+
+    def distances(self, driven: Array, path: Path) -> Array:
+        """(b,) distance of driven points (b, T, 2) from one path by the task's measure, in m; NaN samples are skipped."""
+        points = np.ascontiguousarray(driven, dtype=np.float64)
+        return _distances(points, path_table(path), self.settings.ahead, MEASURES.index(self.measure))
 
     def driven(self, rollout: Rollout) -> Array:
         """(b, T, 2) where the judged point of the vehicle was, in m; NaN where nothing was measured."""
         position = rollout.channels["position"]
         if self.point == "rear":
-            return np.ascontiguousarray(position)
+            return position
         heading = rollout.channels["heading"][:, :, 0]
         return position + self.settings.wheelbase * np.stack([np.cos(heading), np.sin(heading)], axis=2)
 

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The figures of the study: the six panels of the paper's Figure 4, search traces, loss profiles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.parameters import ParameterSpace
+from trueup.report.markup import Markup, join, tag
+from trueup.report.numbers import fixed
+from trueup.report.plots import AFTER, BEFORE, INK, SOFT, Plot, span
+from trueup.studies.stanley.paper import PaperStudy, Searched
+from trueup.studies.stanley.profile import FLAT, Profile
+
+Array = NDArray[np.float64]
+
+_THIN = 4  # every so many-th sample is drawn
+
+
+def course_map(lines: Sequence[tuple[str, Array, str]], desired: Array) -> Markup:
+    """Paths over one another on the floor, the desired one dashed; `lines` are name, (n, 2) in m, colour."""
+    everything = np.concatenate([desired, *(p for _, p, _ in lines)])
+    plot = Plot(span(everything[:, 0]), span(everything[:, 1]), "x, m", "y, m", width=720, height=230, equal=True)
+    plot.line(_points(desired), SOFT, width=1.0, dashed=True)
+    for _, path, colour in lines:
+        plot.line(_points(path[::_THIN]), colour, width=1.3)
+    named = [tag("b", name, style=f"color:{colour}") for name, _, colour in lines]
+    legend = tag("p", "dashed: desired path", *[join(" · ", n) for n in named], class_="legend")
+    return join(legend, plot.svg("; ".join(name for name, _, _ in lines)))
+
+
+def changes(searched: Searched, space: ParameterSpace) -> Markup:
+    """Start and found values of each parameter within its range."""
+    start, found = space.to_unit(searched.start), space.to_unit(searched.found)
+    count = len(searched.names)
+    marks = [(float(k), name.replace("_", " ")) for k, name in enumerate(searched.names)]
+    plot = Plot((-0.5, count - 0.5), (0.0, 1.0), "", "share of its range", width=720, height=250, x_marks=marks)
+    for k, p in enumerate(space.parameters):
+        plot.line([(k, start[k]), (k, found[k])], SOFT, width=1.0)
+        for place, value, colour in ((start[k], searched.start[k], BEFORE), (found[k], searched.found[k], AFTER)):
+            plot.dot((k, float(place)), colour, title=f"{p.name}: {value:.3g} {p.unit}")
+            plot.text((k + 0.06, float(place)), f"{value:.3g} {p.unit}", colour)
+    return plot.svg("parameters before and after")
+
+
+def figure_four(study: PaperStudy, calibrated: ParameterSpace, gains: ParameterSpace) -> Markup:
+    """Panels (a) to (f) of the paper's Figure 4."""
+    desired = study.desired
+    panels = (
+        ("(a) the robot with its initial gains", course_map([("robot", study.robot_before, BEFORE)], desired)),
+        ("(b) the simulator before and after calibration, same gains", course_map(
+            [("robot", study.robot_before, INK), ("default", study.default, BEFORE),
+             ("calibrated", study.calibrated, AFTER)], desired)),
+        ("(c) simulator parameters before and after", changes(study.calibration, calibrated)),
+        ("(d) the calibrated simulator with initial and tuned gains", course_map(
+            [("initial gains", study.calibrated, BEFORE), ("tuned", study.tuned, AFTER)], desired)),
+        ("(e) gains before and after", changes(study.tuning, gains)),
+        ("(f) the robot with initial and tuned gains", course_map(
+            [("initial gains", study.robot_before, BEFORE), ("tuned", study.robot_after, AFTER)], desired)),
+    )  # fmt: skip
+    return join(tag("figure", tag("figcaption", words), body) for words, body in panels)
+
+
+def deviation(path: Array, runs: Sequence[tuple[str, Array, str]]) -> Markup:
+    """Distance from the path along it, in mm: where errors come from."""
+    lines = []
+    for name, driven, colour in runs:
+        gaps = [float(np.sqrt(((path - p) ** 2).sum(axis=1).min())) for p in driven[::_THIN]]
+        gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(driven[::_THIN], axis=0).T))])
+        lines.append((name, list(zip(gone.tolist(), [1e3 * g for g in gaps], strict=True)), colour))
+    gone, gaps = (span([p[axis] for _, line, _ in lines for p in line], zero=True) for axis in (0, 1))
+    plot = Plot(gone, gaps, "driven, m", "distance from the path, mm", height=240)
+    for _, line, colour in lines:
+        plot.line(line, colour, width=1.2)
+    return plot.svg("distance from the path")
+
+
+def trace(searched: Searched) -> Markup:
+    """Losses of the trials of a search, and the best so far."""
+    best = np.minimum.accumulate(np.where(np.isfinite(searched.losses), searched.losses, np.inf))
+    top = float(np.nanquantile(searched.losses, 0.9))
+    plot = Plot((0, len(best)), (0.0, top * 1e6), "trial", "loss, mm²", height=220)
+    for k, loss in enumerate(searched.losses):
+        if loss <= top:
+            plot.dot((k, 1e6 * float(loss)), SOFT, size=1.6)
+    plot.line([(k, 1e6 * float(b)) for k, b in enumerate(best)], AFTER)
+    return plot.svg("search trace")
+
+
+def profile_plots(rows: Sequence[Profile]) -> Markup:
+    """One small plot a parameter: both losses over their least ones, and what is found."""
+    drawn = []
+    for p in rows:
+        warped, timed = p.warped / p.warped.min(), p.timed / p.timed.min()
+        plot = Plot(
+            span(p.values, margin=0.0), (0.9, 3.0), f"{p.name.replace('_', ' ')}, {p.unit}", "loss / least", 360, 220
+        )
+        for values, colour in ((timed, BEFORE), (warped, AFTER)):
+            plot.line([(float(x), min(float(v), 4.0)) for x, v in zip(p.values, values, strict=True)], colour)
+        plot.line([(p.values[0], FLAT), (p.values[-1], FLAT)], SOFT, dashed=True, width=0.8)
+        plot.dot((p.found, 1.0), INK)
+        words = f"{p.verdict} (as good over {fixed(100 * p.open_share[0], 0)} % of its range)"
+        drawn.append(tag("figure", plot.svg(p.name), tag("figcaption", words)))
+    return tag("div", drawn, class_="figures")
+
+
+def _points(path: Array) -> list[tuple[float, float]]:
+    return [(float(x), float(y)) for x, y in path]

@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs the whole study on one stand-in robot and writes its report: what `make demo` shows."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.loop.transfer import try_on_robot
+from trueup.robots.stand_in_vehicle import StandInVehicle
+from trueup.simulators.bicycle import BETAS
+from trueup.studies.stanley import chasi
+from trueup.studies.stanley.courses import Courses, across_courses, true_errors
+from trueup.studies.stanley.drives import doubted, noise_of
+from trueup.studies.stanley.paper import (
+    CALIBRATION_TRIALS,
+    TUNING_TRIALS,
+    PaperStudy,
+    Searched,
+    Told,
+    calibrate_betas,
+    paper_study,
+)  # fmt: skip
+from trueup.studies.stanley.profile import Profile, profiles
+from trueup.studies.stanley.tuning import Tuned, tune
+
+Array = NDArray[np.float64]
+
+NOISY = (*BETAS, "position_noise", "heading_noise")
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """All that the report tells."""
+
+    paper: PaperStudy
+    paper_seconds: float
+    """Wall time of the paper's part, both runs of the robot and all trials."""
+    tuned: Tuned
+    noise: Searched
+    """The paper's search with localisation noise among the parameters."""
+    noise_truth: tuple[float, float]
+    """What the stand-in really has, in m and rad."""
+    profiles: tuple[Profile, ...]
+    courses: Courses
+    errors: Array
+    """(3,) true distance of the robot from the path, in m: initial gains, the paper's way, in rounds."""
+    seconds: float
+    report: Path | None = None
+
+
+def run_study(
+    folder: Path | None, say: Callable[[str], None] = lambda line: None, *, number: int = 0, seed: int = 0,
+    calibration_trials: int = CALIBRATION_TRIALS, tuning_trials: int = TUNING_TRIALS, told: Told | None = None,
+) -> Study:  # fmt: skip
+    """The study on stand-in `number`; the report goes to folder/report.html unless `folder` is None.
+
+    `say` is given one line at each step. Raises OutputError where the folder cannot be written.
+    """
+    began = time.perf_counter()
+    robot = chasi.robot(number, seed)
+    _compiled(robot)
+    say(f"compiled the vehicle, its controller and time warping in {time.perf_counter() - began:.0f} s")
+    started = time.perf_counter()
+    paper = paper_study(robot, seed=seed, calibration_trials=calibration_trials, tuning_trials=tuning_trials, told=told)
+    lasted = time.perf_counter() - started
+    trials = calibration_trials + tuning_trials
+    say(f"the paper's way: {trials} simulated runs of {chasi.DURATION:.0f} s and 2 on the robot in {lasted:.1f} s; "
+        f"robot {_mm(paper.scores[0])} -> {_mm(paper.scores[1])} from its path")  # fmt: skip
+    task = chasi.task()
+    first = try_on_robot(robot, task, task.parameters.nominal)
+    drives = [r for runs in first.recordings for r in runs]
+    noise = noise_of(drives)
+    simulator = chasi.simulator(position_noise=noise[0], heading_noise=noise[1])
+    tuned = tune(robot, task, simulator, seed=seed, say=say, start=first)
+    betas = chasi.simulator(BETAS, 0.0, 0.0)
+    seen = profiles(chasi.task(gains=("k1", "k2", "k3")), betas, paper.calibration.found, np.ones(3), drives[0])
+    noisy = calibrate_betas(drives[0], NOISY, seed=seed, trials=calibration_trials, told=told)
+    models = doubted(tuned.rounds[-1].calibration, simulator.parameters).sample(4, np.random.default_rng(seed))
+    courses = across_courses(robot, simulator, models, seed=seed)
+    say(
+        f"courses that nothing was tuned on: tuned on one {_mm(courses.held_out[1])}, on several {_mm(courses.held_out[2])}"
+    )
+    study = Study(
+        paper, lasted, tuned, noisy, (robot.truth.position_noise, robot.truth.heading_noise), seen, courses,
+        _errors(robot, paper, tuned), time.perf_counter() - began,
+    )  # fmt: skip
+    return study if folder is None else _reported(study, Path(folder), say)
+
+
+def _reported(study: Study, folder: Path, say: Callable[[str], None]) -> Study:
+    import dataclasses
+
+    from trueup.studies.stanley.report import write_study_report
+
+    path = write_study_report(study, folder / "report.html")
+    say(f"wrote {path}")
+    return dataclasses.replace(study, report=path)
+
+
+def _errors(robot: StandInVehicle, paper: PaperStudy, tuned: Tuned) -> Array:
+    """(3,) what really happens, localisation noise aside."""
+    initial = np.array([*paper.tuning.start, 0.0])
+    gains = np.array([initial, [*paper.tuning.found, 0.0], tuned.best])
+    return true_errors(robot, "hairpin", gains)
+
+
+def _compiled(robot: StandInVehicle) -> None:
+    """Runs everything once, briefly, so that compilation does not count as the study."""
+    twin = StandInVehicle(robot.truth, robot.settings, seed=99)
+    paper_study(twin, calibration_trials=2, tuning_trials=2)
+
+
+def _mm(error: float) -> str:
+    return f"{1e3 * error:.1f} mm"

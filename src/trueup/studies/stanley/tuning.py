@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The loop in rounds, without a campaign: calibrate on all drives so far, tune under doubt, try several on the robot."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.calibration import Calibration
+from trueup.loop.optimize import TrustRegion, optimize
+from trueup.loop.ranking import Agreement
+from trueup.loop.transfer import Tested, best_known, compared, shortlist, try_on_robot
+from trueup.recording import Recording
+from trueup.robots.robot import Robot
+from trueup.search.cma_es import CmaEs
+from trueup.search.search import Search
+from trueup.simulators.simulator import Simulator
+from trueup.studies.stanley.drives import calibrate_drives, doubted
+from trueup.tasks.task import Task
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One round: what was calibrated, what was tried on the robot, and how well the simulator had foreseen it."""
+
+    calibration: Calibration
+    candidates: Array
+    """(c, m) in the parameters' units; the first is the best so far, run again."""
+    predicted: Array
+    measured: Array
+    """(c,) scores in the simulator and on the robot."""
+    agreement: Agreement
+    best: Array
+    """(m,) the best that the robot has shown after this round."""
+    score: float
+
+
+@dataclass(frozen=True, eq=False)
+class Tuned:
+    """The outcome of `tune`."""
+
+    start: Tested
+    """The robot with today's gains."""
+    rounds: tuple[Round, ...]
+
+    @property
+    def best(self) -> Array:
+        """(m,) the best gains that the robot has shown."""
+        return self.rounds[-1].best
+
+
+def tune(
+    robot: Robot, task: Task, simulator: Simulator, *, rounds: int = 2, candidates: int = 3, evaluations: int = 160,
+    samples: int = 6, seed: int = 0, search: Callable[[Array, int], Search] | None = None,
+    say: Callable[[str], None] | None = None, start: Tested | None = None,
+) -> Tuned:  # fmt: skip
+    """Tunes the task's parameters for a robot, from today's; each round makes one calibration and `candidates` + 1 runs.
+
+    Nothing is lost by it: the best that the robot itself has shown is kept, today's gains among them. `start`: the run
+    with today's gains, if it was made already.
+    """
+    tell = say or (lambda line: None)
+    make = search or (lambda at, number: CmaEs(at, seed=number, max_evaluations=evaluations))
+    space = task.parameters
+    region = TrustRegion(np.clip(space.to_unit(space.nominal), 0.0, 1.0), 1.0)
+    first = start or try_on_robot(robot, task, space.nominal)
+    units, scores, drives = [region.centre], [first.scores], list(_recordings([first]))
+    done: list[Round] = []
+    for number in range(rounds):
+        calibration = calibrate_drives(drives, simulator)
+        models = doubted(calibration, simulator.parameters).sample(samples, np.random.default_rng([seed, number]))
+        optimum = optimize(task, simulator, models, make(region.inside(region.centre), seed + number), region)
+        chosen = shortlist(optimum, region, candidates, task=task, simulator=simulator, models=models, apart=0.15)
+        tested = [
+            try_on_robot(robot, task, space.from_unit(u), label=f", round {number + 1}, candidate {k}")
+            for k, u in enumerate(chosen.unit)
+        ]
+        units += list(chosen.unit)
+        scores += [t.scores for t in tested]
+        drives += _recordings(tested)
+        best, score = best_known(units, scores)
+        measured = np.array([t.score for t in tested])
+        rank = compared(chosen.predicted, measured).agreement
+        done.append(Round(calibration, space.from_unit(chosen.unit), chosen.predicted, measured, rank,
+                          space.from_unit(best), score))  # fmt: skip
+        region = dataclasses.replace(region, centre=best)
+        tell(f"round {number + 1}: {1e3 * first.score:.1f} -> {1e3 * score:.1f} mm on the robot")
+    return Tuned(first, tuple(done))
+
+
+def _recordings(tested: Sequence[Tested]) -> list[Recording]:
+    return [r for t in tested for runs in t.recordings for r in runs]
