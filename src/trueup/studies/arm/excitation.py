@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the arm is asked to do before it is identified: the papers' three algorithms, and a mixture of classes and speeds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import IdentificationError
+from trueup.identification.cell import Cell, Settings
+from trueup.identification.criteria import Criterion
+from trueup.identification.design import Options, algorithm_a, algorithm_a_local, algorithm_b
+from trueup.identification.dynamic_model import DynamicModel
+from trueup.identification.excitation import Sines, at_rest
+from trueup.identification.limits import JointLimits
+from trueup.identification.planner import random_planner_motion
+from trueup.identification.trajectories import Trajectory
+from trueup.studies.arm.hidden import RATE
+from trueup.studies.arm.robot import NOMINAL, limits, ns16
+
+Array = NDArray[np.float64]
+
+FAST, SLOW = Settings(speed=1.0, turn=2.0), Settings(speed=0.25, turn=0.6)
+"""Of algorithm B and test case 1: up to 1 m/s, or 0.25 m/s."""
+GENTLE, ABRUPT = Settings(ramp=0.25), Settings(ramp=0.1)
+"""Of test case 3: how suddenly the planner reaches its speed."""
+_HARDER = 2.5
+"""Times the usual acceleration limits that an abrupt planner asks for; drives hold three times nominal torque shortly."""
+_LONGEST = 10.0  # s of a sum of sines
+
+
+@dataclass(frozen=True, eq=False)
+class Workshop:
+    """The arm's model as far as its user knows it, a region, and how thoroughly excitations are searched."""
+
+    model: DynamicModel
+    limits: JointLimits
+    cell: Cell
+    criterion: Criterion
+    population: int = 30
+    generations: int = 10
+
+    @classmethod
+    def of(cls, cell: Cell, population: int, generations: int) -> Workshop:
+        """The criterion is the papers' determinant (local identification, eq. 8 and 9)."""
+        model = DynamicModel.of(ns16())
+        criterion = Criterion.of(model, NOMINAL, "D", weighting="printed")
+        return cls(model, limits(), cell, criterion, population, generations)
+
+    def designed(self, algorithm: str, settings: Settings, seed: int) -> Trajectory:
+        """One excitation of algorithm 'A', 'A_local' or 'B', by the papers' genetic algorithm, from rest to rest."""
+        options = Options(
+            method="genetic", samples=200, population=self.population, generations=self.generations, seed=seed
+        )
+        if algorithm == "A":
+            return algorithm_a(self.criterion, self.limits, options, longest=_LONGEST, rate=RATE).trajectory
+        if algorithm == "A_local":
+            return algorithm_a_local(self.criterion, self.cell, options, longest=_LONGEST, rate=RATE).trajectory
+        return algorithm_b(self.criterion, self.cell, options, settings=settings, rate=RATE).trajectory
+
+    def random(self, kind: str, rng: np.random.Generator, points: int = 6) -> Trajectory:
+        """A random motion of a test case's class: 'local fast', 'local slow', 'sines', 'wide gentle', 'wide abrupt'."""
+        tree = self.model.tree
+        if kind == "sines":
+            motions = Sines(self.limits, longest=_LONGEST)
+            genes = rng.uniform(size=(1, motions.size))
+            count = int(np.ceil(float(motions.motions(genes, 2).duration[0]) * RATE)) + 1
+            return at_rest(motions.motions(genes, count).single(0, tree.joints, "sines"), self.limits, RATE)
+        if kind.startswith("local"):
+            settings = FAST if kind.endswith("fast") else SLOW
+            return random_planner_motion(
+                tree, self.limits, rng, region=self.cell, settings=settings, via_points=points, rate=RATE
+            )
+        if kind.endswith("gentle"):
+            return random_planner_motion(tree, self.limits, rng, settings=GENTLE, via_points=points, rate=RATE)
+        hard = replace(self.limits, acceleration=_HARDER * self.limits.acceleration)
+        return random_planner_motion(tree, hard, rng, settings=ABRUPT, via_points=points, rate=RATE)
+
+    def mixed(self, seconds: float, rng: np.random.Generator, tries: int = 12) -> list[Trajectory]:
+        """Ours: the time shared equally by all classes, in each the motions after which torque is best predicted.
+
+        Greedily from random motions, by the mean variance of predicted torque (over nominal) on others of all classes.
+        """
+        classes = ("sines", "local fast", "local slow", "wide gentle", "wide abrupt")
+        target = sum(self._information(self.random(kind, rng)) / NOMINAL.size for kind in classes for _ in range(3))
+        chosen: list[Trajectory] = []
+        known = 1e-6 * np.diag(np.diag(target))
+        for k, kind in enumerate(classes):
+            until = seconds * (k + 1) / len(classes)
+            pool = [self.random(kind, rng, points=4) for _ in range(tries)]
+            parts = [(t, self._information(t)) for t in pool]
+            while parts:
+                left = until - sum(t.duration for t in chosen)
+                parts = [(t, M) for t, M in parts if t.duration <= left]
+                if not parts:
+                    break
+                gains = [np.trace(np.linalg.solve(known + M, target)) for _, M in parts]
+                trajectory, M = parts.pop(int(np.argmin(gains)))
+                known = known + M
+                chosen.append(trajectory)
+        if not chosen:
+            raise IdentificationError(f"{seconds:g} s are too short for a mixture of {len(classes)} classes of motion")
+        return chosen
+
+    def _information(self, t: Trajectory) -> Array:
+        """(c, c) what a trajectory tells of the base parameters, rows over nominal torque, summed over all samples."""
+        every = max(1, len(t.time) // 300)
+        grams = self.model.grams(
+            t.q[None, ::every], t.qd[None, ::every], t.qdd[None, ::every], self.criterion.independent
+        )
+        return every * np.einsum("i,ijk->jk", NOMINAL**-2.0, grams[0])
+
+
+def filled(seconds: float, choose: Callable[[int], Trajectory]) -> list[Trajectory]:
+    """Trajectories choose(0), choose(1), ... until the time is filled; the last one is cut to it."""
+    chosen: list[Trajectory] = []
+    left = seconds
+    while left > 0.5:
+        t = choose(len(chosen))
+        keep = t.time - t.time[0] <= left
+        chosen.append(Trajectory(t.name, t.joints, t.time[keep], t.q[keep], t.qd[keep], t.qdd[keep]))
+        left -= t.duration
+    return chosen
