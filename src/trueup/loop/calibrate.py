@@ -19,6 +19,7 @@ from trueup.errors import CalibrationError, SimulationFailedError
 from trueup.loop.checks import check
 from trueup.loop.fit import Checkpoint, Fit, Progress, Watch, fit
 from trueup.loop.identifiability import unseen_directions, verdicts
+from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
 from trueup.loop.selection import Choice, unhelpful, unsupported
 from trueup.loop.uncertainty import intervals, unit_covariance
@@ -74,6 +75,7 @@ def calibrate(
     choices: list[Choice] = []
     if chosen.select:
         found, choices = _selected(problem, found, watch, chosen)
+    found = probed(problem, found, np.random.default_rng(chosen.seed))
     cross = chosen.cross_validate and len(recordings) > 1
     return Calibration(
         replays=_replays(simulator, found.values, recordings, hold_out, measure, fitted, controllers),

@@ -50,6 +50,11 @@ class Fit:
     """(m,) robust weights."""
     ended: str
     loss: float = 0.0
+    bend: float = np.inf
+    """Residuals far beyond it count as outliers."""
+    scatter: Array | None = None
+    """(n_free, n_free) mean square by which the place changes that slopes point to, from one side of the optimum to the
+    other (see `probe.py`)."""
 
     @property
     def values(self) -> Array:
@@ -222,4 +227,6 @@ def _finished(problem: Problem, coarse: Problem, space: ParameterSpace, search: 
         search.tell(candidates, _columns(problem, coarse, space, candidates))
     if search.jacobian is None or search.residual is None:
         raise CalibrationError("the search ended without slopes")
-    return Fit(space, search.point, search.residual, search.jacobian, search.weights(), search.done, search.loss)
+    return Fit(
+        space, search.point, search.residual, search.jacobian, search.weights(), search.done, search.loss, search.delta
+    )

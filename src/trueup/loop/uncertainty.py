@@ -21,7 +21,7 @@ def unit_covariance(problem: Problem, fit: Fit) -> Array:
 
     A is the curvature of the loss. B holds the residuals' own variance and autocorrelation, series by series, so that
     model errors that last for seconds widen the intervals as they must (Newey and West, Econometrica 55(3), 1987, with
-    the autocorrelation estimated from the residuals and tapered).
+    the autocorrelation estimated from the residuals and tapered). Where the fit was probed, its `scatter` is added.
     """
     jacobian = fit.jacobian * fit.weights[:, None]
     curvature = fit.jacobian.T @ jacobian
@@ -34,7 +34,8 @@ def unit_covariance(problem: Problem, fit: Fit) -> Array:
             spread += _series(slopes[:, j], errors[:, j], counts[:, j])
     size = max(float(np.trace(spread)) / max(float(np.trace(curvature)), 1e-300), 1e-12)
     inverse = np.linalg.inv(curvature + size * PRIOR * np.eye(len(curvature)))
-    return inverse @ (spread + size**2 * PRIOR * np.eye(len(curvature))) @ inverse
+    covariance = inverse @ (spread + size**2 * PRIOR * np.eye(len(curvature))) @ inverse
+    return covariance if fit.scatter is None else covariance + fit.scatter
 
 
 def intervals(fit: Fit, covariance: Array) -> tuple[Array, Array]:

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 # Damping factors tried side by side: one batch of steps instead of one step after the other.
 _LADDER = (0.03, 1.0, 30.0)
-_ALIKE = 0.02  # steps nearer to one another than this share of the promised gain are one: simulations are dear
+_ALIKE = 0.02  # steps nearer to one another than this share of the promised gain, and of the box, are one
 _CREDIT = 2  # steps uphill in a row, each on the promise that the next one comes down below everything before
 _WORN = 0.7  # new slopes are taken once a step leaves more than this share of what was promised: they cost ten steps
 _CROSSING = 1e-4  # damping of the imagined step across the valley that candidates are judged by
@@ -285,14 +285,16 @@ class LeastSquares:
     def _trial_points(self) -> Array:
         """Steps of several lengths that differ; the factor on the damping that made each is kept beside it."""
         curvature, slope = self._normal_equations()
-        apart = _ALIKE * self._promise()
+        least = _ALIKE * self._promise()
         points: list[Array] = []
         self._factors = []
         for factor in _LADDER:
             step = damped_step(curvature, slope, max(self._damping * factor, self.least_damping), self.point)
             for moved in (step, in_value(step, self.log_range)):
                 point = inside(self.point, moved, self.log_range)
-                if all((point - p) @ curvature @ (point - p) >= apart for p in points) or not points:
+                apart = [point - p for p in points]
+                # Far apart in the box they may differ more than slopes can tell: a logarithm near its lower bound.
+                if all(a @ curvature @ a >= least or np.abs(a).max() > _ALIKE for a in apart):
                     points.append(point)
                     self._factors.append(factor)
         return np.array(points)
