@@ -78,8 +78,12 @@ RULES = (
     # what the loop computes with when nobody gives it something else; never a concrete simulator or robot
     Rule("loop", (*BASES, "identification", "grounding", "discrepancies", "search", *NOUNS)),
     Rule("campaign", ("loop", "campaign", *BASES, *NOUNS)),
-    Rule("campaign.assemble", ("loop", *BASES, *NOUNS), lazily=ANYTHING),  # alone turns names into concrete classes
-    Rule("report", ("campaign.journal", "campaign.plan", "identification.result", *NOUNS)),
+    Rule("campaign.assemble", ("loop", *BASES, *NOUNS), lazily=ANYTHING),  # alone turns names into concrete classes,
+    Rule("campaign.kinds", ("loop", *BASES, *NOUNS), lazily=ANYTHING),  # and these are the names that a plan may use
+    Rule(
+        "report",
+        ("campaign.journal", "campaign.events", "campaign.history", "campaign.plan", "identification.result", *NOUNS),
+    ),
     Rule("studies", ANYTHING),  # an experiment put together by hand
     Rule("demo", ANYTHING),  # one run of the whole, put together by hand
     Rule("commands", ("report", "campaign", "identification.result", *NOUNS), lazily=("demo", "loop", "identification", "studies", "simulators.simulator")),

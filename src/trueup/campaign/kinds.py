@@ -6,16 +6,151 @@ Concrete classes are imported inside functions only, so that a plan loads nothin
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trueup.calibration import Calibration, TracePoint
+from trueup.errors import PlanError, unknown_name
+from trueup.loop.restricted import Restricted
+from trueup.recording import Recording
+from trueup.simulators.simulator import Simulator
+
+if TYPE_CHECKING:
+    from trueup.robots.stand_in_vehicle import StandInVehicle
+    from trueup.simulators.bicycle import BicycleSimulator, Vehicle
+    from trueup.simulators.mujoco.rollout import MujocoSimulator
+    from trueup.tasks.follow_path import FollowPath
+
 ROBOTS = {
     "by-hand": "trueup.robots.by_hand:ByHand",
     "stand-in-arm": "trueup.robots.stand_in:StandInArm",
+    "stand-in-vehicle": "trueup.campaign.kinds:stand_in_vehicle",
 }
-SIMULATORS: dict[str, str] = {"mujoco": "trueup.campaign.kinds:mujoco_simulator"}
-TASKS: dict[str, str] = {}
+SIMULATORS = {"mujoco": "trueup.campaign.kinds:mujoco", "bicycle": "trueup.campaign.kinds:bicycle"}
+TASKS = {"follow-path": "trueup.campaign.kinds:follow_path"}
 SEARCHES = {
     "cma-es": "trueup.search.cma_es:CmaEs",
     "optuna": "trueup.search.optuna:OptunaSearch",
     "genetic": "trueup.search.genetic:Genetic",
 }
-DISCREPANCIES: dict[str, str] = {}
-CALIBRATIONS = {"fit": "", "none": ""}
+DISCREPANCIES = {
+    "weighted": "trueup.campaign.kinds:weighted",
+    "plain": "trueup.discrepancies.plain:Plain",
+    "path-shape": "trueup.discrepancies.path_shape:PathShape",
+}
+CALIBRATIONS = {"fit": "", "none": "", "drives": "trueup.campaign.kinds:drives"}
+
+_DRIVES = (
+    "speed_delay", "speed_lag", "acceleration_limit", "wheel_scale", "steering_delay", "steering_lag",
+    "steering_rate_limit", "steering_scale", "steering_offset", "steering_slack", "understeer",
+)  # fmt: skip
+
+
+def mujoco(model: Path, recordings: Sequence[Recording] = (), parameters: Path | None = None) -> MujocoSimulator:
+    """A robot model with the parameters of a file, or those proposed for the plan's recordings.
+
+    Raises PlanError where there is neither, ModelError, ParameterError.
+    """
+    from trueup.campaign.assemble import simulator_for
+
+    if parameters is None and not recordings:
+        raise PlanError(
+            f"{model}: what is to be calibrated? Name recordings in [calibrate], from which parameters are proposed, or a "
+            "parameters file in [simulator]"
+        )
+    return simulator_for(model, recordings, parameters)[0]
+
+
+def bicycle(
+    wheelbase: float, max_steering: float = 0.6, parameters: tuple[str, ...] = _DRIVES, step: float = 0.02, seed: int = 0,
+    name: str = "vehicle", values: Mapping[str, float] | None = None,
+) -> BicycleSimulator:  # fmt: skip
+    """A vehicle that steers its front axle: `wheelbase` in m, `max_steering` in rad; `values` of what is known of it.
+
+    Raises ParameterError, and UnknownNameError for a parameter that a vehicle does not have.
+    """
+    from trueup.simulators.bicycle import BicycleSimulator, Vehicle, vehicle_space
+
+    vehicle = Vehicle(name, wheelbase, max_steering, dict(values or {}))
+    return BicycleSimulator(vehicle, vehicle_space(vehicle, parameters), step=step, seed=seed)
+
+
+def follow_path(
+    paths: tuple[str, ...], simulator: Simulator, folder_of_plan: Path, gains: tuple[str, ...] = ("k1", "k2", "k3"),
+    nominal: Mapping[str, float] | None = None, measure: str = "rms", point: str = "front", rate: float = 20.0,
+    max_speed: float = 1.0, edges: tuple[float, float] = (0.5, 0.8), period: float = 0.02, speed: float | None = None,
+) -> FollowPath:  # fmt: skip
+    """Follow paths, each a course by name or a CSV file of waypoints beside the plan, with the Stanley controller.
+
+    `gains` are tuned from their `nominal` values; `speed` in m/s where a file has none. Raises PlanError for a simulator
+    that is no vehicle, UnknownNameError, FormatError.
+    """
+    from trueup.controllers.stanley import StanleySettings
+    from trueup.tasks.follow_path import FollowPath
+
+    vehicle = _vehicle(simulator)
+    settings = StanleySettings(
+        wheelbase=vehicle.wheelbase, max_steering=vehicle.max_steering, max_speed=max_speed, edges=edges, period=period
+    )
+    found = [_path(p, folder_of_plan, speed) for p in paths]
+    return FollowPath(
+        found, settings, names=gains, nominal=dict(nominal or {}), measure=measure, point=point, rate=rate
+    )
+
+
+def stand_in_vehicle(task: FollowPath, number: int = 0, seed: int = 0, failing: float = 0.0) -> StandInVehicle:
+    """Stand-in `number` of a series with hidden truths, driven by the task's controller."""
+    from trueup.robots.stand_in_vehicle import StandInVehicle
+
+    return StandInVehicle(number, task.settings, seed=seed, failing=failing)
+
+
+def drives(
+    recordings: Sequence[Recording], simulator: Simulator, held_out: Sequence[Recording] = (),
+    progress: Callable[[TracePoint], None] | None = None, length: float = 6.0,
+) -> Calibration:  # fmt: skip
+    """Least squares on windows of `length` s of each drive, and as much doubt as a bicycle deserves.
+
+    The covariance is widened to what is known of real vehicles: least squares is sure of a parameter only as far as the
+    model's structure is right.
+    """
+    from trueup.studies.stanley.drives import calibrate_drives, doubted
+
+    found = calibrate_drives(recordings, simulator, held_out, progress, length)
+    fitted = np.flatnonzero([e.fitted for e in found.estimates])
+    return dataclasses.replace(found, covariance=doubted(found, simulator.parameters).covariance_of(fitted))
+
+
+def weighted(recordings: Sequence[Recording], channels: tuple[str, ...] = ("position",)) -> object:
+    """Residuals in units of the noise that the plan's own recordings show. Raises PlanError where there is none."""
+    from trueup.discrepancies.weighted import Weighted
+
+    if not recordings:
+        raise PlanError(
+            "the discrepancy 'weighted' needs recordings in [calibrate]; leave it out, and each fit makes its own"
+        )
+    return Weighted.estimated(recordings, channels)
+
+
+def _vehicle(simulator: Simulator) -> Vehicle:
+    from trueup.simulators.bicycle import BicycleSimulator
+
+    whole = simulator.whole if isinstance(simulator, Restricted) else simulator
+    if not isinstance(whole, BicycleSimulator):
+        raise PlanError(f"the task 'follow-path' needs the simulator 'bicycle', not '{simulator.name}'")
+    return whole.vehicle
+
+
+def _path(name: str, base: Path, speed: float | None):
+    from trueup.paths.courses import COURSES
+    from trueup.paths.csv import read_path
+
+    if name in COURSES:
+        return COURSES[name]()
+    if name.lower().endswith((".csv", ".txt", ".tsv")):
+        return read_path(base / name) if speed is None else read_path(base / name, speed=speed)
+    raise unknown_name("course", name, COURSES, "those that are built in (a CSV file of waypoints will do too)")

@@ -87,11 +87,19 @@ def _module(name: str, where: str, base: Path) -> Any:
 
 
 def _hints(target: Callable[..., Any]) -> dict[str, Any]:
-    """The annotations of what is called; none where they cannot be resolved."""
-    try:
-        return typing.get_type_hints(target.__init__ if inspect.isclass(target) else target)  # type: ignore[misc]
-    except (NameError, TypeError, AttributeError):
-        return {}
+    """The annotations of the parameters of what is called; without those that cannot be resolved."""
+    function: Any = target.__init__ if inspect.isclass(target) else target
+    names = getattr(inspect.unwrap(function), "__globals__", {})
+    found: dict[str, Any] = {}
+    for name, annotation in getattr(function, "__annotations__", {}).items():
+        if name == "return":
+            continue
+        alone = type("Alone", (), {"__annotations__": {name: annotation}})
+        try:
+            found[name] = typing.get_type_hints(alone, globalns=names)[name]
+        except (NameError, TypeError, AttributeError):
+            continue
+    return found
 
 
 def _option(hint: Any, value: Any, where: str, key: str, base: Path) -> Any:

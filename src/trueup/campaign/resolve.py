@@ -32,12 +32,14 @@ Array = NDArray[np.float64]
 def parts_of(file: PlanFile, folder: Path, say: Callable[[str], None]) -> Parts:
     """Everything that the plan names, made; `folder` is the campaign's, `say` shows a robot's messages to the operator.
 
-    What is made may ask, by the names of its parameters, for: folder, say, seed, recordings, and the task and the
-    simulator that were made before it. Raises PlanError, and what the parts raise.
+    What is made may ask, by the names of its parameters, for: folder, folder_of_plan, say, seed, recordings, and the
+    simulator and the task that were made before it. Raises PlanError, and what the parts raise.
     """
     plan, base = file.plan, file.path.parent
     recordings, held_out = _recordings(plan.calibrate, base, str(file.path))
-    given: dict[str, Any] = {"folder": folder, "say": say, "seed": plan.seed, "recordings": (*recordings, *held_out)}
+    given: dict[str, Any] = {
+        "folder": folder, "folder_of_plan": base, "say": say, "seed": plan.seed, "recordings": (*recordings, *held_out)
+    }  # fmt: skip
     simulator: Simulator = made(plan.simulator, "simulator", SIMULATORS, given, base)
     if plan.calibrate.parameters:
         simulator = Restricted.to(simulator, plan.calibrate.parameters)

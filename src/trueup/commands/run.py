@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib.metadata
 from pathlib import Path
 from typing import cast
 
@@ -94,6 +95,7 @@ def told_outcome(folder: Folder, args: argparse.Namespace, console: Console) -> 
 
 
 def _version() -> str:
-    from trueup import __version__
-
-    return __version__
+    try:
+        return importlib.metadata.version("trueup")
+    except importlib.metadata.PackageNotFoundError:
+        return "(not installed)"
