@@ -213,4 +213,4 @@ def _plan(history: History, plan: Plan, times: dict[int, float], plan_text: str)
 
 def _legend(*entries: tuple[str, str]) -> Markup:
     shown = [join(tag("b", "● ", style=f"color:var(--{colour})"), words, "   ") for colour, words in entries]
-    return tag("p", shown, class_="legend")
+    return tag("p", shown, class_="key")
