@@ -12,7 +12,7 @@ from typing import Literal
 import pytest
 
 from trueup.campaign.campaign import Campaign
-from trueup.campaign.events import Begun, Calibrated, Chosen, Ended, Event, Scored, TrialDone, TrialPlanned
+from trueup.campaign.events import Begun, Calibrated, Chosen, Ended, Event, Generation, Scored, TrialDone, TrialPlanned
 from trueup.campaign.folder import Folder
 from trueup.campaign.history import History
 from trueup.campaign.journal import JOURNAL, Journal, read_journal
@@ -95,6 +95,21 @@ def test_stopped_after_any_event_it_goes_on_to_the_same_journal(write_plan: Writ
         run(plan, out)
         assert (out / JOURNAL).read_bytes() == wanted
         shutil.rmtree(out)
+
+
+@pytest.mark.parametrize("search", ["cma-es", "optuna", "genetic"])
+def test_every_search_goes_on_with_the_same_candidates(write_plan: Write, tmp_path: Path, search: str) -> None:
+    more = ", population = 8, generations = 3" if search == "genetic" else ""
+    plan = write_plan(
+        ('"toy:Nearby"', f'{{ type = "{search}"{more} }}\nevaluations = 24'), ("rounds = 2", "rounds = 1")
+    )
+    whole = run(plan, tmp_path / "a")
+    lines = (tmp_path / "a" / JOURNAL).read_bytes().splitlines(keepends=True)
+    middle = [k for k, e in enumerate(whole) if isinstance(e, Generation)]
+    shutil.copytree(tmp_path / "a", tmp_path / "b")
+    (tmp_path / "b" / JOURNAL).write_bytes(b"".join(lines[: middle[len(middle) // 2]]))
+    run(plan, tmp_path / "b")
+    assert (tmp_path / "b" / JOURNAL).read_bytes() == b"".join(lines)
 
 
 def test_a_finished_campaign_is_not_overwritten_and_another_one_gets_another_folder(

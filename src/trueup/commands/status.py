@@ -50,8 +50,8 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
 def show_status(history: History, plan: Plan, console: Console) -> None:
     """A table of the rounds, then the best so far, what is waited for, or why it ended."""
     table = Table(title=escape(plan.name), title_justify="left", box=None, pad_edge=False)
-    for name in ("round", "runs", "replay error", "simulated best", "on the robot", "rank agreement"):
-        table.add_column(name, justify="left" if name == "round" else "right")
+    for name in ("round", "runs", "replay error", "simulated", "on the robot", "same ranks"):
+        table.add_column(name, justify="left" if name == "round" else "right", no_wrap=True)
     for story in history.rounds:
         table.add_row(*_row(story))
     console.print(table)
@@ -107,7 +107,7 @@ def _row(story: RoundStory) -> tuple[str, ...]:
         str(story.begun.round),
         str(sum(t.done is not None for t in story.trials)),
         f"{done.error_before:.3g} -> {done.error_after:.3g} {escape(done.unit)}" if done else "",
-        f"{story.best_simulated:.4g} of {story.tried}" if story.tried else "",
+        f"{story.best_simulated:.4g}" if story.tried else "",
         f"{story.ended.score:.4g}" if story.ended else "",
         f"{rank.tau:.2f} [{rank.low:.2f}, {rank.high:.2f}]" if rank and math.isfinite(rank.tau) else "",
     )

@@ -104,7 +104,7 @@ def search_figure(history: History) -> Markup:
         best, line = math.inf, []
         for k, x in enumerate(losses):
             best = min(best, x) if math.isfinite(x) else best
-            line.append((at + k, best if math.isfinite(best) else math.nan))
+            line.append((at + k, best if best <= plot.y[1] else math.nan))
             if math.isfinite(x) and x <= plot.y[1]:
                 plot.dot((at + k, x), FAINT, size=1.8)
         plot.line(line, AFTER, width=2.0)
