@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -10,10 +11,8 @@ from numpy.typing import NDArray
 
 from trueup.calibration import Calibration, TracePoint
 from trueup.discrepancies.rigid import RigidlyAligned
-from trueup.loop.belief import Belief
 from trueup.loop.calibrate import Options, calibrate
 from trueup.noise import estimate_noise
-from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.simulators.bicycle.windows import windows
 from trueup.simulators.simulator import Simulator
@@ -29,11 +28,14 @@ DOUBT = {
 """Least standard deviation that tuning reckons with, in the parameters' units: the vehicle is no bicycle. Least squares
 tells a parameter far better than this, but only as far as the model's structure is right."""
 _DOUBTED_LIMITS = 0.25  # the same for limits, as a share of their value
+_TRADED = 0.06
+"""Standard deviation in s by which a delay may be a lag instead, their sum the same: smooth driving hardly tells them
+apart, but a controller that is pushed to its limit becomes unstable with the one sooner than with the other."""
 
 
 def calibrate_drives(
     recordings: Sequence[Recording], simulator: Simulator, held_out: Sequence[Recording] = (),
-    progress: Callable[[TracePoint], None] | None = None, length: float = 6.0,
+    progress: Callable[[TracePoint], None] | None = None, length: float = 6.0, most: int = 42,
 ) -> Calibration:  # fmt: skip
     """Fits the simulator to recorded drives cut into windows of `length` s, each with a start pose of its own.
 
@@ -59,16 +61,26 @@ def noise_of(recordings: Sequence[Recording]) -> tuple[float, float]:
     return float(position), float(heading)
 
 
-def doubted(calibration: Calibration, space: ParameterSpace) -> Belief:
-    """What a calibration leaves to believe, less sure of itself where the structure is surely wrong (`DOUBT`)."""
-    belief = Belief.of(calibration, space)
-    spread = np.sqrt(np.diag(belief.covariance)).copy()
-    least = np.zeros(len(spread))
-    for row, index in enumerate(belief.unsure):
-        p = space.parameters[index]
-        if p.name.endswith("_limit"):
-            least[row] = _DOUBTED_LIMITS / np.log(p.upper / p.lower)
-        elif p.name in DOUBT:
-            least[row] = DOUBT[p.name] / (p.upper - p.lower)
-    more = np.maximum(least**2 - spread**2, 0.0)
-    return Belief(belief.space, belief.values, belief.unsure, belief.covariance + np.diag(more))
+def calibrate_under_doubt(
+    recordings: Sequence[Recording], simulator: Simulator, held_out: Sequence[Recording] = (),
+    progress: Callable[[TracePoint], None] | None = None, length: float = 6.0, most: int = 42,
+) -> Calibration:  # fmt: skip
+    """`calibrate_drives`, as unsure of itself as tuning should be: for plans."""
+    return doubted(calibrate_drives(recordings, simulator, held_out, progress, length, most))
+
+
+def doubted(calibration: Calibration) -> Calibration:
+    """The same values with a wider covariance, because the structure is surely wrong somewhere (`DOUBT`, delay or lag)."""
+    fitted = [e for e in calibration.estimates if e.fitted]
+    place = {e.name: row for row, e in enumerate(fitted)}
+    known = np.diag(calibration.covariance)
+    least = np.array(
+        [_DOUBTED_LIMITS * e.value if e.name.endswith("_limit") else DOUBT.get(e.name, 0.0) for e in fitted]
+    )
+    covariance = calibration.covariance + np.diag(np.maximum(least**2 - known, 0.0))
+    for kind in ("speed", "steering"):
+        if f"{kind}_delay" in place and f"{kind}_lag" in place:
+            pair = [place[f"{kind}_delay"], place[f"{kind}_lag"]]
+            covariance[np.ix_(pair, pair)] += _TRADED**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    note = "tuning reckons with more doubt than the intervals say: the vehicle is no bicycle"
+    return dataclasses.replace(calibration, covariance=covariance, notes=(*calibration.notes, note))

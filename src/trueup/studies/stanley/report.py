@@ -57,7 +57,7 @@ def _headline(study: Study) -> Markup:
         ("initial gains (1, 1, 1)", _mm(initial), "", "1 run"),
         ("the paper's way: five parameters by time warping, three gains", _mm(paper), _percent(initial, paper), "2 runs"),
         ("in rounds: calibrated instant by instant, gains and lead tuned under doubt", _mm(rounds),
-         _percent(initial, rounds), f"{1 + sum(len(r.candidates) for r in study.tuned.rounds)} runs"),
+         _percent(initial, rounds), f"{study.tuned.runs} runs"),
     ]  # fmt: skip
     words = (
         "Distance of the steered axle from the path, root mean square along it, as it truly is (localisation aside)."
@@ -104,8 +104,8 @@ def _table(study: Study) -> Markup:
     notes = [tag("li", f"{name}: {what}") for name, what in READINGS.items()]
     words = (
         f"Tracking of the robot as it was measured; paths warped every {100 * SPACING:.0f} cm within {100 * BAND:.0f} % of "
-        f"their length. The paper's figure has no unit. One simulated run took {1e3 * each:.1f} ms, sampler and loss included "
-        f"(the paper: {PAPER_SIMULATION:.0f} s). The two runs that the method needs of the robot take "
+        f"their length. The paper's figure has no unit. One simulated run took {1e3 * each:.1f} ms, sampler and loss "
+        f"included (the paper: {PAPER_SIMULATION:.0f} s). The two runs that the method needs of the robot take "
         f"{ours.real_runs_hours:.2f} h, which the paper leaves out."
     )
     return join(table(("", "initial / on the robot", "tuned / simulated", "better by", "the paper"), rows), tag("p", words),

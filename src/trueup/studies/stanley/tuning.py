@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.calibration import Calibration
+from trueup.loop.belief import Belief
 from trueup.loop.optimize import TrustRegion, optimize
 from trueup.loop.ranking import Agreement
 from trueup.loop.transfer import Tested, best_known, compared, shortlist, try_on_robot
@@ -23,6 +24,8 @@ from trueup.studies.stanley.drives import calibrate_drives, doubted
 from trueup.tasks.task import Task
 
 Array = NDArray[np.float64]
+
+_CONFIRMED = 3  # runs at most to make sure that the best was not merely lucky
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,22 +51,23 @@ class Tuned:
     start: Tested
     """The robot with today's gains."""
     rounds: tuple[Round, ...]
-
-    @property
-    def best(self) -> Array:
-        """(m,) the best gains that the robot has shown."""
-        return self.rounds[-1].best
+    best: Array
+    """(m,) the best gains that the robot has shown, in more than one run."""
+    score: float
+    """Their mean score on the robot."""
+    runs: int
+    """On the robot, in all."""
 
 
 def tune(
     robot: Robot, task: Task, simulator: Simulator, *, rounds: int = 2, candidates: int = 3, evaluations: int = 160,
-    samples: int = 6, seed: int = 0, search: Callable[[Array, int], Search] | None = None,
+    samples: int = 8, seed: int = 0, search: Callable[[Array, int], Search] | None = None,
     say: Callable[[str], None] | None = None, start: Tested | None = None,
 ) -> Tuned:  # fmt: skip
     """Tunes the task's parameters for a robot, from today's; each round makes one calibration and `candidates` + 1 runs.
 
-    Nothing is lost by it: the best that the robot itself has shown is kept, today's gains among them. `start`: the run
-    with today's gains, if it was made already.
+    Nothing is lost by it: the best that the robot itself has shown is kept, today's gains among them, and it is run again
+    before it is believed. `start`: the run with today's gains, if it was made already.
     """
     tell = say or (lambda line: None)
     make = search or (lambda at, number: CmaEs(at, seed=number, max_evaluations=evaluations))
@@ -74,7 +78,8 @@ def tune(
     done: list[Round] = []
     for number in range(rounds):
         calibration = calibrate_drives(drives, simulator)
-        models = doubted(calibration, simulator.parameters).sample(samples, np.random.default_rng([seed, number]))
+        belief = Belief.of(doubted(calibration), simulator.parameters)
+        models = belief.sample(samples, np.random.default_rng([seed, number]))
         optimum = optimize(task, simulator, models, make(region.inside(region.centre), seed + number), region)
         chosen = shortlist(optimum, region, candidates, task=task, simulator=simulator, models=models, apart=0.15)
         tested = [
@@ -91,7 +96,15 @@ def tune(
                           space.from_unit(best), score))  # fmt: skip
         region = dataclasses.replace(region, centre=best)
         tell(f"round {number + 1}: {1e3 * first.score:.1f} -> {1e3 * score:.1f} mm on the robot")
-    return Tuned(first, tuple(done))
+    for k in range(_CONFIRMED):
+        best, score = best_known(units, scores)
+        if sum(np.array_equal(u, best) for u in units) > 1:
+            break
+        again = try_on_robot(robot, task, space.from_unit(best), label=f", confirmed {k + 1}")
+        units.append(best)
+        scores.append(again.scores)
+    best, score = best_known(units, scores)
+    return Tuned(first, tuple(done), space.from_unit(best), score, len(units))
 
 
 def _recordings(tested: Sequence[Tested]) -> list[Recording]:
