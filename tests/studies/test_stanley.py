@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The Stanley study: the paper's arithmetic, calibrations that find what is hidden, a robot that drives better."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trueup.campaign.plan import read_plan
+from trueup.errors import UnknownNameError
+from trueup.loop.transfer import try_on_robot
+from trueup.recording import Recording
+from trueup.simulators.bicycle import BETAS
+from trueup.studies.stanley import chasi
+from trueup.studies.stanley.courses import true_errors
+from trueup.studies.stanley.drives import calibrate_drives, doubted, noise_of
+from trueup.studies.stanley.paper import PaperStudy, calibrate_betas, paper_study
+from trueup.studies.stanley.profile import profiles
+from trueup.studies.stanley.table import costs, improvement
+from trueup.studies.stanley.tuning import tune
+from trueup.tasks.task import robot_trials
+
+
+@pytest.fixture(scope="module")
+def drive() -> Recording:
+    """Stand-in 1 with its initial gains."""
+    task = chasi.task()
+    return chasi.robot(1).perform(robot_trials(task, task.parameters.nominal)[0])[0]
+
+
+@pytest.fixture(scope="module")
+def study() -> PaperStudy:
+    return paper_study(chasi.robot(1), calibration_trials=90, tuning_trials=40)
+
+
+def test_table_iii_follows_from_its_formulas() -> None:
+    paper = costs(324, 116, 45.0)
+    assert (round(paper.robot_hours, 2), round(paper.simulation_hours, 2)) == (9.34, 5.5)
+    assert (round(paper.saved[0], 2), round(paper.saved[1], 3)) == (3.84, 9.179)  # printed as 9.175, from 9.34 - .165
+    assert round(improvement(3.72, 1.82), 2) == 51.08
+
+
+def test_the_papers_way_makes_the_simulator_like_the_robot_and_the_robot_better(study: PaperStudy) -> None:
+    assert study.calibration.losses.min() < 0.6 * study.calibration.losses[0]
+    assert study.tuning.losses.min() < 0.9 * study.tuning.losses[0]
+    assert study.scores[1] < study.scores[0] < 0.1
+    for reading in ("joint", "separate", "accumulated", "mean"):
+        before, after = study.tracking(reading)
+        assert 0.0 < after < before
+    delay = study.calibration.found[BETAS.index("steering_delay")]
+    truth = chasi.robot(1).truth
+    assert delay == pytest.approx(truth.steering_delay + truth.steering_lag + truth.latency, abs=0.12)
+
+
+def test_a_drive_tells_what_the_vehicle_is(drive: Recording) -> None:
+    truth = chasi.robot(1).truth
+    found = calibrate_drives([drive], chasi.simulator())
+    value = {e.name: e.value for e in found.estimates}
+    assert value["wheel_scale"] == pytest.approx(truth.wheel_scale, abs=0.005)
+    assert value["steering_scale"] == pytest.approx(truth.steering_scale, abs=0.02)
+    assert value["steering_offset"] == pytest.approx(truth.steering_offset, abs=0.002)
+    lag = truth.steering_delay + truth.steering_lag + truth.latency
+    assert value["steering_delay"] + value["steering_lag"] == pytest.approx(lag, abs=0.1)
+    wider = doubted(found)
+    assert (np.diag(wider.covariance) >= np.diag(found.covariance)).all()
+    assert np.linalg.eigvalsh(wider.covariance).min() > -1e-12
+    assert noise_of([drive]) == pytest.approx((truth.position_noise, truth.heading_noise), rel=0.4)
+
+
+def test_the_loop_in_rounds_never_makes_the_robot_worse_and_here_halves_its_error() -> None:
+    robot, task = chasi.robot(1), chasi.task()
+    first = try_on_robot(robot, task, task.parameters.nominal)
+    noise = noise_of([r for runs in first.recordings for r in runs])
+    tuned = tune(robot, task, chasi.simulator(position_noise=noise[0], heading_noise=noise[1]), rounds=1, candidates=2,
+                 evaluations=60, samples=4, start=first)  # fmt: skip
+    before, after = true_errors(robot, "hairpin", np.array([task.parameters.nominal, tuned.best]))
+    assert after < 0.49 * before
+    assert tuned.score <= first.score
+
+
+def test_warping_hides_what_only_time_can_tell(drive: Recording, study: PaperStudy) -> None:
+    simulator = chasi.simulator(BETAS, 0.0, 0.0)
+    rows = profiles(
+        chasi.task(gains=("k1", "k2", "k3")), simulator, study.calibration.found, np.ones(3), drive, points=11
+    )
+    seen = {p.name: p.open_share for p in rows}
+    assert seen["speed_delay"][0] > 0.3 > seen["speed_delay"][1]
+    assert seen["steering_delay"][0] < 0.3
+
+
+def test_localisation_noise_is_found_where_it_counts(drive: Recording) -> None:
+    truth = chasi.robot(1).truth
+    names = ("steering_delay", "position_noise", "heading_noise")
+    found = dict(zip(names, calibrate_betas(drive, names, trials=60).found, strict=True))
+    assert found["position_noise"] == pytest.approx(truth.position_noise, rel=0.6)
+    assert found["heading_noise"] == pytest.approx(truth.heading_noise, rel=0.6)
+
+
+def test_its_campaign_is_a_plan() -> None:
+    plan = read_plan(Path(str(resources.files("trueup.studies.stanley") / "campaign.toml"))).plan
+    assert plan.stop.rounds == 2
+
+
+def test_an_unknown_course_is_refused() -> None:
+    with pytest.raises(UnknownNameError, match="course 'hairpins'"):
+        chasi.task(("hairpins",))
