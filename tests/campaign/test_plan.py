@@ -10,8 +10,7 @@ import pytest
 
 from trueup.campaign.plan import read_plan
 from trueup.campaign.resolve import parts_of
-from trueup.errors import ParameterError, PlanError, TrueupError
-from trueup.recording import Recording
+from trueup.errors import ParameterError, PlanError
 
 Write = Callable[..., Path]
 
@@ -48,7 +47,7 @@ def complaint(path: Path) -> str:
         ('"toy:Lag"', '"toy:Lag"\nstep = "fine"', ("step = 'fine'", "a number")),
         ('"toy:Nearby"', '{ type = "toy:Nearby", generation = "x" }', ("[optimize.search], generation = 'x'", "whole")),
         ('"toy:Nearby"', "5", ("[optimize.search] = 5", "name in quotes")),
-        ('"toy:regression"', '{ type = "toy:regression", speed = 1 }', ("unknown key 'speed'", "recordings")),
+        ('"toy:regression"', '{ type = "toy:regression", speed = 1 }', ("unknown key 'speed' = 1", "recordings")),
         ("[calibrate]", '[calibrate]\nsearch = "newton"', ("search = 'newton'", "auto, gradient, cma-es, hybrid")),
         ("[calibrate]", '[calibrate]\nrecordings = ["logs/*.csv"]', ("'logs/*.csv' finds nothing",)),
         ("[calibrate]", '[calibrate]\nhold_out = ["fast"]', ("'fast' is none of the recordings",)),
@@ -85,6 +84,5 @@ def test_a_method_of_ones_own_gets_what_it_asks_for_by_name(write_plan: Write) -
     path = write_plan()
     calibrator = parts_of(read_plan(path), path.parent, quiet).calibrator
     assert calibrator is not None
-    with pytest.raises((TrueupError, ValueError), match=r"concatenate|recording"):
+    with pytest.raises(ValueError, match="concatenate"):  # its own error, not one of the plan
         calibrator((), (), lambda point: None)
-    assert Recording is not None

@@ -6,14 +6,10 @@ Concrete classes are imported inside functions only, so that a plan loads nothin
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from trueup.calibration import Calibration, TracePoint
 from trueup.errors import PlanError, unknown_name
 from trueup.loop.restricted import Restricted
 from trueup.recording import Recording
@@ -42,7 +38,7 @@ DISCREPANCIES = {
     "plain": "trueup.discrepancies.plain:Plain",
     "path-shape": "trueup.discrepancies.path_shape:PathShape",
 }
-CALIBRATIONS = {"fit": "", "none": "", "drives": "trueup.campaign.kinds:drives"}
+CALIBRATIONS = {"fit": "", "none": "", "drives": "trueup.studies.stanley.drives:calibrate_under_doubt"}
 
 _DRIVES = (
     "speed_delay", "speed_lag", "acceleration_limit", "wheel_scale", "steering_delay", "steering_lag",
@@ -107,22 +103,6 @@ def stand_in_vehicle(task: FollowPath, number: int = 0, seed: int = 0, failing: 
     from trueup.robots.stand_in_vehicle import StandInVehicle
 
     return StandInVehicle(number, task.settings, seed=seed, failing=failing)
-
-
-def drives(
-    recordings: Sequence[Recording], simulator: Simulator, held_out: Sequence[Recording] = (),
-    progress: Callable[[TracePoint], None] | None = None, length: float = 6.0,
-) -> Calibration:  # fmt: skip
-    """Least squares on windows of `length` s of each drive, and as much doubt as a bicycle deserves.
-
-    The covariance is widened to what is known of real vehicles: least squares is sure of a parameter only as far as the
-    model's structure is right.
-    """
-    from trueup.studies.stanley.drives import calibrate_drives, doubted
-
-    found = calibrate_drives(recordings, simulator, held_out, progress, length)
-    fitted = np.flatnonzero([e.fitted for e in found.estimates])
-    return dataclasses.replace(found, covariance=doubted(found, simulator.parameters).covariance_of(fitted))
 
 
 def weighted(recordings: Sequence[Recording], channels: tuple[str, ...] = ("position",)) -> object:

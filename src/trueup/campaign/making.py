@@ -52,25 +52,30 @@ def found(component: Component, kind: str, known: Mapping[str, str], base: Path)
 
 def called(component: Component, target: Callable[..., Any], given: Mapping[str, Any], base: Path) -> Any:
     """`target` called with the component's options and what it asks for out of `given`. Raises PlanError."""
-    parameters = inspect.signature(target).parameters
-    free = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
-    names = [n for n, p in parameters.items() if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)]
-    if not free:
-        check_keys(component.options, names, component.where)
-    hints = _hints(target)
-    options = {k: _option(hints.get(k, Any), v, component.where, k, base) for k, v in component.options.items()}
-    offered = {k: v for k, v in given.items() if k in names}
-    missing = [
-        n for n in names if parameters[n].default is inspect.Parameter.empty and n not in options and n not in offered
-    ]
-    if missing:
-        raise PlanError(f"{component.where}: '{component.type}' needs '{missing[0]}'; it takes: {', '.join(names)}")
     try:
-        return target(**{**offered, **options})
+        return target(**arguments(component, target, given, base))
     except TrueupError:
         raise
     except (TypeError, ValueError) as error:
         raise PlanError(f"{component.where}: '{component.type}' cannot be made: {error}") from error
+
+
+def arguments(component: Component, target: Callable[..., Any], given: Mapping[str, Any], base: Path) -> dict[str, Any]:
+    """What `target` is to be called with: the component's options, checked, and what it asks for out of `given`.
+
+    Raises PlanError for an option that it does not take or of a wrong type, and for one that is missing.
+    """
+    parameters = inspect.signature(target).parameters
+    names = [n for n, p in parameters.items() if p.kind not in (p.VAR_KEYWORD, p.VAR_POSITIONAL)]
+    if not any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
+        check_keys(component.options, names, component.where)
+    hints = _hints(target)
+    options = {k: _option(hints.get(k, Any), v, component.where, k, base) for k, v in component.options.items()}
+    offered = {k: v for k, v in given.items() if k in names}
+    for name in names:
+        if parameters[name].default is inspect.Parameter.empty and name not in options and name not in offered:
+            raise PlanError(f"{component.where}: '{component.type}' needs '{name}'; it takes: {', '.join(names)}")
+    return {**offered, **options}
 
 
 def _module(name: str, where: str, base: Path) -> Any:

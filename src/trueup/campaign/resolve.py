@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import fnmatch
-import inspect
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,10 +13,9 @@ from numpy.typing import NDArray
 
 from trueup.calibration import Calibration, TracePoint
 from trueup.campaign.kinds import CALIBRATIONS, DISCREPANCIES, ROBOTS, SEARCHES, SIMULATORS, TASKS
-from trueup.campaign.making import called, found, made
+from trueup.campaign.making import arguments, called, found, made
 from trueup.campaign.parts import Calibrator, Parts
 from trueup.campaign.plan import Calibrate, PlanFile
-from trueup.campaign.typed_toml import Component
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.errors import PlanError
 from trueup.formats import read
@@ -96,13 +94,14 @@ def _calibrator(file: PlanFile, given: Mapping[str, Any], discrepancy: Discrepan
     if plan.calibrate.method.type == "fit":
         return _fit(file, given["simulator"], discrepancy)
     target = found(plan.calibrate.method, "calibration", CALIBRATIONS, base)
-    _check_options(plan.calibrate.method, target)
+    before = {**given, "recordings": (), "held_out": (), "progress": None}
+    arguments(plan.calibrate.method, target, before, base)  # what is wrong with the options is said now, not after runs
 
     def own(
         recordings: Sequence[Recording], held_out: Sequence[Recording], progress: Callable[[TracePoint], None]
     ) -> Calibration:
         now = {**given, "recordings": recordings, "held_out": held_out, "progress": progress}
-        return called(plan.calibrate.method, target, now, base)
+        return target(**arguments(plan.calibrate.method, target, now, base))
 
     return own
 
@@ -122,10 +121,3 @@ def _fit(file: PlanFile, simulator: Simulator, discrepancy: Discrepancy | None) 
         return calibrate(simulator, recordings, held_out, options=options, discrepancy=discrepancy, progress=progress)
 
     return fit
-
-
-def _check_options(component: Component, target: Callable[..., Any]) -> None:
-    known = list(inspect.signature(target).parameters)
-    wrong = [k for k in component.options if k not in known]
-    if wrong:
-        raise PlanError(f"{component.where}: unknown key '{wrong[0]}'; '{component.type}' takes: {', '.join(known)}")

@@ -92,12 +92,6 @@ class Belief:
         rows[1 : 1 + len(shifts), self.unsure] = self._shifted(shifts)
         return rows
 
-    def covariance_of(self, indices: NDArray[np.intp]) -> Array:
-        """(k, k) covariance of some of the unsure parameters, by their indices among all, in their units."""
-        rows = [list(self.unsure).index(i) for i in indices]
-        slope = _slopes(self.space, self.values)[indices]
-        return self.covariance[np.ix_(rows, rows)] * np.outer(slope, slope)
-
     def moved(self, step: float) -> Array:
         """(f, n) values with one unsure parameter moved by `step` of its range in each row, inward at its upper bound."""
         centre = self._centre()
