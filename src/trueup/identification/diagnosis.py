@@ -16,9 +16,9 @@ from trueup.identification.motion import Log, Motion
 
 Array = NDArray[np.float64]
 
-POOR = 0.35
-"""Relative error of a fit from which on simple mistakes are looked for."""
-_BETTER = 0.6
+DOUBTFUL, POOR = 0.1, 0.35
+"""Relative errors of a fit from which on simple mistakes are looked for, and from which on it is said to be poor."""
+_BETTER = 0.5
 """Of the error that is left when a mistake is taken out, for it to be named."""
 _TURNS = 4.0 * np.pi
 _TORQUE_FACTOR = 30.0
@@ -82,12 +82,12 @@ def _check_torque(log: Log, tree: KinematicTree) -> None:
             )
 
 
-def mistakes(motion: Motion, tree: KinematicTree, fit: Fit, relative: float) -> Iterator[str]:
-    """Simple mistakes that, taken out, leave at most 60 % of the error of a poor fit; the best one is said."""
-    found: list[tuple[float, str]] = []
+def mistakes(motion: Motion, tree: KinematicTree, fit: Fit) -> Iterator[str]:
+    """The simple mistake that, taken out, leaves the least error, if it is at most half of that of the poor fit."""
+    relative, found = fit(motion), list[tuple[float, str]]()
     for said, changed in _candidates(motion, tree):
         error = fit(changed)
-        if error < _BETTER * relative and error < POOR:
+        if error < _BETTER * relative:
             found.append((error, said))
     if found:
         error, said = min(found)

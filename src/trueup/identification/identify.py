@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from trueup.errors import IdentificationError
 from trueup.identification.alignment import find_shift, shifted
 from trueup.identification.consistent import cross_validated_fit
-from trueup.identification.diagnosis import POOR, check_log, mistakes
+from trueup.identification.diagnosis import DOUBTFUL, POOR, Fit, check_log, mistakes
 from trueup.identification.drives import Drives
 from trueup.identification.estimate import Estimate, least_squares
 from trueup.identification.filtering import Lowpass, decimated
 from trueup.identification.kinematic_tree import KinematicTree
-from trueup.identification.moments import blocks_of, moments_of
+from trueup.identification.moments import blocks_of, moments_of, solve
 from trueup.identification.motion import Log, Motion, log_of
 from trueup.identification.outcome import outcome
 from trueup.identification.pool import STRUCTURES, Pool, chosen, pool_for
@@ -35,6 +35,8 @@ _COMPARED = 5.0
 """Samples per second that are compared, over the cut-off."""
 _GAP = 2.0
 """Between what is fitted and what is held out of the same recording, in periods of the cut-off."""
+_FEWEST = 40
+"""Samples in a piece."""
 _SLOW = 5.0
 """Hz: cut-off for the quick fits that look for mistakes."""
 
@@ -85,9 +87,9 @@ def identify(
     cutoff = wanted.cutoff or natural_cutoff(logs)
     measured = _measured_speed(logs, tree, gears, cutoff, rng)
     say("computing regressors", 0.1)
-    motions = [log.motion(cutoff, measured_speed=measured).moving() for log in logs]
+    motions = [log.motion(cutoff, measured_speed=measured) for log in logs]
     pool = pool_for(tree, gears.coupling, motions, rng)
-    unseen = [log.motion(cutoff, measured_speed=measured).moving() for log in judged]
+    unseen = [log.motion(cutoff, measured_speed=measured) for log in judged]
     pieces = [p for m in motions for p in _pieces(m, pool.model, cutoff, wanted.hold_out)]
     pieces += [replace(p, held_out=True) for m in unseen for p in _pieces(m, pool.model, cutoff, 0.0)]
     say("comparing clocks", 0.3)
@@ -145,22 +147,27 @@ def _check_options(options: Options, training: Sequence[Recording]) -> None:
 
 
 def _pieces(motion: Motion, model: TorqueModel, cutoff: float, hold_out: float) -> list[Piece]:
-    """The rows of a motion, filtered with its torque, whole or split in two with a gap between."""
-    if len(motion.time) < 50:
-        raise IdentificationError(
-            f"recording '{motion.name}': {len(motion.time) / motion.rate:.2g} s of motion are too little for a cut-off of "
-            f"{cutoff:g} Hz"
-        )
+    """The rows of a motion, filtered with its torque, whole or split in two with a gap between.
+
+    Standstill at both ends is left out, and what a filter cannot know there: one period of the cut-off.
+    """
     rows = model.rows(motion.time, motion.q, motion.v, motion.a, motion.torque)
     every = decimated(motion.rate, _COMPARED * cutoff)
     if cutoff < 0.45 * motion.rate:
         rows = rows.filtered(Lowpass(motion.rate, cutoff), every)
+    (start, stop), margin = motion.span(), 1.0 / cutoff
+    start, stop = max(start, float(rows.time[0]) + margin), min(stop, float(rows.time[-1]) - margin)
+    edge = start + (1.0 - hold_out) * (stop - start)
+    keeps = [((rows.time >= start) & (rows.time <= edge), False)]
+    if hold_out > 0.0:
+        keeps.append(((rows.time > edge + _GAP / cutoff) & (rows.time <= stop), True))
+    if min(np.count_nonzero(keep) for keep, _ in keeps) < _FEWEST:
+        raise IdentificationError(
+            f"recording '{motion.name}': {max(stop - start, 0.0):.2g} s of motion are too little for a cut-off of "
+            f"{cutoff:g} Hz{' and a part held out' if hold_out else ''}"
+        )
     whole = _at(motion, slice(None, None, every))
-    if hold_out == 0.0:
-        return [Piece(whole, rows, False)]
-    edge = rows.time[0] + (1.0 - hold_out) * (rows.time[-1] - rows.time[0])
-    first, last = rows.time <= edge, rows.time > edge + _GAP / cutoff
-    return [Piece(_at(whole, keep), rows.part(keep), held) for keep, held in ((first, False), (last, True))]
+    return [Piece(_at(whole, keep), rows.part(keep), held) for keep, held in keeps]
 
 
 def _at(motion: Motion, keep: slice | NDArray[np.bool_]) -> Motion:
@@ -179,15 +186,23 @@ def _relative(rows: Sequence[Rows], estimate: Estimate) -> float:
     return float(np.sqrt(np.mean(np.sum(errors**2, axis=0) / np.maximum(np.sum(torque**2, axis=0), 1e-300))))
 
 
-def _quick(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator) -> float:
-    """The relative error of a basic model on a motion."""
+def _quick(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator) -> Fit:
+    """A fit of a basic model that can be had many times: from a motion like this one to its relative error."""
     pool = pool_for(tree, drives.coupling, [motion], rng)
-    basic = _basic(pool)
-    model = pool.model.only([int(k) - 10 * tree.n for k in basic if k >= 10 * tree.n])
-    active = np.concatenate([basic[basic < 10 * tree.n], np.arange(10 * tree.n, model.p)])
-    rows = [p.rows for p in _pieces(motion, model, cutoff, 0.0)]
-    power = np.maximum(np.mean(rows[0].torque ** 2, axis=0), 1e-300)
-    return _relative(rows, least_squares(rows, active, 1.0 / power))
+    basic, first = _basic(pool), 10 * tree.n
+    model = pool.model.only([int(k) - first for k in basic if k >= first])
+    active = np.concatenate([basic[basic < first], np.arange(first, model.p)])
+
+    def error(changed: Motion) -> float:
+        rows = [p.rows for p in _pieces(changed, model, cutoff, 0.0)]
+        moments = moments_of(rows)
+        power = np.maximum(moments.square[0], 1e-300)
+        gram, cross = (x[0] for x in moments.weighted(1.0 / power))
+        x = np.zeros(model.p)
+        x[active] = solve(gram[np.ix_(active, active)], cross[active], np.zeros(len(active)))
+        return float(np.sqrt(np.mean(moments.errors(x)[0] / power)))
+
+    return error
 
 
 def _measured_speed(
@@ -196,11 +211,9 @@ def _measured_speed(
     """Whether speeds as measured explain torque better than differences of positions."""
     if any(log.velocity is None for log in logs):
         return False
-    errors = [
-        _quick(logs[0].motion(cutoff, measured_speed=measured).moving(), tree, drives, cutoff, rng)
-        for measured in (True, False)
-    ]
-    return errors[0] <= errors[1]
+    motions = [logs[0].motion(cutoff, measured_speed=measured) for measured in (True, False)]
+    fit = _quick(motions[0], tree, drives, cutoff, rng)
+    return fit(motions[0]) <= fit(motions[1])
 
 
 def _aligned(
@@ -229,13 +242,15 @@ def _poor(
     basic = _basic(pool)
     power = np.maximum(sum(np.mean(r.torque**2, axis=0) for r in parts), 1e-300)
     relative = _relative(parts, least_squares(parts, basic, 1.0 / power))
-    if relative < POOR:
+    if relative < DOUBTFUL:
         return []
     slow = min(_SLOW, 0.08 * logs[0].rate)
-    motion = logs[0].motion(slow, measured_speed=False).moving()
-    error = _quick(motion, tree, drives, slow, rng)
-    for said in mistakes(motion, tree, lambda m: _quick(m, tree, drives, slow, rng), error):
+    motion = logs[0].motion(slow, measured_speed=False)
+    fit = _quick(motion, tree, drives, slow, rng)
+    for said in mistakes(motion, tree, fit):
         raise IdentificationError(f"recording '{logs[0].name}': {said}. Correct the mapping and identify again")
+    if relative < POOR:
+        return []
     return [
         f"a rigid arm with friction explains little of this torque ({100 * relative:.0f} % of it is left): is it the right "
         "model file, are torques measured rather than commanded, are joints in the right order?"

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,13 +40,11 @@ class Motion:
     derived: bool
     """Whether speeds are differences of positions rather than measured."""
 
-    def moving(self) -> Motion:
-        """Without standstill at the beginning and at the end, where friction may hold any load."""
+    def span(self) -> tuple[float, float]:
+        """First and last instant in s of the motion, without standstill at either end, where friction may hold any load."""
         speed = np.abs(self.v).max(axis=1)
         fast = np.flatnonzero(speed > _RESTING * float(np.quantile(speed, 0.99)))
-        keep = slice(int(fast[0]), int(fast[-1]) + 1) if fast.size else slice(0, 0)
-        arrays = {name: getattr(self, name)[keep] for name in ("time", "q", "v", "a", "torque")}
-        return replace(self, **arrays)
+        return (float(self.time[fast[0]]), float(self.time[fast[-1]])) if fast.size else (0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from trueup.errors import ModelError
 from trueup.formats.aside import written_aside
 from trueup.simulators.mujoco.edits import Edits
+from trueup.simulators.mujoco.inertia import principal
 from trueup.simulators.mujoco.mjcf_text import MjcfText
 from trueup.simulators.mujoco.model import Model
 from trueup.simulators.mujoco.write import relocate
@@ -52,9 +53,9 @@ def write_bodies(
     for name, body in bodies.items():
         element = spec.body(name)
         element.explicitinertial = True
-        element.mass, element.ipos, element.iquat = body.mass, body.com, [1.0, 0.0, 0.0, 0.0]
-        i = body.inertia
-        element.fullinertia = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
+        moments, turn = principal(body.inertia[None])
+        element.mass, element.ipos, element.iquat, element.inertia = body.mass, body.com, turn[0], moments[0]
+        element.fullinertia = np.full(6, np.nan)
     for name, joint in joints.items():
         element = spec.joint(name)
         element.damping = [joint.damping, 0.0, 0.0]
