@@ -38,10 +38,13 @@ benchmarks: $(DEV_READY) ## run every benchmark, write docs/benchmarks.md (ARGS=
 	@$(VENV)/bin/python benchmarks/_table.py $(ARGS)
 
 study-%: $(RUN_READY) ## run one of the papers' experiments, into out/study-NAME
-	@test -f src/trueup/studies/$*/campaign.toml || { \
+	@if test -f src/trueup/studies/$*/campaign.toml; then \
+	  $(VENV)/bin/trueup run src/trueup/studies/$*/campaign.toml --out out/study-$*; \
+	elif test -f src/trueup/studies/$*/__main__.py; then \
+	  $(VENV)/bin/python -m trueup.studies.$* --out out/study-$* $(ARGS); \
+	else \
 	  studies=$$(cd src/trueup/studies 2>/dev/null && ls -d */ | tr -d / | xargs); \
-  echo "no study '$*'; studies are: $${studies:-none yet}" >&2; exit 2; }
-	@$(VENV)/bin/trueup run src/trueup/studies/$*/campaign.toml --out out/study-$*
+	  echo "no study '$*'; studies are: $${studies:-none yet}" >&2; exit 2; fi
 
 hooks: $(DEV_READY) ## run the checks before each commit
 	@$(VENV)/bin/pre-commit install

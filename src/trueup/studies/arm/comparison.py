@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trueup.identification.cell import Cell
-from trueup.identification.inertial import pseudo_inertia
 from trueup.identification.torque_model import Rows, TorqueModel
 from trueup.identification.trajectories import Trajectory
 from trueup.studies.arm.excitation import FAST, SLOW, Workshop, filled
@@ -58,8 +57,8 @@ class Errors:
     """Mean of e^2; its root is the RMSE."""
     samples: Mapping[str, Array]
     """(tests,) S of each trajectory: ||e||_2 / S of evolved trajectories, eq. 8, is RMSE / sqrt(S)."""
-    inertias: Mapping[str, Array]
-    """(excitations, 6) pseudo-inertia's least eigenvalue of the links: below zero no body has it. By algorithm."""
+    indefinite: Mapping[str, Array]
+    """(excitations,) share of random postures in which a model's mass matrix is not positive definite, by algorithm."""
 
     def percent(self, algorithm: str, case: str) -> Array:
         """(6,) mean absolute error, % of nominal torque."""
@@ -141,13 +140,19 @@ def _judged(region: Region, measured: Mapping[str, Sequence[Rows]], fits: Mappin
             ]  # fmt: skip
             absolute[algorithm, case] = np.array([[np.abs(e).mean(axis=0) for e in each] for each in errors])
             squared[algorithm, case] = np.array([[(e**2).mean(axis=0) for e in each] for each in errors])
-    n = region.model.tree.n
-    least: dict[str, Array] = {}
-    for algorithm, own in fits.items():
-        bodies = np.array([f.parameters[: 10 * n].reshape(n, 10) for f in own])
-        least[algorithm] = np.asarray(np.linalg.eigvalsh(pseudo_inertia(bodies))[..., 0], dtype=np.float64)
+    indefinite = {a: np.array([_indefinite(region.model, fit) for fit in own]) for a, own in fits.items()}
     samples = {case: np.array([r.length for r in rows]) for case, rows in measured.items()}
-    return Errors(absolute, squared, samples, least)
+    return Errors(absolute, squared, samples, indefinite)
+
+
+def _indefinite(model: TorqueModel, fit: Fitted, postures: int = 200) -> float:
+    """The share of random postures in which the energy of some motion is negative: no robot, and no controller likes it."""
+    q = np.random.default_rng(1).uniform(limits().lower, limits().upper, (postures, model.tree.n))
+    own, still, time = replace(model, drives=fit.drives), np.zeros_like(q), np.arange(float(postures))
+    holding = own.rows(time, q, still, still).predict(fit.parameters)
+    pushes = [np.broadcast_to(row, q.shape) for row in np.eye(model.tree.n)]
+    mass = np.stack([own.rows(time, q, still, a).predict(fit.parameters) - holding for a in pushes], axis=-1)
+    return float((np.linalg.eigvalsh(0.5 * (mass + np.swapaxes(mass, 1, 2)))[:, 0] <= 0.0).mean())
 
 
 def interval(values: Array, rng: np.random.Generator, draws: int = 1000) -> tuple[Array, Array]:

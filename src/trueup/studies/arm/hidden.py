@@ -96,7 +96,7 @@ class HiddenArm:
         C = np.eye(6) + kind.coupling * (_COUPLED - np.eye(6))
         angle, speed, push = (x @ C.T for x in (q, qd, qdd))
         through = carried @ np.asarray(np.linalg.inv(C), dtype=np.float64)  # what each gear carries
-        drive = ROTORS * push + self._friction(speed, through, warmth) + self._ripple(angle)
+        drive = ROTORS * push + self.friction(speed, through, warmth) + self._ripple(angle)
         return carried + drive @ C
 
     def _bending(self, qdd: Array) -> Array:
@@ -112,7 +112,8 @@ class HiddenArm:
                 bend[k, :, j] = lfilter(b, a, qdd[:, j], zi=lfilter_zi(b, a) * qdd[0, j])[0]
         return self.effects.elastic * bend
 
-    def _friction(self, speed: Array, through: Array, warmth: float) -> Array:
+    def friction(self, speed: Array, through: Array, warmth: float) -> Array:
+        """(S, 6) friction of the drives at speeds (S, 6) while their gears carry torques `through` (S, 6)."""
         kind, sign = self.effects, np.tanh(speed / _STICK)
         size = COULOMB * (
             1.0 + 0.3 * kind.stribeck * np.exp(-((speed / _STRIBECK) ** 2)) + 0.08 * kind.asymmetric * sign

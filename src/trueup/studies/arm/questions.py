@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The papers' open questions, on random excitations: which criterion foretells the error, and which the friction's?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import spearmanr
+
+from trueup.identification.criteria import Criterion
+from trueup.identification.excitation import Sines, at_rest
+from trueup.identification.planner import ViaPoints
+from trueup.identification.trajectories import Motions, Trajectory
+from trueup.studies.arm.comparison import Region
+from trueup.studies.arm.excitation import FAST, RATE, Workshop, filled
+from trueup.studies.arm.fitting import Fitted, papers_fit
+from trueup.studies.arm.hidden import Effects, HiddenArm
+from trueup.studies.arm.measuring import papers_columns, runs, separate
+from trueup.studies.arm.robot import JOINTS, NOMINAL, ns16
+
+Array = NDArray[np.float64]
+
+_CRITERIA = {
+    "D as printed": {"kind": "D", "weighting": "printed"},
+    "D": {"kind": "D"},
+    "A": {"kind": "A"},
+    "E": {"kind": "E"},
+    "condition number": {"kind": "condition"},
+    "D of friction": {"kind": "D", "friction": "alone"},
+    "prediction": {"kind": "prediction"},
+}
+_OUTCOMES = ("1 local, fast", "2 wide sines", "3 wide planner, gentle")
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """Rank correlations over random excitations of a class: criterion's loss against what was got wrong."""
+
+    kind: str
+    correlation: Mapping[tuple[str, str], float]
+    """(criterion, outcome) -> Spearman's coefficient; outcomes are test cases, and 'friction'."""
+    loss: Mapping[str, Array]
+    error: Mapping[str, Array]
+    """(count,) each, for figures."""
+
+
+def answered(
+    kind: str, workshop: Workshop, region: Region, effects: Effects, rng: np.random.Generator, *, count: int = 40,
+    seconds: float = 20.0,
+) -> Answers:  # fmt: skip
+    """`count` random excitations of class 'A' (sines) or 'B' (via points), each repeated for the same time."""
+    arm, columns = HiddenArm(ns16(), effects), papers_columns(region.model)
+    measured = {case: separate(arm, region.tests[case], rng) for case in _OUTCOMES}
+    criteria = {name: _criterion(workshop, name, region) for name in _CRITERIA}
+    loss: dict[str, list[float]] = {name: [] for name in criteria}
+    error: dict[str, list[float]] = {name: [] for name in (*_OUTCOMES, "friction")}
+    warmth = 0.0
+    for motion in _random(kind, workshop, rng, count):
+        made = runs(region.model, filled(seconds, lambda i, m=motion: m))
+        fit = papers_fit([one.torque(arm, rng, warmth) for one in made], columns)
+        for name, criterion in criteria.items():
+            loss[name].append(_loss(criterion, motion))
+        for case in _OUTCOMES:
+            wrong = [np.abs(r.torque - r.predict(fit.parameters)).mean(axis=0) for r in measured[case]]
+            error[case].append(float(np.mean(np.array(wrong) / NOMINAL)))
+        error["friction"].append(_friction_error(fit, arm, warmth))
+    correlation = {(c, o): float(np.asarray(spearmanr(loss[c], error[o])[0])) for c in criteria for o in error}
+    return Answers(
+        kind, correlation, {c: np.array(v) for c, v in loss.items()}, {o: np.array(v) for o, v in error.items()}
+    )
+
+
+def _criterion(workshop: Workshop, name: str, region: Region) -> Criterion:
+    made = Criterion.of(workshop.model, NOMINAL, **_CRITERIA[name])  # type: ignore[arg-type]
+    if made.kind != "prediction":
+        return made
+    # Motions of the region's users, not those of the test cases.
+    motions = ViaPoints(workshop.cell, settings=FAST).motions(np.random.default_rng(77).uniform(size=(30, 37)), 200)
+    return made.for_motions(motions)
+
+
+def _random(kind: str, workshop: Workshop, rng: np.random.Generator, count: int) -> list[Trajectory]:
+    template = Sines(workshop.limits, longest=10.0) if kind == "A" else ViaPoints(workshop.cell, settings=FAST)
+    found: list[Trajectory] = []
+    while len(found) < count:
+        genes = rng.uniform(size=(1, template.size))
+        look = template.motions(genes, 161)
+        if look.possible[0]:
+            samples = int(np.ceil(float(look.duration[0]) * RATE)) + 1
+            motion = template.motions(genes, samples).single(0, JOINTS, kind)
+            found.append(at_rest(motion, workshop.limits, RATE) if kind == "A" else motion)
+    return found
+
+
+def _loss(criterion: Criterion, t: Trajectory) -> float:
+    at = np.linspace(0, len(t.time) - 1, 400).astype(int)
+    motions = Motions(t.time[None, at], t.q[None, at], t.qd[None, at], t.qdd[None, at])
+    return float(criterion.losses(motions)[0])
+
+
+def _friction_error(fit: Fitted, arm: HiddenArm, warmth: float) -> float:
+    """Root mean square over all axes and speeds up to a fifth of the limits, as a share of nominal torque."""
+    share = np.linspace(0.02, 0.2, 25)
+    speed = np.concatenate([-share[::-1], share])[:, None] * np.abs(arm.tree.speed)
+    n, sign = arm.tree.n, np.sign(speed)
+    f0, f1, f2 = fit.parameters[11 * n : 14 * n].reshape(3, n)
+    fitted = f0 * sign + f1 * speed + f2 * sign * speed**2
+    return float(np.sqrt(np.mean(((fitted - arm.friction(speed, np.zeros_like(speed), warmth)) / NOMINAL) ** 2)))
+
+
+def ordering(errors: Mapping[tuple[str, str], Array], local: str) -> dict[str, str]:
+    """What the papers report, and whether it is so here: how many of six axes. `local` is 'fast' or 'slow'."""
+    mean = {key: values.mean(axis=(0, 1)) for key, values in errors.items()}
+    one, two, three = f"1 local, {local}", "2 wide sines", "3 wide planner, abrupt"
+    B = f"B {local}"
+
+    def best(who: str, case: str, among: Sequence[str]) -> int:
+        return int(sum(all(mean[who, case][k] <= mean[a, case][k] for a in among) for k in range(6)))
+
+    rivals = ("A", "A_local", B)
+    return {
+        f"{B} best of the three in its region": f"{best(B, one, rivals)} of 6 axes",
+        "A best of the three on wide sines": f"{best('A', two, rivals)} of 6 axes",
+        "A's error on abrupt wide planner motion over that on sines": ", ".join(
+            f"{r:.1f}" for r in mean["A", three] / mean["A", two]
+        ),
+        f"{B} outside its region over A there": ", ".join(f"{r:.1f}" for r in mean[B, three] / mean["A", three]),
+    }
