@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stand-in arm hides what it should, and what is hidden can be found: truth, couplings, the papers' base parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trueup.identification.excitation import Sines, at_rest
+from trueup.identification.inertial import pseudo_inertia
+from trueup.identification.planner import joint_moves
+from trueup.identification.trajectories import Trajectory
+from trueup.studies.arm.comparison import ALGORITHMS, CASES, Errors, interval, share_of_best
+from trueup.studies.arm.excitation import filled
+from trueup.studies.arm.fitting import found_couplings, our_fit, papers_fit
+from trueup.studies.arm.hidden import RATE, Effects, HiddenArm
+from trueup.studies.arm.measuring import Run, papers_columns, runs, torque_model
+from trueup.studies.arm.robot import COULOMB, JOINTS, NOMINAL, QUADRATIC, ROTORS, VISCOUS, limits, ns16
+
+Array = NDArray[np.float64]
+MODEL = torque_model()
+COLUMNS = papers_columns(MODEL)
+TRUTH = np.concatenate([ns16().weighed().ravel(), ROTORS, COULOMB, VISCOUS, QUADRATIC, np.zeros(24)])
+
+
+def motions(count: int, seed: int = 0) -> list[Trajectory]:
+    """Random sums of sines, 10 s at most each."""
+    kind, rng = Sines(limits(), longest=10.0), np.random.default_rng(seed)
+    found = []
+    for genes in rng.uniform(size=(count, 1, kind.size)):
+        samples = int(np.ceil(float(kind.motions(genes, 2).duration[0]) * RATE)) + 1
+        found.append(at_rest(kind.motions(genes, samples).single(0, JOINTS, "sines"), limits(), RATE))
+    return found
+
+
+@pytest.fixture(scope="module")
+def training() -> list[Run]:
+    return runs(MODEL, motions(5))
+
+
+@pytest.fixture(scope="module")
+def others() -> list[Run]:
+    return runs(MODEL, motions(2, seed=9))
+
+
+def test_without_hidden_effects_the_papers_58_parameters_explain_the_arm(
+    training: list[Run], others: list[Run]
+) -> None:
+    assert len(COLUMNS) == 58
+    rng, arm = np.random.default_rng(0), HiddenArm(ns16(), Effects.none())
+    fit = papers_fit([one.torque(arm, rng, 0.5) for one in training], COLUMNS)
+    for one in others:
+        rows = one.torque(arm, rng, -0.5)
+        assert (np.abs(rows.torque - fit.predict(MODEL, one, rows)).mean(axis=0) < 0.005 * NOMINAL).all()
+        # the truth itself errs by what noise leaves behind a filter of 30 Hz, and by little more
+        assert (np.abs(rows.torque - rows.predict(TRUTH)).mean(axis=0) < 0.005 * NOMINAL).all()
+
+
+@pytest.mark.parametrize("effect", ["stribeck", "load", "temperature", "asymmetric", "coupling", "ripple", "elastic"])
+def test_each_effect_changes_torque_and_is_gone_without_it(effect: str) -> None:
+    t = motions(1, seed=3)[0]
+    bare, full = Effects.none(noise=0.0), Effects(noise=0.0)
+
+    def torque(effects: Effects) -> Array:
+        return HiddenArm(ns16(), effects).torque(t.q, t.qd, t.qdd, warmth=0.7)
+
+    alone = torque(Effects.none(noise=0.0, **{effect: 1.0}))
+    assert np.abs(alone - torque(bare)).max() > 1e-3 * NOMINAL.min()
+    assert np.abs(torque(full.without(effect)) - torque(full)).max() > 1e-3 * NOMINAL.min()
+    assert np.abs(alone - torque(bare)).max() < NOMINAL.max()
+
+
+def test_a_joint_that_bends_rings_after_an_abrupt_stop_and_not_before() -> None:
+    points = np.zeros((2, 6))
+    points[1, 0] = 0.5
+    made = joint_moves(limits(), points, samples=2000)
+    rest = np.zeros((500, 6))
+    q = np.concatenate([made.q[0], rest + points[1]])
+    qd, qdd = (np.concatenate([x[0], rest]) for x in (made.qd, made.qdd))
+    stiff, bending = (HiddenArm(ns16(), Effects.none(elastic=e)).torque(q, qd, qdd) for e in (0.0, 1.0))
+    ringing = np.abs(bending - stiff)[:, 0]
+    assert ringing[0] < 1e-6 * NOMINAL[0]
+    assert ringing[2000:2100].max() > 1e-4 * NOMINAL[0]
+    assert ringing[-100:].max() < 0.1 * ringing[2000:2100].max()
+
+
+def test_couplings_of_the_wrist_are_found_and_none_is_invented(training: list[Run]) -> None:
+    rng = np.random.default_rng(1)
+    for effects, expected in ((Effects(), (0.3, 0.8, 0.1)), (Effects().without("coupling"), (0.0, 0.0, 0.0))):
+        arm = HiddenArm(ns16(), effects)
+        C = found_couplings(MODEL, training, [one.torque(arm, rng, 0.0) for one in training], COLUMNS)
+        np.testing.assert_allclose([C[4, 3], C[5, 4], C[5, 3]], expected, atol=0.06)
+
+
+def test_our_fit_predicts_other_motions_better_and_holds_bodies_that_can_exist(
+    training: list[Run], others: list[Run]
+) -> None:
+    rng, arm = np.random.default_rng(2), HiddenArm(ns16(), Effects())
+    rows = [one.torque(arm, rng, 0.0) for one in training]
+    papers, ours = papers_fit(rows, COLUMNS), our_fit(MODEL, training, rows, COLUMNS)
+    errors = []
+    for fit in (papers, ours):
+        wrong = [(one, one.torque(arm, np.random.default_rng(5), 0.0)) for one in others]
+        errors.append(np.mean([np.abs(r.torque - fit.predict(MODEL, one, r)).mean(axis=0) for one, r in wrong], axis=0))
+    assert (errors[1][3:] < 0.5 * errors[0][3:]).all()  # the wrist, where drives are coupled
+    assert (errors[1] < 0.02 * NOMINAL).all()
+    assert np.linalg.eigvalsh(pseudo_inertia(ours.parameters[:60].reshape(6, 10))).min() > 0.0
+
+
+def test_recording_times_are_equal() -> None:
+    found = motions(2)
+    for plan in (filled(13.0, lambda i: found[0]), filled(13.0, lambda i: found[i % 2])):
+        assert sum(t.duration for t in plan) == pytest.approx(13.0, abs=0.6)
+
+
+def test_intervals_hold_the_mean_and_ours_is_credited_only_where_it_is_not_surely_worse() -> None:
+    rng = np.random.default_rng(0)
+    values = rng.normal(3.0, 1.0, (8, 30, 6))
+    low, high = interval(values, rng)
+    assert ((low < 3.2) & (high > 2.8)).all()
+    absolute = {(a, c): rng.normal(3.0, 0.1, (8, 30, 6)) for a in ALGORITHMS for c in CASES}
+    absolute |= {("ours", c): absolute["A", c] + np.array([-1.0, -1.0, -1.0, 0.0, 1.0, 1.0]) for c in CASES}
+    share, words = share_of_best(Errors(absolute, {}, {}, {}), rng)
+    assert 3 / 6 - 1e-9 <= share <= 4 / 6 + 1e-9
+    assert all(row[:3] == ["best"] * 3 and set(row[4:]).isdisjoint({"best", "even"}) for row in words.values())
