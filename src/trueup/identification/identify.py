@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
 from trueup.identification.alignment import find_shift, shifted
-from trueup.identification.consistent import cross_validated_fit
+from trueup.identification.consistent import ConsistentFit, cross_validated_fit
 from trueup.identification.diagnosis import DOUBTFUL, POOR, Fit, check_log, mistakes
 from trueup.identification.drives import Drives
 from trueup.identification.estimate import Estimate, least_squares
@@ -24,6 +24,7 @@ from trueup.identification.motion import Log, Motion, log_of
 from trueup.identification.outcome import outcome
 from trueup.identification.pool import STRUCTURES, Pool, chosen, pool_for
 from trueup.identification.result import Alignment, Identification
+from trueup.identification.selection import Choice
 from trueup.identification.torque_model import Rows, TorqueModel
 from trueup.recording import Recording
 
@@ -89,9 +90,10 @@ def identify(
     say("computing regressors", 0.1)
     motions = [log.motion(cutoff, measured_speed=measured) for log in logs]
     pool = pool_for(tree, gears.coupling, motions, rng)
-    unseen = [log.motion(cutoff, measured_speed=measured) for log in judged]
     pieces = [p for m in motions for p in _pieces(m, pool.model, cutoff, wanted.hold_out)]
-    pieces += [replace(p, held_out=True) for m in unseen for p in _pieces(m, pool.model, cutoff, 0.0)]
+    for log in judged:
+        motion = log.motion(cutoff, measured_speed=measured)
+        pieces += [replace(p, held_out=True) for p in _pieces(motion, pool.model, cutoff, 0.0)]
     say("comparing clocks", 0.3)
     alignment, pieces = _aligned(pool, pieces, logs[0].rate, wanted.align)
     warnings += _poor(logs, tree, gears, pool, pieces, rng)
@@ -104,11 +106,7 @@ def identify(
     say("estimating", 0.8)
     active = np.flatnonzero(choice.active)
     estimate = least_squares(parts, active, choice.weights, prior=prior, strength=choice.strength, robust=wanted.robust)
-    bodies, pull = None, 0.0
-    if wanted.consistent:
-        # All samples, where the choice of the structure left out those at the borders of blocks.
-        whole = moments_of(blocks_of(parts, _BLOCKS, 0.0))
-        bodies, pull = cross_validated_fit(pool.model, whole, choice.weights, active, nominal)
+    bodies, pull = _bodies(pool.model, parts, choice, nominal) if wanted.consistent else (None, 0.0)
     say("writing", 0.95)
     return outcome(
         tree, pool, choice, estimate, bodies, pieces, alignment,
@@ -116,10 +114,17 @@ def identify(
     )  # fmt: skip
 
 
-def natural_cutoff(logs: Sequence[Log]) -> float:
-    """A cut-off in Hz from the motion: five times the frequency below which 99 % of the acceleration's power lies...
+def _bodies(model: TorqueModel, parts: Sequence[Rows], choice: Choice, nominal: Array) -> tuple[ConsistentFit, float]:
+    """The physically consistent fit, and how strongly it was drawn to the model file."""
+    # All samples, where the choice of the structure left out those at the borders of blocks.
+    moments = moments_of(blocks_of(parts, _BLOCKS, 0.0))
+    return cross_validated_fit(model, moments, choice.weights, np.flatnonzero(choice.active), nominal)
 
-    at least 5 Hz, at most 40 Hz or a tenth of the rate: torque above is noise, ripple and elasticity.
+
+def natural_cutoff(logs: Sequence[Log]) -> float:
+    """A cut-off in Hz from the motion: five times the frequency below which 99 % of the speeds' power lies.
+
+    At least 5 Hz, at most 40 Hz or 0.16 of the rate: torque above is noise, ripple and elasticity.
     """
     found = []
     for log in logs:

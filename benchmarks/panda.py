@@ -1,0 +1,28 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Franka Panda, real recording: torque of the last 30 % predicted by what was fitted to the first 70 %."""
+
+from __future__ import annotations
+
+import os
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+from real_arm import arguments, data_folder, held_out
+
+from trueup.formats import read
+from trueup.identification.joint_names import matched
+from trueup.identification.kinematic_tree import load_tree
+
+
+def main() -> None:
+    """Prints errors by joint and the result lines."""
+    arguments(__doc__)
+    folder = data_folder() / "panda"
+    tree, (runs, _), notes = matched(load_tree(folder / "panda.urdf"), (read(folder), []))
+    print(*notes, sep="\n")
+    held_out("panda", tree, runs, goal=1.30)
+
+
+if __name__ == "__main__":
+    main()

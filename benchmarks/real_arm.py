@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the benchmarks on real arms share: where the logs are, the peer's plain fit, and the lines they print."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from results import result
+
+from trueup.identification.identify import Options, identify
+from trueup.identification.kinematic_tree import KinematicTree
+from trueup.identification.result import Identification, relative_error
+from trueup.recording import Recording
+
+Array = NDArray[np.float64]
+
+
+def data_folder() -> Path:
+    """The folder of recordings of real robots: TRUEUP_DATA, else shared/data beside the project."""
+    said = os.environ.get("TRUEUP_DATA")
+    folder = Path(said) if said else Path(__file__).resolve().parents[2] / "shared" / "data"
+    if not folder.is_dir():
+        raise SystemExit(f"no recordings of real robots in {folder}; set TRUEUP_DATA to their folder")
+    return folder
+
+
+def arguments(what: str | None) -> argparse.Namespace:
+    """--quick is taken as every benchmark takes it; these are quick anyway."""
+    parser = argparse.ArgumentParser(description=what)
+    parser.add_argument("--quick", action="store_true", help="nothing is left out")
+    return parser.parse_args()
+
+
+def show(found: Identification, plain: Identification) -> None:
+    """Errors by joint of ours, of ours with possible bodies, and of a plain fit."""
+    print(f"{'joint':24s} ours %   possible bodies %   plain fit %     effects kept")
+    rows = [_by_joint(found, "fitted"), _by_joint(found, "consistent"), _by_joint(plain, "fitted")]
+    for j, joint in enumerate(found.joints):
+        errors = "   ".join(f"{row[j]:10.2f}" for row in rows)
+        print(f"{joint:24s}{errors}     {', '.join(found.structure[j])}")
+    for name, which in (("fitted", found), ("plain fit", plain)):
+        print(
+            f"{name}: trained {100 * relative_error(which.training()):.3f} %, "
+            f"held out {100 * relative_error(which.held_out()):.3f} %"
+        )
+    for sentence in found.warnings:
+        print("mind:", sentence)
+
+
+def _by_joint(found: Identification, which: str) -> Array:
+    from trueup.identification.result import relative_errors
+
+    return 100.0 * relative_errors(found.held_out(), which)
+
+
+def held_out(name: str, tree: KinematicTree, runs: Sequence[Recording], *, goal: float) -> None:
+    """The protocol of Panda and UR10: 10 Hz, the last 30 % held out; peer: Coulomb, viscous, offset, weighted, unaligned."""
+    options = Options(cutoff=10.0, hold_out=0.3)
+    found = identify(tree, runs, options=options)
+    plain = identify(tree, runs, options=replace(options, structure="common", align="off", consistent=False))
+    show(found, plain)
+    peer = 100.0 * relative_error(plain.held_out())
+    result(
+        f"{name}_held_out_relative_percent", 100.0 * relative_error(found.held_out()), "%", goal,
+        peer="weighted least squares with Coulomb, viscous, offset", peer_value=peer,
+    )  # fmt: skip
+    consistent_lines(name, found)
+
+
+def consistent_lines(name: str, found: Identification) -> None:
+    """What possible bodies cost."""
+    free, possible = (relative_error(found.held_out(), w) for w in ("fitted", "consistent"))
+    result(f"{name}_consistent_over_unconstrained", possible / free, "", 1.02)
