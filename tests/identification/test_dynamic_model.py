@@ -8,7 +8,7 @@ import pytest
 
 from trueup.errors import ModelError, ParameterError, UnknownNameError
 from trueup.identification.dynamic_model import DynamicModel
-from trueup.identification.friction import Coupling, Term, Transmission, stribeck_speed
+from trueup.identification.friction import Coupling, Term, stribeck_speed
 from trueup.identification.kinematic_tree import from_dh
 
 KINDS = (
@@ -39,18 +39,6 @@ def test_a_coupled_drive_loads_both_joints_as_power_demands(rng: np.random.Gener
     force = 0.3 * a + 2.0 * np.sign(v) + 0.5 * v
     torque = model.regressor(q, qd, qdd) @ values
     np.testing.assert_allclose((torque * qd).sum(axis=1), force * v, atol=1e-12)
-
-
-def test_motors_and_joints_exchange_the_same_power(rng: np.random.Generator) -> None:
-    gears = Transmission((32.0, 32.0, 45.0, -48.0, 45.0, 32.0), (Coupling(drive=5, joint=4),))
-    speed, motor_torque = rng.normal(size=(2, 10, 6))
-    motor_speed = speed @ gears.matrix().T
-    np.testing.assert_allclose(gears.joint_positions(motor_speed), speed, atol=1e-12)
-    power = (motor_torque * motor_speed).sum(axis=1)
-    np.testing.assert_allclose((gears.joint_torques(motor_torque) * speed).sum(axis=1), power)
-    assert motor_speed[0, 5] == pytest.approx(32.0 * (speed[0, 5] + speed[0, 4]))
-    with pytest.raises(ParameterError, match="not zero"):
-        Transmission((1.0, 0.0)).matrix()
 
 
 def test_hidden_friction_and_inertia_are_recovered(rng: np.random.Generator) -> None:

@@ -125,28 +125,3 @@ class Coupling:
     drive: int
     joint: int
     ratio: float = 1.0
-
-
-@dataclass(frozen=True)
-class Transmission:
-    """From motors to joints: motor angle = ratio (q + coupled joints' q). Ratios have the sign of the gear."""
-
-    ratios: tuple[float, ...]
-    couplings: tuple[Coupling, ...] = ()
-
-    def matrix(self) -> Array:
-        """(n, n) motor speeds for joint speeds. Raises ParameterError for a ratio of zero."""
-        if not all(np.isfinite(self.ratios)) or 0.0 in self.ratios:
-            raise ParameterError(f"gear ratios must be finite and not zero, got {self.ratios}")
-        to_drive = np.eye(len(self.ratios))
-        for c in self.couplings:
-            to_drive[c.drive, c.joint] += c.ratio
-        return np.asarray(self.ratios)[:, None] * to_drive
-
-    def joint_positions(self, motor: Array) -> Array:
-        """(S, n) joint positions (or speeds, accelerations) of motor ones (S, n)."""
-        return np.asarray(np.linalg.solve(self.matrix(), motor.T).T, dtype=np.float64)
-
-    def joint_torques(self, motor: Array) -> Array:
-        """(S, n) joint torques of motor torques (S, n): power is kept."""
-        return motor @ self.matrix()
