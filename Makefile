@@ -14,7 +14,7 @@ DEV_READY := $(VENV)/.ready-dev
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z%-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-demo: $(RUN_READY) ## calibrate a simulated arm and write its report to out/demo
+demo: $(RUN_READY) ## tune a simulated robot's path follower in a calibrated simulator; report in out/demo
 	@$(VENV)/bin/trueup demo --out out/demo
 
 # One BLAS thread a process: two pytest workers with two threads each would wait for one another.

@@ -70,7 +70,7 @@ RULES = (
     ),
     *(  # they read the measured samples off as the weighted one does
         Rule(name, ("discrepancies.discrepancy", "discrepancies.weighted", "simulators.simulator", *NOUNS))
-        for name in ("discrepancies.plain", "discrepancies.outcome")
+        for name in ("discrepancies.plain", "discrepancies.outcome", "discrepancies.rigid")
     ),
     # excitation is designed with the searches, which are arithmetic; MJCF is read and written as MuJoCo has it
     Rule("identification", ("simulators.simulator", "controllers.playback", "search", *NOUNS), ("simulators.mujoco",)),

@@ -22,7 +22,7 @@ Makes a robot's simulator agree with the robot, from a handful of recordings.
   trueup inspect logs/*.csv --model robot.xml        what is in the logs; writes mapping.toml
   trueup calibrate robot.xml logs/*.csv --hold-out fast --out fit
   trueup new NAME && cd NAME && trueup run            a campaign: experiment, calibrate, optimize, transfer, in rounds
-  trueup demo                                        the whole, on a simulated arm, nothing needed
+  trueup demo                                        the whole, on a simulated robot, nothing needed
 """
 
 
@@ -30,7 +30,7 @@ _COMMANDS = {
     "inspect": "look at recordings, write a mapping",
     "calibrate": "make a model replay recordings",
     "identify": "a dynamic model of an arm that predicts torque",
-    "demo": "the whole, on a simulated arm",
+    "demo": "the whole, on a simulated robot",
     "new": "write a campaign's plan, to edit",
     "run": "run a campaign: experiment, calibrate, optimize, transfer",
     "status": "how a campaign stands",

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from trueup.parameters import ParameterSpace
 from trueup.report.markup import Markup, join, tag
@@ -28,7 +29,7 @@ def course_map(lines: Sequence[tuple[str, Array, str]], desired: Array) -> Marku
     for _, path, colour in lines:
         plot.line(_points(path[::_THIN]), colour, width=1.3)
     named = [tag("b", name, style=f"color:{colour}") for name, _, colour in lines]
-    legend = tag("p", "dashed: desired path", *[join(" · ", n) for n in named], class_="legend")
+    legend = tag("p", "dashed: desired path", [join(" · ", n) for n in named], class_="caption")
     return join(legend, plot.svg("; ".join(name for name, _, _ in lines)))
 
 
@@ -40,9 +41,11 @@ def changes(searched: Searched, space: ParameterSpace) -> Markup:
     plot = Plot((-0.5, count - 0.5), (0.0, 1.0), "", "share of its range", width=720, height=250, x_marks=marks)
     for k, p in enumerate(space.parameters):
         plot.line([(k, start[k]), (k, found[k])], SOFT, width=1.0)
+        moved = abs(found[k] - start[k]) > 0.05
         for place, value, colour in ((start[k], searched.start[k], BEFORE), (found[k], searched.found[k], AFTER)):
             plot.dot((k, float(place)), colour, title=f"{p.name}: {value:.3g} {p.unit}")
-            plot.text((k + 0.06, float(place)), f"{value:.3g} {p.unit}", colour)
+            if moved or colour == AFTER:
+                plot.text((k + 0.06, float(place)), f"{value:.3g} {p.unit}", colour)
     return plot.svg("parameters before and after")
 
 
@@ -67,8 +70,11 @@ def figure_four(study: PaperStudy, calibrated: ParameterSpace, gains: ParameterS
 def deviation(path: Array, runs: Sequence[tuple[str, Array, str]]) -> Markup:
     """Distance from the path along it, in mm: where errors come from."""
     lines = []
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    fine = np.arange(0.0, arc[-1], 0.005)
+    dense = KDTree(np.stack([np.interp(fine, arc, column) for column in path.T], axis=1))
     for name, driven, colour in runs:
-        gaps = [float(np.sqrt(((path - p) ** 2).sum(axis=1).min())) for p in driven[::_THIN]]
+        gaps = dense.query(driven[::_THIN])[0].tolist()
         gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(driven[::_THIN], axis=0).T))])
         lines.append((name, list(zip(gone.tolist(), [1e3 * g for g in gaps], strict=True)), colour))
     gone, gaps = (span([p[axis] for _, line, _ in lines for p in line], zero=True) for axis in (0, 1))
@@ -99,7 +105,7 @@ def profile_plots(rows: Sequence[Profile]) -> Markup:
             span(p.values, margin=0.0), (0.9, 3.0), f"{p.name.replace('_', ' ')}, {p.unit}", "loss / least", 360, 220
         )
         for values, colour in ((timed, BEFORE), (warped, AFTER)):
-            plot.line([(float(x), min(float(v), 4.0)) for x, v in zip(p.values, values, strict=True)], colour)
+            plot.line([(float(x), min(float(v), 3.0)) for x, v in zip(p.values, values, strict=True)], colour)
         plot.line([(p.values[0], FLAT), (p.values[-1], FLAT)], SOFT, dashed=True, width=0.8)
         plot.dot((p.found, 1.0), INK)
         words = f"{p.verdict} (as good over {fixed(100 * p.open_share[0], 0)} % of its range)"

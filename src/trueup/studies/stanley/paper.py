@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's experiment: five betas by Optuna on the warped path, then three gains, then the robot ("Simulation-Driven
-Optimization of Stanley Controller Gains for Enhanced Tracking in Autonomous Navigation Robots").
+"""The paper's experiment: five betas by Optuna on the warped path, then three gains, then the robot.
+
+"Simulation-Driven Optimization of Stanley Controller Gains for Enhanced Tracking in Autonomous Navigation Robots".
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ SPACING, BAND = 0.04, 0.03
 """Points are warped this far apart (m), and by at most this share of the path: their spacing must stay below the errors
 that are to be seen, and the robot is never metres ahead of itself."""
 
-Told = Callable[[str, int, float], None]
-"""(stage, trials done, best loss so far)."""
+Told = Callable[[str, int, int, float], None]
+"""(stage, trials done, all trials, best loss so far in m^2)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +154,7 @@ def _searched(
         tried += list(values)
         losses += found.tolist()
         if told is not None:
-            told(stage, len(losses), float(np.nanmin(losses)))
+            told(stage, len(losses), trials, float(np.nanmin(losses)))
     best = int(np.nanargmin(losses))
     return Searched(space.names, space.nominal, tried[best], np.array(tried), np.array(losses),
                     time.perf_counter() - began)  # fmt: skip

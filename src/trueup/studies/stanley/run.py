@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -57,11 +58,13 @@ class Study:
 
 def run_study(
     folder: Path | None, say: Callable[[str], None] = lambda line: None, *, number: int = 0, seed: int = 0,
-    calibration_trials: int = CALIBRATION_TRIALS, tuning_trials: int = TUNING_TRIALS, told: Told | None = None,
+    calibration_trials: int = CALIBRATION_TRIALS, tuning_trials: int = TUNING_TRIALS, evaluations: int = 160,
+    rounds: int = 2, told: Told | None = None,
 ) -> Study:  # fmt: skip
     """The study on stand-in `number`; the report goes to folder/report.html unless `folder` is None.
 
-    `say` is given one line at each step. Raises OutputError where the folder cannot be written.
+    `evaluations` candidates are tried in each of the `rounds` beyond the paper. `say` is given one line at each step.
+    Raises OutputError where the folder cannot be written.
     """
     began = time.perf_counter()
     robot = chasi.robot(number, seed)
@@ -78,13 +81,13 @@ def run_study(
     drives = [r for runs in first.recordings for r in runs]
     noise = noise_of(drives)
     simulator = chasi.simulator(position_noise=noise[0], heading_noise=noise[1])
-    tuned = tune(robot, task, simulator, seed=seed, say=say, start=first)
+    tuned = tune(robot, task, simulator, seed=seed, say=say, start=first, rounds=rounds, evaluations=evaluations)
     betas = chasi.simulator(BETAS, 0.0, 0.0)
     seen = profiles(chasi.task(gains=("k1", "k2", "k3")), betas, paper.calibration.found, np.ones(3), drives[0])
     noisy = calibrate_betas(drives[0], NOISY, seed=seed, trials=calibration_trials, told=told)
     belief = Belief.of(doubted(tuned.rounds[-1].calibration), simulator.parameters)
     models = belief.sample(4, np.random.default_rng(seed))
-    courses = across_courses(robot, simulator, models, seed=seed)
+    courses = across_courses(robot, simulator, models, seed=seed, evaluations=evaluations)
     say(
         f"courses that nothing was tuned on: tuned on one {_mm(courses.held_out[1])}, on several {_mm(courses.held_out[2])}"
     )
@@ -96,8 +99,6 @@ def run_study(
 
 
 def _reported(study: Study, folder: Path, say: Callable[[str], None]) -> Study:
-    import dataclasses
-
     from trueup.studies.stanley.report import write_study_report
 
     path = write_study_report(study, folder / "report.html")

@@ -96,15 +96,20 @@ def tune(
                           space.from_unit(best), score))  # fmt: skip
         region = dataclasses.replace(region, centre=best)
         tell(f"round {number + 1}: {1e3 * first.score:.1f} -> {1e3 * score:.1f} mm on the robot")
+    best, score = _confirmed(robot, task, units, scores)
+    return Tuned(first, tuple(done), space.from_unit(best), score, len(units))
+
+
+def _confirmed(robot: Robot, task: Task, units: list[Array], scores: list[Array]) -> tuple[Array, float]:
+    """The best in the unit box and its score, run again if it was run but once; the lists grow by these runs."""
     for k in range(_CONFIRMED):
-        best, score = best_known(units, scores)
+        best, _ = best_known(units, scores)
         if sum(np.array_equal(u, best) for u in units) > 1:
             break
-        again = try_on_robot(robot, task, space.from_unit(best), label=f", confirmed {k + 1}")
+        again = try_on_robot(robot, task, task.parameters.from_unit(best), label=f", confirmed {k + 1}")
         units.append(best)
         scores.append(again.scores)
-    best, score = best_known(units, scores)
-    return Tuned(first, tuple(done), space.from_unit(best), score, len(units))
+    return best_known(units, scores)
 
 
 def _recordings(tested: Sequence[Tested]) -> list[Recording]:
