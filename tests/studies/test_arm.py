@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.identification.couplings import found_couplings
 from trueup.identification.excitation import Sines, at_rest
 from trueup.identification.inertial import pseudo_inertia
 from trueup.identification.planner import joint_moves
+from trueup.identification.torque_model import Rows
 from trueup.identification.trajectories import Trajectory
 from trueup.studies.arm.comparison import ALGORITHMS, CASES, Errors, interval, share_of_best
 from trueup.studies.arm.excitation import filled
-from trueup.studies.arm.fitting import found_couplings, our_fit, papers_fit
+from trueup.studies.arm.fitting import WRIST, our_fit, papers_fit
 from trueup.studies.arm.hidden import RATE, Effects, HiddenArm
 from trueup.studies.arm.measuring import Run, papers_columns, runs, torque_model
 from trueup.studies.arm.robot import COULOMB, JOINTS, NOMINAL, QUADRATIC, ROTORS, VISCOUS, limits, ns16
@@ -89,7 +91,12 @@ def test_couplings_of_the_wrist_are_found_and_none_is_invented(training: list[Ru
     rng = np.random.default_rng(1)
     for effects, expected in ((Effects(), (0.3, 0.8, 0.1)), (Effects().without("coupling"), (0.0, 0.0, 0.0))):
         arm = HiddenArm(ns16(), effects)
-        C = found_couplings(MODEL, training, [one.torque(arm, rng, 0.0) for one in training], COLUMNS)
+        rows = [one.torque(arm, rng, 0.0) for one in training]
+
+        def driven(C: Array, rows: list[Rows] = rows) -> list[Rows]:
+            return [one.with_drives(MODEL, r, C) for one, r in zip(training, rows, strict=True)]
+
+        C = found_couplings(driven, COLUMNS, np.arange(60, 66), WRIST)
         np.testing.assert_allclose([C[4, 3], C[5, 4], C[5, 3]], expected, atol=0.06)
 
 

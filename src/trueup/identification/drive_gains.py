@@ -68,7 +68,7 @@ def drive_gains(
         joint = int(np.argmin(gains))
         raise IdentificationError(
             f"the gain of drive {joint + 1} comes out as {gains[joint]:.3g}, which no drive has: is its current logged with "
-            "the other sign, or does the payload not load it in these runs? Move it with the arm stretched out, slowly and fast"
+            "the other sign, or does the payload not load it in these runs? Stretch the arm out, move slowly and fast"
         )
     parameters = np.zeros(free[0].p)
     parameters[act] = found[: len(act)]

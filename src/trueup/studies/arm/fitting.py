@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.identification.consistent import consistent_fit
+from trueup.identification.couplings import found_couplings, weighted_fit
 from trueup.identification.inertial import from_com
-from trueup.identification.moments import RIDGE, Moments, moments_of, solve
+from trueup.identification.moments import Moments, moments_of
 from trueup.identification.torque_model import Rows, TorqueModel
 from trueup.studies.arm.measuring import Run
 from trueup.studies.arm.robot import NOMINAL
@@ -19,10 +20,8 @@ from trueup.studies.arm.robot import NOMINAL
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-_WRIST = ((4, 3), (5, 4), (5, 3))
+WRIST = ((4, 3), (5, 4), (5, 3))
 """(drive, joint) pairs that may be coupled: drives of a wrist sit behind the joints before them."""
-_LEAST = 0.03
-"""A coupling below this is taken for none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,74 +54,28 @@ def load_columns(rows: Rows, parameters: Array) -> Array:
 def papers_fit(rows: Sequence[Rows], columns: Integers) -> Fitted:
     """Weighted least squares of the 58 parameters: local identification, section III-B."""
     n = len(rows[0].values)
-    return Fitted(_weighted(moments_of(rows), columns)[0], np.zeros(n), np.eye(n))
+    return Fitted(weighted_fit(moments_of(rows), columns, NOMINAL**2)[0], np.zeros(n), np.eye(n))
 
 
 def our_fit(model: TorqueModel, made: Sequence[Run], rows: Sequence[Rows], columns: Integers) -> Fitted:
     """Couplings from the data, friction with offset, Stribeck, asymmetry and load, bodies that can exist."""
-    C = found_couplings(model, made, rows, columns)
-    rows = [one.with_drives(model, r, C) for one, r in zip(made, rows, strict=True)]
     n = model.tree.n
+
+    def driven(C: Array) -> list[Rows]:
+        return [one.with_drives(model, r, C) for one, r in zip(made, rows, strict=True)]
+
+    C = found_couplings(driven, columns, np.arange(10 * n, 11 * n), WRIST)
+    rows = driven(C)
     active = np.concatenate([columns, np.arange(14 * n, model.p)])
     moments = moments_of(rows)
-    parameters, variance = _weighted(moments, active)
+    parameters, variance = weighted_fit(moments, active, NOMINAL**2)
     load = np.zeros(n)
     for _ in range(2):  # the load column needs the torque carried, which the last fit gives
         wide = moments_of([_loaded(r, parameters) for r in rows])
-        both, variance = _weighted(wide, np.concatenate([active, model.p + np.arange(n)]))
+        both, variance = weighted_fit(wide, np.concatenate([active, model.p + np.arange(n)]), NOMINAL**2)
         parameters, load = both[: model.p], np.maximum(both[model.p :], 0.0)
     rest = moments_of([replace(r, torque=r.torque - load * load_columns(r, parameters)) for r in rows])
     return Fitted(_possible(model, rest, variance, active), load, C)
-
-
-def found_couplings(model: TorqueModel, made: Sequence[Run], rows: Sequence[Rows], columns: Integers) -> Array:
-    """(n, n) drive speeds for joint speeds, from the rotors: a coupled one ties two joints' accelerations together.
-
-    The energy I (qd_d + c qd_j)^2 / 2 puts I c qdd_j on joint d and I c qdd_d on joint j, which no rigid link with
-    crossed axes can do: their coefficient over the rotor inertia I is c. The friction of a drive that turns otherwise
-    than thought disturbs that, so it is done again with the drives found.
-    """
-    n, p = model.tree.n, model.p
-    C = np.eye(n)
-    active = np.concatenate([columns, p + np.arange(len(_WRIST))])
-    for _ in range(3):
-        own = [one.with_drives(model, r, C) for one, r in zip(made, rows, strict=True)]
-        crossed = [_crossed(r, one.rows) for r, one in zip(own, made, strict=True)]
-        values = _weighted(moments_of(crossed), active)[0]
-        rotors = np.maximum(values[10 * n : 11 * n], 1e-6)
-        more = dict(zip(_WRIST, values[p:], strict=True))
-        # In the coordinates of the drives found so far, what is left of I c; drive 6 ties joints 4 and 5 together too.
-        step65, step64 = more[5, 4] / rotors[5], more[5, 3] / rotors[5]
-        tied = rotors[5] * ((C[5, 4] + step65) * (C[5, 3] + step64) - C[5, 4] * C[5, 3])
-        C[4, 3] += (more[4, 3] - tied) / rotors[4]
-        C[5, 4], C[5, 3] = C[5, 4] + step65, C[5, 3] + step64
-        C = np.clip(C, -2.0, 2.0)
-    return np.where(np.abs(C) < _LEAST, 0.0, C)
-
-
-def _weighted(moments: Moments, active: Integers, passes: int = 4) -> tuple[Array, Array]:
-    """(p,) parameters by weighted least squares, and the joints' error variance (n,), found by repetition."""
-    variance = NOMINAL**2
-    inverse = np.divide(1.0, moments.scale, out=np.zeros_like(moments.scale), where=moments.scale > 0.0)
-    scaled = np.zeros(len(moments.scale))
-    for _ in range(passes):
-        gram, cross = (x.sum(axis=0) for x in moments.weighted(variance.min() / variance))
-        scaled[active] = solve(gram[np.ix_(active, active)], cross[active], np.zeros(len(active)), RIDGE)
-        variance = moments.errors(scaled).sum(axis=0) / moments.count.sum()
-    return scaled * inverse, variance
-
-
-def _crossed(rows: Rows, source: Rows) -> Rows:
-    """Rows with a column for each pair of the wrist: acceleration of the one on the other."""
-    n = len(rows.values)
-    pairs = zip(source.columns, source.values, strict=True)
-    acceleration = [v[int(np.flatnonzero(c == 10 * n + j)[0])] for j, (c, v) in enumerate(pairs)]  # the rotors' columns
-    columns, values = list(rows.columns), list(rows.values)
-    for k, (d, j) in enumerate(_WRIST):
-        for on, of in ((d, j), (j, d)):
-            columns[on] = np.append(columns[on], rows.p + k)
-            values[on] = np.vstack([values[on], acceleration[of]])
-    return replace(rows, columns=tuple(columns), values=tuple(values), p=rows.p + len(_WRIST))
 
 
 def _loaded(rows: Rows, parameters: Array) -> Rows:
