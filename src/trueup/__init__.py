@@ -17,14 +17,23 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.formats import ChannelMap as ChannelMap
     from trueup.formats import read as read
     from trueup.formats import write as write
+    from trueup.identification.identify import identify as identify
+    from trueup.identification.kinematic_tree import load_tree as load_tree
     from trueup.inspection import inspect as inspect
+    from trueup.loop.belief import Belief as Belief
     from trueup.loop.calibrate import Options as Options
     from trueup.loop.calibrate import calibrate as calibrate
+    from trueup.loop.experiment import most_telling as most_telling
+    from trueup.loop.optimize import TrustRegion as TrustRegion
+    from trueup.loop.optimize import optimize as optimize
+    from trueup.loop.transfer import shortlist as shortlist
+    from trueup.loop.transfer import transfer as transfer
     from trueup.parameters import Parameter as Parameter
     from trueup.parameters import ParameterSpace as ParameterSpace
     from trueup.recording import Channel as Channel
     from trueup.recording import Recording as Recording
     from trueup.report import write_report as write_report
+    from trueup.robots.by_hand import ByHand as ByHand
     from trueup.simulators.mujoco.declarations import Declaration as Declaration
     from trueup.simulators.mujoco.declarations import declare as declare
     from trueup.simulators.mujoco.proposal import propose as propose
@@ -35,6 +44,8 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
 __version__ = "0.1.0"
 
 _HOME = {
+    "Belief": "trueup.loop.belief",
+    "ByHand": "trueup.robots.by_hand",
     "Calibration": "trueup.calibration",
     "Channel": "trueup.recording",
     "ChannelMap": "trueup.formats",
@@ -46,12 +57,19 @@ _HOME = {
     "Recording": "trueup.recording",
     "Trial": "trueup.trial",
     "TrueupError": "trueup.errors",
+    "TrustRegion": "trueup.loop.optimize",
     "calibrate": "trueup.loop.calibrate",
     "declare": "trueup.simulators.mujoco.declarations",
+    "identify": "trueup.identification.identify",
     "inspect": "trueup.inspection",
+    "load_tree": "trueup.identification.kinematic_tree",
+    "most_telling": "trueup.loop.experiment",
+    "optimize": "trueup.loop.optimize",
     "propose": "trueup.simulators.mujoco.proposal",
     "read": "trueup.formats",
+    "shortlist": "trueup.loop.transfer",
     "simulator_for": "trueup.campaign.assemble",
+    "transfer": "trueup.loop.transfer",
     "write": "trueup.formats",
     "write_model": "trueup.simulators.mujoco.write",
     "write_report": "trueup.report",

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -58,3 +60,11 @@ def test_an_unknown_joint_is_refused_with_the_choices(tmp_path: Path) -> None:
     file.write_text("[joints.elbow]\nratio = 3\n")
     with pytest.raises(UnknownNameError, match="joints are: a, b, c"):
         Drives.load(file, JOINTS)
+
+
+def test_the_drives_file_of_the_manual_can_be_read() -> None:
+    page = Path(__file__).resolve().parents[2] / "docs" / "identify.md"
+    (example,) = re.findall(r"```toml\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
+    drives = Drives.from_dict(tomllib.loads(example), [f"joint_{k}" for k in range(1, 7)])
+    assert drives.ratios[0] == 32.0
+    assert drives.coupling[5, 4] == 1.0

@@ -22,6 +22,7 @@ from trueup.formats.aside import written_aside
 from trueup.recording import Recording
 
 if TYPE_CHECKING:
+    from trueup.identification.drives import Drives
     from trueup.identification.identify import Options
     from trueup.identification.kinematic_tree import KinematicTree
     from trueup.identification.result import Identification
@@ -64,6 +65,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--hold-out", nargs="+", action="append", default=[], metavar="NAME",
                         help="logs to judge by, not to fit: names, patterns, paths; '30%%': the end of each")  # fmt: skip
     parser.add_argument("--drives", metavar="FILE", help="gear ratios, couplings, offsets, torque constants (TOML)")
+    parser.add_argument("--payload", nargs="+", default=[], metavar="LOG",
+                        help="runs with a known payload at the last link: torque constants from currents")  # fmt: skip
+    parser.add_argument("--payload-mass", type=float, default=0.0, metavar="KG", help="its mass")
+    parser.add_argument("--payload-com", nargs=3, type=float, default=(0.0, 0.0, 0.0), metavar=("X", "Y", "Z"),
+                        help="its centre of mass in the last link's frame, m")  # fmt: skip
     parser.add_argument("--mapping", metavar="FILE", help="how columns become channels (default: mapping.toml if here)")
     parser.add_argument(
         "--rate", type=float, metavar="HZ", help="samples per second, for logs without a column of time"
@@ -99,7 +105,10 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     training, held_out, notes = _recordings(args, names)
     tree = load_tree(args.model).lock(args.lock)
     tree, (training, held_out), said = matched(tree, (training, held_out))
-    drives = Drives.load(args.drives, tree.joints) if args.drives else None
+    drives = Drives.load(args.drives, tree.joints) if args.drives else Drives.direct(tree.joints)
+    if args.payload:
+        drives, more = _weighed(args, tree, training, drives)
+        said = (*said, *more)
     folder = _folder(Path(args.out), Path(args.model), force=args.force)
     if not args.quiet:
         for note in (*notes, *said, *([f"results go to {folder}"] if folder != Path(args.out) else [])):
@@ -143,6 +152,20 @@ def _recordings(
     recordings = [r for path in paths for r in read([path], used)]
     training, held_out = split(recordings, hold_out, mapping)
     return training, held_out, [*notes, *more]
+
+
+def _weighed(
+    args: argparse.Namespace, tree: KinematicTree, training: Sequence[Recording], drives: Drives
+) -> tuple[Drives, tuple[str, ...]]:
+    """The drives with torque constants from runs that carry a payload."""
+    from trueup.identification.joint_names import matched
+    from trueup.identification.payload import drives_from_payload, payload_inertial
+
+    mapping, _ = mapping_for(args.mapping)
+    loaded = [r for path in args.payload for r in read([Path(path)], mapping)]
+    _, (loaded, _), _ = matched(tree, (loaded, []))
+    load = payload_inertial(args.payload_mass, args.payload_com)
+    return drives_from_payload(tree, training, loaded, drives, load, cutoff=args.cutoff)
 
 
 def _with_rate(mapping: ChannelMap, rate: float) -> ChannelMap:

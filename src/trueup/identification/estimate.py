@@ -20,7 +20,7 @@ _HUBER = 1.345
 """Standard deviations beyond which an error counts linearly: 95 % efficient for normal errors. Huber, 1964."""
 _OUTLIER = 10.0
 """Standard deviations that no error of a sound log reaches often."""
-_OUTLIERS = 0.001
+_OUTLIERS = 0.01
 
 
 @dataclass(frozen=True, eq=False)

@@ -90,10 +90,10 @@ def identify(
     say("computing regressors", 0.1)
     motions = [log.motion(cutoff, measured_speed=measured) for log in logs]
     pool = pool_for(tree, gears.coupling, motions, rng)
-    pieces = [p for m in motions for p in _pieces(m, pool.model, cutoff, wanted.hold_out)]
+    pieces = [p for m in motions for p in pieces_of(m, pool.model, cutoff, wanted.hold_out)]
     for log in judged:
         motion = log.motion(cutoff, measured_speed=measured)
-        pieces += [replace(p, held_out=True) for p in _pieces(motion, pool.model, cutoff, 0.0)]
+        pieces += [replace(p, held_out=True) for p in pieces_of(motion, pool.model, cutoff, 0.0)]
     say("comparing clocks", 0.3)
     alignment, pieces = _aligned(pool, pieces, logs[0].rate, wanted.align)
     warnings += _poor(logs, tree, gears, pool, pieces, rng)
@@ -151,7 +151,7 @@ def _check_options(options: Options, training: Sequence[Recording]) -> None:
         raise IdentificationError(f"a cut-off of {options.cutoff:g} Hz is not above zero")
 
 
-def _pieces(motion: Motion, model: TorqueModel, cutoff: float, hold_out: float) -> list[Piece]:
+def pieces_of(motion: Motion, model: TorqueModel, cutoff: float, hold_out: float) -> list[Piece]:
     """The rows of a motion, filtered with its torque, whole or split in two with a gap between.
 
     Standstill at both ends is left out, and what a filter cannot know there: one period of the cut-off.
@@ -180,7 +180,8 @@ def _at(motion: Motion, keep: slice | NDArray[np.bool_]) -> Motion:
     return replace(motion, **arrays)
 
 
-def _basic(pool: Pool) -> NDArray[np.int64]:
+def basic_columns(pool: Pool) -> NDArray[np.int64]:
+    """The columns of a model that fits any arm roughly: rotors, offsets, viscous and Coulomb friction."""
     return np.flatnonzero(pool.with_groups("rotor", "offset", "viscous", "saturating 0.01"))
 
 
@@ -194,12 +195,12 @@ def _relative(rows: Sequence[Rows], estimate: Estimate) -> float:
 def _quick(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator) -> Fit:
     """A fit of a basic model that can be had many times: from a motion like this one to its relative error."""
     pool = pool_for(tree, drives.coupling, [motion], rng)
-    basic, first = _basic(pool), 10 * tree.n
+    basic, first = basic_columns(pool), 10 * tree.n
     model = pool.model.only([int(k) - first for k in basic if k >= first])
     active = np.concatenate([basic[basic < first], np.arange(first, model.p)])
 
     def error(changed: Motion) -> float:
-        rows = [p.rows for p in _pieces(changed, model, cutoff, 0.0)]
+        rows = [p.rows for p in pieces_of(changed, model, cutoff, 0.0)]
         moments = moments_of(rows)
         power = np.maximum(moments.square[0], 1e-300)
         gram, cross = (x[0] for x in moments.weighted(1.0 / power))
@@ -229,7 +230,7 @@ def _aligned(
         return None, list(pieces)
     if isinstance(align, str):
         parts = [p.rows for p in pieces if not p.held_out]
-        basic = _basic(pool)
+        basic = basic_columns(pool)
         weights = least_squares(parts, basic).noise ** -2.0
         found = find_shift(parts, basic, weights / weights.mean(), rate)
     else:
@@ -244,7 +245,7 @@ def _poor(
 ) -> list[str]:  # fmt: skip
     """Nothing where a basic model explains the torque; else what else might be wrong. Raises where a mistake explains it."""
     parts = [p.rows for p in pieces if not p.held_out]
-    basic = _basic(pool)
+    basic = basic_columns(pool)
     power = np.maximum(sum(np.mean(r.torque**2, axis=0) for r in parts), 1e-300)
     relative = _relative(parts, least_squares(parts, basic, 1.0 / power))
     if relative < DOUBTFUL:

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -12,6 +14,8 @@ from trueup.identification.kinematic_tree import KinematicTree
 from trueup.recording import Recording
 
 _CHANNELS = ("position", "velocity", "torque", "current", "load")
+
+_NUMBER = re.compile(r"\d+$")
 
 Groups = tuple[list[Recording], list[Recording]]
 
@@ -46,8 +50,9 @@ def _names(tree: KinematicTree, labels: Sequence[str]) -> dict[str, str]:
     if by_name or not labels:
         return by_name
     turning = [j for j, slides in zip(tree.joints, np.asarray(tree.prismatic).tolist(), strict=True) if not slides]
+    numbers = [int(found[0]) if (found := _NUMBER.search(label)) else -1 for label in labels]
     for joints in (tree.joints, turning):
-        if len(joints) == len(labels) and all(label.rsplit("_", 1)[-1].isdigit() for label in labels):
+        if len(joints) == len(labels) and all(b == a + 1 for a, b in pairwise(numbers)) and numbers[0] in (0, 1):
             return dict(zip(labels, joints, strict=True))
     raise _unknown(tree, labels)
 

@@ -21,6 +21,7 @@ from trueup.identification.result import (
     Alignment,
     Identification,
     Link,
+    Parameter,
     Prediction,
     relative_error,
 )
@@ -33,6 +34,10 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_MANY = 0.4
+"""Share of combinations not seen from which on the whole is in doubt."""
+_FAR = 3.0
+"""Times the fitted error: held-out motion of another kind."""
 _COSTLY = 1.02
 """Of the unconstrained error: a consistent model that is worse than this is worth a word."""
 
@@ -60,7 +65,8 @@ def outcome(
         simple_friction=_simple_friction(model, full, speed), armature=_armature(model, full), cutoff=cutoff,
         rate=1.0 / float(np.median(np.diff(parts[0].time))), weighting=_WEIGHTING[choice.exponent],
         trust=choice.strength, pull=pull, advice=advice(model, pool.base, parameters, rng),
-        warnings=(*warnings, *_warnings(predictions, alignment)), notes=_notes(tree, estimate, bodies, predictions),
+        warnings=(*warnings, *_warnings(predictions, alignment), *_thin(predictions, parameters)),
+        notes=_notes(tree, estimate, bodies, predictions),
         seconds=time.perf_counter() - started, inertial=full[: 10 * tree.n].reshape(-1, 10),
     )  # fmt: skip
 
@@ -161,6 +167,26 @@ def _warnings(predictions: Sequence[Prediction], alignment: Alignment | None) ->
             f"torque was logged {1e3 * abs(alignment.shift):.2g} +- {1e3 * alignment.deviation:.1g} ms "
             f"({abs(alignment.samples):.3g} samples) {late} than the position that it belongs to; this was corrected "
             f"(squared error {100 * alignment.gain:.0f} % smaller). Look for a filter or a queue in the logger"
+        )
+    return said
+
+
+def _thin(predictions: Sequence[Prediction], parameters: Sequence[Parameter]) -> list[str]:
+    """What to say where the logs excite too little for the model that they are asked for."""
+    inertial = [p for p in parameters if p.kind == "inertial"]
+    unseen = sum(p.verdict == "not seen" for p in inertial)
+    held = [p for p in predictions if p.held_out]
+    trained = relative_error([p for p in predictions if not p.held_out])
+    said = []
+    if unseen > _MANY * len(inertial):
+        said.append(
+            f"too little excitation: {unseen} of {len(inertial)} combinations of inertial parameters cannot be told from "
+            "these logs (below: which, and which motion would show them); outside the motions fitted the model may be far off"
+        )
+    if held and relative_error(held) > _FAR * trained:
+        said.append(
+            f"held-out motion is predicted {relative_error(held) / trained:.0f} times worse than the fitted one: the logs "
+            "that were fitted are too short or too unlike it. Add motion of that kind"
         )
     return said
 

@@ -65,10 +65,11 @@ def _write_urdf(found: Identification, tree: KinematicTree, source: Path, path: 
             text.insert_first(joints[name], f'<dynamics damping="{viscous}" friction="{coulomb}"/>')
         else:
             text.change(dynamics, damping=viscous, friction=coulomb)
-    if found.armature.max() > 0.0:
+    seen = found.armature > 1e-3 * max(float(found.armature.max()), 1e-6)
+    if seen.any():
         notes.append(
             "URDF has no place for rotor inertias; they are in identification.json: "
-            + ", ".join(f"{j} {a:.3g}" for j, a in zip(tree.joints, found.armature, strict=True) if a > 0.0)
+            + ", ".join(f"{j} {a:.3g}" for j, a, told in zip(tree.joints, found.armature, seen, strict=True) if told)
             + " kg m^2"
         )
     _relocate_meshes(text, source.absolute().parent, path.absolute().parent)

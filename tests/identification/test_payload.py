@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Torque constants come out of two runs with currents alone, where one carried a known mass."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from trueup.errors import IdentificationError
+from trueup.identification.effects import Effect
+from trueup.identification.payload import drive_gains, payload_inertial
+from trueup.identification.torque_model import Rows, TorqueModel
+
+
+def test_hidden_torque_constants_are_recovered_within_their_deviations(arms: SimpleNamespace) -> None:
+    tree, rng, time = arms.arm(), np.random.default_rng(0), np.arange(2000) / 40.0
+    hidden = np.array([11.0, 9.0, 6.0, 2.5])
+    model = TorqueModel.of(tree, [(d, Effect(k)) for k in ("rotor", "viscous", "coulomb") for d in range(tree.n)])
+    truth = np.concatenate([np.asarray(tree.inertial).ravel(), arms.rotors, arms.viscous, arms.coulomb])
+    load = payload_inertial(4.0, (0.05, 0.0, 0.1))
+    runs = []
+    for carried in (0.0, 1.0):
+        rows = model.rows(time, *arms.sines(rng, time, tree.n))
+        real = truth.copy()
+        real[10 * (tree.n - 1) : 10 * tree.n] += carried * load
+        current = rows.predict(real) / hidden + 0.02 * rng.normal(size=(len(time), tree.n))
+        runs.append(Rows(rows.columns, rows.values, current, time, rows.p))
+    found = drive_gains(runs[:1], runs[1:], load, tree.n - 1)
+    sure = found.certain
+    assert sure[1:3].all(), "the joints that lift the payload"
+    assert np.all(np.abs(found.gains - hidden)[sure] < 4.0 * found.deviations[sure])
+    assert np.allclose(found.gains[sure], hidden[sure], rtol=0.05)
+
+
+def test_a_payload_without_mass_is_refused() -> None:
+    with pytest.raises(IdentificationError, match="above 0"):
+        payload_inertial(0.0, (0.0, 0.0, 0.0))
