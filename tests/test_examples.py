@@ -45,3 +45,13 @@ def test_the_calibration_example_lowers_the_held_out_error(recordings: Path) -> 
     assert numbers, done.stdout
     assert float(numbers[2]) < 0.5 * float(numbers[1])
     assert (recordings / "report.html").is_file()
+
+
+def test_the_tuning_example_makes_the_robot_better() -> None:
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "examples" / "tune_gains.py")], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    numbers = re.search(r"robot: ([\d.]+) -> ([\d.]+) mm", done.stdout)
+    assert numbers, done.stdout
+    assert float(numbers[2]) < 0.7 * float(numbers[1])

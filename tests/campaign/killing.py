@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs a campaign in child processes that are killed, resumes each, and prints what differs from an undisturbed run.
 
-As a script: FOLDER KILLS SEED [forgetful]. Everything is imported once and each campaign runs in a fork, so that a kill
-costs no start of Python. Half of the kills come at random moments, half right before or after a random call of those
-that make something last (fsync, replace, rename, link).
+As a script: FOLDER KILLS SEED [forgetful | by-hand]. Everything is imported once and each campaign runs in a fork, so
+that a kill costs no start of Python. Half of the kills come at random moments, half right before or after a random call
+of those that make something last (fsync, replace, rename, link).
 """
 
 from __future__ import annotations
 
+import dataclasses
+import importlib
 import json
 import os
 import random
@@ -18,13 +20,22 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import trueup.formats  # noqa: F401 - loaded once, before the forks
+import numpy as np
+
 from trueup.campaign.campaign import Campaign
 from trueup.campaign.folder import Folder
 from trueup.campaign.journal import JOURNAL, Journal
 from trueup.campaign.parts import Silent
 from trueup.campaign.plan import read_plan
 from trueup.campaign.resolve import parts_of
+from trueup.formats import write
+from trueup.recording import Channel, Recording
+
+ROBOTS = {
+    "": 'type = "toy:Cart"\nfolder = "../{folder}/performed"',
+    "forgetful": 'type = "toy:Cart"\nfolder = "../{folder}/performed"\nforgetful = true',
+    "by-hand": 'type = "by-hand"\npoll = 0.01\nrest = 0.05',
+}
 
 LASTING = ("fsync", "replace", "rename", "link")
 
@@ -32,9 +43,7 @@ PLAN = """
 name = "killed"
 seed = 5
 [robot]
-type = "toy:Cart"
-folder = "../{folder}/performed"
-forgetful = {forgetful}
+{robot}
 [simulator]
 type = "toy:Lag"
 [task]
@@ -128,47 +137,94 @@ def calls_of(work: Callable[[], None], note: Path) -> Callable[[], None]:
     return run
 
 
-def main(folder: Path, kills: int, seed: int, forgetful: bool) -> None:
+def operate(folder: Path) -> None:
+    """An operator, for ever: performs on the toy's robot what lies in outbox/, once each, and drops the logs."""
+    toy = importlib.import_module("toy")
+    cart, done = toy.Cart(), set()
+    while True:
+        for sheet in sorted((folder / "outbox").glob("trial-*")):
+            if sheet.name not in done and (folder / "inbox").exists():
+                settings = json.loads((sheet / "trial.json").read_text())["settings"]
+                trial = dataclasses.replace(toy.Follow().trials[0], name=sheet.name, settings=settings)
+                (r,) = cart.perform(trial)
+                rows = np.column_stack([r.time, r.channel("position").values, r.channel("command").values])
+                np.savetxt(folder / "inbox" / f"{sheet.name}.csv", rows, delimiter=",", fmt="%.12g",
+                           header="time,position/x,command/x", comments="")  # fmt: skip
+                done.add(sheet.name)
+        time.sleep(0.01)
+
+
+def beside(work: Callable[[], None]) -> int:
+    """Runs `work` in a fork of its own; returns its id."""
+    child = os.fork()
+    if child == 0:
+        try:
+            work()
+        finally:
+            os._exit(1)
+    return child
+
+
+def main(folder: Path, kills: int, seed: int, robot: str) -> None:
     """Prints one JSON line: kills that struck, journals that differ, trials lost or performed more than once."""
     rng = random.Random(seed)
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copy(Path(__file__).with_name("toy.py"), folder)
-    plan = folder / "campaign.toml"
+    sys.path.insert(0, str(folder))
+    plan, home = folder / "campaign.toml", folder / "run"
+    plan.write_text(PLAN.format(robot=ROBOTS[robot].format(folder=f"{folder.name}/run")))
 
-    def prepared(name: str) -> Path:
-        plan.write_text(PLAN.format(folder=f"{folder.name}/{name}", forgetful=str(forgetful).lower()))
-        return folder / name
+    def work() -> None:
+        campaign(home, plan)
 
-    reference = prepared("run")
+    now = np.arange(2.0)
+    write(
+        Recording("once", {"x": Channel("x", ("x",), "", now, now)}), folder / "once.parquet"
+    )  # loads what writing needs
     began = time.perf_counter()
-    in_child(lambda: campaign(reference, plan))
+    _whole(work, home, robot, lambda: in_child(work))
     lasts = time.perf_counter() - began
-    wanted = (reference / JOURNAL).read_bytes()
-    performed = sorted(p.name for p in (reference / "performed").glob("trial-*"))
-    shutil.rmtree(reference)
-    in_child(calls_of(lambda: campaign(prepared("run"), plan), folder / "calls"))
+    wanted = (home / JOURNAL).read_bytes()
+    performed = _performed(home)
+    _whole(work, home, robot, lambda: in_child(calls_of(work, folder / "calls")))
     calls = int((folder / "calls").read_text())
-    struck = differ = twice = lost = unknown = 0
-    while struck < kills:
-        if reference.exists():
-            shutil.rmtree(reference)
-        ended = _killed(lambda: campaign(reference, plan), struck, rng, lasts, calls)
-        if ended:
-            continue
-        struck += 1
-        if rng.random() < 0.3 and not _killed(lambda: campaign(reference, plan), struck, rng, lasts, calls):
-            struck += 1
-        in_child(lambda: campaign(reference, plan))
-        text = (reference / JOURNAL).read_bytes()
-        differ += text != wanted
-        if forgetful:
-            lines = (reference / "performed" / "performed.txt").read_text().split()
-            twice += len(lines) - len(set(lines))
-            unknown += text.count(b'"outcome":"unknown"')
-        else:
-            lost += sorted(p.name for p in (reference / "performed").glob("trial-*")) != performed
-    print(json.dumps({"struck": struck, "differ": differ, "lost": lost, "twice": twice, "unknown": unknown,
-                      "seconds": lasts, "calls": calls}))  # fmt: skip
+    count = {"struck": 0, "differ": 0, "lost": 0, "twice": 0, "unknown": 0}
+
+    def disturbed() -> None:
+        for _ in range(2 if rng.random() < 0.3 else 1):
+            if _killed(work, count["struck"], rng, lasts, calls):
+                return  # it had come to its end before
+            count["struck"] += 1
+        in_child(work)
+
+    while count["struck"] < kills:
+        _whole(work, home, robot, disturbed)
+        text = (home / JOURNAL).read_bytes()
+        count["differ"] += text != wanted
+        count["unknown"] += text.count(b'"outcome":"unknown"')
+        names = _performed(home)
+        count["twice"] += len(names) - len(set(names))
+        count["lost"] += robot != "forgetful" and sorted(set(names)) != performed
+    print(json.dumps({**count, "seconds": lasts, "calls": calls}))
+
+
+def _whole(work: Callable[[], None], home: Path, robot: str, run: Callable[[], object]) -> None:
+    """One campaign from nothing to its end, with an operator beside it where one is needed."""
+    shutil.rmtree(home, ignore_errors=True)
+    operator = beside(lambda: operate(home)) if robot == "by-hand" else 0
+    run()
+    if operator:
+        os.kill(operator, signal.SIGKILL)
+        os.waitpid(operator, 0)
+
+
+def _performed(home: Path) -> list[str]:
+    """The trials that the robot performed, by its own memory; for an operator, whose logs were taken."""
+    lines = home / "performed" / "performed.txt"
+    if lines.exists():
+        return sorted(lines.read_text().split())
+    logs = [p.stem for p in (home / "accepted").glob("trial-*/trial-*.csv")]
+    return sorted([p.name for p in (home / "performed").glob("trial-*")] + logs)
 
 
 def _killed(work: Callable[[], None], turn: int, rng: random.Random, lasts: float, calls: int) -> bool:
@@ -179,4 +235,4 @@ def _killed(work: Callable[[], None], turn: int, rng: random.Random, lasts: floa
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), "forgetful" in sys.argv[4:])
+    main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), "".join(sys.argv[4:]))

@@ -46,6 +46,7 @@ def complaint(path: Path) -> str:
         ('"toy:Lag"', '"toy:Lag"\nsteep = 1', ("unknown key 'steep'", "did you mean 'step'", "parameters, step")),
         ('"toy:Lag"', '"toy:Lag"\nstep = "fine"', ("step = 'fine'", "a number")),
         ('"toy:Nearby"', '{ type = "toy:Nearby", generation = "x" }', ("[optimize.search], generation = 'x'", "whole")),
+        ('"toy:Cart"', '"toy:Nearby"\nstart = [0.5]', ("'toy:Nearby' is no robot: it lacks perform, repeatable",)),
         ('"toy:Nearby"', "5", ("[optimize.search] = 5", "name in quotes")),
         ('"toy:regression"', '{ type = "toy:regression", speed = 1 }', ("unknown key 'speed' = 1", "recordings")),
         ("[calibrate]", '[calibrate]\nsearch = "newton"', ("search = 'newton'", "auto, gradient, cma-es, hybrid")),

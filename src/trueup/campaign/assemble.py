@@ -4,15 +4,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from trueup.calibration import Calibration
-from trueup.errors import ModelError, unknown_name
+from trueup.errors import ModelError, ParameterError, unknown_name
 from trueup.recording import Recording
+from trueup.simulators.simulator import Simulator
 from trueup.trial import command_of
 
 if TYPE_CHECKING:
+    from trueup.loop.calibrate import Options
+    from trueup.loop.fit import Checkpoint, Progress
+    from trueup.simulators.car import CarSimulator
     from trueup.simulators.mujoco.model import Model
     from trueup.simulators.mujoco.rollout import MujocoSimulator
 
@@ -21,12 +26,15 @@ _STIFFNESS = 100.0  # N m/rad of position actuators that a model lacks; calibrat
 
 def simulator_for(
     model_path: str | Path, recordings: Sequence[Recording], parameters_file: str | Path | None = None
-) -> tuple[MujocoSimulator, tuple[str, ...]]:
+) -> tuple[MujocoSimulator | CarSimulator, tuple[str, ...]]:
     """The simulator of a model file with parameters from a file, or proposed from what moves in `recordings`.
 
-    A model without actuators whose recordings hold position commands gets position actuators for those joints; the
-    notes say so, and what was lost on loading. Raises ModelError, ParameterError and UnknownNameError.
+    A TOML file is a car (see `read_car`), whose search starts from a first look at `recordings`. A model without
+    actuators whose recordings hold position commands gets position actuators for those joints; the notes say so, and
+    what was lost on loading. Raises ModelError, ParameterError and UnknownNameError.
     """
+    if Path(model_path).suffix.lower() == ".toml":
+        return _car(Path(model_path), recordings, parameters_file)
     from trueup.simulators.mujoco.declaration_file import read_declarations
     from trueup.simulators.mujoco.declarations import declare
     from trueup.simulators.mujoco.model import load
@@ -45,13 +53,42 @@ def simulator_for(
     return MujocoSimulator(model, space, quantities), model.notes
 
 
+def calibrated(
+    simulator: Simulator, training: Sequence[Recording], held_out: Sequence[Recording], options: Options, *,
+    progress: Progress | None = None, checkpoint: Checkpoint | None = None, resume: dict[str, Any] | None = None,
+) -> Calibration:  # fmt: skip
+    """Calibrates a simulator in the way that suits it: a car's drives are cleaned, cut and judged ahead of time.
+
+    Raises what `trueup.loop.calibrate` raises, and RecordingError for drives without pose or command.
+    """
+    from trueup.loop.calibrate import calibrate
+    from trueup.simulators.car import CarSimulator
+
+    told: _Told = {"progress": progress, "checkpoint": checkpoint, "resume": resume}
+    if not isinstance(simulator, CarSimulator):
+        return calibrate(simulator, training, held_out, options=options, **told)
+    from trueup.simulators.car.judging import Ahead
+    from trueup.simulators.car.prediction import spoken
+    from trueup.simulators.car.training import begun_apart, counted_once
+
+    drives, others = ([simulator.prepared(r) for r in rs] for rs in (training, held_out))
+    found = calibrate(simulator, begun_apart(drives, simulator.horizon), others, discrepancy=Ahead(simulator),
+                      options=replace(options, cross_validate=False), **told)  # fmt: skip
+    once = counted_once(found, drives)
+    return replace(once, notes=(*once.notes, *spoken(simulator, once.values, [*drives, *others])))
+
+
 def write_outcome(
-    simulator: MujocoSimulator, calibration: Calibration, model: Path, parameters: Path
+    simulator: MujocoSimulator | CarSimulator, calibration: Calibration, model: Path, parameters: Path
 ) -> tuple[str, ...]:
     """Writes the calibrated MJCF and the parameters file; returns notes on what the MJCF cannot say.
 
     Raises OutputError and ModelError; older files are untouched then.
     """
+    from trueup.simulators.car import CarSimulator
+
+    if isinstance(simulator, CarSimulator):
+        return _write_car(simulator, calibration, model)
     from trueup.simulators.mujoco.declaration_file import write_parameters
     from trueup.simulators.mujoco.write import write_model
 
@@ -59,8 +96,12 @@ def write_outcome(
     return write_model(simulator, calibration.values, model)
 
 
-def kinds_of(simulator: MujocoSimulator) -> tuple[tuple[str, str, int], ...]:
+def kinds_of(simulator: MujocoSimulator | CarSimulator) -> tuple[tuple[str, str, int], ...]:
     """(kind, family, number of elements) of the free parameters, in order: what a summary says of them."""
+    from trueup.simulators.car import CarSimulator
+
+    if isinstance(simulator, CarSimulator):
+        return tuple((p.name, "car", 1) for p in simulator.parameters.parameters if not p.frozen)
     from trueup.simulators.mujoco.quantities import kind
 
     counts: dict[str, int] = {}
@@ -75,6 +116,39 @@ def joints_of(model_path: str | Path) -> tuple[str, ...]:
     from trueup.simulators.mujoco.model import load
 
     return load(model_path).scalar_joints()
+
+
+class _Told(TypedDict):
+    """What goes through to `calibrate` as it is."""
+
+    progress: Progress | None
+    checkpoint: Checkpoint | None
+    resume: dict[str, Any] | None
+
+
+def _car(
+    path: Path, recordings: Sequence[Recording], parameters_file: str | Path | None
+) -> tuple[CarSimulator, tuple[str, ...]]:
+    from trueup.simulators.car import CarSimulator, car_space
+    from trueup.simulators.car.car_file import read_car
+    from trueup.simulators.car.look import first_look
+
+    if parameters_file is not None:
+        raise ParameterError(f"{parameters_file}: a car has no parameters file; its own values are in [vehicle.values]")
+    car = read_car(path)
+    plain = CarSimulator(car)
+    return CarSimulator(car, car_space(car, first_look(car, [plain.prepared(r) for r in recordings]))), ()
+
+
+def _write_car(simulator: CarSimulator, calibration: Calibration, path: Path) -> tuple[str, ...]:
+    from trueup.simulators.car.car_file import write_car
+
+    values = {e.name: e.value for e in calibration.estimates}
+    notes = {
+        e.name: f"{e.low:.4g} ... {e.high:.4g}, {e.verdict}" if e.fitted else e.verdict for e in calibration.estimates
+    }
+    write_car(replace(simulator.car, values=values), path, notes)
+    return ()
 
 
 def _check_joints(model: Model, recordings: Sequence[Recording]) -> None:

@@ -104,7 +104,7 @@ class Campaign:
 
     def _experiment(self, number: int, region: TrustRegion, belief: Belief) -> None:
         plan = self._plan.experiment
-        count = plan.settings if number == 1 else plan.later
+        count = min(plan.settings if number == 1 else plan.later, self._room(plan.repeats))
         if count == 0:
             return
         rng = self._generator(number, _EXPERIMENT)
@@ -162,11 +162,11 @@ class Campaign:
             return Ended(f"the budget of {stop.trials} runs on the robot is used up", success=False)
         return None
 
-    def _room(self) -> int:
-        """Candidates that the budget of runs still allows."""
+    def _room(self, repeats: int | None = None) -> int:
+        """Candidates that the budget of runs still allows, with so many repeats (those of a transfer if None)."""
         if not self._plan.stop.trials:
             return 10**9
-        each = len(self._parts.task.trials) * self._plan.transfer.repeats
+        each = len(self._parts.task.trials) * (repeats or self._plan.transfer.repeats)
         return max(0, (self._plan.stop.trials - self._hardware.runs) // each)
 
     def _scored(self) -> bool:

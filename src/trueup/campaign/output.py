@@ -39,7 +39,7 @@ class Output:
 
         Raises OutputError where it cannot be made, and where the calibrated model would overwrite the one given.
         """
-        name = f"{model.stem}.xml"
+        name = f"{model.stem}{'.toml' if model.suffix.lower() == '.toml' else '.xml'}"
         for number in range(1, 1000):
             at = folder if number == 1 else folder.with_name(f"{folder.name}-{number}")
             if (at / name).resolve() == model.resolve():

@@ -16,6 +16,7 @@ from trueup.campaign.kinds import CALIBRATIONS, DISCREPANCIES, ROBOTS, SEARCHES,
 from trueup.campaign.making import arguments, called, found, made
 from trueup.campaign.parts import Calibrator, Parts
 from trueup.campaign.plan import Calibrate, PlanFile
+from trueup.campaign.typed_toml import Component
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.errors import PlanError
 from trueup.formats import read
@@ -25,6 +26,13 @@ from trueup.search.search import Search
 from trueup.simulators.simulator import Simulator
 
 Array = NDArray[np.float64]
+
+_ROLES = {
+    "robot": ("perform", "repeatable"),
+    "simulator": ("name", "parameters", "step", "at_step", "shipped", "observable", "rollout"),
+    "task": ("name", "parameters", "trials", "controllers", "score"),
+}
+"""What each part must have."""
 
 
 def parts_of(file: PlanFile, folder: Path, say: Callable[[str], None]) -> Parts:
@@ -38,12 +46,16 @@ def parts_of(file: PlanFile, folder: Path, say: Callable[[str], None]) -> Parts:
     given: dict[str, Any] = {
         "folder": folder, "folder_of_plan": base, "say": say, "seed": plan.seed, "recordings": (*recordings, *held_out)
     }  # fmt: skip
-    simulator: Simulator = made(plan.simulator, "simulator", SIMULATORS, given, base)
+    simulator: Simulator = _with(
+        plan.simulator, made(plan.simulator, "simulator", SIMULATORS, given, base), "simulator"
+    )
     if plan.calibrate.parameters:
         simulator = Restricted.to(simulator, plan.calibrate.parameters)
     given["simulator"] = simulator
-    given["task"] = task = made(plan.task, "task", TASKS, given, base)
-    robot = made(plan.robot, "robot", ROBOTS, given, base)
+    given["task"] = task = _with(plan.task, made(plan.task, "task", TASKS, given, base), "task")
+    if not task.parameters.free.any():
+        raise PlanError(f"{plan.task.where}: task '{task.name}' has no free parameter: nothing to tune")
+    robot = _with(plan.robot, made(plan.robot, "robot", ROBOTS, given, base), "robot")
     discrepancy = None
     if plan.calibrate.discrepancy is not None:
         discrepancy = made(plan.calibrate.discrepancy, "discrepancy", DISCREPANCIES, given, base)
@@ -52,6 +64,17 @@ def parts_of(file: PlanFile, folder: Path, say: Callable[[str], None]) -> Parts:
         robot, simulator, task, _search(file, task.parameters), _calibrator(file, given, discrepancy), tuple(recordings),
         tuple(held_out), discrepancy, plan.calibrate.channels or None, plan.limits.limits(),
     )  # fmt: skip
+
+
+def _with(component: Component, part: Any, role: str) -> Any:
+    """The part, if it has what its role asks for. Raises PlanError, which lists what is missing."""
+    missing = [name for name in _ROLES[role] if not hasattr(part, name)]
+    if missing:
+        raise PlanError(
+            f"{component.where}: '{component.type}' is no {role}: it lacks {', '.join(missing)} (see trueup.testing, which "
+            "checks whether a class keeps its contract)"
+        )
+    return part
 
 
 def _recordings(plan: Calibrate, base: Path, where: str) -> tuple[list[Recording], list[Recording]]:

@@ -47,6 +47,8 @@ def read_text(path: Path) -> str:
     """The text of a file. Raises PlanError."""
     try:
         return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise PlanError(f"{path}: no such file; `trueup new NAME` writes a plan to edit") from None
     except UnicodeDecodeError as error:
         raise PlanError(f"{path}: is not text in UTF-8 ({error.reason} at byte {error.start})") from None
     except OSError as error:
