@@ -96,8 +96,8 @@ def place(chain: ChainArrays, q: Array, R: Array, p: Array, z: Array, o: Array) 
     p[:] = 0.0
     turn, half = np.empty((3, 3)), np.empty((3, 3))
     for i in range(len(chain.joint)):
-        _go(R, p, chain.offset[i])
-        _multiply(R, chain.rotation[i], half)
+        go(R, p, chain.offset[i])
+        multiply(R, chain.rotation[i], half)
         x, y, w = chain.axis[i]
         for a in range(3):
             z[i, a] = half[a, 0] * x + half[a, 1] * y + half[a, 2] * w
@@ -107,12 +107,12 @@ def place(chain: ChainArrays, q: Array, R: Array, p: Array, z: Array, o: Array) 
                 p[a] += value * z[i, a]
             R[:] = half
         else:
-            _about(chain.axis[i], float(value), turn)
-            _multiply(half, turn, R)
+            about(chain.axis[i], float(value), turn)
+            multiply(half, turn, R)
         o[i] = p
-    _go(R, p, chain.tool_offset)
+    go(R, p, chain.tool_offset)
     half[:] = R
-    _multiply(half, chain.tool_rotation, R)
+    multiply(half, chain.tool_rotation, R)
 
 
 @njit(cache=True, nogil=True)
@@ -169,20 +169,23 @@ def _carry(omega: Array, alpha: Array, r: Array, a: Array) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _go(R: Array, p: Array, offset: Array) -> None:
+def go(R: Array, p: Array, offset: Array) -> None:
+    """Moves p (3,) by `offset` (3,), given in the frame R."""
     for a in range(3):
         p[a] += R[a, 0] * offset[0] + R[a, 1] * offset[1] + R[a, 2] * offset[2]
 
 
 @njit(cache=True, nogil=True)
-def _multiply(A: Array, B: Array, out: Array) -> None:
+def multiply(A: Array, B: Array, out: Array) -> None:
+    """Out = A B, all (3, 3); `out` must be neither of them."""
     for a in range(3):
         for b in range(3):
             out[a, b] = A[a, 0] * B[0, b] + A[a, 1] * B[1, b] + A[a, 2] * B[2, b]
 
 
 @njit(cache=True, nogil=True)
-def _about(axis: Array, angle: float, out: Array) -> None:
+def about(axis: Array, angle: float, out: Array) -> None:
+    """The rotation (3, 3) about a unit axis (3,) by an angle [rad] into out."""
     s, c = np.sin(angle), np.cos(angle)
     x, y, z, d = axis[0], axis[1], axis[2], 1.0 - c
     out[0, 0], out[0, 1], out[0, 2] = c + x * x * d, x * y * d - z * s, x * z * d + y * s
@@ -198,8 +201,8 @@ def turned(R: Array, vector: Array, share: float, out: Array) -> None:
         out[:] = R
         return
     turn = np.empty((3, 3))
-    _about(vector / angle, share * angle, turn)
-    _multiply(R, turn, out)
+    about(vector / angle, share * angle, turn)
+    multiply(R, turn, out)
 
 
 @njit(cache=True, nogil=True)

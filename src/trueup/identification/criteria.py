@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trueup.errors import IdentificationError, unknown_name
 from trueup.identification.dynamic_model import DynamicModel
+from trueup.identification.information import information, log_determinants
 from trueup.identification.trajectories import Motions
 
 Array = NDArray[np.float64]
@@ -77,7 +78,7 @@ class Criterion:
         """The 'prediction' criterion for motions like these: the mean variance of their torque is the loss."""
         possible = motions.possible
         of = (motions.q[possible], motions.qd[possible], motions.qdd[possible])
-        total = self.information(self.model.grams(*of, columns=self.independent, threads=threads)).sum(axis=0)
+        total = information(self.model, self.independent, self.weights, *of, threads=threads).sum(axis=0)
         return replace(self, kind="prediction", expected=total / (possible.sum() * motions.q.shape[1]))
 
     def smooth(self, rest: float = 0.05) -> Criterion:
@@ -91,10 +92,6 @@ class Criterion:
             return np.ones_like(self.torque)
         return self.torque / self.torque.max() if self.weighting == "printed" else 1.0 / self.torque
 
-    def information(self, grams: Array) -> Array:
-        """(..., c, c) M from Gram matrices (..., n, c, c) of the joints."""
-        return np.einsum("i,...ijk->...jk", self.weights**2, grams)
-
     def losses(self, motions: Motions, threads: int = 1, *, as_of: int | None = None) -> Array:
         """(B,) of motions, lower is better; NaN for impossible ones, inf for those that leave a parameter unseen.
 
@@ -104,7 +101,7 @@ class Criterion:
         rows = np.flatnonzero(motions.possible)
         if len(rows):
             of = (motions.q[rows], motions.qd[rows], motions.qdd[rows])
-            M = self.information(self.model.grams(*of, columns=self.independent, threads=threads))
+            M = information(self.model, self.independent, self.weights, *of, threads=threads)
             count = motions.q.shape[1]
             loss[rows] = self.of_information(M * ((as_of or count) / count), as_of or count)
         return loss
@@ -116,8 +113,7 @@ class Criterion:
         if self.friction == "alone":
             M = self._friction_alone(M)
         if self.kind == "D":
-            sign, value = np.linalg.slogdet(M)
-            return np.where(sign > 0, -value / np.log(10.0), np.inf)
+            return -log_determinants(M.reshape(-1, *M.shape[-2:])).reshape(M.shape[:-2]) / np.log(10.0)
         chosen = self._friction if self.friction == "alone" else slice(None)
         scaled = M * self.scale[chosen, None] * self.scale[None, chosen]
         values = np.linalg.eigvalsh(scaled)
@@ -165,5 +161,5 @@ class Criterion:
         """(c,) the size at which each parameter alone makes as much weighted torque as the others, on random states."""
         rng, n = np.random.default_rng(seed), self.model.tree.n
         q, qd, qdd = (rng.uniform(-a, a, (1, 300, n)) for a in (np.pi, 2.0, 5.0))
-        M = self.information(self.model.grams(q, qd, qdd, columns=self.independent))[0] / 300
+        M = information(self.model, self.independent, self.weights, q, qd, qdd)[0] / 300
         return 1.0 / np.sqrt(np.maximum(np.diag(M), 1e-300))

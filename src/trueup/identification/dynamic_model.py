@@ -93,7 +93,7 @@ class DynamicModel:
     def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """(S, n, p) at joint positions, velocities, accelerations (S, n); memory runs along the samples."""
         q_, qd_, qdd_ = regressors.samples(self.tree, q, qd, qdd)
-        return regressors.filled(self._layout, q_, qd_, qdd_)
+        return regressors.filled(self.layout, q_, qd_, qdd_)
 
     def grams(
         self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, columns: ArrayLike | None = None, *,
@@ -113,11 +113,11 @@ class DynamicModel:
             )
         counts = np.broadcast_to(np.asarray(batch[0].shape[1] if lengths is None else lengths), (len(batch[0]),))
         return structured_grams(
-            self._layout, batch[0], batch[1], batch[2], counts, chosen, self._acts[:, chosen], threads
+            self.layout, batch[0], batch[1], batch[2], counts, chosen, self.acts[:, chosen], threads
         )
 
     @cached_property
-    def _layout(self) -> Layout:
+    def layout(self) -> Layout:
         further = []
         for c in self.columns[10 * self.tree.n :]:
             code, speed = (c.term.code, c.term.speed) if c.term is not None else (0, 0.0)
@@ -126,7 +126,7 @@ class DynamicModel:
         return layout(self.tree, tuple(further), self.rest)
 
     @cached_property
-    def _acts(self) -> NDArray[np.bool_]:
+    def acts(self) -> NDArray[np.bool_]:
         """(n, p) whether the torque of a joint may depend on a column at all."""
         acts = np.zeros((self.tree.n, self.p), dtype=bool)
         acts[:, : 10 * self.tree.n] = np.repeat(self.tree.carries(), 10, axis=1)

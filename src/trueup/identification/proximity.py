@@ -14,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from trueup.identification.cell import Cell, in_threads
+from trueup.identification.chain import about, go, multiply
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.regressors import link_poses
 from trueup.identification.trajectories import Motions
@@ -129,26 +130,23 @@ def _links(
     p: Array,
 ) -> None:
     """Poses of all links in the base frame."""
-    turn = np.empty((3, 3))
+    turn, half = np.empty((3, 3)), np.empty((3, 3))
     for j in range(len(parent)):
-        s, c = np.sin(q[j]), np.cos(q[j])
-        x, y, z = axis[j, 0], axis[j, 1], axis[j, 2]
-        slide = q[j] if prismatic[j] else 0.0
-        if prismatic[j]:
-            s, c = 0.0, 1.0
-        d = 1.0 - c
-        turn[0, 0], turn[0, 1], turn[0, 2] = c + x * x * d, x * y * d - z * s, x * z * d + y * s
-        turn[1, 0], turn[1, 1], turn[1, 2] = y * x * d + z * s, c + y * y * d, y * z * d - x * s
-        turn[2, 0], turn[2, 1], turn[2, 2] = z * x * d - y * s, z * y * d + x * s, c + z * z * d
-        local = rotation[j] @ turn
-        at = offset[j] + rotation[j] @ axis[j] * slide
         k = parent[j]
         if k >= 0:
-            R[j] = R[k] @ local
-            p[j] = p[k] + R[k] @ at
+            p[j] = p[k]
+            go(R[k], p[j], offset[j])
+            multiply(R[k], rotation[j], half)
         else:
-            R[j] = local
-            p[j] = at
+            p[j] = offset[j]
+            half[:] = rotation[j]
+        if prismatic[j]:
+            R[j] = half
+            for a in range(3):
+                p[j, a] += q[j] * (half[a, 0] * axis[j, 0] + half[a, 1] * axis[j, 1] + half[a, 2] * axis[j, 2])
+        else:
+            about(axis[j], q[j], turn)
+            multiply(half, turn, R[j])
 
 
 @njit(cache=True, nogil=True)
