@@ -18,7 +18,6 @@ from trueup.simulators.simulator import Simulator
 if TYPE_CHECKING:
     from trueup.robots.stand_in_vehicle import StandInVehicle
     from trueup.simulators.bicycle import BicycleSimulator, Vehicle
-    from trueup.simulators.mujoco.rollout import MujocoSimulator
     from trueup.tasks.follow_path import FollowPath
 
 ROBOTS = {
@@ -46,7 +45,7 @@ _DRIVES = (
 )  # fmt: skip
 
 
-def mujoco(model: Path, recordings: Sequence[Recording] = (), parameters: Path | None = None) -> MujocoSimulator:
+def mujoco(model: Path, recordings: Sequence[Recording] = (), parameters: Path | None = None) -> Simulator:
     """A robot model with the parameters of a file, or those proposed for the plan's recordings.
 
     Raises PlanError where there is neither, ModelError, ParameterError.

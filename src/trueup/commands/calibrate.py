@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from trueup.calibration import Calibration
-from trueup.campaign.assemble import kinds_of, simulator_for, write_outcome
+from trueup.campaign.assemble import calibrated, kinds_of, simulator_for, write_outcome
 from trueup.campaign.output import Output, fingerprint
 from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
@@ -36,6 +36,12 @@ report.html (start there), replay.svg and calibration.json. Ctrl-C is fine: the 
 
   trueup calibrate robot.xml logs/*.csv --hold-out fast --out fit
   trueup calibrate robot.xml logs/*.csv --hold-out 'walk_*' --parameters mine.toml --out fit
+  trueup calibrate car.toml drives/*.csv --hold-out lap_3 --out fit
+
+A car that is driven by throttle and steering, and whose pose was tracked, is a TOML file; the result is such a file too:
+
+  [vehicle]
+  wheelbase = 0.1735          # m
 
 A parameters file says what to calibrate, one table for each line; the result, fit/parameters.toml, is such a file too:
 
@@ -49,7 +55,7 @@ A parameters file says what to calibrate, one table for each line; the result, f
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What this command takes."""
-    parser.add_argument("model", metavar="MODEL", help="MJCF or URDF of the robot")
+    parser.add_argument("model", metavar="MODEL", help="MJCF or URDF of the robot, or TOML of a car")
     parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="files or folders")
     parser.add_argument("--out", required=True, metavar="DIR", help="folder for the results; the next run takes DIR-2")
     parser.add_argument("--hold-out", nargs="+", action="append", default=[], metavar="NAME",
@@ -75,8 +81,11 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     Raises TrueupError, and KeyboardInterrupt after saying how to go on. Returns the exit code.
     """
     training, held_out, notes = _recordings(args)
-    simulator, more = simulator_for(args.model, [*training, *held_out], args.parameters)
     model = Path(args.model)
+    shown = (
+        training if model.suffix.lower() == ".toml" else [*training, *held_out]
+    )  # a car's start is guessed from them
+    simulator, more = simulator_for(model, shown, args.parameters)
     parameters = Path(args.parameters) if args.parameters else None
     choices = {"held out": [r.name for r in held_out], "search": args.search, "seed": args.seed, "select": args.select,
                "channels": args.channels}  # fmt: skip
@@ -117,16 +126,14 @@ def _calibrated(
     args: argparse.Namespace, simulator: Simulator, training: Sequence[Recording], held_out: Sequence[Recording],
     output: Output, told: Console,
 ) -> Calibration:  # fmt: skip
-    from trueup.loop.calibrate import calibrate
-
     resume: dict[str, Any] | None = dict(output.resume) if output.resume is not None else None
     try:
         with Watcher(told, _main_unit(training), quiet=args.quiet) as watcher:
-            return calibrate(
+            return calibrated(
                 simulator,
                 training,
                 held_out,
-                options=_options(args),
+                _options(args),
                 progress=watcher,
                 checkpoint=output.save,
                 resume=resume,
@@ -165,4 +172,5 @@ def _write(
         pictures = [output.folder / "replay.svg"]
         write_aside(replay_picture(shown[0]), pictures[0])
     output.finish(calibration)
-    return [output.model_file, parameters, report, *pictures, output.outcome_file], notes
+    written = [f for f in (output.model_file, parameters) if f.is_file()]
+    return [*written, report, *pictures, output.outcome_file], notes

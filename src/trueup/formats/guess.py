@@ -14,6 +14,7 @@ from trueup.errors import MappingError
 from trueup.formats.clocks import Clocks, find_clocks
 from trueup.formats.mapping import ChannelColumns, ChannelMap
 from trueup.formats.table import Table, listing
+from trueup.formats.vehicle import as_vehicle
 from trueup.formats.words import VOCABULARY, Meaning, label_of, meaning, words
 from trueup.recording import is_command
 from trueup.units import to_si
@@ -60,7 +61,12 @@ def guess(tables: Sequence[Table]) -> ChannelMap:
         name: _channel(group, clocks, tables) for name, group in sorted(groups.items(), key=lambda g: _order(g[0]))
     }
     channels, notes = _with_units(channels, groups)
-    return ChannelMap(channels=channels, time=clocks.main, notes=(*clocks.notes, *_notes(channels, groups), *notes))
+    said = [*_notes(channels, groups), *notes]
+    named, more = as_vehicle(channels)
+    if more:
+        said = [note for note in said if note.split(":")[0] in named and not note.startswith("command: unit unknown")]
+        named = dict(sorted(named.items(), key=lambda item: _order(item[0])))
+    return ChannelMap(channels=named, time=clocks.main, notes=(*clocks.notes, *said, *more))
 
 
 def _column(table: Table, name: str, tables: Sequence[Table], clocks: Clocks) -> _Column | None:

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes a tracked pose usable: what the tracker mistook for the car is taken out, the throttle is cut where it was."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import RecordingError
+from trueup.recording import Channel, Recording, with_warnings
+from trueup.trial import command_of
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+COMMAND = ("throttle", "steering")
+"""Labels of the command channel: both without unit, usually -1 ... 1."""
+
+_FASTEST = 15.0  # m/s: nothing of this kind goes faster
+_NOISE, _TURN = 0.03, 0.15  # m, rad: more from one sample to the next, beyond what the speed explains, is a jump
+_DISAGREES = 0.3  # m/s between tracked and wheel speed, of a whole piece
+_SWITCHES = ("safety", "enable", "enabled", "deadman", "armed")
+
+
+def cleaned(recording: Recording, enabled_by: str = "") -> Recording:
+    """The recording with NaN where position and heading are not the car's, and no throttle where it was cut.
+
+    A tracker that loses the car shows something else: the pose jumps there and back. Pieces between jumps are kept where
+    their speed is that of the wheels, or, where no wheel speed was recorded, where they follow on the longest
+    one. What was taken out is said in the provenance's warnings. Raises RecordingError without pose or command.
+    """
+    for name in ("position", "heading"):
+        if not recording.has(name):
+            raise RecordingError(
+                f"recording '{recording.name}' has no channel '{name}'; a car is calibrated on a tracked pose: name the "
+                f"columns of x and y as 'position' and the yaw as 'heading' in the mapping (it has: "
+                f"{', '.join(recording.channels)})"
+            )
+    position, heading = recording.channel("position").select(("x", "y")), recording.channel("heading")
+    if len(position.time) != len(heading.time) or np.abs(position.time - heading.time).max() > 1e-6:
+        heading = heading.replace(time=position.time, values=_turned(heading, position.time))
+    good = _of_the_car(recording, position, heading)
+    lost = float(np.mean(~good))
+    notes = [f"{100 * lost:.1f} % of the poses jump away or contradict the wheels and were left out"] if lost else []
+    angle = np.full((len(good), 1), np.nan)
+    angle[good, 0] = np.unwrap(heading.values[good, 0])
+    kept = recording.with_channel(position.replace(values=np.where(good[:, None], position.values, np.nan)))
+    kept = kept.with_channel(heading.replace(values=angle, labels=("heading",)))
+    kept = kept.with_channel(_effective(recording, enabled_by))
+    return kept.replace(provenance=with_warnings(recording.provenance, notes))
+
+
+def _turned(heading: Channel, times: Array) -> Array:
+    """(T, 1) the heading at other times, interpolated on the circle."""
+    known = np.isfinite(heading.values[:, 0])
+    whole = heading.replace(time=heading.time[known], values=np.unwrap(heading.values[known], axis=0))
+    return whole.at(times)
+
+
+def _effective(recording: Recording, enabled_by: str) -> Channel:
+    """The commands, throttle zero while the switch was off. Raises RecordingError where there are none."""
+    command = command_of(recording)
+    if command is None or any(label not in command.labels for label in COMMAND):
+        found = "none" if command is None else ", ".join(command.labels)
+        raise RecordingError(
+            f"recording '{recording.name}': a car's command needs the labels throttle and steering; found: {found}"
+        )
+    command = command.select(COMMAND)
+    switch = _switch(recording, enabled_by)
+    if switch is None:
+        return command
+    values = np.array(command.values)
+    values[:, 0] *= switch.at(command.time, hold=True)[:, 0] > 0.0
+    return command.replace(values=values)
+
+
+def _switch(recording: Recording, enabled_by: str) -> Channel | None:
+    for channel in recording.channels.values():
+        for label in channel.labels:
+            named = label == enabled_by if enabled_by else any(w in label.lower().split("_") for w in _SWITCHES)
+            values = channel.column(label)
+            if named and (enabled_by or set(np.unique(values[np.isfinite(values)])) == {0.0, 1.0}):
+                return channel.select((label,))
+    if enabled_by:
+        raise RecordingError(f"recording '{recording.name}' has no signal '{enabled_by}', which enables the throttle")
+    return None
+
+
+def _of_the_car(recording: Recording, position: Channel, heading: Channel) -> Mask:
+    """(T,) which poses are believed."""
+    known = np.isfinite(position.values).all(axis=1) & np.isfinite(heading.values[:, 0])
+    rows = np.flatnonzero(known)
+    good = np.zeros(len(known), dtype=bool)
+    if len(rows) < 10:
+        return good
+    pieces = _pieces(position.time[rows], position.values[rows], heading.values[rows, 0])
+    believed = _agreeing(recording, position, rows, pieces) if recording.has("speed") else _following(
+        position.time[rows], position.values[rows], pieces
+    )  # fmt: skip
+    for start, stop in believed:
+        good[rows[start:stop]] = True
+    return good
+
+
+def _pieces(time: Array, points: Array, angle: Array) -> list[tuple[int, int]]:
+    """Where the pose goes on without a jump; pieces of fewer than 10 samples are left out."""
+    gaps = np.diff(time)
+    way = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    turn = np.abs((np.diff(angle) + np.pi) % (2 * np.pi) - np.pi)
+    usual = float(np.median(gaps))
+    jump = (way > _NOISE + _FASTEST * gaps) | (turn > _TURN + 10.0 * np.maximum(gaps - usual, 0.0) + 4.0 * usual)
+    # Fast, but not as fast as anything goes: a jump all the same if the samples beside it do not move like that.
+    calm = np.median(way / gaps)
+    jump |= way > _NOISE + (3.0 + 4.0 * calm) * gaps
+    edges = [0, *(np.flatnonzero(jump) + 1).tolist(), len(time)]
+    return [(a, b) for a, b in pairwise(edges) if b - a >= 10]
+
+
+def _agreeing(
+    recording: Recording, position: Channel, rows: NDArray[np.intp], pieces: list[tuple[int, int]]
+) -> list[tuple[int, int]]:
+    """Pieces whose speed is that of the wheels in the median."""
+    speed = recording.channel("speed")
+    time, points = position.time[rows], position.values[rows]
+    believed = []
+    for a, b in pieces:
+        ahead = max(1, min((b - a) // 2, round(0.2 / max(float(np.median(np.diff(time[a:b]))), 1e-3))))
+        shown = np.linalg.norm(points[a + ahead : b] - points[a : b - ahead], axis=1) / (
+            time[a + ahead : b] - time[a : b - ahead]
+        )
+        middle = 0.5 * (time[a + ahead : b] + time[a : b - ahead])
+        wheels = np.abs(np.interp(middle, speed.time, np.nan_to_num(speed.values[:, 0])))
+        if np.median(np.abs(shown - wheels)) < _DISAGREES + 0.15 * np.median(wheels):
+            believed.append((a, b))
+    return believed
+
+
+def _following(time: Array, points: Array, pieces: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """The chain of pieces, each within reach of the one before, that holds most samples."""
+    best: list[tuple[int, int]] = []  # samples, piece before
+    for k, (a, b) in enumerate(pieces):
+        before = (0, -1)
+        for j, (_, stop) in enumerate(pieces[:k]):
+            reach = _NOISE + 5.0 * (time[a] - time[stop - 1])
+            if np.linalg.norm(points[a] - points[stop - 1]) < reach:
+                before = max(before, (best[j][0], j))
+        best.append((b - a + before[0], before[1]))
+    chain, k = [], int(np.argmax([count for count, _ in best])) if best else -1
+    while k >= 0:
+        chain.append(pieces[k])
+        k = best[k][1]
+    return chain[::-1]
