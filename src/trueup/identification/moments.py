@@ -39,15 +39,20 @@ class Moments:
         k = np.asarray(blocks, dtype=np.int64)
         return Moments(self.gram[k], self.cross[k], self.square[k], self.count[k], self.scale)
 
+    def only(self, columns: Sequence[int] | Integers) -> Moments:
+        """Some of the columns."""
+        c = np.asarray(columns, dtype=np.int64)
+        return Moments(self.gram[:, :, c[:, None], c], self.cross[:, :, c], self.square, self.count, self.scale[c])
+
     def errors(self, scaled: Array) -> Array:
         """(K, n) sums of squared errors for scaled parameters (p,), or one vector for each block (K, p)."""
         x = np.broadcast_to(scaled, (len(self.count), scaled.shape[-1]))
-        quadratic = np.einsum("kjp,kp->kj", (self.gram @ x[:, None, :, None])[..., 0], x)
-        return np.maximum(self.square - 2.0 * np.einsum("kjp,kp->kj", self.cross, x) + quadratic, 0.0)
+        quadratic = (((self.gram @ x[:, None, :, None])[..., 0]) @ x[:, :, None])[..., 0]
+        return np.maximum(self.square - 2.0 * (self.cross @ x[:, :, None])[..., 0] + quadratic, 0.0)
 
     def weighted(self, weights: Array) -> tuple[Array, Array]:
         """(K, p, p) and (K, p): the normal equations of each block with weights (n,) for the joints."""
-        return np.einsum("j,kjpq->kpq", weights, self.gram), np.einsum("j,kjp->kp", weights, self.cross)
+        return np.tensordot(weights, self.gram, (0, 1)), np.tensordot(weights, self.cross, (0, 1))
 
 
 def moments_of(parts: Sequence[Rows]) -> Moments:

@@ -57,12 +57,10 @@ class Alternative:
 def evaluated(moments: Moments, prior: Array, choice: Choice) -> Choice:
     """The choice with its errors on blocks that were left out, and its loss."""
     act = np.flatnonzero(choice.active)
-    gram, cross = (x[:, act] for x in moments.weighted(choice.weights))
-    gram = gram[:, :, act]
+    part = moments.only(act)
+    gram, cross = part.weighted(choice.weights)
     x = solve(gram.sum(axis=0) - gram, cross.sum(axis=0) - cross, prior[act], choice.strength)
-    every = np.zeros((len(x), len(prior)))
-    every[:, act] = x
-    errors = moments.errors(every)
+    errors = part.errors(x)
     return replace(choice, loss=loss_of(errors), errors=errors)
 
 
@@ -75,12 +73,12 @@ def loss_of(errors: Array) -> float:
 def weighed(moments: Moments, prior: Array, choice: Choice, passes: int = 4) -> Choice:
     """The choice with error variances that fit it, found by repeated weighted least squares."""
     act = np.flatnonzero(choice.active)
+    part = moments.only(act)
     for _ in range(passes):
-        gram, cross = moments.weighted(choice.weights)
-        x = np.zeros(len(prior))
-        x[act] = solve(gram.sum(axis=0)[np.ix_(act, act)], cross.sum(axis=0)[act], prior[act], choice.strength)
+        gram, cross = (x.sum(axis=0) for x in part.weighted(choice.weights))
+        x = solve(gram, cross, prior[act], choice.strength)
         floor = 1e-12 * moments.square.sum() / moments.count.sum()
-        variance = np.maximum(moments.errors(x).sum(axis=0) / moments.count.sum(), floor)
+        variance = np.maximum(part.errors(x).sum(axis=0) / moments.count.sum(), floor)
         choice = replace(choice, variance=variance)
     return choice
 

@@ -20,6 +20,7 @@ figure h4 { margin-top: 0; }
 .chip.not-seen, .chip.impossible { background: var(--bad-wash); color: var(--bad); }
 #links td, #links th { white-space: nowrap; }
 #links td.words { white-space: normal; }
+table.compact th[scope="row"] { min-width: 92px; }
 table.compact td, table.compact th { padding: 4px 9px; }
 """
 
