@@ -149,7 +149,8 @@ def test_falls_and_aborted_runs_are_recorded_and_never_win(write_plan: Write, tm
             raise TrialAbortedError("a dog")
         return go(trial)
 
-    events = run(write_plan(), tmp_path / "out", lambda p: replace(p, robot=Around(p.robot, perform)))
+    plan = write_plan(("candidates = 2", "candidates = 2\nagain = 0"))
+    events = run(plan, tmp_path / "out", lambda p: replace(p, robot=Around(p.robot, perform)))
     done = {e.trial: e for e in only(events, TrialDone)}
     assert (done["trial-007"].outcome, done["trial-007"].note) == ("fell", "tipped over")
     assert (done["trial-010"].outcome, done["trial-010"].note) == ("aborted", "a dog")
@@ -159,6 +160,23 @@ def test_falls_and_aborted_runs_are_recorded_and_never_win(write_plan: Write, tm
     assert history.rounds[0].ended is not None
     assert history.rounds[0].ended.best == first[0].unit  # both new ones failed: what it had stays
     assert not history.rounds[0].ended.improved
+
+
+def test_an_aborted_run_is_handed_out_again_as_a_new_trial(write_plan: Write, tmp_path: Path) -> None:
+    def perform(trial: Trial, go: Callable) -> list[Recording]:
+        if trial.name in ("trial-001", "trial-002", "trial-005"):
+            raise TrialAbortedError("rain")
+        return go(trial)
+
+    plan = write_plan(("rounds = 2", "rounds = 1"))
+    events = run(plan, tmp_path / "out", lambda p: replace(p, robot=Around(p.robot, perform)))
+    planned = {e.trial: e for e in only(events, TrialPlanned)}
+    assert planned["trial-005"].of == planned["trial-001"].of
+    assert planned["trial-005"].settings == planned["trial-001"].settings
+    first, second = [s for s in only(events, Scored) if s.step == "experiment"]
+    assert first.scores[0] != first.scores[0]  # aborted twice: no score, and no third time
+    assert second.scores[0] < 10.0
+    assert len([e for e in planned.values() if e.step == "experiment"]) == 6
 
 
 def test_the_trust_region_narrows_where_the_robot_does_not_follow(write_plan: Write, tmp_path: Path) -> None:

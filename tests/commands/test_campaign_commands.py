@@ -111,7 +111,7 @@ def test_hardware_does_not_move_unasked(here: Path, capsys: pytest.CaptureFixtur
     assert main(["run"]) == 1
     said = capsys.readouterr().err
     assert "about to perform 1 trials" in said
-    assert "trial-001: 4 s, proportional = 1, feed forward = 0.5" in said
+    assert "trial-001: 4 s, proportional = 1, feed forward = 0.5, target of 101 rows" in said.replace("\n", " ")
     assert "--yes" in said
     assert not (here / "machine").exists()
     assert main(["resume", "--yes"]) == 0
@@ -200,8 +200,8 @@ def test_every_default_in_the_blank_plan_is_what_it_says(here: Path) -> None:
     path = here / "mine" / "campaign.toml"
     plain = read_plan(path).plan
     text = path.read_text("utf-8")
-    spoken = re.sub(r"^# ((?:seed|settings|later|repeats|evaluations|samples|risk|widen|trust|candidates|incumbent|rounds|"
-                    r"patience|trials|method|search) = )", r"\1", text, flags=re.MULTILINE)  # fmt: skip
+    spoken = re.sub(r"^# ((?:seed|settings|later|repeats|again|evaluations|samples|risk|widen|trust|candidates|incumbent|"
+                    r"rounds|patience|trials|method|search) = )", r"\1", text, flags=re.MULTILINE)  # fmt: skip
     assert spoken.count("\n# ") < text.count("\n# ")
     path.write_text(spoken, encoding="utf-8")
     assert _said(read_plan(path).plan) == _said(plain)

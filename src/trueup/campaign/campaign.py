@@ -96,7 +96,8 @@ class Campaign:
         )
         known = self._best()[1] if self._scored() else score
         fresh = len(self._hardware.recordings())
-        tested = self._hardware.test(number, "transfer", np.array(picked.candidates), self._plan.transfer.repeats)
+        plan = self._plan.transfer
+        tested = self._hardware.test(number, "transfer", np.array(picked.candidates), plan.repeats, plan.again)
         self._scores += tested
         new = self._hardware.recordings()[fresh:]
         self._once(Validated, lambda: validated(number, self._parts, belief.values, picked, tested, new))
@@ -116,7 +117,7 @@ class Campaign:
             choice = most_telling(self._parts.task, self._parts.simulator, belief, self._space.from_unit(options), more,
                                   noise=plan.noise, known=known)  # fmt: skip
             units = np.concatenate([units, options[list(choice.rows)]])
-        self._scores += self._hardware.test(number, "experiment", units, plan.repeats)
+        self._scores += self._hardware.test(number, "experiment", units, plan.repeats, plan.again)
 
     def _prior(self) -> Belief:
         """What was believed before this round's experiment: the last calibration, or the ranges."""

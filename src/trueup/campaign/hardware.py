@@ -53,22 +53,24 @@ class Hardware:
         """Those of all trials that were done, in the order of the trials."""
         return [self._recording(file, expected) for file, expected in self._files]
 
-    def test(self, round_: int, step: str, units: Array, repeats: int) -> list[Scored]:
+    def test(self, round_: int, step: str, units: Array, repeats: int, again: int = 0) -> list[Scored]:
         """Performs the task's trials with each candidate (c, m) of the unit box, and scores them.
 
-        Raises TrialError where a trial goes beyond a limit, before any is handed out.
+        What an operator aborted is handed out again as a new trial, `again` times at most; a fall is an answer, and what
+        became unknown is left so. Raises TrialError where a trial goes beyond a limit, before any is handed out.
         """
         task = self._parts.task
-        values = task.parameters.from_unit(units)
-        batch = [
-            self._planned(round_, step, k, trial, repeats)
-            for k, row in enumerate(values) for trial in robot_trials(task, row)
-        ]  # fmt: skip
-        self._announce([trial for _, trial in batch if trial.name not in self._settled])
-        done = [self._perform(planned, trial) for planned, trial in batch]
+        rows = [robot_trials(task, row) for row in task.parameters.from_unit(units)]
+        wanted = [(k, j) for k, trials in enumerate(rows) for j in range(len(trials))]
+        done: dict[tuple[int, int], TrialDone] = {}
+        for _ in range(1 + again):
+            batch = [(key, *self._planned(round_, step, key[0], rows[key[0]][key[1]], repeats)) for key in wanted]
+            self._announce([trial for _, _, trial in batch if trial.name not in self._settled])
+            done |= {key: self._perform(planned, trial) for key, planned, trial in batch}
+            wanted = [key for key in wanted if done[key].outcome == "aborted"]
         each = len(task.trials)
         return [
-            self._scored(round_, step, k, unit, done[k * each : (k + 1) * each], repeats)
+            self._scored(round_, step, k, unit, [done[k, j] for j in range(each)], repeats)
             for k, unit in enumerate(units)
         ]
 
@@ -156,7 +158,15 @@ def _worst(recordings: Sequence[Recording]) -> str:
 
 
 def _words(trial: Trial) -> str:
-    settings = ", ".join(f"{k} = {v:.5g}" for k, v in trial.settings.items())
-    return f"{trial.name}: {trial.duration:.4g} s" + (f", {trial.repeats} times" if trial.repeats > 1 else "") + (
-        f", {settings}" if settings else ""
-    )  # fmt: skip
+    """What a trial will do, for whoever is to allow it."""
+    parts = [f"{trial.name}: {trial.duration:.4g} s" + (f", {trial.repeats} times" if trial.repeats > 1 else "")]
+    parts += [f"{k} = {v:.5g}" for k, v in trial.settings.items()]
+    if trial.command is not None:
+        c = trial.command
+        parts += [
+            f"{label} from {low:.4g} to {high:.4g} {c.unit}".rstrip()
+            for label, low, high in zip(c.labels, c.values.min(axis=0), c.values.max(axis=0), strict=True)
+        ]
+    for name, r in trial.references.items():
+        parts.append(f"{name} of {len(r.values)} rows")
+    return ", ".join(parts)

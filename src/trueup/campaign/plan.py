@@ -26,6 +26,8 @@ class Experiment:
     later: int = 0
     """The same for each later round."""
     repeats: int = 1
+    again: int = 1
+    """How often a run that was aborted is handed out again, as a new trial."""
     noise: float = 0.02
     """Measurement noise that the choice reckons with, as a share of each signal's range."""
 
@@ -33,6 +35,7 @@ class Experiment:
         """Raises ValueError for what cannot be."""
         _at_least(self, "settings", 0)
         _at_least(self, "later", 0)
+        _at_least(self, "again", 0)
         _at_least(self, "repeats", 1)
 
 
@@ -92,12 +95,15 @@ class Transfer:
     incumbent: bool = True
     """Whether the best so far is run again beside them, so that a drift of the robot is not taken for progress."""
     repeats: int = 1
+    again: int = 1
+    """How often a run that was aborted is handed out again, as a new trial."""
     apart: float = 0.2
     """How far candidates lie from each other at least, as a share of the trust region."""
 
     def __post_init__(self) -> None:
         """Raises ValueError for what cannot be."""
         _at_least(self, "candidates", 1)
+        _at_least(self, "again", 0)
         _at_least(self, "repeats", 1)
 
 

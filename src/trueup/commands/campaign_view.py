@@ -56,7 +56,8 @@ class CampaignView:
         self._quiet, self._yes, self._unknown = quiet, yes, unknown
         self._bar: Progress | None = None
         self._fit: Watcher | None = None
-        self._began = time.perf_counter()
+        self._began = self._first = time.perf_counter()
+        self._rounds = 0
 
     def __enter__(self) -> CampaignView:
         return self
@@ -168,10 +169,18 @@ class CampaignView:
                 share = (
                     f" ({100 * (event.score / first - 1):+.0f} %)" if first > 0 and math.isfinite(event.score) else ""
                 )
-                return [_line(head, "best so far", f"{first:.4g} at first -> {event.score:.4g} on the robot{share}")]
+                words = f"{first:.4g} at first -> {event.score:.4g} on the robot{share}{self._left()}"
+                return [_line(head, "best so far", words)]
             case Ended():
                 return [f"[bold]{'[green]' if event.success else ''}{escape(event.reason)}[/]"]
         return []
+
+    def _left(self) -> str:
+        """About how long the rounds that are left will take, from those that this process has seen."""
+        self._rounds += 1
+        left = self._plan.stop.rounds - len(self.history.rounds)
+        each = (time.perf_counter() - self._first) / self._rounds
+        return f"; at most about {duration_text(math.ceil(each * left))} left" if left and each > 1.0 else ""
 
     def _chosen_words(self, event: Chosen) -> str:
         tried = self.history.rounds[-1].tried
