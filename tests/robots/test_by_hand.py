@@ -126,6 +126,10 @@ def test_columns_named_as_in_the_header_need_no_mapping(bench: Bench) -> None:
     bench.drop("whatever.csv", head + "\n" + "".join(",".join((r[0], *r[4:])) + "\n" for r in rows))
     (recording,) = bench.robot.perform(trial())
     assert recording.channel("position").unit == "rad"
+    np.testing.assert_array_equal(
+        recording.channel("command").values, motion()
+    )  # the request, as no command was logged
+    assert "no command" in recording.provenance["warnings"]
 
 
 @pytest.mark.parametrize(

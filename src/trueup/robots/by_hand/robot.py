@@ -13,7 +13,7 @@ import numpy as np
 from trueup.errors import RobotFellError, TrialAbortedError, TrueupError
 from trueup.formats import read
 from trueup.formats.aside import written_aside
-from trueup.recording import Recording
+from trueup.recording import Recording, with_warnings
 from trueup.robots.by_hand.accepted import Accepted, Run
 from trueup.robots.by_hand.check import mismatches, one_of
 from trueup.robots.by_hand.inbox import PROBLEMS, Inbox, Item
@@ -227,7 +227,7 @@ class ByHand:
         mapping = self._accepted.mapping(trial.name, run)
         (recording,) = read(log, canonical_map(trial) if run.mapping == "named" else mapping)
         told = {"note": run.note} if run.note else {}
-        return recording.replace(provenance={**recording.provenance, "log": run.path, **told})
+        return _completed(trial, recording.replace(provenance={**recording.provenance, "log": run.path, **told}))
 
     def _tell(self, problems: dict[str, str], there: set[str]) -> None:
         """Says what is new, and keeps the list for whoever looks into the folder."""
@@ -241,6 +241,20 @@ class ByHand:
         if text != known:
             with written_aside(path) as temporary:
                 temporary.write_text(text, encoding="utf-8")
+
+
+def _completed(trial: Trial, recording: Recording) -> Recording:
+    """The recording with the command that was requested, where the log holds none; that this is so is kept with it."""
+    asked = trial.command
+    if asked is None or recording.has("command"):
+        return recording
+    sent = asked.replace(name="command", time=asked.time - trial.start + recording.start)
+    words = () if recording.has("command_sent") else (
+        "the log holds no command: what was requested is taken as sent from the log's first sample on, so a delay cannot be "
+        "told from a log that was started late",
+    )  # fmt: skip
+    told = with_warnings(recording.provenance, words)
+    return Recording(recording.name, {"command": sent, **recording.channels}, told)
 
 
 def _checksum(recording: Recording) -> str:
