@@ -235,6 +235,17 @@ def test_two_runs_at_once_are_not_guessed_between(bench: Bench) -> None:
     assert recording.provenance["log"] == "trial-001 again.csv"
 
 
+def test_a_log_that_was_started_early_begins_where_the_run_does(bench: Bench) -> None:
+    bench.robot.hand_out([trial()])
+    lines = log_text().splitlines()
+    still = [f"{t:.3f},{lines[1].partition(',')[2]}" for t in np.arange(0.0, 2.0, 1 / RATE)]
+    later = [f"{float(line.split(',')[0]) + 2.0:.3f},{line.partition(',')[2]}" for line in lines[1:]]
+    bench.drop("trial-001.csv", "\n".join([lines[0], *still, *later]) + "\n")
+    (recording,) = bench.robot.perform(trial())
+    assert recording.start == pytest.approx(2.0, abs=0.05)
+    assert recording.duration == pytest.approx(DURATION, abs=0.05)
+
+
 def test_a_log_with_two_runs_in_it_is_said_to_hold_them(bench: Bench) -> None:
     bench.robot.hand_out([trial()])
     lines = log_text().splitlines()

@@ -143,25 +143,35 @@ def _swapped(asked: Channel, recording: Recording) -> list[str]:
     return []
 
 
-def _side_by_side(asked: Channel, done: Channel) -> tuple[Array, Array]:
-    """(T, k) what was asked and what was recorded, on the request's instants from its start; the best of some offsets.
-
-    A log that begins before the run, or has a clock of its own, is shifted by up to half the run.
-    """
-    time = asked.time - asked.time[0]
-    grid = np.arange(0.0, time[-1], max(0.01, float(np.median(np.diff(time)) if len(time) > 1 else 0.01)))
-    request = asked.at(asked.time[0] + grid, hold=True)
+def begins(asked: Channel, done: Channel) -> float:
+    """How long a recorded channel lasts before what was asked begins in it, in s: a log may be started early."""
+    request, grid = _request(asked)
     picked = done.select(list(asked.labels))
+    spare = max(0.0, float(done.time[-1] - done.time[0]) - float(grid[-1]))
     best, least = 0.0, np.inf
-    spare = max(0.0, float(done.time[-1] - done.time[0]) - float(time[-1]))
-    for offset in np.linspace(0.0, spare, 1 + min(200, round(spare / 0.02))):
+    for offset in np.linspace(0.0, spare, 1 + min(400, round(spare / 0.02))):
         sent = picked.at(done.time[0] + offset + grid, hold=True)
         size = float(
             np.nanmean((np.sort(sent, axis=1) - np.sort(request, axis=1)) ** 2)
         )  # blind to the order of joints
         if size < least:
             best, least = float(offset), size
-    return request, np.nan_to_num(picked.at(done.time[0] + best + grid, hold=is_command(done.name)))
+    return best
+
+
+def _side_by_side(asked: Channel, done: Channel) -> tuple[Array, Array]:
+    """(T, k) what was asked and what was recorded, on the request's instants from its start, wherever that lies."""
+    request, grid = _request(asked)
+    sent = done.select(list(asked.labels)).at(done.time[0] + begins(asked, done) + grid, hold=is_command(done.name))
+    return request, np.nan_to_num(sent)
+
+
+def _request(asked: Channel) -> tuple[Array, Array]:
+    """(T, k) the command held at up to a few thousand instants, and these (T,), from its start."""
+    time = asked.time - asked.time[0]
+    step = max(0.01, float(np.median(np.diff(time))) if len(time) > 1 else 0.01, float(time[-1]) / 4000)
+    grid = np.arange(0.0, time[-1], step)
+    return asked.at(asked.time[0] + grid, hold=True), grid
 
 
 def _follows(trial: Trial, recording: Recording) -> list[str]:

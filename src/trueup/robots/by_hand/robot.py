@@ -15,10 +15,12 @@ from trueup.formats import read
 from trueup.formats.aside import written_aside
 from trueup.recording import Recording, with_warnings
 from trueup.robots.by_hand.accepted import Accepted, Run
-from trueup.robots.by_hand.check import mismatches, one_of
+from trueup.robots.by_hand.check import begins, mismatches, one_of
 from trueup.robots.by_hand.inbox import PROBLEMS, Inbox, Item
 from trueup.robots.by_hand.sheet import canonical_map, write_sheet
 from trueup.trial import Trial
+
+_EARLY = 0.1  # s before the run that a log may hold; more is cut off
 
 
 def _silent(line: str) -> None:
@@ -244,16 +246,20 @@ class ByHand:
 
 
 def _completed(trial: Trial, recording: Recording) -> Recording:
-    """The recording with the command that was requested, where the log holds none; that this is so is kept with it."""
+    """The recording from where the run begins in it, with the command that was requested; that this is so is kept with it."""
     asked = trial.command
-    if asked is None or recording.has("command"):
+    if asked is None:
         return recording
+    logged = next((recording.channel(n) for n in ("command", "command_sent") if recording.has(n)), None)
+    if logged is not None:
+        early = begins(asked, logged)
+        start = float(logged.time[0]) + early
+        return recording.slice(start, start + trial.duration + 1.0) if early > _EARLY else recording
     sent = asked.replace(name="command", time=asked.time - trial.start + recording.start)
-    words = () if recording.has("command_sent") else (
+    told = with_warnings(recording.provenance, (
         "the log holds no command: what was requested is taken as sent from the log's first sample on, so a delay cannot be "
         "told from a log that was started late",
-    )  # fmt: skip
-    told = with_warnings(recording.provenance, words)
+    ))  # fmt: skip
     return Recording(recording.name, {"command": sent, **recording.channels}, told)
 
 
