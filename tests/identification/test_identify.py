@@ -41,10 +41,9 @@ def test_torque_of_another_motion_is_predicted_down_to_the_noise(found: Identifi
 def test_hidden_base_parameters_are_recovered_within_their_deviations(
     found: Identification, tree: KinematicTree, arms: SimpleNamespace
 ) -> None:
-    names = TorqueModel.of(tree, []).names
-    truth = dict(zip(names, np.asarray(tree.inertial).ravel(), strict=True)) | {
-        f"I{j + 1}m": arms.rotors[j] for j in range(4)
-    }
+    names = [*TorqueModel.of(tree, []).names, *(f"I{j + 1}m" for j in range(4))]
+    values = np.concatenate([np.asarray(tree.inertial).ravel(), arms.rotors])
+    truth = {name: float(value) for name, value in zip(names, values, strict=True)}
     inertial = [p for p in found.parameters if p.kind in ("inertial", "rotor")]
     errors = [abs(p.value - _group(p.name, truth)) / p.deviation for p in inertial]
     assert np.mean(np.array(errors) < 3.0) > 0.9
@@ -185,3 +184,29 @@ def test_joints_that_no_log_has_are_locked(tree: KinematicTree, arms: SimpleName
     smaller, _, notes = matched(tree, ([part], []))
     assert smaller.joints == tree.joints[:3]
     assert "locked" in notes[0]
+
+
+def test_an_endless_joint_that_jumps_by_a_turn_is_taken_as_going_on(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    r = arms.recording(tree, np.random.default_rng(14), size=3.0)
+    wound = np.mod(r.channel("position").values + np.pi, 2.0 * np.pi) - np.pi
+    jumping = r.with_channel(r.channel("position").replace(values=wound))
+    plain, unwound = (identify(tree, [x], options=Options(hold_out=0.3, consistent=False)) for x in (r, jumping))
+    assert relative_error(unwound.held_out()) == pytest.approx(relative_error(plain.held_out()), rel=0.05)
+    assert any("jumps by a turn" in w for w in unwound.warnings)
+
+
+def test_a_hole_in_the_log_is_neither_fitted_nor_judged(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    r = arms.recording(tree, np.random.default_rng(15))
+    keep = (r.time < 5.0) | (r.time > 8.0)
+    holed = r.replace(channels={k: c.replace(time=c.time[keep], values=c.values[keep]) for k, c in r.channels.items()})
+    result = identify(tree, [holed], options=Options(hold_out=0.3, consistent=False))
+    assert not any(np.any((p.time > 5.0) & (p.time < 8.0)) for p in result.predictions)
+    assert relative_error(result.held_out()) < 0.02
+
+
+def test_an_arm_on_a_wall_is_recognised(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    mounted = tree.replace(gravity=np.array([9.81, 0.0, 0.0]))
+    r = arms.recording(mounted, np.random.default_rng(16), noise=0.1)
+    with pytest.raises(IdentificationError, match=r"--gravity 9\.81 0 0"):
+        identify(tree, [r])
+    assert relative_error(identify(mounted, [r], options=Options(hold_out=0.3, consistent=False)).held_out()) < 0.02

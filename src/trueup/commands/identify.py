@@ -77,6 +77,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--lock", nargs="+", default=[], metavar="JOINT", help="joints that do not move: welded at zero"
     )
+    parser.add_argument("--gravity", nargs=3, type=float, metavar=("X", "Y", "Z"),
+                        help="acceleration of gravity in the base frame, m/s^2, for an arm on a wall or ceiling")  # fmt: skip
     parser.add_argument("--cutoff", type=float, metavar="HZ", help="of the filter (default: from the motion)")
     parser.add_argument("--align", default="auto", metavar="S",
                         help="shift of torque against position: auto (corrected where certain), off, or seconds")  # fmt: skip
@@ -104,6 +106,8 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     options, names = _options(args)
     training, held_out, notes = _recordings(args, names)
     tree = load_tree(args.model).lock(args.lock)
+    if args.gravity is not None:
+        tree = tree.replace(gravity=args.gravity)
     tree, (training, held_out), said = matched(tree, (training, held_out))
     drives = Drives.load(args.drives, tree.joints) if args.drives else Drives.direct(tree.joints)
     if args.payload:

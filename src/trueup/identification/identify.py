@@ -14,15 +14,16 @@ from numpy.typing import NDArray
 from trueup.errors import IdentificationError
 from trueup.identification.alignment import find_shift, shifted
 from trueup.identification.consistent import ConsistentFit, cross_validated_fit
-from trueup.identification.diagnosis import DOUBTFUL, POOR, Fit, check_log, mistakes
+from trueup.identification.diagnosis import check_log
 from trueup.identification.drives import Drives
-from trueup.identification.estimate import Estimate, least_squares
-from trueup.identification.filtering import Lowpass, decimated
+from trueup.identification.estimate import least_squares
 from trueup.identification.kinematic_tree import KinematicTree
-from trueup.identification.moments import blocks_of, moments_of, solve
-from trueup.identification.motion import Log, Motion, log_of
+from trueup.identification.moments import blocks_of, moments_of
+from trueup.identification.motion import Log, log_of
 from trueup.identification.outcome import outcome
+from trueup.identification.pieces import Piece, pieces_of
 from trueup.identification.pool import STRUCTURES, Pool, chosen, pool_for
+from trueup.identification.quick import basic_columns, doubts, measured_speed
 from trueup.identification.result import Alignment, Identification
 from trueup.identification.selection import Choice
 from trueup.identification.torque_model import Rows, TorqueModel
@@ -32,14 +33,6 @@ Array = NDArray[np.float64]
 Told = Callable[[str, float], None]
 
 _BLOCKS = 8
-_COMPARED = 5.0
-"""Samples per second that are compared, over the cut-off."""
-_GAP = 2.0
-"""Between what is fitted and what is held out of the same recording, in periods of the cut-off."""
-_FEWEST = 40
-"""Samples in a piece."""
-_SLOW = 5.0
-"""Hz: cut-off for the quick fits that look for mistakes."""
 
 
 @dataclass(frozen=True)
@@ -60,16 +53,6 @@ class Options:
     seed: int = 0
 
 
-@dataclass(frozen=True, eq=False)
-class Piece:
-    """A recording, or a part of one, ready to be compared."""
-
-    motion: Motion
-    """At the instants of `rows`."""
-    rows: Rows
-    held_out: bool
-
-
 def identify(
     tree: KinematicTree, training: Sequence[Recording], held_out: Sequence[Recording] = (), *, drives: Drives | None = None,
     options: Options | None = None, told: Told | None = None,
@@ -84,9 +67,9 @@ def identify(
     rng = np.random.default_rng(wanted.seed)
     say("reading the logs", 0.0)
     logs, judged = ([log_of(r, tree, gears) for r in group] for group in (training, held_out))
-    warnings = [note for log in [*logs, *judged] for note in check_log(log, tree)]
+    warnings = [note for log in [*logs, *judged] for note in (*log.notes, *check_log(log, tree))]
     cutoff = wanted.cutoff or natural_cutoff(logs)
-    measured = _measured_speed(logs, tree, gears, cutoff, rng)
+    measured = measured_speed(logs, tree, gears, cutoff, rng)
     say("computing regressors", 0.1)
     motions = [log.motion(cutoff, measured_speed=measured) for log in logs]
     pool = pool_for(tree, gears.coupling, motions, rng)
@@ -96,7 +79,7 @@ def identify(
         pieces += [replace(p, held_out=True) for p in pieces_of(motion, pool.model, cutoff, 0.0)]
     say("comparing clocks", 0.3)
     alignment, pieces = _aligned(pool, pieces, logs[0].rate, wanted.align)
-    warnings += _poor(logs, tree, gears, pool, pieces, rng)
+    warnings += doubts(logs, tree, gears, pool, pieces, rng)
     say("choosing the structure of friction", 0.4)
     parts = [p.rows for p in pieces if not p.held_out]
     moments = moments_of(blocks_of(parts, _BLOCKS, 1.0 / cutoff))
@@ -151,77 +134,6 @@ def _check_options(options: Options, training: Sequence[Recording]) -> None:
         raise IdentificationError(f"a cut-off of {options.cutoff:g} Hz is not above zero")
 
 
-def pieces_of(motion: Motion, model: TorqueModel, cutoff: float, hold_out: float) -> list[Piece]:
-    """The rows of a motion, filtered with its torque, whole or split in two with a gap between.
-
-    Standstill at both ends is left out, and what a filter cannot know there: one period of the cut-off.
-    """
-    rows = model.rows(motion.time, motion.q, motion.v, motion.a, motion.torque)
-    every = decimated(motion.rate, _COMPARED * cutoff)
-    if cutoff < 0.45 * motion.rate:
-        rows = rows.filtered(Lowpass(motion.rate, cutoff), every)
-    (start, stop), margin = motion.span(), 1.0 / cutoff
-    start, stop = max(start, float(rows.time[0]) + margin), min(stop, float(rows.time[-1]) - margin)
-    edge = start + (1.0 - hold_out) * (stop - start)
-    keeps = [((rows.time >= start) & (rows.time <= edge), False)]
-    if hold_out > 0.0:
-        keeps.append(((rows.time > edge + _GAP / cutoff) & (rows.time <= stop), True))
-    if min(np.count_nonzero(keep) for keep, _ in keeps) < _FEWEST:
-        raise IdentificationError(
-            f"recording '{motion.name}': {max(stop - start, 0.0):.2g} s of motion are too little for a cut-off of "
-            f"{cutoff:g} Hz{' and a part held out' if hold_out else ''}"
-        )
-    whole = _at(motion, slice(None, None, every))
-    return [Piece(_at(whole, keep), rows.part(keep), held) for keep, held in keeps]
-
-
-def _at(motion: Motion, keep: slice | NDArray[np.bool_]) -> Motion:
-    arrays = {name: getattr(motion, name)[keep] for name in ("time", "q", "v", "a", "torque")}
-    return replace(motion, **arrays)
-
-
-def basic_columns(pool: Pool) -> NDArray[np.int64]:
-    """The columns of a model that fits any arm roughly: rotors, offsets, viscous and Coulomb friction."""
-    return np.flatnonzero(pool.with_groups("rotor", "offset", "viscous", "saturating 0.01"))
-
-
-def _relative(rows: Sequence[Rows], estimate: Estimate) -> float:
-    """Relative error, joints weighed by what they carry: no joint of little torque is drowned."""
-    errors = np.concatenate([r.torque - r.predict(estimate.parameters) for r in rows])
-    torque = np.concatenate([r.torque for r in rows])
-    return float(np.sqrt(np.mean(np.sum(errors**2, axis=0) / np.maximum(np.sum(torque**2, axis=0), 1e-300))))
-
-
-def _quick(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator) -> Fit:
-    """A fit of a basic model that can be had many times: from a motion like this one to its relative error."""
-    pool = pool_for(tree, drives.coupling, [motion], rng)
-    basic, first = basic_columns(pool), 10 * tree.n
-    model = pool.model.only([int(k) - first for k in basic if k >= first])
-    active = np.concatenate([basic[basic < first], np.arange(first, model.p)])
-
-    def error(changed: Motion) -> float:
-        rows = [p.rows for p in pieces_of(changed, model, cutoff, 0.0)]
-        moments = moments_of(rows)
-        power = np.maximum(moments.square[0], 1e-300)
-        gram, cross = (x[0] for x in moments.weighted(1.0 / power))
-        x = np.zeros(model.p)
-        x[active] = solve(gram[np.ix_(active, active)], cross[active], np.zeros(len(active)))
-        return float(np.sqrt(np.mean(moments.errors(x)[0] / power)))
-
-    return error
-
-
-def _measured_speed(
-    logs: Sequence[Log], tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator
-) -> bool:
-    """Whether speeds as measured explain torque better than differences of positions."""
-    if any(log.velocity is None for log in logs):
-        return False
-    motions = [logs[0].motion(cutoff, measured_speed=measured) for measured in (True, False)]
-    fit = _quick(motions[0], tree, drives, cutoff, rng)
-    return fit(motions[0]) <= fit(motions[1])
-
-
 def _aligned(
     pool: Pool, pieces: Sequence[Piece], rate: float, align: str | float
 ) -> tuple[Alignment | None, list[Piece]]:
@@ -238,29 +150,6 @@ def _aligned(
     if not found.corrected:
         return found, list(pieces)
     return found, [replace(p, rows=shifted(p.rows, found.shift)) for p in pieces]
-
-
-def _poor(
-    logs: Sequence[Log], tree: KinematicTree, drives: Drives, pool: Pool, pieces: Sequence[Piece], rng: np.random.Generator
-) -> list[str]:  # fmt: skip
-    """Nothing where a basic model explains the torque; else what else might be wrong. Raises where a mistake explains it."""
-    parts = [p.rows for p in pieces if not p.held_out]
-    basic = basic_columns(pool)
-    power = np.maximum(sum(np.mean(r.torque**2, axis=0) for r in parts), 1e-300)
-    relative = _relative(parts, least_squares(parts, basic, 1.0 / power))
-    if relative < DOUBTFUL:
-        return []
-    slow = min(_SLOW, 0.08 * logs[0].rate)
-    motion = logs[0].motion(slow, measured_speed=False)
-    fit = _quick(motion, tree, drives, slow, rng)
-    for said in mistakes(motion, tree, fit):
-        raise IdentificationError(f"recording '{logs[0].name}': {said}. Correct the mapping and identify again")
-    if relative < POOR:
-        return []
-    return [
-        f"a rigid arm with friction explains little of this torque ({100 * relative:.0f} % of it is left): is it the right "
-        "model file, are torques measured rather than commanded, are joints in the right order?"
-    ]
 
 
 def _nominal(model: TorqueModel) -> Array:

@@ -22,6 +22,7 @@ _AHEAD = 4.0
 """Positions are filtered at this many times the cut-off first: it keeps accelerations finite and changes nothing below."""
 _OVERSAMPLED = 10.0
 """Columns are computed at this many times the cut-off, so that what nonlinear ones add above it can be filtered away."""
+_GAP, _GAP_STEPS = 0.02, 5.0
 _RESTING = 0.01
 """Of the top speed: slower samples at either end of a log are standstill."""
 
@@ -37,8 +38,8 @@ class Motion:
     v: Array
     a: Array
     torque: Array
-    derived: bool
-    """Whether speeds are differences of positions rather than measured."""
+    gaps: tuple[tuple[float, float], ...] = ()
+    """First and last instant in s of stretches that the log does not hold."""
 
     def span(self) -> tuple[float, float]:
         """First and last instant in s of the motion, without standstill at either end, where friction may hold any load."""
@@ -59,6 +60,10 @@ class Log:
     torque: Array
     channel: str
     """The channel that the torque came from: 'torque' or 'current'."""
+    gaps: tuple[tuple[float, float], ...] = ()
+    """First and last instant in s of stretches without samples."""
+    notes: tuple[str, ...] = ()
+    """What was done to the log, in words."""
 
     def motion(self, cutoff: float, *, measured_speed: bool) -> Motion:
         """The motion at about ten times `cutoff` Hz; position and torque have passed the same filter.
@@ -69,11 +74,10 @@ class Log:
         every = decimated(self.rate, max(_OVERSAMPLED * cutoff, 2.5 * ahead))
         passing = Lowpass(self.rate, ahead)
         q, torque = passing(self.position), passing(self.torque)
-        derived = self.velocity is None or not measured_speed
-        v = derivative(q, self.rate) if self.velocity is None or derived else passing(self.velocity)
+        v = passing(self.velocity) if measured_speed and self.velocity is not None else derivative(q, self.rate)
         a = derivative(v, self.rate)
         q, v, a, torque = (x[::every] for x in (q, v, a, torque))
-        return Motion(self.name, self.time[::every], self.rate / every, q, v, a, torque, derived)
+        return Motion(self.name, self.time[::every], self.rate / every, q, v, a, torque, self.gaps)
 
 
 def log_of(recording: Recording, tree: KinematicTree, drives: Drives) -> Log:
@@ -96,11 +100,38 @@ def log_of(recording: Recording, tree: KinematicTree, drives: Drives) -> Log:
     velocity = recording.channels.get("velocity")
     usable = velocity is not None and all(j in velocity.labels for j in tree.joints)
     speeds = _values(velocity, tree, time, recording) if usable and velocity is not None else None
+    turning, unwound = _unwound(position, tree, recording.name)
     return Log(
-        recording.name, time, rate, drives.joint_positions(_values(position, tree, time, recording)),
+        recording.name, time, rate, drives.joint_positions(_values(turning, tree, time, recording)),
         None if speeds is None else drives.joint_speeds(speeds),
-        drives.joint_torques(_values(source, tree, time, recording)), source.name,
+        drives.joint_torques(_values(source, tree, time, recording)), source.name, _gaps(position.time, source.time), unwound,
     )  # fmt: skip
+
+
+def _unwound(position: Channel, tree: KinematicTree, name: str) -> tuple[Channel, tuple[str, ...]]:
+    """The positions without the jumps of a turn that endless joints make, and a note."""
+    values, found = np.array(position.values), []
+    for joint, slides in zip(tree.joints, np.asarray(tree.prismatic).tolist(), strict=True):
+        k = position.labels.index(joint)
+        steps = np.abs(np.diff(values[:, k]))
+        if not slides and np.any(np.abs(steps[np.isfinite(steps)] - 2.0 * np.pi) < 0.3):
+            known = np.isfinite(values[:, k])
+            values[known, k] = np.unwrap(values[known, k])
+            found.append(joint)
+    if not found:
+        return position, ()
+    said = f"recording '{name}': {', '.join(found)} jumps by a turn in the log; it was taken as going on"
+    return position.replace(values=values), (said,)
+
+
+def _gaps(*clocks: Array) -> tuple[tuple[float, float], ...]:
+    """Stretches of more than 20 ms and five usual steps without a sample."""
+    found = []
+    for time in clocks:
+        steps = np.diff(time)
+        long = np.flatnonzero(steps > max(_GAP_STEPS * float(np.median(steps)), _GAP))
+        found += [(float(time[i]), float(time[i + 1])) for i in long]
+    return tuple(sorted(set(found)))
 
 
 def _channel(recording: Recording, names: tuple[str, ...]) -> Channel:

@@ -30,7 +30,7 @@ from trueup.identification.torque_model import TorqueModel
 from trueup.identification.verdicts import advice, parameters_of
 
 if TYPE_CHECKING:
-    from trueup.identification.identify import Piece
+    from trueup.identification.pieces import Piece
 
 Array = NDArray[np.float64]
 
@@ -206,6 +206,6 @@ def _notes(
             said.append(
                 f"keeping all links physically possible costs accuracy: {100 * possible:.2f} % instead of "
                 f"{100 * free:.2f} %. Something other than rigid links pushes the fit there: friction, elasticity, "
-                "a wrong length in the model"
+                "a wrong length or mounting (--gravity) in the model"
             )
     return tuple(said)

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Quick fits of a basic model: which speeds to trust, whether a log can be what it says, what mistake would explain it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import IdentificationError
+from trueup.identification.diagnosis import DOUBTFUL, POOR, Fit, mistakes
+from trueup.identification.drives import Drives
+from trueup.identification.estimate import Estimate, least_squares
+from trueup.identification.kinematic_tree import KinematicTree
+from trueup.identification.moments import moments_of, solve
+from trueup.identification.motion import Log, Motion
+from trueup.identification.pieces import Piece, pieces_of
+from trueup.identification.pool import Pool, pool_for
+from trueup.identification.torque_model import Rows
+
+_SLOW = 5.0
+"""Hz: cut-off for the quick fits that look for mistakes."""
+
+
+def basic_columns(pool: Pool) -> NDArray[np.int64]:
+    """The columns of a model that fits any arm roughly: rotors, offsets, viscous and Coulomb friction."""
+    return np.flatnonzero(pool.with_groups("rotor", "offset", "viscous", "saturating 0.01"))
+
+
+def measured_speed(
+    logs: Sequence[Log], tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator
+) -> bool:
+    """Whether speeds as measured explain torque better than differences of positions."""
+    if any(log.velocity is None for log in logs):
+        return False
+    motions = [logs[0].motion(cutoff, measured_speed=measured) for measured in (True, False)]
+    fit = quick_fit(motions[0], tree, drives, cutoff, rng)
+    return fit(motions[0]) <= fit(motions[1])
+
+
+def doubts(
+    logs: Sequence[Log], tree: KinematicTree, drives: Drives, pool: Pool, pieces: Sequence[Piece], rng: np.random.Generator
+) -> list[str]:  # fmt: skip
+    """Nothing where a basic model explains the torque; else what else might be wrong. Raises where a mistake explains it."""
+    parts = [p.rows for p in pieces if not p.held_out]
+    basic = basic_columns(pool)
+    power = np.maximum(sum(np.mean(r.torque**2, axis=0) for r in parts), 1e-300)
+    relative = _relative(parts, least_squares(parts, basic, 1.0 / power))
+    if relative < DOUBTFUL:
+        return []
+    slow = min(_SLOW, 0.08 * logs[0].rate)
+    motion = logs[0].motion(slow, measured_speed=False)
+    fit = quick_fit(motion, tree, drives, slow, rng)
+    for said in (*mistakes(motion, tree, fit), *_hanging(motion, tree, drives, slow, rng, fit(motion))):
+        raise IdentificationError(f"recording '{logs[0].name}': {said}. Correct that and identify again")
+    if relative < POOR:
+        return []
+    return [
+        f"a rigid arm with friction explains little of this torque ({100 * relative:.0f} % of it is left): is it the right "
+        "model file, are torques measured rather than commanded, are joints in the right order?"
+    ]
+
+
+def quick_fit(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator) -> Fit:
+    """A fit of a basic model that can be had many times: from a motion like this one to its relative error."""
+    pool = pool_for(tree, drives.coupling, [motion], rng)
+    basic, first = basic_columns(pool), 10 * tree.n
+    model = pool.model.only([int(k) - first for k in basic if k >= first])
+    active = np.concatenate([basic[basic < first], np.arange(first, model.p)])
+
+    def error(changed: Motion) -> float:
+        rows = [p.rows for p in pieces_of(changed, model, cutoff, 0.0)]
+        moments = moments_of(rows)
+        power = np.maximum(moments.square[0], 1e-300)
+        gram, cross = (x[0] for x in moments.weighted(1.0 / power))
+        x = np.zeros(model.p)
+        x[active] = solve(gram[np.ix_(active, active)], cross[active], np.zeros(len(active)))
+        return float(np.sqrt(np.mean(moments.errors(x)[0] / power)))
+
+    return error
+
+
+def _hanging(
+    motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator, relative: float
+) -> list[str]:
+    """Whether the torque fits another direction of gravity far better: an arm on a wall or ceiling."""
+    size = float(np.linalg.norm(tree.gravity)) or 9.81
+    directions = [sign * size * axis for axis in np.eye(3) for sign in (1.0, -1.0)]
+    other = [g for g in directions if g @ tree.gravity < 0.9 * size**2]
+    errors = [quick_fit(motion, tree.replace(gravity=g), drives, cutoff, rng)(motion) for g in other]
+    best = int(np.argmin(errors))
+    if errors[best] > 0.5 * relative:
+        return []
+    x, y, z = other[best]
+    return [
+        f"the arm seems to be mounted otherwise than the model file says: with --gravity {x:g} {y:g} {z:g} the error would "
+        f"fall from {100 * relative:.0f} % to {100 * errors[best]:.0f} % of the torque"
+    ]
+
+
+def _relative(rows: Sequence[Rows], estimate: Estimate) -> float:
+    """Relative error, joints weighed by what they carry: no joint of little torque is drowned."""
+    errors = np.concatenate([r.torque - r.predict(estimate.parameters) for r in rows])
+    torque = np.concatenate([r.torque for r in rows])
+    return float(np.sqrt(np.mean(np.sum(errors**2, axis=0) / np.maximum(np.sum(torque**2, axis=0), 1e-300))))
