@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from trueup.errors import RecordingError, UnknownNameError
+from trueup.errors import RecordingError, TrialAbortedError, UnknownNameError
 from trueup.paths.courses import hairpin
 from trueup.recording import Channel
 from trueup.robots.stand_in_vehicle import StandInVehicle, VehicleTruth
@@ -69,11 +69,11 @@ def test_noise_is_what_the_truth_says() -> None:
     assert not np.array_equal(drive.seen[0], drive.seen[1])
 
 
-def test_an_aborted_run_says_so_and_ends_early() -> None:
-    task = FollowPath([hairpin((0.6,))])
-    (run,) = StandInVehicle(0, failing=1.0).perform(robot_trials(task, np.ones(3))[0])
-    assert run.provenance["outcome"] == "aborted"
-    assert run.duration < 0.75 * task.trials[0].duration
+def test_a_run_that_is_stopped_leaves_no_recording_and_says_so() -> None:
+    trial = robot_trials(FollowPath([hairpin((0.6,))]), np.ones(3))[0]
+    with pytest.raises(TrialAbortedError, match="stood in the way after"):
+        StandInVehicle(0, failing=1.0).perform(trial)
+    (run,) = StandInVehicle(0, failing=0.0).perform(trial)
     assert run.provenance["settings"] == "k1=1 k2=1 k3=1"
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trueup.controllers.stanley.kernel import path_table
 from trueup.controllers.stanley.law import GAINS, Stanley, StanleySettings
-from trueup.errors import RecordingError, unknown_name
+from trueup.errors import RecordingError, TrialAbortedError, unknown_name
 from trueup.paths import Path
 from trueup.recording import Channel, Recording
 from trueup.robots.stand_in_vehicle.kernel import KEPT, follow, play
@@ -45,7 +45,7 @@ class StandInVehicle:
 
     A trial with a reference 'path' is driven by the robot's own Stanley controller with the gains in `Trial.settings`
     (1 where none is given); one with a command channel (speed, steering) is played open loop. `failing` is the share of
-    runs that the operator must abort: their recordings end early and say so in provenance['outcome'].
+    runs that the operator must abort.
     """
 
     def __init__(
@@ -67,7 +67,11 @@ class StandInVehicle:
         return True
 
     def perform(self, trial: Trial) -> list[Recording]:
-        """See Robot. Raises RecordingError for a trial with neither path nor command, UnknownNameError for channels."""
+        """See Robot.
+
+        Raises RecordingError for a trial with neither path nor command, UnknownNameError for channels that it does not
+        measure, TrialAbortedError for a run that the operator had to stop.
+        """
         for name in trial.observed:
             if name not in COLUMNS and not name.startswith("command"):
                 raise unknown_name("channel", name, COLUMNS, "what this robot measures")
@@ -123,24 +127,20 @@ class StandInVehicle:
         return noise
 
     def _recording(self, name: str, trial: Trial, drive: Drive, row: int) -> Recording:
-        lasting, outcome = trial.duration, "completed"
         if self._rng.random() < self._failing:
-            lasting, outcome = trial.duration * self._rng.uniform(0.1, 0.7), "aborted"
+            stopped = trial.duration * self._rng.uniform(0.1, 0.7)
+            raise TrialAbortedError(f"'{name}': somebody stood in the way after {stopped:.0f} s")
         command = trial.command
         if command is None:
-            stop = drive.time <= lasting + 1e-9
-            command = Channel(
-                "command", ("speed", "steering"), "", trial.start + drive.time[stop], drive.orders[row, stop]
-            )
+            command = Channel("command", ("speed", "steering"), "", trial.start + drive.time, drive.orders[row])
         channels = {"command": command.replace(name="command")}
         for role, o in trial.observed.items():
             if role in COLUMNS:
-                time = o.time[o.time - trial.start <= lasting + 1e-9]
-                last = np.searchsorted(drive.time, time - trial.start + 1e-9, side="right") - 1
+                last = np.searchsorted(drive.time, o.time - trial.start + 1e-9, side="right") - 1
                 columns = [COLUMNS[role][_LABELS[role].index(label)] for label in o.labels]
-                channels[role] = Channel(role, o.labels, o.unit, time, drive.seen[row][last][:, columns])
+                channels[role] = Channel(role, o.labels, o.unit, o.time, drive.seen[row][last][:, columns])
         settings = " ".join(f"{k}={v:.6g}" for k, v in trial.settings.items())
-        return Recording(name, channels, {"source": "stand-in vehicle", "outcome": outcome, "settings": settings})
+        return Recording(name, channels, {"source": "stand-in vehicle", "settings": settings})
 
 
 def _start(trial: Trial) -> Array:
