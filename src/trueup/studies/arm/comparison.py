@@ -48,6 +48,15 @@ class Scale:
 
 
 @dataclass(frozen=True, eq=False)
+class Example:
+    """One test motion with what the first excitation of each algorithm predicts; (S, 6) N m each."""
+
+    time: Array
+    measured: Array
+    predicted: Mapping[str, Array]
+
+
+@dataclass(frozen=True, eq=False)
 class Errors:
     """What each algorithm's model gets wrong, N m; arrays are (excitations, tests, 6), keyed by (algorithm, case)."""
 
@@ -59,6 +68,9 @@ class Errors:
     """(tests,) S of each trajectory: ||e||_2 / S of evolved trajectories, eq. 8, is RMSE / sqrt(S)."""
     indefinite: Mapping[str, Array]
     """(excitations,) share of random postures in which a model's mass matrix is not positive definite, by algorithm."""
+
+    example: Example | None = None
+    """Of the first test case."""
 
     def percent(self, algorithm: str, case: str) -> Array:
         """(6,) mean absolute error, % of nominal torque."""
@@ -142,7 +154,10 @@ def _judged(region: Region, measured: Mapping[str, Sequence[Rows]], fits: Mappin
             squared[algorithm, case] = np.array([[(e**2).mean(axis=0) for e in each] for each in errors])
     indefinite = {a: np.array([_indefinite(region.model, fit) for fit in own]) for a, own in fits.items()}
     samples = {case: np.array([r.length for r in rows]) for case, rows in measured.items()}
-    return Errors(absolute, squared, samples, indefinite)
+    first = next(iter(CASES))
+    one, rows = region.tests[first][0], measured[first][0]
+    predicted = {a: own[0].predict(region.model, one, rows) for a, own in fits.items()}
+    return Errors(absolute, squared, samples, indefinite, Example(rows.time, rows.torque, predicted))
 
 
 def _indefinite(model: TorqueModel, fit: Fitted, postures: int = 200) -> float:

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from trueup.identification.cell import Cell
 from trueup.identification.torque_model import TorqueModel
+from trueup.report.markup import Markup, join
 from trueup.studies.arm import tables
 from trueup.studies.arm.comparison import CASES, Errors, Region, Scale, compared, prepared, share_of_best
 from trueup.studies.arm.excitation import Workshop
+from trueup.studies.arm.figures import distributions, page, torques
 from trueup.studies.arm.fitting import our_fit, papers_fit
 from trueup.studies.arm.hidden import Effects, HiddenArm
 from trueup.studies.arm.measuring import PAPERS, papers_columns
@@ -32,7 +34,7 @@ _ABLATED = "B"
 
 
 def performed(folder: Path, scale: Scale, told: Told, regions: tuple[str, ...] = tuple(REGIONS)) -> dict[str, float]:
-    """Runs the study and writes `report.md` and `cells.json` into the folder; returns the shares in which ours is best."""
+    """Writes `report.html`, `report.md` and `cells.json` into the folder; returns the shares in which ours is best."""
     rng = np.random.default_rng(scale.seed)
     everything: dict[str, dict[str, Errors]] = {}
     determinants: dict[str, dict[str, Array]] = {}
@@ -60,7 +62,9 @@ def performed(folder: Path, scale: Scale, told: Told, regions: tuple[str, ...] =
             parts["correlations"] = tables.correlations(answers)
         # After each region, so that a study that is stopped leaves what it has.
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "report.md").write_text(_report(everything, determinants, parts, scale, rng), encoding="utf-8")
+        text = _report(everything, determinants, parts, scale, rng)
+        (folder / "report.md").write_text(text, encoding="utf-8")
+        (folder / "report.html").write_text(page(text, _figures(everything)), encoding="utf-8")
         (folder / "cells.json").write_text(json.dumps(_cells(everything), indent=1), encoding="utf-8")
     return {name: share_of_best(each["all effects"], rng)[0] for name, each in everything.items()}
 
@@ -144,6 +148,14 @@ def _report(
     lines += ["Spearman's rank correlation of a criterion's loss with the error; 1 is a perfect forecast."]
     lines += [parts.get("correlations", "")]
     return "\n\n".join(lines) + "\n"
+
+
+def _figures(everything: Mapping[str, Mapping[str, Errors]]) -> dict[str, Markup]:
+    """By the heading that each stands under."""
+    return {
+        f"Table II, region {name}, all effects": join(torques(each["all effects"]), distributions(each["all effects"]))
+        for name, each in everything.items()
+    }
 
 
 def _cells(everything: Mapping[str, Mapping[str, Errors]]) -> dict[str, object]:
