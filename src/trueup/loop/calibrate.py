@@ -21,7 +21,7 @@ from trueup.loop.fit import Checkpoint, Fit, Progress, Watch, fit
 from trueup.loop.identifiability import unseen_directions, verdicts
 from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
-from trueup.loop.selection import Choice, unhelpful, unsupported
+from trueup.loop.selection import Choice, choose
 from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.validate import left_out_errors
 from trueup.parameters import ParameterSpace
@@ -71,10 +71,10 @@ def calibrate(
     watch = Watch(progress, checkpoint)
     if resume is not None:
         space = space.freeze(resume.get("frozen", ()))
-    found = fit(problem, space, space.nominal, watch, resume=resume, **_how(chosen))
-    choices: list[Choice] = []
-    if chosen.select:
-        found, choices = _selected(problem, found, watch, chosen)
+    chooser = _Chooser()
+    chosen_before = resume is not None and not np.array_equal(space.free, simulator.parameters.free)
+    select = chooser if chosen.select and not chosen_before else None
+    found = fit(problem, space, space.nominal, watch, resume=resume, select=select, **_how(chosen))
     found = probed(problem, found, np.random.default_rng(chosen.seed))
     cross = chosen.cross_validate and len(recordings) > 1
     return Calibration(
@@ -85,7 +85,7 @@ def calibrate(
         seconds=time.perf_counter() - began,
         cpu_seconds=time.process_time() - cpu,
         evaluations=problem.evaluations,
-        **_findings(problem, found, choices),
+        **_findings(problem, found, chooser.choices),
     )
 
 
@@ -109,23 +109,16 @@ def _findings(problem: Problem, found: Fit, choices: Sequence[Choice]) -> dict[s
     }
 
 
-def _selected(problem: Problem, found: Fit, watch: Watch, options: Options) -> tuple[Fit, list[Choice]]:
-    """The fit with what the data do not support frozen, refitted from where it was."""
-    unseen = unsupported(found, unit_covariance(problem, found))
-    found = _without(problem, found, unseen, watch, options)
-    useless = unhelpful(problem, found)
-    found = _without(problem, found, useless, watch, options)
-    return found, [unseen, useless]
+class _Chooser:
+    """Freezes what the data do not support, and remembers why."""
 
+    def __init__(self) -> None:
+        self.choices: tuple[Choice, ...] = ()
 
-def _without(problem: Problem, found: Fit, choice: Choice, watch: Watch, options: Options) -> Fit:
-    if not choice.freeze or len(choice.freeze) == int(found.space.free.sum()):
-        return found
-    values = found.values
-    space = found.space.freeze(choice.freeze)
-    start = np.where(space.free, values, space.nominal)
-    return fit(problem, space, start, watch, search="gradient", robust=options.robust, seed=options.seed,
-               resume={"stage": "all, full step", "search": None})  # fmt: skip
+    def __call__(self, problem: Problem, found: Fit) -> ParameterSpace:
+        self.choices = choose(problem, found, unit_covariance(problem, found))
+        names = [n for c in self.choices for n in c.freeze]
+        return found.space.freeze(names) if len(names) < int(found.space.free.sum()) else found.space
 
 
 def _estimates(
@@ -133,12 +126,17 @@ def _estimates(
 ) -> tuple[Estimate, ...]:
     low, high = intervals(found, covariance)
     words = iter(zip(low, high, verdicts(found, covariance), strict=True))
-    unseen = choices[0].freeze if choices else ()
+    unseen, vague = (choices[0].freeze, choices[0].vague) if choices else ((), ())
     rows = []
     for p, start, value in zip(found.space.parameters, declared.nominal, found.values, strict=True):
         if not p.frozen:
             lo, hi, verdict = next(words)
             word, note = verdict.word, verdict.note
+            if word == "not identified" and p.name in vague:
+                word, note = (
+                    "weak",
+                    "left-out recordings replay better with it than at its start value, yet it is vague",
+                )
         else:
             lo = hi = float("nan")
             word, note = _frozen(p.name, unseen, declared[p.name].frozen)

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 # Shares of the box: an interval this wide says nothing; a direction this uncertain is named.
 _USELESS = 0.25
 _LOOSE = 0.12
-_NO_EFFECT = 1e-3
+NO_EFFECT = 1e-3
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def verdicts(fit: Fit, covariance: Array) -> list[Verdict]:
 def _verdict(
     p: Parameter, unit: float, spread: float, strength: float, value: float, low: float, high: float
 ) -> Verdict:
-    if strength < _NO_EFFECT:
+    if strength < NO_EFFECT:
         return Verdict("no effect", f"changing it changes nothing in these recordings{_advice(p)}")
     if spread > _USELESS / 1.96:
         return Verdict("not identified", f"the recordings leave it open{_advice(p)}")

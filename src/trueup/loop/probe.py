@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.loop.fit import Fit
+from trueup.loop.identifiability import NO_EFFECT, effects
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR
 from trueup.search.robust import robust_losses, robust_weights
@@ -16,6 +17,7 @@ from trueup.search.robust import robust_losses, robust_weights
 Array = NDArray[np.float64]
 
 _REACH = 2.5  # standard deviations: 95 % intervals end at two
+_FAR = 0.1  # share of the box: further out slopes foretell nothing
 _PAIRS = 8  # points looked at, each with its mirror image
 _SHARES = (0.6, 0.8, 0.9, 0.97, 1.0)  # of the way from a probe to the optimum that it foretells
 
@@ -28,9 +30,12 @@ def probed(problem: Problem, fit: Fit, rng: np.random.Generator) -> Fit:
     slopes at the optimum leads back to it in a bowl; across a crack it leads elsewhere. Where it leads is what an estimate
     from that side would be, so the scatter of these ends is uncertainty that no slope knows of.
     """
+    problem = fit.near or problem
     inverse, root = _spread(problem, fit)
     drawn = rng.standard_normal((min(_PAIRS, 2 * len(fit.unit)), len(fit.unit)))
-    points = np.clip(fit.unit + _REACH * np.concatenate([drawn, -drawn]) @ root.T, 0.0, 1.0)
+    away = np.clip(_REACH * drawn @ root.T, -_FAR, _FAR)
+    away[:, effects(fit) < NO_EFFECT] = 0.0
+    points = np.clip(fit.unit + np.concatenate([away, -away]), 0.0, 1.0)
     residuals = problem.residuals(fit.space.from_unit(points))
     good = np.isfinite(residuals).all(axis=1)
     if not good.any():

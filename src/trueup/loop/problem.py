@@ -58,6 +58,7 @@ class Problem:
         self._counted = [0]  # shared by the shorter and coarser versions of this problem
         self._controllers = controllers
         self._wanted = channels
+        self._offset: Array | None = None
         self.trials = _thinned([_trial(simulator, r, channels, longest) for r in recordings])
         self.segments = self._segments()
 
@@ -71,6 +72,13 @@ class Problem:
         twin = object.__new__(Problem)
         twin.__dict__.update(self.__dict__)
         twin.simulator = self.simulator.at_step(step)
+        return twin
+
+    def shifted(self, offset: Array) -> Problem:
+        """The same problem with `offset` (m,) added to all residuals."""
+        twin = object.__new__(Problem)
+        twin.__dict__.update(self.__dict__)
+        twin._offset = offset if self._offset is None else self._offset + offset
         return twin
 
     def shortened(self, longest: float) -> Problem:
@@ -100,7 +108,7 @@ class Problem:
         residuals = np.concatenate(parts, axis=1)
         for rollout in done:
             residuals[list(rollout.failures)] = np.nan
-        return residuals
+        return residuals if self._offset is None or only is not None else residuals + self._offset
 
     def start_residual(self, values: Array) -> Array:
         """(m,) at one set of values. Raises SimulationFailedError with the simulator's reasons."""

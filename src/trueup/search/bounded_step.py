@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Steps of Levenberg and Marquardt inside a box, and what a quadratic model says of them."""
+"""Steps of Levenberg and Marquardt inside a box: what a quadratic model says of them, and what they say of its slopes."""
 
 from __future__ import annotations
 
@@ -40,6 +40,17 @@ def damped_step(curvature: Array, slope: Array, damping: float, at: Array) -> Ar
 def gain(curvature: Array, slope: Array, step: Array) -> float:
     """By how much a step lowers the quadratic model."""
     return float(-(slope @ step + 0.5 * step @ curvature @ step))
+
+
+def corrected(slopes: Array, before: Array, moved: Array, after: Array) -> Array:
+    """Slopes (m, n) with what a step showed, where they had foretold most of it: Broyden's rank-one correction, Math.
+    Comp. 19, 1965. `before` and `after` (m,) are the residuals at the ends of the step (n,).
+    """
+    change = after - before
+    surprise = change - slopes @ moved
+    if np.linalg.norm(surprise) >= 0.7 * np.linalg.norm(change):
+        return slopes
+    return slopes + np.outer(surprise, moved / (moved @ moved))
 
 
 def inside(point: Array, step: Array, log_range: Array) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import CalibrationError
-from trueup.search.bounded_step import damped_step, gain, in_value, inside
+from trueup.search.bounded_step import corrected, damped_step, gain, in_value, inside
 from trueup.search.robust import robust_losses, robust_weights
 from trueup.search.search import SearchState
 
@@ -112,6 +112,21 @@ class LeastSquares:
             self._take_jacobian(residuals)
         else:
             self._take_step(candidates, residuals)
+
+    @property
+    def fresh(self) -> bool:
+        """Whether the slopes are those of the very point."""
+        return self._fresh and self.jacobian is not None
+
+    def refresh(self) -> None:
+        """The next ask is for columns around the point."""
+        self._see(None, self.residual)
+
+    def adopt(self, jacobian: Array, residual: Array) -> None:
+        """Begins with slopes (m, n) taken elsewhere and the residual (m,) here."""
+        self._bend_and_lowest(residual)
+        self._see(jacobian, residual)
+        self._fresh = False
 
     def state(self) -> SearchState:
         """The point, its damping and counters; the next ask is for the columns around it."""
@@ -220,13 +235,12 @@ class LeastSquares:
         back down. Judged by their own loss only short steps along the valley would ever be taken.
         """
         curvature, _ = self._normal_equations()
-        finite = np.flatnonzero(np.isfinite(losses))
-        slopes = (robust_weights(residuals[finite], self.delta) * residuals[finite]) @ self._known()[0]
-        hoped = np.full(len(losses), np.inf)
-        for k, slope in zip(finite, slopes, strict=True):
-            step = damped_step(curvature, slope, max(self.least_damping, _CROSSING), candidates[k])
-            hoped[k] = losses[k] - gain(curvature, slope, step)
-        return hoped
+        slopes = (robust_weights(residuals, self.delta) * residuals) @ self._known()[0]
+        damping = max(self.least_damping, _CROSSING)
+        return np.array([
+            loss - gain(curvature, slope, damped_step(curvature, slope, damping, at)) if np.isfinite(loss) else np.inf
+            for loss, slope, at in zip(losses, slopes, candidates, strict=True)
+        ])  # fmt: skip
 
     def _reject(self) -> None:
         if self.loss > self.best[1] or not self._fresh:
@@ -260,21 +274,10 @@ class LeastSquares:
         if self._done:
             self._see(self.jacobian, residual)  # slopes of a negligible step away will do
         elif serve and self._reused < self.reuse:
-            self._see(self._corrected(moved, residual), residual)
+            self._see(corrected(*self._known(), moved, residual), residual)
             self._reused += 1
         else:
             self._see(None, residual)
-
-    def _corrected(self, moved: Array, residual: Array) -> Array:
-        """The slopes with what a step showed, where they had foretold most of it: Broyden's rank-one correction, Math.
-        Comp. 19, 1965.
-        """
-        slopes, before = self._known()
-        change = residual - before
-        surprise = change - slopes @ moved
-        if np.linalg.norm(surprise) >= 0.7 * np.linalg.norm(change):
-            return slopes
-        return slopes + np.outer(surprise, moved / (moved @ moved))
 
     def weights(self) -> Array:
         """(m,) how much each residual counts at the point: 1 for small ones, less for outliers."""

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Least squares through stages, from a first look at the recordings to all of them at the full step."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.calibration import TracePoint
+from trueup.errors import CalibrationError
+from trueup.loop.problem import Problem
+from trueup.parameters import ParameterSpace
+from trueup.search.least_squares import LeastSquares
+from trueup.search.robust import robust_losses
+
+Array = NDArray[np.float64]
+
+Progress = Callable[[TracePoint], None]
+Checkpoint = Callable[[dict[str, Any]], None]
+
+_HELD = 3e-3  # least damping of the first looks: what is weakly seen must not wander off before all data are in
+_SETTLED = 5e-3  # share of the loss: an approximation that gains less than this is not made anew
+
+
+@dataclass
+class Fit:
+    """Where a search ended, with the slopes there."""
+
+    space: ParameterSpace
+    unit: Array
+    """(n_free,) in the unit box."""
+    residual: Array
+    """(m,) at the optimum, full step."""
+    jacobian: Array
+    """(m, n_free) d residual / d unit."""
+    weights: Array
+    """(m,) robust weights."""
+    ended: str
+    loss: float = 0.0
+    bend: float = np.inf
+    """Residuals far beyond it count as outliers."""
+    scatter: Array | None = None
+    """(n_free, n_free) mean square by which the place changes that slopes point to, from one side of the optimum to the
+    other (see `probe.py`)."""
+    near: Problem | None = None
+    """A cheaper problem at the level of the real one, if the fit was made with one."""
+
+    @property
+    def values(self) -> Array:
+        """(n,) all values, frozen ones included."""
+        return self.space.from_unit(self.unit)
+
+
+Select = Callable[[Problem, Fit], ParameterSpace]
+"""From the problem that was solved and where, the space with what is not worth fitting frozen."""
+
+
+@dataclass
+class Watch:
+    """Counts, times and reports what a search does, and saves it."""
+
+    progress: Progress | None = None
+    checkpoint: Checkpoint | None = None
+    began: float = field(default_factory=time.perf_counter)
+    trace: list[TracePoint] = field(default_factory=list)
+
+    def saw(self, stage: str, problem: Problem, loss: float, rmse: float) -> None:
+        """One more point of the search trace."""
+        point = TracePoint(stage, problem.evaluations, float(loss), float(rmse), time.perf_counter() - self.began)
+        self.trace.append(point)
+        if self.progress is not None:
+            self.progress(point)
+
+    def save(self, stage: str, space: ParameterSpace, state: dict[str, Any]) -> None:
+        """Hands the state of the search to the checkpoint."""
+        if self.checkpoint is not None:
+            frozen = [p.name for p in space.parameters if p.frozen]
+            self.checkpoint({"stage": stage, "frozen": frozen, "search": state})
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One look at the recordings. A first look may end early, the last must not."""
+
+    name: str
+    problem: Problem
+    cheap: Problem
+    """Where slopes are taken: often the same at a coarser step."""
+    tolerance: float
+    """In units of what chance alone gives."""
+    most: int
+    """Iterations."""
+
+    def columns(self, space: ParameterSpace, candidates: Array) -> Array:
+        """Residuals at the point and around it: differences from the cheaper problem, the level from the real one."""
+        residuals = self.cheap.residuals(space.from_unit(candidates))
+        if self.cheap.simulator is not self.problem.simulator:
+            residuals += self.problem.residuals(space.from_unit(candidates[:1]))[0] - residuals[0]
+        return residuals
+
+
+@dataclass
+class Descent:
+    """Goes through the stages with least squares; what one stage has learned starts the next."""
+
+    space: ParameterSpace
+    point: Array
+    watch: Watch
+    robust: float
+    search: LeastSquares | None = None
+    near: Problem | None = None
+    """What the last stage solved: cheaper than its problem, at the level of it."""
+    _slopes: Array | None = None
+    """(m, n_free) already taken at the point for the next stage."""
+
+    def descend(
+        self, stage: Stage, nudge: float = 0.0, saved: dict[str, Any] | None = None, *, confirm: bool = True
+    ) -> LeastSquares:
+        """Least squares on one stage, to its end; the last one takes slopes there, to `confirm`."""
+        search, self.near = self._begun(stage, nudge, confirm), None
+        if saved is not None:
+            search.resume(saved)
+        elif self._slopes is not None:
+            search.adopt(self._slopes, self._residual(stage.problem))
+        self._slopes = None
+        while not search.done:
+            candidates = search.ask()
+            if search.jacobian is None:
+                search.tell(candidates, stage.columns(self.space, candidates))
+            else:
+                search.tell(candidates, stage.problem.residuals(self.space.from_unit(candidates)))
+            if search.jacobian is not None and search.residual is not None:
+                self.watch.saw(stage.name, stage.problem, search.loss, stage.problem.rmse(search.residual))
+            else:
+                self.watch.save(stage.name, self.space, search.state())
+        self.search, self.point = search, search.point
+        return search
+
+    def polish(self, stage: Stage) -> LeastSquares:
+        """The last stage where slopes come from a cheaper problem. The cheaper one is solved at the level of the real one,
+        which is looked at again where that ends: one simulation of the real problem each time round.
+        """
+        begun, fine = self.point, self._residual(stage.problem)
+        for confirm in (True, False, False):
+            near = stage.cheap.shifted(fine - self._residual(stage.cheap))
+            search = self.descend(replace(stage, problem=near, cheap=near), confirm=confirm)
+            before, fine = fine, self._residual(stage.problem)
+            old, new = robust_losses(np.stack([before, fine]), search.delta)
+            if not new < old and confirm:
+                break
+            if not new < old:
+                search.point, search.residual, search.loss = begun, before, float(old)
+                self.point, self._slopes = begun, None
+                return search
+            search.residual, search.loss, self._slopes = fine, float(new), search.jacobian
+            self.near = stage.cheap.shifted(fine - self._residual(stage.cheap))
+            if old - new < _SETTLED * old:
+                self._slopes = None
+                return search
+            begun = self.point
+        self.point, self._slopes = begun, None
+        return self.descend(stage)
+
+    def _residual(self, problem: Problem) -> Array:
+        return problem.residuals(self.space.from_unit(self.point[None]))[0]
+
+    def _begun(self, stage: Stage, nudge: float, confirm: bool) -> LeastSquares:
+        free = [p for p in self.space.parameters if not p.frozen]
+        ranges = np.array([np.log(p.upper / p.lower) if p.scale == "log" else 0.0 for p in free])
+        last = stage.tolerance < 1.0
+        return LeastSquares(
+            self.point, ranges, least_damping=1e-9 if last else _HELD, share=2e-3 if last else 3e-2, robust=self.robust,
+            tolerance=stage.tolerance, max_iterations=stage.most, nudge=nudge, confirm=confirm and last,
+            difference=LeastSquares.difference if self.search is None else self.search.careful_difference(),
+            worth=lambda residual: stage.problem.chance(residual) * len(free),
+        )  # fmt: skip
+
+    def choose(self, stage: Stage, select: Select) -> bool:
+        """Asks which parameters to keep; True if some were frozen."""
+        found = self.finished(stage, again=True)
+        space = select(stage.problem, found)
+        kept = [not p.frozen for p in space.parameters if not self.space[p.name].frozen]
+        values = np.where(space.free, found.values, space.nominal)
+        self.space, self.point = space, np.clip(space.to_unit(values), 0.0, 1.0)
+        self._slopes = found.jacobian[:, kept]
+        return not all(kept)
+
+    def finished(self, stage: Stage, again: bool = False) -> Fit:
+        """Where the search ended. Slopes are taken if it has none, or `again` where they are not of this very place."""
+        search = self.search
+        if search is None:
+            raise CalibrationError("nothing was searched")
+        if search.jacobian is None or (again and not search.fresh):
+            search.refresh()
+            candidates = search.ask()
+            search.tell(candidates, stage.columns(self.space, candidates))
+        if search.jacobian is None or search.residual is None:
+            raise CalibrationError("the search ended without slopes")
+        return Fit(
+            self.space, search.point, search.residual, search.jacobian, search.weights(), search.done, search.loss,
+            search.delta, near=self.near,
+        )  # fmt: skip
