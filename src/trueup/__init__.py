@@ -30,34 +30,42 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.loop.transfer import transfer as transfer
     from trueup.parameters import Parameter as Parameter
     from trueup.parameters import ParameterSpace as ParameterSpace
+    from trueup.paths import Path as Path
     from trueup.recording import Channel as Channel
     from trueup.recording import Recording as Recording
     from trueup.report import write_report as write_report
     from trueup.robots.by_hand import ByHand as ByHand
+    from trueup.simulators.bicycle import BicycleSimulator as BicycleSimulator
+    from trueup.simulators.bicycle import Vehicle as Vehicle
     from trueup.simulators.mujoco.declarations import Declaration as Declaration
     from trueup.simulators.mujoco.declarations import declare as declare
     from trueup.simulators.mujoco.proposal import propose as propose
     from trueup.simulators.mujoco.rollout import MujocoSimulator as MujocoSimulator
     from trueup.simulators.mujoco.write import write_model as write_model
+    from trueup.tasks.follow_path import FollowPath as FollowPath
     from trueup.trial import Trial as Trial
 
 __version__ = "0.1.0"
 
 _HOME = {
+    "BicycleSimulator": "trueup.simulators.bicycle",
     "Belief": "trueup.loop.belief",
     "ByHand": "trueup.robots.by_hand",
     "Calibration": "trueup.calibration",
     "Channel": "trueup.recording",
     "ChannelMap": "trueup.formats",
     "Declaration": "trueup.simulators.mujoco.declarations",
+    "FollowPath": "trueup.tasks.follow_path",
     "MujocoSimulator": "trueup.simulators.mujoco.rollout",
     "Options": "trueup.loop.calibrate",
     "Parameter": "trueup.parameters",
     "ParameterSpace": "trueup.parameters",
+    "Path": "trueup.paths",
     "Recording": "trueup.recording",
     "Trial": "trueup.trial",
     "TrueupError": "trueup.errors",
     "TrustRegion": "trueup.loop.optimize",
+    "Vehicle": "trueup.simulators.bicycle",
     "calibrate": "trueup.loop.calibrate",
     "declare": "trueup.simulators.mujoco.declarations",
     "identify": "trueup.identification.identify",

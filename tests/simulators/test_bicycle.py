@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -192,3 +195,12 @@ def test_every_quantity_that_is_absent_changes_nothing() -> None:
         alone = Vehicle("one", 0.55, 0.698, {q.name: q.absent})
         (rollout,) = BicycleSimulator(alone).rollout([trial], np.zeros((1, 0)))
         np.testing.assert_array_equal(rollout.channels["position"][0], plain["position"])
+
+
+def test_the_table_of_quantities_in_the_docs_is_complete() -> None:
+    page = Path(__file__).resolve().parents[2] / "docs" / "vehicles.md"
+    rows = re.findall(
+        r"^\| `(\w+)` \| (\S+) \| (\S+) \.\.\. (\S+) \| ([^|]+) \|$", page.read_text("utf-8"), re.MULTILINE
+    )
+    known = [(q.name, q.unit or "-", f"{q.lower:g}", f"{q.upper:g}", q.about) for q in QUANTITIES]
+    assert rows == known

@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
+import io
 from importlib import resources
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from trueup.campaign.plan import read_plan
+from trueup.commands.study_view import study_table
 from trueup.errors import UnknownNameError
 from trueup.loop.transfer import try_on_robot
 from trueup.recording import Recording
@@ -19,6 +22,7 @@ from trueup.studies.stanley.courses import true_errors
 from trueup.studies.stanley.drives import calibrate_drives, doubted, noise_of
 from trueup.studies.stanley.paper import PaperStudy, calibrate_betas, paper_study
 from trueup.studies.stanley.profile import profiles
+from trueup.studies.stanley.run import run_study
 from trueup.studies.stanley.table import costs, improvement
 from trueup.studies.stanley.tuning import tune
 from trueup.tasks.task import robot_trials
@@ -107,3 +111,25 @@ def test_its_campaign_is_a_plan() -> None:
 def test_an_unknown_course_is_refused() -> None:
     with pytest.raises(UnknownNameError, match="course 'hairpins'"):
         chasi.task(("hairpins",))
+
+
+def test_the_whole_study_ends_with_a_table_and_a_report_of_all_its_parts(tmp_path: Path) -> None:
+    told: list[tuple[str, int, int, float]] = []
+    lines: list[str] = []
+    study = run_study(
+        tmp_path / "out", lines.append, number=2, calibration_trials=12, tuning_trials=8, evaluations=12, rounds=1,
+        told=lambda *progress: told.append(progress),
+    )  # fmt: skip
+    assert lines[-1] == f"wrote {tmp_path / 'out' / 'report.html'}"
+    assert ("calibrate", 12, 12) in {t[:3] for t in told}
+    text = (tmp_path / "out" / "report.html").read_text("utf-8")
+    for panel in "abcdef":
+        assert f"<figcaption>({panel})" in text
+    assert "3.72 → 1.82 (51.08 %)" in text
+    assert "src=" not in text, "the report asks for nothing"
+    assert "nan" not in text.split("<main>")[1].lower().replace("dominan", "")
+    shown = Console(width=120, record=True, file=io.StringIO())
+    shown.print(study_table(study))
+    words = shown.export_text()
+    assert f"{1e3 * study.errors[2]:.1f} mm" in words
+    assert f"{study.tuned.runs}" in words
