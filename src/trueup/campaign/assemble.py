@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from trueup.loop.calibrate import Options
     from trueup.loop.fit import Checkpoint, Progress
     from trueup.simulators.car import CarSimulator
+    from trueup.simulators.mujoco.clearance import MujocoClearance
     from trueup.simulators.mujoco.model import Model
     from trueup.simulators.mujoco.rollout import MujocoSimulator
 
@@ -109,6 +110,14 @@ def kinds_of(simulator: MujocoSimulator | CarSimulator) -> tuple[tuple[str, str,
         if not parameter.frozen:
             counts[quantity.kind] = counts.get(quantity.kind, 0) + 1
     return tuple((name, kind(name).family, count) for name, count in counts.items())
+
+
+def clearance_for(model_path: str | Path, joints: Sequence[str], floor: float | str | None = "auto") -> MujocoClearance:
+    """What tells how far the parts of a model are from each other at postures of these joints. Raises ModelError."""
+    from trueup.simulators.mujoco.clearance import MujocoClearance
+    from trueup.simulators.mujoco.model import load
+
+    return MujocoClearance.of(load(model_path), joints, floor=floor)
 
 
 def joints_of(model_path: str | Path) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ from trueup.campaign.events import (
 )
 from trueup.campaign.hardware import Hardware
 from trueup.campaign.journal import Journal
-from trueup.campaign.outcomes import belief_of, calibrated, chosen, generation, tried_in, validated
+from trueup.campaign.outcomes import belief_of, calibrated, chosen, generation, pairs, tried_in, validated
 from trueup.campaign.parts import Listener, Parts, Silent
 from trueup.campaign.plan import Plan
 from trueup.errors import JournalError
@@ -55,6 +55,7 @@ class Campaign:
         self._hardware = Hardware(parts, journal, journal.folder, self._listener, self._once)
         self._scores: list[Scored] = []
         self._belief: Belief | None = None
+        self._expected: list[tuple[float, float]] = []
         begun = self._once(Begun, lambda: Begun(checksum, plan.seed, version))
         if begun.plan != checksum:
             raise JournalError(
@@ -100,7 +101,10 @@ class Campaign:
         tested = self._hardware.test(number, "transfer", np.array(picked.candidates), plan.repeats, plan.again)
         self._scores += tested
         new = self._hardware.recordings()[fresh:]
-        self._once(Validated, lambda: validated(number, self._parts, belief.values, picked, tested, new))
+        self._once(
+            Validated, lambda: validated(number, self._parts, belief.values, picked, tested, new, self._expected)
+        )
+        self._expected += pairs(picked, tested, incumbent=not self._expected)
         return self._once(RoundEnded, lambda: self._round_ended(number, region, known))
 
     def _experiment(self, number: int, region: TrustRegion, belief: Belief) -> None:

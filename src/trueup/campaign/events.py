@@ -146,6 +146,10 @@ class Validated:
     high: float
     """Kendall's rank correlation with its 95 % interval; NaN with fewer than two candidates."""
     spearman: float
+    tau_all: float
+    low_all: float
+    high_all: float
+    """The same over the candidates of all rounds so far, each as the simulator of its round expected it."""
     replay_shipped: float
     replay_calibrated: float
     """Replay error of the new recordings, which this calibration never saw, in `unit`."""

@@ -15,9 +15,10 @@ from trueup.campaign.plan import Transfer
 from trueup.errors import CalibrationError, TrialError
 from trueup.loop.belief import Belief
 from trueup.loop.optimize import Optimum, Tried, TrustRegion
+from trueup.loop.ranking import agreement
 from trueup.loop.replay import replay_error
 from trueup.loop.safety import predicted
-from trueup.loop.transfer import Shortlist, compared, mean_score, prepared, shortlist
+from trueup.loop.transfer import Shortlist, mean_score, prepared, shortlist
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.tasks.task import robot_trials
@@ -87,18 +88,29 @@ def chosen(
 
 
 def validated(
-    number: int, parts: Parts, values: Array, picked: Chosen, tested: Sequence[Scored], new: Sequence[Recording]
-) -> Validated:
-    """How well the simulator foretold the runs that it had not seen."""
-    measured = np.array([mean_score(np.array(s.scores)) for s in tested])
-    worst = float(np.nanmax(np.append(measured[np.isfinite(measured)], 0.0)))
-    ranked = np.where([s.fell for s in tested], worst + 1.0, measured)  # a fall is worse than any score
-    rank = compared(np.array(picked.predicted), ranked).agreement
+    number: int, parts: Parts, values: Array, picked: Chosen, tested: Sequence[Scored], new: Sequence[Recording],
+    earlier: Sequence[tuple[float, float]],
+) -> Validated:  # fmt: skip
+    """How well the simulator foretold the runs that it had not seen; `earlier` are `pairs` of the rounds before."""
+    rank = agreement(*zip(*pairs(picked, tested, incumbent=True), strict=True))
+    every = agreement(*zip(*[*earlier, *pairs(picked, tested, incumbent=not earlier)], strict=True))
     replayed = replay_error(parts.simulator, values, new, discrepancy=parts.discrepancy, channels=parts.channels)
+    measured = _row([mean_score(np.array(s.scores)) for s in tested])
     return Validated(
-        number, picked.predicted, _row(measured), rank.tau, rank.low, rank.high, rank.spearman, replayed.shipped,
-        replayed.calibrated, replayed.unit,
+        number, picked.predicted, measured, rank.tau, rank.low, rank.high, rank.spearman, every.tau, every.low, every.high,
+        replayed.shipped, replayed.calibrated, replayed.unit,
     )  # fmt: skip
+
+
+def pairs(picked: Chosen, tested: Sequence[Scored], *, incumbent: bool) -> list[tuple[float, float]]:
+    """(expected, measured) of each candidate, with or without the incumbent; a fall is worse than any score."""
+    measured = np.array([mean_score(np.array(s.scores)) for s in tested])
+    known = measured[np.isfinite(measured)]
+    worst = float(known.max()) if len(known) else 0.0
+    ranked = [worst + 1.0 if s.fell else float(m) for s, m in zip(tested, measured, strict=True)]
+    return [
+        pair for k, pair in enumerate(zip(picked.predicted, ranked, strict=True)) if incumbent or k != picked.incumbent
+    ]
 
 
 def _problems(parts: Parts, unit: Array, model: Array) -> tuple[str, ...]:

@@ -218,8 +218,11 @@ def validation_words(event: Validated) -> list[str]:
     """How well the simulator foretold what it had not seen."""
     lines = []
     if math.isfinite(event.tau):
+        pooled = (
+            f"; all so far {event.tau_all:.2f} [{event.low_all:.2f}, {event.high_all:.2f}]" if event.round > 1 else ""
+        )
         lines.append(
-            f"simulator and robot rank the candidates with tau {event.tau:.2f} [{event.low:.2f}, {event.high:.2f}]"
+            f"robot ranks the candidates as expected: tau {event.tau:.2f} [{event.low:.2f}, {event.high:.2f}]{pooled}"
         )
     if math.isfinite(event.replay_calibrated):
         lines.append(

@@ -156,20 +156,25 @@ def _ranking(history: History) -> Markup:
         v = r.validated
         if v is None:
             continue
-        interval = f"{fixed(v.low, 2)} to {fixed(v.high, 2)}" if math.isfinite(v.tau) else "—"
         compared = sum(math.isfinite(m) for m in v.measured)
-        cells = (str(compared), fixed(v.tau, 2), interval, fixed(v.spearman, 2))
+        cells = (str(compared), fixed(v.tau, 2), _interval(v.low, v.high), fixed(v.spearman, 2), fixed(v.tau_all, 2),
+                 _interval(v.low_all, v.high_all))  # fmt: skip
         rows.append(tag("tr", tag("th", str(v.round), scope="row"), [tag("td", c, class_="number") for c in cells]))
     if not rows:
         return tag("p", "No candidates have been compared yet.", class_="empty")
     head = tag("tr", [tag("th", x, class_="number" if k else None) for k, x in
-                      enumerate(("round", "candidates", "Kendall's tau", "95 % interval", "Spearman's rho"))])  # fmt: skip
+                      enumerate(("round", "candidates", "Kendall's tau", "95 % interval", "Spearman's rho",
+                                 "tau of all rounds so far", "95 % interval"))])  # fmt: skip
     caption = (
         "1: simulator and robot put the candidates in the same order; 0: no relation; −1: the reverse. The interval is exact "
         "under Mallows' model of rankings, and wide as long as few candidates were compared."
     )
     table = tag("table", tag("thead", head), tag("tbody", rows))
     return join(ranking_figure(history), tag("div", table, class_="scroll"), tag("p", caption, class_="caption"))
+
+
+def _interval(low: float, high: float) -> str:
+    return f"{fixed(low, 2)} to {fixed(high, 2)}" if math.isfinite(low) else "—"
 
 
 def _search(history: History) -> Markup:

@@ -84,8 +84,10 @@ def error_figures(found: Identification, which: str) -> Markup:
 def _boxes(found: Identification, errors: Array, title: str) -> Markup:
     """Quartiles as a box, 5 and 95 % as whiskers, the extremes as dots."""
     n = len(found.joints)
-    low, quarter, middle, three, high = np.nanpercentile(errors, [5, 25, 50, 75, 95], axis=0)
-    least, most = np.nanmin(errors, axis=0), np.nanmax(errors, axis=0)
+    known = np.isfinite(errors).all(axis=0)
+    spread = np.full((7, n), np.nan)
+    spread[:, known] = np.percentile(errors[:, known], [0, 5, 25, 50, 75, 95, 100], axis=0)
+    least, low, quarter, middle, three, high, most = spread
     shown = [v for v in [*(1.6 * low), *(1.6 * high)] if np.isfinite(v)]
     chart = Chart(
         (0.4, n + 0.6), span(shown, zero=True), "joint", title, width=520, height=300,
