@@ -29,6 +29,7 @@ Makes a robot's simulator agree with the robot, from a handful of recordings.
 _COMMANDS = {
     "inspect": "look at recordings, write a mapping",
     "calibrate": "make a model replay recordings",
+    "excite": "a motion that identifies an arm, and that it can perform",
     "identify": "a dynamic model of an arm that predicts torque",
     "demo": "the whole, on a simulated robot",
     "new": "write a campaign's plan, to edit",

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+Apart = Callable[[Array], tuple[Array, tuple[str, ...]]]
+"""Least distance (S,) [m] of parts at postures (S, n), and which two they are: `Clearance.distances`."""
+
 _LOOK = 160
 """Samples of a program on which it is judged where joints must be slowed."""
 _WHY = (*REASONS, "its via points are all the same")
@@ -84,9 +87,12 @@ class Cell:
     @classmethod
     def of(
         cls, tree: KinematicTree, region: Region, limits: JointLimits | None = None, *, seed: int = 0,
-        free_orientation: bool = False,
+        free_orientation: bool = False, apart: Apart | None = None, margin: float = 0.0,
     ) -> Cell:  # fmt: skip
-        """Finds the posture: from the region's own, else the least singular of many. Raises ModelError out of reach."""
+        """Finds the posture: from the region's own, else the least singular of many that keep `margin` m apart.
+
+        Raises ModelError where the box is out of reach, or each posture there collides.
+        """
         known = JointLimits.of(tree) if limits is None else limits
         chain = Chain.of(tree, region.link, tool=region.tool)
         near = 0.5 * (known.lower + known.upper)
@@ -103,7 +109,7 @@ class Cell:
                 )
             note = ""
         else:
-            q, turn = _found(chain, kinematics, region, np.random.default_rng(seed))
+            q, turn = _found(chain, kinematics, region, np.random.default_rng(seed), apart, margin)
             note = "posture found by search: " + ", ".join(f"{j} {v:.2f}" for j, v in zip(tree.joints, q, strict=True))
         kinematics = InverseKinematics.at(chain, known, q, free_orientation=free_orientation)
         return cls(region, chain, known, kinematics, q, turn, (note,) if note else ())
@@ -182,37 +188,52 @@ def overridden(motions: Motions, settings: Sequence[Settings]) -> Motions:
 
 
 def _found(
-    chain: Chain, kinematics: InverseKinematics, region: Region, rng: np.random.Generator
+    chain: Chain,
+    kinematics: InverseKinematics,
+    region: Region,
+    rng: np.random.Generator,
+    apart: Apart | None,
+    margin: float,
 ) -> tuple[Array, Array]:
-    """A posture with the tool in the middle of the box: the one that stays furthest from singularities at its corners.
+    """A posture with the tool in the middle of the box: clear there and at the corners, and far from singularities.
 
-    Raises ModelError out of reach.
+    Raises ModelError out of reach, or where all collide.
     """
-    found = kinematics.search(region.orientation, region.centre, rng)
+    found = kinematics.search(region.orientation, region.centre, rng, starts=120)
     if not found:
         raise ModelError(
             f"no posture reaches the middle of the box {shown(region.centre)} m with link '{chain.link}'"
             + ("" if region.orientation is None else " in the orientation that the region asks for")
             + "; is the box in the model's base frame?"
         )
-    corners = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, -1).T * region.size
-    middle = 0.5 * (kinematics.equations.lower + kinematics.equations.upper)
-    span = kinematics.equations.upper - kinematics.equations.lower
-    best, score = found[0], -np.inf
-    for q in (_unwound(q, chain.arrays.joint, kinematics.equations) for q in found[:24]):
-        turn = chain.poses(q)[0] if region.orientation is None else region.orientation
-        solved = [kinematics.solve(turn, region.centre + corner, q) for corner in corners]
-        gains = [kinematics.gain(p) if ended == REACHED else 0.0 for p, ended in solved]
-        # Between equal ones, that nearest to the middle of the ranges: room to move on both sides.
-        far = np.abs((q[chain.arrays.joint] - middle) / span).max()
-        if (value := float(np.mean(gains)) - 0.1 * far) > score:
-            best, score = q, value
+    found = [_unwound(q, chain.arrays.joint, kinematics.equations) for q in found[:40]]
+    if apart is not None:
+        distance, parts = apart(np.array(found))
+        if distance.max() < margin:
+            raise ModelError(
+                f"each posture found with the tool in the middle of the box {shown(region.centre)} m collides "
+                f"({parts[int(np.argmax(distance))]}); is the box in the model's base frame, and free?"
+            )
+        found = [q for q, far in zip(found, distance, strict=True) if far >= margin]
+    scores = [_score(chain, kinematics, region, q, apart, margin) for q in found]
+    best = found[int(np.argmax(scores))]
     return best, chain.poses(best)[0] if region.orientation is None else region.orientation
 
 
-def _awake(q: Array) -> Array:
-    """A posture off the straight ones, in which the choice of joints that follow a pose would be arbitrary."""
-    return q + 0.3 * np.cos(1.0 + np.arange(len(q)))
+def _score(
+    chain: Chain, kinematics: InverseKinematics, region: Region, q: Array, apart: Apart | None, margin: float
+) -> float:
+    """How far from singular the arm is at the corners of the box, on average; 0 where it cannot go there or collides."""
+    corners = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, -1).T * region.size
+    turn = chain.poses(q)[0] if region.orientation is None else region.orientation
+    solved = [kinematics.solve(turn, region.centre + corner, q) for corner in corners]
+    gains = np.array([kinematics.gain(p) if ended == REACHED else 0.0 for p, ended in solved])
+    if apart is not None:
+        gains[apart(np.array([p for p, _ in solved]))[0] < margin] = 0.0
+    # Between equal ones, that nearest to the middle of the ranges: room to move on both sides.
+    middle = 0.5 * (kinematics.equations.lower + kinematics.equations.upper)
+    span = kinematics.equations.upper - kinematics.equations.lower
+    return float(gains.mean()) - 0.05 * float(np.abs((q[chain.arrays.joint] - middle) / span).max())
 
 
 def _unwound(q: Array, joint: NDArray[np.int64], equations: Equations) -> Array:
@@ -223,6 +244,11 @@ def _unwound(q: Array, joint: NDArray[np.int64], equations: Equations) -> Array:
     wide = equations.upper - equations.lower >= 2.0 * np.pi
     near[joint] -= np.where(wide, turns * 2.0 * np.pi, 0.0)
     return near
+
+
+def _awake(q: Array) -> Array:
+    """A posture off the straight ones, in which the choice of joints that follow a pose would be arbitrary."""
+    return q + 0.3 * np.cos(1.0 + np.arange(len(q)))
 
 
 def shown(position: ArrayLike) -> str:

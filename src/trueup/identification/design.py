@@ -18,6 +18,7 @@ from trueup.identification.excitation import MotionClass, Sines, at_rest, joint_
 from trueup.identification.limits import JointLimits
 from trueup.identification.planner import ViaPoints
 from trueup.identification.trajectories import Motions, Trajectory
+from trueup.search.evolution import Evolution
 from trueup.search.genetic import Genetic
 from trueup.search.quasi_newton import QuasiNewton
 from trueup.search.search import Search
@@ -46,17 +47,17 @@ class Options:
     """How an excitation is looked for."""
 
     method: Method = "quick"
-    """'genetic' as in the papers, 'cma-es', or 'quick': quasi-Newton on coarse samples from the best of many starts."""
+    """'genetic' as in the papers, 'cma-es', or 'quick': the same on coarse samples, with slopes for the last steps."""
     samples: int = 2000
     """Samples at which the result is judged; the genetic search and CMA-ES judge each candidate so."""
     population: int = 150
     generations: int = 150
     coarse: int = 0
-    """Samples at which 'quick' begins; refined to twice as many later. 0: enough for the model, two rows a column."""
+    """Samples at which 'quick' judges; 0: enough for the model, four rows a column."""
     starts: int = 300
     """Random motions among which 'quick' chooses where to begin."""
-    climbs: int = 3
-    """How many of them it follows."""
+    candidates: int = 20000
+    """Motions that 'quick' judges at most."""
     budget: float = np.inf
     """s after which 'quick' ends with what it has."""
     target: float = -np.inf
@@ -176,15 +177,14 @@ def _rested(found: Excitation, limits: JointLimits) -> Excitation:
 
 def _generations(run: _Run) -> Array:
     """A search over generations, each candidate judged at all samples."""
-    options, start = run.options, np.full(run.kind.size, 0.5)
+    options = run.options
     start = np.random.default_rng(options.seed).uniform(size=run.kind.size)
     search: Search
     if options.method == "genetic":
         search = Genetic(start, seed=options.seed, population=options.population, generations=options.generations)
     else:
-        from trueup.search.cma_es import CmaEs
-
-        search = CmaEs(start, seed=options.seed, max_evaluations=options.population * options.generations, restarts=3)
+        most = options.population * options.generations
+        search = Evolution(start, seed=options.seed, population=40, most=most)
     while not search.done and not run.over and search.best[1] > options.target:
         candidates = search.ask()
         search.tell(candidates, run.losses(candidates, options.samples))
@@ -193,35 +193,29 @@ def _generations(run: _Run) -> Array:
 
 
 def _quick(run: _Run, given: Array | None) -> Array:
-    """Random starts on coarse samples; quasi-Newton from the best few; the best of them again on finer samples.
+    """CMA-ES on coarse samples from the best of many starts, then quasi-Newton on finer ones.
 
-    The determinant of a smooth motion needs far fewer samples than its torque does: with two rows a column it is
-    known to a few tenths, and a step costs a twentieth.
+    The determinant of a smooth motion needs far fewer samples than its torque does: with a few rows a column it is known
+    to a few tenths, and a candidate costs a twentieth.
     """
     options = run.options
     columns, n = len(run.criterion.independent), run.criterion.model.tree.n
     coarse = options.coarse or max(60, 4 * columns // n + 20)
-    rng = np.random.default_rng(options.seed)
-    starts = rng.uniform(size=(options.starts, run.kind.size)) if given is None else given
+    starts = given
+    if starts is None:
+        starts = np.random.default_rng(options.seed).uniform(size=(options.starts, run.kind.size))
     losses = run.losses(starts, coarse)
-    leading = [k for k in np.argsort(losses)[: options.climbs] if np.isfinite(losses[k])]
-    if not leading:
+    if not np.isfinite(losses).any():
         raise IdentificationError(_nothing(run.kind, run.kind.motions(starts[:20], coarse)))
-    found = [(float(losses[k]), starts[k]) for k in leading]
-    run.note(found[0][0], 0.05)
-    # At first all climb a little; then only those that lead go on.
-    rounds = (
-        (coarse, 25, len(found)),
-        (coarse, 60, 2),
-        (2 * coarse, 200, 1),
-        (min(6 * coarse, options.samples), 60, 1),
-    )
-    for passed, (samples, most, count) in enumerate(rounds):
-        leading = sorted(found, key=lambda f: f[0])[:count]
-        found = [_climb(run, genes, samples, most, passed / 4) for _, genes in leading]
-        if run.over:
-            break
-    return min(found, key=lambda f: f[0])[1]
+    begin = starts[int(np.nanargmin(losses))]
+    run.note(float(np.nanmin(losses)), 0.02)
+    sigma, most = (0.3, options.candidates) if given is None else (0.05, options.candidates // 4)
+    search = Evolution(begin, seed=options.seed, sigma=sigma, population=40, most=most)
+    while not search.done and not run.over and search.best[1] > options.target:
+        candidates = search.ask()
+        search.tell(candidates, run.losses(candidates, coarse))
+        run.note(search.best[1], 0.9 * run.evaluations / options.candidates)
+    return _climb(run, search.best[0], min(2 * coarse, options.samples), 40, 0.95)[1]
 
 
 def _climb(run: _Run, genes: Array, samples: int, most: int, share: float) -> tuple[float, Array]:

@@ -89,12 +89,11 @@ def _feasible(
     """
     joints, margin, weight = criterion.model.tree.joints, feasibility.margin + 0.01, 30.0
     starts, spare, problems = None, 0.0, ()
-    for attempt in range(6):
+    for _ in range(6):
         penalty = None
         if feasibility.clearance is not None or feasibility.cell is not None:
             penalty = Proximity(criterion.model.tree, _shapes(feasibility), margin, weight, feasibility.cell, spare)
-        left = replace(options, climbs=1) if attempt else options
-        found = design(kind, criterion, left, penalty=penalty, starts=starts, told=told, rate=wish.rate)
+        found = design(kind, criterion, options, penalty=penalty, starts=starts, told=told, rate=wish.rate)
         trajectory = _sampled(kind, found.genes, joints, wish, limits)
         problems = feasibility.problems(trajectory)
         if not problems:

@@ -146,8 +146,7 @@ def _advice(column: Column, model: DynamicModel, gain: float, wide_percent: floa
     if gain > 2.0 and wide_percent <= 2.0 * percent:
         return f"motions beyond this region see it {gain:.0f} times better"
     if column.kind == "friction":
-        power = "fast" if "s" in column.unit.split() or "s^2" in column.unit else "slow"
-        return f"add {power} runs of {joint}: the same path at other speeds"
+        return "add runs of the same path at other speeds, or longer ones: that parts the terms of friction"
     if column.joint >= model.tree.n - 2 or column.name.startswith(f"I{column.joint + 1}"):
         if column.joint >= model.tree.n - 3:
             return "carry a payload to see it: without one it makes hardly any torque"

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -83,6 +85,33 @@ class JointLimits:
                     f"speed {made.speed[k]:g}, acceleration {made.acceleration[k]:g}"
                 )
         return made
+
+    def from_file(self, path: str | Path) -> JointLimits:
+        """Limits with what a TOML file says: a table [joints.NAME], or [all], with lower, upper, speed, acceleration, torque.
+
+        Raises ModelError and UnknownNameError that name file and key.
+        """
+        file = Path(path)
+        try:
+            given = tomllib.loads(file.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise ModelError(f"limits file '{file}' does not exist") from None
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise ModelError(f"limits file '{file}' is not TOML: {error}") from None
+        values: dict[str, dict[str, float]] = {}
+        for table in given:
+            if table not in ("all", "joints"):
+                raise unknown_name("table", table, ("all", "joints"), f"'{file}'")
+        tables = {joint: given.get("all", {}) for joint in self.joints}
+        tables = {**tables, **{k: {**tables.get(k, {}), **v} for k, v in given.get("joints", {}).items()}}
+        for joint, entries in tables.items():
+            for name, value in entries.items():
+                if isinstance(value, bool) or not isinstance(value, (int, float)):
+                    raise ModelError(f"{name} of joint '{joint}' in '{file}' is {value!r}; a number is expected")
+                values.setdefault(name, {})[joint] = float(value)
+        made = self.changed(**values)
+        said = tuple(n for n in made.notes if not ("acceleration" in values and n.startswith("acceleration")))
+        return replace(made, notes=said)
 
     def within(self, *, range_share: float = 1.0, speed_share: float = 1.0, margin: float = 0.0) -> JointLimits:
         """Narrower limits: a share of each range about its middle less `margin` [rad] at both ends, a share of the speeds."""

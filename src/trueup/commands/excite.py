@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`trueup excite`: an arm's model in, a trajectory out that identifies its dynamics and that the arm can perform."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from trueup.campaign.assemble import clearance_for
+from trueup.errors import IdentificationError, MissingExtraError, OutputError
+from trueup.formats.trajectory import write_bag, write_csv, write_json
+from trueup.report.trajectory_picture import trajectory_picture
+from trueup.report.writing import write_aside
+
+if TYPE_CHECKING:
+    from trueup.identification.design import Step
+    from trueup.identification.excite import Outcome
+    from trueup.identification.expectation import Expected
+    from trueup.identification.problem import ExcitationProblem
+
+ABOUT = """\
+Designs the motion from which `trueup identify` learns an arm's dynamics: as informative as the joint limits allow, from
+rest to rest, clear of collision with itself, the floor and what the model file places around it. In DIR you find
+trajectory.csv, trajectory.json, a bag with a ROS JointTrajectory message, and path.svg (look there first).
+
+  trueup excite arm.urdf --out excite                                  anywhere that is free, 30 s
+  trueup excite arm.urdf --region cell.toml --via-points 8 --out excite   straight moves in a box, as programs make them
+  trueup excite arm.urdf --limits limits.toml --duration 60 --out excite
+
+A region file, in m and rad, in the model's base frame:
+
+  link = "tool0"                # default: the last link; tool = [x, y, z] moves the point that stays in the box
+  [box]
+  centre = [0.8, 0.0, 0.6]
+  size = [0.4, 0.4, 0.3]
+  [orientation]                 # for via points: how far the tool's z axis may lean, how far it may turn about it
+  cone = 0.5
+  spin = 0.5
+
+A limits file replaces what the model says, or cannot say:
+
+  [all]
+  acceleration = 5.0            # rad/s^2; without it, top speed in 0.4 s
+  [joints.elbow]
+  torque = 150.0                # N m; also lower, upper, speed
+"""
+
+_FILES = ("trajectory.csv", "trajectory.json", "path.svg", "trajectory_bag")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What this command takes."""
+    parser.add_argument("model", metavar="MODEL", help="URDF or MJCF of the arm")
+    parser.add_argument("--out", required=True, metavar="DIR", help="folder for the results; the next run takes DIR-2")
+    parser.add_argument("--region", metavar="FILE", help="box and cone in which the tool stays (TOML)")
+    parser.add_argument("--motion", choices=("fourier", "sines", "via-points"),
+                        help="class of motion (default: via-points with --via-points, else fourier)")  # fmt: skip
+    parser.add_argument("--via-points", type=int, metavar="N", help="straight moves through N poses of the region")
+    parser.add_argument("--speed", type=float, default=1.0, metavar="V", help="m/s of those moves at most (default: 1)")
+    parser.add_argument(
+        "--duration", type=float, metavar="S", help="of the whole (default: 30; via points: what it takes)"
+    )
+    parser.add_argument("--criterion", default="D", choices=("D", "A", "E", "condition", "prediction"),
+                        help="D: determinant; A: sum of variances; E: worst variance; condition: condition number; "
+                             "prediction: torque error on random motions (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--friction", default="with", choices=("with", "without", "alone"),
+                        help="whether friction parameters count, or count alone (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--percent", type=float, default=5.0, metavar="P",
+                        help="how well each parameter is wanted (default: %(default)s %%)")  # fmt: skip
+    parser.add_argument("--limits", metavar="FILE", help="joint limits that replace the model's (TOML)")
+    parser.add_argument("--lock", nargs="+", default=[], metavar="JOINT", help="joints that do not move")
+    parser.add_argument(
+        "--margin", type=float, default=2.0, metavar="CM", help="least clearance (default: %(default)s cm)"
+    )
+    parser.add_argument("--floor", default="auto", metavar="Z", help="height of the floor in m, 'none', or 'auto'")
+    parser.add_argument("--rate", type=float, default=500.0, metavar="HZ", help="of trajectory.csv (default: 500)")
+    parser.add_argument("--budget", type=float, default=20.0, metavar="S", help="seconds of search (default: 20)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all random numbers (default: %(default)s)")
+    parser.add_argument("--json", action="store_true", help="print the outcome as JSON, for scripts")
+    parser.add_argument("--force", action="store_true", help="replace what is in DIR")
+    parser.add_argument("-q", "--quiet", action="store_true", help="no progress, no notes")
+
+
+def run(args: argparse.Namespace, console: Console, told: Console) -> int:
+    """Designs, checks and writes a trajectory. Raises TrueupError. Returns the exit code."""
+    from trueup.identification.excite import excite
+    from trueup.identification.expectation import expectations
+
+    problem = _problem(args)
+    folder = _folder(Path(args.out), force=args.force)
+    if not args.quiet:
+        moved = [f"results go to {folder}"] if folder != Path(args.out) else []
+        for note in (*problem.notes, *moved):
+            told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True, highlight=False)
+    with _Watcher(told, args.budget, quiet=args.quiet) as watcher:
+        found = excite(problem.criterion, problem.feasibility, problem.wish, problem.options, told=watcher)
+    expected = expectations(problem.criterion, found.trajectory, problem.feasibility.limits, percent=args.percent)
+    numbers = _numbers(args, problem, found, expected)
+    files, notes = _write(args, folder, problem, found, numbers)
+    if args.json:
+        console.print_json(data=numbers)
+        return 0
+    _show(args, problem, found, expected, console)
+    for note in () if args.quiet else (*found.notes, *notes):
+        console.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
+    console.print("  " + "  ".join(escape(str(f)) for f in files), soft_wrap=True, highlight=False)
+    return 0
+
+
+def _problem(args: argparse.Namespace) -> ExcitationProblem:
+    """The arm, its limits and what is asked for. Raises IdentificationError for arguments that do not go together."""
+    from trueup.identification.problem import Asked, excitation_problem
+
+    motion = args.motion or ("via-points" if args.via_points else "fourier")
+    if motion == "via-points" and not args.region:
+        raise IdentificationError("--via-points needs a region for its poses: --region box.toml (`--help` shows one)")
+    if args.via_points is not None and args.via_points < 3:
+        raise IdentificationError(f"--via-points {args.via_points}: at least 3 are needed to make a path")
+    for name in ("speed", "duration", "rate", "budget", "percent"):
+        value = getattr(args, name)
+        if value is not None and not 0.0 < value < math.inf:
+            raise IdentificationError(f"--{name} {value:g}: a number above 0 is needed")
+    asked = Asked(
+        motion, args.region, args.limits, tuple(args.lock), args.via_points or 6, args.speed, args.duration, args.criterion,
+        args.friction, args.margin / 100.0, args.rate, args.budget, args.seed,
+    )  # fmt: skip
+    height = _height(args.floor)
+    return excitation_problem(args.model, asked, lambda joints: clearance_for(args.model, joints, height))
+
+
+def _height(given: str) -> float | str | None:
+    if given in ("auto", "none"):
+        return given if given == "auto" else None
+    try:
+        return float(given)
+    except ValueError:
+        raise IdentificationError(f"--floor {given}: choices are auto, none, or a height in m") from None
+
+
+def _folder(folder: Path, *, force: bool) -> Path:
+    """The folder, or the first of folder-2, folder-3 ... without results; made. Raises OutputError."""
+    for number in range(1, 1000):
+        at = folder if number == 1 else folder.with_name(f"{folder.name}-{number}")
+        if force or not any((at / f).exists() for f in _FILES):
+            try:
+                at.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise OutputError(f"folder {at} cannot be made ({error.strerror or error})") from None
+            return at
+    raise OutputError(f"{folder} and 998 folders like it hold results; name another with --out")
+
+
+def _write(
+    args: argparse.Namespace, folder: Path, problem: ExcitationProblem, found: Outcome, numbers: dict[str, Any]
+) -> tuple[list[Path], list[str]]:
+    """All files, and what could not be written for want of a package."""
+    t, limits, notes = found.trajectory, problem.feasibility.limits, []
+    files = [folder / name for name in _FILES]
+    recording = t.recording({"command": shlex.join(["trueup", *args.command_line])})
+    write_csv(recording, files[0])
+    cell = problem.feasibility.cell
+    box = (
+        None
+        if cell is None
+        else (cell.region.centre - 0.5 * cell.region.size, cell.region.centre + 0.5 * cell.region.size)
+    )
+    title = f"{problem.criterion.model.tree.name}: {t.duration:.1f} s of excitation ({problem.wish.motion})"
+    write_aside(
+        trajectory_picture(title, t.joints, t.time, t.q, t.qd, limits.speed, problem.chain.poses(t.q)[1], box), files[2]
+    )
+    try:
+        write_bag(recording, files[3])
+    except MissingExtraError as error:
+        notes.append(f"no bag: {error}")
+        files.pop()
+    write_json(recording, files[1], numbers)
+    return files, notes
+
+
+def _numbers(
+    args: argparse.Namespace, problem: ExcitationProblem, found: Outcome, expected: tuple[Expected, ...]
+) -> dict[str, Any]:
+    """The outcome as plain numbers, SI units."""
+    t, limits = found.trajectory, problem.feasibility.limits
+    return {
+        "model": str(args.model), "motion": problem.wish.motion, "seed": args.seed, "duration": t.duration,
+        "passes": list(found.passes), "log10_determinant_as_printed": found.found.printed, "criterion": args.criterion,
+        "loss": found.found.loss, "seconds_of_search": found.found.seconds,
+        "speed_shares": (np.abs(t.qd).max(axis=0) / limits.speed).round(4).tolist(),
+        "acceleration_shares": (np.abs(t.qdd).max(axis=0) / limits.acceleration).round(4).tolist(),
+        "clearance": found.clearance if math.isfinite(found.clearance) else None, "nearest_parts": found.nearest,
+        "starts_at": t.q[0].round(6).tolist(), "notes": [*problem.notes, *found.notes],
+        "parameters": [
+            {"name": e.leading, "combination": e.name, "unit": e.unit, "deviation": e.deviation,
+             "percent": round(e.percent, 3),
+             "value": e.value if math.isfinite(e.value) else None, "advice": e.advice}
+            for e in expected
+        ],
+    }  # fmt: skip
+
+
+def _show(
+    args: argparse.Namespace,
+    problem: ExcitationProblem,
+    found: Outcome,
+    expected: tuple[Expected, ...],
+    console: Console,
+) -> None:
+    """What a user wants to know before the arm moves: how fast, how near, what it will tell."""
+    t, limits = found.trajectory, problem.feasibility.limits
+    shares = 100.0 * np.abs(t.qd).max(axis=0) / limits.speed
+    k = int(np.argmax(shares))
+    near = f", clear of collision by {100 * found.clearance:.1f} cm ({found.nearest})" if found.nearest else ""
+    lines = [
+        f"{t.duration:.1f} s trajectory, reaches {shares[k]:.0f} % of speed limits ({t.joints[k]}){near}, "
+        "starts and ends at rest",
+    ]
+    seen = [e for e in expected if e.percent <= args.percent]
+    lines.append(
+        f"will identify {len(seen)} of {len(expected)} combinations better than {args.percent:g} % (torque noise of 1 % of "
+        "nominal assumed, friction and elasticity beyond the model come on top)"
+    )
+    groups: dict[str, list[Expected]] = {}
+    for e in expected:
+        if e.percent > args.percent:
+            groups.setdefault(e.advice, []).append(e)
+    for advice, members in sorted(groups.items(), key=lambda item: -len(item[1])):
+        shown = ", ".join(f"{e.leading} {_percent(e.percent)}" for e in members[:6])
+        more = f" and {len(members) - 6} more" if len(members) > 6 else ""
+        lines.append(f"not so well: {shown}{more}" + (f"; {advice}" if advice else ""))
+    slower = [f"1/{f:g}" for f in found.passes[1:] if f != 1.0]
+    if len(found.passes) > 1:
+        said = f" at {', '.join(slower)} of the speed" if slower else ""
+        lines.append(f"{len(found.passes)} passes over the same path{said}, so that friction and inertia part")
+    start = ", ".join(f"{j} {v:.2f}" for j, v in zip(t.joints, t.q[0], strict=True))
+    lines.append(f"bring the arm to its start first: {start} rad")
+    for line in lines:
+        console.print(f"  {escape(line)}", soft_wrap=True, highlight=False)
+
+
+def _percent(value: float) -> str:
+    return "not at all" if value > 1000.0 else f"to {value:.0f} %"
+
+
+class _Watcher:
+    """Progress of the search: a bar in a terminal, nothing elsewhere or with `quiet`."""
+
+    def __init__(self, console: Console, budget: float, *, quiet: bool) -> None:
+        self._console, self._budget, self._shown = console, budget, not quiet and console.is_terminal
+        self._bar: Progress | None = None
+
+    def __enter__(self) -> _Watcher:
+        if self._shown:
+            self._bar = Progress(
+                SpinnerColumn(), TextColumn("[bold]searching"), BarColumn(24), TextColumn("{task.fields[said]}"),
+                TimeElapsedColumn(), console=self._console, transient=True,
+            )  # fmt: skip
+            self._task = self._bar.add_task("search", total=1.0, said="")
+            self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def __call__(self, step: Step) -> None:
+        """One more step of the search."""
+        if self._bar is not None:
+            said = f"criterion {step.loss:.1f}, {step.evaluations} motions"
+            self._bar.update(self._task, completed=max(step.share, step.seconds / self._budget), said=said)
