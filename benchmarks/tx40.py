@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from real_arm import arguments, consistent_lines, data_folder, show
+from real_arm import arguments, consistent_lines, data_folder, show, timed_consistent
 from results import result
 
 from trueup.formats import ChannelColumns, ChannelMap, TimeColumn, read
@@ -106,7 +106,7 @@ def main() -> None:
         drives = Drives.load(file, tree.joints)
     (recording,) = read(folder, mapping())
     options = Options(cutoff=_CUTOFF, hold_out=0.35)
-    found = identify(tree, [recording], drives=drives, options=options)
+    found, taken = timed_consistent(tree, [recording], options, drives)
     plain = identify(
         tree, [recording], drives=drives,
         options=Options(cutoff=_CUTOFF, hold_out=0.35, structure="common", align="off", consistent=False),
@@ -116,7 +116,7 @@ def main() -> None:
         "held_out_relative_percent", 100.0 * relative_error(found.held_out()), "%", 9.0,
         peer="FIGAROH as shipped, aligned (measured once)", peer_value=_FIGAROH,
     )  # fmt: skip
-    consistent_lines("tx40", found)
+    consistent_lines("tx40", found, taken)
     result("cross_validation_Nm", cross_validated(tree, recording, drives, found), "N m", 1.70)
     result("wall_seconds", seconds(folder, tree), "s", 3.0)
 

@@ -55,10 +55,8 @@ def drives_from_payload(
         )
     sure = ~np.isin(np.arange(tree.n), poor)
     constants = np.where(sure, drives.constants * found.gains, drives.constants)
-    shown = ", ".join(
-        f"{tree.joints[k]} {constants[k]:.4g} +- {100.0 * found.deviations[k] / found.gains[k]:.1f} %"
-        for k in np.flatnonzero(sure)
-    )
+    shares = 100.0 * found.deviations / np.abs(found.gains)
+    shown = ", ".join(f"{tree.joints[k]} {constants[k]:.4g} +- {shares[k]:.1f} %" for k in np.flatnonzero(sure))
     notes = [f"torque constants from the payload: {shown}"]
     if len(poor):
         unsure = ", ".join(tree.joints[k] for k in poor)

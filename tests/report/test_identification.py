@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The report of an identification answers its questions, is loud where nothing was held out, and escapes what users name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trueup.identification.result import Alignment, Identification, Link, Parameter, Prediction, relative_error
+from trueup.report.identification import identification_html, write_identification_report
+from trueup.report.identification_figures import binned
+
+
+def _prediction(name: str, *, held_out: bool, seed: int) -> Prediction:
+    rng, t = np.random.default_rng(seed), np.arange(400) / 50.0
+    q = np.sin(np.outer(t, [1.0, 1.7]) + seed)
+    v = np.cos(np.outer(t, [1.0, 1.7]) + seed)
+    measured = 20.0 * q + 3.0 * np.sign(v)
+    fitted = measured + rng.normal(size=q.shape)
+    return Prediction(
+        name, held_out, t, measured, fitted, fitted + 0.1, 20.0 * q, q, v, np.column_stack([q, np.ones(len(t))])
+    )
+
+
+@pytest.fixture
+def found() -> Identification:
+    """Two joints, one run fitted and one held out, a shift of torque corrected."""
+    parameters = (
+        Parameter("I1zz + I1m + 0.49 m2", "kg m^2", "inertial", "a<b>", 1.23, 0.01, 1.1, 1.22, "identified"),
+        Parameter("mc2x", "kg m", "inertial", "elbow", 0.1, 0.4, np.nan, 0.2, "not seen"),
+    )
+    return Identification(
+        model_name="arm", joints=("a<b>", "elbow"), prismatic=(False, False), effort=np.array([100.0, np.nan]),
+        parameters=parameters, links=(Link("upper", 5.0, (0.1, 0.0, 0.0), (0.1, 0.2, 0.25), True, "mass -1 kg"),),
+        predictions=(_prediction("train", held_out=False, seed=0), _prediction("unseen", held_out=True, seed=1)),
+        noise=np.ones(2), cross_validation=np.ones((8, 2)), alignment=Alignment(0.004, 0.0001, 500.0, True, 0.1),
+        structure=(("viscous",), ("Coulomb",)), simple_friction=np.ones((2, 2)), armature=np.zeros(2),
+        inertial=np.ones((1, 10)), cutoff=10.0, rate=50.0, weighting="each joint by its noise", trust=1e-9, pull=1e-6,
+        advice=("not seen: mc2x. Accelerate elbow harder",), warnings=("torque comes late",), notes=(), seconds=1.0,
+    )  # fmt: skip
+
+
+def test_every_question_is_answered(found: Identification, tmp_path: Path) -> None:
+    page = write_identification_report(found, tmp_path / "out" / "report.html", context={"command": "trueup ..."})
+    text = page.read_text("utf-8")
+    for answer in (
+        "on motion that was held out",
+        "Accelerate elbow harder",
+        "torque comes late",
+        "mass -1 kg",
+        "trueup ...",
+    ):
+        assert answer in text
+    assert f"{100 * relative_error(found.held_out()):.2f}" in text
+    assert "unseen" in text
+    assert "<script" not in text
+    assert "http" not in text.replace("http://www.w3.org", "")
+
+
+def test_a_fit_without_anything_held_out_is_not_dressed_up(found: Identification) -> None:
+    bare = replace(found, predictions=found.predictions[:1])
+    text = identification_html(bare)
+    assert "nothing was held out" in text
+    assert "on motion that was held out" not in text
+
+
+def test_names_of_users_are_escaped_and_the_page_is_well_formed(found: Identification) -> None:
+    class Balance(HTMLParser):
+        open: list[str] = []  # noqa: RUF012
+
+        def handle_starttag(self, tag: str, attrs: object) -> None:
+            if tag not in ("meta", "wbr", "br", "input", "line", "path", "rect", "circle", "polygon", "link"):
+                self.open.append(tag)
+
+        def handle_endtag(self, tag: str) -> None:
+            if tag not in ("line", "path", "rect", "circle", "polygon"):
+                assert self.open.pop() == tag
+
+    text = identification_html(found)
+    assert "a<b>" not in text
+    reader = Balance()
+    reader.feed(text)
+    assert reader.open == []
+
+
+def test_friction_that_a_model_lacks_shows_as_a_mean_error_beside_zero(rng: np.random.Generator) -> None:
+    v = rng.uniform(-1.0, 1.0, 3000)
+    centre, mean, _, low, high = binned(v, 0.5 * np.sign(v) + rng.normal(size=v.shape))
+    outer = np.abs(centre) > 0.2
+    assert np.all((low * np.sign(centre) > 0.0)[outer] | (high * np.sign(centre) > 0.0)[outer])
+    assert np.abs(mean - 0.5 * np.sign(centre))[outer].max() < 0.3
