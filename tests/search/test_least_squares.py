@@ -73,3 +73,23 @@ def test_outliers_do_not_pull_the_robust_fit() -> None:
     search = LeastSquares(np.array([0.5, 0.5]), np.zeros(2), tolerance=1e-8)
     found = solve(search, lambda p: (p[0] * x + p[1] - y) / 0.01)
     assert np.allclose(found, [0.4, 0.3], atol=0.02)
+
+
+def test_a_bent_valley_is_followed_with_few_new_slopes() -> None:
+    # mass and lever of a link: their product is seen sharply, each alone hardly
+    rng = np.random.default_rng(3)
+    sharp, vague, noise = rng.standard_normal(400) * 3e3, rng.standard_normal(400) * 10.0, rng.standard_normal(400)
+    span = np.array([np.log(10.0), 0.0])
+
+    def residual(unit: Array) -> Array:
+        mass, lever = 0.3 * np.exp(unit[0] * span[0]), 0.1 + unit[1]
+        return sharp * (mass * lever - 0.3) + vague * (lever - 0.4) + noise
+
+    search = LeastSquares(np.array([0.15, 0.95]), span, robust=np.inf, tolerance=0.05, worth=lambda r: 1.0)
+    columns = 0
+    while not search.done:
+        candidates = search.ask()
+        columns += search.jacobian is None
+        search.tell(candidates, np.array([residual(c) for c in candidates]))
+    assert 0.1 + search.point[1] == pytest.approx(0.4, abs=0.03)
+    assert columns <= 15  # by descent alone it takes above forty

@@ -196,7 +196,7 @@ class Descent:
         if search is None:
             raise CalibrationError("nothing was searched")
         if search.jacobian is None or (again and not search.fresh):
-            search.refresh()
+            search.jacobian = None
             candidates = search.ask()
             search.tell(candidates, stage.columns(self.space, candidates))
         if search.jacobian is None or search.residual is None:

@@ -118,10 +118,6 @@ class LeastSquares:
         """Whether the slopes are those of the very point."""
         return self._fresh and self.jacobian is not None
 
-    def refresh(self) -> None:
-        """The next ask is for columns around the point."""
-        self._see(None, self.residual)
-
     def adopt(self, jacobian: Array, residual: Array) -> None:
         """Begins with slopes (m, n) taken elsewhere and the residual (m,) here."""
         self._bend_and_lowest(residual)
