@@ -77,7 +77,7 @@ class Campaign:
             ended = self._over(number, last, stale)
             if ended is not None:
                 break
-        final = ended or Ended(f"all {self._plan.stop.rounds} rounds are done", success=False)
+        final = ended or Ended("all rounds of the plan are done", success=False)
         return self._once(Ended, lambda: final)
 
     @property

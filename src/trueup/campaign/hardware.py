@@ -117,6 +117,7 @@ class Hardware:
         return self._listener.unknown(trial) == "unknown"
 
     def _performed(self, planned: TrialPlanned, trial: Trial) -> Kept:
+        self._store.keep_references(trial, planned.of)
         outcome, note, recordings = "done", "", []
         try:
             recordings = self._parts.robot.perform(trial)

@@ -17,7 +17,7 @@ from trueup.formats import read, write
 from trueup.recording import Recording
 from trueup.trial import Trial
 
-FOLDER = "recordings"
+FOLDER, REFERENCES = "recordings", "references"
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,17 @@ class Store:
         keep_text(self._outcome(trial.name), json.dumps(vars(result)))
         return result
 
+    def keep_references(self, trial: Trial, of: str) -> None:
+        """Writes what a trial follows, once for each of the task's trials, for whoever looks at it later."""
+        for name, reference in trial.references.items():
+            path = self._folder.parent / REFERENCES / f"{_plain(of)}.{_plain(name)}.csv"
+            if not path.exists():
+                head = ",".join(
+                    f"{label} [{unit}]" for label, unit in zip(reference.labels, reference.units, strict=True)
+                )
+                rows = [",".join(f"{v:.9g}" for v in row) for row in reference.values]
+                keep_text(path, "\n".join([head, *rows]) + "\n")
+
     def kept(self, trial: str) -> Kept | None:
         """The outcome of a trial that has one. Raises JournalError where its file is damaged."""
         path = self._outcome(trial)
@@ -77,6 +88,11 @@ class Store:
 
     def _outcome(self, trial: str) -> Path:
         return self._folder / f"{trial}.json"
+
+
+def _plain(name: str) -> str:
+    """A name that may be part of a file's."""
+    return "".join(c if c.isalnum() or c in "-_" else "_" for c in name)
 
 
 def checksum(recording: Recording) -> str:

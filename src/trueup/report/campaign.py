@@ -58,7 +58,12 @@ def _subtitle(history: History) -> str:
     runs = sum(t.planned.repeats for t in history.trials if t.done is not None)
     simulated = sum(r.tried for r in history.rounds)
     state = history.ended.reason if history.ended is not None else f"under way: {history.phase}"
-    return f"{len(history.rounds)} rounds · {runs} runs on the robot · {simulated} candidates simulated · {state}"
+    return " · ".join([_counted(len(history.rounds), "round"), _counted(runs, "run") + " on the robot",
+                       _counted(simulated, "candidate") + " simulated", state])  # fmt: skip
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def _text(path: Path) -> str:

@@ -59,9 +59,12 @@ def _better(history: History, tracks: Sequence[Track]) -> Markup:
     if tracks:
         parts += [
             tag("h3", "What the robot did"),
-            _legend(("before", "with the first settings"), ("after", "with the best")),
+            _legend(("before", "with the first settings"), ("after", "with the best"), ("faint", "the path to follow")),
         ]
         parts += [track_figure(t) for t in tracks]
+        parts.append(
+            tag("p", "Positions as they were recorded, of the last run with each of these settings.", class_="caption")
+        )
     return join(parts)
 
 

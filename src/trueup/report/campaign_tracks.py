@@ -15,7 +15,7 @@ from trueup.errors import TrueupError
 from trueup.formats import read
 from trueup.recording import Recording
 from trueup.report.markup import Markup, join, tag
-from trueup.report.plots import AFTER, BEFORE, Plot, span
+from trueup.report.plots import AFTER, BEFORE, FAINT, Plot, span
 
 Array = NDArray[np.float64]
 
@@ -29,6 +29,8 @@ class Track:
     of: str
     first: Recording | None
     best: Recording
+    wanted: Array | None = None
+    """(N, 2) x and y of the path that was to be followed, in m; None where there was none."""
 
 
 def tracks_of(history: History, folder: Path) -> tuple[Track, ...]:
@@ -39,7 +41,7 @@ def tracks_of(history: History, folder: Path) -> tuple[Track, ...]:
         after = _recording(story, folder)
         before = _recording(first[of], folder) if of in first and first[of] is not story else None
         if after is not None:
-            found.append(Track(of, before, after))
+            found.append(Track(of, before, after, _wanted(folder, of)))
     return tuple(found)
 
 
@@ -61,6 +63,8 @@ def _map(track: Track) -> Markup:
     wide, high = (float(np.nanmax(everything[:, k]) - np.nanmin(everything[:, k])) for k in (0, 1))
     height = int(np.clip(58 + 760 * high / max(wide, 1e-9), 160, 560))
     plot = Plot(span(everything[:, 0]), span(everything[:, 1]), "x, m", "y, m", width=860, height=height, equal=True)
+    if track.wanted is not None:
+        plot.line([(float(a), float(b)) for a, b in _thin(track.wanted)], FAINT, width=3.5)
     for p, colour in points:
         plot.line([(float(a), float(b)) for a, b in p], colour)
     return plot.svg(f"Where the robot went in {track.of}: at first, and with the best settings")
@@ -92,6 +96,18 @@ def _latest(history: History, settings: object) -> dict[str, TrialStory]:
 def _first_settings(history: History) -> dict[str, float]:
     done = [t for t in history.trials if t.done is not None and t.done.outcome == "done"]
     return dict(done[0].planned.settings) if done else {"": math.nan}
+
+
+def _wanted(folder: Path, of: str) -> Array | None:
+    """The path of a task's trial, as the campaign kept it."""
+    name = "".join(c if c.isalnum() or c in "-_" else "_" for c in of)
+    try:
+        head, *rows = (folder / "references" / f"{name}.path.csv").read_text(encoding="utf-8").splitlines()
+        labels = [label.split(" [")[0] for label in head.split(",")]
+        table = np.array([[float(v) for v in row.split(",")] for row in rows])
+        return table[:, [labels.index("x"), labels.index("y")]]
+    except (OSError, ValueError, IndexError):
+        return None
 
 
 def _recording(story: TrialStory, folder: Path) -> Recording | None:
