@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +14,10 @@ from trueup.errors import ModelError
 
 Array = NDArray[np.float64]
 
-_SMALL = 1e-4  # a column of which less than this is left outside the others says nothing of its own
-_CLEAR = 1e2  # the smallest fall between pivots that settles a rank
+_SMALL = 3e-3  # a column of which less than this is left outside the others says nothing that torque could tell
+_NOTHING = 1e-6  # below this there is nothing to tell apart any more
+_UNSEEN = 1e-9  # the size of a column that no torque shows, over that of the largest of its kind
+_CLEAR = 1e1  # the smallest fall between pivots that settles a rank
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,43 +90,68 @@ def base_parameters(stacked: Array, columns: tuple[str, ...], preference: ArrayL
     8(4), 1991. Raises ModelError where the rank is not clear.
     """
     p = stacked.shape[1]
-    scale = np.linalg.norm(stacked, axis=0)
-    seen = np.flatnonzero(scale > 0.1 * _SMALL * scale.max())
+    size = np.linalg.norm(stacked, axis=0)
+    scale = _sizes(size, columns)
+    seen = np.flatnonzero(size > _UNSEEN * scale)
     wish = np.zeros(p) if preference is None else np.asarray(preference, dtype=float)
     order = np.array(sorted(seen.tolist(), key=lambda k: (-wish[k], k)))
     R = np.asarray(np.linalg.qr(stacked[:, order] / scale[order], mode="r"))
     rank, least, most = _rank(R)
-    kept = _greedy(R, np.sqrt(least * max(most, 1e-2 * np.finfo(float).eps)))
-    if len(kept) != rank:
-        raise ModelError(f"{rank} columns are independent, but {len(kept)} in the preferred order: choose another one")
+    kept = _kept(R, rank, least, most)
     rest = np.setdiff1d(np.arange(len(order)), kept)
     share = np.linalg.lstsq(R[:, kept], R[:, rest], rcond=None)[0]
-    share[np.abs(share) < max(1e-9, 1e2 * most)] = 0.0
+    share[np.abs(share) < max(1e-9, min(1e2 * most, 1e-3))] = 0.0
     chosen, gone = order[kept], order[rest]
     grouping = np.zeros((rank, p))
     grouping[np.arange(rank), chosen] = 1.0
     grouping[:, gone] = share * scale[gone] / scale[chosen][:, None]
-    whole = np.abs(np.abs(grouping) - 1.0) < max(1e-9, 1e2 * most)
+    whole = np.abs(np.abs(grouping) - 1.0) < max(1e-9, min(1e2 * most, 1e-3))
     grouping[whole] = np.sign(grouping[whole])
     by_column = np.argsort(chosen)
     return BaseParameters(columns, chosen[by_column], grouping[by_column], least / max(most, np.finfo(float).eps))
 
 
+def _sizes(size: Array, columns: tuple[str, ...]) -> Array:
+    """(p,) the largest column of each kind (masses, first moments, inertias, ...), told by the letters of its name.
+
+    So a column that shows only because an axis is a hair off parallel stays as small as it is.
+    """
+    kinds = [(re.match(r"[A-Za-z]*", name) or [""])[0] for name in columns]
+    largest = {
+        kind: max(x for x, k in zip(size.tolist(), kinds, strict=True) if k == kind) for kind in dict.fromkeys(kinds)
+    }
+    return np.array([largest[kind] or 1.0 for kind in kinds])
+
+
 def _rank(R: Array) -> tuple[int, float, float]:
     """Rank, the smallest pivot that counts and the largest that does not, by rank-revealing QR.
 
-    Rounded angles in a model file (1.5708 for a right angle) leave pivots of their error and of its square; so the rank
-    is where pivots first fall off, not where they reach the precision of numbers.
+    Rounded angles in a model file (1.5708 for a right angle) and axes that a drawing puts a hair off parallel leave
+    pivots of their error and of its square; so the rank is where pivots first fall off, not where they reach the precision
+    of numbers.
     """
     pivots = np.abs(np.diag(scipy.linalg.qr(R, mode="r", pivoting=True)[0]))
     pivots = np.append(pivots[pivots > 0.0], np.finfo(float).eps * 1e-2)
-    rank = int(np.argmax(pivots < _SMALL))
-    if pivots[rank - 1] < _CLEAR * pivots[rank]:
+    falls = (pivots[1:] < _SMALL) & (pivots[:-1] >= _CLEAR * pivots[1:]) & (pivots[:-1] > _NOTHING)
+    rank = int(np.argmax(falls)) + 1
+    if not falls.any():
         raise ModelError(
-            f"how many parameters this model's torques can tell is not clear: pivots fall from {pivots[rank - 1]:.1e} only "
-            f"to {pivots[rank]:.1e}. Are angles in the model file rounded to few digits, or links nearly aligned?"
+            "how many parameters this model's torques can tell is not clear: pivots fall gradually, from "
+            f"{pivots[0]:.1e} to {pivots[-2]:.1e}. Are angles in the file rounded to few digits, or axes nearly aligned?"
         )
     return rank, float(pivots[rank - 1]), float(pivots[rank])
+
+
+def _kept(R: Array, rank: int, least: float, most: float) -> list[int]:
+    """`rank` columns of R, each independent of those preferred to it. Raises ModelError where that is not clear."""
+    smallest = max(most, 1e-2 * np.finfo(float).eps)
+    for share in (0.5, 0.7, 0.85, 0.3, 0.95):  # between pivots that count and those that do not, on a log scale
+        kept = _greedy(R, float(least**share * smallest ** (1.0 - share)))
+        if len(kept) == rank:
+            return kept
+    raise ModelError(
+        f"{rank} columns are independent, but {len(kept)} in the preferred order: choose another preference"
+    )
 
 
 def _greedy(R: Array, threshold: float) -> list[int]:

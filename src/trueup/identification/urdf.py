@@ -62,7 +62,10 @@ def tree_from_urdf(path: str | Path, *, fix_base: bool = False) -> KinematicTree
         children.add(child)
     tops = [name for name in links if name not in children]
     if len(tops) != 1:
-        raise ModelError(f"'{file}' has {len(tops)} root links ({', '.join(tops) or 'a loop'}); expected one")
+        what = ", ".join(tops) or (
+            "its joints form a loop" if links else "it has no links: is it a xacro to be expanded?"
+        )
+        raise ModelError(f"'{file}' has {len(tops)} root links ({what}); expected one")
     chain = _Chain()
     _walk(chain, tops[0], -1, np.eye(3), np.zeros(3), links, below, fix_base)
     if not chain.joints:
