@@ -195,6 +195,8 @@ def main(folder: Path, kills: int, seed: int, robot: str) -> None:
             if _killed(work, count["struck"], rng, lasts, calls):
                 return  # it had come to its end before
             count["struck"] += 1
+            if b'"event":"Ended"' in _journal(home):
+                return  # struck after the last event: running it once more would begin another campaign
         in_child(work)
 
     while count["struck"] < kills:
@@ -216,6 +218,11 @@ def _whole(work: Callable[[], None], home: Path, robot: str, run: Callable[[], o
     if operator:
         os.kill(operator, signal.SIGKILL)
         os.waitpid(operator, 0)
+
+
+def _journal(home: Path) -> bytes:
+    path = home / JOURNAL
+    return path.read_bytes() if path.exists() else b""
 
 
 def _performed(home: Path) -> list[str]:

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A campaign's story can be told at any moment, in any language, whatever happened in it."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from trueup.campaign.campaign import Campaign
+from trueup.campaign.events import Event, Scored, TrialDone
+from trueup.campaign.folder import Folder
+from trueup.campaign.history import History
+from trueup.campaign.journal import Journal, read_journal
+from trueup.campaign.plan import Plan, read_plan
+from trueup.campaign.resolve import parts_of
+from trueup.commands.campaign_view import CampaignView
+from trueup.commands.status import as_json, show_status
+from trueup.report.campaign import campaign_html, write_campaign_report
+
+Write = Callable[..., Path]
+
+
+class Balanced(HTMLParser):
+    """Raises where elements are not closed in order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in ("meta", "wbr", "br"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """An SVG element that closes itself."""
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+@pytest.fixture
+def told(write_plan: Write, tmp_path: Path) -> tuple[tuple[Event, ...], Plan, Path]:
+    """A whole campaign's events, its plan and folder; the robot has a <strange> name for its trials."""
+    folder = Folder.begin(read_plan(write_plan()), tmp_path / "out", None)
+    parts = parts_of(folder.file, folder.path, lambda line: None)
+    with Journal(folder.path) as journal:
+        Campaign(folder.file.plan, folder.checksum, "0", parts, journal).run()
+    return read_journal(folder.path), folder.file.plan, folder.path
+
+
+def test_after_every_single_event_the_story_can_be_told(told: tuple[tuple[Event, ...], Plan, Path]) -> None:
+    events, plan, folder = told
+    out = io.StringIO()
+    view = CampaignView(Console(file=out, width=200), plan, folder)
+    for count, event in enumerate(events, 1):
+        view.saw(event, fresh=True)
+        history = History.of(events[:count])
+        show_status(history, plan, Console(file=io.StringIO()))
+        assert json.loads(as_json(history))["phase"] in (
+            "starting", "experiment", "calibrate", "optimize", "transfer", "ended",
+        )  # fmt: skip
+        page = Balanced()
+        page.feed(campaign_html(history, plan, times={}))
+        assert page.open == []
+    assert "all rounds of the plan are done" in out.getvalue()
+
+
+def test_the_report_of_the_whole_shows_what_the_robot_did(told: tuple[tuple[Event, ...], Plan, Path]) -> None:
+    events, plan, folder = told
+    text = write_campaign_report(folder, plan).read_text("utf-8")
+    history = History.of(events)
+    assert f"{100 * (1 - history.best[1] / history.first_score):.1f} % less" in text
+    assert "with the first settings" in text
+    assert text.count("<h3>Round ") == 2
+    assert all(t.planned.trial in text for t in history.trials)
+    assert not re.search(r"(src|href)=.https?:", text)
+
+
+def test_a_fall_and_a_note_are_told_and_no_text_becomes_markup(told: tuple[tuple[Event, ...], Plan, Path]) -> None:
+    events, plan, _ = told
+    changed: list[Event] = []
+    for event in events:
+        if isinstance(event, TrialDone) and event.trial == "trial-007":
+            event = TrialDone("trial-007", "fell", (), (), "<script>alert(1)</script> & into the wall")
+        if isinstance(event, Scored) and event.step == "transfer" and event.candidate == 1:
+            event = Scored(event.round, event.step, 1, event.unit, (float("nan"),), True)
+        changed.append(event)
+    text = campaign_html(History.of(changed), plan, times={})
+    assert "<script>" not in text
+    assert "&amp; into the wall" in text
+    assert ">fell<" in text
