@@ -8,6 +8,9 @@ from scipy.sparse import csc_matrix
 
 class DefaultSettings:
     verbose: bool
+    tol_gap_abs: float
+    tol_gap_rel: float
+    tol_feas: float
 
 class PSDTriangleConeT:
     def __init__(self, dim: int) -> None: ...

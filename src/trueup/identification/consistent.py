@@ -26,6 +26,7 @@ _BOUNDARY = 3.0
 _PULL = 1e-6
 """Towards the model file, as a share of the mean curvature: decides what torque cannot tell."""
 _PULLS = (1e-6, 1e-5, 1e-4, 1e-3)
+_TOLERANCES = (1e-9, 1e-8, 1e-6)
 _ROOT2 = np.sqrt(2.0)
 
 
@@ -51,23 +52,33 @@ def consistent_fit(
     # Rotors count even where torque cannot tell them from a link: a link cannot be as slender as a rotor is.
     rotors = [10 * n + k for k, (_, effect) in enumerate(model.effects) if effect.kind == "rotor"]
     free = np.union1d(np.arange(10 * n), np.union1d(active, rotors)).astype(np.int64)
-    scale = _natural(model, prior)[free]
-    P = gram[np.ix_(free, free)] * scale[:, None] * scale
-    q = -cross[free] * scale
-    size = float(np.trace(P)) / len(free) or 1.0
-    ridge = pull * np.ones(len(free))
-    ridge[10 * n :] = 1e-9
-    P, q = P / size + np.diag(ridge), q / size - ridge * prior[free] / scale
-    A, b, cones = _constraints(model, free, scale)
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    problem = sparse.csc_matrix(np.triu(P))
-    solution = clarabel.DefaultSolver(problem, q, A, b, cones, settings).solve()
-    if str(solution.status) not in ("Solved", "AlmostSolved"):
-        raise IdentificationError(f"no physically consistent model was found: the conic solver says {solution.status}")
+    natural = _natural(model, prior)[free]
+    P = gram[np.ix_(free, free)]
+    size = float(np.mean(np.diag(P) * natural**2)) or 1.0
+    ridge = np.where(free < 10 * n, pull, 1e-9) * size / natural**2
+    P, q = P + np.diag(ridge), -cross[free] - ridge * prior[free]
+    # All variables alike for the solver: weights of joints make their columns differ by orders of magnitude.
+    scale = 1.0 / np.sqrt(np.diag(P))
+    P, q = P * scale[:, None] * scale, q * scale
+    A, b, cones = _constraints(model, free, natural, scale)
+    x = _solved(sparse.csc_matrix(np.triu(P)), q, A, b, cones)
     parameters = np.zeros(model.p)
-    parameters[free] = np.asarray(solution.x) * scale
+    parameters[free] = x * scale
     return ConsistentFit(parameters, tuple(_at_boundary(model, parameters, _natural(model, prior))))
+
+
+def _solved(P: sparse.csc_matrix, q: Array, A: sparse.csc_matrix, b: Array, cones: list[object]) -> Array:
+    """The solution, as exact as the solver can make it. Raises IdentificationError where it finds none."""
+    status = ""
+    for tolerance in _TOLERANCES:
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+        solution = clarabel.DefaultSolver(P, q, A, b, cones, settings).solve()
+        status = str(solution.status)
+        if status in ("Solved", "AlmostSolved"):
+            return np.asarray(solution.x, dtype=np.float64)
+    raise IdentificationError(f"no physically consistent model was found: the conic solver says {status}")
 
 
 def cross_validated_fit(
@@ -80,11 +91,11 @@ def cross_validated_fit(
     whole = gram.sum(axis=0), cross.sum(axis=0)
     losses = []
     for pull in _PULLS:
-        errors = np.zeros((K, model.tree.n))
+        errors = np.ones((K, model.tree.n))
         for k in range(K if K > 1 else 0):
             fit = consistent_fit(model, whole[0] - gram[k], whole[1] - cross[k], active, prior, pull=pull)
             errors[k] = moments.take([k]).errors(fit.parameters * moments.scale)[0]
-        losses.append(loss_of(errors) if K > 1 else 0.0)
+        losses.append(loss_of(errors))
     best = _PULLS[int(np.argmin(losses))]
     return consistent_fit(model, *whole, active, prior, pull=best), best
 
@@ -121,18 +132,20 @@ def _natural(model: TorqueModel, prior: Array) -> Array:
     return sizes
 
 
-def _constraints(model: TorqueModel, free: Integers, scale: Array) -> tuple[sparse.csc_matrix, Array, list[object]]:
-    """A x + s = b with s in the cones: one 4 x 4 matrix a link, one number a rotor."""
+def _constraints(
+    model: TorqueModel, free: Integers, natural: Array, scale: Array
+) -> tuple[sparse.csc_matrix, Array, list[object]]:
+    """A x + s = b with s in the cones: one 4 x 4 matrix a link, one number a rotor; parameters are `scale` x."""
     n, blocks, sides, cones = model.tree.n, [], [], []
     weights = np.ones((4, 4)) * _ROOT2
     np.fill_diagonal(weights, 1.0)
     upper = [(i, k) for k in range(4) for i in range(k + 1)]  # column by column, as the cone wants it
     basis = pseudo_inertia(np.eye(10))  # (10, 4, 4)
     for j in range(n):
-        link = scale[10 * j : 10 * j + 10]
+        link, own = natural[10 * j : 10 * j + 10], scale[10 * j : 10 * j + 10]
         # Lengths in units of the link's size, so that the cone's entries are alike.
         units = np.array([*[link[4] / link[0]] * 3, 1.0]) ** -0.5 / np.sqrt(link[0])
-        turned = basis * units[:, None] * units * link[:, None, None]
+        turned = basis * units[:, None] * units * own[:, None, None]
         rows = np.zeros((10, len(free)))
         for r, (i, k) in enumerate(upper):
             rows[r, 10 * j : 10 * j + 10] = -turned[:, i, k] * weights[i, k]
