@@ -105,10 +105,10 @@ def test_right_angles_written_as_157_or_exported_a_hair_off_do_not_change_the_gr
 
 
 def test_an_unclear_rank_is_an_error_not_a_guess(rng: np.random.Generator) -> None:
-    mixed = np.linalg.qr(rng.normal(size=(12, 12)))[0]
-    values = np.linalg.qr(rng.normal(size=(50, 12)))[0] @ np.diag(5.0 ** -np.arange(12.0)) @ mixed
+    mixed = np.linalg.qr(rng.normal(size=(18, 18)))[0]
+    values = np.linalg.qr(rng.normal(size=(50, 18)))[0] @ np.diag(3.0 ** -np.arange(18.0)) @ mixed
     with pytest.raises(ModelError, match="is not clear"):
-        base_parameters(values, tuple("abcdefghijkl"))
+        base_parameters(values, tuple("abcdefghijklmnopqr"))
 
 
 def test_all_joints_prismatic_show_only_masses() -> None:
