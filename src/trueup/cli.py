@@ -21,6 +21,7 @@ Makes a robot's simulator agree with the robot, from a handful of recordings.
 
   trueup inspect logs/*.csv --model robot.xml        what is in the logs; writes mapping.toml
   trueup calibrate robot.xml logs/*.csv --hold-out fast --out fit
+  trueup identify arm.urdf logs/*.csv --hold-out 30% --out model   an arm's dynamic model, which predicts torque
   trueup new NAME && cd NAME && trueup run            a campaign: experiment, calibrate, optimize, transfer, in rounds
   trueup demo                                        the whole, on a simulated robot, nothing needed
 """

@@ -22,7 +22,7 @@ def show_identification(found: Identification, console: Console, *, quiet: bool 
     if not quiet:
         for sentence in found.notes:
             console.print(f"[yellow]note[/] {escape(sentence)}", soft_wrap=True, highlight=False)
-    for sentence in found.advice:
+    for sentence in found.advice if not quiet else ():
         console.print(f"[cyan]{escape(sentence)}[/]", soft_wrap=True, highlight=False)
     console.print(_table(found))
     judged = found.judged()

@@ -59,8 +59,8 @@ def advice(
 ) -> tuple[str, ...]:
     """Sentences on what was not seen, and the kind of motion in which it would add most torque."""
     names = dict(zip(base.names, base.independent.tolist(), strict=True))
-    missing = [p for p in parameters if p.verdict == "not seen" and p.kind == "inertial" and p.name in names]
-    friction = [p for p in parameters if p.verdict == "not seen" and p.kind in ("viscous", "coulomb", "rotor")]
+    missing = [p for p in parameters if p.verdict == "not seen" and p.kind in ("inertial", "rotor") and p.name in names]
+    friction = [p for p in parameters if p.verdict == "not seen" and p.kind in ("viscous", "coulomb")]
     by_motion: dict[str, list[str]] = {}
     shown = _motions(model, rng) if missing else {}
     for p in missing:
@@ -98,7 +98,7 @@ def _shares(rows: Sequence[Rows]) -> Array:
 def _motions(model: TorqueModel, rng: np.random.Generator) -> dict[str, Array]:
     """Motion in words -> (p,) the torque that one unit of each column adds to what gravity alone shows, over the limits."""
     tree, trials = model.tree, 40
-    part = model.only([])
+    part = model.only(range(tree.n))  # the rotors, which a pool has first
     q = rng.uniform(-np.pi, np.pi, (trials, tree.n))
     still, load = np.zeros_like(q), np.where(np.isfinite(tree.effort), tree.effort, 1.0)[:, None]
     speed = np.where(np.isfinite(tree.speed), tree.speed, 2.0)
