@@ -15,7 +15,9 @@ from trueup.trial import Trial
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-WINDOW = 0.25  # s: a parabola through this much of the past gives pose and velocity at its end
+POSE_WINDOW = 0.12  # s: a parabola through this much of the past gives the pose and the turn rate at its end
+SPEED_WINDOW = 0.25  # s: a line through the car's own forward and sideways speed, which change more slowly
+_SAMPLES = 6  # at least, in the shorter window
 PAST = 2.0  # s of the past over which the model is compared with the car
 SETTLE = 1.0  # s of commands before that, for servo and motor to forget where they started
 
@@ -42,7 +44,7 @@ class Drive:
             raise RecordingError(
                 f"trial '{trial.name}' needs commands, and a measured position and heading to start from"
             )
-        begin = trial.start - PAST - SETTLE - step
+        begin = trial.start - PAST - SETTLE
         count = int(np.ceil((trial.duration + PAST + SETTLE) / step)) + 3
         grid = begin + step * np.arange(count, dtype=np.float64)
         commands = trial.command.select(("throttle", "steering")).at(grid, hold=True)
@@ -78,22 +80,31 @@ def _seen(position: Channel, heading: Channel, grid: Array, step: float) -> tupl
     near = max(0.06, 2.5 * float(np.median(np.diff(time))))
     after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
     measured = (time[after] - time[after - 1] < near) & (grid >= time[0]) & (grid <= time[-1])
-    width = max(4, round(WINDOW / step) + 1)
-    value, slope = _parabola(width, step)
+    window = max(POSE_WINDOW, _SAMPLES * float(np.median(np.diff(time))))
+    short = max(4, round(window / step) + 1)
+    long = max(short, round(SPEED_WINDOW / step) + 1)
+    value, slope = _at_the_end(short, step, 2)
     signals = [position.column("x")[good], position.column("y")[good], np.unwrap(heading.values[good, 0])]
-    paths = [np.interp(grid, time, s) for s in signals]
-    (x, dx), (y, dy), (angle, turn) = ((_past_only(p, value), _past_only(p, slope)) for p in paths)
-    seen[:, :3] = np.stack([x, y, angle], axis=1)
-    seen[:, 3] = np.cos(angle) * dx + np.sin(angle) * dy
-    seen[:, 4] = -np.sin(angle) * dx + np.cos(angle) * dy
-    seen[:, 5] = turn
-    return seen, _run_lengths(measured) >= width
+    x, y, angle = (np.interp(grid, time, s) for s in signals)
+    seen[:, :3] = np.stack([_past_only(p, value) for p in (x, y, angle)], axis=1)
+    seen[:, 5] = _past_only(angle, slope)
+    # Along and across the car, step by step: a car that turns quickly bends its path within the window, not its speed.
+    middle = angle - 0.5 * np.diff(angle, prepend=angle[0])
+    dx, dy = (np.diff(p, prepend=p[0]) / step for p in (x, y))
+    value, slope = _at_the_end(long, step, 1)
+    half = 0.5 * step  # differences belong to the middle of a step
+    for column, speed in (
+        (3, np.cos(middle) * dx + np.sin(middle) * dy),
+        (4, np.cos(middle) * dy - np.sin(middle) * dx),
+    ):
+        seen[:, column] = _past_only(speed, value + half * slope)
+    return seen, _run_lengths(measured) >= long
 
 
-def _parabola(width: int, step: float) -> tuple[Array, Array]:
-    """(width,) weights that give value and slope at the last of `width` samples."""
-    t = step * np.arange(1 - width, 1)
-    weights = np.linalg.pinv(np.stack([np.ones(width), t, t * t], axis=1))
+def _at_the_end(width: int, step: float, degree: int) -> tuple[Array, Array]:
+    """(width,) weights that give value and slope of a fitted polynomial at the last of `width` samples."""
+    t = step * np.arange(1 - width, 1, dtype=np.float64)
+    weights = np.linalg.pinv(np.stack([t**k for k in range(degree + 1)], axis=1))
     return weights[0], weights[1]
 
 

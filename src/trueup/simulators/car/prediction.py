@@ -30,7 +30,7 @@ def prediction_errors(
     """
     trial = Trial.of(recording, simulator.observable(recording))
     drive = simulator.drive(trial)
-    starts = _starts(drive, max(horizons), every)
+    starts = begun_at(drive, max(horizons), every)
     first = np.arange(len(starts) + 1, dtype=np.int64) * len(horizons)
     since = np.tile(np.sort(np.asarray(horizons, dtype=np.float64)), len(starts))
     rows, _ = simulator.rows(values)
@@ -60,7 +60,8 @@ def spoken(
     return said
 
 
-def _starts(drive: Drive, longest: float, every: float) -> NDArray[np.int64]:
+def begun_at(drive: Drive, longest: float, every: float) -> NDArray[np.int64]:
+    """(S,) grid instants, every `every` s, at which the car drives and from which it is tracked for `longest` s."""
     ahead, back = round(longest / drive.step), round(PAST / drive.step)
     missing = np.concatenate([[0], np.cumsum(~drive.known)])
     candidates = np.arange(drive.earliest + back, len(drive.known) - ahead - 1, max(1, round(every / drive.step)))

@@ -23,6 +23,7 @@ from trueup.trial import Trial
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+_PLACES = 0.1  # s: stretches begin at multiples of it, so that they are the same at every integration step
 HORIZON = 3.0  # s: under recorded commands alone a car drifts away from any simulation; each stretch starts anew
 CHANNELS = {"position": ("x", "y"), "heading": ("heading",), "speed": ("speed",), "yaw_rate": ("yaw_rate",)}
 _COLUMNS = {"x": 0, "y": 1, "heading": 2, "speed": 3, "yaw_rate": 4}
@@ -32,7 +33,7 @@ _FITTED = ("position", "heading")
 class CarSimulator:
     """A car under recorded throttle and steering, predicted `horizon` s ahead, again and again.
 
-    A stretch starts from the measured pose and velocity (a parabola through the last 0.25 s), with servo and motor where
+    A stretch starts from the measured pose and velocity (fitted to the last quarter of a second), with servo and motor where
     the past commands brought them, and with what the last two seconds showed beyond the model: a push (battery, slope)
     and a turn of the tracked heading. After its start nothing that was measured counts. `step` in s.
     """
@@ -141,16 +142,14 @@ def _starts(drive: Drive, trial: Trial, horizon: float) -> Indices:
 
     Raises ModelError where nothing is known at all.
     """
-    length = round(horizon / drive.step)
+    every = max(1, round(_PLACES / drive.step))
     last = drive.index(trial.start + trial.duration)
-    found, k = [], drive.earliest
-    known = np.flatnonzero(drive.known)
-    while k <= last:
-        at = np.searchsorted(known, k)
-        if at == len(known) or known[at] > last:
-            break
-        found.append(int(known[at]))
-        k = found[-1] + length
+    places = np.arange(drive.earliest, last + 1, every)
+    places = places[drive.known[places]]
+    found: list[int] = []
+    for place in places.tolist():
+        if not found or place >= found[-1] + round(horizon / drive.step):
+            found.append(place)
     if not found:
         raise ModelError(f"trial '{trial.name}' never shows position and heading for long enough to start a prediction")
     return np.array(found, dtype=np.int64)
