@@ -65,9 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="class of motion (default: via-points with --via-points, else fourier)")  # fmt: skip
     parser.add_argument("--via-points", type=int, metavar="N", help="straight moves through N poses of the region")
     parser.add_argument("--speed", type=float, default=1.0, metavar="V", help="m/s of those moves at most (default: 1)")
-    parser.add_argument(
-        "--duration", type=float, metavar="S", help="of the whole (default: 30; via points: what it takes)"
-    )
+    parser.add_argument("--duration", type=float, metavar="S", help="of the whole, about (default: 30)")
     parser.add_argument("--criterion", default="D", choices=("D", "A", "E", "condition", "prediction"),
                         help="D: determinant; A: sum of variances; E: worst variance; condition: condition number; "
                              "prediction: torque error on random motions (default: %(default)s)")  # fmt: skip

@@ -36,7 +36,7 @@ class Wish:
     motion: str = "fourier"
     """'fourier', 'via-points' or 'sines'."""
     duration: float | None = None
-    """s in all; None: 30 for series, what the path takes for via points."""
+    """s in all, about; None: 30."""
     via_points: int = 6
     settings: Settings | None = None
     rate: float = 500.0
@@ -186,10 +186,8 @@ _ONE_PASS = 12.0
 
 def _passes(seconds: float, wish: Wish) -> tuple[float, ...]:
     """Slower passes over the same path until the duration is filled: the cheapest way to tell friction from inertia."""
-    if wish.duration is None and wish.motion == "via-points":
-        return (1.0,)
     left, factors = (wish.duration or 30.0) - seconds, [1.0]
-    for factor in (2.0, 1.4, 2.8):
+    for factor in (2.0, 1.4, 2.8, 4.0):
         if left > 0.7 * factor * seconds:
             factors.append(factor)
             left -= factor * seconds

@@ -144,7 +144,7 @@ def _advice(column: Column, model: DynamicModel, gain: float, wide_percent: floa
     """What would bring a combination nearer to what was asked; `gain`: how much better wide motions see it."""
     joint = model.tree.joints[column.joint]
     if gain > 2.0 and wide_percent <= 2.0 * percent:
-        return f"motions beyond this region see it {gain:.0f} times better"
+        return "wide motions over the whole range see it several times better"
     if column.kind == "friction":
         return "add runs of the same path at other speeds, or longer ones: that parts the terms of friction"
     if column.joint >= model.tree.n - 2 or column.name.startswith(f"I{column.joint + 1}"):

@@ -84,7 +84,9 @@ class MujocoClearance:
         """The least distance of any pair: those whose bounding spheres are nearest first, until none can be nearer."""
         first, second = self.pairs.T
         apart = np.linalg.norm(data.geom_xpos[first] - data.geom_xpos[second], axis=1)
-        bound = apart - self.compiled.geom_rbound[first] - self.compiled.geom_rbound[second]
+        endless = self.compiled.geom_type == int(mujoco.mjtGeom.mjGEOM_PLANE)  # MuJoCo gives planes a radius of 0
+        radius = np.where(endless, np.inf, self.compiled.geom_rbound)
+        bound = apart - radius[first] - radius[second]
         best, at, segment = 10.0, 0, np.empty(6)
         for k in np.argsort(bound):
             if bound[k] >= best:

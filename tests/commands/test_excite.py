@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`trueup excite` writes a motion that the arm can perform, says what it will tell, and what is wrong with a wish."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trueup.cli import main
+from trueup.formats import read
+
+ARM = """
+<mujoco><compiler angle="radian"/><worldbody><geom type="plane" size="5 5 1"/>
+  <body name="upper" pos="0 0 0.5">
+    <joint name="turn" axis="0 0 1" range="-3 3" actuatorfrcrange="-80 80"/>
+    <geom type="capsule" size="0.05" fromto="0 0 0 0 0 0.3" mass="6"/>
+    <body name="middle" pos="0 0 0.3">
+      <joint name="lift" axis="0 1 0" range="-2.5 2.5" actuatorfrcrange="-90 90"/>
+      <geom type="capsule" size="0.04" fromto="0 0 0 0.4 0 0" mass="4"/>
+      <body name="lower" pos="0.4 0 0">
+        <joint name="bend" axis="0 1 0" range="-2.8 2.8" actuatorfrcrange="-40 40"/>
+        <geom type="capsule" size="0.03" fromto="0 0 0 0.35 0 0" mass="2"/>
+      </body></body></body>
+</worldbody></mujoco>
+"""
+REGION = "tool = [0.35, 0, 0]\n[box]\ncentre = [0.45, 0.1, 0.6]\nsize = [0.2, 0.3, 0.2]\n"
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    (tmp_path / "arm.xml").write_text(ARM)
+    return tmp_path / "arm.xml"
+
+
+def test_a_motion_comes_out_with_all_its_files(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = arm.parent / "out"
+    assert main(["excite", str(arm), "--out", str(out), "--duration", "8", "--budget", "2", "-q"]) == 0
+    said = capsys.readouterr().out
+    assert "8.0 s trajectory" in said
+    assert "clear of collision by" in said
+    assert "combinations better than 5 %" in said
+    (recording,) = read(out / "trajectory.csv")
+    speed = recording.channel("velocity").values
+    assert np.allclose(speed[[0, -1]], 0.0, atol=1e-6)
+    assert np.abs(speed).max() <= np.pi
+    assert ElementTree.parse(out / "path.svg").getroot().tag.endswith("svg")
+    assert json.loads((out / "trajectory.json").read_text())["clearance"] >= 0.02
+    assert main(["excite", str(arm), "--out", str(out), "--duration", "8", "--budget", "1", "-q"]) == 0
+    assert (arm.parent / "out-2" / "trajectory.csv").is_file()
+
+
+def test_the_same_seed_gives_the_same_motion_and_json_is_for_scripts(
+    arm: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = []
+    for name in ("a", "b"):
+        args = ["excite", str(arm), "--out", str(arm.parent / name), "--duration", "6", "--seed", "3", "--json", "-q"]
+        assert main([*args, "--criterion", "prediction", "--budget", "100"]) == 0
+        found.append(json.loads(capsys.readouterr().out))
+    assert found[0]["starts_at"] == found[1]["starts_at"]
+    assert all(p["percent"] > 0 for p in found[0]["parameters"])
+
+
+def test_via_points_keep_the_tool_in_its_box(arm: Path) -> None:
+    from trueup.identification.chain import Chain
+    from trueup.identification.kinematic_tree import load_tree
+
+    (arm.parent / "cell.toml").write_text(REGION)
+    out = arm.parent / "out"
+    args = ["excite", str(arm), "--region", str(arm.parent / "cell.toml"), "--via-points", "5", "--out", str(out), "-q"]
+    assert main([*args, "--duration", "6", "--budget", "3"]) == 0
+    (recording,) = read(out / "trajectory.csv")
+    q = recording.channel("position").select(("turn", "lift", "bend")).values
+    tool = Chain.of(load_tree(arm), tool=[0.35, 0.0, 0.0]).poses(q)[1]
+    assert (np.abs(tool - [0.45, 0.1, 0.6]) <= np.array([0.1, 0.15, 0.1]) + 1e-5).all()
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--via-points", "6"], "needs a region"),
+        (["--floor", "low"], "choices are auto, none, or a height"),
+        (["--duration", "-3"], "a number above 0 is needed"),
+        (["--region", "nowhere.toml"], "does not exist"),
+        (["--limits", "limits.toml"], "joint 'bnd' is not in the model"),
+        (["--region", "far.toml"], "no posture reaches the middle of the box"),
+        (["--region", "low.toml", "--margin", "10"], "collides"),
+    ],
+)
+def test_what_cannot_be_is_said_with_what_to_do(
+    arm: Path, more: list[str], said: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(arm.parent)
+    Path("limits.toml").write_text("[joints.bnd]\nspeed = 1.0\n")
+    Path("far.toml").write_text("[box]\ncentre = [4.0, 0, 0]\nsize = [0.1, 0.1, 0.1]\n")
+    Path("low.toml").write_text("tool = [0.35, 0, 0]\n[box]\ncentre = [0.05, 0, 0.08]\nsize = [0.1, 0.1, 0.02]\n")
+    assert main(["excite", "arm.xml", "--out", "out", *more]) == 1
+    assert said in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_limits_file_is_kept(arm: Path) -> None:
+    (arm.parent / "limits.toml").write_text("[all]\nacceleration = 3.0\n[joints.bend]\nspeed = 0.5\n")
+    out = arm.parent / "out"
+    args = ["excite", str(arm), "--limits", str(arm.parent / "limits.toml"), "--out", str(out), "-q", "--budget", "1"]
+    assert main([*args, "--duration", "8"]) == 0
+    table = np.genfromtxt(out / "trajectory.csv", delimiter=",", names=True)
+    assert np.abs(table["vel_bend"]).max() <= 0.5
+    assert max(np.abs(table[f"acc_{j}"]).max() for j in ("turn", "lift", "bend")) <= 3.0
