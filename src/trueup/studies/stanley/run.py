@@ -12,13 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.loop.belief import Belief
 from trueup.loop.transfer import try_on_robot
 from trueup.robots.stand_in_vehicle import StandInVehicle
 from trueup.simulators.bicycle import BETAS
 from trueup.studies.stanley import chasi
 from trueup.studies.stanley.courses import Courses, across_courses, true_errors
-from trueup.studies.stanley.drives import doubted, noise_of
+from trueup.studies.stanley.drives import noise_of
 from trueup.studies.stanley.paper import (
     CALIBRATION_TRIALS,
     TUNING_TRIALS,
@@ -85,9 +84,7 @@ def run_study(
     betas = chasi.simulator(BETAS, 0.0, 0.0)
     seen = profiles(chasi.task(gains=("k1", "k2", "k3")), betas, paper.calibration.found, np.ones(3), drives[0])
     noisy = calibrate_betas(drives[0], NOISY, seed=seed, trials=calibration_trials, told=told)
-    belief = Belief.of(doubted(tuned.rounds[-1].calibration), simulator.parameters)
-    models = belief.sample(4, np.random.default_rng(seed))
-    courses = across_courses(robot, simulator, models, seed=seed, evaluations=evaluations)
+    courses = across_courses(robot, simulator, tuned.rounds[-1].models[:4], seed=seed, evaluations=evaluations)
     say(
         f"courses that nothing was tuned on: tuned on one {_mm(courses.held_out[1])}, on several {_mm(courses.held_out[2])}"
     )

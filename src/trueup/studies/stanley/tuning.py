@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from trueup.calibration import Calibration
 from trueup.loop.belief import Belief
 from trueup.loop.optimize import TrustRegion, optimize
+from trueup.loop.plausible import plausible
 from trueup.loop.ranking import Agreement
-from trueup.loop.transfer import Tested, best_known, compared, shortlist, try_on_robot
+from trueup.loop.transfer import Tested, best_known, compared, mean_score, shortlist, try_on_robot
 from trueup.recording import Recording
 from trueup.robots.robot import Robot
 from trueup.search.cma_es import CmaEs
@@ -33,6 +34,8 @@ class Round:
     """One round: what was calibrated, what was tried on the robot, and how well the simulator had foreseen it."""
 
     calibration: Calibration
+    models: Array
+    """(p, n) samples of the simulator's parameters that candidates were judged with."""
     candidates: Array
     """(c, m) in the parameters' units; the first is the best so far, run again."""
     predicted: Array
@@ -79,7 +82,9 @@ def tune(
     for number in range(rounds):
         calibration = calibrate_drives(drives, simulator)
         belief = Belief.of(doubted(calibration), simulator.parameters)
-        models = belief.sample(samples, np.random.default_rng([seed, number]))
+        models = belief.sample(4 * samples, np.random.default_rng([seed, number]))
+        so_far = np.array([mean_score(s) for s in scores])
+        models = plausible(task, simulator, models, space.from_unit(np.array(units)), so_far, samples)
         optimum = optimize(task, simulator, models, make(region.inside(region.centre), seed + number), region)
         chosen = shortlist(optimum, region, candidates, task=task, simulator=simulator, models=models, apart=0.15)
         tested = [
@@ -92,7 +97,7 @@ def tune(
         best, score = best_known(units, scores)
         measured = np.array([t.score for t in tested])
         rank = compared(chosen.predicted, measured).agreement
-        done.append(Round(calibration, space.from_unit(chosen.unit), chosen.predicted, measured, rank,
+        done.append(Round(calibration, models, space.from_unit(chosen.unit), chosen.predicted, measured, rank,
                           space.from_unit(best), score))  # fmt: skip
         region = dataclasses.replace(region, centre=best)
         tell(f"round {number + 1}: {1e3 * first.score:.1f} -> {1e3 * score:.1f} mm on the robot")
