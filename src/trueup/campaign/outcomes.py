@@ -17,7 +17,7 @@ from trueup.loop.belief import Belief
 from trueup.loop.optimize import Optimum, Tried, TrustRegion
 from trueup.loop.ranking import agreement
 from trueup.loop.replay import replay_error
-from trueup.loop.safety import predicted
+from trueup.loop.safety import exceeded, predicted
 from trueup.loop.transfer import Shortlist, mean_score, prepared, shortlist
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
@@ -114,13 +114,14 @@ def pairs(picked: Chosen, tested: Sequence[Scored], *, incumbent: bool) -> list[
 
 
 def _problems(parts: Parts, unit: Array, model: Array) -> tuple[str, ...]:
-    """What the simulated runs of a candidate go beyond."""
+    """What a candidate's commands and its simulated runs go beyond."""
     if parts.limits is None:
         return ()
     values = parts.task.parameters.from_unit(unit)
     trials = [prepared(t, parts.limits, 1) for t in robot_trials(parts.task, values)]
     rows = np.concatenate([model, values])[None]
-    return predicted(parts.simulator.rollout(trials, rows, parts.task.controllers))
+    commanded = [sentence for t in trials for sentence in exceeded(t)]
+    return (*commanded, *predicted(parts.simulator.rollout(trials, rows, parts.task.controllers)))
 
 
 def _main(calibration: Calibration) -> str:

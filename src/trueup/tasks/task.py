@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,15 @@ class Task(Protocol):
         ...
 
 
+@runtime_checkable
+class Plans(Protocol):
+    """A task whose candidates are motions: it says which commands a candidate means, for robots that play commands."""
+
+    def planned(self, candidate: Array) -> tuple[Trial, ...]:
+        """The task's trials, in their order, with the command channel of one candidate (m,)."""
+        ...
+
+
 def simulated_scores(task: Task, simulator: Simulator, model: Array, candidates: Array) -> Array:
     """(p, b) scores of candidates (b, m) under each model: values (p, n) or (n,) of the simulator's parameters.
 
@@ -66,7 +75,8 @@ def robot_trials(task: Task, candidate: Array, label: str = "") -> tuple[Trial, 
     `label` is put after each trial's name, so that recordings of several candidates can be told apart.
     """
     settings = dict(zip(task.parameters.names, (float(v) for v in candidate), strict=True))
-    return tuple(dataclasses.replace(t, name=t.name + label, settings=settings) for t in task.trials)
+    trials = task.planned(candidate) if isinstance(task, Plans) else task.trials
+    return tuple(dataclasses.replace(t, name=t.name + label, settings=settings) for t in trials)
 
 
 def robot_scores(task: Task, recordings: Sequence[Sequence[Recording]]) -> Array:
