@@ -69,7 +69,7 @@ def identify(
     logs, judged = ([log_of(r, tree, gears) for r in group] for group in (training, held_out))
     warnings = [note for log in [*logs, *judged] for note in (*log.notes, *check_log(log, tree))]
     cutoff = wanted.cutoff or natural_cutoff(logs)
-    measured = measured_speed(logs, tree, gears, cutoff, rng)
+    measured = measured_speed(logs, tree, gears, cutoff, rng, wanted.hold_out)
     say("computing regressors", 0.1)
     motions = [log.motion(cutoff, measured_speed=measured) for log in logs]
     pool = pool_for(tree, gears.coupling, motions, rng)

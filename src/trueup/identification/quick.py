@@ -29,13 +29,13 @@ def basic_columns(pool: Pool) -> NDArray[np.int64]:
 
 
 def measured_speed(
-    logs: Sequence[Log], tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator
+    logs: Sequence[Log], tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator, hold_out: float
 ) -> bool:
-    """Whether speeds as measured explain torque better than differences of positions."""
+    """Whether speeds as measured explain torque better than differences of positions; the share held out is not looked at."""
     if any(log.velocity is None for log in logs):
         return False
     motions = [logs[0].motion(cutoff, measured_speed=measured) for measured in (True, False)]
-    fit = quick_fit(motions[0], tree, drives, cutoff, rng)
+    fit = quick_fit(motions[0], tree, drives, cutoff, rng, hold_out)
     return fit(motions[0]) <= fit(motions[1])
 
 
@@ -62,7 +62,9 @@ def doubts(
     ]
 
 
-def quick_fit(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator) -> Fit:
+def quick_fit(
+    motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator, hold_out: float = 0.0
+) -> Fit:
     """A fit of a basic model that can be had many times: from a motion like this one to its relative error."""
     pool = pool_for(tree, drives.coupling, [motion], rng)
     basic, first = basic_columns(pool), 10 * tree.n
@@ -70,7 +72,7 @@ def quick_fit(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float
     active = np.concatenate([basic[basic < first], np.arange(first, model.p)])
 
     def error(changed: Motion) -> float:
-        rows = [p.rows for p in pieces_of(changed, model, cutoff, 0.0)]
+        rows = [pieces_of(changed, model, cutoff, hold_out)[0].rows]
         moments = moments_of(rows)
         power = np.maximum(moments.square[0], 1e-300)
         gram, cross = (x[0] for x in moments.weighted(1.0 / power))
