@@ -105,7 +105,10 @@ def inertial_rows(tree: Layout, work: Array, count: int, place: Ints, out: Array
     for j in range(n):
         own = work[(j + 1) * size : (j + 2) * size]
         for i in range(j + 1):
-            if not tree.carries[i, j] or not np.any(place[i, 10 * j : 10 * j + 10] >= 0):
+            last = -1  # no row of this joint and link is wanted
+            for c in range(10):
+                last = max(last, place[i, 10 * j + c])
+            if last < 0 or not tree.carries[i, j]:
                 continue
             power(own[: ROWS * W], own[(ROWS + 6 * i) * W : (ROWS + 6 * i + 6) * W], y)
             for c in range(10):
@@ -159,8 +162,21 @@ def further_rows(
             continue
         to = out[row * stride + at : row * stride + at + count]
         if j < 0:
-            for s in range(count):
-                to[s] = further(kind, qd[first + s, d], qdd[first + s, d], v0, tree.rest)
+            if kind == 0:
+                for s in range(count):
+                    to[s] = qdd[first + s, d]
+            elif kind == 2:
+                for s in range(count):
+                    to[s] = qd[first + s, d]
+            elif kind == 1 and tree.rest == 0.0:
+                for s in range(count):
+                    to[s] = np.sign(qd[first + s, d])
+            elif kind == 3 and tree.rest == 0.0:
+                for s in range(count):
+                    to[s] = qd[first + s, d] * abs(qd[first + s, d])
+            else:
+                for s in range(count):
+                    to[s] = further(kind, qd[first + s, d], qdd[first + s, d], v0, tree.rest)
             continue
         ratio = tree.ratio[k]
         second = out[place[j, 10 * n + k] * stride + at :]
