@@ -98,8 +98,12 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         moved = [f"results go to {folder}"] if folder != Path(args.out) else []
         for note in (*problem.notes, *moved):
             told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True, highlight=False)
-    with _Watcher(told, args.budget, quiet=args.quiet) as watcher:
-        found = excite(problem.criterion, problem.feasibility, problem.wish, problem.options, told=watcher)
+    try:
+        with _Watcher(told, args.budget, quiet=args.quiet) as watcher:
+            found = excite(problem.criterion, problem.feasibility, problem.wish, problem.options, told=watcher)
+    except KeyboardInterrupt:
+        told.print("stopped; nothing was written. A smaller --budget ends sooner, with a result")
+        raise
     expected = expectations(problem.criterion, found.trajectory, problem.feasibility.limits, percent=args.percent)
     numbers = _numbers(args, problem, found, expected)
     files, notes = _write(args, folder, problem, found, numbers)

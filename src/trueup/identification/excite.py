@@ -6,6 +6,7 @@ The search keeps away from obstacles by a penalty on simple shapes; the result i
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +26,8 @@ from trueup.identification.trajectories import Trajectory
 Array = NDArray[np.float64]
 
 _SHARES = (1.0, 0.75, 0.55, 0.4, 0.3, 0.2, 0.1)
+_ONE_PASS, _LONGEST = 12.0, 20.0
+"""s up to which a series is one pass; longer ones are passes of this many s at most, at several speeds."""
 _ENOUGH = 0.1
 """Share of random motions that must be clear for a range to be searched."""
 
@@ -88,12 +91,13 @@ def _feasible(
     further round keeps as much more distance as was missing. Raises IdentificationError after six.
     """
     joints, margin, weight = criterion.model.tree.joints, feasibility.margin + 0.01, 30.0
-    starts, spare, problems = None, 0.0, ()
+    starts, spare, problems, began = None, 0.0, (), time.perf_counter()
     for _ in range(6):
         penalty = None
         if feasibility.clearance is not None or feasibility.cell is not None:
             penalty = Proximity(criterion.model.tree, _shapes(feasibility), margin, weight, feasibility.cell, spare)
-        found = design(kind, criterion, options, penalty=penalty, starts=starts, told=told, rate=wish.rate)
+        left = replace(options, budget=max(0.2 * options.budget, options.budget - (time.perf_counter() - began)))
+        found = design(kind, criterion, left, penalty=penalty, starts=starts, told=told, rate=wish.rate)
         trajectory = _sampled(kind, found.genes, joints, wish, limits)
         problems = feasibility.problems(trajectory)
         if not problems:
@@ -177,11 +181,7 @@ def _series(wish: Wish, limits: JointLimits) -> Fourier | Sines:
 def _period(wish: Wish) -> float:
     """S of one pass at full speed."""
     whole = wish.duration or 30.0
-    return whole if whole <= _ONE_PASS else whole / 3.0
-
-
-_ONE_PASS = 12.0
-"""s up to which a series is one pass; longer ones are a pass at full and one at half speed."""
+    return whole if whole <= _ONE_PASS else min(whole / 3.0, _LONGEST)
 
 
 def _passes(seconds: float, wish: Wish) -> tuple[float, ...]:

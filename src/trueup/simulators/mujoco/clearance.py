@@ -15,7 +15,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.errors import ModelError
 from trueup.simulators.mujoco.model import Model
 from trueup.simulators.mujoco.shapes import box, capsule, solid, with_capsules, with_floor
 
@@ -52,8 +51,7 @@ class MujocoClearance:
         """For postures of `joints` (names in the order of q); other joints stay where the model has them.
 
         `floor`: its height in m in the model's frame, None for no floor, 'auto' for the underside of what stands fixed
-        (or the base's own height). Raises UnknownNameError for a joint that is not there, ModelError where no part can
-        touch another.
+        (or the base's own height). Raises UnknownNameError for a joint that is not there.
         """
         for name in joints:
             model.index("joint", name)
@@ -66,11 +64,13 @@ class MujocoClearance:
         made = cls(compiled, tuple(joints), pairs, parts)
         kept, more = made._without_overlaps(np.random.default_rng(seed))
         if not len(kept):
-            raise ModelError(f"no part of '{model.name}' can come near another; collisions cannot be checked")
+            more.append(f"no part of '{model.name}' can come near another: nothing is checked for collision")
         return cls(compiled, tuple(joints), kept, parts, (*notes, *more))
 
     def distances(self, q: Array) -> tuple[Array, tuple[str, ...]]:
         """(S,) least distance [m] at postures q (S, n), negative where parts overlap; and which two parts they are."""
+        if not len(self.pairs):
+            return np.full(len(q), np.inf), ("",) * len(q)
         data, address = self.data, self._address()
         least, between = np.empty(len(q)), []
         for s, posture in enumerate(q):
