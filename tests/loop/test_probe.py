@@ -26,7 +26,7 @@ def cracked(crack: float, jump: Array) -> tuple[Any, Fit]:
     def residuals(values: Array) -> Array:
         return (values - 0.5) @ SLOPES.T + NOISE + np.where(values[:, :1] > crack, jump, 0.0)
 
-    unit = 0.5 - np.linalg.lstsq(SLOPES, NOISE, rcond=None)[0]
+    unit = np.asarray(0.5 - np.linalg.lstsq(SLOPES, NOISE, rcond=None)[0], dtype=np.float64)
     residual = residuals(unit[None])[0]
     fit = Fit(SPACE, unit, residual, SLOPES, np.ones(600), "", loss=0.5 * float(residual @ residual))
     return SimpleNamespace(residuals=residuals, chance=lambda r: 0.5 * float(np.mean(r**2))), fit
