@@ -66,7 +66,10 @@ def test_the_robot_gets_better_and_the_story_adds_up(write_plan: Write, tmp_path
         picked = story.chosen
         assert picked is not None
         assert picked.candidates[picked.incumbent] == story.begun.incumbent
-    assert len(history.trials) == len({t.planned.trial for t in history.trials}) == 16
+    assert len(history.trials) == len({t.planned.trial for t in history.trials}) == 18
+    again = history.rounds[-1].scored[-1]
+    assert again.step == "confirm"  # the best of the last round is run once more before it is believed
+    assert len([s for r in history.rounds for s in r.scored if s.unit == again.unit]) == 2
 
 
 def test_nothing_is_handed_out_before_it_is_journaled(write_plan: Write, tmp_path: Path) -> None:
@@ -206,6 +209,26 @@ def test_it_ends_when_the_robot_is_good_enough(write_plan: Write, tmp_path: Path
     (ended,) = only(run(plan, tmp_path / "out"), Ended)
     assert ended.success
     assert "round 1" in ended.reason
+
+
+def test_one_lucky_run_is_no_success(write_plan: Write, tmp_path: Path) -> None:
+    lucky: list[str] = []
+
+    def perform(trial: Trial, go: Callable) -> list[Recording]:
+        (recording,) = go(trial)
+        if trial.name != "trial-003":
+            return [recording]
+        lucky.append(trial.name)
+        target = trial.references["target"].values[:, 1:]
+        return [recording.with_channel(recording.channel("position").replace(values=target))]
+
+    plan = write_plan(("settings = 2", "settings = 1"), (', "ramps"', ""), ("rounds = 2", "rounds = 2\nsuccess = 0.1"))
+    history = History.of(run(plan, tmp_path / "out", lambda p: replace(p, robot=Around(p.robot, perform))))
+    assert lucky
+    assert len(history.rounds) == 2
+    assert history.rounds[0].scored[-1].step == "confirm"
+    assert history.ended is not None
+    assert not history.ended.success
 
 
 def test_it_never_runs_the_robot_more_often_than_allowed(write_plan: Write, tmp_path: Path) -> None:

@@ -64,7 +64,7 @@ def test_after_every_single_event_the_story_can_be_told(told: tuple[tuple[Event,
         history = History.of(events[:count])
         show_status(history, plan, Console(file=io.StringIO()))
         assert json.loads(as_json(history))["phase"] in (
-            "starting", "experiment", "calibrate", "optimize", "transfer", "ended",
+            "starting", "experiment", "calibrate", "optimize", "transfer", "confirm", "ended",
         )  # fmt: skip
         page = Balanced()
         page.feed(campaign_html(history, plan, times={}))

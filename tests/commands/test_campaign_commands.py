@@ -115,7 +115,7 @@ def test_hardware_does_not_move_unasked(here: Path, capsys: pytest.CaptureFixtur
     assert "--yes" in said
     assert not (here / "machine").exists()
     assert main(["resume", "--yes"]) == 0
-    assert len((here / "machine" / "performed.txt").read_text().split()) == 4
+    assert len((here / "machine" / "performed.txt").read_text().split()) == 5
 
 
 class Operator(threading.Thread):
@@ -174,8 +174,8 @@ def test_a_campaign_by_hand_goes_on_the_next_day(here: Path, capsys: pytest.Capt
     assert main(["resume"]) == 0
     second.stop.set()
     done = [e for e in read_journal(here) if isinstance(e, TrialDone)]
-    assert [e.outcome for e in done] == ["done"] * 4
-    assert len(list((here / "accepted").glob("*/trial-*.csv"))) == 4  # the operator's own files are all there
+    assert [e.outcome for e in done] == ["done"] * 5
+    assert len(list((here / "accepted").glob("*/trial-*.csv"))) == 5  # the operator's own files are all there
     assert "best on the robot" in capsys.readouterr().out
 
 
@@ -200,8 +200,9 @@ def test_every_default_in_the_blank_plan_is_what_it_says(here: Path) -> None:
     path = here / "mine" / "campaign.toml"
     plain = read_plan(path).plan
     text = path.read_text("utf-8")
-    spoken = re.sub(r"^# ((?:seed|settings|later|repeats|again|evaluations|samples|risk|widen|trust|candidates|incumbent|"
-                    r"rounds|patience|trials|method|search) = )", r"\1", text, flags=re.MULTILINE)  # fmt: skip
+    spoken = re.sub(r"^# ((?:seed|settings|later|repeats|again|evaluations|samples|risk|widen|within|trust|"
+                    r"candidates|confirm|incumbent|rounds|patience|trials|method|"
+                    r"search) = )", r"\1", text, flags=re.MULTILINE)  # fmt: skip
     assert spoken.count("\n# ") < text.count("\n# ")
     path.write_text(spoken, encoding="utf-8")
     assert _said(read_plan(path).plan) == _said(plain)

@@ -33,13 +33,15 @@ from trueup.errors import JournalError
 from trueup.loop.belief import Belief
 from trueup.loop.experiment import most_telling, spread_settings
 from trueup.loop.optimize import Optimum, TrustRegion, optimize
-from trueup.loop.transfer import best_known
+from trueup.loop.plausible import plausible
+from trueup.loop.transfer import best_known, mean_score
 from trueup.parameters import ParameterSpace
 
 Array = NDArray[np.float64]
 E = TypeVar("E")
 
 _EXPERIMENT, _MODELS, _SEARCH = range(3)  # what a round's generators are for
+_SPARE = 4  # samples drawn for each that is kept
 _CHOICES = 24  # settings among which an experiment is chosen
 
 
@@ -75,8 +77,12 @@ class Campaign:
             stale = 0 if last.improved else stale + 1
             region, score = TrustRegion(np.array(last.best), last.radius), last.score
             ended = self._over(number, last, stale)
-            if ended is not None:
-                break
+            if ended is not None or number == self._plan.stop.rounds:
+                self._confirm(number)
+                if ended is None or not ended.success or self._best()[1] <= self._plan.stop.success:
+                    break
+                best, score = self._best()  # it was one lucky run: go on from what is the best now
+                region, ended = TrustRegion(best, region.radius), None
         final = ended or Ended("all rounds of the plan are done", success=False)
         return self._once(Ended, lambda: final)
 
@@ -88,9 +94,7 @@ class Campaign:
         belief = self._prior()
         self._experiment(number, region, belief)
         belief = self._calibrate(number)
-        models = belief.sample(
-            self._plan.optimize.samples, self._generator(number, _MODELS), widen=self._plan.optimize.widen
-        )
+        models = self._models(number, belief)
         optimum = self._optimize(number, models, region)
         picked = self._once(
             Chosen, lambda: chosen(number, self._plan.transfer, self._parts, optimum, region, models, self._room())
@@ -106,6 +110,34 @@ class Campaign:
         )
         self._expected += pairs(picked, tested, incumbent=not self._expected)
         return self._once(RoundEnded, lambda: self._round_ended(number, region, known))
+
+    def _models(self, number: int, belief: Belief) -> Array:
+        """(p, n) what the simulator's parameters may be, less what the robot's scores so far rule out."""
+        plan, rng = self._plan.optimize, self._generator(number, _MODELS)
+        units = [s.unit for s in self._scores]
+        measured = np.array([mean_score(np.array(s.scores)) for s in self._scores])
+        known = measured[np.isfinite(measured)]
+        if plan.within == 0.0 or plan.samples == 1 or not len(known) or not (known > 0.0).all():
+            return belief.sample(plan.samples, rng, widen=plan.widen)
+        many = belief.sample(_SPARE * plan.samples, rng, widen=plan.widen)
+        tried = self._space.from_unit(np.array(units))
+        return plausible(
+            self._parts.task, self._parts.simulator, many, tried, measured, plan.samples, within=plan.within
+        )
+
+    def _confirm(self, number: int) -> None:
+        """Runs the best once more if it was run but once, and so on with what is the best then; three times at most."""
+        plan = self._plan.transfer
+        for _ in range(3 if plan.confirm else 0):
+            if not self._scored() or self._room() < 1:
+                return
+            best, _score = self._best()
+            runs = [
+                x for s in self._scores if np.allclose(s.unit, best, atol=1e-12) for x in s.scores if np.isfinite(x)
+            ]
+            if len(runs) > 1:
+                return
+            self._scores += self._hardware.test(number, "confirm", best[None], plan.repeats, plan.again)
 
     def _experiment(self, number: int, region: TrustRegion, belief: Belief) -> None:
         plan = self._plan.experiment

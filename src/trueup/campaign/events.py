@@ -40,7 +40,7 @@ class TrialPlanned:
     """'trial-001', counted through the campaign."""
     round: int
     step: str
-    """'experiment' or 'transfer'."""
+    """'experiment', 'transfer' or 'confirm'."""
     of: str
     """The task's trial that it performs."""
     candidate: int

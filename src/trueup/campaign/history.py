@@ -152,7 +152,7 @@ class History:
         if self.ended is not None:
             return "ended"
         if not self.rounds or self.rounds[-1].ended is not None:
-            return "starting"
+            return "confirm" if self.waiting else "starting"
         last = self.rounds[-1]
         if last.chosen is not None:
             return "transfer"

@@ -74,6 +74,9 @@ class Optimize:
     """A candidate's loss is its mean score over these samples plus this many of their standard deviations."""
     widen: float = 1.0
     """Factor on the calibration's own uncertainty; above 1 where the simulator's structure is doubted."""
+    within: float = 1.5
+    """Only samples that foretell the robot's scores so far within this factor are tuned on; 0: all of them. Counts where
+    scores are positive."""
     trust: float = 0.5
     """Half width of the first trust region, as a share of each parameter's range; 0.5 or more: all of it."""
 
@@ -82,6 +85,8 @@ class Optimize:
         _at_least(self, "evaluations", 1)
         _at_least(self, "samples", 1)
         _at_least(self, "risk", 0)
+        if self.within != 0.0 and not self.within > 1.0:
+            raise ValueError(f"within = {self.within} must be above 1, or 0 for no such choice")
         if not 0.0 < self.trust <= 1.0:
             raise ValueError(f"trust = {self.trust} must be above 0 and at most 1")
 
@@ -97,6 +102,8 @@ class Transfer:
     repeats: int = 1
     again: int = 1
     """How often a run that was aborted is handed out again, as a new trial."""
+    confirm: bool = True
+    """Whether the best is run once more at the end, if it was run but once: one run may have been lucky."""
     apart: float = 0.2
     """How far candidates lie from each other at least, as a share of the trust region."""
 

@@ -156,6 +156,8 @@ class CampaignView:
                 ]
             case Scored(step="experiment"):
                 return [_line(head, "experiment", f"settings {event.candidate + 1}: {_scores(event)} on the robot")]
+            case Scored(step="confirm"):
+                return [_line(head, "confirm", f"the best, once more: {_scores(event)} on the robot")]
             case Calibrated():
                 return [_line(head, "calibrate", line) for line in calibration_words(event)]
             case Chosen():

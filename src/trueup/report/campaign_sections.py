@@ -131,6 +131,8 @@ def _candidate(history: History, story: RoundStory, scored: Scored) -> Markup:
     if picked is not None:
         expected = picked.predicted[scored.candidate]
         which = "best so far, again" if scored.candidate == picked.incumbent else f"candidate {scored.candidate}"
+    elif scored.step == "confirm":
+        which = "the best, once more"
     elif scored.candidate == 0 and story.begun.round == 1:
         which = "as it was"
     shown = "fell" if scored.fell else significant(measured, 4)
