@@ -23,7 +23,7 @@ from trueup.identification.motion import Log, log_of
 from trueup.identification.outcome import outcome
 from trueup.identification.pieces import Piece, pieces_of
 from trueup.identification.pool import STRUCTURES, Pool, chosen, pool_for
-from trueup.identification.quick import basic_columns, doubts, measured_speed
+from trueup.identification.quick import basic_columns, coupled, doubts, measured_speed
 from trueup.identification.result import Alignment, Identification
 from trueup.identification.selection import Choice
 from trueup.identification.torque_model import Rows, TorqueModel
@@ -72,6 +72,7 @@ def identify(
     measured = measured_speed(logs, tree, gears, cutoff, rng, wanted.hold_out)
     say("computing regressors", 0.1)
     motions = [log.motion(cutoff, measured_speed=measured) for log in logs]
+    gears, said = coupled(motions[0], tree, gears, cutoff, rng, wanted.hold_out)
     pool = pool_for(tree, gears.coupling, motions, rng)
     pieces = [p for m in motions for p in pieces_of(m, pool.model, cutoff, wanted.hold_out)]
     for log in judged:
@@ -79,7 +80,7 @@ def identify(
         pieces += [replace(p, held_out=True) for p in pieces_of(motion, pool.model, cutoff, 0.0)]
     say("comparing clocks", 0.3)
     alignment, pieces = _aligned(pool, pieces, logs[0].rate, wanted.align)
-    warnings += doubts(logs, tree, gears, pool, pieces, rng)
+    warnings += [*said, *doubts(logs, tree, gears, pool, pieces, rng)]
     say("choosing the structure of friction", 0.4)
     parts = [p.rows for p in pieces if not p.held_out]
     moments = moments_of(blocks_of(parts, _BLOCKS, 1.0 / cutoff))
