@@ -37,7 +37,8 @@ trajectory.csv, trajectory.json, a bag with a ROS JointTrajectory message, and p
 
 A region file, in m and rad, in the model's base frame:
 
-  link = "tool0"                # default: the last link; tool = [x, y, z] moves the point that stays in the box
+  link = "wrist_3_link"         # default: the last link that a joint moves
+  tool = [0.0, 0.0, 0.12]       # the point on it that stays in the box; default: its origin
   [box]
   centre = [0.8, 0.0, 0.6]
   size = [0.4, 0.4, 0.3]

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -97,7 +98,9 @@ def excitation_problem(
     feasibility = Feasibility(limits, clearance, asked.margin, model, parameters, cell, 0.0)
     settings = Settings(speed=asked.speed, turn=2.0 * asked.speed)
     wish = Wish(asked.motion, asked.duration, asked.via_points, settings, asked.rate)
-    options = Options(samples=1000, seed=asked.seed, budget=asked.budget, candidates=12000)
+    options = Options(
+        samples=1000, seed=asked.seed, budget=asked.budget, candidates=12000, threads=min(4, os.cpu_count() or 1)
+    )
     more = (*(() if cell is None else cell.notes), *(() if clearance is None else clearance.notes))
     return ExcitationProblem(
         criterion, feasibility, wish, options, chain, (*notes, *tree.notes, *limits.notes, *said, *more)

@@ -22,8 +22,11 @@ Array = NDArray[np.float64]
 
 _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 _AT_RANDOM = 200
-_NEAR = 0.05
-"""m; parts that are never further apart are held so by a joint, and their distance says nothing of the motion."""
+_NEAR = (0.025, 0.05)
+"""m, for small and large arms; parts that are never further apart are held so by a joint: their distance says nothing."""
+_SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
+_AT_RANDOM = 200
+_NEAR = (0.025, 0.05)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +164,8 @@ class MujocoClearance:
         share = (far[1:] <= 0.0).mean(axis=0)
         # The model's own posture may fold the arm into itself; a pair that is mostly apart is a collision there.
         always = ((far[0] <= 0.0) & (share > 0.3)) | (share > 0.9)
-        near = ~always & ((far.max(axis=0) < _NEAR) | (np.ptp(far, axis=0) < 0.01))
+        held = float(np.clip(0.04 * self.reach().max(), *_NEAR))
+        near = ~always & ((far.max(axis=0) < held) | (np.ptp(far, axis=0) < 0.01))
         said = []
         for which, why in ((always, "they overlap as modelled"), (near, "the joint between keeps them that near")):
             if which.any():
