@@ -24,9 +24,6 @@ _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 _AT_RANDOM = 200
 _NEAR = (0.025, 0.05)
 """m, for small and large arms; parts that are never further apart are held so by a joint: their distance says nothing."""
-_SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
-_AT_RANDOM = 200
-_NEAR = (0.025, 0.05)
 
 
 @dataclass(frozen=True, eq=False)
