@@ -66,6 +66,9 @@ class Campaign:
 
     def run(self) -> Ended:
         """Goes on to the end. Raises what robot, simulator and search raise; calling it again goes on from there."""
+        last = self._journal.past[-1] if self._journal.past else None
+        if isinstance(last, Ended):
+            return last
         start = np.clip(self._space.to_unit(self._space.nominal), 0.0, 1.0)
         region = TrustRegion(start, self._plan.optimize.trust)
         score, stale = float("nan"), 0
