@@ -205,6 +205,17 @@ def test_a_genetic_search_improves_in_each_of_the_papers_algorithms(criterion: C
     assert cell.region.holds(inside, 1e-6).all()
 
 
+def test_the_quick_search_ends_with_a_motion_that_is_possible_at_all_samples(
+    criterion: Criterion, limits: JointLimits
+) -> None:
+    # a region at the edge of the reach: what is possible on coarse samples need not be on fine ones
+    cell = Cell.of(arm(), Region.of([0.75, 0.1, 0.6], [0.25, 0.5, 0.3], tool=np.array([0.3, 0.0, 0.0])), limits)
+    found = algorithm_b(criterion, cell, Options(samples=200, candidates=800, starts=80, coarse=40), via_points=4)
+    assert np.isfinite(found.loss)
+    assert found.trajectory.rests
+    assert (np.abs(found.trajectory.qd) <= limits.speed * (1 + 1e-9)).all()
+
+
 def test_the_joint_box_of_a_region_is_where_the_tool_is_in_it(limits: JointLimits) -> None:
     cell = Cell.of(arm(), Region.of([0.6, 0.1, 0.8], [0.2, 0.2, 0.2], tool=np.array([0.3, 0.0, 0.0])), limits)
     middle, half = joint_box(cell)

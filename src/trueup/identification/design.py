@@ -94,6 +94,8 @@ class _Run:
     began: float = field(default_factory=time.perf_counter)
     trace: list[Step] = field(default_factory=list)
     evaluations: int = 0
+    leading: list[tuple[float, Array]] = field(default_factory=list)
+    """All that were the best when they were judged, the best last."""
 
     @property
     def seconds(self) -> float:
@@ -105,7 +107,13 @@ class _Run:
         threads = self.options.threads
         motions = self.kind.motions(genes, samples, threads=threads)
         losses = self.criterion.losses(motions, threads, as_of=self.options.samples)
-        return losses if self.penalty is None else losses + self.penalty(motions, threads)
+        if self.penalty is not None:
+            losses = losses + self.penalty(motions, threads)
+        if np.isfinite(losses).any():
+            k = int(np.nanargmin(losses))
+            if not self.leading or losses[k] < self.leading[-1][0]:
+                self.leading.append((float(losses[k]), genes[k].copy()))
+        return losses
 
     def note(self, loss: float, share: float) -> None:
         step = Step(loss, self.evaluations, self.seconds, min(1.0, share))
@@ -130,16 +138,34 @@ def design(
     chosen = options or Options()
     judge = criterion.smooth() if chosen.method == "quick" else criterion
     run, cpu = _Run(kind, judge, chosen, told, penalty), time.process_time()
-    genes = _quick(run, starts) if chosen.method == "quick" else _generations(run)
-    final = kind.motions(genes[None], chosen.samples)
+    best = _quick(run, starts) if chosen.method == "quick" else _generations(run)
+    genes, final, fine = _first_possible(kind, [best, *(g for _, g in reversed(run.leading))], chosen.samples, rate)
     loss, printed = float(criterion.losses(final)[0]), float(criterion.printed(final)[0])
-    if not np.isfinite(loss):
+    if not np.isfinite(loss) or not fine.possible[0]:
         raise IdentificationError(_nothing(kind, final))
-    count = int(np.ceil(float(final.duration[0]) * rate)) + 1
-    trajectory = kind.motions(genes[None], count).single(0, criterion.model.tree.joints, name)
+    trajectory = fine.single(0, criterion.model.tree.joints, name)
     return Excitation(
         trajectory, genes, loss, printed, tuple(run.trace), run.evaluations, run.seconds, time.process_time() - cpu
     )
+
+
+def _first_possible(
+    kind: MotionClass, ranked: list[Array], samples: int, rate: float
+) -> tuple[Array, Motions, Motions]:
+    """The first genes whose motion is possible at all samples too (or the first of all), with it at both rates.
+
+    Between the coarse samples of a search a motion may leave what is possible; then the best before it counts.
+    """
+    tried: tuple[Array, Motions, Motions] | None = None
+    for genes in ranked:
+        final = kind.motions(genes[None], samples)
+        fine = kind.motions(genes[None], max(2, int(np.ceil(float(final.duration[0]) * rate)) + 1))
+        if final.possible[0] and fine.possible[0]:
+            return genes, final, fine
+        tried = tried or (genes, final, fine)
+    if tried is None:
+        raise IdentificationError("no motion was tried")
+    return tried
 
 
 def algorithm_a(

@@ -90,7 +90,7 @@ def _feasible(
     Between coarse samples, and where shapes are not capsules, a motion comes nearer than the search has seen; each
     further round keeps as much more distance as was missing. Raises IdentificationError after six.
     """
-    joints, margin, weight = criterion.model.tree.joints, feasibility.margin + 0.01, 30.0
+    margin, weight = feasibility.margin + 0.01, 30.0
     starts, spare, problems, began = None, 0.0, (), time.perf_counter()
     for _ in range(6):
         penalty = None
@@ -98,7 +98,7 @@ def _feasible(
             penalty = Proximity(criterion.model.tree, _shapes(feasibility), margin, weight, feasibility.cell, spare)
         left = replace(options, budget=max(0.2 * options.budget, options.budget - (time.perf_counter() - began)))
         found = design(kind, criterion, left, penalty=penalty, starts=starts, told=told, rate=wish.rate)
-        trajectory = _sampled(kind, found.genes, joints, wish, limits)
+        trajectory = at_rest(found.trajectory, limits) if wish.motion == "sines" else found.trajectory
         problems = feasibility.problems(trajectory)
         if not problems:
             return trajectory, found
@@ -195,13 +195,6 @@ def _passes(seconds: float, wish: Wish) -> tuple[float, ...]:
         factors.append(1.0)
         left -= seconds
     return tuple(factors)
-
-
-def _sampled(kind: MotionClass, genes: Array, joints: tuple[str, ...], wish: Wish, limits: JointLimits) -> Trajectory:
-    coarse = kind.motions(genes[None], 100)
-    count = int(np.ceil(float(coarse.duration[0]) * wish.rate)) + 1
-    made = kind.motions(genes[None], count).single(0, joints, "excitation")
-    return at_rest(made, limits) if wish.motion == "sines" else made
 
 
 def _resampled(trajectory: Trajectory, rate: float) -> Trajectory:
