@@ -73,7 +73,7 @@ class Plain:
         drive = Drive.of(trial, 0.01)
         self.starts = begun_at(drive, max(HORIZONS), 0.25)
         self._seen, self._steering = drive.seen, drive.commands[:, 1]
-        grid = drive.begin + 0.01 * np.arange(len(drive.seen))
+        grid = drive.begin + 0.01 * np.arange(len(drive.seen), dtype=np.float64)
         speed = clean.channel("speed")
         self._speed = np.interp(grid, speed.time, speed.values[:, 0])
         self.truth = np.stack([drive.at(grid[self.starts] + h)[:, :2] for h in HORIZONS], axis=1)

@@ -31,7 +31,7 @@ SERVO, WHEEL, MOTOR, FORWARD, SIDEWAYS, TURNING, X, Y, HEADING, PUSH = range(STA
 acceleration (m/s^2) that the car showed beyond the model just before (battery, slope, floor)."""
 
 _SLOW = 0.05  # m/s: below, tyres are treated as at this speed
-_TRUST = 0.7  # share of what the last two seconds showed beyond the model that is expected to go on
+_TRUST = 1.0  # share of what the last seconds showed beyond the model that is expected to go on
 _MOVES = 0.2  # m/s: slower, the direction of motion says nothing
 
 
