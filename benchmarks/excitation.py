@@ -41,7 +41,7 @@ def main() -> None:
     threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 2
     genetic, quick = determinants(15 if asked.quick else 150, min(threads, 2))
     share = 10.0 if asked.quick else 1.0
-    result("genetic_150x150_seconds", genetic.seconds * share, "s", 30.0, peer="scalar numba", peer_value=63.0)
+    result("genetic_150x150_seconds", genetic.seconds * share, "s", 30.0, peer="scalar numba (cited)", peer_value=63.0)
     reached = quick.printed >= genetic.printed
     result("same_determinant_seconds", quick.seconds if reached else float("inf"), "s", 5.0, peer="genetic",
            peer_value=genetic.seconds * share)  # fmt: skip
