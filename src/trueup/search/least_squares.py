@@ -24,7 +24,7 @@ _LADDER = (0.03, 1.0, 30.0)
 _ALIKE = 0.02  # steps nearer to one another than this share of the promised gain, and of the box, are one
 _CREDIT = 2  # steps uphill in a row, each on the promise that the next one comes down below everything before
 _WORN = 0.7  # new slopes are taken once a step leaves more than this share of what was promised: they cost ten steps
-_SHORTER = 1e-3  # least damping after steps that led nowhere: below, they would all be the same step again
+_SHORTER = 1e-4  # least damping after steps that led nowhere: below, they would all be the same step again
 _CROSSING = 1e-4  # damping of the imagined step across the valley that candidates are judged by
 
 
