@@ -57,7 +57,7 @@ class Outcome:
     oracle: float
     errors: dict[str, float]
     courses: tuple[float, float, float]
-    """Held-out courses: today's gains, tuned on one course, tuned on several."""
+    """Held-out courses: today's gains, tuned on one course, tuned on three."""
     study_seconds: float
     agreement: float
 
@@ -86,12 +86,10 @@ def outcome(number: int) -> Outcome:
         "rounds": tuned.best,
     }
     errors = true_errors(robot, "hairpin", np.array([start, oracle(robot, number), *gains.values()]), repeats=6)
-    held_out = across_courses(robot, simulator, tuned.rounds[-1].models[:4], seed=number).held_out
+    held_out = across_courses(robot, simulator, tuned.rounds[-1].models[:4], seed=number, evaluations=120).summary
     best = {way: float(e) for way, e in zip(gains, errors[2:], strict=True)}
     taus = [r.agreement.tau for r in tuned.rounds]
-    return Outcome(
-        number, float(errors[0]), float(errors[1]), best, tuple(held_out.tolist()), seconds, float(np.mean(taus))
-    )
+    return Outcome(number, float(errors[0]), float(errors[1]), best, held_out, seconds, float(np.mean(taus)))
 
 
 def tuned_in(simulator: BicycleSimulator, models: Array, seed: int) -> Array:

@@ -83,8 +83,10 @@ class StandInVehicle:
         drive = self.drive(trial, np.repeat(gains, len(names), axis=0), tuple(trial.settings) or GAINS)
         return [self._recording(name, trial, drive, i) for i, name in enumerate(names)]
 
-    def drive(self, trial: Trial, gains: Array, names: tuple[str, ...] = GAINS) -> Drive:
+    def drive(self, trial: Trial, gains: Array, names: tuple[str, ...] = GAINS, *, noise: int | None = None) -> Drive:
         """Closed loop on the trial's path for b sets of gains (b, m), each with noise of its own.
+
+        With a seed for the `noise` it is the same for all, so that they can be compared more closely.
 
         Nobody on the floor sees the truth in it: it is for judging methods. Raises RecordingError without a path.
         """
@@ -93,10 +95,13 @@ class StandInVehicle:
         table = path_table(Path.of(trial.references["path"], trial.name))
         controller = Stanley(gains, self.settings, names=names)
         rows, time = len(controller.gains), self._clock(trial)
-        noise = self._noise(rows, len(time))
+        unrest = (
+            _noise(self._rng, rows, len(time), self.settings.period) if noise is None else
+            np.repeat(_noise(np.random.default_rng([noise, 8]), 1, len(time), self.settings.period), rows, axis=0)
+        )  # fmt: skip
         truth, seen = np.empty((rows, len(time), KEPT)), np.empty((rows, len(time), KEPT))
         orders = np.empty((rows, len(time), 2))
-        follow(self.truth.row, _start(trial), controller.gains, self.settings.row, table, self.settings.period, STEP, noise,
+        follow(self.truth.row, _start(trial), controller.gains, self.settings.row, table, self.settings.period, STEP, unrest,
                truth, seen, orders)  # fmt: skip
         return Drive(time, truth, seen, orders)
 
@@ -106,7 +111,7 @@ class StandInVehicle:
         time = self._clock(trial)
         orders = np.ascontiguousarray(trial.command.select(("speed", "steering")).at(time + trial.start, hold=True))
         truth, seen = np.empty((len(time), KEPT)), np.empty((len(time), KEPT))
-        noise = self._noise(1, len(time))[0]
+        noise = _noise(self._rng, 1, len(time), self.settings.period)[0]
         play(self.truth.row, _start(trial), self.settings.period, STEP, noise, orders, truth, seen)
         return Drive(time, truth[None], seen[None], orders[None])
 
@@ -114,17 +119,6 @@ class StandInVehicle:
         return self.settings.period * np.arange(
             int(np.ceil(trial.duration / self.settings.period)) + 1, dtype=np.float64
         )
-
-    def _noise(self, rows: int, ticks: int) -> Array:
-        """(rows, ticks, 7) unit noise of x, y, heading, speed, yaw rate, and slow drift of x and y."""
-        from scipy.signal import lfilter
-
-        noise = self._rng.standard_normal((rows, ticks, 7))
-        keep = np.exp(-self.settings.period / _DRIFTING)
-        slow = noise[:, :, 5:] * np.sqrt(1.0 - keep**2)
-        slow[:, 0] = noise[:, 0, 5:]
-        noise[:, :, 5:] = lfilter([1.0], [1.0, -keep], slow, axis=1)
-        return noise
 
     def _recording(self, name: str, trial: Trial, drive: Drive, row: int) -> Recording:
         if self._rng.random() < self._failing:
@@ -141,6 +135,18 @@ class StandInVehicle:
                 channels[role] = Channel(role, o.labels, o.unit, o.time, drive.seen[row][last][:, columns])
         settings = " ".join(f"{k}={v:.6g}" for k, v in trial.settings.items())
         return Recording(name, channels, {"source": "stand-in vehicle", "settings": settings})
+
+
+def _noise(rng: np.random.Generator, rows: int, ticks: int, period: float) -> Array:
+    """(rows, ticks, 7) unit noise of x, y, heading, speed, yaw rate, and slow drift of x and y."""
+    from scipy.signal import lfilter
+
+    noise = rng.standard_normal((rows, ticks, 7))
+    keep = np.exp(-period / _DRIFTING)
+    slow = noise[:, :, 5:] * np.sqrt(1.0 - keep**2)
+    slow[:, 0] = noise[:, 0, 5:]
+    noise[:, :, 5:] = lfilter([1.0], [1.0, -keep], slow, axis=1)
+    return noise
 
 
 def _start(trial: Trial) -> Array:

@@ -85,8 +85,10 @@ def run_study(
     seen = profiles(chasi.task(gains=("k1", "k2", "k3")), betas, paper.calibration.found, np.ones(3), drives[0])
     noisy = calibrate_betas(drives[0], NOISY, seed=seed, trials=calibration_trials, told=told)
     courses = across_courses(robot, simulator, tuned.rounds[-1].models[:4], seed=seed, evaluations=evaluations)
+    today, one, several = courses.summary
     say(
-        f"courses that nothing was tuned on: tuned on one {_mm(courses.held_out[1])}, on several {_mm(courses.held_out[2])}"
+        f"courses that nothing was tuned on: {_mm(today)} with today's gains, {_mm(one)} tuned on one, "
+        f"{_mm(several)} on three"
     )
     study = Study(
         paper, lasted, tuned, noisy, (robot.truth.position_noise, robot.truth.heading_noise), seen, courses,
