@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.identification.excitation.limits import JointLimits
 from trueup.identification.kinematic_tree import KinematicTree, from_dh
-from trueup.identification.limits import JointLimits
 
 Array = NDArray[np.float64]
 

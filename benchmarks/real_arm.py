@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from results import result
 
-from trueup.identification import identify as module
-from trueup.identification.drives import Drives
-from trueup.identification.identify import Options, identify
+from trueup.identification.estimation import identify as module
+from trueup.identification.estimation.drives import Drives
+from trueup.identification.estimation.identify import Options, identify
+from trueup.identification.estimation.result import Identification, relative_error
 from trueup.identification.kinematic_tree import KinematicTree
-from trueup.identification.result import Identification, relative_error
 from trueup.recording import Recording
 
 Array = NDArray[np.float64]
@@ -59,7 +59,7 @@ def show(found: Identification, plain: Identification) -> None:
 
 
 def _by_joint(found: Identification, which: str) -> Array:
-    from trueup.identification.result import relative_errors
+    from trueup.identification.estimation.result import relative_errors
 
     return 100.0 * relative_errors(found.held_out(), which)
 

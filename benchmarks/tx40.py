@@ -20,11 +20,11 @@ from real_arm import arguments, consistent_lines, data_folder, show, timed_consi
 from results import result
 
 from trueup.formats import ChannelColumns, ChannelMap, TimeColumn, read
-from trueup.identification.drives import Drives
-from trueup.identification.filtering import grid
-from trueup.identification.identify import Options, identify
+from trueup.identification.estimation.drives import Drives
+from trueup.identification.estimation.filtering import grid
+from trueup.identification.estimation.identify import Options, identify
+from trueup.identification.estimation.result import Identification, relative_error
 from trueup.identification.kinematic_tree import KinematicTree, load_tree
-from trueup.identification.result import Identification, relative_error
 from trueup.recording import Recording
 
 _RATE, _CUTOFF, _BLOCKS = 5000.0, 100.0, 7

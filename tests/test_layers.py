@@ -53,7 +53,9 @@ RULES = (
     Rule("robots", ("robots.robot", "controllers.controller", "simulators.simulator", *NOUNS)),  # stand-ins simulate
     Rule("search.least_squares", ("search.search", "search.bounded_step", "search.robust", *NOUNS)),  # its arithmetic
     Rule("search.optuna", ("search.search", "search.study_file", *NOUNS)),  # the study for the dashboard
-    Rule("robots.stand_in_vehicle", ("robots.robot", "controllers.stanley", *NOUNS)),  # its own controller is a Stanley too
+    Rule(
+        "robots.stand_in_vehicle", ("robots.robot", "controllers.stanley", *NOUNS)
+    ),  # its own controller is a Stanley too
     Rule("tasks", ("tasks.task", "controllers", "simulators.simulator", *NOUNS)),
     Rule("simulators", ("simulators.simulator", "controllers.controller", *NOUNS)),
     # the bicycle runs the compiled Stanley law inside its own loop
@@ -82,11 +84,22 @@ RULES = (
     Rule("campaign.kinds", ("loop", *BASES, *NOUNS), lazily=ANYTHING),  # and these are the names that a plan may use
     Rule(
         "report",
-        ("campaign.journal", "campaign.events", "campaign.history", "campaign.plan", "identification.result", *NOUNS),
+        (
+            "campaign.journal",
+            "campaign.events",
+            "campaign.history",
+            "campaign.plan",
+            "identification.estimation.result",
+            *NOUNS,
+        ),
     ),
     Rule("studies", ANYTHING),  # an experiment put together by hand
     Rule("demo", ANYTHING),  # one run of the whole, put together by hand
-    Rule("commands", ("report", "campaign", "identification.result", *NOUNS), lazily=("demo", "loop", "identification", "studies", "simulators.simulator")),
+    Rule(
+        "commands",
+        ("report", "campaign", "identification.estimation.result", *NOUNS),
+        lazily=("demo", "loop", "identification", "studies", "simulators.simulator"),
+    ),
     Rule("cli", ("report", "campaign"), lazily=("commands", "demo", "loop", *NOUNS)),
     Rule("testing", (*BASES, *NOUNS)),  # contract checks, shipped to those who write a robot, simulator or search
     Rule("__init__", (), lazily=ANYTHING),  # public names, imported when used

@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.formats import ChannelMap as ChannelMap
     from trueup.formats import read as read
     from trueup.formats import write as write
-    from trueup.identification.identify import identify as identify
+    from trueup.identification.estimation.identify import identify as identify
     from trueup.identification.kinematic_tree import load_tree as load_tree
     from trueup.inspection import inspect as inspect
     from trueup.loop.belief import Belief as Belief
@@ -68,7 +68,7 @@ _HOME = {
     "Vehicle": "trueup.simulators.bicycle",
     "calibrate": "trueup.loop.calibrate",
     "declare": "trueup.simulators.mujoco.declarations",
-    "identify": "trueup.identification.identify",
+    "identify": "trueup.identification.estimation.identify",
     "inspect": "trueup.inspection",
     "load_tree": "trueup.identification.kinematic_tree",
     "most_telling": "trueup.loop.experiment",

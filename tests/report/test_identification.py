@@ -10,7 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trueup.identification.result import Alignment, Identification, Link, Parameter, Prediction, relative_error
+from trueup.identification.estimation.result import (
+    Alignment,
+    Identification,
+    Link,
+    Parameter,
+    Prediction,
+    relative_error,
+)
 from trueup.report.identification import identification_html, write_identification_report
 from trueup.report.identification_figures import binned
 

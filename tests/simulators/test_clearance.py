@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from trueup.errors import UnknownNameError
-from trueup.identification.feasibility import Feasibility, spread
+from trueup.identification.excitation.feasibility import Feasibility, spread
+from trueup.identification.excitation.limits import JointLimits
+from trueup.identification.excitation.proximity import Proxies, Proximity
+from trueup.identification.excitation.trajectories import Motions, Trajectory
 from trueup.identification.kinematic_tree import load_tree
-from trueup.identification.limits import JointLimits
-from trueup.identification.proximity import Proxies, Proximity
-from trueup.identification.trajectories import Motions, Trajectory
 from trueup.simulators.mujoco.clearance import MujocoClearance
 from trueup.simulators.mujoco.model import load
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.identification.couplings import found_couplings
-from trueup.identification.excitation import Sines, at_rest
+from trueup.identification.estimation.couplings import found_couplings
+from trueup.identification.estimation.torque_model import Rows
+from trueup.identification.excitation.periodic import Sines, at_rest
+from trueup.identification.excitation.planner import joint_moves
+from trueup.identification.excitation.trajectories import Trajectory
 from trueup.identification.inertial import pseudo_inertia
-from trueup.identification.planner import joint_moves
-from trueup.identification.torque_model import Rows
-from trueup.identification.trajectories import Trajectory
 from trueup.studies.arm.comparison import ALGORITHMS, CASES, Errors, interval, share_of_best
 from trueup.studies.arm.excitation import filled
 from trueup.studies.arm.fitting import WRIST, our_fit, papers_fit

@@ -22,10 +22,10 @@ from trueup.formats.aside import written_aside
 from trueup.recording import Recording
 
 if TYPE_CHECKING:
-    from trueup.identification.drives import Drives
-    from trueup.identification.identify import Options
+    from trueup.identification.estimation.drives import Drives
+    from trueup.identification.estimation.identify import Options
+    from trueup.identification.estimation.result import Identification
     from trueup.identification.kinematic_tree import KinematicTree
-    from trueup.identification.result import Identification
 
 ABOUT = """\
 Finds the dynamic model of an arm (URDF or MJCF) from logs of joint positions and torques or motor currents: inertias,
@@ -98,9 +98,9 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
 
     Raises TrueupError. Returns the exit code.
     """
-    from trueup.identification.drives import Drives
-    from trueup.identification.identify import identify
-    from trueup.identification.joint_names import matched
+    from trueup.identification.estimation.drives import Drives
+    from trueup.identification.estimation.identify import identify
+    from trueup.identification.estimation.joint_names import matched
     from trueup.identification.kinematic_tree import load_tree
 
     options, names = _options(args)
@@ -126,7 +126,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
 
 def _options(args: argparse.Namespace) -> tuple[Options, list[str]]:
     """The options, and what is held out by name."""
-    from trueup.identification.identify import Options
+    from trueup.identification.estimation.identify import Options
 
     names, share = [], 0.0
     for entry in (e for group in args.hold_out for e in group):
@@ -162,8 +162,8 @@ def _weighed(
     args: argparse.Namespace, tree: KinematicTree, training: Sequence[Recording], drives: Drives
 ) -> tuple[Drives, tuple[str, ...]]:
     """The drives with torque constants from runs that carry a payload."""
-    from trueup.identification.joint_names import matched
-    from trueup.identification.payload import drives_from_payload, payload_inertial
+    from trueup.identification.estimation.joint_names import matched
+    from trueup.identification.estimation.payload import drives_from_payload, payload_inertial
 
     mapping, _ = mapping_for(args.mapping)
     loaded = [r for path in args.payload for r in read([Path(path)], mapping)]
@@ -198,8 +198,8 @@ def _write(
     args: argparse.Namespace, found: Identification, tree: KinematicTree, folder: Path
 ) -> tuple[list[Path], tuple[str, ...]]:
     """All result files; the plain numbers last, since they mark the folder as finished."""
-    from trueup.identification.numbers import numbers_of
-    from trueup.identification.write import write_identified
+    from trueup.identification.estimation.numbers import numbers_of
+    from trueup.identification.estimation.write import write_identified
     from trueup.report.identification import write_identification_report
 
     files, notes = [], ()

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from trueup.identification.result import Identification, relative_error, relative_errors, rmse
+from trueup.identification.estimation.result import Identification, relative_error, relative_errors, rmse
 from trueup.report.numbers import duration_text, significant
 
 

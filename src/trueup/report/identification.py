@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 from string import Template
 
-from trueup.identification.result import Identification
+from trueup.identification.estimation.result import Identification
 from trueup.report.identification_sections import identification_sections
 from trueup.report.markup import escape, join, tag
 from trueup.report.writing import write_aside

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.identification.result import Identification, Prediction, rmse
+from trueup.identification.estimation.result import Identification, Prediction, rmse
 from trueup.report.encoding import kept_samples
 from trueup.report.markup import Markup, join, tag
 from trueup.report.numbers import significant

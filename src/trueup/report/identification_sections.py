@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from trueup.identification.result import Identification, Parameter, relative_error, relative_errors, rmse
+from trueup.identification.estimation.result import Identification, Parameter, relative_error, relative_errors, rmse
 from trueup.report.headline import callout
 from trueup.report.identification_figures import error_figures, speed_figures, torque_figures, validity_map
 from trueup.report.markup import Markup, breakable, join, tag

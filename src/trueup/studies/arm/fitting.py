@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.identification.consistent import consistent_fit
-from trueup.identification.couplings import found_couplings, weighted_fit
+from trueup.identification.estimation.consistent import consistent_fit
+from trueup.identification.estimation.couplings import found_couplings, weighted_fit
+from trueup.identification.estimation.moments import Moments, moments_of
+from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.inertial import from_com
-from trueup.identification.moments import Moments, moments_of
-from trueup.identification.torque_model import Rows, TorqueModel
 from trueup.studies.arm.measuring import Run
 from trueup.studies.arm.robot import NOMINAL
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import bilinear, lfilter, lfilter_zi
 
+from trueup.identification.excitation.trajectories import Trajectory
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.regressors import inverse_dynamics
-from trueup.identification.trajectories import Trajectory
 from trueup.recording import Channel, Recording
 from trueup.studies.arm.robot import COULOMB, NOMINAL, QUADRATIC, RATIOS, ROTORS, VISCOUS
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.identification.cell import Cell
-from trueup.identification.torque_model import TorqueModel
+from trueup.identification.estimation.torque_model import TorqueModel
+from trueup.identification.excitation.cell import Cell
 from trueup.report.markup import Markup, join
 from trueup.studies.arm import tables
 from trueup.studies.arm.comparison import CASES, Errors, Region, Scale, compared, prepared, share_of_best

@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is wrong with a log, said before or after a fit that cannot be good: units, order of joints, signs, standstill."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import IdentificationError
+from trueup.identification.estimation.motion import Log, Motion
+from trueup.identification.kinematic_tree import KinematicTree
+
+Array = NDArray[np.float64]
+
+DOUBTFUL, POOR = 0.1, 0.35
+"""Relative errors of a fit from which on simple mistakes are looked for, and from which on it is said to be poor."""
+_BETTER = 0.5
+"""Of the error that is left when a mistake is taken out, for it to be named."""
+_TURNS = 4.0 * np.pi
+_TORQUE_FACTOR = 30.0
+"""Times the torque limit of the model file that no drive delivers."""
+_STILL = 0.02
+"""rad (m): a joint that moves less shows no dynamics."""
+
+Fit = Callable[[Motion], float]
+"""The relative error of a basic model on a motion."""
+
+
+def check_log(log: Log, tree: KinematicTree) -> list[str]:
+    """What to mind in a log. Raises IdentificationError for what makes any fit meaningless."""
+    span, notes = np.ptp(log.position, axis=0), []
+    if np.all(span < _STILL):
+        raise IdentificationError(
+            f"recording '{log.name}': no joint moves (the largest span is {span.max():.2g} rad). A dynamic model needs "
+            "motion of every joint: `trueup excite` designs one"
+        )
+    _check_angles(log, tree)
+    _check_torque(log, tree)
+    still = [joint for joint, s in zip(tree.joints, span, strict=True) if s < _STILL]
+    if still:
+        notes.append(
+            f"recording '{log.name}': {', '.join(still)} hardly moves; what depends on its motion cannot be told from it"
+        )
+    flat = [joint for joint, s in zip(tree.joints, np.ptp(log.torque, axis=0), strict=True) if s == 0.0]
+    if flat:
+        raise IdentificationError(
+            f"recording '{log.name}': the torque of {', '.join(flat)} never changes; is it in this log? Lock joints "
+            f"without torque: --lock {' '.join(flat)}"
+        )
+    return notes
+
+
+def _check_angles(log: Log, tree: KinematicTree) -> None:
+    turning = ~np.asarray(tree.prismatic)
+    reached = np.where(turning, np.abs(log.position).max(axis=0), 0.0)
+    allowed = np.fmax(np.fmax(np.abs(tree.lower), np.abs(tree.upper)), np.pi)
+    worst = int(np.argmax(reached / np.fmax(allowed, np.pi)))
+    if reached[worst] > max(_TURNS, 1.5 * float(np.nan_to_num(allowed[worst], nan=_TURNS))):
+        raise IdentificationError(
+            f"recording '{log.name}': {tree.joints[worst]} reaches {reached[worst]:.4g} rad. If these are degrees, say "
+            'unit = "deg" for position in the mapping; if they are angles of motors before their gears, say so in a '
+            "drives file (--drives, `trueup identify --help` shows one)"
+        )
+
+
+def _check_torque(log: Log, tree: KinematicTree) -> None:
+    reached, effort = np.abs(log.torque).max(axis=0), np.asarray(tree.effort)
+    known = np.isfinite(effort) & (effort > 0.0)
+    if known.any():
+        ratio = float(np.median(reached[known] / effort[known]))
+        if ratio > _TORQUE_FACTOR:
+            worst = int(np.argmax(np.where(known, reached / np.where(known, effort, 1.0), 0.0)))
+            raise IdentificationError(
+                f"recording '{log.name}': {log.channel} of {tree.joints[worst]} reaches {reached[worst]:.4g} N m, "
+                f"{reached[worst] / effort[worst]:.3g} times its limit of {effort[worst]:g} N m in the model. "
+                'If it is in thousandths, say unit = "mN m" in the mapping; if it is a current, rename the channel and '
+                "give torque constants in a drives file"
+            )
+
+
+def mistakes(motion: Motion, tree: KinematicTree, fit: Fit) -> Iterator[str]:
+    """The simple mistake that, taken out, leaves the least error, if it is at most half of that of the poor fit."""
+    relative, found = fit(motion), list[tuple[float, str]]()
+    for said, changed in _candidates(motion, tree):
+        error = fit(changed)
+        if error < _BETTER * relative:
+            found.append((error, said))
+    if found:
+        error, said = min(found)
+        yield f"{said}: the error would fall from {100 * relative:.0f} % to {100 * error:.0f} % of the torque"
+
+
+def _candidates(motion: Motion, tree: KinematicTree) -> Iterator[tuple[str, Motion]]:
+    joints, n = tree.joints, tree.n
+    degrees = np.where(tree.prismatic, 1.0, np.pi / 180.0)
+    scaled = replace(motion, q=motion.q * degrees, v=motion.v * degrees, a=motion.a * degrees)
+    yield 'positions seem to be in degrees (unit = "deg" in the mapping)', scaled
+    for j in range(n):
+        sign = np.where(np.arange(n) == j, -1.0, 1.0)
+        yield (
+            f"the torque of {joints[j]} seems to have the wrong sign (sign = -1 in the mapping)",
+            replace(motion, torque=motion.torque * sign),
+        )
+        yield (
+            f"the position of {joints[j]} seems to have the wrong sign (sign = -1 in the mapping)",
+            replace(motion, q=motion.q * sign, v=motion.v * sign, a=motion.a * sign),
+        )
+    for i, j in itertools.combinations(range(n), 2):
+        order = np.arange(n)
+        order[[i, j]] = j, i
+        yield (
+            f"the torques of {joints[i]} and {joints[j]} seem to be exchanged",
+            replace(motion, torque=motion.torque[:, order]),
+        )
+        yield (
+            f"the joints {joints[i]} and {joints[j]} seem to be exchanged (order of columns)",
+            replace(
+                motion, q=motion.q[:, order], v=motion.v[:, order], a=motion.a[:, order], torque=motion.torque[:, order]
+            ),
+        )
+    yield (
+        "the joints seem to be in reverse order",
+        replace(motion, q=motion.q[:, ::-1], v=motion.v[:, ::-1], a=motion.a[:, ::-1], torque=motion.torque[:, ::-1]),
+    )

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Parameters from regressors and torque: least squares, weighted, robust, with instruments; honest standard deviations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import IdentificationError
+from trueup.identification.estimation.moments import RIDGE, moments_of, solve
+from trueup.identification.estimation.torque_model import Rows
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_HUBER = 1.345
+"""Standard deviations beyond which an error counts linearly: 95 % efficient for normal errors. Huber, 1964."""
+_OUTLIER = 10.0
+"""Standard deviations that no error of a sound log reaches often."""
+_OUTLIERS = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Parameters (p,) with their covariance (p, p); zero for columns that were not fitted."""
+
+    parameters: Array
+    covariance: Array
+    active: Integers
+    """Indices of the columns that were fitted."""
+    noise: Array
+    """(n,) standard deviation of the torque error of each joint on the training data."""
+    weights: Array
+    """(n,) of the joints."""
+    robust: bool
+    """Whether outliers were weighed down."""
+
+    @property
+    def deviations(self) -> Array:
+        """(p,) standard deviations."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+
+def least_squares(
+    rows: Sequence[Rows], active: Sequence[int] | Integers, weights: Array | None = None, *, prior: Array | None = None,
+    strength: float = RIDGE, robust: bool | None = False,
+) -> Estimate:  # fmt: skip
+    """The fit of some columns; ordinary where `weights` (n,) are not given.
+
+    `prior` (p,) and `strength` draw what the data cannot tell towards a value. `robust` weighs errors beyond 1.345
+    standard deviations down (iteratively reweighted, Huber), None decides by the share of outliers. Raises
+    IdentificationError where there are fewer samples than parameters.
+    """
+    act = np.asarray(active, dtype=np.int64)
+    n, count = len(rows[0].values), sum(r.length for r in rows)
+    if count * n <= len(act):
+        raise IdentificationError(f"{count} samples of {n} joints are too few for {len(act)} parameters")
+    joint_weights = np.ones(n) if weights is None else np.asarray(weights, dtype=float)
+    start = np.zeros(rows[0].p) if prior is None else prior
+    parameters, normal = _solved(rows, act, joint_weights, start, strength, None)
+    doubt = None
+    if robust or (robust is None and _has_outliers(rows, parameters)):
+        for _ in range(8):
+            doubt = [_huber(r.torque - r.predict(parameters)) for r in rows]
+            parameters, normal = _solved(rows, act, joint_weights, start, strength, doubt)
+    errors = [r.torque - r.predict(parameters) for r in rows]
+    noise = np.sqrt(sum(np.sum(e**2, axis=0) for e in errors) / count)
+    covariance = _sandwich(rows, act, joint_weights, errors, doubt, normal)
+    return Estimate(parameters, covariance, act, noise, joint_weights, doubt is not None)
+
+
+def weighted_least_squares(
+    rows: Sequence[Rows], active: Sequence[int] | Integers, *, prior: Array | None = None, strength: float = RIDGE,
+    robust: bool | None = False, passes: int = 5,
+) -> Estimate:  # fmt: skip
+    """Least squares with each joint weighed by its own error variance, found by repetition."""
+    estimate = least_squares(rows, active, None, prior=prior, strength=strength)
+    for k in range(passes):
+        weights = np.maximum(estimate.noise, 1e-9 * estimate.noise.max()) ** -2.0
+        last = robust if k == passes - 1 else False
+        estimate = least_squares(rows, active, weights / weights.mean(), prior=prior, strength=strength, robust=last)
+    return estimate
+
+
+def instrumental(
+    rows: Sequence[Rows], instruments: Sequence[Rows], active: Sequence[int] | Integers, weights: Array | None = None
+) -> Array:
+    """(p,) parameters that noise in the regressor does not bias, from instruments: a regressor with independent noise.
+
+    Rows of the same motion repeated, or of a simulated one, serve. Janot, Vandanjon & Gautier, "A generic instrumental
+    variable approach for industrial robot identification", IEEE TCST 22(1), 2014, eq. 17.
+    """
+    act = np.asarray(active, dtype=np.int64)
+    place = {int(k): i for i, k in enumerate(act)}
+    joint_weights = np.ones(len(rows[0].values)) if weights is None else weights
+    left, right = np.zeros((len(act), len(act))), np.zeros(len(act))
+    for r, z in zip(rows, instruments, strict=True):
+        for j, (c, v, w) in enumerate(zip(r.columns, r.values, z.values, strict=True)):
+            own = [i for i, k in enumerate(c) if int(k) in place]
+            at = [place[int(c[i])] for i in own]
+            left[np.ix_(at, at)] += joint_weights[j] * w[own] @ v[own].T
+            right[at] += joint_weights[j] * w[own] @ r.torque[:, j]
+    parameters = np.zeros(rows[0].p)
+    parameters[act] = np.linalg.lstsq(left, right, rcond=1e-12)[0]
+    return parameters
+
+
+def _solved(
+    rows: Sequence[Rows], act: Integers, weights: Array, prior: Array, strength: float, doubt: Sequence[Array] | None
+) -> tuple[Array, Array]:
+    """(p,) parameters, and the inverse of their normal matrix (len(act), len(act))."""
+    parts = rows if doubt is None else [_scaled(r, np.sqrt(d)) for r, d in zip(rows, doubt, strict=True)]
+    moments = moments_of(parts)
+    gram, cross = (x.sum(axis=0) for x in moments.weighted(weights))
+    scale = moments.scale[act]
+    x = solve(gram[np.ix_(act, act)], cross[act], prior[act] * scale, strength)
+    inverse = np.divide(1.0, scale, out=np.zeros(len(act)), where=scale > 0.0)
+    parameters = np.zeros(len(prior))
+    parameters[act] = x * inverse
+    size = np.trace(gram[np.ix_(act, act)]) / len(act)
+    normal = np.linalg.inv(gram[np.ix_(act, act)] + strength * size * np.eye(len(act)))
+    return parameters, normal * inverse[:, None] * inverse
+
+
+def _scaled(rows: Rows, by: Array) -> Rows:
+    """Rows with each sample of each joint multiplied by (S, n) factors."""
+    values = tuple(v * by[:, j] for j, v in enumerate(rows.values))
+    return Rows(rows.columns, values, rows.torque * by, rows.time, rows.p)
+
+
+def _spread(errors: Array) -> Array:
+    """(n,) robust standard deviations, from the median."""
+    return np.maximum(1.4826 * np.median(np.abs(errors), axis=0), 1e-300)
+
+
+def _huber(errors: Array) -> Array:
+    return np.minimum(1.0, _HUBER * _spread(errors) / np.maximum(np.abs(errors), 1e-300))
+
+
+def _has_outliers(rows: Sequence[Rows], parameters: Array) -> bool:
+    errors = np.concatenate([r.torque - r.predict(parameters) for r in rows])
+    return bool(np.mean(np.abs(errors) > _OUTLIER * _spread(errors)) > _OUTLIERS)
+
+
+def _sandwich(
+    rows: Sequence[Rows], act: Integers, weights: Array, errors: Sequence[Array], doubt: Sequence[Array] | None,
+    normal: Array,
+) -> Array:  # fmt: skip
+    """(p, p) covariance that allows for errors that last: normal @ (long-run variance of the scores) @ normal.
+
+    Newey & West, "A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance
+    matrix", Econometrica 55(3), 1987: the Bartlett kernel, written as overlapping sums of `window` scores.
+    """
+    p, place = rows[0].p, np.full(rows[0].p, -1)
+    place[act] = np.arange(len(act))
+    middle, count = np.zeros((len(act), len(act))), sum(r.length for r in rows)
+    window = max(_memory(e) for e in errors)
+    for k, r in enumerate(rows):
+        score = np.zeros((len(act), r.length))
+        for j, (c, v) in enumerate(zip(r.columns, r.values, strict=True)):
+            own = place[c] >= 0
+            error = weights[j] * errors[k][:, j] * (1.0 if doubt is None else doubt[k][:, j])
+            score[place[c[own]]] += v[own] * error
+        total = np.cumsum(np.pad(score, ((0, 0), (window, window))), axis=1)
+        sums = total[:, window:] - total[:, :-window]
+        middle += sums @ sums.T / window
+    covariance = np.zeros((p, p))
+    # As many samples were used up as parameters were fitted, in steps of the errors' memory.
+    spent = min(len(act) / max(count * len(rows[0].values) / window, 1.0), 0.8)
+    covariance[np.ix_(act, act)] = normal @ middle @ normal / (1.0 - spent)
+    return covariance
+
+
+def _memory(errors: Array) -> int:
+    """Samples over which errors (S, n) forget: four times the time in which their correlation falls below a half."""
+    S = len(errors)
+    centred = errors - errors.mean(axis=0)
+    spectrum = np.abs(np.fft.rfft(centred, 2 * S, axis=0)) ** 2
+    correlation = np.fft.irfft(spectrum, axis=0)[:S]
+    correlation /= np.maximum(correlation[0], 1e-300)
+    below = [int(np.argmax(c < 0.5)) or 1 for c in correlation.T]
+    return int(np.clip(4 * max(below), 1, max(S // 8, 1)))

@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A model file and logs in, a dynamic model that predicts torque out: the sentence that joins this folder."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import IdentificationError
+from trueup.identification.estimation.alignment import find_shift, shifted
+from trueup.identification.estimation.consistent import ConsistentFit, cross_validated_fit
+from trueup.identification.estimation.diagnosis import check_log
+from trueup.identification.estimation.drives import Drives
+from trueup.identification.estimation.estimate import least_squares
+from trueup.identification.estimation.moments import blocks_of, moments_of
+from trueup.identification.estimation.motion import Log, log_of
+from trueup.identification.estimation.outcome import outcome
+from trueup.identification.estimation.pieces import Piece, pieces_of
+from trueup.identification.estimation.pool import STRUCTURES, Pool, chosen, pool_for
+from trueup.identification.estimation.quick import basic_columns, coupled, doubts, measured_speed
+from trueup.identification.estimation.result import Alignment, Identification
+from trueup.identification.estimation.selection import Choice
+from trueup.identification.estimation.torque_model import Rows, TorqueModel
+from trueup.identification.kinematic_tree import KinematicTree
+from trueup.recording import Recording
+
+Array = NDArray[np.float64]
+Told = Callable[[str, float], None]
+
+_BLOCKS = 8
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to identify; the defaults decide by the data."""
+
+    cutoff: float | None = None
+    """Hz; None takes it from the motion."""
+    align: Literal["auto", "off"] | float = "auto"
+    """Torque against position: 'auto' corrects a shift that is certain, a number of s is taken as it is."""
+    hold_out: float = 0.0
+    """Share of each recording, at its end, that is not fitted."""
+    structure: str = "select"
+    """'select', 'paper' or 'common', see pool.chosen."""
+    robust: bool | None = None
+    """Whether to weigh outliers down; None decides by their share."""
+    consistent: bool = True
+    seed: int = 0
+
+
+def identify(
+    tree: KinematicTree, training: Sequence[Recording], held_out: Sequence[Recording] = (), *, drives: Drives | None = None,
+    options: Options | None = None, told: Told | None = None,
+) -> Identification:  # fmt: skip
+    """The dynamic model of `tree` from recordings of position and torque (or current), judged on what was held out.
+
+    Raises IdentificationError and UnknownNameError, naming the recording and what to do, for logs that cannot be used.
+    """
+    started, wanted, say = time.perf_counter(), options or Options(), told or (lambda stage, share: None)
+    _check_options(wanted, training)
+    gears = drives or Drives.direct(tree.joints)
+    rng = np.random.default_rng(wanted.seed)
+    say("reading the logs", 0.0)
+    logs, judged = ([log_of(r, tree, gears) for r in group] for group in (training, held_out))
+    warnings = [note for log in [*logs, *judged] for note in (*log.notes, *check_log(log, tree))]
+    cutoff = wanted.cutoff or natural_cutoff(logs)
+    measured = measured_speed(logs, tree, gears, cutoff, rng, wanted.hold_out)
+    say("computing regressors", 0.1)
+    motions = [log.motion(cutoff, measured_speed=measured) for log in logs]
+    gears, said = coupled(motions[0], tree, gears, cutoff, rng, wanted.hold_out)
+    pool = pool_for(tree, gears.coupling, motions, rng)
+    pieces = [p for m in motions for p in pieces_of(m, pool.model, cutoff, wanted.hold_out)]
+    for log in judged:
+        motion = log.motion(cutoff, measured_speed=measured)
+        pieces += [replace(p, held_out=True) for p in pieces_of(motion, pool.model, cutoff, 0.0)]
+    say("comparing clocks", 0.3)
+    alignment, pieces = _aligned(pool, pieces, logs[0].rate, wanted.align)
+    warnings += [*said, *doubts(logs, tree, gears, pool, pieces, rng)]
+    say("choosing the structure of friction", 0.4)
+    parts = [p.rows for p in pieces if not p.held_out]
+    moments = moments_of(blocks_of(parts, _BLOCKS, 1.0 / cutoff))
+    nominal = _nominal(pool.model)
+    prior = _prior(pool, nominal)
+    choice = chosen(pool, moments, prior * moments.scale, wanted.structure)
+    say("estimating", 0.8)
+    active = np.flatnonzero(choice.active)
+    estimate = least_squares(parts, active, choice.weights, prior=prior, strength=choice.strength, robust=wanted.robust)
+    bodies, pull = _bodies(pool.model, parts, choice, nominal) if wanted.consistent else (None, 0.0)
+    say("writing", 0.95)
+    return outcome(
+        tree, pool, choice, estimate, bodies, pieces, alignment,
+        moments=moments, pull=pull, nominal=nominal, cutoff=cutoff, warnings=warnings, rng=rng, started=started,
+    )  # fmt: skip
+
+
+def _bodies(model: TorqueModel, parts: Sequence[Rows], choice: Choice, nominal: Array) -> tuple[ConsistentFit, float]:
+    """The physically consistent fit, and how strongly it was drawn to the model file."""
+    # All samples, where the choice of the structure left out those at the borders of blocks.
+    moments = moments_of(blocks_of(parts, _BLOCKS, 0.0))
+    return cross_validated_fit(model, moments, choice.weights, np.flatnonzero(choice.active), nominal)
+
+
+def natural_cutoff(logs: Sequence[Log]) -> float:
+    """A cut-off in Hz from the motion: five times the frequency below which 99 % of the speeds' power lies.
+
+    At least 5 Hz, at most 40 Hz or 0.16 of the rate: torque above is noise, ripple and elasticity.
+    """
+    found = []
+    for log in logs:
+        # Speeds of positions seen through a wide filter; noise above is not motion.
+        slow = log.motion(min(20.0, 0.15 * log.rate), measured_speed=False)
+        power = np.abs(np.fft.rfft(slow.v - slow.v.mean(axis=0), axis=0)) ** 2
+        share = np.cumsum(power / np.maximum(power.sum(axis=0), 1e-300), axis=0).mean(axis=1)
+        frequency = np.fft.rfftfreq(len(slow.v), 1.0 / slow.rate)
+        found.append(float(frequency[int(np.searchsorted(share, 0.99))]))
+    lowest = min(log.rate for log in logs)
+    return float(np.clip(round(5.0 * max(found), 1), min(5.0, 0.08 * lowest), min(40.0, 0.16 * lowest)))
+
+
+def _check_options(options: Options, training: Sequence[Recording]) -> None:
+    if not training:
+        raise IdentificationError("no recording is left to fit: all are held out")
+    if options.structure not in STRUCTURES:
+        raise IdentificationError(
+            f"friction structure '{options.structure}' is unknown; choices: {', '.join(STRUCTURES)}"
+        )
+    if not 0.0 <= options.hold_out < 0.9:
+        raise IdentificationError(f"a share of {options.hold_out:g} cannot be held out; give 0 to 0.9")
+    if options.cutoff is not None and not options.cutoff > 0.0:
+        raise IdentificationError(f"a cut-off of {options.cutoff:g} Hz is not above zero")
+
+
+def _aligned(
+    pool: Pool, pieces: Sequence[Piece], rate: float, align: str | float
+) -> tuple[Alignment | None, list[Piece]]:
+    """Pieces with a shift of their torque taken out, where it is asked for or certain."""
+    if align == "off":
+        return None, list(pieces)
+    if isinstance(align, str):
+        parts = [p.rows for p in pieces if not p.held_out]
+        basic = basic_columns(pool)
+        weights = least_squares(parts, basic).noise ** -2.0
+        found = find_shift(parts, basic, weights / weights.mean(), rate)
+    else:
+        found = Alignment(float(align), 0.0, rate, True, float("nan"))
+    if not found.corrected:
+        return found, list(pieces)
+    return found, [replace(p, rows=shifted(p.rows, found.shift)) for p in pieces]
+
+
+def _nominal(model: TorqueModel) -> Array:
+    """(p,) what the file says, with a body of 1 kg where it says nothing: where the consistent fit looks first."""
+    nominal = model.nominal()
+    for j in range(model.tree.n):
+        if not np.isfinite(model.tree.inertial[j]).all() or nominal[10 * j] <= 0.0:
+            nominal[10 * j : 10 * j + 10] = [1.0, 0.0, 0.0, 0.0, 0.01, 0.0, 0.01, 0.0, 0.0, 0.01]
+    return nominal
+
+
+def _prior(pool: Pool, nominal: Array) -> Array:
+    """(p,) the base parameters of the file at their columns, zero elsewhere."""
+    prior = np.zeros(pool.model.p)
+    prior[pool.base.independent] = pool.base.of(nominal)
+    prior[10 * pool.model.tree.n :] = nominal[10 * pool.model.tree.n :]
+    return prior

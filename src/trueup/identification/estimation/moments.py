@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Regressors condensed to Gram matrices, one for each joint and block of time: weights and choices of columns are free."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.identification.estimation.torque_model import Rows
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+RIDGE = 1e-9
+"""Of the mean squared size of a column: keeps what the data cannot tell at its prior, changes nothing else."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Sums over the samples of K blocks and n joints of columns and torque; columns scaled to unit size."""
+
+    gram: Array
+    """(K, n, p, p)."""
+    cross: Array
+    """(K, n, p) columns with torque."""
+    square: Array
+    """(K, n) torque with itself."""
+    count: Array
+    """(K,) samples."""
+    scale: Array
+    """(p,) root mean square of each column over all joints: parameter = scaled parameter / scale; 0 for absent ones."""
+
+    def take(self, blocks: Sequence[int] | Integers) -> Moments:
+        """Some of the blocks."""
+        k = np.asarray(blocks, dtype=np.int64)
+        return Moments(self.gram[k], self.cross[k], self.square[k], self.count[k], self.scale)
+
+    def only(self, columns: Sequence[int] | Integers) -> Moments:
+        """Some of the columns."""
+        c = np.asarray(columns, dtype=np.int64)
+        return Moments(self.gram[:, :, c[:, None], c], self.cross[:, :, c], self.square, self.count, self.scale[c])
+
+    def errors(self, scaled: Array) -> Array:
+        """(K, n) sums of squared errors for scaled parameters (p,), or one vector for each block (K, p)."""
+        x = np.broadcast_to(scaled, (len(self.count), scaled.shape[-1]))
+        quadratic = (((self.gram @ x[:, None, :, None])[..., 0]) @ x[:, :, None])[..., 0]
+        return np.maximum(self.square - 2.0 * (self.cross @ x[:, :, None])[..., 0] + quadratic, 0.0)
+
+    def weighted(self, weights: Array) -> tuple[Array, Array]:
+        """(K, p, p) and (K, p): the normal equations of each block with weights (n,) for the joints."""
+        return np.tensordot(weights, self.gram, (0, 1)), np.tensordot(weights, self.cross, (0, 1))
+
+
+def moments_of(parts: Sequence[Rows]) -> Moments:
+    """The moments of blocks (one Rows each)."""
+    n, p = len(parts[0].values), parts[0].p
+    gram, cross = np.zeros((len(parts), n, p, p)), np.zeros((len(parts), n, p))
+    square, count = np.zeros((len(parts), n)), np.array([part.length for part in parts], dtype=float)
+    for k, part in enumerate(parts):
+        for j, (c, v) in enumerate(zip(part.columns, part.values, strict=True)):
+            gram[k, j][np.ix_(c, c)] = v @ v.T
+            cross[k, j, c] = v @ part.torque[:, j]
+        square[k] = np.sum(part.torque**2, axis=0)
+    size = np.sqrt(np.einsum("kjpp->p", gram) / (n * count.sum()))
+    inverse = np.divide(1.0, size, out=np.zeros(p), where=size > 0.0)
+    gram *= inverse[:, None] * inverse
+    cross *= inverse
+    return Moments(gram, cross, square, count, size)
+
+
+def blocks_of(rows: Sequence[Rows], count: int, margin: float) -> list[Rows]:
+    """About `count` blocks of equal duration from several recordings, `margin` s left out at both ends of each.
+
+    Blocks rather than scattered samples, so that what is left out is not next to what was fitted.
+    """
+    total = sum(r.time[-1] - r.time[0] for r in rows if r.length > 1)
+    blocks = []
+    for r in rows:
+        share = max(1, round(count * float(r.time[-1] - r.time[0]) / total))
+        edges = np.linspace(r.time[0], r.time[-1], share + 1)
+        for start, stop in itertools.pairwise(edges):
+            inside = (r.time >= start + margin) & (r.time <= stop - margin)
+            if np.count_nonzero(inside) > 1:
+                blocks.append(r.part(inside))
+    return blocks
+
+
+def solve(gram: Array, cross: Array, prior: Array, strength: float | Array = RIDGE) -> Array:
+    """(..., p) minimisers of the weighted squares plus a ridge towards `prior` (p,); gram (..., p, p), cross (..., p).
+
+    The ridge is `strength` times the mean diagonal of the Gram matrix, the same for all scaled columns or one for each.
+    """
+    size = np.maximum(np.einsum("...pp->...", gram) / gram.shape[-1], 1e-300)
+    ridge = np.asarray(size)[..., None] * np.broadcast_to(strength, gram.shape[-1])
+    full = gram + ridge[..., None] * np.eye(gram.shape[-1])
+    return np.asarray(np.linalg.solve(full, (cross + ridge * prior)[..., None])[..., 0], dtype=np.float64)

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a recording to the motion of a tree's joints on even instants: position, speed, acceleration, torque."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import IdentificationError, unknown_name
+from trueup.identification.estimation.drives import Drives
+from trueup.identification.estimation.filtering import Lowpass, decimated, derivative, even, grid, highest_cutoff
+from trueup.identification.kinematic_tree import KinematicTree
+from trueup.recording import Channel, Recording
+
+Array = NDArray[np.float64]
+
+TORQUES = ("torque", "current", "load")
+"""Channels that may hold torque, the first one present counts."""
+_AHEAD = 4.0
+"""Positions are filtered at this many times the cut-off first: it keeps accelerations finite and changes nothing below."""
+_OVERSAMPLED = 10.0
+"""Columns are computed at this many times the cut-off, so that what nonlinear ones add above it can be filtered away."""
+_GAP, _GAP_STEPS = 0.02, 5.0
+_RESTING = 0.01
+"""Of the top speed: slower samples at either end of a log are standstill."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Joint motion on even instants; arrays are (S, n) in rad, rad/s, rad/s^2, N m (m, ..., N)."""
+
+    name: str
+    time: Array
+    rate: float
+    q: Array
+    v: Array
+    a: Array
+    torque: Array
+    gaps: tuple[tuple[float, float], ...] = ()
+    """First and last instant in s of stretches that the log does not hold."""
+
+    def span(self) -> tuple[float, float]:
+        """First and last instant in s of the motion, without standstill at either end, where friction may hold any load."""
+        speed = np.abs(self.v).max(axis=1)
+        fast = np.flatnonzero(speed > _RESTING * float(np.quantile(speed, 0.99)))
+        return (float(self.time[fast[0]]), float(self.time[fast[-1]])) if fast.size else (0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """What a recording says of the joints of a tree, before any filter; arrays are (T, n) on even instants."""
+
+    name: str
+    time: Array
+    rate: float
+    position: Array
+    velocity: Array | None
+    torque: Array
+    channel: str
+    """The channel that the torque came from: 'torque' or 'current'."""
+    gaps: tuple[tuple[float, float], ...] = ()
+    """First and last instant in s of stretches without samples."""
+    notes: tuple[str, ...] = ()
+    """What was done to the log, in words."""
+
+    def motion(self, cutoff: float, *, measured_speed: bool) -> Motion:
+        """The motion at about ten times `cutoff` Hz; position and torque have passed the same filter.
+
+        Raises IdentificationError where the log is too short or too slow for the cut-off.
+        """
+        ahead = min(_AHEAD * cutoff, highest_cutoff(self.rate))
+        every = decimated(self.rate, max(_OVERSAMPLED * cutoff, 2.5 * ahead))
+        passing = Lowpass(self.rate, ahead)
+        q, torque = passing(self.position), passing(self.torque)
+        v = passing(self.velocity) if measured_speed and self.velocity is not None else derivative(q, self.rate)
+        a = derivative(v, self.rate)
+        q, v, a, torque = (x[::every] for x in (q, v, a, torque))
+        return Motion(self.name, self.time[::every], self.rate / every, q, v, a, torque, self.gaps)
+
+
+def log_of(recording: Recording, tree: KinematicTree, drives: Drives) -> Log:
+    """The log of a tree's joints in a recording, matched by name, geared to the joints.
+
+    Raises UnknownNameError and IdentificationError: no positions or torques, a joint missing, missing samples.
+    """
+    position = _channel(recording, ("position",))
+    source = _channel(recording, TORQUES)
+    if not np.all(np.isin(tree.joints, position.labels)) or not np.all(np.isin(tree.joints, source.labels)):
+        _name_missing(recording, tree, position, source)
+    time, rate = grid(position.time)
+    inside = (time >= source.time[0] - 0.5 / rate) & (time <= source.time[-1] + 0.5 / rate)
+    if np.count_nonzero(inside) < 20:
+        raise IdentificationError(
+            f"recording '{recording.name}': positions and {source.name} share {np.count_nonzero(inside)} samples; "
+            "their clocks do not fit together, or the log is too short"
+        )
+    time = time[inside]
+    velocity = recording.channels.get("velocity")
+    usable = velocity is not None and all(j in velocity.labels for j in tree.joints)
+    speeds = _values(velocity, tree, time, recording) if usable and velocity is not None else None
+    turning, unwound = _unwound(position, tree, recording.name)
+    return Log(
+        recording.name, time, rate, drives.joint_positions(_values(turning, tree, time, recording)),
+        None if speeds is None else drives.joint_speeds(speeds),
+        drives.joint_torques(_values(source, tree, time, recording)), source.name, _gaps(position.time, source.time), unwound,
+    )  # fmt: skip
+
+
+def _unwound(position: Channel, tree: KinematicTree, name: str) -> tuple[Channel, tuple[str, ...]]:
+    """The positions without the jumps of a turn that endless joints make, and a note."""
+    values, found = np.array(position.values), []
+    for joint, slides in zip(tree.joints, np.asarray(tree.prismatic).tolist(), strict=True):
+        k = position.labels.index(joint)
+        steps = np.abs(np.diff(values[:, k]))
+        if not slides and np.any(np.abs(steps[np.isfinite(steps)] - 2.0 * np.pi) < 0.3):
+            known = np.isfinite(values[:, k])
+            values[known, k] = np.unwrap(values[known, k])
+            found.append(joint)
+    if not found:
+        return position, ()
+    said = f"recording '{name}': {', '.join(found)} jumps by a turn in the log; it was taken as going on"
+    return position.replace(values=values), (said,)
+
+
+def _gaps(*clocks: Array) -> tuple[tuple[float, float], ...]:
+    """Stretches of more than 20 ms and five usual steps without a sample."""
+    found = []
+    for time in clocks:
+        steps = np.diff(time)
+        long = np.flatnonzero(steps > max(_GAP_STEPS * float(np.median(steps)), _GAP))
+        found += [(float(time[i]), float(time[i + 1])) for i in long]
+    return tuple(sorted(set(found)))
+
+
+def _channel(recording: Recording, names: tuple[str, ...]) -> Channel:
+    for name in names:
+        if name in recording.channels:
+            return recording.channels[name]
+    raise IdentificationError(
+        f"recording '{recording.name}' has no channel {' or '.join(repr(n) for n in names)}; its channels are: "
+        f"{', '.join(recording.channels)}. Say which columns they are in a mapping (`trueup inspect` writes one to edit); "
+        "where positions and torques are in two files, give the folder that holds both"
+    )
+
+
+def _name_missing(recording: Recording, tree: KinematicTree, *channels: Channel) -> None:
+    for channel in channels:
+        for joint in tree.joints:
+            if joint not in channel.labels:
+                raise unknown_name(
+                    "column", joint, channel.labels,
+                    f"channel '{channel.name}' of recording '{recording.name}' (a joint of the model; rename columns in "
+                    f"the mapping's [joints], lock joints that do not move with --lock, or see `trueup inspect "
+                    f"RECORDINGS --model MODEL`, which proposes)",
+                )  # fmt: skip
+
+
+def _values(channel: Channel, tree: KinematicTree, time: Array, recording: Recording) -> Array:
+    """(T, n) of the tree's joints at even instants, single missing samples bridged."""
+    chosen = channel.select(tree.joints)
+    values = np.array(chosen.values)
+    for k, joint in enumerate(tree.joints):
+        gone = np.isnan(values[:, k])
+        if gone.mean() > 0.05:
+            raise IdentificationError(
+                f"recording '{recording.name}', channel '{channel.name}': {gone.sum()} of {len(gone)} samples of "
+                f"'{joint}' are missing; cut the log where they are"
+            )
+        if gone.any():
+            values[gone, k] = np.interp(channel.time[gone], channel.time[~gone], values[~gone, k])
+    return even(channel.time, values, time)

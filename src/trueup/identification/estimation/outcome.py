@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes the result of an identification from its parts: predictions, parameters with verdicts, links, what to mind."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.identification.estimation.consistent import ConsistentFit, violations
+from trueup.identification.estimation.estimate import Estimate
+from trueup.identification.estimation.moments import Moments
+from trueup.identification.estimation.pool import Pool
+from trueup.identification.estimation.result import (
+    Alignment,
+    Identification,
+    Link,
+    Parameter,
+    Prediction,
+    relative_error,
+)
+from trueup.identification.estimation.selection import Choice
+from trueup.identification.estimation.torque_model import TorqueModel
+from trueup.identification.estimation.verdicts import advice, parameters_of
+from trueup.identification.inertial import pseudo_inertia
+from trueup.identification.kinematic_tree import KinematicTree
+from trueup.identification.regressors import link_poses
+
+if TYPE_CHECKING:
+    from trueup.identification.estimation.pieces import Piece
+
+Array = NDArray[np.float64]
+
+_MANY = 0.4
+"""Share of combinations not seen from which on the whole is in doubt."""
+_FAR = 3.0
+"""Times the fitted error: held-out motion of another kind."""
+_COSTLY = 1.02
+"""Of the unconstrained error: a consistent model that is worse than this is worth a word."""
+
+
+def outcome(
+    tree: KinematicTree, pool: Pool, choice: Choice, estimate: Estimate, bodies: ConsistentFit | None,
+    pieces: Sequence[Piece], alignment: Alignment | None, *, moments: Moments, pull: float, nominal: Array,
+    cutoff: float, warnings: Sequence[str], rng: np.random.Generator, started: float,
+) -> Identification:  # fmt: skip
+    """The result. `nominal` (p,) are the file's parameters, `pull` what drew the consistent fit to them."""
+    model, active = pool.model, estimate.active
+    weighed = bool(np.isfinite(tree.inertial).all())
+    rigid = np.where(np.arange(model.p) < 10 * tree.n, nominal, 0.0) if weighed else None
+    predictions = tuple(_prediction(p, tree, estimate.parameters, bodies, rigid) for p in pieces)
+    parts = [p.rows for p in pieces if not p.held_out]
+    parameters = parameters_of(model, pool.base, estimate, parts, nominal, bodies.parameters if bodies else None)
+    full = bodies.parameters if bodies is not None else pool.base.full(pool.base.of(estimate.parameters), nominal)
+    speed = np.concatenate([p.motion.v for p in pieces if not p.held_out])
+    errors = np.zeros((0, tree.n)) if choice.errors is None else np.sqrt(choice.errors / moments.count[:, None])
+    return Identification(
+        model_name=tree.name, joints=tree.joints, prismatic=tuple(bool(x) for x in tree.prismatic),
+        effort=np.asarray(tree.effort), parameters=parameters,
+        links=_links(model, pool, estimate, bodies, nominal), predictions=predictions, noise=estimate.noise,
+        cross_validation=errors, alignment=alignment, structure=_structure(model, active),
+        simple_friction=_simple_friction(model, full, speed), armature=_armature(model, full), cutoff=cutoff,
+        rate=1.0 / float(np.median(np.diff(parts[0].time))), weighting=_WEIGHTING[choice.exponent],
+        trust=choice.strength, pull=pull, advice=advice(model, pool.base, parameters, rng),
+        warnings=(*warnings, *_warnings(predictions, alignment), *_thin(predictions, parameters)),
+        notes=_notes(tree, estimate, bodies, predictions),
+        seconds=time.perf_counter() - started, inertial=full[: 10 * tree.n].reshape(-1, 10),
+    )  # fmt: skip
+
+
+_WEIGHTING = {
+    1.0: "each joint by its noise (weighted least squares)",
+    0.5: "each joint by the root of its noise",
+    0.0: "all joints alike (ordinary least squares)",
+}
+
+
+def _prediction(
+    piece: Piece, tree: KinematicTree, fitted: Array, bodies: ConsistentFit | None, rigid: Array | None
+) -> Prediction:
+    rows, motion = piece.rows, piece.motion
+    return Prediction(
+        recording=motion.name, held_out=piece.held_out, time=rows.time, measured=rows.torque,
+        fitted=rows.predict(fitted), consistent=None if bodies is None else rows.predict(bodies.parameters),
+        file=None if rigid is None else rows.predict(rigid), position=motion.q, velocity=motion.v,
+        reach=link_poses(tree, motion.q)[1][:, -1],
+    )  # fmt: skip
+
+
+def _links(
+    model: TorqueModel, pool: Pool, estimate: Estimate, bodies: ConsistentFit | None, nominal: Array
+) -> tuple[Link, ...]:
+    if bodies is None:
+        return ()
+    nearest = pool.base.full(pool.base.of(estimate.parameters), nominal)
+    impossible, made = violations(model, nearest), []
+    for j, name in enumerate(model.tree.links):
+        row = bodies.parameters[10 * j : 10 * j + 10]
+        mass, sigma = float(row[0]), pseudo_inertia(row)
+        com = row[1:4] / mass
+        moments = sigma[:3, :3] - mass * np.outer(com, com)
+        principal = np.sort(np.linalg.eigvalsh(np.trace(moments) * np.eye(3) - moments))
+        said = impossible.get(j, "") if j in bodies.boundary else ""
+        x, y, z = (float(c) for c in com)
+        small, middle, large = (float(m) for m in principal)
+        made.append(Link(name, mass, (x, y, z), (small, middle, large), j in bodies.boundary, said))
+    return tuple(made)
+
+
+def _structure(model: TorqueModel, active: NDArray[np.int64]) -> tuple[tuple[str, ...], ...]:
+    """For each drive its effects in words, without repeating one kind."""
+    said: list[list[str]] = [[] for _ in model.tree.joints]
+    for k in active[active >= 10 * model.tree.n]:
+        d, effect = model.effects[int(k) - 10 * model.tree.n]
+        said[d].append(effect.short)
+    return tuple(tuple(dict.fromkeys(each)) for each in said)
+
+
+def _simple_friction(model: TorqueModel, parameters: Array, speed: Array) -> Array:
+    """(n, 2) f0 and f1 >= 0 of f0 sign(v) + f1 v nearest to the identified friction over the speeds (S, n) that occurred."""
+    n, found = model.tree.n, np.zeros((model.tree.n, 2))
+    turning = speed @ model.drives.T
+    for d in range(n):
+        v = turning[:: max(1, len(turning) // 2000), d]
+        torque = np.zeros_like(v)
+        for k, (owner, effect) in enumerate(model.effects):
+            if owner == d and effect.kind in ("coulomb", "viscous", "saturating", "quadratic", "root", "cubic"):
+                torque += parameters[10 * n + k] * effect.column(np.zeros_like(v), v, np.zeros_like(v))
+            elif owner == d and effect.kind == "hysteresis":  # fully built up, once moving
+                torque += parameters[10 * n + k] * np.sign(v)
+        found[d] = _nonnegative(np.column_stack([np.sign(v), v]), torque)
+    return found
+
+
+def _nonnegative(columns: Array, target: Array) -> Array:
+    """(2,) the best coefficients that are not negative: the free ones, else the best of one column alone."""
+    both = np.asarray(np.linalg.lstsq(columns, target, rcond=None)[0], dtype=np.float64)
+    if both.min() >= 0.0:
+        return both
+    alone = np.maximum(columns.T @ target / np.maximum(np.sum(columns**2, axis=0), 1e-300), 0.0)
+    trials = np.diag(alone)
+    return trials[int(np.argmin([np.sum((target - columns @ x) ** 2) for x in trials]))]
+
+
+def _armature(model: TorqueModel, parameters: Array) -> Array:
+    """(n,) rotor inertias that stand apart from the links."""
+    found = np.zeros(model.tree.n)
+    for k, (d, effect) in enumerate(model.effects):
+        if effect.kind == "rotor":
+            found[d] = max(float(parameters[10 * model.tree.n + k]), 0.0)
+    return found
+
+
+def _warnings(predictions: Sequence[Prediction], alignment: Alignment | None) -> list[str]:
+    said = []
+    if not any(p.held_out for p in predictions):
+        said.append(
+            "nothing was held out: the errors below are those of a fit to the data it was made from, and too small. "
+            "Give a recording of another motion (--hold-out), or keep the end of each (--hold-out 30%)"
+        )
+    if alignment is not None and abs(alignment.shift) > 2.0 * alignment.deviation and alignment.corrected:
+        late = "later" if alignment.shift > 0 else "earlier"
+        said.append(
+            f"torque was logged {1e3 * abs(alignment.shift):.2g} +- {1e3 * alignment.deviation:.1g} ms "
+            f"({abs(alignment.samples):.3g} samples) {late} than the position that it belongs to; this was corrected "
+            f"(squared error {100 * alignment.gain:.0f} % smaller). Look for a filter or a queue in the logger"
+        )
+    return said
+
+
+def _thin(predictions: Sequence[Prediction], parameters: Sequence[Parameter]) -> list[str]:
+    """What to say where the logs excite too little for the model that they are asked for."""
+    inertial = [p for p in parameters if p.kind == "inertial"]
+    unseen = sum(p.verdict == "not seen" for p in inertial)
+    held = [p for p in predictions if p.held_out]
+    trained = relative_error([p for p in predictions if not p.held_out])
+    said = []
+    if unseen > _MANY * len(inertial):
+        said.append(
+            f"too little excitation: {unseen} of {len(inertial)} combinations of inertial parameters cannot be told from "
+            "these logs (below: which, and which motion would show them); outside the motions fitted the model may be far off"
+        )
+    if held and relative_error(held) > _FAR * trained:
+        said.append(
+            f"held-out motion is predicted {relative_error(held) / trained:.0f} times worse than the fitted one: the logs "
+            "that were fitted are too short or too unlike it. Add motion of that kind"
+        )
+    return said
+
+
+def _notes(
+    tree: KinematicTree, estimate: Estimate, bodies: ConsistentFit | None, predictions: Sequence[Prediction]
+) -> tuple[str, ...]:
+    said = list(tree.notes)
+    if not np.isfinite(tree.inertial).all():
+        said.append("the model file gives no inertia for some links: bodies of 1 kg stand for what torque cannot tell")
+    if estimate.robust:
+        said.append("the logs have outliers; they were weighed down (Huber)")
+    if bodies is not None:
+        judged = [p for p in predictions if p.held_out] or list(predictions)
+        free, possible = relative_error(judged), relative_error(judged, "consistent")
+        if possible > _COSTLY * free:
+            said.append(
+                f"keeping all links physically possible costs accuracy: {100 * possible:.2f} % instead of "
+                f"{100 * free:.2f} %. Something other than rigid links pushes the fit there: friction, elasticity, "
+                "a wrong length or mounting (--gravity) in the model"
+            )
+    return tuple(said)

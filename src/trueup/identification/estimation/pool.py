@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+"""All effects that a drive may show, scaled to the motion at hand, and the steps in which they are tried."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.identification.base_parameters import BaseParameters
+from trueup.identification.estimation.effects import Effect
+from trueup.identification.estimation.moments import RIDGE, Moments
+from trueup.identification.estimation.motion import Motion
+from trueup.identification.estimation.selection import (
+    Alternative,
+    Choice,
+    balanced,
+    evaluated,
+    grown,
+    trimmed,
+    weighed,
+)
+from trueup.identification.estimation.torque_model import TorqueModel
+from trueup.identification.kinematic_tree import KinematicTree
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_SPEEDS = (0.003, 0.01, 0.03, 0.1, 0.3)
+"""Of a drive's top speed: where friction that saturates does so."""
+_TRAVELS = (0.01, 0.03, 0.1, 0.3)
+"""Of a drive's range: over which hysteresis builds up after a reversal."""
+_USUAL = 0.01
+STRUCTURES = ("select", "paper", "common")
+
+
+@dataclass(frozen=True, eq=False)
+class Pool:
+    """A model with every candidate effect; `groups` are those of the same kind and scale, one a drive."""
+
+    model: TorqueModel
+    groups: dict[str, tuple[int, ...]]
+    """Name -> column of each drive."""
+    base: BaseParameters
+    independent: Mask
+    """(p,) columns that torque can tell apart."""
+
+    def columns(self, *names: str) -> list[int]:
+        """The independent columns of groups."""
+        return [k for name in names for k in self.groups[name] if self.independent[k]]
+
+    def with_groups(self, *names: str) -> Mask:
+        """(p,) all inertial combinations and these groups."""
+        mask = self.independent.copy()
+        mask[10 * self.model.tree.n :] = False
+        mask[self.columns(*names)] = True
+        return mask
+
+    def forms(self) -> list[str]:
+        """Groups that may be the Coulomb friction."""
+        return ["coulomb", *(f"saturating {s:g}" for s in _SPEEDS)]
+
+
+def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion], rng: np.random.Generator) -> Pool:
+    """Every effect of every drive, with speeds and travels taken from what the drives do in `motions`."""
+    speed = np.concatenate([np.abs(m.v @ drives.T) for m in motions])
+    place = np.concatenate([m.q @ drives.T for m in motions])
+    top, span = np.maximum(np.quantile(speed, 0.99, axis=0), 1e-6), np.maximum(np.ptp(place, axis=0), 1e-6)
+    effects: list[tuple[int, Effect]] = []
+    groups: dict[str, tuple[int, ...]] = {}
+
+    def add(name: str, kind: str, scales: Array | None = None) -> None:
+        start = 10 * tree.n + len(effects)
+        effects.extend((d, Effect(kind, float("nan") if scales is None else float(scales[d]))) for d in range(tree.n))
+        groups[name] = tuple(range(start, start + tree.n))
+
+    for kind in ("rotor", "offset", "viscous", "coulomb", "quadratic", "root", "asymmetric", "spring"):
+        add(kind, kind)
+    for s in _SPEEDS:
+        add(f"saturating {s:g}", "saturating", s * top)
+    for s in _TRAVELS:
+        add(f"hysteresis {s:g}", "hysteresis", s * span)
+    model = TorqueModel.of(tree, effects, drives)
+    base = _base(model, tree.n, rng)
+    independent = np.ones(model.p, dtype=bool)
+    independent[: 12 * tree.n] = False
+    independent[base.independent] = True
+    return Pool(model, groups, base, independent)
+
+
+def _base(model: TorqueModel, n: int, rng: np.random.Generator) -> BaseParameters:
+    """Groups of links, rotors and offsets: other effects are of no form that rigid bodies could take."""
+    part = model.only(range(2 * n))
+    preference = np.concatenate([np.full(10 * n, 2.0), np.full(n, 1.0), np.zeros(n)])
+    found = part.base(rng, preference)
+    wide = np.zeros((found.rank, model.p))
+    wide[:, : part.p] = found.grouping
+    return BaseParameters(model.names, found.independent, wide, found.gap)
+
+
+def chosen(pool: Pool, moments: Moments, prior: Array, structure: str = "select") -> Choice:
+    """The model that predicts best: Coulomb friction's form, then effects of all drives, then of single ones, then weights.
+
+    `structure` 'paper' (f0 sign + f1 v + f2 sign v^2, evolved trajectories, eq. 2) or 'common' (Coulomb, viscous, offset)
+    fixes the effects instead.
+    """
+    usual = f"saturating {_USUAL:g}"
+    start = {
+        "paper": ("rotor", "coulomb", "viscous", "quadratic"),
+        "common": ("rotor", "coulomb", "viscous", "offset"),
+        "select": ("rotor", "offset", "viscous", usual),
+    }[structure]
+    n = pool.model.tree.n
+    choice = Choice(pool.with_groups(*start), 1.0, RIDGE, np.ones(n))
+    choice = evaluated(moments, prior, weighed(moments, prior, choice))
+    if structure != "select":
+        return choice
+    forms = [Alternative(f, tuple(pool.columns(f)), tuple(pool.columns(usual))) for f in pool.forms() if f != usual]
+    tried = [choice, *(evaluated(moments, prior, _replaced(choice, form)) for form in forms)]
+    choice = min(tried, key=lambda c: c.loss)
+    more = [name for name in pool.groups if name not in ("rotor", "offset", "viscous")]
+    groups = [
+        Alternative(name, tuple(k)) for name in more if (k := [c for c in pool.columns(name) if not choice.active[c]])
+    ]
+    choice = evaluated(moments, prior, weighed(moments, prior, choice))
+    choice = grown(moments, prior, choice, groups)
+    choice = evaluated(moments, prior, weighed(moments, prior, choice))
+    singles = [Alternative(str(k), (k,)) for name in more for k in pool.columns(name) if not choice.active[k]]
+    choice = grown(moments, prior, choice, singles)
+    choice = trimmed(moments, prior, choice, [k for k in range(10 * n, pool.model.p) if choice.active[k]])
+    return balanced(moments, prior, choice)
+
+
+def _replaced(choice: Choice, form: Alternative) -> Choice:
+    active = choice.active.copy()
+    active[list(form.instead)] = False
+    active[list(form.columns)] = True
+    return replace(choice, active=active)

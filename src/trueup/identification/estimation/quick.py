@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Quick fits of a basic model: which speeds to trust, whether a log can be what it says, what mistake would explain it."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import IdentificationError
+from trueup.identification.estimation.diagnosis import DOUBTFUL, POOR, Fit, mistakes
+from trueup.identification.estimation.drives import Drives
+from trueup.identification.estimation.estimate import Estimate, least_squares
+from trueup.identification.estimation.moments import RIDGE, blocks_of, moments_of, solve
+from trueup.identification.estimation.motion import Log, Motion
+from trueup.identification.estimation.pieces import Piece, pieces_of
+from trueup.identification.estimation.pool import Pool, pool_for
+from trueup.identification.estimation.selection import Choice, evaluated, weighed
+from trueup.identification.estimation.torque_model import Rows
+from trueup.identification.kinematic_tree import KinematicTree
+
+Array = NDArray[np.float64]
+
+_COUPLED = 0.15
+"""The least gain in the logarithm of the squared error for which a drive is taken to turn with two joints."""
+_WRIST = 5
+_BASIC = 4
+"""Groups of effects that a pool has first: rotors, offsets, viscous and Coulomb friction."""
+_SLOW = 5.0
+"""Hz: cut-off for the quick fits that look for mistakes."""
+
+
+def basic_columns(pool: Pool) -> NDArray[np.int64]:
+    """The columns of a model that fits any arm roughly: rotors, offsets, viscous and Coulomb friction."""
+    return np.flatnonzero(pool.with_groups("rotor", "offset", "viscous", "saturating 0.01"))
+
+
+def measured_speed(
+    logs: Sequence[Log], tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator, hold_out: float
+) -> bool:
+    """Whether speeds as measured explain torque better than differences of positions; the share held out is not looked at."""
+    if any(log.velocity is None for log in logs):
+        return False
+    motions = [logs[0].motion(cutoff, measured_speed=measured) for measured in (True, False)]
+    fit = quick_fit(motions[0], tree, drives, cutoff, rng, hold_out)
+    return fit(motions[0]) <= fit(motions[1])
+
+
+def coupled(
+    motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator, hold_out: float
+) -> tuple[Drives, tuple[str, ...]]:
+    """Drives of the last three joints that turn one to one with another of them, where that predicts far better, and notes.
+
+    Joint angles and torques that a controller has decoupled already still show the friction and rotor of the drive that
+    turns with two joints. Nothing is looked for where couplings are given or the log is of motors. The share held out is
+    not looked at.
+    """
+    if tree.n < _WRIST or np.count_nonzero(drives.coupling) > tree.n or drives.motor_positions or drives.motor_torques:
+        return drives, ()
+
+    def judged(coupling: Array) -> Choice:
+        pool = pool_for(tree, coupling, [motion], rng)
+        rows = pieces_of(motion, pool.model.only(range(_BASIC * tree.n)), cutoff, hold_out)[0].rows
+        moments = moments_of(blocks_of([rows], 8, 1.0 / cutoff))
+        active = np.concatenate([pool.independent[: 10 * tree.n], np.ones(_BASIC * tree.n, dtype=bool)])
+        active[10 * tree.n : 11 * tree.n] = pool.independent[10 * tree.n : 11 * tree.n]
+        choice, prior = Choice(active, 1.0, RIDGE, np.ones(tree.n)), np.zeros(len(active))
+        return evaluated(moments, prior, weighed(moments, prior, choice))
+
+    C, n, notes = drives.coupling, tree.n, []
+    best = judged(C)
+    pairs = [(n - 2, n - 3), (n - 1, n - 2), (n - 1, n - 3)]
+    while pairs:
+        tried = []
+        for pair, sign in itertools.product(pairs, (1.0, -1.0)):
+            other = C.copy()
+            other[pair] = sign
+            tried.append((judged(other), pair, other))
+        found, pair, other = min(tried, key=lambda one: one[0].loss)
+        if found.loss > best.loss - _COUPLED:
+            break
+        notes.append(
+            f"the drive of {tree.joints[pair[0]]} turns with {tree.joints[pair[1]]} too (ratio {other[pair]:g}): its "
+            "friction and rotor were taken so; say what is true in a drives file, [[couplings]]"
+        )
+        best, C = found, other
+        pairs.remove(pair)
+    return replace(drives, coupling=C) if notes else drives, tuple(notes)
+
+
+def doubts(
+    logs: Sequence[Log], tree: KinematicTree, drives: Drives, pool: Pool, pieces: Sequence[Piece], rng: np.random.Generator
+) -> list[str]:  # fmt: skip
+    """Nothing where a basic model explains the torque; else what else might be wrong. Raises where a mistake explains it."""
+    parts = [p.rows for p in pieces if not p.held_out]
+    basic = basic_columns(pool)
+    power = np.maximum(sum(np.mean(r.torque**2, axis=0) for r in parts), 1e-300)
+    relative = _relative(parts, least_squares(parts, basic, 1.0 / power))
+    if relative < DOUBTFUL:
+        return []
+    slow = min(_SLOW, 0.08 * logs[0].rate)
+    motion = logs[0].motion(slow, measured_speed=False)
+    fit = quick_fit(motion, tree, drives, slow, rng)
+    for said in (*mistakes(motion, tree, fit), *_hanging(motion, tree, drives, slow, rng, fit(motion))):
+        raise IdentificationError(f"recording '{logs[0].name}': {said}. Correct that and identify again")
+    if relative < POOR:
+        return []
+    return [
+        f"a rigid arm with friction explains little of this torque ({100 * relative:.0f} % of it is left): is it the right "
+        "model file, are torques measured rather than commanded, are joints in the right order?"
+    ]
+
+
+def quick_fit(
+    motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator, hold_out: float = 0.0
+) -> Fit:
+    """A fit of a basic model that can be had many times: from a motion like this one to its relative error."""
+    pool = pool_for(tree, drives.coupling, [motion], rng)
+    basic, first = basic_columns(pool), 10 * tree.n
+    model = pool.model.only([int(k) - first for k in basic if k >= first])
+    active = np.concatenate([basic[basic < first], np.arange(first, model.p)])
+
+    def error(changed: Motion) -> float:
+        rows = [pieces_of(changed, model, cutoff, hold_out)[0].rows]
+        moments = moments_of(rows)
+        power = np.maximum(moments.square[0], 1e-300)
+        gram, cross = (x[0] for x in moments.weighted(1.0 / power))
+        x = np.zeros(model.p)
+        x[active] = solve(gram[np.ix_(active, active)], cross[active], np.zeros(len(active)))
+        return float(np.sqrt(np.mean(moments.errors(x)[0] / power)))
+
+    return error
+
+
+def _hanging(
+    motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator, relative: float
+) -> list[str]:
+    """Whether the torque fits another direction of gravity far better: an arm on a wall or ceiling."""
+    size = float(np.linalg.norm(tree.gravity)) or 9.81
+    directions = [sign * size * axis for axis in np.eye(3) for sign in (1.0, -1.0)]
+    other = [g for g in directions if g @ tree.gravity < 0.9 * size**2]
+    errors = [quick_fit(motion, tree.replace(gravity=g), drives, cutoff, rng)(motion) for g in other]
+    best = int(np.argmin(errors))
+    if errors[best] > 0.5 * relative:
+        return []
+    x, y, z = other[best]
+    return [
+        f"the arm seems to be mounted otherwise than the model file says: with --gravity {x:g} {y:g} {z:g} the error would "
+        f"fall from {100 * relative:.0f} % to {100 * errors[best]:.0f} % of the torque"
+    ]
+
+
+def _relative(rows: Sequence[Rows], estimate: Estimate) -> float:
+    """Relative error, joints weighed by what they carry: no joint of little torque is drowned."""
+    errors = np.concatenate([r.torque - r.predict(estimate.parameters) for r in rows])
+    torque = np.concatenate([r.torque for r in rows])
+    return float(np.sqrt(np.mean(np.sum(errors**2, axis=0) / np.maximum(np.sum(torque**2, axis=0), 1e-300))))

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the recordings could tell of each combination of parameters, and which motion would tell the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.identification.base_parameters import BaseParameters
+from trueup.identification.estimation.estimate import Estimate
+from trueup.identification.estimation.result import Parameter
+from trueup.identification.estimation.torque_model import Rows, TorqueModel
+
+Array = NDArray[np.float64]
+
+SURE, ROUGH = 0.1, 0.5
+"""Relative standard deviations up to which a parameter is identified, or roughly."""
+_SMALL = 0.02
+"""Of the torque that a joint carries: a parameter that adds less is of no consequence in these motions."""
+_SHARED = ("saturating", "hysteresis", "quadratic", "cubic", "root", "asymmetric", "stribeck", "offset", "spring")
+"""Effects that were kept because they predict, of which one may stand for another."""
+_LISTED = 6
+
+
+def parameters_of(
+    model: TorqueModel, base: BaseParameters, estimate: Estimate, rows: Sequence[Rows], file: Array, consistent: Array | None
+) -> tuple[Parameter, ...]:  # fmt: skip
+    """One Parameter for each column that was fitted, with its verdict. `file` and `consistent` are full vectors (p,)."""
+    n, tree, known = model.tree.n, model.tree, np.isfinite(model.tree.inertial).all()
+    rows_of = {int(k): i for i, k in enumerate(base.independent)}
+    shares, deviations, made = _shares(rows), estimate.deviations, []
+    for k in map(int, estimate.active):
+        group = rows_of.get(k)
+        owner, kind = (k // 10, "inertial") if k < 10 * n else _effect(model, k)
+        row = base.grouping[group] if group is not None else np.eye(model.p)[k]
+        value, deviation = float(estimate.parameters[k]), float(deviations[k])
+        made.append(
+            Parameter(
+                name=model.names[k] if group is None else base.names[group], unit=model.units[k], kind=kind,
+                joint=tree.joints[owner], value=value, deviation=deviation,
+                file=float(row @ file) if known and kind in ("inertial", "rotor") else np.nan,
+                consistent=np.nan if consistent is None else float(row @ consistent),
+                verdict=_verdict(value, deviation, float(shares[k]), kind),
+            )
+        )  # fmt: skip
+    return tuple(made)
+
+
+def _effect(model: TorqueModel, column: int) -> tuple[int, str]:
+    """Drive and kind of a column behind the inertial ones."""
+    drive, effect = model.effects[column - 10 * model.tree.n]
+    return drive, effect.kind
+
+
+def advice(
+    model: TorqueModel, base: BaseParameters, parameters: Sequence[Parameter], rng: np.random.Generator
+) -> tuple[str, ...]:
+    """Sentences on what was not seen, and the kind of motion in which it would add most torque."""
+    names = dict(zip(base.names, base.independent.tolist(), strict=True))
+    missing = [p for p in parameters if p.verdict == "not seen" and p.kind in ("inertial", "rotor") and p.name in names]
+    friction = [p for p in parameters if p.verdict == "not seen" and p.kind in ("viscous", "coulomb")]
+    by_motion: dict[str, list[str]] = {}
+    shown = _motions(model, rng) if missing else {}
+    for p in missing:
+        best = max(shown, key=lambda motion: shown[motion][names[p.name]])
+        by_motion.setdefault(best, []).append(p.name)
+    said = [f"not seen: {_listed(found)}. {motion}" for motion, found in by_motion.items()]
+    for joint in dict.fromkeys(p.joint for p in friction):
+        own = [f"{p.name} ({p.kind})" for p in friction if p.joint == joint]
+        said.append(
+            f"not seen: {_listed(own)}. Move {joint} both ways at several steady speeds, from very slow to its top speed, "
+            "with hard reversals"
+        )
+    return tuple(said)
+
+
+def _verdict(value: float, deviation: float, share: float, kind: str) -> str:
+    relative = deviation / abs(value) if value else np.inf
+    if relative <= SURE:
+        return "identified"
+    if (abs(value) + 2.0 * deviation) * share < _SMALL:
+        return "small"
+    return "roughly" if relative <= ROUGH else "shared" if kind in _SHARED else "not seen"
+
+
+def _shares(rows: Sequence[Rows]) -> Array:
+    """(p,) torque that one unit of each column adds, over what the joint carries; at the joint that it serves most."""
+    total, load = np.zeros((len(rows[0].values), rows[0].p)), np.zeros(len(rows[0].values))
+    for r in rows:
+        load += np.sum(r.torque**2, axis=0)
+        for j, (c, v) in enumerate(zip(r.columns, r.values, strict=True)):
+            total[j, c] += np.sum(v**2, axis=1)
+    return np.sqrt(np.max(total / np.maximum(load, 1e-300)[:, None], axis=0))
+
+
+def _motions(model: TorqueModel, rng: np.random.Generator) -> dict[str, Array]:
+    """Motion in words -> (p,) the torque that one unit of each column adds to what gravity alone shows, over the limits."""
+    tree, trials = model.tree, 40
+    part = model.only(range(tree.n))  # the rotors, which a pool has first
+    q = rng.uniform(-np.pi, np.pi, (trials, tree.n))
+    still, load = np.zeros_like(q), np.where(np.isfinite(tree.effort), tree.effort, 1.0)[:, None]
+    speed = np.where(np.isfinite(tree.speed), tree.speed, 2.0)
+
+    def seen(v: Array, a: Array) -> Array:
+        shares = part.rows(np.arange(trials, dtype=float), q, v, a).dense() / load
+        return np.sqrt(np.mean(shares**2, axis=(0, 1)))
+
+    gravity = seen(still, still)
+    shown = {"Hold or slowly move through many different poses: gravity shows it": gravity}
+    for j, joint in enumerate(tree.joints):
+        one = np.zeros_like(q)
+        one[:, j] = speed[j]
+        shown[f"Accelerate {joint} harder, in different poses of the other joints"] = seen(still, one / 0.4) - gravity
+        shown[f"Turn {joint} fast while others move"] = seen(one, still) - gravity
+    return shown
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return ", ".join(names[:_LISTED]) + more

@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writes identified links and friction back into the URDF or MJCF they came from; comments and meshes stay."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import ModelError
+from trueup.formats.aside import written_aside
+from trueup.identification.estimation.result import Identification
+from trueup.identification.inertial import from_com, moved, pseudo_inertia, tensor
+from trueup.identification.kinematic_tree import KinematicTree, about
+from trueup.identification.urdf import is_urdf
+
+if TYPE_CHECKING:
+    from trueup.simulators.mujoco.mjcf_text import Element, MjcfText
+
+Array = NDArray[np.float64]
+
+_TENSOR = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
+
+
+def write_identified(
+    found: Identification, tree: KinematicTree, model: str | Path, target: str | Path
+) -> tuple[str, ...]:
+    """Writes `model` with the identified bodies, damping, friction and (MJCF) rotor inertias to `target`.
+
+    `tree` is the one that was identified, with its joints locked. Only the numbers change. Returns notes on what the
+    file cannot say. Raises ModelError where there are no possible bodies to write, and OutputError.
+    """
+    if not found.links:
+        raise ModelError("bodies that cannot exist are not written: identify with physically consistent links")
+    source, path = Path(model), Path(target)
+    return _write_urdf(found, tree, source, path) if is_urdf(source) else _write_mjcf(found, tree, source, path)
+
+
+def _write_urdf(found: Identification, tree: KinematicTree, source: Path, path: Path) -> tuple[str, ...]:
+    from trueup.simulators.mujoco.mjcf_text import MjcfText
+
+    text = MjcfText(source.read_bytes())
+    links = {e.attributes.get("name", ""): e for e in text.root.children if e.tag == "link"}
+    joints = {e.attributes.get("name", ""): e for e in text.root.children if e.tag == "joint"}
+    notes: list[str] = []
+    for j, name in enumerate(tree.links):
+        element = links[name]
+        file = np.nan_to_num(tree.inertial[j])
+        attached = file - _own(element)
+        own, kept = _without(found.inertial[j], attached)
+        if not kept:
+            emptied = _empty_fixed(text, name, joints, links)
+            notes.append(
+                f"link '{name}': less was identified than hangs on it in the file ({', '.join(emptied) or 'locked joints'}); "
+                f"its mass stands for all of them{', which now carry none' if emptied else ', and theirs counts twice'}"
+            )
+        _set_inertial(text, element, own)
+    for j, name in enumerate(tree.joints):
+        coulomb, viscous = (f"{x:.6g}" for x in found.simple_friction[j])
+        dynamics = joints[name].child("dynamics")
+        if dynamics is None:
+            text.insert_first(joints[name], f'<dynamics damping="{viscous}" friction="{coulomb}"/>')
+        else:
+            text.change(dynamics, damping=viscous, friction=coulomb)
+    seen = found.armature > 1e-3 * max(float(found.armature.max()), 1e-6)
+    if seen.any():
+        notes.append(
+            "URDF has no place for rotor inertias; they are in identification.json: "
+            + ", ".join(f"{j} {a:.3g}" for j, a, told in zip(tree.joints, found.armature, seen, strict=True) if told)
+            + " kg m^2"
+        )
+    _relocate_meshes(text, source.absolute().parent, path.absolute().parent)
+    with written_aside(path) as temporary:
+        temporary.write_bytes(text.render())
+    return tuple(notes)
+
+
+def _write_mjcf(found: Identification, tree: KinematicTree, source: Path, path: Path) -> tuple[str, ...]:
+    from trueup.simulators.mujoco.bodies import Body, JointFriction, write_bodies
+    from trueup.simulators.mujoco.inertia import body_inertia
+    from trueup.simulators.mujoco.model import load
+
+    model = load(source)
+    notes, bodies = [], {}
+    for j, (joint, name) in enumerate(zip(tree.joints, tree.links, strict=True)):
+        compiled, at = model.compiled, model.index("body", name)
+        if name in tree.links[j + 1 :]:
+            notes.append(f"body '{name}' has several joints: its inertia is written for the last one alone")
+            continue
+        anchor = np.array(compiled.jnt_pos[model.index("joint", joint)])
+        file = from_com(float(compiled.body_mass[at]), np.array(compiled.body_ipos[at]), body_inertia(compiled, at))
+        here = moved(np.stack([found.inertial[j], np.nan_to_num(tree.inertial[j])]), np.eye(3), anchor)
+        own, kept = _without(here[0], here[1] - file)
+        if not kept:
+            notes.append(f"body '{name}': less was identified than hangs on it in the file, and theirs counts twice")
+        mass, com, inertia = _about_com(own)
+        bodies[name] = Body(mass, com, inertia)
+    joints = {
+        name: JointFriction(
+            float(found.simple_friction[j, 1]), float(found.simple_friction[j, 0]), float(found.armature[j])
+        )
+        for j, name in enumerate(tree.joints)
+    }
+    return (*notes, *write_bodies(model, bodies, joints, path))
+
+
+def _without(total: Array, attached: Array) -> tuple[Array, bool]:
+    """(10,) a body less what hangs on it in the file; False and the whole where nothing possible would be left."""
+    own = total - attached
+    size = max(float(np.abs(pseudo_inertia(total)).max()), 1e-12)
+    if not np.abs(attached).max() > 1e-12 * size:
+        return total, True
+    if np.linalg.eigvalsh(pseudo_inertia(own))[0] > 1e-9 * size:
+        return own, True
+    return total, False
+
+
+def _about_com(inertial: Array) -> tuple[float, Array, Array]:
+    mass = float(inertial[0])
+    com = inertial[1:4] / mass
+    return mass, com, tensor(inertial) - mass * (com @ com * np.eye(3) - np.outer(com, com))
+
+
+def _own(link: Element) -> Array:
+    """(10,) what a link's own <inertial> says, in the link's frame; zero without one."""
+    element = link.child("inertial")
+    if element is None:
+        return np.zeros(10)
+    origin, mass, inertia = (element.child(tag) for tag in ("origin", "mass", "inertia"))
+    if mass is None or inertia is None:
+        return np.zeros(10)
+    numbers = {key: origin.attributes.get(key, "0 0 0") if origin else "0 0 0" for key in ("xyz", "rpy")}
+    com, (roll, pitch, yaw) = (np.array([float(w) for w in numbers[key].split()]) for key in ("xyz", "rpy"))
+    x, y, z = np.eye(3)
+    turn = about(z, yaw) @ about(y, pitch) @ about(x, roll)
+    full = np.zeros((3, 3))
+    for key, i, k in _TENSOR:
+        full[i, k] = full[k, i] = float(inertia.attributes.get(key, "0"))
+    return from_com(float(mass.attributes.get("value", "0")), com, turn @ full @ turn.T)
+
+
+def _set_inertial(text: MjcfText, link: Element, inertial: Array) -> None:
+    mass, com, inertia = _about_com(inertial)
+    values = {key: f"{inertia[i, k]:.9g}" for key, i, k in _TENSOR}
+    xyz = " ".join(f"{c:.9g}" for c in com)
+    element = link.child("inertial")
+    parts = {tag: element.child(tag) if element else None for tag in ("origin", "mass", "inertia")}
+    if element is None or parts["mass"] is None or parts["inertia"] is None:
+        tensor_text = " ".join(f'{key}="{value}"' for key, value in values.items())
+        line = (
+            f'<inertial><origin xyz="{xyz}" rpy="0 0 0"/><mass value="{mass:.9g}"/><inertia {tensor_text}/></inertial>'
+        )
+        text.insert_first(link, line)
+        return
+    text.change(parts["mass"], value=f"{mass:.9g}")
+    text.change(parts["inertia"], **values)
+    if parts["origin"] is None:
+        text.insert_first(element, f'<origin xyz="{xyz}" rpy="0 0 0"/>')
+    else:
+        text.change(parts["origin"], xyz=xyz, rpy="0 0 0")
+
+
+def _empty_fixed(text: MjcfText, link: str, joints: dict[str, Element], links: dict[str, Element]) -> list[str]:
+    """Takes the mass from all links that hang on `link` by fixed joints; returns their names."""
+    emptied = []
+    for joint in joints.values():
+        above, below = joint.child("parent"), joint.child("child")
+        if joint.attributes.get("type") != "fixed" or above is None or below is None:
+            continue
+        if above.attributes.get("link") != link:
+            continue
+        child = below.attributes.get("link", "")
+        if np.any(_own(links[child])):
+            element = links[child].child("inertial")
+            mass, inertia = (element.child(tag) if element else None for tag in ("mass", "inertia"))
+            if mass is not None and inertia is not None:
+                text.change(mass, value="0")
+                text.change(inertia, **{key: "0" for key, _, _ in _TENSOR})
+                emptied.append(child)
+        emptied += _empty_fixed(text, child, joints, links)
+    return emptied
+
+
+def _relocate_meshes(text: MjcfText, old: Path, new: Path) -> None:
+    """Makes mesh files given by relative paths resolve from another folder; packages are left alone."""
+    for mesh in text.all("mesh"):
+        name = mesh.attributes.get("filename", "")
+        if name and "://" not in name and not Path(name).is_absolute() and old != new:
+            text.change(mesh, filename=Path(os.path.relpath(old / name, new)).as_posix())

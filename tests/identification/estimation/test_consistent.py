@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bodies that can exist: the conic fit keeps to the cone, finds a possible truth, and says where the data left it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trueup.identification.estimation.consistent import ConsistentFit, consistent_fit, violations
+from trueup.identification.estimation.effects import Effect
+from trueup.identification.estimation.moments import moments_of
+from trueup.identification.estimation.torque_model import Rows, TorqueModel
+from trueup.identification.inertial import pseudo_inertia
+
+Array = NDArray[np.float64]
+
+
+def _fit(model: TorqueModel, rows: Rows, prior: Array) -> ConsistentFit:
+    moments = moments_of([rows])
+    gram, cross = (x[0] for x in moments.weighted(np.ones(model.tree.n)))
+    gram, cross = gram * moments.scale[:, None] * moments.scale, cross * moments.scale
+    return consistent_fit(model, gram, cross, np.arange(10 * model.tree.n, model.p), prior)
+
+
+@pytest.fixture
+def made(arms: SimpleNamespace) -> tuple[TorqueModel, Rows, Array]:
+    """A model with rotors, rows of a motion with its exact torque, and the truth."""
+    tree, rng, time = arms.arm(), np.random.default_rng(0), np.arange(800) / 40.0
+    model = TorqueModel.of(tree, [(d, Effect("rotor")) for d in range(tree.n)])
+    truth = np.concatenate([np.asarray(tree.inertial).ravel(), arms.rotors])
+    rows = model.rows(time, *arms.sines(rng, time, tree.n))
+    return model, Rows(rows.columns, rows.values, rows.predict(truth), time, rows.p), truth
+
+
+def test_a_possible_truth_predicts_exactly_whatever_the_file_says(made: tuple[TorqueModel, Rows, Array]) -> None:
+    model, rows, truth = made
+    wrong = truth * np.repeat([1.3, 0.7, 1.2, 0.8, 1.0], [10, 10, 10, 10, 4])
+    fit = _fit(model, rows, wrong)
+    assert np.abs(rows.predict(fit.parameters) - rows.torque).max() < 2e-3 * np.abs(rows.torque).max()
+    assert violations(model, fit.parameters) == {}
+
+
+def test_the_fit_keeps_to_the_cone_where_noise_would_leave_it(made: tuple[TorqueModel, Rows, Array]) -> None:
+    model, rows, truth = made
+    rng = np.random.default_rng(1)
+    noisy = Rows(rows.columns, rows.values, rows.torque + 8.0 * rng.normal(size=rows.torque.shape), rows.time, rows.p)
+    fit = _fit(model, noisy, truth)
+    for row in fit.parameters[: 10 * model.tree.n].reshape(-1, 10):
+        assert np.linalg.eigvalsh(pseudo_inertia(row))[0] > 0.0
+    assert fit.parameters[10 * model.tree.n :].min() >= -1e-8
+
+
+def test_a_body_that_cannot_exist_is_described_and_marked(made: tuple[TorqueModel, Rows, Array]) -> None:
+    model, rows, truth = made
+    impossible = truth.copy()
+    impossible[30 + 9] = -0.4  # Izz of the last link
+    assert "moment of inertia" in violations(model, impossible)[3]
+    impossible[30] = -1.0
+    assert violations(model, impossible)[3] == "mass -1 kg"
+    pushed = Rows(rows.columns, rows.values, rows.predict(impossible), rows.time, rows.p)
+    assert 3 in _fit(model, pushed, truth).boundary

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Least squares in its variants: recovery, honest standard deviations, outliers, noise in the regressor."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trueup.errors import IdentificationError
+from trueup.identification.estimation.effects import Effect
+from trueup.identification.estimation.estimate import instrumental, least_squares, weighted_least_squares
+from trueup.identification.estimation.torque_model import Rows, TorqueModel
+
+Array = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def motion(arms: SimpleNamespace) -> tuple[TorqueModel, Array, Array, Rows]:
+    """A model with friction, its independent columns, their true values, and noiseless rows of a motion."""
+    tree, rng = arms.arm(), np.random.default_rng(1)
+    effects = [(d, Effect(kind)) for kind in ("rotor", "viscous", "coulomb") for d in range(tree.n)]
+    model = TorqueModel.of(tree, effects)
+    base = model.base(rng)
+    truth = np.zeros(model.p)
+    full = np.concatenate([np.asarray(tree.inertial).ravel(), rng.uniform(0.2, 2.0, len(effects))])
+    truth[base.independent] = base.of(full)
+    time = np.arange(1500) / 50.0
+    rows = model.rows(time, *arms.sines(rng, time, tree.n))
+    return model, base.independent, truth, Rows(rows.columns, rows.values, rows.predict(truth), time, rows.p)
+
+
+def _noisy(rows: Rows, noise: Array) -> Rows:
+    return Rows(rows.columns, rows.values, rows.torque + noise, rows.time, rows.p)
+
+
+def test_exact_torque_gives_the_exact_parameters(motion: tuple[TorqueModel, Array, Array, Rows]) -> None:
+    _, active, truth, rows = motion
+    found = least_squares([rows], active)
+    predicted = rows.predict(found.parameters)
+    assert np.abs(predicted - rows.torque).max() < 1e-5
+    assert np.allclose(found.parameters, truth, atol=1e-3)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9])
+def test_two_standard_deviations_hold_the_truth_as_often_as_they_should(
+    motion: tuple[TorqueModel, Array, Array, Rows], memory: float
+) -> None:
+    _, active, truth, rows = motion
+    inside = []
+    for seed in range(8):
+        white = np.random.default_rng(seed).normal(size=rows.torque.shape)
+        noise = np.zeros_like(white)
+        for i in range(len(noise)):
+            noise[i] = memory * noise[i - 1] + white[i] if i else white[i]
+        found = least_squares([_noisy(rows, noise)], active)
+        inside.append(np.abs(found.parameters - truth)[active] < 2.0 * found.deviations[active])
+    assert 0.85 <= np.mean(inside) <= 0.995
+
+
+def test_deviations_that_ignore_the_errors_memory_would_be_far_too_small(
+    motion: tuple[TorqueModel, Array, Array, Rows],
+) -> None:
+    _, active, _, rows = motion
+    slow = np.cumsum(np.random.default_rng(0).normal(size=rows.torque.shape), axis=0) * 0.05
+    found = least_squares([_noisy(rows, slow - slow.mean(axis=0))], active)
+    dense = rows.dense()[:, :, active].reshape(-1, len(active))
+    naive = np.sqrt(np.diag(np.linalg.pinv(dense.T @ dense))) * found.noise.mean()
+    assert np.median(found.deviations[active] / naive) > 2.0
+
+
+def test_weights_by_noise_beat_equal_ones(motion: tuple[TorqueModel, Array, Array, Rows]) -> None:
+    _, active, truth, rows = motion
+    noise = np.random.default_rng(3).normal(size=rows.torque.shape) * np.array([20.0, 20.0, 0.5, 0.1])
+    plain, weighted = (f([_noisy(rows, noise)], active) for f in (least_squares, weighted_least_squares))
+    error = [np.linalg.norm((x.parameters - truth)[active]) for x in (plain, weighted)]
+    assert error[1] < 0.7 * error[0]
+    assert np.allclose(weighted.noise, [20.0, 20.0, 0.5, 0.1], rtol=0.1)
+
+
+def test_spikes_in_the_torque_are_weighed_down_unasked(motion: tuple[TorqueModel, Array, Array, Rows]) -> None:
+    _, active, truth, rows = motion
+    rng = np.random.default_rng(4)
+    noise = 0.2 * rng.normal(size=rows.torque.shape)
+    noise[rng.integers(0, len(noise), 30)] += 100.0
+    plain = least_squares([_noisy(rows, noise)], active)
+    robust = least_squares([_noisy(rows, noise)], active, robust=None)
+    assert robust.robust
+    error = [np.linalg.norm((x.parameters - truth)[active]) for x in (plain, robust)]
+    assert error[1] < 0.3 * error[0]
+
+
+def test_instruments_take_away_the_bias_of_noisy_accelerations(
+    motion: tuple[TorqueModel, Array, Array, Rows], arms: SimpleNamespace
+) -> None:
+    model, active, _, _ = motion
+    rng, time = np.random.default_rng(5), np.arange(4000) / 50.0
+    q, v, a = arms.sines(rng, time, model.tree.n)
+    full = np.concatenate([np.asarray(model.tree.inertial).ravel(), np.ones(len(model.effects))])
+    exact = model.rows(time, q, v, a)
+    torque = exact.predict(full)
+    first, second = (model.rows(time, q, v, a + 2.0 * rng.normal(size=a.shape), torque) for _ in range(2))
+    plain = least_squares([first], active).parameters
+    found = instrumental([first], [second], active)
+    bias = [np.abs(exact.predict(x) - torque).mean() for x in (plain, found)]
+    assert bias[1] < 0.3 * bias[0]
+
+
+def test_more_parameters_than_samples_are_refused(motion: tuple[TorqueModel, Array, Array, Rows]) -> None:
+    _, active, _, rows = motion
+    with pytest.raises(IdentificationError, match="too few"):
+        least_squares([rows.part(slice(0, 5))], active)

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Filters shift nothing and agree with SciPy's; signals can be read between their samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import butter, sosfiltfilt
+
+from trueup.errors import IdentificationError
+from trueup.identification.estimation.filtering import Lowpass, between, grid
+
+
+@pytest.mark.parametrize("cutoff", [2.0, 20.0, 45.0])
+def test_the_filter_is_scipys_run_both_ways(cutoff: float, rng: np.random.Generator) -> None:
+    x = np.cumsum(rng.normal(size=(500, 3)), axis=0)
+    expected = sosfiltfilt(butter(4, cutoff, fs=100.0, output="sos"), x, axis=0, padlen=min(int(300 / cutoff) + 1, 499))
+    assert np.allclose(Lowpass(100.0, cutoff)(x), expected, atol=1e-9)
+
+
+def test_a_slow_sine_passes_without_delay_and_a_fast_one_does_not() -> None:
+    t = np.arange(2000) / 500.0
+    slow, fast = np.sin(2 * np.pi * 1.0 * t), np.sin(2 * np.pi * 60.0 * t)
+    passed = Lowpass(500.0, 20.0)(slow + fast)
+    assert np.abs(passed - slow)[200:-200].max() < 2e-4
+
+
+def test_columns_of_any_shape_are_filtered_along_the_axis_asked_for(rng: np.random.Generator) -> None:
+    x = rng.normal(size=(2, 300, 3))
+    assert np.allclose(Lowpass(100.0, 10.0)(x, axis=1)[1, :, 2], Lowpass(100.0, 10.0)(x[1, :, 2]))
+
+
+@pytest.mark.parametrize("cutoff", [0.0, 50.0, -1.0])
+def test_a_cutoff_that_cannot_be_had_is_refused_with_the_range(cutoff: float) -> None:
+    with pytest.raises(IdentificationError, match="between 0 and 50 Hz"):
+        Lowpass(100.0, cutoff)
+
+
+def test_a_signal_is_read_between_its_samples() -> None:
+    t = np.arange(100.0)
+    place = np.linspace(5.0, 94.0, 333)
+    assert np.abs(between(np.sin(0.4 * t), place) - np.sin(0.4 * place)).max() < 1e-4
+
+
+def test_rates_are_round_numbers_where_stamps_are_printed_with_few_digits() -> None:
+    time = np.round(np.arange(1000) / 125.0, 6)
+    instants, rate = grid(time + 3.0)
+    assert rate == 125.0
+    assert instants[0] == 3.0
+    assert len(instants) == 1000

@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole: hidden parameters of a simulated arm from noisy logs, clocks, structure of friction, mistakes in logs."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from trueup.errors import IdentificationError, UnknownNameError
+from trueup.identification.estimation.identify import Options, identify
+from trueup.identification.estimation.joint_names import matched
+from trueup.identification.estimation.result import Identification, relative_error
+from trueup.identification.estimation.torque_model import TorqueModel
+from trueup.identification.inertial import pseudo_inertia
+from trueup.identification.kinematic_tree import KinematicTree
+from trueup.recording import Recording
+
+
+@pytest.fixture(scope="module")
+def tree(arms: SimpleNamespace) -> KinematicTree:
+    """The arm."""
+    return arms.arm()
+
+
+@pytest.fixture(scope="module")
+def found(tree: KinematicTree, arms: SimpleNamespace) -> Identification:
+    """Identified from two logs, judged on a third; the file knows no inertia."""
+    rng = np.random.default_rng(0)
+    runs = [arms.recording(tree, rng, f"run{k}") for k in range(3)]
+    return identify(arms.without_file(tree), runs[:2], runs[2:])
+
+
+def test_torque_of_another_motion_is_predicted_down_to_the_noise(found: Identification) -> None:
+    assert [p.recording for p in found.held_out()] == ["run2"]
+    assert relative_error(found.held_out()) < 0.01
+    assert relative_error(found.held_out(), "consistent") < 1.02 * relative_error(found.held_out())
+
+
+def test_hidden_base_parameters_are_recovered_within_their_deviations(
+    found: Identification, tree: KinematicTree, arms: SimpleNamespace
+) -> None:
+    names = [*TorqueModel.of(tree, []).names, *(f"I{j + 1}m" for j in range(4))]
+    values = np.concatenate([np.asarray(tree.inertial).ravel(), arms.rotors])
+    truth = {name: float(value) for name, value in zip(names, values, strict=True)}
+    inertial = [p for p in found.parameters if p.kind in ("inertial", "rotor")]
+    errors = [abs(p.value - _group(p.name, truth)) / p.deviation for p in inertial]
+    assert np.mean(np.array(errors) < 3.0) > 0.9
+    strong = [p for p in inertial if p.verdict == "identified"]
+    assert len(strong) >= 10
+    assert all(abs(p.value / _group(p.name, truth) - 1.0) < 0.3 for p in strong)
+
+
+def _group(name: str, truth: dict[str, float]) -> float:
+    """The value of a readable group: 'I2zz + I2m + 0.160 m3'."""
+    total, sign, factor = 0.0, 1.0, 1.0
+    for word in name.split():
+        if word in "+-":
+            sign = 1.0 if word == "+" else -1.0
+        elif word.replace(".", "", 1).replace("e-", "", 1).isdigit():
+            factor = float(word)
+        else:
+            total += sign * factor * truth[word]
+            factor = 1.0
+    return total
+
+
+def test_friction_is_recovered(found: Identification, arms: SimpleNamespace) -> None:
+    assert np.allclose(found.simple_friction[:, 0], arms.coulomb, rtol=0.15)
+    assert np.allclose(found.simple_friction[:, 1], arms.viscous, rtol=0.15)
+
+
+def test_every_link_of_the_consistent_model_can_exist(found: Identification) -> None:
+    for row in found.inertial:
+        assert np.linalg.eigvalsh(pseudo_inertia(row))[0] > 0.0
+
+
+@pytest.mark.parametrize("samples", [-4.0, 1.0, 3.0])
+def test_torque_that_comes_late_is_detected_within_half_a_sample_and_set_right(
+    tree: KinematicTree, samples: float, arms: SimpleNamespace
+) -> None:
+    rng = np.random.default_rng(2)
+    late = arms.recording(tree, rng, late=samples / 200.0)
+    result = identify(tree, [late], options=Options(hold_out=0.3))
+    assert result.alignment is not None
+    assert result.alignment.corrected
+    assert result.alignment.samples == pytest.approx(samples, abs=0.5)
+    assert any("was corrected" in w for w in result.warnings)
+    uncorrected = identify(tree, [late], options=Options(hold_out=0.3, align="off"))
+    assert relative_error(result.held_out()) < relative_error(uncorrected.held_out())
+
+
+def test_torque_in_time_is_left_alone(found: Identification) -> None:
+    assert found.alignment is not None
+    assert not found.alignment.corrected
+    assert abs(found.alignment.samples) < 0.3
+
+
+def test_a_missing_structure_of_friction_is_found_by_cross_validation(
+    tree: KinematicTree, arms: SimpleNamespace
+) -> None:
+    rng = np.random.default_rng(3)
+    runs = [arms.recording(tree, rng, f"r{k}", quadratic=0.8) for k in range(2)]
+    chosen, common = (
+        identify(tree, runs[:1], runs[1:], options=Options(structure=s, consistent=False)) for s in ("select", "common")
+    )
+    assert relative_error(chosen.held_out()) < 0.7 * relative_error(common.held_out())
+
+
+def test_without_anything_held_out_the_result_says_so_loudly(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    result = identify(tree, [arms.recording(tree, np.random.default_rng(4))], options=Options(consistent=False))
+    assert result.held_out() == []
+    assert any("nothing was held out" in w for w in result.warnings)
+
+
+def test_what_was_not_seen_is_named_with_a_motion_that_would_show_it(
+    tree: KinematicTree, arms: SimpleNamespace
+) -> None:
+    slow = arms.recording(tree, np.random.default_rng(5), size=0.12, noise=2.0)
+    result = identify(tree, [slow], options=Options(hold_out=0.3, consistent=False))
+    assert any(p.verdict == "not seen" for p in result.parameters)
+    assert any(
+        "not seen" in sentence and ("Accelerate" in sentence or "Turn" in sentence) for sentence in result.advice
+    )
+
+
+def _changed(r: Recording, name: str, order: list[int] | None = None, factor: float = 1.0) -> Recording:
+    channel = r.channel(name)
+    values = channel.values if order is None else channel.values[:, order]
+    return r.with_channel(channel.replace(values=factor * values))
+
+
+def test_degrees_are_named(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    r = _changed(arms.recording(tree, np.random.default_rng(6), size=2.0), "position", factor=180.0 / np.pi)
+    with pytest.raises(IdentificationError, match=r'unit = "deg"'):
+        identify(tree, [r])
+
+
+def test_exchanged_torques_are_named(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    r = _changed(arms.recording(tree, np.random.default_rng(7)), "torque", order=[0, 2, 1, 3])
+    with pytest.raises(IdentificationError, match="joint2 and joint3 seem to be exchanged"):
+        identify(tree, [r])
+
+
+def test_a_wrong_sign_is_named(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    r = arms.recording(tree, np.random.default_rng(8))
+    flipped = r.channel("torque").values * np.array([1.0, -1.0, 1.0, 1.0])
+    with pytest.raises(IdentificationError, match="torque of joint2 seems to have the wrong sign"):
+        identify(tree, [r.with_channel(r.channel("torque").replace(values=flipped))])
+
+
+def test_thousandths_of_newton_metres_are_named(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    with pytest.raises(IdentificationError, match=r'unit = "mN m"'):
+        identify(tree, [_changed(arms.recording(tree, np.random.default_rng(9)), "torque", factor=1e3)])
+
+
+def test_a_log_without_motion_is_refused_with_what_to_do(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    with pytest.raises(IdentificationError, match=r"no joint moves.*trueup excite"):
+        identify(tree, [arms.recording(tree, np.random.default_rng(10), size=1e-3)])
+
+
+def test_a_log_without_torque_is_refused_with_its_channels(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    with pytest.raises(IdentificationError, match=r"no channel 'torque' or 'current'.*its channels are: position"):
+        identify(tree, [arms.recording(tree, np.random.default_rng(11)).without("torque")])
+
+
+def test_unknown_joints_are_refused_and_numbered_ones_taken_in_order_with_a_note(
+    tree: KinematicTree, arms: SimpleNamespace
+) -> None:
+    r = arms.recording(tree, np.random.default_rng(12))
+    numbered = r.rename({j: f"axis_{k + 1}" for k, j in enumerate(tree.joints)})
+    same, (runs, _), notes = matched(tree, ([numbered], []))
+    assert runs[0].channel("torque").labels == tree.joints
+    assert same.n == tree.n
+    assert "nothing here can prove" in notes[0]
+    with pytest.raises(UnknownNameError, match="position columns of the logs"):
+        matched(tree, ([r.rename(dict(zip(tree.joints, "abcd", strict=True)))], []))
+
+
+def test_joints_that_no_log_has_are_locked(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    r = arms.recording(tree, np.random.default_rng(13))
+    part = r.replace(channels={k: c.select(tree.joints[:3]) for k, c in r.channels.items()})
+    smaller, _, notes = matched(tree, ([part], []))
+    assert smaller.joints == tree.joints[:3]
+    assert "locked" in notes[0]
+
+
+def test_an_endless_joint_that_jumps_by_a_turn_is_taken_as_going_on(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    r = arms.recording(tree, np.random.default_rng(14), size=3.0)
+    wound = np.mod(r.channel("position").values + np.pi, 2.0 * np.pi) - np.pi
+    jumping = r.with_channel(r.channel("position").replace(values=wound))
+    plain, unwound = (identify(tree, [x], options=Options(hold_out=0.3, consistent=False)) for x in (r, jumping))
+    assert relative_error(unwound.held_out()) == pytest.approx(relative_error(plain.held_out()), rel=0.05)
+    assert any("jumps by a turn" in w for w in unwound.warnings)
+
+
+def test_a_hole_in_the_log_is_neither_fitted_nor_judged(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    r = arms.recording(tree, np.random.default_rng(15))
+    keep = (r.time < 5.0) | (r.time > 8.0)
+    holed = r.replace(channels={k: c.replace(time=c.time[keep], values=c.values[keep]) for k, c in r.channels.items()})
+    result = identify(tree, [holed], options=Options(hold_out=0.3, consistent=False))
+    assert not any(np.any((p.time > 5.0) & (p.time < 8.0)) for p in result.predictions)
+    assert relative_error(result.held_out()) < 0.02
+
+
+def test_an_arm_on_a_wall_is_recognised(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    mounted = tree.replace(gravity=np.array([9.81, 0.0, 0.0]))
+    r = arms.recording(mounted, np.random.default_rng(16), noise=0.1)
+    with pytest.raises(IdentificationError, match=r"--gravity 9\.81 0 0"):
+        identify(tree, [r])
+    assert relative_error(identify(mounted, [r], options=Options(hold_out=0.3, consistent=False)).held_out()) < 0.02

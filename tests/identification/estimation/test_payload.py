@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Torque constants come out of two runs with currents alone, where one carried a known mass."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from trueup.errors import IdentificationError
+from trueup.identification.estimation.drives import Drives
+from trueup.identification.estimation.payload import drives_from_payload, payload_inertial
+
+
+def test_a_payload_without_mass_is_refused() -> None:
+    with pytest.raises(IdentificationError, match="above 0"):
+        payload_inertial(0.0, (0.0, 0.0, 0.0))
+
+
+def test_logs_of_currents_become_torques_by_a_run_with_a_payload(arms: SimpleNamespace) -> None:
+    tree, rng = arms.arm(), np.random.default_rng(3)
+    hidden, load = np.array([11.0, 9.0, 6.0, 2.5]), payload_inertial(4.0, (0.05, 0.0, 0.1))
+    heavy = tree.replace(inertial=np.asarray(tree.inertial) + np.outer([0, 0, 0, 1], load))
+    runs = []
+    for real in (tree, heavy):
+        run = arms.recording(real, rng, seconds=30.0)
+        torque = run.channel("torque")
+        runs.append(
+            run.without("torque").with_channel(torque.replace(name="current", unit="A", values=torque.values / hidden))
+        )
+    drives, notes = drives_from_payload(tree, runs[:1], runs[1:], Drives.direct(tree.joints), load)
+    assert np.allclose(drives.constants[1:3], hidden[1:3], rtol=0.05)
+    assert "torque constants from the payload: " in notes[0]
