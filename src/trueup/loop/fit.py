@@ -54,7 +54,8 @@ def fit(
     run = Descent(space, point, watch, robust)
     for k, stage in enumerate(stages[begin:], begin):
         last = k == len(stages) - 1
-        if last and k > 0 and run.search is not None and select is not None:
+        whole = k > 0 and stages[k - 1].problem is coarse  # only all of the recordings tell what they support
+        if last and whole and run.search is not None and select is not None:
             run.choose(stages[k - 1], select)
             select = None
         polish = last and saved is None and stage.cheap.simulator is not stage.problem.simulator

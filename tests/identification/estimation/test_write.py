@@ -89,7 +89,7 @@ def found(model: Path, arms: SimpleNamespace) -> tuple[KinematicTree, Identifica
     return tree, identify(tree, [run], options=Options(hold_out=0.3))
 
 
-def _log(tree: KinematicTree, arms: SimpleNamespace) -> object:
+def _log(tree: KinematicTree, arms: SimpleNamespace) -> Recording:
     real = _truth(tree)
     rng, time = np.random.default_rng(0), np.arange(3000) / 200.0
     q, v, a = arms.sines(rng, time, 3)
