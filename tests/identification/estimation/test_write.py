@@ -17,6 +17,7 @@ from trueup.identification.estimation.identify import Options, identify
 from trueup.identification.estimation.result import Identification
 from trueup.identification.estimation.write import write_identified
 from trueup.identification.kinematic_tree import KinematicTree, load_tree
+from trueup.recording import Channel, Recording
 
 URDF = """<?xml version="1.0"?>
 <robot name="arm">
@@ -94,7 +95,6 @@ def _log(tree: KinematicTree, arms: SimpleNamespace) -> Recording:
     rng, time = np.random.default_rng(0), np.arange(3000) / 200.0
     q, v, a = arms.sines(rng, time, 3)
     from trueup.identification.regressors import inverse_dynamics
-    from trueup.recording import Channel, Recording
 
     loads = inverse_dynamics(real, np.asarray(real.inertial), q, v, a) + 3.0 * np.tanh(v / 0.02) + 1.5 * v
     loads += 0.1 * rng.normal(size=q.shape)
