@@ -172,7 +172,9 @@ class LeastSquares:
         if self._lowest is not None:
             point, _, residual = self._lowest
             self._lowest = point, float(robust_losses(residual[None], self.delta)[0]), residual
-        if self._lowest is None or self.loss <= self._lowest[1]:
+        if self.loss <= self.best[1] or np.array_equal(
+            self.point, self.best[0]
+        ):  # a place seen twice differs by rounding
             self._lowest = self.point, self.loss, base
 
     def _negligible(self, loss: float, residual: Array) -> float:
@@ -240,7 +242,7 @@ class LeastSquares:
         ])  # fmt: skip
 
     def _reject(self) -> None:
-        if self.loss > self.best[1] or not self._fresh:
+        if not (self._fresh and np.array_equal(self.point, self.best[0])):
             self._go_back()  # corrected slopes have worn out, or a way uphill led nowhere
         else:
             self._stale += 1
