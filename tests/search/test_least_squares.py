@@ -93,3 +93,20 @@ def test_a_bent_valley_is_followed_with_few_new_slopes() -> None:
         search.tell(candidates, np.array([residual(c) for c in candidates]))
     assert 0.1 + search.point[1] == pytest.approx(0.4, abs=0.03)
     assert columns <= 15  # by descent alone it takes above forty
+
+
+def test_a_floor_of_rounding_is_the_end_not_a_circle() -> None:
+    # batches of other sizes sum in another order: the same place has another last digit, no step goes further down
+    rng = np.random.default_rng(0)
+    steps = np.linspace(0.0, 1.0, 40)
+
+    def residual(unit: Array) -> Array:
+        return 5.0 + np.floor(unit[0] * 7.0) * steps + np.abs(unit[1] - 0.31) * 50.0 + 1e-13 * rng.standard_normal(40)
+
+    search = LeastSquares(np.array([0.1, 0.32]), np.zeros(2), tolerance=1e-12)
+    for _ in range(300):
+        if search.done:
+            break
+        candidates = search.ask()
+        search.tell(candidates, np.array([residual(c) for c in candidates]))
+    assert search.done

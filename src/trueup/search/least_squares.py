@@ -172,9 +172,7 @@ class LeastSquares:
         if self._lowest is not None:
             point, _, residual = self._lowest
             self._lowest = point, float(robust_losses(residual[None], self.delta)[0]), residual
-        if self.loss <= self.best[1] or np.array_equal(
-            self.point, self.best[0]
-        ):  # a place seen twice differs by rounding
+        if self.loss <= self.best[1] or np.array_equal(self.point, self.best[0]):  # seen twice: rounding
             self._lowest = self.point, self.loss, base
 
     def _negligible(self, loss: float, residual: Array) -> float:
