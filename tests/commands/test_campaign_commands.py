@@ -7,8 +7,10 @@ import _thread
 import json
 import re
 import shutil
+import signal
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -151,6 +153,15 @@ class Operator(threading.Thread):
                    delimiter=",", header=head, comments="", fmt="%.12g")  # fmt: skip
 
 
+@pytest.fixture
+def ctrl_c() -> Iterator[None]:
+    """Ctrl-C interrupts, also where the tests were started in the background, whose children ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("ctrl_c")
 def test_a_campaign_by_hand_goes_on_the_next_day(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plan(here, 'type = "by-hand"\npoll = 0.01\nrest = 0.03')
     first = Operator(here, most=2)
