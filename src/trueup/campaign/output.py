@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ import numpy as np
 from trueup.calibration import Calibration, Replay, pooled_rmse
 from trueup.errors import OutputError
 from trueup.formats.aside import written_aside
+from trueup.formats.plain import finite
 from trueup.recording import Recording
 
 _STATE, _OUTCOME = "state.json", "calibration.json"
@@ -51,9 +51,7 @@ class Output:
                 return cls(at, fingerprint, at / name, state.get("search"), f"going on from {at / _STATE}")
             if force or not any((at / f).exists() for f in (*_FILES, _STATE, name)):
                 note = f"{folder} holds other results, so these go to {at}" if number > 1 else ""
-                made = cls(at, fingerprint, at / name, None, note)
-                made._make()
-                return made
+                return cls(made(at), fingerprint, at / name, None, note)
         raise OutputError(f"{folder} and 998 folders like it hold results; name another with --out")
 
     @property
@@ -74,16 +72,28 @@ class Output:
 
     def finish(self, calibration: Calibration) -> None:
         """Writes the plain numbers; the state is no longer needed. Raises OutputError."""
-        text = json.dumps(_finite(summary_numbers(calibration)), indent=1, allow_nan=False)
+        text = json.dumps(finite(summary_numbers(calibration)), indent=1, allow_nan=False)
         with written_aside(self.outcome_file) as temporary:
             temporary.write_text(text + "\n", encoding="utf-8")
         self.state_file.unlink(missing_ok=True)
 
-    def _make(self) -> None:
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OutputError(f"folder {self.folder} cannot be made ({error.strerror or error})") from None
+
+def free_folder(folder: Path, free: Callable[[Path], bool]) -> Path:
+    """The folder, or the first of folder-2, folder-3 ... that is `free` to write results to; made. Raises OutputError."""
+    for number in range(1, 1000):
+        at = folder if number == 1 else folder.with_name(f"{folder.name}-{number}")
+        if free(at):
+            return made(at)
+    raise OutputError(f"{folder} and 998 folders like it hold results; name another with --out")
+
+
+def made(folder: Path) -> Path:
+    """The folder, which is there from now on. Raises OutputError."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"folder {folder} cannot be made ({error.strerror or error})") from None
+    return folder
 
 
 def fingerprint(
@@ -151,12 +161,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_plain(v) for v in value]
     return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
-
-
-def _finite(value: Any) -> Any:
-    """JSON knows no NaN and no infinity: null."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    return [_finite(v) for v in value] if isinstance(value, (list, tuple)) else value

@@ -15,7 +15,8 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from trueup.campaign.assemble import clearance_for
-from trueup.errors import IdentificationError, MissingExtraError, OutputError
+from trueup.campaign.output import free_folder
+from trueup.errors import IdentificationError, MissingExtraError
 from trueup.formats.trajectory import write_bag, write_csv, write_json
 from trueup.report.trajectory_picture import trajectory_picture
 from trueup.report.writing import write_aside
@@ -94,7 +95,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     from trueup.identification.excitation.expectation import expectations
 
     problem = _problem(args)
-    folder = _folder(Path(args.out), force=args.force)
+    folder = free_folder(Path(args.out), lambda at: args.force or not any((at / f).exists() for f in _FILES))
     if not args.quiet:
         moved = [f"results go to {folder}"] if folder != Path(args.out) else []
         for note in (*problem.notes, *moved):
@@ -146,19 +147,6 @@ def _height(given: str) -> float | str | None:
         return float(given)
     except ValueError:
         raise IdentificationError(f"--floor {given}: choices are auto, none, or a height in m") from None
-
-
-def _folder(folder: Path, *, force: bool) -> Path:
-    """The folder, or the first of folder-2, folder-3 ... without results; made. Raises OutputError."""
-    for number in range(1, 1000):
-        at = folder if number == 1 else folder.with_name(f"{folder.name}-{number}")
-        if force or not any((at / f).exists() for f in _FILES):
-            try:
-                at.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise OutputError(f"folder {at} cannot be made ({error.strerror or error})") from None
-            return at
-    raise OutputError(f"{folder} and 998 folders like it hold results; name another with --out")
 
 
 def _write(

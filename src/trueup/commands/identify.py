@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.markup import escape
 
+from trueup.campaign.output import free_folder
 from trueup.commands.sources import mapping_for, readable, split
 from trueup.errors import IdentificationError, OutputError
 from trueup.formats import ChannelMap, TimeColumn, guess_mapping, read
@@ -113,7 +114,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     if args.payload:
         drives, more = _weighed(args, tree, training, drives)
         said = (*said, *more)
-    folder = _folder(Path(args.out), Path(args.model), force=args.force)
+    folder = free_folder(Path(args.out), lambda at: _free(at, Path(args.model), force=args.force))
     if not args.quiet:
         for note in (*notes, *said, *([f"results go to {folder}"] if folder != Path(args.out) else [])):
             told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
@@ -178,20 +179,12 @@ def _with_rate(mapping: ChannelMap, rate: float) -> ChannelMap:
     return ChannelMap(mapping.channels, TimeColumn(rate=rate), mapping.joints, mapping.notes)
 
 
-def _folder(folder: Path, model: Path, *, force: bool) -> Path:
-    """The folder, or the first of folder-2, folder-3 ... without results; made. Raises OutputError."""
-    for number in range(1, 1000):
-        at = folder if number == 1 else folder.with_name(f"{folder.name}-{number}")
-        own = (at / model.name).resolve() == model.resolve()
-        if own and force:
-            raise OutputError(f"{at / model.name} is the model that was given; name another folder with --out")
-        if not own and (force or not any((at / f).exists() for f in (*_FILES, model.name))):
-            try:
-                at.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise OutputError(f"folder {at} cannot be made ({error.strerror or error})") from None
-            return at
-    raise OutputError(f"{folder} and 998 folders like it hold results; name another with --out")
+def _free(at: Path, model: Path, *, force: bool) -> bool:
+    """Whether results may go to a folder. Raises OutputError where they were to replace the model that was given."""
+    own = (at / model.name).resolve() == model.resolve()
+    if own and force:
+        raise OutputError(f"{at / model.name} is the model that was given; name another folder with --out")
+    return not own and (force or not any((at / f).exists() for f in (*_FILES, model.name)))
 
 
 def _write(

@@ -18,6 +18,7 @@ from trueup.campaign.folder import Folder
 from trueup.campaign.history import History, RoundStory
 from trueup.campaign.journal import read_journal
 from trueup.campaign.plan import Plan
+from trueup.formats.plain import finite
 
 ABOUT = """\
 Shows how the campaign in DIR stands: rounds, the best on the robot so far, and what it waits for. It only reads, so it
@@ -83,7 +84,7 @@ def as_json(history: History) -> str:
         "runs": len([t for t in history.trials if t.done is not None]),
         "rounds": [_plain(r) for r in history.rounds],
     }
-    return json.dumps(_finite(plain), allow_nan=False)
+    return json.dumps(finite(plain), allow_nan=False)
 
 
 def _plain(story: RoundStory) -> dict[str, Any]:
@@ -111,11 +112,3 @@ def _row(story: RoundStory) -> tuple[str, ...]:
         f"{story.ended.score:.4g}" if story.ended else "",
         f"{rank.tau:.2f} [{rank.low:.2f}, {rank.high:.2f}]" if rank and math.isfinite(rank.tau) else "",
     )
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    return [_finite(v) for v in value] if isinstance(value, (list, tuple)) else value

@@ -7,14 +7,18 @@ N. Hansen, "The CMA Evolution Strategy: A Tutorial"; A. Auger and N. Hansen, IEE
 from __future__ import annotations
 
 import math
+import warnings
 from typing import Any
 
-import cma
 import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import CalibrationError
 from trueup.search.search import SearchState
+
+with warnings.catch_warnings():  # it tells everybody that it cannot plot, who did not ask
+    warnings.simplefilter("ignore", UserWarning)
+    import cma
 
 Array = NDArray[np.float64]
 

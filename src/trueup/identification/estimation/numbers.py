@@ -3,18 +3,16 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
-import numpy as np
-
+from trueup.formats.plain import finite
 from trueup.identification.estimation.result import Identification, relative_error, relative_errors, rmse
 from trueup.identification.inertial import NAMES
 
 
 def numbers_of(found: Identification) -> dict[str, Any]:
     """SI units; null where there is no number. Errors are given for held-out motion and for the training data."""
-    return _finite(
+    return finite(
         {
             "model": found.model_name,
             "joints": list(found.joints),
@@ -69,13 +67,3 @@ def _errors(found: Identification, *, held_out: bool) -> dict[str, Any] | None:
                 "rmse_by_joint": rmse(chosen, which).tolist(),
             }
     return said
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    if isinstance(value, np.bool_):
-        return bool(value)
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    return [_finite(v) for v in value] if isinstance(value, list | tuple) else value

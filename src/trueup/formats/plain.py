@@ -1,0 +1,20 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Values as strict JSON can hold them: no NaN, no infinity, no numpy."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+
+def finite(value: Any) -> Any:
+    """The same value in Python's own types, nested ones included; numbers that are not finite become None."""
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, np.bool_):
+        return bool(value)
+    if isinstance(value, dict):
+        return {k: finite(v) for k, v in value.items()}
+    return [finite(v) for v in value] if isinstance(value, list | tuple) else value
