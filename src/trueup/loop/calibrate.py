@@ -24,6 +24,7 @@ from trueup.loop.problem import Problem
 from trueup.loop.selection import Choice, choose
 from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.validate import left_out_errors
+from trueup.loop.wide import widened
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.simulators.simulator import Simulator
@@ -75,7 +76,7 @@ def calibrate(
     chosen_before = resume is not None and not np.array_equal(space.free, simulator.parameters.free)
     select = chooser if chosen.select and not chosen_before else None
     found = fit(problem, space, space.nominal, watch, resume=resume, select=select, **_how(chosen))
-    found = probed(problem, found, np.random.default_rng(chosen.seed))
+    found = probed(problem, widened(problem, found, chosen.seed), np.random.default_rng(chosen.seed))
     cross = chosen.cross_validate and len(recordings) > 1
     return Calibration(
         replays=_replays(simulator, found.values, recordings, hold_out, measure, fitted, controllers),

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Looks at an optimum from further away: where the loss has stairs or cracks, wide differences lead further down."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.loop.descent import Fit
+from trueup.loop.problem import Problem
+from trueup.search.filtering import ImplicitFiltering
+from trueup.search.robust import robust_weights
+
+Array = NDArray[np.float64]
+
+_ROUGH = 0.15  # share of a wide difference that slopes at the optimum do not explain; smooth problems stay below 0.05
+_LOOKS = (8.0, 32.0)  # standard deviations
+_PAIRS = 3  # at each
+
+
+def widened(problem: Problem, fit: Fit, seed: int = 0) -> Fit:
+    """The fit, or a lower one with the slopes that are seen from there at the width of the estimate's own uncertainty.
+
+    Costs twelve simulations where the loss is smooth.
+    """
+    # Not with `fit.near`: a coarser step has other stairs.
+    search = ImplicitFiltering(fit.unit, fit.bend, fit.jacobian, fit.residual, chance=problem.chance, seed=seed)
+    if _roughness(problem, fit, search) < _ROUGH:
+        return fit
+    while not search.done:
+        candidates = search.ask()
+        search.tell(candidates, problem.residuals(fit.space.from_unit(candidates)))
+    if search.residual is None or search.jacobian is None:
+        return fit
+    return replace(
+        fit, unit=search.point, residual=search.residual, jacobian=search.jacobian, loss=search.loss,
+        weights=robust_weights(search.residual, fit.bend), near=None,
+        ended="converged: nothing lower at any width of the differences; the loss has jumps",
+    )  # fmt: skip
+
+
+def _roughness(problem: Problem, fit: Fit, search: ImplicitFiltering) -> float:
+    """Which share of differences across the optimum its slopes do not explain, in the worse of the looks: 0 in a bowl."""
+    shares = []
+    for points in [search.around(width, _PAIRS) for width in _LOOKS]:
+        residuals = problem.residuals(fit.space.from_unit(points))
+        k = len(points) // 2
+        seen = residuals[:k] - residuals[k:]
+        left = np.linalg.norm(seen - (points[:k] - points[k:]) @ fit.jacobian.T, axis=1)
+        shares.append(left / np.maximum(np.linalg.norm(seen, axis=1), 1e-300))
+    told = [np.median(s[np.isfinite(s)]) for s in shares if np.isfinite(s).any()]
+    return float(np.max(told)) if told else 0.0
