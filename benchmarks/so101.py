@@ -23,12 +23,9 @@ from results import result
 
 from trueup import formats
 from trueup.calibration import Calibration, TracePoint, pooled_rmse
+from trueup.campaign.assemble import simulator_for
 from trueup.loop.calibrate import calibrate
 from trueup.recording import Recording
-from trueup.simulators.mujoco.declarations import declare
-from trueup.simulators.mujoco.model import load
-from trueup.simulators.mujoco.proposal import propose
-from trueup.simulators.mujoco.rollout import MujocoSimulator
 
 Array = NDArray[np.float64]
 
@@ -62,10 +59,9 @@ def recordings(names: Sequence[str], cut: float | None = None) -> list[Recording
 
 
 def fit(training: Sequence[Recording], held_out: Sequence[Recording]) -> Calibration:
-    """Our calibration with the parameters that trueup proposes by itself."""
-    model = load(folder() / "model" / "so101_new_calib.xml")
-    space, quantities = declare(model, propose(model, training))
-    return calibrate(MujocoSimulator(model, space, quantities), training, held_out, progress=_progress)
+    """Our calibration with what trueup proposes by itself."""
+    simulator, _ = simulator_for(folder() / "model" / "so101_new_calib.xml", training, replayed=held_out)
+    return calibrate(simulator, training, held_out, progress=_progress)
 
 
 def _progress(point: TracePoint) -> None:

@@ -87,4 +87,8 @@ def unknown_name(kind: str, name: str, known: Iterable[str], where: str = "the m
     close = difflib.get_close_matches(name, choices, n=1)
     hint = f" (did you mean '{close[0]}'?)" if close else ""
     listed = ", ".join(choices[:40]) + (f", ... ({len(choices)} in all)" if len(choices) > 40 else "")
-    return UnknownNameError(f"{kind} '{name}' is not in {where}{hint}; {kind}s are: {listed or 'none'}")
+    return UnknownNameError(f"{kind} '{name}' is not in {where}{hint}; {_several(kind)} are: {listed or 'none'}")
+
+
+def _several(kind: str) -> str:
+    return f"{kind[:-1]}ies" if kind.endswith("y") else f"{kind}s"

@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.calibration import Calibration
+from trueup.discrepancies.alignment import clock_errors
 from trueup.loop.calibrate import Options, calibrate
 from trueup.recording import Channel, Recording
 from trueup.simulators.mujoco.declarations import Declaration, declare
@@ -134,6 +135,22 @@ def test_a_sensor_delay_is_found_within_half_a_millisecond(tmp_path: Path) -> No
     lines = [Declaration("sensor_delay", ("position",)), Declaration("damping", tie="all")]
     values, _ = found(tmp_path, lines, pair(sensor_delay=0.0123), {"channel": ("position",)})
     assert values["position.sensor_delay"] == pytest.approx(0.0123, abs=5e-4)
+
+
+@pytest.mark.parametrize("late", [0.3, -0.6])
+def test_commands_stamped_by_another_clock_are_noticed_and_set_right(tmp_path: Path, late: float) -> None:
+    wrong, right = pair(delay=0.012, kp=22.0, damping=0.3)
+    command = wrong.channel("command")
+    mixed = [right, wrong.with_channel(command.replace(time=command.time + late))]
+    clocks = clock_errors(mixed)
+    assert list(clocks) == ["r0"]
+    assert clocks["r0"] == pytest.approx(late, abs=0.02)
+    lines = [Declaration("clock", ("r0",), nominal=clocks["r0"]), Declaration("delay", tie="all"),
+             Declaration("kp", tie="all"), Declaration("damping", tie="all")]  # fmt: skip
+    values, _ = found(tmp_path, lines, mixed, {"recording": ("r0", "r1")}, step=1e-3)
+    assert values["r0.clock"] == pytest.approx(late, abs=1e-3)
+    assert values["delay"] == pytest.approx(0.012, abs=1e-3)
+    assert values["kp"] == pytest.approx(22.0, rel=0.02)
 
 
 SLACK = """

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from trueup.loop.fit import Checkpoint, Progress
     from trueup.simulators.car import CarSimulator
     from trueup.simulators.mujoco.clearance import MujocoClearance
+    from trueup.simulators.mujoco.floor import Stopped
     from trueup.simulators.mujoco.model import Model
     from trueup.simulators.mujoco.rollout import MujocoSimulator
 
@@ -26,32 +27,46 @@ _STIFFNESS = 100.0  # N m/rad of position actuators that a model lacks; calibrat
 
 
 def simulator_for(
-    model_path: str | Path, recordings: Sequence[Recording], parameters_file: str | Path | None = None
+    model_path: str | Path,
+    recordings: Sequence[Recording],
+    parameters_file: str | Path | None = None,
+    *,
+    replayed: Sequence[Recording] = (),
 ) -> tuple[MujocoSimulator | CarSimulator, tuple[str, ...]]:
     """The simulator of a model file with parameters from a file, or proposed from what moves in `recordings`.
 
+    `replayed` are recordings that will be replayed too, but propose nothing: only their clocks are looked at.
     A TOML file is a car (see `read_car`), whose search starts from a first look at `recordings`. A model without
     actuators whose recordings hold position commands gets position actuators for those joints; the notes say so, and
     what was lost on loading. Raises ModelError, ParameterError and UnknownNameError.
     """
     if Path(model_path).suffix.lower() == ".toml":
         return _car(Path(model_path), recordings, parameters_file)
+    from trueup.discrepancies.alignment import clock_errors
     from trueup.simulators.mujoco.declaration_file import read_declarations
     from trueup.simulators.mujoco.declarations import declare
+    from trueup.simulators.mujoco.floor import stopped_by_floor
     from trueup.simulators.mujoco.model import load
     from trueup.simulators.mujoco.proposal import propose
     from trueup.simulators.mujoco.rollout import MujocoSimulator
 
     model = load(model_path)
-    _check_joints(model, recordings)
-    model = _driven(model, recordings)
-    lines = read_declarations(parameters_file) if parameters_file is not None else propose(model, recordings)
+    everything = (*recordings, *replayed)
+    _check_joints(model, everything)
+    model = _driven(model, everything)
+    notes = model.notes
+    if parameters_file is not None:
+        lines = read_declarations(parameters_file)
+    else:
+        floor = stopped_by_floor(model, recordings)
+        lines = propose(model, recordings, clock_errors(everything), floor.height if floor else None)
+        notes = (*notes, *([_of_floor(floor)] if floor else []))
     names = {
-        "recording": tuple(r.name for r in recordings),
-        "channel": tuple(dict.fromkeys(c for r in recordings for c in r.channels)),
+        "recording": tuple(r.name for r in everything),
+        "channel": tuple(dict.fromkeys(c for r in everything for c in r.channels)),
     }
     space, quantities = declare(model, lines, names)
-    return MujocoSimulator(model, space, quantities), model.notes
+    return MujocoSimulator(model, space, quantities), notes
 
 
 def calibrated(
@@ -138,15 +153,18 @@ class _Told(TypedDict):
 def _car(
     path: Path, recordings: Sequence[Recording], parameters_file: str | Path | None
 ) -> tuple[CarSimulator, tuple[str, ...]]:
-    from trueup.simulators.car import CarSimulator, car_space
+    from trueup.simulators.car import QUANTITIES, CarSimulator, car_space
     from trueup.simulators.car.car_file import read_car
-    from trueup.simulators.car.look import first_look
+    from trueup.simulators.car.look import first_look, unseen
 
     if parameters_file is not None:
         raise ParameterError(f"{parameters_file}: a car has no parameters file; its own values are in [vehicle.values]")
     car = read_car(path)
     plain = CarSimulator(car)
-    return CarSimulator(car, car_space(car, first_look(car, [plain.prepared(r) for r in recordings]))), ()
+    drives = [plain.prepared(r) for r in recordings]
+    calm = unseen(drives)
+    space = car_space(car, first_look(car, drives), [q.name for q in QUANTITIES if q.free and q.name not in calm])
+    return CarSimulator(car, space), tuple(calm.values())
 
 
 def _write_car(simulator: CarSimulator, calibration: Calibration, path: Path) -> tuple[str, ...]:
@@ -158,6 +176,14 @@ def _write_car(simulator: CarSimulator, calibration: Calibration, path: Path) ->
     }
     write_car(replace(simulator.car, values=values), path, notes)
     return ()
+
+
+def _of_floor(floor: Stopped) -> str:
+    return (
+        f"the robot was stopped above where its commands would take it, about {100 * floor.height:.1f} cm high "
+        f"({', '.join(floor.recordings)}), and the model has no floor: one is added and its height calibrated (quantities "
+        "floor_height, floor_roll, floor_pitch, floor_friction)"
+    )
 
 
 def _check_joints(model: Model, recordings: Sequence[Recording]) -> None:

@@ -82,10 +82,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """
     training, held_out, notes = _recordings(args)
     model = Path(args.model)
-    shown = (
-        training if model.suffix.lower() == ".toml" else [*training, *held_out]
-    )  # a car's start is guessed from them
-    simulator, more = simulator_for(model, shown, args.parameters)
+    simulator, more = simulator_for(model, training, args.parameters, replayed=held_out)
     parameters = Path(args.parameters) if args.parameters else None
     choices = {"held out": [r.name for r in held_out], "search": args.search, "seed": args.seed, "select": args.select,
                "channels": args.channels}  # fmt: skip

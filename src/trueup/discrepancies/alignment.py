@@ -3,13 +3,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import RecordingError
-from trueup.recording import Channel
+from trueup.recording import Channel, Recording
+from trueup.trial import command_of
 
 Array = NDArray[np.float64]
+
+_CLOSE = 0.3  # share of the variance that may be left, for a shift to count as an explanation
+_BETTER = 0.5  # ... and that share, over the least that a lag that may be leaves
+_LEAD = 0.01  # s: no robot moves before it is told to
+_APART = 0.25  # s of lag beyond that of the other recordings
+_USUAL = 0.05  # s of lag where no other recording tells: servos take a few hundredths
 
 
 def lag(reference: Channel, delayed: Channel, *, longest: float = 0.5, hold: bool = False) -> float:
@@ -46,3 +55,57 @@ def lag(reference: Channel, delayed: Channel, *, longest: float = 0.5, hold: boo
         left, mid, right = around[k - 1 : k + 2]
         fraction = 0.5 * (left - right) / (left - 2 * mid + right)
     return float((k - width + fraction) * step)
+
+
+def clock_errors(recordings: Sequence[Recording]) -> dict[str, float]:
+    """How late the commands of a recording are stamped, in s (negative: early), for those where it is beyond doubt.
+
+    That is where positions move before they are told to, or far later than in the other recordings, and a shift of the
+    clock explains them far better than any lag that a robot may have.
+    """
+    lags = {r.name: v for r in recordings for v in (_command_lag(r),) if v is not None}
+    sound = sorted(v for v in lags.values() if v >= -_LEAD)
+    usual = sound[(len(sound) - 1) // 2] if sound else _USUAL  # the lower median: late clocks are among them
+    suspects = {name: v for name, v in lags.items() if v < -_LEAD or v > usual + _APART}
+    by_name = {r.name: r for r in recordings}
+    return {name: usual - v for name, v in suspects.items() if _explains(by_name[name], v, usual)}
+
+
+def _command_lag(recording: Recording) -> float | None:
+    command = command_of(recording)
+    if command is None or not recording.has("position"):
+        return None
+    found = None
+    overlap = min(recording.stop, command.time[-1]) - max(recording.start, command.time[0])
+    for longest in (0.5, min(5.0, 0.4 * overlap)):
+        try:
+            found = lag(command, recording.channel("position"), longest=longest, hold=True)
+        except RecordingError:
+            break
+        if _unexplained(recording, found) < _CLOSE:
+            break
+    return found
+
+
+def _explains(recording: Recording, shift: float, usual: float) -> bool:
+    """Whether commands shifted by `shift` explain the positions, and far better than with a lag that may be."""
+    may_be = min(_unexplained(recording, v) for v in np.linspace(0.0, usual + _APART, 12))
+    left = _unexplained(recording, shift)
+    return left < _CLOSE and left < _BETTER * may_be
+
+
+def _unexplained(recording: Recording, shift: float) -> float:
+    """Share of the positions' variance that a straight line through the shifted commands leaves, pooled over joints."""
+    command, position = command_of(recording), recording.channel("position")
+    if command is None:
+        return 1.0
+    labels = [label for label in position.labels if label in command.labels]
+    told = command.select(labels).at(position.time - shift, hold=True)
+    moved = position.select(labels).values
+    good = np.isfinite(told).all(axis=1) & np.isfinite(moved).all(axis=1)
+    if not labels or good.sum() < 10:
+        return 1.0
+    told, moved = told[good] - told[good].mean(axis=0), moved[good] - moved[good].mean(axis=0)
+    slope = (told * moved).sum(axis=0) / np.maximum((told**2).sum(axis=0), 1e-12)
+    scale = np.maximum((moved**2).sum(axis=0), 1e-12)
+    return float(np.mean(((moved - slope * told) ** 2).sum(axis=0) / scale))

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trueup.discrepancies.alignment import lag
-from trueup.errors import CalibrationError, RecordingError
+from trueup.discrepancies.alignment import clock_errors
+from trueup.errors import CalibrationError
 from trueup.recording import Channel, Recording
 from trueup.trial import command_of
 
@@ -26,6 +26,7 @@ def check(training: Sequence[Recording], held_out: Sequence[Recording]) -> list[
     warnings: list[str] = []
     for recording in (*training, *held_out):
         warnings += _about(recording)
+    warnings += _clocks((*training, *held_out))
     if not held_out:
         warnings.append("no recording was held out: nothing shows that this fit holds on motions that it has not seen")
     return warnings + _never_moving(training)
@@ -40,16 +41,16 @@ def _about(recording: Recording) -> list[str]:
     if command is not None and recording.has("position"):
         position = recording.channel("position")
         found += _far(recording.name, command, position)
-        try:
-            delay = lag(command, position, hold=True)
-        except RecordingError:
-            return found
-        if delay < -0.03:
-            found.append(
-                f"'{recording.name}': positions move {-1000 * delay:.0f} ms before their commands; the clocks of the two "
-                "channels differ, or command and position are swapped"
-            )
     return found
+
+
+def _clocks(recordings: Sequence[Recording]) -> list[str]:
+    return [
+        f"'{name}': positions move {'before they are told to' if late > 0 else 'far later than in the other recordings'}; "
+        f"the commands' clock seems {1000 * abs(late):.0f} ms {'late' if late > 0 else 'early'} (the quantity `clock` sets "
+        "it right), or command and position are swapped"
+        for name, late in clock_errors(recordings).items()
+    ]
 
 
 def _units(recording: str, channel: Channel) -> list[str]:

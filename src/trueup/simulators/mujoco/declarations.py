@@ -89,6 +89,8 @@ def _known(model: Model, k: Kind, extra: Mapping[str, Sequence[str]]) -> dict[st
         return {n: n for n in model.scalar_joints()}
     if k.family in ("body", "geom"):
         return {n: n for n in model.names(k.family) if n and n != "world"}
+    if k.name == "clock":
+        return {r: r for r in extra.get("recording", ())}
     if k.family == "recording":
         return {f"{r}:{j}": f"{r}:{j}" for r in extra.get("recording", ()) for j in model.scalar_joints()}
     return {n: n for n in extra.get(k.family, ())}

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import ModelError
+from trueup.simulators.mujoco.floor_plane import FLOOR_KINDS, plane_of
 from trueup.simulators.mujoco.inertia import body_inertia
 from trueup.simulators.mujoco.mjcf_text import Element, MjcfText
 
@@ -175,6 +176,21 @@ class Edits:
         unchanged = [k for k, f in (("pos", "body_ipos"), ("mass", "body_mass")) if self._same("body", body, f)]
         self._text.change(present, **{k: v for k, v in new.items() if k not in unchanged})
 
+    def floor(self, _: str) -> None:
+        """The plane that the robot stands on: moved where the file has it, added where it has none."""
+        m, g = self._wanted, plane_of(self._wanted)
+        name = mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_GEOM, g) or ""
+        lies = {"pos": numbers(m.geom_pos[g]), "quat": numbers(m.geom_quat[g]), "friction": numbers(m.geom_friction[g])}
+        if plane_of(self._shipped) < 0:
+            new = {"name": name, "type": "plane", "size": "0 0 0.1", "priority": str(m.geom_priority[g]), "condim": "3",
+                   "contype": "1", "conaffinity": "1", **lies}  # fmt: skip
+            line = "<geom " + " ".join(f'{k}="{v}"' for k, v in new.items()) + "/>"
+            self._text.insert_first(self._text.all("worldbody")[0], line)
+        elif not name:
+            raise ModelError("the floor of this model is a plane without a name; give it one to have it calibrated")
+        elif not self._same("geom", name, "geom_pos", "geom_quat", "geom_friction"):
+            self._text.change(self._element("geom", name), **{**dict.fromkeys(_ROTATIONS), **lies})
+
     def contact_friction(self, geom: str) -> None:
         """Friction of a geom's contacts."""
         if not self._same("geom", geom, "geom_friction"):
@@ -216,6 +232,7 @@ _WRITERS: Mapping[str, Callable[[Edits, str], None]] = {
     "damping_quadratic": Edits.damping, "friction": Edits.friction, "friction_creep": Edits.creep,
     "armature": Edits.armature, "backlash": Edits.backlash, "mass": Edits.inertial, "com_x": Edits.inertial,
     "com_y": Edits.inertial, "com_z": Edits.inertial, "inertia": Edits.inertial,
+    **dict.fromkeys(FLOOR_KINDS, Edits.floor),
     "contact_friction": Edits.contact_friction, "contact_softness": Edits.contact_softness,
 }  # fmt: skip
 

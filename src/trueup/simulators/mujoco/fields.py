@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.simulators.mujoco.floor_plane import FLOOR_KINDS, plane_of, turned
 from trueup.simulators.mujoco.inertia import COMPONENTS, from_log_cholesky, log_cholesky_of_body, principal
 from trueup.simulators.mujoco.quantities import Quantity
 
@@ -40,6 +41,7 @@ def write_fields(model: mujoco.MjModel, fields: Fields, quantities: Sequence[Qua
     """Writes values (b, n) of the parameters into `fields`. Kinds that are not model fields are skipped."""
     inertias: dict[int, dict[int, Array]] = {}
     tilt = np.zeros((len(values), 2))
+    floor: dict[str, Array] = {}
     zeros: dict[str, Array] = {}
     for column, quantity in enumerate(quantities):
         for i, target in enumerate(quantity.targets):
@@ -47,6 +49,8 @@ def write_fields(model: mujoco.MjModel, fields: Fields, quantities: Sequence[Qua
             if quantity.kind.startswith("inertia_"):
                 body = _id(model, mujoco.mjtObj.mjOBJ_BODY, target)
                 inertias.setdefault(body, {})[COMPONENTS.index(quantity.kind.removeprefix("inertia_"))] = value
+            elif quantity.kind in FLOOR_KINDS:
+                floor[quantity.kind] = value
             elif quantity.kind.startswith("tilt_"):
                 tilt[:, 0 if quantity.kind == "tilt_roll" else 1] = value
             elif quantity.kind == "zero":
@@ -60,6 +64,8 @@ def write_fields(model: mujoco.MjModel, fields: Fields, quantities: Sequence[Qua
         fields.expand("actuator_biasprm")[:, i, 0] = fields.expand("actuator_gainprm")[:, i, 0] * value
     if np.any(tilt):
         _write_tilt(model, fields, tilt)
+    if floor:
+        _write_floor(model, fields, floor, np.zeros(len(values)))
 
 
 def _write_inertia(model: mujoco.MjModel, fields: Fields, body: int, components: dict[int, Array]) -> None:
@@ -82,6 +88,18 @@ def _write_tilt(model: mujoco.MjModel, fields: Fields, tilt: Array) -> None:
     fields.expand("opt.gravity")[:] = np.stack(
         [cp * rolled[:, 0] + sp * rolled[:, 2], rolled[:, 1], -sp * rolled[:, 0] + cp * rolled[:, 2]], axis=-1
     )
+
+
+def _write_floor(model: mujoco.MjModel, fields: Fields, floor: dict[str, Array], level: Array) -> None:
+    plane = plane_of(model)
+    if "floor_height" in floor:
+        fields.expand("geom_pos")[:, plane, 2] = floor["floor_height"]
+    if "floor_roll" in floor or "floor_pitch" in floor:
+        fields.expand("geom_quat")[:, plane] = turned(
+            model.geom_quat[plane], floor.get("floor_roll", level), floor.get("floor_pitch", level)
+        )
+    if "floor_friction" in floor:
+        fields.expand("geom_friction")[:, plane, 0] = floor["floor_friction"]
 
 
 def _id(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str) -> int:
@@ -179,5 +197,5 @@ _WRITERS: dict[str, Callable[[mujoco.MjModel, Fields, str, Array], None]] = {
 
 LIVE_KINDS = ("dead_band", "friction_static", "stribeck_speed", "friction_load")
 """Kinds that act at every step and so need the simulations stepped in lockstep."""
-SIGNAL_KINDS = ("delay", "bias", "offset", "sensor_delay", "start_position", "start_velocity")
+SIGNAL_KINDS = ("delay", "bias", "offset", "sensor_delay", "clock", "start_position", "start_velocity")
 """Kinds that change signals, not the model."""

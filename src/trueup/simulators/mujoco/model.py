@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from trueup.errors import ModelError, unknown_name
+from trueup.simulators.mujoco.floor_plane import add_floor, plane_of
 
 _OBJECTS = {
     "joint": mujoco.mjtObj.mjOBJ_JOINT,
@@ -101,11 +102,14 @@ def load(path: str | Path) -> Model:
     return Model(file, spec, compiled, tuple(notes))
 
 
-def prepared(model: Model, *, step: float, slack: Sequence[str] = (), limited: Sequence[str] = ()) -> mujoco.MjModel:
+def prepared(
+    model: Model, *, step: float, slack: Sequence[str] = (), limited: Sequence[str] = (), floor: bool = False
+) -> mujoco.MjModel:
     """A compiled copy for simulation: visual geoms dropped, a joint for each backlash.
 
     `step` in s; `slack` joints get a second, free joint '<name>/slack'
-    with a range of its own (MuJoCo's documented way to model backlash); `limited` actuators get a force range.
+    with a range of its own (MuJoCo's documented way to model backlash); `limited` actuators get a force range; `floor`
+    adds a plane to a model without one.
     """
     spec = model.spec.copy()
     spec.option.timestep = step
@@ -114,6 +118,8 @@ def prepared(model: Model, *, step: float, slack: Sequence[str] = (), limited: S
     _drop_visuals(spec, model.compiled)
     for name in slack:
         _add_slack(spec, name)
+    if floor and plane_of(model.compiled) < 0:
+        add_floor(spec)
     for name in limited:
         actuator = spec.actuator(name)
         if actuator.forcelimited != mujoco.mjtLimited.mjLIMITED_TRUE and not np.any(actuator.forcerange):

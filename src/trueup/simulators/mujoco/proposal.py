@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -14,11 +14,19 @@ from trueup.simulators.mujoco.model import Model
 _MOVES = 5e-3  # rad or m: a joint that moves less teaches nothing
 
 
-def propose(model: Model, recordings: Sequence[Recording]) -> list[Declaration]:
+def propose(
+    model: Model,
+    recordings: Sequence[Recording],
+    clocks: Mapping[str, float] | None = None,
+    floor: float | None = None,
+) -> list[Declaration]:
     """Declarations for the joints that move: servo stiffness, damping, friction, rotor inertia, servo zero, one delay.
 
-    All of it is part of MJCF, so the calibrated file replays the robot in any MuJoCo program.
+    All of it is part of MJCF, so the calibrated file replays the robot in any MuJoCo program. `clocks`: how late the
+    commands of some recordings are stamped, in s (`discrepancies.alignment.clock_errors`); searched from there.
+    `floor`: the height in m of a floor that the model lacks (`floor.stopped_by_floor`).
     """
+    clocks = clocks or {}
     joints = moving_joints(model, recordings)
     if not joints:
         joints = model.scalar_joints()
@@ -38,8 +46,12 @@ def propose(model: Model, recordings: Sequence[Recording]) -> list[Declaration]:
     ]
     if servos:
         lines.append(Declaration("zero", servos, optional="servo zero"))
-    if commanded:
+    if commanded and not all(r.name in clocks for r in recordings):  # a delay and the clocks of all recordings are the same thing
         lines.append(Declaration("delay", commanded, tie="all", name="delay"))
+    if floor is not None:
+        lines.append(Declaration("floor_height", nominal=floor))
+        lines += [Declaration(kind) for kind in ("floor_roll", "floor_pitch", "floor_friction")]
+    lines += [Declaration("clock", (name,), nominal=late) for name, late in clocks.items()]
     return lines
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import ModelError, unknown_name
+from trueup.simulators.mujoco.floor_plane import FLOOR_FRICTION, plane_of
 from trueup.simulators.mujoco.inertia import COMPONENTS, log_cholesky_of_body
 from trueup.simulators.mujoco.model import Model
 
@@ -49,11 +50,16 @@ _SHOWN_BY = {
     "friction_static": "starts from rest and slow reversals",
     "armature": "fast accelerations (chirps, steps)",
     "backlash": "slow reversals without load",
+    "clock": "fast steps or chirps, recorded at a high rate",
     "zero": "holding in several poses",
     "bias": "holding in several poses",
     "offset": "holding against gravity in several poses",
     "mass": "accelerating and holding against gravity in several poses",
     "contact_friction": "sliding contacts",
+    "floor_height": "touching the floor in several places",
+    "floor_roll": "touching the floor in several places",
+    "floor_pitch": "touching the floor in several places",
+    "floor_friction": "sliding along the floor",
     "contact_softness": "landings and impacts",
 }
 
@@ -151,6 +157,16 @@ def _geom(field: str) -> Callable[[Model, str], float]:
     return lambda model, geom: float(getattr(model.compiled, field)[model.index("geom", geom), 0])
 
 
+def _floor(field: str, column: int, otherwise: float) -> Callable[[Model, str], float]:
+    """The plane that the model stands on, or what a floor would start with that it lacks."""
+
+    def read(model: Model, target: str) -> float:
+        plane = plane_of(model.compiled)
+        return float(getattr(model.compiled, field)[plane, column]) if plane >= 0 else otherwise
+
+    return read
+
+
 def _zero(model: Model, target: str) -> float:
     return 0.0
 
@@ -168,7 +184,10 @@ def _inertia_bounds(component: str) -> Callable[[float], tuple[float, float]]:
 
 
 def kinds() -> Mapping[str, Kind]:
-    """All kinds by name. Bounds are generous: a factor where a value is usually known to a factor."""
+    """All kinds by name. Bounds are generous: a factor where a value is usually known to a factor.
+
+    Longer than 40 lines because it is one table.
+    """
     rows = [
         Kind("kp", "actuator", "N m/rad", "log", _kp, _factor(100, 30, 1.0), "servo stiffness"),
         Kind("kv", "actuator", "N m s/rad", "log", _kv, _factor(100, 30, 0.05), "servo damping"),
@@ -196,9 +215,15 @@ def kinds() -> Mapping[str, Kind]:
         Kind("com_z", "body", "m", "linear", _com(2), _around(0.1), "centre of mass, z in the body frame"),
         Kind("tilt_roll", "world", "rad", "linear", _zero, _around(0.2), "gravity turned about x"),
         Kind("tilt_pitch", "world", "rad", "linear", _zero, _around(0.2), "gravity turned about y"),
+        Kind("floor_height", "world", "m", "linear", _floor("geom_pos", 2, 0.0), _around(0.05), "height of the floor"),
+        Kind("floor_roll", "world", "rad", "linear", _zero, _around(0.2), "floor turned about x"),
+        Kind("floor_pitch", "world", "rad", "linear", _zero, _around(0.2), "floor turned about y"),
+        Kind("floor_friction", "world", "", "log", _floor("geom_friction", 0, FLOOR_FRICTION), _factor(30, 5, 0.3),
+             "sliding friction of the floor"),
         Kind("contact_friction", "geom", "", "log", _geom("geom_friction"), _factor(10, 5, 0.3), "sliding friction"),
         Kind("contact_softness", "geom", "s", "log", _geom("geom_solref"), _factor(5, 10, 0.01),
              "time constant of the contact"),
+        Kind("clock", "recording", "s", "linear", _zero, _around(0.1), "how late the commands' time stamps are"),
         Kind("start_position", "recording", "rad", "linear", _zero, _around(0.2), "correction of the start position"),
         Kind("start_velocity", "recording", "rad/s", "linear", _zero, _around(2.0), "correction of the start speed"),
     ]  # fmt: skip

@@ -16,6 +16,7 @@ from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
 from trueup.recording import Recording
 from trueup.simulators.mujoco.fields import LIVE_KINDS, write_fields
+from trueup.simulators.mujoco.floor_plane import FLOOR_KINDS
 from trueup.simulators.mujoco.kernels import read_off
 from trueup.simulators.mujoco.model import Model, prepared
 from trueup.simulators.mujoco.quantities import Quantity
@@ -104,7 +105,7 @@ class MujocoSimulator:
         """Simulates every trial for every row of values (b, n). See `Simulator.rollout`."""
         values = np.atleast_2d(np.asarray(values, dtype=np.float64))
         verifying = len(values) == 1
-        contacts = self._touching is not False or (verifying and self._can_touch())
+        contacts = self._touching is not False or self._has_floor or (verifying and self._can_touch())
         order = sorted(range(len(trials)), key=lambda k: -trials[k].duration)
         run = _Run(self, [trials[k] for k in order], values, controllers or self.controller, contacts)
         with unclocked():
@@ -113,6 +114,11 @@ class MujocoSimulator:
             self._touching = touched
         done = run.rollouts()
         return [done[order.index(k)] for k in range(len(trials))]
+
+    @property
+    def _has_floor(self) -> bool:
+        """Whether a floor may come up to the robot, though nothing touches it as things stand."""
+        return any(q.kind in FLOOR_KINDS for q in self.quantities)
 
     def batch(self, rows: int, contacts: bool, sensors: bool) -> Batch:
         """A batch of that many simulations; the last ones are kept, making one costs more than a short run."""
@@ -141,6 +147,7 @@ class MujocoSimulator:
             step=self.step,
             slack=tuple(dict.fromkeys(targets["backlash"])),
             limited=tuple(targets["force_limit"]),
+            floor=self._has_floor,
         )
 
     def _can_touch(self) -> bool:

@@ -66,6 +66,14 @@ class Signals:
             found.append((qpos, qvel))
         return found
 
+    def _clock(self, recording: str) -> Array:
+        """(b,) how late the time stamps of a recording's commands are, in s: commands really were given that earlier."""
+        late = np.zeros(len(self._values))
+        for column, quantity in enumerate(self._quantities):
+            if quantity.kind == "clock" and recording in quantity.targets:
+                late += self._values[:, column]
+        return late
+
     def _correct(self, trial: Trial, kind: str, state: Array, address: NDArray[np.int32]) -> None:
         for column, quantity in enumerate(self._quantities):
             if quantity.kind == kind:
@@ -92,7 +100,8 @@ class Signals:
             return out
         columns, times, values, integral = held
         part = np.empty((len(self._values), count, len(columns)))
-        delayed_commands(times, values, integral, np.ascontiguousarray(self.delay[:, columns]), at * step, step, part)
+        delay = np.ascontiguousarray(self.delay[:, columns] - self._clock(self._trials[trial].name)[:, None])
+        delayed_commands(times, values, integral, delay, at * step, step, part)
         out[:, :, columns] = part
         for joint, value in self._offsets.items():
             actuator = self._model.actuator_of_joint().get(joint, -1)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from trueup.errors import ModelError, OutputError
 from trueup.simulators.mujoco.edits import Edits, read
 from trueup.simulators.mujoco.fields import SingleModel, write_fields
+from trueup.simulators.mujoco.floor_plane import FLOOR_KINDS, plane_of
 from trueup.simulators.mujoco.inertia import body_inertia
 from trueup.simulators.mujoco.mjcf_text import MjcfText
 from trueup.simulators.mujoco.quantities import kind
@@ -29,6 +30,7 @@ _NOT_MJCF = {
     "bias": "the error of the position sensor",
     "offset": "the zero error shared by sensor and command",
     "sensor_delay": "the delay of a measured channel",
+    "clock": "the error of a recording's clocks",
     "start_position": "corrections of start positions",
     "start_velocity": "corrections of start speeds",
 }
@@ -154,6 +156,11 @@ def _compare(
             for field in _SLACK if quantity.kind == "backlash" else ():
                 slack = f"{target}/slack"
                 _close(slack, field, read(written, "joint", slack, field), read(wanted, "joint", slack, field))
+    if any(q.kind in FLOOR_KINDS for q in simulator.quantities):
+        planes = plane_of(written), plane_of(wanted)
+        for field in ("geom_pos", "geom_quat", "geom_friction", "geom_priority", "geom_contype", "geom_conaffinity"):
+            there, here = (np.atleast_1d(getattr(m, field)[g]) for m, g in zip((written, wanted), planes, strict=True))
+            _close("floor", field, there, here)
     for actuator, seconds in delays.items():
         _close(actuator, "delay", read(written, "actuator", actuator, "actuator_delay"), np.array([seconds]))
     if any(q.kind.startswith("tilt_") for q in simulator.quantities):
