@@ -91,4 +91,4 @@ def unknown_name(kind: str, name: str, known: Iterable[str], where: str = "the m
 
 
 def _several(kind: str) -> str:
-    return f"{kind[:-1]}ies" if kind.endswith("y") else f"{kind}s"
+    return f"{kind[:-1]}ies" if kind.endswith("ty") else f"{kind}s"
