@@ -18,20 +18,28 @@ Indices = NDArray[np.int64]
 
 (
     WHEELBASE, STEERING_DELAY, STEERING_LAG, STEERING_PLAY, STEERING_LEFT, STEERING_RIGHT, STEERING_BEND,
-    STEERING_OFFSET, FRONT_GRIP, REAR_GRIP, FRICTION_LIMIT, WEIGHT_IN_FRONT, YAW_INERTIA, THROTTLE_DELAY,
-    THROTTLE_LAG, DRIVE, FRICTION, SPEED_LOSS, CURVE_LOSS, POSE_AHEAD, POSE_TURN,
-) = range(21)  # fmt: skip
+    STEERING_OFFSET, UNDERSTEER, GRIP, FRICTION_LIMIT, WEIGHT_IN_FRONT, YAW_INERTIA, THROTTLE_DELAY,
+    THROTTLE_LAG, THROTTLE_DEAD, DRIVE, DRIVE_FADE, FRICTION, SPEED_LOSS, CURVE_LOSS, POSE_AHEAD, POSE_TURN,
+) = range(23)  # fmt: skip
 """Columns of a row: the car, then QUANTITIES in their order."""
 
 READ = 5
 """What is read off: x, y (m) and heading (rad) of the tracked point; speed (m/s); yaw rate (rad/s)."""
-STATE = 10
-SERVO, WHEEL, MOTOR, FORWARD, SIDEWAYS, TURNING, X, Y, HEADING, PUSH = range(STATE)
-"""Steering after lag, after play; throttle after lag; velocities of the centre of mass (m/s, m/s, rad/s); its pose; and an
-acceleration (m/s^2) that the car showed beyond the model just before (battery, slope, floor)."""
+STATE = 11
+SERVO, WHEEL, MOTOR, FORWARD, SIDEWAYS, TURNING, X, Y, HEADING, PUSH, TRIM = range(STATE)
+"""Steering after lag, after play; throttle after lag; velocities of the centre of mass (m/s, m/s, rad/s); its pose; and what
+the car showed beyond the model just before: an acceleration (m/s^2: battery, slope, floor) and a wheel angle (rad: a servo
+that stopped short, play)."""
 
+_MOST_TRIM = 0.1  # rad
+_STIFFEST = 1e-3  # rad s^2/m
 _SLOW = 0.05  # m/s: below, tyres are treated as at this speed
-_TRUST = 1.0  # share of what the last seconds showed beyond the model that is expected to go on
+_TRUST = 0.7  # share of what the last seconds showed beyond the model that is expected to go on
+_TRIM_TRUST, _TRIM_SEEN, _TRIM_LASTS = (
+    0.6,
+    0.4,
+    1.2,
+)  # the same of the wheel angle, which changes within a second (s, s)
 _MOVES = 0.2  # m/s: slower, the direction of motion says nothing
 
 
@@ -62,18 +70,29 @@ def step_actuators(p: Array, throttle: float, steering: float, shares: Array, s:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def motor_push(p: Array, throttle: float, speed: float) -> float:
+    """Acceleration by the motor: none within the dead zone; forward less, the faster it turns (its own voltage)."""
+    if throttle > p[THROTTLE_DEAD]:
+        return p[DRIVE] * (throttle - p[THROTTLE_DEAD]) * max(1.0 - p[DRIVE_FADE] * speed, 0.0)
+    return p[DRIVE] * min(throttle + p[THROTTLE_DEAD], 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def step_car(p: Array, dt: float, s: Array) -> None:
     """Velocities and pose one step on, with the wheels and the motor where they are."""
     command = s[WHEEL] + p[STEERING_OFFSET]
     angle = (p[STEERING_LEFT] if command > 0.0 else p[STEERING_RIGHT]) * command
-    angle *= 1.0 - p[STEERING_BEND] * command * command
+    angle = angle * (1.0 - p[STEERING_BEND] * command * command) + s[TRIM]
+    s[TRIM] *= 1.0 - dt / _TRIM_LASTS
     front = p[WHEELBASE] * (1.0 - p[WEIGHT_IN_FRONT])  # centre of mass to axles
     rear = p[WHEELBASE] * p[WEIGHT_IN_FRONT]
     inertia = p[YAW_INERTIA] * front * rear
     speed, u, r = max(s[FORWARD], _SLOW), s[SIDEWAYS], s[TURNING]
     share = p[WEIGHT_IN_FRONT]
-    cf = secant(p[FRONT_GRIP] * share, p[FRICTION_LIMIT] * share, angle - math.atan((u + front * r) / speed))
-    cr = secant(p[REAR_GRIP] * (1.0 - share), p[FRICTION_LIMIT] * (1.0 - share), -math.atan((u - rear * r) / speed))
+    # Understeer, 1 / front grip - 1 / rear grip, is seen long before the grips are.
+    front_grip = 1.0 / max(1.0 / p[GRIP] + p[UNDERSTEER], _STIFFEST)
+    cf = secant(front_grip * share, p[FRICTION_LIMIT] * share, angle - math.atan((u + front * r) / speed))
+    cr = secant(p[GRIP] * (1.0 - share), p[FRICTION_LIMIT] * (1.0 - share), -math.atan((u - rear * r) / speed))
     # Implicit in u and r: u' = cf a_f + cr a_r - v r, J r' = front cf a_f - rear cr a_r, with the tyres' secants held.
     turn = (front * cf - rear * cr) / speed
     a11, a12 = 1.0 + dt * (cf + cr) / speed, dt * (turn + speed)
@@ -84,7 +103,11 @@ def step_car(p: Array, dt: float, s: Array) -> None:
     middle_u, middle_r = 0.5 * (u + s[SIDEWAYS]), 0.5 * (r + s[TURNING])
     slip = angle - (s[SIDEWAYS] + front * s[TURNING]) / speed
     curvature = s[TURNING] / speed
-    pull = p[DRIVE] * s[MOTOR] - p[FRICTION] - (p[SPEED_LOSS] + p[CURVE_LOSS] * curvature * curvature) * s[FORWARD]
+    pull = (
+        motor_push(p, s[MOTOR], s[FORWARD])
+        - p[FRICTION]
+        - (p[SPEED_LOSS] + p[CURVE_LOSS] * curvature * curvature) * s[FORWARD]
+    )
     pull += s[PUSH] - cf * slip * math.sin(angle) + s[TURNING] * s[SIDEWAYS]
     s[FORWARD] = max(s[FORWARD] + dt * pull, 0.0)
     middle = s[HEADING] + 0.5 * dt * middle_r
@@ -107,7 +130,7 @@ def begin(
     s[:] = 0.0
     s[SERVO] = s[WHEEL] = delayed(commands[:, 1], first - settle - p[STEERING_DELAY] / dt)
     s[MOTOR] = delayed(commands[:, 0], first - settle - p[THROTTLE_DELAY] / dt)
-    drift, counted = 0.0, 0
+    drift, bent, counted, share = 0.0, 0.0, 0, 1.0 - math.exp(-dt / _TRIM_SEEN)
     for k in range(first - settle, k0):
         step_actuators(p, delayed(commands[:, 0], k - p[THROTTLE_DELAY] / dt),
                        delayed(commands[:, 1], k - p[STEERING_DELAY] / dt), shares, s)  # fmt: skip
@@ -118,6 +141,8 @@ def begin(
             s[SIDEWAYS] = seen[k, 4] - p[POSE_AHEAD] * s[TURNING]
         step_car(p, dt, s)
         if seen[k, 3] > _MOVES:
+            curvature = seen[k + 1, 5] / max(seen[k + 1, 3], _MOVES) - s[TURNING] / max(s[FORWARD], _MOVES)
+            bent += share * (p[WHEELBASE] * curvature - bent)
             drift += (seen[k, 4] - s[SIDEWAYS] - p[POSE_AHEAD] * s[TURNING]) / seen[k, 3]
             counted += 1
     turned = p[POSE_TURN]
@@ -126,6 +151,7 @@ def begin(
         window = past * dt
         response = (1.0 - math.exp(-p[SPEED_LOSS] * window)) / p[SPEED_LOSS] if p[SPEED_LOSS] > 1e-6 else window
         s[PUSH] = _TRUST * (seen[k0, 3] - s[FORWARD]) / response
+        s[TRIM] = min(max(_TRIM_TRUST * bent, -_MOST_TRIM), _MOST_TRIM)
     if past == 0:
         s[TURNING] = seen[k0, 5]
         s[SIDEWAYS] = seen[k0, 4] - p[POSE_AHEAD] * s[TURNING]

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,8 @@ Array = NDArray[np.float64]
 
 _LATE = 0.12  # s between command and effect, roughly, of small servos and drives
 _FAST = 0.3  # m/s: slower samples say little
+_SHOWS = MappingProxyType({"understeer": 3.0, "friction_limit": 5.0})
+"""Sideways acceleration in m/s^2 that the recordings must reach."""
 
 
 def first_look(car: Car, recordings: Sequence[Recording]) -> dict[str, float]:
@@ -36,6 +39,21 @@ def first_look(car: Car, recordings: Sequence[Recording]) -> dict[str, float]:
         found |= {"drive": values[0], "friction": values[1], "speed_loss": values[2], "curve_loss": values[3]}
     bounds = {q.name: (q.lower, q.upper) for q in QUANTITIES}
     return {name: float(np.clip(value, *bounds[name])) for name, value in found.items()}
+
+
+def unseen(recordings: Sequence[Recording]) -> dict[str, str]:
+    """Quantities of the tyres that these prepared recordings are too calm to tell, each with the reason.
+
+    Below a third of g a car hardly slips: its understeer is less than the play of a steering, so that a fit would bend it to
+    mend something else, and be far off in the first fast curve.
+    """
+    curvature, _, _, speed, _ = _samples(recordings)
+    sideways = float(np.percentile(np.abs(curvature) * speed**2, 98)) if len(speed) else 0.0
+    return {
+        name: f"{name} is not looked for: the recorded curves reach {sideways:.1f} m/s^2 sideways, it shows above {least:g}"
+        for name, least in _SHOWS.items()
+        if sideways < least
+    }
 
 
 def _samples(recordings: Sequence[Recording]) -> tuple[Array, Array, Array, Array, Array]:
