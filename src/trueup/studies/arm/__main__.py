@@ -1,19 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the study: `python -m trueup.studies.arm --out out/study-arm`; half an hour of one core, `--quick` a minute."""
+"""Runs the study: `python -m trueup.studies.arm --out out/study-arm`, a quarter of an hour; with `--quick` a minute."""
 
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from trueup.studies.arm.study import FULL, QUICK, performed
+from trueup.errors import OutputError
+from trueup.studies.arm.study import FULL, QUICK, Told, performed
 
 
-def main() -> None:
-    """Writes report.html, report.md and cells.json into the folder given."""
+def main() -> int:
+    """Writes report.html, report.md and cells.json into the folder given; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m trueup.studies.arm", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/study-arm"), help="folder of the results")
     parser.add_argument("--quick", action="store_true", help="one region, few excitations and tests")
@@ -22,10 +25,42 @@ def main() -> None:
     console, told = Console(), Console(stderr=True)
     scale = replace(QUICK if options.quick else FULL, seed=options.seed)
     regions = ("B",) if options.quick else ("B", "A", "C")
-    for name, share in performed(options.out, scale, told.print, regions).items():
+    try:
+        with _progress(told) as bar:
+            shares = performed(options.out, scale, _teller(bar, told), regions)
+    except OutputError as error:
+        told.print(str(error), style="red", markup=False)
+        return 2
+    except KeyboardInterrupt:
+        told.print("stopped; the same command goes on with what is not there yet", markup=False)
+        return 130
+    for name, share in shares.items():
         console.print(f"region {name}: ours is best, or not surely worse, in {100 * share:.0f} % of cells")
-    console.print(f"report: {options.out / 'report.html'}")
+    console.print(f"report: {options.out / 'report.html'}", soft_wrap=True, markup=False)
+    return 0
+
+
+def _progress(told: Console) -> Progress:
+    columns = (
+        BarColumn(30),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+    )
+    return Progress(*columns, console=told, transient=True, disable=not told.is_terminal)
+
+
+def _teller(bar: Progress, told: Console) -> Told:
+    """Moves the bar of a terminal; elsewhere writes one line a step."""
+    task = bar.add_task("designing excitations", total=1.0)
+
+    def tell(text: str, share: float) -> None:
+        if bar.disable:
+            told.print(f"{100 * share:3.0f} %  {text}", markup=False, highlight=False)
+        bar.update(task, completed=share, description=text)
+
+    return tell
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -28,6 +28,8 @@ CASES = {
     "3 wide planner, abrupt": "wide abrupt",
 }
 """Test cases of local identification, section III-D, with the factors that it leaves open -> class of motion."""
+DESIGNED = (("A", "A", FAST), ("A_local", "A_local", FAST), ("B fast", "B", FAST), ("B slow", "B", SLOW))
+"""Label, the papers' algorithm, the planner's speeds: what the genetic algorithm searches for."""
 ALGORITHMS = ("A", "A_local", "B fast", "B slow", "A many", "B many", "ours")
 """'many': different optimised motions instead of one repeated, until the recording time is filled."""
 
@@ -100,18 +102,16 @@ def prepared(name: str, scale: Scale, told: Told) -> Region:
     }
     told(f"region {name}: {scale.tests} test motions a case")
     seeds = [1000 * scale.seed + k for k in range(scale.excitations)]
-    designs = {
-        label: [workshop.designed(algorithm, settings, seed) for seed in seeds]
-        for label, algorithm, settings in (
-            ("A", "A", FAST), ("A_local", "A_local", FAST), ("B fast", "B", FAST), ("B slow", "B", SLOW),
-        )
-    }  # fmt: skip
-    told(f"region {name}: {scale.excitations} excitations for each of A, A_local, B fast, B slow")
+    designs = {}
+    for label, algorithm, settings in DESIGNED:
+        designs[label] = [workshop.designed(algorithm, settings, seed) for seed in seeds]
+        told(f"region {name}: {scale.excitations} excitations of {label}")
     every = []
     for r in range(scale.excitations):
         plans = _plans(designs, r, scale.seconds)
         plans["ours"] = workshop.mixed(scale.seconds, rng)
         every.append({algorithm: runs(model, plan) for algorithm, plan in plans.items()})
+    told(f"region {name}: {scale.excitations} excitations of ours")
     return Region(model, tests, every)
 
 
@@ -173,11 +173,20 @@ def _indefinite(model: TorqueModel, fit: Fitted, postures: int = 200) -> float:
 def interval(values: Array, rng: np.random.Generator, draws: int = 1000) -> tuple[Array, Array]:
     """Bounds (..., 6) of 95 % for the mean of values (R, N, 6): excitations and test motions drawn anew, both."""
     R, N = values.shape[:2]
-    means = np.array(
-        [values[rng.integers(R, size=R)][:, rng.integers(N, size=N)].mean(axis=(0, 1)) for _ in range(draws)]
-    )
-    low, high = np.quantile(means, [0.025, 0.975], axis=0)
+    low, high = np.quantile(redrawn(values, weights(R, rng, draws), weights(N, rng, draws)), [0.025, 0.975], axis=0)
     return low, high
+
+
+def weights(count: int, rng: np.random.Generator, draws: int) -> Array:
+    """(draws, count) how much each of `count` things weighs when as many are drawn anew, with replacement."""
+    return rng.multinomial(count, np.full(count, 1.0 / count), draws) / count
+
+
+def redrawn(values: Array, excitations: Array, tests: Array) -> Array:
+    """(draws, ...) means of values (R, N, ...) under weights (draws, R) and (draws, N)."""
+    R, N = values.shape[:2]
+    each = (excitations @ values.reshape(R, -1)).reshape(len(excitations), N, -1)
+    return np.einsum("dn,dnk->dk", tests, each).reshape(len(excitations), *values.shape[2:])
 
 
 def share_of_best(errors: Errors, rng: np.random.Generator) -> tuple[float, dict[str, list[str]]]:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from string import Template
 
@@ -66,33 +66,54 @@ def distributions(errors: Errors) -> Markup:
     return join(tag("p", "median and 5 ... 95 %: ", *named, class_="key"), tag("div", *panels, class_="figures"))
 
 
-def page(markdown: str, figures: Mapping[str, Markup]) -> str:
-    """The report as HTML; each figure stands behind the heading that it is keyed by."""
-    parts: list[Markup] = []
-    contents = []
-    for block in re.split(r"\n\n+", markdown):
-        if heading := re.match(r"(#+) (.*)", block):
-            level, words = len(heading[1]), heading[2]
-            key = re.sub(r"\W+", "-", words.lower())
-            if level > 1:
-                contents.append(tag("a", words.split(":")[0], href=f"#{key}"))
-                parts.append(tag("h2", words, id=key))
-            parts.append(figures.get(words, Markup("")))
-        elif block.startswith("|"):
-            parts.append(_table(block))
-        else:
-            parts.append(tag("p", Markup(re.sub(r"\*\*(.+?)\*\*", r"<b>\1</b>", escape(block)))))
+def page(markdown: str, figures: Mapping[str, Sequence[Markup]], folded: Sequence[str] = ()) -> str:
+    """The report as HTML; figures stand behind the heading that they are keyed by, `folded` headings open on a click."""
+    sections: list[Markup] = []
+    contents: list[Markup] = []
+    for part in re.split(r"\n\n(?=## )", markdown):
+        blocks = re.split(r"\n\n+", part.strip())
+        heading = blocks[0].lstrip("# ") if blocks[0].startswith("#") else ""
+        body = [*(_block(block) for block in blocks[1 if heading else 0 :]), *figures.get(heading, ())]
+        if blocks[0].startswith("## "):
+            key = re.sub(r"\W+", "-", heading.lower())
+            contents.append(tag("a", heading, href=f"#{key}"))
+            if heading.startswith(tuple(folded)):
+                sections.append(tag("section", tag("details", tag("summary", heading), *body), id=key))
+                continue
+            body.insert(0, tag("h2", heading, id=key))
+        sections.append(tag("section", *body))
     templates = resources.files("trueup.report").joinpath("templates")
     return Template(templates.joinpath("campaign.html").read_text(encoding="utf-8")).substitute(
-        title=escape("Local and global identification of an arm"), contents=join(contents), sections=join(parts),
-        style=templates.joinpath("report.css").read_text(encoding="utf-8"), subtitle=escape("a stand-in NS16, truth known"),
+        title=escape("Local and global identification of an arm"), contents=join(*contents), sections=join(*sections),
+        style=templates.joinpath("report.css").read_text(encoding="utf-8") + _STYLE,
+        subtitle=escape("a stand-in NS16, truth known"),
     )  # fmt: skip
 
 
+_STYLE = """
+summary { cursor: pointer; font-size: 18px; font-weight: 600; }
+section { overflow-x: auto; padding: 22px 0 20px; }
+table.cells { font-size: 12px; margin: 0 0 18px; width: auto; }
+table.cells td, table.cells th { padding: 3px 9px 3px 0; text-align: right; white-space: nowrap; }
+table.cells thead th { white-space: normal; min-width: 74px; max-width: 150px; }
+table.cells td.word, table.cells th.word { text-align: left; white-space: normal; min-width: 44px; max-width: 190px; }
+"""
+
+
+def _block(block: str) -> Markup:
+    if block.startswith("|"):
+        return _table(block)
+    return tag("p", Markup(re.sub(r"\*\*?(.+?)\*\*?", r"<b>\1</b>", escape(block))))
+
+
 def _table(block: str) -> Markup:
+    """Columns of figures to the right, of words to the left; the rows of ours stand out."""
     rows = [[cell.strip() for cell in line[2:-2].split(" | ")] for line in block.splitlines()]
     head, body = rows[0], rows[2:]
-    written = [tag("tr", [tag("th" if k == 0 else "td", cell) for k, cell in enumerate(row)]) for row in body]
-    return tag(
-        "table", tag("thead", tag("tr", [tag("th", cell) for cell in head])), tag("tbody", written), class_="rounds"
-    )
+    words = [not any(re.match(r"[-x+]? ?[\d.]", row[k]) for row in body) for k in range(len(head))]
+
+    def row(cells: Sequence[str], kind: str) -> Markup:
+        made = [tag(kind, c, class_="word" if words[k] or k == 0 else None) for k, c in enumerate(cells)]
+        return tag("tr", made, class_="best" if cells[0].startswith("ours") else None)
+
+    return tag("table", tag("thead", row(head, "th")), tag("tbody", [row(r, "td") for r in body]), class_="cells")

@@ -2,12 +2,13 @@
 """The stand-in for the real arm: it moves as commanded, and its motors feel more than rigid links and simple friction.
 
 Joints bend, friction depends on load, temperature, direction and standstill, the wrist's drives are coupled, gears
-ripple. Each effect has a strength, 0 leaves it out.
+ripple. Each effect has a strength, 0 leaves it out. Or friction is of another form altogether.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from trueup.identification.excitation.trajectories import Trajectory
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.regressors import inverse_dynamics
 from trueup.recording import Channel, Recording
+from trueup.studies.arm.foreign import foreign_friction
 from trueup.studies.arm.robot import COULOMB, NOMINAL, QUADRATIC, RATIOS, ROTORS, VISCOUS
 
 Array = NDArray[np.float64]
@@ -51,6 +53,8 @@ class Effects:
     """Torque with the turns of motor and gear, 1 % of nominal."""
     noise: float = 1.0
     """White torque noise, 1 % of nominal; position in steps of the motor's encoder."""
+    foreign: float = 0.0
+    """Above zero: friction of another form than any that is fitted, see foreign.py, in place of all friction above."""
 
     @classmethod
     def none(cls, **kept: float) -> Effects:
@@ -96,8 +100,11 @@ class HiddenArm:
         C = np.eye(6) + kind.coupling * (_COUPLED - np.eye(6))
         angle, speed, push = (x @ C.T for x in (q, qd, qdd))
         through = carried @ np.asarray(np.linalg.inv(C), dtype=np.float64)  # what each gear carries
-        drive = ROTORS * push + self.friction(speed, through, warmth) + self._ripple(angle)
-        return carried + drive @ C
+        if kind.foreign:
+            rubbing = kind.foreign * foreign_friction(np.arange(len(q)) / RATE, angle, speed, through, warmth)
+        else:
+            rubbing = self.friction(speed, through, warmth)
+        return carried + (ROTORS * push + rubbing + self._ripple(angle)) @ C
 
     def _bending(self, qdd: Array) -> Array:
         """(3, S, 6) link minus motor: position, speed, acceleration. Each joint a resonance that its acceleration drives.
@@ -105,11 +112,9 @@ class HiddenArm:
         e'' + 2 z w e' + w^2 e = -qdd, from the bend that the first acceleration holds.
         """
         bend = np.zeros((3, *qdd.shape))
-        for j, hertz in enumerate(_RESONANCE):
-            w = 2.0 * np.pi * hertz
-            for k, numerator in enumerate(([-1.0], [-1.0, 0.0], [-1.0, 0.0, 0.0])):
-                b, a = bilinear(numerator, [1.0, 2.0 * _DAMPING * w, w * w], RATE)
-                bend[k, :, j] = lfilter(b, a, qdd[:, j], zi=lfilter_zi(b, a) * qdd[0, j])[0]
+        for k, each in enumerate(_resonances()):
+            for j, (b, a, start) in enumerate(each):
+                bend[k, :, j] = lfilter(b, a, qdd[:, j], zi=start * qdd[0, j])[0]
         return self.effects.elastic * bend
 
     def friction(self, speed: Array, through: Array, warmth: float) -> Array:
@@ -124,3 +129,15 @@ class HiddenArm:
     def _ripple(self, angle: Array) -> Array:
         motor = RATIOS * angle
         return self.effects.ripple * 0.01 * NOMINAL * (0.6 * np.sin(motor) + 0.4 * np.sin(2.0 * motor + 1.0))
+
+
+@cache
+def _resonances() -> tuple[tuple[tuple[Array, Array, Array], ...], ...]:
+    """Filters (b, a, state at rest) from a joint's acceleration to its bend and that one's first two derivatives."""
+    found = []
+    for numerator in ([-1.0], [-1.0, 0.0], [-1.0, 0.0, 0.0]):
+        filters = [
+            bilinear(numerator, [1.0, 2.0 * _DAMPING * w, w * w], RATE) for w in (2.0 * np.pi * _RESONANCE).tolist()
+        ]
+        found.append(tuple((b, a, lfilter_zi(b, a)) for b, a in filters))
+    return tuple(found)

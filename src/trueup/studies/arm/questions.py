@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import spearmanr
+from scipy.stats import rankdata, spearmanr
 
 from trueup.identification.excitation.criteria import Criterion
 from trueup.identification.excitation.periodic import Sines, at_rest
 from trueup.identification.excitation.planner import ViaPoints
 from trueup.identification.excitation.trajectories import Motions, Trajectory
-from trueup.studies.arm.comparison import Region
+from trueup.studies.arm.comparison import CASES, Errors, Region
 from trueup.studies.arm.excitation import FAST, RATE, Workshop, filled
 from trueup.studies.arm.fitting import Fitted, papers_fit
 from trueup.studies.arm.hidden import Effects, HiddenArm
@@ -40,11 +40,10 @@ class Answers:
     """Rank correlations over random excitations of a class: criterion's loss against what was got wrong."""
 
     kind: str
-    correlation: Mapping[tuple[str, str], float]
-    """(criterion, outcome) -> Spearman's coefficient; outcomes are test cases, and 'friction'."""
-    loss: Mapping[str, Array]
-    error: Mapping[str, Array]
-    """(count,) each, for figures."""
+    count: int
+    """Of excitations."""
+    correlation: Mapping[str, Mapping[str, float]]
+    """Criterion -> outcome -> Spearman's coefficient; outcomes are test cases, and 'friction'."""
 
 
 def answered(
@@ -67,9 +66,8 @@ def answered(
             wrong = [np.abs(r.torque - r.predict(fit.parameters)).mean(axis=0) for r in measured[case]]
             error[case].append(float(np.mean(np.array(wrong) / NOMINAL)))
         error["friction"].append(_friction_error(fit, arm, warmth))
-    correlation = {(c, o): float(np.asarray(spearmanr(loss[c], error[o])[0])) for c in criteria for o in error}
     return Answers(
-        kind, correlation, {c: np.array(v) for c, v in loss.items()}, {o: np.array(v) for o, v in error.items()}
+        kind, count, {c: {o: float(np.asarray(spearmanr(loss[c], error[o])[0])) for o in error} for c in criteria}
     )
 
 
@@ -111,21 +109,15 @@ def _friction_error(fit: Fitted, arm: HiddenArm, warmth: float) -> float:
     return float(np.sqrt(np.mean(((fitted - arm.friction(speed, np.zeros_like(speed), warmth)) / NOMINAL) ** 2)))
 
 
-def ordering(errors: Mapping[tuple[str, str], Array], local: str) -> dict[str, str]:
-    """What the papers report, and whether it is so here: how many of six axes. `local` is 'fast' or 'slow'."""
-    mean = {key: values.mean(axis=(0, 1)) for key, values in errors.items()}
-    one, two, three = f"1 local, {local}", "2 wide sines", "3 wide planner, abrupt"
-    B = f"B {local}"
+def after_search(determinants: Mapping[str, Sequence[float]], errors: Errors) -> dict[str, tuple[Array, Array]]:
+    """For each algorithm ranks (excitations,) of log det and of the mean error over all cases and axes, in % of nominal.
 
-    def best(who: str, case: str, among: Sequence[str]) -> int:
-        return int(sum(all(mean[who, case][k] <= mean[a, case][k] for a in among) for k in range(6)))
-
-    rivals = ("A", "A_local", B)
-    return {
-        f"{B} best of the three in its region": f"{best(B, one, rivals)} of 6 axes",
-        "A best of the three on wide sines": f"{best('A', two, rivals)} of 6 axes",
-        "A's error on abrupt wide planner motion over that on sines": ", ".join(
-            f"{r:.1f}" for r in mean["A", three] / mean["A", two]
-        ),
-        f"{B} outside its region over A there": ", ".join(f"{r:.1f}" for r in mean[B, three] / mean["A", three]),
-    }
+    What random excitations show need not hold among those that were searched for: all of them are good.
+    """
+    found = {}
+    for algorithm, values in determinants.items():
+        wrong = np.mean(
+            [(errors.absolute[algorithm, case] / NOMINAL).mean(axis=(1, 2)) for case in CASES], axis=0
+        )  # (excitations,)
+        found[algorithm] = rankdata(values) - 0.5 * (len(values) + 1), rankdata(wrong) - 0.5 * (len(values) + 1)
+    return found

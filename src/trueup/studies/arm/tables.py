@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.studies.arm.comparison import ALGORITHMS, CASES, Errors, interval, share_of_best
-from trueup.studies.arm.questions import Answers
+from trueup.studies.arm.comparison import ALGORITHMS, CASES, Errors, interval, redrawn, share_of_best, weights
+from trueup.studies.arm.factors import CLAIMS, Cell, Ratio, bounds, main_effect
 from trueup.studies.arm.robot import NOMINAL
 
 Array = NDArray[np.float64]
@@ -30,10 +31,71 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows)) + "\n"
 
 
-def table_one(determinants: Mapping[str, Mapping[str, Array]]) -> str:
+def summary(errors: Errors, rng: np.random.Generator) -> str:
+    """Each algorithm's error on each case, mean over axes, % of nominal, with interval."""
+    rows = []
+    for case in CASES:
+        cells = []
+        for algorithm in ALGORITHMS:
+            values = (100.0 * errors.absolute[algorithm, case] / NOMINAL).mean(axis=2, keepdims=True)
+            low, high = interval(values, rng)
+            cells.append(f"{values.mean():.1f} [{low[0]:.1f}, {high[0]:.1f}]")
+        rows.append([case, *cells])
+    return table(("test case", *ALGORITHMS), rows)
+
+
+def ratio_table(found: Mapping[tuple[Cell, str], Ratio]) -> str:
+    """One row a combination of factors, one column a claim."""
+    cells = list(dict.fromkeys(cell for cell, _ in found))
+    rows = [[c.region, c.effects, c.speed, c.ramp, *(found[c, claim].text for claim in CLAIMS)] for c in cells]
+    return table(("region", "hidden", "speed", "planner", *CLAIMS), rows)
+
+
+def main_effects_table(found: Mapping[tuple[Cell, str], Ratio], levels: Mapping[str, tuple[str, str, str]]) -> str:
+    """One row a factor: what its second level does to each ratio. `levels`: words -> field of Cell, first, second."""
+    rows = [[words, *(main_effect(found, claim, *level) for claim in CLAIMS)] for words, level in levels.items()]
+    return table(("factor", *CLAIMS), rows)
+
+
+def local_or_global(errors: Mapping[str, Errors], seed: int) -> str:
+    """Local over global excitation, pairs of algorithms, on each case; geometric mean over axes and regions."""
+    pairs = (("A_local", "A"), ("B fast", "A"), ("B slow", "A"), ("B many", "A many"))
+    rows = []
+    for local, wide in pairs:
+        cells = []
+        for case in CASES:
+            logs = []
+            for region, each in errors.items():
+                rng, shape = np.random.default_rng([seed, *region.encode()]), each.absolute[wide, case].shape
+                drawn = weights(shape[0], rng, 1000), weights(shape[1], rng, 1000)
+                logs.append(
+                    np.log(redrawn(each.absolute[local, case], *drawn) / redrawn(each.absolute[wide, case], *drawn))
+                )
+            draws = np.mean(logs, axis=(0, 2))
+            cells.append(f"{np.exp(draws.mean()):.2f} [{bounds(draws)}]")
+        rows.append([f"{local} over {wide}", *cells])
+    return table(("", *CASES), rows)
+
+
+def after_search_table(ranks: Sequence[Mapping[str, tuple[Array, Array]]], rng: np.random.Generator) -> str:
+    """Rank correlation of determinant and minus error within algorithm and region, pooled over regions."""
+    rows = []
+    for algorithm in ranks[0]:
+        one, other = (np.concatenate([each[algorithm][k] for each in ranks]) for k in (0, 1))
+        again = rng.integers(len(one), size=(1000, len(one)))
+        value = -float(one @ other / np.sqrt((one @ one) * (other @ other)))
+        drawn = -np.sum(one[again] * other[again], 1) / np.sqrt(
+            np.sum(one[again] ** 2, 1) * np.sum(other[again] ** 2, 1) + 1e-12
+        )
+        low, high = np.nanquantile(drawn, [0.025, 0.975])
+        rows.append([algorithm, str(len(one)), f"{value:.2f} [{low:.2f}, {high:.2f}]"])
+    return table(("algorithm", "excitations", "rank correlation"), rows)
+
+
+def table_one(determinants: Mapping[str, Mapping[str, Sequence[float]]]) -> str:
     """Local identification, table I: log10 det as printed, by region and algorithm (range over the excitations)."""
     rows = [
-        [region, algorithm, f"{values.min():.0f} ... {values.max():.0f}"]
+        [region, algorithm, f"{min(values):.0f} ... {max(values):.0f}"]
         for region, each in determinants.items() for algorithm, values in each.items()
     ]  # fmt: skip
     return table(("region", "algorithm", "log10 det [H^T H], 2000 samples"), rows) + (
@@ -73,7 +135,7 @@ def _both(values: Array) -> list[str]:
     return [f"{v:.2f} ({100 * v / t:.2f})" for v, t in zip(values, NOMINAL, strict=True)]
 
 
-def table_three(names: Sequence[str], truth: Array, found: Mapping[str, Array]) -> str:
+def table_three(names: Sequence[str], truth: Sequence[float], found: Mapping[str, Sequence[float]]) -> str:
     """Table III: the 58 parameters as each algorithm's first excitation gives them, beside the truth of the rigid part."""
     head = ("parameter", "truth", *found)
     rows = [
@@ -104,13 +166,19 @@ def shares(results: Mapping[str, Errors]) -> str:
     return table(("effects", *ALGORITHMS), rows)
 
 
-def correlations(answers: Sequence[Answers]) -> str:
-    """Spearman's coefficient of each criterion with what was got wrong, over random excitations."""
+def correlations(answers: Sequence[Mapping[str, Any]]) -> str:
+    """Spearman's coefficient of each criterion with what was got wrong, over random excitations (questions.Answers).
+
+    Intervals by Fisher's transformation, with the variance for ranks of Fieller, Hartley & Pearson, 1957.
+    """
     text = ""
     for one in answers:
-        outcomes = list(one.error)
-        criteria = list(one.loss)
-        rows = [[c, *(f"{one.correlation[c, o]:.2f}" for o in outcomes)] for c in criteria]
-        text += f"\n**Class {one.kind}**, {len(next(iter(one.loss.values())))} random excitations\n\n"
+        doubt = 1.96 * np.sqrt(1.06 / max(one["count"] - 3, 1))
+        rows, outcomes = [], list(next(iter(one["correlation"].values())))
+        for criterion, each in one["correlation"].items():
+            middle = {o: np.arctanh(np.clip(each[o], -0.999, 0.999)) for o in outcomes}
+            low_high = {o: np.tanh([middle[o] - doubt, middle[o] + doubt]) for o in outcomes}
+            rows.append([criterion, *(f"{each[o]:.2f} [{low_high[o][0]:.2f}, {low_high[o][1]:.2f}]" for o in outcomes)])
+        text += f"\n**Class {one['kind']}**, {one['count']} random excitations\n\n"
         text += table(("criterion", *(f"error: {o}" for o in outcomes)), rows)
     return text
