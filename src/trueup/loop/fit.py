@@ -23,7 +23,9 @@ Array = NDArray[np.float64]
 SEARCHES = ("auto", "gradient", "cma-es", "hybrid")
 
 _SHORT = (2.5, 15.0)  # s: the first stage looks at the first quarter of the recordings, within these bounds
-_BLIND = 1.0  # rms change of the residuals across the whole box, in noise units: a slope below tells nothing
+_BLIND = 5.0  # a slope that across the whole box changes the residuals by less than this many times what they are
+_LOOKED_AT = 5  # parameters without much slope, at most: those with the least
+_EDGE = 5e-3  # share of the box: whatever is closer to a bound is on it
 _BETTER = 0.98  # a place elsewhere is worth going to if the loss falls at least to this share
 _BEND = 10.0  # noise units from which losses grow linearly where places far apart are compared: one fall is not all
 _COARSE = 2.5  # factor on the integration step while far from the optimum
@@ -116,19 +118,31 @@ def _evolve(problem: Problem, space: ParameterSpace, point: Array, watch: Watch,
 
 
 def _elsewhere(problem: Problem, space: ParameterSpace, last: LeastSquares) -> Array | None:
-    """A better point along the axis of a parameter that has no slope where it is, if there is one.
+    """A better point along the axis of a parameter that has no slope where it is, or is at a bound, if there is one.
 
     The friction of a foot that sticks and the force limit of a drive that never saturates have none: slopes alone would
-    leave them where they started, however wrong that is.
+    leave them where they started, however wrong that is, or where one wrong step took them.
     """
     if last.jacobian is None or last.residual is None:
         return None
-    blind = np.flatnonzero(np.sqrt(np.mean(last.jacobian**2, axis=0)) < _BLIND)
-    places = np.linspace(0.05, 0.95, 10)
-    points = np.repeat(last.point[None], len(blind) * len(places), axis=0)
-    points[np.arange(len(points)), np.repeat(blind, len(places))] = np.tile(places, len(blind))
-    if not len(points):
+    bound = (last.point < _EDGE) | (last.point > 1.0 - _EDGE)
+    effect = np.sqrt(np.mean(last.jacobian**2, axis=0) / max(float(np.mean(last.residual**2)), 1e-300))
+    weakest = np.argsort(np.where(bound, 0.0, effect))[:_LOOKED_AT]
+    blind = weakest[(effect < _BLIND)[weakest] | bound[weakest]]
+    if not len(blind):
         return None
-    losses = robust_losses(problem.residuals(space.from_unit(points)), _BEND)
-    best = int(np.argmin(np.where(np.isfinite(losses), losses, np.inf)))
+
+    def seen(columns: NDArray[np.intp], places: Array) -> tuple[Array, Array]:
+        points = np.repeat(last.point[None], len(columns), axis=0)
+        points[np.arange(len(points)), columns] = places
+        losses = robust_losses(problem.residuals(space.from_unit(points)), _BEND)
+        return points, np.where(np.isfinite(losses), losses, np.inf)
+
+    places = np.linspace(0.05, 0.95, 10)
+    _, losses = seen(np.repeat(blind, len(places)), np.tile(places, len(blind)))
+    column, place = divmod(int(np.argmin(losses)), len(places))
+    # Where it has no slope on one side of a place and too much on the other, what is best lies between two places.
+    closer = np.clip(places[place] + np.linspace(-0.1, 0.1, 11), 0.0, 1.0)
+    points, losses = seen(np.full(len(closer), blind[column]), closer)
+    best = int(np.argmin(losses))
     return points[best] if losses[best] < _BETTER * robust_losses(last.residual[None], _BEND)[0] else None
