@@ -111,6 +111,22 @@ def test_a_calibration_leaves_its_results_in_one_folder(call: Call) -> None:
     assert [p["start"] for p in found] == [p["value"] for p in numbers["parameters"]], "it starts where the first ended"
 
 
+def test_the_calibrated_file_replays_as_the_calibration_said(call: Call) -> None:
+    call("calibrate", "arm.xml", "slow.csv", "fast.csv", "--parameters", "parameters.toml", "--out", "fit", "-q")
+    said = {r["recording"]: r for r in json.loads(Path("fit/calibration.json").read_text())["replays"]}
+    code, text = call("replay", "fit/arm.xml", "slow.csv", "fast.csv", "--against", "arm.xml", "--json", "-q")
+    assert code == 0
+    for replay in json.loads(text):
+        assert replay["rmse"] == pytest.approx(said[replay["recording"]]["rmse_after"], rel=1e-3)
+        assert replay["rmse_against"] == pytest.approx(said[replay["recording"]]["rmse_before"], rel=1e-3)
+    code, text = call("replay", "fit/arm.xml", "slow.csv", "--out", "pictures")
+    assert code == 0
+    assert "hinge" in text
+    assert (Path("pictures") / "slow.svg").is_file()
+    code, text = call("replay", "arm.xml", "slow.csv", "--parameters", "fit/parameters.toml", "--json", "-q")
+    assert json.loads(text)[0]["rmse"] == pytest.approx(said["slow"]["rmse_after"], rel=1e-3)
+
+
 def test_an_interrupted_calibration_goes_on_where_it_was(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
     save = Output.save
     seen = []

@@ -30,6 +30,7 @@ Makes a robot's simulator agree with the robot, from a handful of recordings.
 _COMMANDS = {
     "inspect": "look at recordings, write a mapping",
     "calibrate": "make a model replay recordings",
+    "replay": "how well a model replays recordings as it is, or two models side by side",
     "excite": "a motion that identifies an arm, and that it can perform",
     "identify": "a dynamic model of an arm that predicts torque",
     "demo": "the whole, on a simulated robot",

@@ -11,24 +11,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.calibration import Calibration, CrossValidation, Estimate, Replay
+from trueup.calibration import Calibration, CrossValidation, Estimate
 from trueup.controllers.controller import ControllerFactory
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.discrepancies.weighted import Weighted, measured_at
-from trueup.errors import CalibrationError, SimulationFailedError
+from trueup.errors import CalibrationError
 from trueup.loop.checks import check
 from trueup.loop.fit import Checkpoint, Fit, Progress, Watch, fit
 from trueup.loop.identifiability import unseen_directions, verdicts
 from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
+from trueup.loop.replay import replays
 from trueup.loop.selection import Choice, choose
+from trueup.loop.starts import with_start_scatter
 from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.validate import left_out_errors
 from trueup.loop.wide import widened
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.simulators.simulator import Simulator
-from trueup.trial import command_of
 
 Array = NDArray[np.float64]
 
@@ -67,7 +68,7 @@ def calibrate(
         raise CalibrationError("all parameters are frozen: nothing to calibrate")
     channels = sorted({c for r in recordings for c in simulator.observable(r)})
     measure = discrepancy or Weighted.estimated(recordings, channels)
-    fitted = chosen.channels or _usual(channels)
+    fitted = chosen.channels or usual(channels)
     problem = Problem(simulator, recordings, measure, fitted, controllers=controllers)
     watch = Watch(progress, checkpoint)
     if resume is not None:
@@ -76,10 +77,13 @@ def calibrate(
     chosen_before = resume is not None and not np.array_equal(space.free, simulator.parameters.free)
     select = chooser if chosen.select and not chosen_before else None
     found = fit(problem, space, space.nominal, watch, resume=resume, select=select, **_how(chosen))
-    found = probed(problem, widened(problem, found, chosen.seed), np.random.default_rng(chosen.seed))
+    rng = np.random.default_rng(chosen.seed)
+    found = with_start_scatter(problem, probed(problem, widened(problem, found, chosen.seed), rng), rng)
     cross = chosen.cross_validate and len(recordings) > 1
     return Calibration(
-        replays=_replays(simulator, found.values, recordings, hold_out, measure, fitted, controllers),
+        replays=replays(
+            simulator, found.values, recordings, hold_out, measure, channels=fitted, controllers=controllers
+        ),
         cross_validation=_cross_validation(problem, found, simulator) if cross else (),
         trace=tuple(watch.trace),
         warnings=tuple(warnings),
@@ -94,7 +98,8 @@ def _how(options: Options) -> dict[str, Any]:
     return {"search": options.search, "robust": options.robust, "seed": options.seed}
 
 
-def _usual(channels: Sequence[str]) -> tuple[str, ...]:
+def usual(channels: Sequence[str]) -> tuple[str, ...]:
+    """The channels that are compared unless told otherwise (see `Options.channels`)."""
     return tuple(c for c in channels if c not in ("velocity", "torque")) or tuple(channels)
 
 
@@ -174,35 +179,3 @@ def _cross_validation(problem: Problem, found: Fit, simulator: Simulator) -> tup
         shipped = float(np.sqrt(np.nanmean((rollout.channels[name][0] - measured) ** 2)))
         rows.append(CrossValidation(recording.name, shipped, float(error), unit))
     return tuple(rows)
-
-
-def _replays(
-    simulator: Simulator, values: Array, training: Sequence[Recording], held_out: Sequence[Recording],
-    measure: Discrepancy, channels: Sequence[str] | None, controllers: ControllerFactory | None,
-) -> tuple[Replay, ...]:  # fmt: skip
-    """Every recording replayed by the shipped and by the calibrated simulator."""
-    everything = (*training, *held_out)
-    problem = Problem(simulator, everything, measure, channels, controllers=controllers)
-    after = problem.rollouts(values[None])
-    before = simulator.shipped().rollout(problem.trials, np.zeros((1, 0)), controllers)
-    failed = [r.trial.name for r in after if r.failures]
-    if failed:
-        raise SimulationFailedError(f"the calibrated simulator fails on: {', '.join(failed)}")
-    replays = []
-    for k, (recording, old, new) in enumerate(zip(everything, before, after, strict=True)):
-        command = command_of(recording)
-        for name, observed in new.trial.observed.items():
-            measured = measured_at(recording, name, observed.labels, observed.time)
-            replays.append(Replay(
-                recording=recording.name, held_out=k >= len(training), channel=name, labels=observed.labels,
-                unit=observed.unit, time=observed.time - new.trial.start, measured=measured, before=old.channels[name][0],
-                after=new.channels[name][0], noise=measure.scale(name, observed.labels),
-                command=_commanded(command, observed.labels, observed.time) if name == "position" else None,
-            ))  # fmt: skip
-    return tuple(replays)
-
-
-def _commanded(command: Any, labels: tuple[str, ...], time: Array) -> Array | None:
-    if command is None or not all(label in command.labels for label in labels):
-        return None
-    return command.select(labels).at(time, hold=True)

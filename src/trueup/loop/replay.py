@@ -1,20 +1,24 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Does a simulator replay recordings that it was not fitted to? The error of the main channel, in its own unit."""
+"""Recordings replayed by a simulator: sample by sample, or as one error in the unit of the main channel."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.calibration import Replay
+from trueup.controllers.controller import ControllerFactory
 from trueup.discrepancies.discrepancy import Discrepancy
-from trueup.discrepancies.weighted import Weighted
-from trueup.errors import TrueupError
+from trueup.discrepancies.weighted import Weighted, measured_at
+from trueup.errors import SimulationFailedError, TrueupError
 from trueup.loop.problem import Problem
 from trueup.recording import Recording
 from trueup.simulators.simulator import Simulator
+from trueup.trial import command_of
 
 Array = NDArray[np.float64]
 
@@ -52,3 +56,39 @@ def replay_error(
 def _pooled(problem: Problem, values: Array) -> float:
     residual = problem.residuals(values)[0]
     return problem.rmse(residual) if np.isfinite(residual).all() else float("nan")
+
+
+def replays(
+    simulator: Simulator, values: Array, training: Sequence[Recording], held_out: Sequence[Recording],
+    measure: Discrepancy, *, channels: Sequence[str] | None = None, controllers: ControllerFactory | None = None,
+    against: Simulator | None = None,
+) -> tuple[Replay, ...]:  # fmt: skip
+    """Every recording replayed by the simulator with `values` (n,), and before that as it came (or `against` another).
+
+    Raises SimulationFailedError where the simulator fails.
+    """
+    everything = (*training, *held_out)
+    problem = Problem(simulator, everything, measure, channels, controllers=controllers)
+    after = problem.rollouts(values[None])
+    before = (against or simulator.shipped()).rollout(problem.trials, np.zeros((1, 0)), controllers)
+    failed = [r.trial.name for r in after if r.failures]
+    if failed:
+        raise SimulationFailedError(f"the calibrated simulator fails on: {', '.join(failed)}")
+    found = []
+    for k, (recording, old, new) in enumerate(zip(everything, before, after, strict=True)):
+        command = command_of(recording)
+        for name, observed in new.trial.observed.items():
+            measured = measured_at(recording, name, observed.labels, observed.time)
+            found.append(Replay(
+                recording=recording.name, held_out=k >= len(training), channel=name, labels=observed.labels,
+                unit=observed.unit, time=observed.time - new.trial.start, measured=measured, before=old.channels[name][0],
+                after=new.channels[name][0], noise=measure.scale(name, observed.labels),
+                command=_commanded(command, observed.labels, observed.time) if name == "position" else None,
+            ))  # fmt: skip
+    return tuple(found)
+
+
+def _commanded(command: Any, labels: tuple[str, ...], time: Array) -> Array | None:
+    if command is None or not all(label in command.labels for label in labels):
+        return None
+    return command.select(labels).at(time, hold=True)

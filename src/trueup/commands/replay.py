@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`trueup replay`: how well a model replays recordings as it is, or two models side by side. Nothing is fitted."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from trueup.calibration import Replay, pooled_rmse
+from trueup.campaign.assemble import simulator_for
+from trueup.campaign.output import free_folder
+from trueup.commands.sources import mapping_for, readable
+from trueup.errors import ModelError
+from trueup.formats import read
+from trueup.formats.plain import finite
+from trueup.report import replay_picture
+from trueup.report.numbers import ratio_text, scale_for
+from trueup.report.writing import write_aside
+
+if TYPE_CHECKING:
+    from trueup.recording import Recording
+
+ABOUT = """\
+Replays recordings in a model (MJCF or URDF) as it is and shows how far it is from them, joint by joint. Nothing is
+fitted: it judges a model on new recordings, tells whether the robot has changed since it was calibrated, and puts two
+models side by side.
+
+  trueup replay robot.xml logs/*.csv
+  trueup replay fit/robot.xml new/*.csv --against robot.xml --out compared
+  trueup replay robot.xml new/*.csv --parameters fit/parameters.toml    with what an MJCF cannot say (sensor errors, ...)
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What this command takes."""
+    parser.add_argument("model", metavar="MODEL", help="MJCF or URDF of the robot")
+    parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="files or folders")
+    parser.add_argument(
+        "--parameters", metavar="FILE", help="values to apply (TOML), as `trueup calibrate` writes them"
+    )
+    parser.add_argument("--against", metavar="MODEL", help="another model to compare with (default with --parameters: "
+                        "MODEL without them)")  # fmt: skip
+    parser.add_argument("--mapping", metavar="FILE", help="how columns become channels (default: mapping.toml if here)")
+    parser.add_argument("--channels", metavar="LIST", help="measured channels to compare, with commas (default: "
+                        "position, or whatever there is)")  # fmt: skip
+    parser.add_argument("--out", metavar="DIR", help="folder for a picture of each recording; the next run takes DIR-2")
+    parser.add_argument("--json", action="store_true", help="print the errors as JSON, for scripts")
+    parser.add_argument("-q", "--quiet", action="store_true", help="no notes")
+
+
+def run(args: argparse.Namespace, console: Console, told: Console) -> int:
+    """Replays, shows a table, writes pictures if asked. Raises TrueupError. Returns the exit code."""
+    if Path(args.model).suffix.lower() == ".toml":
+        raise ModelError(f"{args.model}: a car's predictions are judged by `trueup calibrate ... --hold-out`")
+    paths, notes = readable(args.recordings)
+    mapping, more = mapping_for(args.mapping)
+    recordings = [r for path in paths for r in read([path], mapping)]
+    found, said = _replays(args, recordings)
+    if not args.quiet:
+        for note in (*notes, *more, *said):
+            told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
+    compared = bool(args.against or args.parameters)
+    if args.json:
+        console.print_json(json.dumps([_plain(r, compared) for r in found]))
+    else:
+        for channel in dict.fromkeys(r.channel for r in found):
+            console.print(_table([r for r in found if r.channel == channel], compared))
+    if args.out:
+        folder = free_folder(Path(args.out), lambda at: not at.exists() or not any(at.iterdir()))
+        for replay in found:
+            name = replay.recording if replay.channel == found[0].channel else f"{replay.recording}-{replay.channel}"
+            write_aside(replay_picture(replay), folder / f"{name}.svg")
+        console.print(f"  pictures in {escape(str(folder))}", soft_wrap=True, highlight=False)
+    return 0
+
+
+def _replays(args: argparse.Namespace, recordings: list[Recording]) -> tuple[tuple[Replay, ...], tuple[str, ...]]:
+    from trueup.discrepancies.weighted import Weighted
+    from trueup.loop.calibrate import usual
+    from trueup.loop.replay import replays
+
+    simulator, notes = simulator_for(args.model, recordings, args.parameters)
+    if not args.parameters:
+        simulator = simulator.shipped()
+    against = simulator_for(args.against, recordings)[0].shipped() if args.against else None
+    seen = sorted({c for r in recordings for c in simulator.observable(r)})
+    channels = [c.strip() for c in args.channels.split(",")] if args.channels else usual(seen)
+    measure = Weighted.estimated(recordings, seen)
+    return replays(
+        simulator, simulator.parameters.nominal, (), recordings, measure, channels=channels, against=against
+    ), (notes if args.parameters else ())  # fmt: skip
+
+
+def _table(found: list[Replay], compared: bool) -> Table:
+    """A row a recording, one a joint over all recordings, and one for everything."""
+    scale = scale_for(found[0].unit, [pooled_rmse([r], after=True) for r in found])
+    title = f"{found[0].channel}: root mean square of simulated minus measured, in {scale.unit}"
+    noise = float(np.nanmedian(np.concatenate([r.noise for r in found])))
+    table = Table(box=SIMPLE, title=escape(title), title_justify="left", caption_justify="left")
+    table.caption = f"measurement noise about {scale.text(noise, 2)} {scale.unit}"
+    table.add_column("")
+    for name in ("against", "error", "ratio") if compared else ("error",):
+        table.add_column(name, justify="right")
+    table.add_column("most in")
+
+    def row(name: str, parts: list[Replay], most: str, *, end_section: bool = False) -> None:
+        before, after = pooled_rmse(parts, after=False), pooled_rmse(parts, after=True)
+        colour = "red" if compared and after > before else "green" if compared else ""
+        error = f"[{colour}]{scale.text(after)}[/]" if colour else scale.text(after)
+        cells = (scale.text(before), error, ratio_text(after, before)) if compared else (error,)
+        table.add_row(escape(name), *cells, escape(most), end_section=end_section)
+
+    for k, replay in enumerate(found, 1):
+        worst = int(np.nanargmax(replay.rmse_after()))
+        most = f"{replay.labels[worst]} {scale.text(float(replay.rmse_after()[worst]))}"
+        row(replay.recording, [replay], most, end_section=k == len(found))
+    labels = tuple(dict.fromkeys(label for r in found for label in r.labels))
+    for k, label in enumerate(labels, 1):
+        parts = [_column(r, label) for r in found if label in r.labels]
+        worst_of = max(parts, key=lambda r: float(np.nan_to_num(r.rmse_after()[0])))
+        row(label, parts, worst_of.recording if len(parts) > 1 else "", end_section=k == len(labels))
+    row("all", found, "")
+    return table
+
+
+def _column(replay: Replay, label: str) -> Replay:
+    """One joint of a replay."""
+    j = [replay.labels.index(label)]
+    cut = {"measured": replay.measured[:, j], "before": replay.before[:, j], "after": replay.after[:, j]}
+    return replace(replay, labels=(label,), command=None, **cut)
+
+
+def _plain(replay: Replay, compared: bool) -> dict[str, Any]:
+    plain: dict[str, Any] = {
+        "recording": replay.recording, "channel": replay.channel, "unit": replay.unit, "labels": list(replay.labels),
+        "rmse": [finite(v) for v in replay.rmse_after()], "pooled": finite(pooled_rmse([replay], after=True)),
+    }  # fmt: skip
+    if compared:
+        plain["rmse_against"] = [finite(v) for v in replay.rmse_before()]
+        plain["pooled_against"] = finite(pooled_rmse([replay], after=False))
+    return plain
