@@ -84,7 +84,6 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
 
 
 def _replays(args: argparse.Namespace, recordings: list[Recording]) -> tuple[tuple[Replay, ...], tuple[str, ...]]:
-    from trueup.discrepancies.weighted import Weighted
     from trueup.loop.calibrate import usual
     from trueup.loop.replay import replays
 
@@ -94,10 +93,8 @@ def _replays(args: argparse.Namespace, recordings: list[Recording]) -> tuple[tup
     against = simulator_for(args.against, recordings)[0].shipped() if args.against else None
     seen = sorted({c for r in recordings for c in simulator.observable(r)})
     channels = [c.strip() for c in args.channels.split(",")] if args.channels else usual(seen)
-    measure = Weighted.estimated(recordings, seen)
-    return replays(
-        simulator, simulator.parameters.nominal, (), recordings, measure, channels=channels, against=against
-    ), (notes if args.parameters else ())  # fmt: skip
+    found = replays(simulator, simulator.parameters.nominal, (), recordings, channels=channels, against=against)
+    return found, (notes if args.parameters else ())
 
 
 def _table(found: list[Replay], compared: bool) -> Table:

@@ -60,7 +60,7 @@ def _pooled(problem: Problem, values: Array) -> float:
 
 def replays(
     simulator: Simulator, values: Array, training: Sequence[Recording], held_out: Sequence[Recording],
-    measure: Discrepancy, *, channels: Sequence[str] | None = None, controllers: ControllerFactory | None = None,
+    measure: Discrepancy | None = None, *, channels: Sequence[str] | None = None, controllers: ControllerFactory | None = None,
     against: Simulator | None = None,
 ) -> tuple[Replay, ...]:  # fmt: skip
     """Every recording replayed by the simulator with `values` (n,), and before that as it came (or `against` another).
@@ -68,6 +68,8 @@ def replays(
     Raises SimulationFailedError where the simulator fails.
     """
     everything = (*training, *held_out)
+    if measure is None:
+        measure = Weighted.estimated(everything, sorted({c for r in everything for c in simulator.observable(r)}))
     problem = Problem(simulator, everything, measure, channels, controllers=controllers)
     after = problem.rollouts(values[None])
     before = (against or simulator.shipped()).rollout(problem.trials, np.zeros((1, 0)), controllers)
