@@ -127,6 +127,21 @@ def test_the_calibrated_file_replays_as_the_calibration_said(call: Call) -> None
     assert json.loads(text)[0]["rmse"] == pytest.approx(said["slow"]["rmse_after"], rel=1e-3)
 
 
+def test_a_log_of_one_joint_fits_a_model_with_one_and_ends_where_the_drive_goes_off(call: Call) -> None:
+    one = ACTUATORS.format(kp=6).split("\n")
+    Path("one.xml").write_text(re.sub(r'<body name="end".*?</body>', "", MODEL.format(
+        damping=0.05, actuators="\n".join([*one[:-2], one[-1]])), flags=re.DOTALL))  # fmt: skip
+    time, values = simulated(0, 1.5)
+    on = (time < 2.0).astype(float)
+    write_log(
+        Path("one.csv"), time, np.column_stack([values[:, [0, 2]], on]), "time,goal_position,position,torque_enable"
+    )
+    code, text = call("replay", "one.xml", "one.csv")
+    assert code == 0, text
+    assert "the only joint of the model" in text
+    assert "cut to 0.00 ... 1.99 s of 2.99 s" in text
+
+
 def test_an_interrupted_calibration_goes_on_where_it_was(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
     save = Output.save
     seen = []

@@ -14,11 +14,11 @@ from rich.console import Console
 from rich.markup import escape
 
 from trueup.calibration import Calibration
-from trueup.campaign.assemble import calibrated, kinds_of, simulator_for, write_outcome
+from trueup.campaign.assemble import calibrated, joints_of, kinds_of, simulator_for, write_outcome
 from trueup.campaign.output import Output, fingerprint
 from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
-from trueup.commands.sources import mapping_for, readable, split
+from trueup.commands.sources import mapping_for, only_joint, readable, split, while_driven
 from trueup.formats import read
 from trueup.recording import Recording
 from trueup.report import replay_picture, write_report
@@ -108,8 +108,13 @@ def _recordings(args: argparse.Namespace) -> tuple[list[Recording], list[Recordi
     paths, notes = readable(args.recordings)
     mapping, more = mapping_for(args.mapping)
     recordings = [r for path in paths for r in read([path], mapping)]
+    recordings, cut = while_driven(recordings)
     training, held_out = split(recordings, [h for group in args.hold_out for h in group], mapping)
-    return training, held_out, [*notes, *more]
+    said: list[str] = []
+    if Path(args.model).suffix.lower() != ".toml":
+        renamed, said = only_joint([*training, *held_out], joints_of(args.model))
+        training, held_out = renamed[: len(training)], renamed[len(training) :]
+    return training, held_out, [*notes, *more, *cut, *said]
 
 
 def _options(args: argparse.Namespace) -> Options:

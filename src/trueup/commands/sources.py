@@ -7,10 +7,14 @@ import fnmatch
 from collections.abc import Sequence
 from pathlib import Path
 
-from trueup.errors import FormatError, unknown_name
+import numpy as np
+
+from trueup.errors import FormatError, RecordingError, unknown_name
 from trueup.formats import is_recording, read
 from trueup.recording import Recording
 
+ENABLED = "torque_enable"
+"""Channel that is zero while a drive is off."""
 MAPPING = Path("mapping.toml")
 """The mapping that is used when none is named, in the current folder."""
 
@@ -51,6 +55,45 @@ def split(
             raise unknown_name("recording", entry, [r.name for r in recordings], "those given (nor a file or folder)")
         held |= {r.name: r for r in found}
     return [r for r in recordings if r.name not in held], list(held.values())
+
+
+def only_joint(recordings: Sequence[Recording], joints: Sequence[str]) -> tuple[list[Recording], list[str]]:
+    """Where recordings and model have one joint each, the recordings by the model's name for it, and a note on that."""
+    logged = {label for r in recordings for c in ("position", "command") if r.has(c) for label in r.channel(c).labels}
+    if len(joints) != 1 or len(logged) != 1 or logged == set(joints):
+        return list(recordings), []
+    (name,) = logged
+    note = f"'{name}' of the recordings is taken for '{joints[0]}', the only joint of the model"
+    return [r.rename({name: joints[0]}) for r in recordings], [note]
+
+
+def while_driven(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """Recordings that log whether their drives were on (`torque_enable`), cut to the longest stretch with all on.
+
+    A drive that is off does not follow its command, which a simulator knows nothing of. With notes on what was cut.
+    """
+    kept, notes = [], []
+    for recording in recordings:
+        if not recording.has(ENABLED):
+            kept.append(recording)
+            continue
+        channel = recording.channel(ENABLED)
+        on = np.concatenate([[False], (np.nan_to_num(channel.values) != 0.0).all(axis=1), [False]])
+        edges = np.flatnonzero(np.diff(on.astype(int))).reshape(-1, 2)
+        lengths = [channel.time[b - 1] - channel.time[a] for a, b in edges]
+        if not lengths:
+            raise RecordingError(f"recording '{recording.name}': its drives are off all the time ('{ENABLED}')")
+        first, behind = edges[int(np.argmax(lengths))]
+        if behind - first == len(channel.time):
+            kept.append(recording)
+            continue
+        start, stop = float(channel.time[first]), float(channel.time[behind - 1])
+        notes.append(
+            f"'{recording.name}' is cut to {start - recording.start:.2f} ... {stop - recording.start:.2f} s of "
+            f"{recording.duration:.2f} s: its drives are off in the rest ('{ENABLED}')"
+        )
+        kept.append(recording.slice(start, stop))
+    return kept, notes
 
 
 def _comes_from(recording: Recording, path: Path) -> bool:

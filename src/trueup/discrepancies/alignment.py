@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 _CLOSE = 0.3  # share of the variance that may be left, for a shift to count as an explanation
 _BETTER = 0.5  # ... and that share, over the least that a lag that may be leaves
+_ENOUGH = 2.5  # s: in less than that a single move may look like another one
 _LEAD = 0.01  # s: no robot moves before it is told to
 _APART = 0.25  # s of lag beyond that of the other recordings
 _USUAL = 0.05  # s of lag where no other recording tells: servos take a few hundredths
@@ -77,6 +78,8 @@ def _command_lag(recording: Recording) -> float | None:
         return None
     found = None
     overlap = min(recording.stop, command.time[-1]) - max(recording.start, command.time[0])
+    if overlap < _ENOUGH:
+        return None
     for longest in (0.5, min(5.0, 0.4 * overlap)):
         try:
             found = lag(command, recording.channel("position"), longest=longest, hold=True)
