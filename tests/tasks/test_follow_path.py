@@ -81,3 +81,16 @@ def test_what_cannot_be_judged_is_refused() -> None:
         FollowPath([STRAIGHT], measure="rmse")
     with pytest.raises(UnknownNameError, match="parameter 'k4'"):
         FollowPath([STRAIGHT], names=("k4",))
+
+
+def test_no_path_rules_over_the_others() -> None:
+    """Halving the error of the path that is followed well is worth as much as of the one that is not."""
+    task = FollowPath([STRAIGHT, STRAIGHT])
+
+    def score(*apart: float) -> float:
+        rollouts = [as_rollout(task.trials[0], [drive(task, d)]) for d in apart]
+        return float(task.score(rollouts)[0])
+
+    assert score(0.02, 0.2) == pytest.approx(np.sqrt(0.02 * 0.2), rel=1e-6)
+    assert score(0.01, 0.2) == pytest.approx(score(0.02, 0.1), rel=1e-6)
+    assert score(0.05, 0.05) == pytest.approx(0.05, rel=1e-6)

@@ -26,6 +26,7 @@ MEASURES = ("rms", "mean", "max")
 LOST = 1.0
 """Distance, in m, that counts for every metre of the path that was never reached."""
 
+_LEAST = 1e-6  # m: no path is followed more closely, as far as a mean of logarithms is concerned
 _SLACK = 1.12  # a robot somewhat slower than commanded still arrives
 _PAUSE = 4.0  # s: delays, and the first steps from standstill
 
@@ -33,7 +34,8 @@ _PAUSE = 4.0  # s: delays, and the first steps from standstill
 class FollowPath:
     """A Task: tune the Stanley gains `names` so that the robot stays on `paths` (one trial each).
 
-    The score is the distance from the path by arc length ('rms', 'mean' or 'max', in m), averaged over the paths, of the
+    The score is the distance from the path by arc length ('rms', 'mean' or 'max', in m), of several paths the geometric
+    mean, so that a tenth less counts alike on each and none rules, of the
     axle that the controller steers onto the path ('front'), or of the pose itself ('rear'): a front axle on the path means
     a rear axle inside the curve, by geometry, whatever the gains. `nominal` are today's gains; `duration` in s holds for all
     paths, else each has a little more time than its target speed needs.
@@ -68,7 +70,7 @@ class FollowPath:
     def score(self, rollouts: Sequence[Rollout]) -> Array:
         """(b,) in m, NaN where a simulation failed. See Task.score."""
         each = [self.errors(r, p) for r, p in zip(rollouts, self.paths, strict=True)]
-        return np.mean(each, axis=0)
+        return each[0] if len(each) == 1 else np.exp(np.mean(np.log(np.maximum(each, _LEAST)), axis=0))
 
     def errors(self, rollout: Rollout, path: Path) -> Array:
         """(b,) distance from one path, in m."""

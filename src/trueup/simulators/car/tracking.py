@@ -18,6 +18,7 @@ Mask = NDArray[np.bool_]
 COMMAND = ("throttle", "steering")
 """Labels of the command channel: both without unit, usually -1 ... 1."""
 
+_MOST = 2.0  # commands beyond are no shares of the full command
 _FASTEST = 15.0  # m/s: nothing of this kind goes faster
 _NOISE, _TURN = 0.03, 0.15  # m, rad: more from one sample to the next, beyond what the speed explains, is a jump
 _DISAGREES = 0.3  # m/s between tracked and wheel speed, of a whole piece
@@ -65,15 +66,29 @@ def _effective(recording: Recording, enabled_by: str) -> Channel:
     if command is None or any(label not in command.labels for label in COMMAND):
         found = "none" if command is None else ", ".join(command.labels)
         raise RecordingError(
-            f"recording '{recording.name}': a car's command needs the labels throttle and steering; found: {found}"
+            f"recording '{recording.name}': a car's command needs the labels throttle and steering; found: {found}. Name "
+            'their columns in the mapping: [channels.command] columns = ["...", "..."], labels = ["throttle", "steering"]'
         )
     command = command.select(COMMAND)
+    for label in COMMAND:
+        largest = float(np.nanmax(np.abs(command.column(label)), initial=0.0))
+        if largest > _MOST:
+            raise RecordingError(
+                f"recording '{recording.name}': {label} reaches {largest:.4g}; a car's commands are shares, -1 ... 1: say in "
+                f"the mapping's [channels.command] scale = [...] with {1.0 / _round_up(largest):.3g} for {label} (and offset "
+                "where the middle is not zero)"
+            )
     switch = _switch(recording, enabled_by)
     if switch is None:
         return command
     values = np.array(command.values)
     values[:, 0] *= switch.at(command.time, hold=True)[:, 0] > 0.0
     return command.replace(values=values)
+
+
+def _round_up(largest: float) -> float:
+    """The full command that a largest value suggests: 30 is of 100, 1720 of 10000."""
+    return float(10.0 ** np.ceil(np.log10(largest)))
 
 
 def _switch(recording: Recording, enabled_by: str) -> Channel | None:

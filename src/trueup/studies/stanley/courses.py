@@ -9,11 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.loop.belief import Belief
 from trueup.loop.optimize import optimize
+from trueup.loop.plausible import plausible
+from trueup.loop.transfer import try_on_robot
 from trueup.robots.stand_in_vehicle import StandInVehicle
 from trueup.search.cma_es import CmaEs
 from trueup.simulators.simulator import Simulator
 from trueup.studies.stanley import chasi
+from trueup.studies.stanley.drives import calibrate_drives, doubted, noise_of
+from trueup.tasks.follow_path import FollowPath
 
 Array = NDArray[np.float64]
 
@@ -46,22 +51,39 @@ class Courses:
 
 
 def across_courses(
-    robot: StandInVehicle, simulator: Simulator, models: Array, *, seed: int = 0, evaluations: int = 160,
+    robot: StandInVehicle, *, seed: int = 0, evaluations: int = 160, samples: int = 4,
     gains: tuple[str, ...] = chasi.TUNED,
 ) -> Courses:  # fmt: skip
-    """Tunes in the calibrated simulator, of samples `models` (p, n), on each training course alone and on all of them."""
-    start = chasi.task(gains=gains).parameters
-    rows = {"today's gains": start.nominal}
+    """Tunes on each training course alone and on all of them, in one simulator and with as many candidates for each.
+
+    The simulator is calibrated on one run of each training course with today's gains, and `samples` of what that leaves
+    open judge every candidate. Then all gains are driven in truth, on the courses too that nobody trained on.
+    """
+    whole = chasi.task(TRAINING, gains)
+    space = whole.parameters
+    simulator, models = _calibrated(robot, whole, seed, samples)
+    rows = {"today's gains": space.nominal}
     choices = {f"tuned on the {name.replace('_', ' ')}": (name,) for name in TRAINING}
     for label, paths in {**choices, "tuned on all three": TRAINING}.items():
-        task = chasi.task(paths, gains)
-        search = CmaEs(np.clip(start.to_unit(start.nominal), 0.0, 1.0), seed=seed, max_evaluations=evaluations)
-        optimum = optimize(task, simulator, models, search)
-        rows[label] = start.from_unit(optimum.unit[optimum.best])
+        search = CmaEs(np.clip(space.to_unit(space.nominal), 0.0, 1.0), seed=seed, max_evaluations=evaluations)
+        found = optimize(chasi.task(paths, gains), simulator, models, search)
+        rows[label] = space.from_unit(found.unit[found.best])
     courses = (*TRAINING, *HELD_OUT)
     tried = np.array(list(rows.values()))
     errors = np.stack([true_errors(robot, c, tried, gains) for c in courses], axis=1)
     return Courses(courses, tuple(rows), tried, errors)
+
+
+def _calibrated(robot: StandInVehicle, task: FollowPath, seed: int, samples: int) -> tuple[Simulator, Array]:
+    """A simulator, and (samples, n) of what runs of the task with today's gains leave open of it."""
+    start = task.parameters.nominal
+    first = try_on_robot(robot, task, start)
+    drives = [r for runs in first.recordings for r in runs]
+    noise = noise_of(drives)
+    simulator = chasi.simulator(position_noise=noise[0], heading_noise=noise[1])
+    belief = Belief.of(doubted(calibrate_drives(drives, simulator)), simulator.parameters)
+    models = belief.sample(4 * samples, np.random.default_rng(seed))
+    return simulator, plausible(task, simulator, models, start, np.array([first.score]), samples)
 
 
 def true_errors(

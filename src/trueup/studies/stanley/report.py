@@ -169,7 +169,8 @@ def _courses(study: Study) -> Markup:
     ]
     head = ("", "k1, k2, k3, lead", *(n.replace("_", " ") for n in c.courses), "held out")
     words = (
-        "True distance from each course in mm, rms. The last three courses were held out: nothing was tuned on them."
+        "True distance from each course in mm, rms. The simulator was calibrated on one run of each of the first three, and "
+        "the gains tuned on one of them or on all. The last three were held out."
     )
     return join(tag("p", words), table(head, rows))
 
