@@ -3,22 +3,27 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.identification.estimation.couplings import found_couplings
+from trueup.errors import OutputError
+from trueup.identification.estimation.couplings import proposed_couplings
 from trueup.identification.estimation.torque_model import Rows
 from trueup.identification.excitation.periodic import Sines, at_rest
 from trueup.identification.excitation.planner import joint_moves
 from trueup.identification.excitation.trajectories import Trajectory
 from trueup.identification.inertial import pseudo_inertia
-from trueup.studies.arm.comparison import ALGORITHMS, CASES, Errors, interval, share_of_best
+from trueup.studies.arm.comparison import ALGORITHMS, CASES, Errors, Example, Scale, interval, share_of_best
 from trueup.studies.arm.excitation import filled
+from trueup.studies.arm.factors import Cell, main_effect, ratios
 from trueup.studies.arm.fitting import WRIST, our_fit, papers_fit
 from trueup.studies.arm.hidden import RATE, Effects, HiddenArm
 from trueup.studies.arm.measuring import Run, papers_columns, runs, torque_model
 from trueup.studies.arm.robot import COULOMB, JOINTS, NOMINAL, QUADRATIC, ROTORS, VISCOUS, limits, ns16
+from trueup.studies.arm.saved import Store
 
 Array = NDArray[np.float64]
 MODEL = torque_model()
@@ -96,7 +101,7 @@ def test_couplings_of_the_wrist_are_found_and_none_is_invented(training: list[Ru
         def driven(C: Array, rows: list[Rows] = rows) -> list[Rows]:
             return [one.with_drives(MODEL, r, C) for one, r in zip(training, rows, strict=True)]
 
-        C = found_couplings(driven, COLUMNS, np.arange(60, 66), WRIST)
+        C = proposed_couplings(driven, COLUMNS, np.arange(60, 66), WRIST)
         np.testing.assert_allclose([C[4, 3], C[5, 4], C[5, 3]], expected, atol=0.06)
 
 
@@ -131,3 +136,56 @@ def test_intervals_hold_the_mean_and_ours_is_credited_only_where_it_is_not_surel
     share, words = share_of_best(Errors(absolute, {}, {}, {}), rng)
     assert 3 / 6 - 1e-9 <= share <= 4 / 6 + 1e-9
     assert all(row[:3] == ["best"] * 3 and set(row[4:]).isdisjoint({"best", "even"}) for row in words.values())
+
+
+def test_friction_of_another_form_has_no_coefficients_among_the_columns(training: list[Run]) -> None:
+    errors = []
+    for effects in (Effects.none(noise=0.0), Effects.none(noise=0.0, foreign=1.0)):
+        rows = [one.torque(HiddenArm(ns16(), effects), np.random.default_rng(0), 0.0) for one in training]
+        fit = our_fit(MODEL, training, rows, COLUMNS)
+        wrong = [
+            np.abs(r.torque - fit.predict(MODEL, one, r)).mean(axis=0) for one, r in zip(training, rows, strict=True)
+        ]
+        errors.append(np.mean(wrong, axis=0) / NOMINAL)
+    assert (errors[1] > 2.0 * errors[0]).all()
+    assert (errors[1] < 0.03).all()
+
+
+def _made(rng: np.random.Generator, b_local: float) -> Errors:
+    """Errors of about one, those of B in its region `b_local` of that."""
+    absolute = {(a, c): rng.uniform(0.9, 1.1, (8, 30, 6)) for a in ALGORITHMS for c in CASES}
+    absolute |= {(a, c): b_local * absolute[a, c] for a, c in absolute if a.startswith("B") and c.startswith("1")}
+    return Errors(absolute, absolute, {c: np.full(30, 100) for c in CASES}, {a: np.zeros(8) for a in ALGORITHMS})
+
+
+def test_a_hidden_effect_that_helps_local_motion_shows_as_a_factor() -> None:
+    rng = np.random.default_rng(0)
+    found = ratios({"B": {"with": _made(rng, 0.5), "without": _made(rng, 1.0)}}, seed=0)
+    claim = "B over A in its region"
+    with_it, without = (found[Cell("B", e, "fast", "gentle"), claim] for e in ("with", "without"))
+    assert with_it.value == pytest.approx(0.5, rel=0.05)
+    assert (with_it.below, with_it.above) == (6, 0)
+    assert without.value == pytest.approx(1.0, rel=0.05)
+    assert main_effect(found, claim, "effects", "with", "without").startswith(("x 1.9", "x 2.0"))
+
+
+def test_a_study_goes_on_from_what_is_there_and_never_over_another(tmp_path: Path) -> None:
+    scale, made = Scale(), _made(np.random.default_rng(1), 1.0)
+    example = Example(np.arange(3.0), np.ones((3, 6)), {"A": np.zeros((3, 6))})
+    made = Errors(made.absolute, made.squared, made.samples, made.indefinite, example)
+    store = Store.at(tmp_path / "out", scale)
+    store.errors("B all effects", lambda: made)
+
+    def never() -> Errors:
+        raise AssertionError
+
+    again = Store.at(tmp_path / "out", scale).errors("B all effects", never)
+    np.testing.assert_array_equal(again.absolute["ours", "2 wide sines"], made.absolute["ours", "2 wide sines"])
+    assert again.example is not None
+    np.testing.assert_array_equal(again.example.measured, example.measured)
+    with pytest.raises(OutputError, match="another size or seed"):
+        Store.at(tmp_path / "out", Scale(seed=1))
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("")
+    with pytest.raises(OutputError, match="something else"):
+        Store.at(tmp_path / "mine", scale)

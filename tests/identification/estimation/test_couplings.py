@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.identification.estimation.couplings import found_couplings
+from trueup.identification.estimation.couplings import proposed_couplings
 from trueup.identification.estimation.effects import Effect
 from trueup.identification.estimation.filtering import Lowpass, derivative
 from trueup.identification.estimation.torque_model import Rows, TorqueModel
@@ -50,7 +50,7 @@ def test_the_tx40_wrist_is_coupled_one_to_one_as_its_maker_says(real_data: Path)
         own = replace(model, drives=C).rows(*(x[::every] for x in (time, q, v, a, tau)))
         return [own.filtered(Lowpass(rate / every, 100.0), 5)]
 
-    C = found_couplings(driven, columns, np.arange(60, 66), PAIRS)
+    C = proposed_couplings(driven, columns, np.arange(60, 66), PAIRS)
     assert C[5, 4] == pytest.approx(1.0, abs=0.25)
     assert abs(C[4, 3]) < 0.2
     assert abs(C[5, 3]) < 0.2
@@ -75,7 +75,7 @@ def test_hidden_couplings_are_recovered_and_none_is_invented(
     a = -(size * w**2 * np.sin(angle)).sum(axis=1)
     torque = replace(model, drives=truth).rows(t, q, v, a).predict(values)
     torque += 0.01 * torque.std(axis=0) * rng.normal(size=torque.shape)
-    C = found_couplings(
+    C = proposed_couplings(
         lambda C: [replace(model, drives=C).rows(t, q, v, a, torque)],
         model.base(np.random.default_rng(0)).independent, np.arange(60, 66), PAIRS,
     )  # fmt: skip

@@ -7,15 +7,20 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError, UnknownNameError
-from trueup.identification.estimation.identify import Options, identify
+from trueup.identification.estimation.couplings import coupled
+from trueup.identification.estimation.drives import Drives
+from trueup.identification.estimation.identify import Options, identify, natural_cutoff
 from trueup.identification.estimation.joint_names import matched
+from trueup.identification.estimation.motion import log_of
 from trueup.identification.estimation.result import Identification, relative_error
 from trueup.identification.estimation.torque_model import TorqueModel
 from trueup.identification.inertial import pseudo_inertia
-from trueup.identification.kinematic_tree import KinematicTree
-from trueup.recording import Recording
+from trueup.identification.kinematic_tree import KinematicTree, from_dh
+from trueup.identification.regressors import inverse_dynamics
+from trueup.recording import Channel, Recording
 
 
 @pytest.fixture(scope="module")
@@ -210,3 +215,73 @@ def test_an_arm_on_a_wall_is_recognised(tree: KinematicTree, arms: SimpleNamespa
     with pytest.raises(IdentificationError, match=r"--gravity 9\.81 0 0"):
         identify(tree, [r])
     assert relative_error(identify(mounted, [r], options=Options(hold_out=0.3, consistent=False)).held_out()) < 0.02
+
+
+def _loaded(
+    tree: KinematicTree, arms: SimpleNamespace, seed: int, gains: NDArray[np.float64], share: float
+) -> Recording:
+    """A log of an arm whose gears rub the more the more torque they carry, torques in units of the drives' own."""
+    rng, time = np.random.default_rng(seed), np.arange(4000) / 200.0
+    q, v, a = arms.sines(rng, time, tree.n)
+    carried = inverse_dynamics(tree, np.asarray(tree.inertial), q, v, a)
+    torque = arms.torque(tree, q, v, a) + share * np.abs(carried) * np.tanh(v / 0.02)
+    channels = {
+        "position": Channel("position", tree.joints, "rad", time, q + 2e-5 * rng.normal(size=q.shape)),
+        "torque": Channel("torque", tree.joints, "N m", time, (torque + 0.1 * rng.normal(size=q.shape)) / gains),
+    }
+    return Recording(f"loaded{seed}", channels)
+
+
+def test_friction_that_grows_with_the_load_is_found(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    runs = [_loaded(tree, arms, seed, np.ones(4), 0.08) for seed in (1, 2, 3)]
+    found, common = (
+        identify(arms.without_file(tree), runs[:2], runs[2:], options=Options(structure=s, consistent=False))
+        for s in ("select", "common")
+    )
+    shares = [p.value for p in found.parameters if p.kind == "load"]
+    assert len(shares) >= 2
+    assert np.allclose(shares, 0.08, atol=0.03)
+    assert relative_error(found.held_out()) < 0.5 * relative_error(common.held_out())
+
+
+def test_torques_out_of_scale_with_one_another_are_still_predicted(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    gains = np.array([1.0, 0.7, 1.3, 0.8])
+    runs = [_loaded(tree, arms, seed, gains, 0.0) for seed in (1, 2, 3)]
+    found, common = (
+        identify(arms.without_file(tree), runs[:2], runs[2:], options=Options(structure=s, consistent=False))
+        for s in ("select", "common")
+    )
+    assert relative_error(found.held_out()) < 0.6 * relative_error(common.held_out())
+
+
+@pytest.mark.parametrize("noise", [1e-3, 4e-3])
+def test_noise_of_positions_is_not_taken_for_motion(tree: KinematicTree, arms: SimpleNamespace, noise: float) -> None:
+    r = arms.recording(tree, np.random.default_rng(17))
+    q = r.channel("position")
+    noisy = r.with_channel(q.replace(values=q.values + noise * np.random.default_rng(1).normal(size=q.values.shape)))
+    clean, found = (natural_cutoff([log_of(x, tree, Drives.direct(tree.joints))]) for x in (r, noisy))
+    assert found <= 1.3 * clean
+
+
+@pytest.mark.parametrize("ratio", [0.8, 1.0])
+def test_the_ratio_of_a_coupled_wrist_is_found(arms: SimpleNamespace, ratio: float) -> None:
+    rng = np.random.default_rng(3)
+    half = np.pi / 2
+    tree = from_dh(
+        a=[0.1, 0.5, 0.1, 0.0, 0.0], alpha=[half, 0.0, half, -half, 0.0], d=[0.4, 0.0, 0.0, 0.4, 0.1], name="wrist",
+        inertial=arms.bodies(rng, np.array([12.0, 8.0, 4.0, 1.5, 0.5])),
+    )  # fmt: skip
+    time = np.arange(6000) / 200.0
+    q, v, a = arms.sines(rng, time, 5)
+    C = np.eye(5)
+    C[4, 3] = ratio
+    rubbing = 0.1 * np.array([40.0, 40.0, 15.0, 8.0, 6.0]) * (np.tanh(v @ C.T / 0.02) + 0.5 * v @ C.T)
+    torque = inverse_dynamics(tree, np.asarray(tree.inertial), q, v, a) + (0.05 * a @ C.T + rubbing) @ C
+    channels = {
+        "position": Channel("position", tree.joints, "rad", time, q + 2e-5 * rng.normal(size=q.shape)),
+        "torque": Channel("torque", tree.joints, "N m", time, torque + 0.05 * rng.normal(size=q.shape)),
+    }
+    log = log_of(Recording("run", channels), tree, Drives.direct(tree.joints))
+    found, notes = coupled(log.motion(5.0, measured_speed=False), tree, Drives.direct(tree.joints), 5.0, rng, 0.0)
+    assert found.coupling[4, 3] == pytest.approx(ratio, abs=0.06 if ratio != 1.0 else 1e-9)
+    assert len(notes) == 1

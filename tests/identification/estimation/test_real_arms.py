@@ -18,13 +18,15 @@ from trueup.identification.kinematic_tree import load_tree
 
 @pytest.mark.realdata
 @pytest.mark.parametrize(
-    ("model", "log", "goal"), [("panda/panda.urdf", "panda", 0.013), ("ur10/ur10_robot.urdf", "ur10/bag_sqlite3", 0.07)]
+    ("model", "log", "goal", "costly"),
+    # The UR10's torques are currents times one constant a joint; bodies that can exist cannot follow all of it.
+    [("panda/panda.urdf", "panda", 0.013, 1.02), ("ur10/ur10_robot.urdf", "ur10/bag_sqlite3", 0.04, 1.12)],
 )
-def test_held_out_torque_is_predicted(real_data: Path, model: str, log: str, goal: float) -> None:
+def test_held_out_torque_is_predicted(real_data: Path, model: str, log: str, goal: float, costly: float) -> None:
     tree, (runs, _), _ = matched(load_tree(real_data / model), (read(real_data / log), []))
     found = identify(tree, runs, options=Options(cutoff=10.0, hold_out=0.3))
     assert relative_error(found.held_out()) <= goal
-    assert relative_error(found.held_out(), "consistent") <= 1.02 * relative_error(found.held_out())
+    assert relative_error(found.held_out(), "consistent") <= costly * relative_error(found.held_out())
     assert found.alignment is not None
     assert not found.alignment.corrected
 

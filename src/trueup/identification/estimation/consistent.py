@@ -25,9 +25,10 @@ _BOUNDARY = 3.0
 """Times the margin below which a link counts as on the boundary."""
 _PULL = 1e-6
 """Towards the model file, as a share of the mean curvature: decides what torque cannot tell."""
-_PULLS = (1e-6, 1e-5, 1e-4, 1e-3)
+_PULLS = (1e-5, 1e-4, 1e-3)
 _TOLERANCES = (1e-9, 1e-8, 1e-6)
 _ROOT2 = np.sqrt(2.0)
+_SMOOTH = ("viscous", "quadratic", "root", "offset", "gain")
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,20 +85,29 @@ def _solved(P: sparse.csc_matrix, q: Array, A: sparse.csc_matrix, b: Array, cone
 def cross_validated_fit(
     model: TorqueModel, moments: Moments, weights: Array, active: Integers, prior: Array
 ) -> tuple[ConsistentFit, float]:  # fmt: skip
-    """The consistent fit with the pull towards the model file that predicts best what is left out, and that pull."""
+    """The consistent fit with the pull towards the model file that predicts best what is left out, and that pull.
+
+    Possible bodies bend less than free combinations of parameters: smooth friction of all drives, and gains, join the
+    `active` effects where what is left out is predicted better with them.
+    """
     K = len(moments.count)
     gram, cross = moments.weighted(weights)
     gram, cross = gram * moments.scale[:, None] * moments.scale, cross * moments.scale
     whole = gram.sum(axis=0), cross.sum(axis=0)
-    losses = []
-    for pull in _PULLS:
+
+    def loss(columns: Integers, pull: float) -> float:
         errors = np.ones((K, model.tree.n))
         for k in range(K if K > 1 else 0):
-            fit = consistent_fit(model, whole[0] - gram[k], whole[1] - cross[k], active, prior, pull=pull)
+            fit = consistent_fit(model, whole[0] - gram[k], whole[1] - cross[k], columns, prior, pull=pull)
             errors[k] = moments.take([k]).errors(fit.parameters * moments.scale)[0]
-        losses.append(loss_of(errors))
+        return loss_of(errors)
+
+    losses = [loss(active, pull) for pull in _PULLS]
     best = _PULLS[int(np.argmin(losses))]
-    return consistent_fit(model, *whole, active, prior, pull=best), best
+    smooth = [10 * model.tree.n + k for k, (_, effect) in enumerate(model.effects) if effect.kind in _SMOOTH]
+    wide = np.union1d(active, smooth).astype(np.int64)
+    chosen = wide if K > 1 and loss(wide, best) < min(losses) else active
+    return consistent_fit(model, *whole, chosen, prior, pull=best), best
 
 
 def violations(model: TorqueModel, parameters: Array) -> dict[int, str]:

@@ -1,16 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Finds drives that turn with several joints, as in many wrists, in the recordings: nobody need know the gears' drawing."""
+"""Finds drives that turn with several joints, as in many wrists, in the recordings: nobody need know the gears' drawing.
+
+Rotors propose ratios (`proposed_couplings`, all at once), and what is left out of the fit decides (`coupled`).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.identification.estimation.moments import RIDGE, Moments, moments_of, solve
+from trueup.identification.estimation.drives import Drives
+from trueup.identification.estimation.moments import RIDGE, Moments, blocks_of, moments_of, solve
+from trueup.identification.estimation.motion import Motion
+from trueup.identification.estimation.pieces import pieces_of
+from trueup.identification.estimation.pool import pool_for
+from trueup.identification.estimation.selection import Choice, evaluated, weighed
 from trueup.identification.estimation.torque_model import Rows
+from trueup.identification.kinematic_tree import KinematicTree
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -19,9 +28,17 @@ _LEAST = 0.03
 """A coupling below this is taken for none."""
 _MOST = 2.0
 _PASSES = 3
+_COUPLED = 0.15
+"""The least gain in the logarithm of the squared error for which a drive is taken to turn with two joints."""
+_SAME = 0.02
+"""The gain below which a ratio of one is kept."""
+_WRIST = 5
+_BASIC = 4
+"""Groups of effects that a pool has first: rotors, offsets, viscous and Coulomb friction."""
+_BLOCKS = 8
 
 
-def found_couplings(
+def proposed_couplings(
     rows_for: Callable[[Array], Sequence[Rows]], columns: Sequence[int] | Integers, rotors: Sequence[int] | Integers,
     pairs: Sequence[tuple[int, int]],
 ) -> Array:  # fmt: skip
@@ -49,6 +66,85 @@ def found_couplings(
         C = _taken_apart(inertia, pairs)
     C[np.abs(C) < _LEAST] = 0.0
     return C
+
+
+def coupled(
+    motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator, hold_out: float
+) -> tuple[Drives, tuple[str, ...]]:
+    """Drives of the last three joints that turn with another of them, where that predicts far better, and notes.
+
+    Joint angles and torques that a controller has decoupled already still show the friction and rotor of the drive that
+    turns with two joints. Ratios of one and those that the rotors propose are tried, then made exact. Nothing is looked for
+    where couplings are given or the log is of motors. The share held out is not looked at.
+    """
+    n, C = tree.n, drives.coupling
+    if n < _WRIST or np.count_nonzero(C) > n or drives.motor_positions or drives.motor_torques:
+        return drives, ()
+    look = _Look(motion, tree, cutoff, rng, hold_out)
+    pairs, notes = [(n - 2, n - 3), (n - 1, n - 2), (n - 1, n - 3)], []
+    proposed = look.proposed(pairs)
+    best = look.loss(C)
+    while pairs:
+        ratios = [(pair, r) for pair in pairs for r in {1.0, -1.0, float(proposed[pair])} - {0.0}]
+        tried = [(look.loss(_with(C, pair, r)), pair, r) for pair, r in ratios]
+        found, pair, ratio = min(tried)
+        if found > best - _COUPLED:
+            break
+        ratio = _exact(lambda r, C=C, pair=pair: look.loss(_with(C, pair, r)), ratio, found)
+        notes.append(
+            f"the drive of {tree.joints[pair[0]]} turns with {tree.joints[pair[1]]} too (ratio {ratio:.3g}): its "
+            "friction and rotor were taken so; say what is true in a drives file, [[couplings]]"
+        )
+        best, C = found, _with(C, pair, ratio)
+        pairs.remove(pair)
+    return replace(drives, coupling=C) if notes else drives, tuple(notes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """A basic model of the arm (rotors, offsets, viscous and Coulomb friction) for any coupling of its drives."""
+
+    motion: Motion
+    tree: KinematicTree
+    cutoff: float
+    rng: np.random.Generator
+    hold_out: float
+
+    def rows(self, C: Array) -> tuple[Rows, NDArray[np.bool_]]:
+        """The rows of the part that is fitted, and the columns that are independent."""
+        n = self.tree.n
+        pool = pool_for(self.tree, C, [self.motion], self.rng)
+        model = pool.model.only(range(_BASIC * n))
+        active = np.concatenate([pool.independent[: 11 * n], np.ones((_BASIC - 1) * n, dtype=bool)])
+        return pieces_of(self.motion, model, self.cutoff, self.hold_out)[0].rows, active
+
+    def loss(self, C: Array) -> float:
+        """The loss on blocks that were left out."""
+        rows, active = self.rows(C)
+        moments = moments_of(blocks_of([rows], _BLOCKS, 1.0 / self.cutoff))
+        choice, prior = Choice(active, 1.0, RIDGE, np.ones(self.tree.n)), np.zeros(len(active))
+        return evaluated(moments, prior, weighed(moments, prior, choice)).loss
+
+    def proposed(self, pairs: Sequence[tuple[int, int]]) -> Array:
+        """(n, n) what the rotors' crossed inertia says."""
+        n = self.tree.n
+        active = np.flatnonzero(self.rows(np.eye(n))[1])
+        return proposed_couplings(lambda C: [self.rows(C)[0]], active, np.arange(10 * n, 11 * n), pairs)
+
+
+def _with(C: Array, pair: tuple[int, int], ratio: float) -> Array:
+    other = C.copy()
+    other[pair] = ratio
+    return other
+
+
+def _exact(loss: Callable[[float], float], ratio: float, found: float) -> float:
+    """The ratio with the least loss near one; one itself where that is as good: most gears are cut so."""
+    step, best = 0.25, (found, ratio)
+    for _ in range(4):
+        best = min(best, *((loss(r), r) for r in (best[1] - step, best[1] + step)))
+        step *= 0.5
+    return ratio if abs(ratio) == 1.0 and best[0] > found - _SAME else best[1]
 
 
 def _taken_apart(inertia: Array, pairs: Sequence[tuple[int, int]]) -> Array:

@@ -20,12 +20,17 @@ _OWN = {
     "asymmetric": "fa_{}",
     "spring": "k_{}",
     "hysteresis": "fh_{}",
+    "load": "fl_{}",
+    "gain": "g_{}",
 }
 _NEEDS_SCALE = ("saturating", "stribeck", "hysteresis")
+OF_LOAD = ("load", "gain")
+"""Effects of the torque that a gear carries: their columns need a first fit, see torque_model.loaded."""
 _SHORT = {
     "rotor": "rotor inertia", "coulomb": "Coulomb", "saturating": "Coulomb that sets in with speed", "viscous": "viscous",
     "quadratic": "quadratic", "cubic": "cubic", "root": "root of speed", "asymmetric": "asymmetric", "stribeck": "Stribeck",
     "offset": "offset", "spring": "spring", "hysteresis": "hysteresis",
+    "load": "with load", "gain": "own gain",
 }  # fmt: skip
 _MEANING = {
     "rotor": "inertia of the rotor, seen from the joint",
@@ -40,6 +45,8 @@ _MEANING = {
     "offset": "constant torque: sensor or current offset",
     "spring": "torque that grows with position: cables, a spring, a sensor that drifts with load",
     "hysteresis": "friction that builds up over a travel after each reversal",
+    "load": "friction as a share of the torque that the gear carries",
+    "gain": "torque out of scale with the other joints, or a gear that loses more when the load drives it",
 }
 
 
@@ -73,7 +80,7 @@ class Effect:
     @property
     def is_friction(self) -> bool:
         """Whether it always brakes, so that its coefficient should be positive."""
-        return self.kind in ("coulomb", "saturating", "viscous", "root", "hysteresis")
+        return self.kind in ("coulomb", "saturating", "viscous", "root", "hysteresis", "load")
 
     def name(self, number: int) -> str:
         """Its coefficient's name at drive `number` (from 1): f1_2, I3m, ft0.05_1."""
@@ -88,12 +95,15 @@ class Effect:
         force, travel = ("N", "m") if prismatic else ("N m", "rad")
         own = {
             "rotor": "kg" if prismatic else "kg m^2", "root": f"{force} s^.5/{travel}^.5",
-            "asymmetric": f"{force} s/{travel}", "spring": f"{force}/{travel}", "hysteresis": force,
+            "asymmetric": f"{force} s/{travel}", "spring": f"{force}/{travel}", "hysteresis": force, "load": "", "gain": "",
         }  # fmt: skip
         return own[self.kind] if self.kind in own else Term(self.kind, self.scale).unit(prismatic)
 
     def column(self, q: Array, v: Array, a: Array) -> Array:
-        """(S,) torque for a coefficient of one, along a motion of the drive: position, speed, acceleration (S,)."""
+        """(S,) torque for a coefficient of one, along a motion of the drive: position, speed, acceleration (S,).
+
+        Zero for effects of the load, which the motion of one drive does not tell.
+        """
         match self.kind:
             case "rotor":
                 return a
@@ -105,6 +115,8 @@ class Effect:
                 return q
             case "hysteresis":
                 return stop_operator(q, self.scale)
+            case "load" | "gain":
+                return np.zeros_like(v)
             case _:
                 return Term(self.kind, self.scale).column(v)
 

@@ -14,17 +14,19 @@ from numpy.typing import NDArray
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.alignment import find_shift, shifted
 from trueup.identification.estimation.consistent import ConsistentFit, cross_validated_fit
+from trueup.identification.estimation.couplings import coupled
 from trueup.identification.estimation.diagnosis import check_log
 from trueup.identification.estimation.drives import Drives
-from trueup.identification.estimation.estimate import least_squares
-from trueup.identification.estimation.moments import blocks_of, moments_of
+from trueup.identification.estimation.estimate import least_squares, weighted_least_squares
+from trueup.identification.estimation.filtering import derivative
+from trueup.identification.estimation.moments import Moments, blocks_of, moments_of
 from trueup.identification.estimation.motion import Log, log_of
 from trueup.identification.estimation.outcome import outcome
 from trueup.identification.estimation.pieces import Piece, pieces_of
-from trueup.identification.estimation.pool import STRUCTURES, Pool, chosen, pool_for
-from trueup.identification.estimation.quick import basic_columns, coupled, doubts, measured_speed
+from trueup.identification.estimation.pool import STRUCTURES, Pool, chosen, loaded, pool_for
+from trueup.identification.estimation.quick import basic_columns, doubts, measured_speed
 from trueup.identification.estimation.result import Alignment, Identification
-from trueup.identification.estimation.selection import Choice
+from trueup.identification.estimation.selection import Choice, balanced
 from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.recording import Recording
@@ -33,6 +35,8 @@ Array = NDArray[np.float64]
 Told = Callable[[str, float], None]
 
 _BLOCKS = 8
+_NEAR = 25
+"""Frequencies of a spectrum that are averaged to tell motion from noise."""
 
 
 @dataclass(frozen=True)
@@ -82,11 +86,10 @@ def identify(
     alignment, pieces = _aligned(pool, pieces, logs[0].rate, wanted.align)
     warnings += [*said, *doubts(logs, tree, gears, pool, pieces, rng)]
     say("choosing the structure of friction", 0.4)
-    parts = [p.rows for p in pieces if not p.held_out]
-    moments = moments_of(blocks_of(parts, _BLOCKS, 1.0 / cutoff))
     nominal = _nominal(pool.model)
     prior = _prior(pool, nominal)
-    choice = chosen(pool, moments, prior * moments.scale, wanted.structure)
+    pieces, moments, choice = _structured(pool, pieces, prior, nominal, wanted.structure, 1.0 / cutoff)
+    parts = _training(pieces)
     say("estimating", 0.8)
     active = np.flatnonzero(choice.active)
     estimate = least_squares(parts, active, choice.weights, prior=prior, strength=choice.strength, robust=wanted.robust)
@@ -96,6 +99,30 @@ def identify(
         tree, pool, choice, estimate, bodies, pieces, alignment,
         moments=moments, pull=pull, nominal=nominal, cutoff=cutoff, warnings=warnings, rng=rng, started=started,
     )  # fmt: skip
+
+
+def _structured(
+    pool: Pool, pieces: Sequence[Piece], prior: Array, nominal: Array, structure: str, margin: float
+) -> tuple[list[Piece], Moments, Choice]:
+    """The pieces with their effects of load, their moments, and the model that predicts best.
+
+    What gears carry comes from a first rough fit, then from the model chosen with it.
+    """
+
+    def carrying(parameters: Array) -> tuple[list[Piece], Moments]:
+        made = [replace(p, rows=loaded(pool, p.rows, parameters, nominal)) for p in pieces]
+        return made, moments_of(blocks_of(_training(made), _BLOCKS, margin))
+
+    rough = weighted_least_squares(_training(pieces), basic_columns(pool), prior=prior).parameters
+    first, moments = carrying(rough)
+    choice = chosen(pool, moments, prior * moments.scale, structure)
+    active = np.flatnonzero(choice.active)
+    made, moments = carrying(least_squares(_training(first), active, choice.weights, prior=prior).parameters)
+    return made, moments, balanced(moments, prior * moments.scale, choice) if structure == "select" else choice
+
+
+def _training(pieces: Sequence[Piece]) -> list[Rows]:
+    return [p.rows for p in pieces if not p.held_out]
 
 
 def _bodies(model: TorqueModel, parts: Sequence[Rows], choice: Choice, nominal: Array) -> tuple[ConsistentFit, float]:
@@ -112,14 +139,30 @@ def natural_cutoff(logs: Sequence[Log]) -> float:
     """
     found = []
     for log in logs:
-        # Speeds of positions seen through a wide filter; noise above is not motion.
-        slow = log.motion(min(20.0, 0.15 * log.rate), measured_speed=False)
-        power = np.abs(np.fft.rfft(slow.v - slow.v.mean(axis=0), axis=0)) ** 2
+        frequency, power = _speed_power(log)
+        power = power[frequency <= min(20.0, 0.15 * log.rate)]
         share = np.cumsum(power / np.maximum(power.sum(axis=0), 1e-300), axis=0).mean(axis=1)
-        frequency = np.fft.rfftfreq(len(slow.v), 1.0 / slow.rate)
         found.append(float(frequency[int(np.searchsorted(share, 0.99))]))
     lowest = min(log.rate for log in logs)
     return float(np.clip(round(5.0 * max(found), 1), min(5.0, 0.08 * lowest), min(40.0, 0.16 * lowest)))
+
+
+def _speed_power(log: Log) -> tuple[Array, Array]:
+    """(F,) Hz and (F, n) power of the joints' speeds, that of white noise in the positions taken away.
+
+    Differences of noisy positions hold ever more power towards high frequencies; it is not motion.
+    """
+    v = derivative(log.position, log.rate)
+    power = np.abs(np.fft.rfft(v - v.mean(axis=0), axis=0)) ** 2
+    frequency = np.fft.rfftfreq(len(v), 1.0 / log.rate)
+    differences = (log.rate * np.sin(2.0 * np.pi * frequency / log.rate))[:, None] ** 2
+    high = (frequency > 0.25 * log.rate) & (frequency < 0.45 * log.rate)
+    noise = np.median(power[high] / differences[high], axis=0) / np.log(2.0)  # of white noise: power is exponential
+    expected = noise * differences
+    # Noise scatters about what is expected: single frequencies say little, the mean of many does.
+    near = np.stack([np.convolve(p, np.full(_NEAR, 1.0 / _NEAR), mode="same") for p in power.T], axis=1)
+    moving = np.where(near > 2.0 * expected, np.maximum(power - expected, 0.0), 0.0)
+    return np.asarray(frequency, dtype=np.float64), moving
 
 
 def _check_options(options: Options, training: Sequence[Recording]) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.identification.base_parameters import BaseParameters
-from trueup.identification.estimation.effects import Effect
+from trueup.identification.estimation.effects import OF_LOAD, Effect
 from trueup.identification.estimation.moments import RIDGE, Moments
 from trueup.identification.estimation.motion import Motion
 from trueup.identification.estimation.selection import (
@@ -22,7 +22,7 @@ from trueup.identification.estimation.selection import (
     trimmed,
     weighed,
 )
-from trueup.identification.estimation.torque_model import TorqueModel
+from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.kinematic_tree import KinematicTree
 
 Array = NDArray[np.float64]
@@ -82,12 +82,21 @@ def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion], rng:
         add(f"saturating {s:g}", "saturating", s * top)
     for s in _TRAVELS:
         add(f"hysteresis {s:g}", "hysteresis", s * span)
+    for kind in OF_LOAD:
+        add(kind, kind)
     model = TorqueModel.of(tree, effects, drives)
     base = _base(model, tree.n, rng)
     independent = np.ones(model.p, dtype=bool)
     independent[: 12 * tree.n] = False
     independent[base.independent] = True
     return Pool(model, groups, base, independent)
+
+
+def loaded(pool: Pool, rows: Rows, parameters: Array, nominal: Array) -> Rows:
+    """The rows with the effects of load, for the bodies of a fit (p,)."""
+    full = pool.base.full(pool.base.of(parameters), nominal)
+    direction = np.array(pool.groups[f"saturating {_USUAL:g}"])
+    return pool.model.loaded(rows, full[: 10 * pool.model.tree.n], direction)
 
 
 def _base(model: TorqueModel, n: int, rng: np.random.Generator) -> BaseParameters:

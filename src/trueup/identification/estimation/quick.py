@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,21 +12,15 @@ from trueup.errors import IdentificationError
 from trueup.identification.estimation.diagnosis import DOUBTFUL, POOR, Fit, mistakes
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import Estimate, least_squares
-from trueup.identification.estimation.moments import RIDGE, blocks_of, moments_of, solve
+from trueup.identification.estimation.moments import moments_of, solve
 from trueup.identification.estimation.motion import Log, Motion
 from trueup.identification.estimation.pieces import Piece, pieces_of
 from trueup.identification.estimation.pool import Pool, pool_for
-from trueup.identification.estimation.selection import Choice, evaluated, weighed
 from trueup.identification.estimation.torque_model import Rows
 from trueup.identification.kinematic_tree import KinematicTree
 
 Array = NDArray[np.float64]
 
-_COUPLED = 0.15
-"""The least gain in the logarithm of the squared error for which a drive is taken to turn with two joints."""
-_WRIST = 5
-_BASIC = 4
-"""Groups of effects that a pool has first: rotors, offsets, viscous and Coulomb friction."""
 _SLOW = 5.0
 """Hz: cut-off for the quick fits that look for mistakes."""
 
@@ -47,48 +39,6 @@ def measured_speed(
     motions = [logs[0].motion(cutoff, measured_speed=measured) for measured in (True, False)]
     fit = quick_fit(motions[0], tree, drives, cutoff, rng, hold_out)
     return fit(motions[0]) <= fit(motions[1])
-
-
-def coupled(
-    motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator, hold_out: float
-) -> tuple[Drives, tuple[str, ...]]:
-    """Drives of the last three joints that turn one to one with another of them, where that predicts far better, and notes.
-
-    Joint angles and torques that a controller has decoupled already still show the friction and rotor of the drive that
-    turns with two joints. Nothing is looked for where couplings are given or the log is of motors. The share held out is
-    not looked at.
-    """
-    if tree.n < _WRIST or np.count_nonzero(drives.coupling) > tree.n or drives.motor_positions or drives.motor_torques:
-        return drives, ()
-
-    def judged(coupling: Array) -> Choice:
-        pool = pool_for(tree, coupling, [motion], rng)
-        rows = pieces_of(motion, pool.model.only(range(_BASIC * tree.n)), cutoff, hold_out)[0].rows
-        moments = moments_of(blocks_of([rows], 8, 1.0 / cutoff))
-        active = np.concatenate([pool.independent[: 10 * tree.n], np.ones(_BASIC * tree.n, dtype=bool)])
-        active[10 * tree.n : 11 * tree.n] = pool.independent[10 * tree.n : 11 * tree.n]
-        choice, prior = Choice(active, 1.0, RIDGE, np.ones(tree.n)), np.zeros(len(active))
-        return evaluated(moments, prior, weighed(moments, prior, choice))
-
-    C, n, notes = drives.coupling, tree.n, []
-    best = judged(C)
-    pairs = [(n - 2, n - 3), (n - 1, n - 2), (n - 1, n - 3)]
-    while pairs:
-        tried = []
-        for pair, sign in itertools.product(pairs, (1.0, -1.0)):
-            other = C.copy()
-            other[pair] = sign
-            tried.append((judged(other), pair, other))
-        found, pair, other = min(tried, key=lambda one: one[0].loss)
-        if found.loss > best.loss - _COUPLED:
-            break
-        notes.append(
-            f"the drive of {tree.joints[pair[0]]} turns with {tree.joints[pair[1]]} too (ratio {other[pair]:g}): its "
-            "friction and rotor were taken so; say what is true in a drives file, [[couplings]]"
-        )
-        best, C = found, other
-        pairs.remove(pair)
-    return replace(drives, coupling=C) if notes else drives, tuple(notes)
 
 
 def doubts(

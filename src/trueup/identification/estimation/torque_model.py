@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trueup.identification import regressors
 from trueup.identification.base_parameters import BaseParameters, base_parameters
-from trueup.identification.estimation.effects import Effect
+from trueup.identification.estimation.effects import OF_LOAD, Effect
 from trueup.identification.inertial import NAMES, UNITS
 from trueup.identification.kinematic_tree import KinematicTree
 
@@ -116,6 +116,25 @@ class TorqueModel:
             tuple(np.array(c) for c in columns), tuple(np.concatenate(x) for x in values),
             np.full(q.shape, np.nan) if torque is None else torque, time, self.p,
         )  # fmt: skip
+
+    def loaded(self, rows: Rows, inertial: Array, direction: Integers) -> Rows:
+        """The rows with the columns of OF_LOAD effects, for bodies (10 n,) that a first fit found.
+
+        `direction` (n,): for each drive the column that is its direction of motion, -1 ... 1. Sensors and gears pass a
+        filter as slowly as loads change, so filtered rows may be multiplied.
+        """
+        n, load, sign = self.tree.n, [], []
+        for j, (c, v) in enumerate(zip(rows.columns, rows.values, strict=True)):
+            load.append(inertial[c[c < 10 * n]] @ v[c < 10 * n])
+            sign.append(v[int(np.flatnonzero(c == direction[j])[0])] / self.drives[j, j])
+        through = np.asarray(np.linalg.inv(self.drives)).T @ np.array(load)  # what each gear carries
+        values = [np.array(v) for v in rows.values]
+        for k, (d, effect) in enumerate(self.effects):
+            if effect.kind in OF_LOAD:
+                own = np.abs(through[d]) * sign[d] if effect.kind == "load" else through[d]
+                for j in np.flatnonzero(self.drives[d]):
+                    values[j][int(np.flatnonzero(rows.columns[j] == 10 * n + k)[0])] = self.drives[d, j] * own
+        return replace(rows, values=tuple(values))
 
     def base(self, rng: np.random.Generator, preference: Array | None = None) -> BaseParameters:
         """The combinations of rigid links, rotors and friction that torque can tell, from random states.

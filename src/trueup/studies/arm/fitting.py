@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.identification.estimation.consistent import consistent_fit
-from trueup.identification.estimation.couplings import found_couplings, weighted_fit
+from trueup.identification.estimation.couplings import proposed_couplings, weighted_fit
 from trueup.identification.estimation.moments import Moments, moments_of
 from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.inertial import from_com
@@ -64,7 +64,7 @@ def our_fit(model: TorqueModel, made: Sequence[Run], rows: Sequence[Rows], colum
     def driven(C: Array) -> list[Rows]:
         return [one.with_drives(model, r, C) for one, r in zip(made, rows, strict=True)]
 
-    C = found_couplings(driven, columns, np.arange(10 * n, 11 * n), WRIST)
+    C = proposed_couplings(driven, columns, np.arange(10 * n, 11 * n), WRIST)
     rows = driven(C)
     active = np.concatenate([columns, np.arange(14 * n, model.p)])
     moments = moments_of(rows)
