@@ -52,7 +52,7 @@ RULES = (
     *(Rule(family, (base, *NOUNS)) for family, base in FAMILIES.items()),
     Rule("robots", ("robots.robot", "controllers.controller", "simulators.simulator", *NOUNS)),  # stand-ins simulate
     Rule("search.least_squares", ("search.search", "search.bounded_step", "search.robust", *NOUNS)),  # its arithmetic
-    Rule("search.filtering", ("search.search", "search.bounded_step", "search.robust", *NOUNS)),  # the same
+    Rule("search.filtering", ("search.search", "search.bounded_step", "search.robust", *NOUNS)),
     Rule("search.optuna", ("search.search", "search.study_file", *NOUNS)),  # the study for the dashboard
     Rule(
         "robots.stand_in_vehicle", ("robots.robot", "controllers.stanley", *NOUNS)

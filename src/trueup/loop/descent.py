@@ -45,8 +45,8 @@ class Fit:
     bend: float = np.inf
     """Residuals far beyond it count as outliers."""
     scatter: Array | None = None
-    """(n_free, n_free) mean square by which the place changes that slopes point to, from one side of the optimum to the
-    other (see `probe.py`)."""
+    """(n_free, n_free) uncertainty that residuals do not show: mean square by which the place changes that slopes point
+    to, from one side of the optimum to the other (see `probe.py`), and with other noise at the starts (`starts.py`)."""
     near: Problem | None = None
     """A cheaper problem at the level of the real one, if the fit was made with one."""
 

@@ -81,6 +81,14 @@ class Problem:
         twin._offset = offset if self._offset is None else self._offset + offset
         return twin
 
+    def restarted(self, starts: Sequence[Sequence[Trial]]) -> Problem:
+        """This problem once for each of `starts`: its trials as they would be with other measurements of the start."""
+        twin = object.__new__(Problem)
+        twin.__dict__.update(self.__dict__)
+        twin.trials, twin.recordings = [t for own in starts for t in own], self.recordings * len(starts)
+        twin.segments, twin._offset = twin._segments(), None
+        return twin
+
     def shortened(self, longest: float) -> Problem:
         """The same problem on the first `longest` s of each recording."""
         short = Problem(

@@ -60,8 +60,8 @@ def _pooled(problem: Problem, values: Array) -> float:
 
 def replays(
     simulator: Simulator, values: Array, training: Sequence[Recording], held_out: Sequence[Recording],
-    measure: Discrepancy | None = None, *, channels: Sequence[str] | None = None, controllers: ControllerFactory | None = None,
-    against: Simulator | None = None,
+    measure: Discrepancy | None = None, *, channels: Sequence[str] | None = None,
+    controllers: ControllerFactory | None = None, against: Simulator | None = None,
 ) -> tuple[Replay, ...]:  # fmt: skip
     """Every recording replayed by the simulator with `values` (n,), and before that as it came (or `against` another).
 

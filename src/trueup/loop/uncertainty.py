@@ -38,6 +38,13 @@ def unit_covariance(problem: Problem, fit: Fit) -> Array:
     return covariance if fit.scatter is None else covariance + fit.scatter
 
 
+def curvature_inverse(fit: Fit) -> Array:
+    """(n_free, n_free) inverse of the loss' curvature: what turns a slope into a step to the optimum."""
+    curvature = fit.jacobian.T @ (fit.jacobian * fit.weights[:, None])
+    inverse = np.linalg.inv(curvature + PRIOR * np.eye(len(curvature)))
+    return 0.5 * (inverse + inverse.T)
+
+
 def intervals(fit: Fit, covariance: Array) -> tuple[Array, Array]:
     """(n_free,) lower and upper ends of the 95 % intervals, in the parameters' units, within their bounds."""
     half = _NORMAL_95 * np.sqrt(np.maximum(np.diag(covariance), 0.0))

@@ -25,6 +25,7 @@ _ALIKE = 0.02  # steps nearer to one another than this share of the promised gai
 _CREDIT = 2  # steps uphill in a row, each on the promise that the next one comes down below everything before
 _WORN = 0.7  # new slopes are taken once a step leaves more than this share of what was promised: they cost ten steps
 _SHORTER = 1e-4  # least damping after steps that led nowhere: below, they would all be the same step again
+_TIE = 0.01  # hopes that differ by less of the gain are told apart by what is seen, or ever shorter steps win by a hair
 _CROSSING = 1e-4  # damping of the imagined step across the valley that candidates are judged by
 
 
@@ -148,8 +149,7 @@ class LeastSquares:
         """
         if self.residual is None:
             return self.difference
-        rough = 1.4826 * float(np.median(np.abs(self.residual)))
-        return float(np.clip(1e-4 * rough**2, 1e-4, self.difference))
+        return float(np.clip(1e-4 * (1.4826 * np.median(np.abs(self.residual))) ** 2, 1e-4, self.difference))
 
     def _take_jacobian(self, residuals: Array) -> None:
         base = residuals[0]
@@ -209,7 +209,8 @@ class LeastSquares:
         losses = np.nan_to_num(robust_losses(residuals, self.delta), nan=np.inf, posinf=np.inf)
         hoped = self._hoped(candidates, residuals, losses)
         below = self.best[1]
-        k, lowest = int(hoped.argmin()), int(losses.argmin())
+        lowest, tie = int(losses.argmin()), hoped.min() + _TIE * max(below - hoped.min(), 0.0)
+        k = int(np.where(hoped <= tie, losses, np.inf).argmin())
         climbs = losses[k] >= below
         if climbs and not (self._credit > 0 and hoped[k] < below - self._negligible(below, residuals[lowest])):
             k, climbs = lowest, False
@@ -286,8 +287,7 @@ class LeastSquares:
         """Steps of several lengths that differ; the factor on the damping that made each is kept beside it."""
         curvature, slope = self._normal_equations()
         least = _ALIKE * self._promise()
-        points: list[Array] = []
-        self._factors = []
+        points, self._factors = [], []
         for factor in _LADDER:
             step = damped_step(curvature, slope, max(self._damping * factor, self.least_damping), self.point)
             for moved in (step, in_value(step, self.log_range)):
