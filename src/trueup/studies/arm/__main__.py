@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the study: `python -m trueup.studies.arm --out out/study-arm`, a quarter of an hour; with `--quick` a minute."""
+"""Runs the study: `python -m trueup.studies.arm --out out/study-arm`, eight minutes of one core; with `--quick` half a minute."""
 
 from __future__ import annotations
 

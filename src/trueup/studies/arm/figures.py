@@ -91,12 +91,14 @@ def page(markdown: str, figures: Mapping[str, Sequence[Markup]], folded: Sequenc
 
 
 _STYLE = """
+body { max-width: 1220px; }
 summary { cursor: pointer; font-size: 18px; font-weight: 600; }
 section { overflow-x: auto; padding: 22px 0 20px; }
-table.cells { font-size: 12px; margin: 0 0 18px; width: auto; }
-table.cells td, table.cells th { padding: 3px 9px 3px 0; text-align: right; white-space: nowrap; }
+table.cells { font-size: 11.5px; margin: 0 0 18px; width: auto; }
+table.cells td, table.cells th { padding: 3px 7px 3px 0; text-align: right; white-space: nowrap; }
 table.cells thead th { white-space: normal; min-width: 74px; max-width: 150px; }
-table.cells td.word, table.cells th.word { text-align: left; white-space: normal; min-width: 44px; max-width: 190px; }
+table.cells td.word, table.cells thead th.word { text-align: left; min-width: 0; }
+table.cells td.long, table.cells thead th.long { white-space: normal; min-width: 124px; }
 """
 
 
@@ -111,9 +113,12 @@ def _table(block: str) -> Markup:
     rows = [[cell.strip() for cell in line[2:-2].split(" | ")] for line in block.splitlines()]
     head, body = rows[0], rows[2:]
     words = [not any(re.match(r"[-x+]? ?[\d.]", row[k]) for row in body) for k in range(len(head))]
+    longest = [max((len(row[k]) for row in body), default=0) for k in range(len(head))]
+    kinds = ["word long" if words[k] and longest[k] > 12 else "word" if words[k] else None for k in range(len(head))]
+    kinds[0] = kinds[0] or "word"
 
     def row(cells: Sequence[str], kind: str) -> Markup:
-        made = [tag(kind, c, class_="word" if words[k] or k == 0 else None) for k, c in enumerate(cells)]
+        made = [tag(kind, c, class_=kinds[k]) for k, c in enumerate(cells)]
         return tag("tr", made, class_="best" if cells[0].startswith("ours") else None)
 
     return tag("table", tag("thead", row(head, "th")), tag("tbody", [row(r, "td") for r in body]), class_="cells")
