@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the study: `python -m trueup.studies.arm --out out/study-arm`, eight minutes of one core; with `--quick` half a minute."""
+"""Runs the study: `python -m trueup.studies.arm --out out/study-arm`, eight minutes of one core; `--quick` half of one."""
 
 from __future__ import annotations
 
