@@ -78,7 +78,9 @@ def calibrate(
     select = chooser if chosen.select and not chosen_before else None
     found = fit(problem, space, space.nominal, watch, resume=resume, select=select, **_how(chosen))
     rng = np.random.default_rng(chosen.seed)
+    watch.saw("around the optimum", problem, found.loss, problem.rmse(found.residual))
     found = with_start_scatter(problem, probed(problem, widened(problem, found, chosen.seed), rng), rng)
+    watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
     cross = chosen.cross_validate and len(recordings) > 1
     return Calibration(
         replays=replays(
