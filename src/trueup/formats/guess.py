@@ -64,7 +64,8 @@ def guess(tables: Sequence[Table]) -> ChannelMap:
     said = [*_notes(channels, groups), *notes]
     named, more = as_vehicle(channels)
     if more:
-        said = [note for note in said if note.split(":")[0] in named and not note.startswith("command: unit unknown")]
+        made = {note.split(":")[0] for note in more} | {"command"}
+        said = [note for note in said if note.split(":")[0] in set(named) - made]
         named = dict(sorted(named.items(), key=lambda item: _order(item[0])))
     return ChannelMap(channels=named, time=clocks.main, notes=(*clocks.notes, *said, *more))
 
