@@ -174,7 +174,7 @@ class Descent:
         ranges = np.array([np.log(p.upper / p.lower) if p.scale == "log" else 0.0 for p in free])
         last = stage.tolerance < 1.0
         return LeastSquares(
-            self.point, ranges, least_damping=1e-9 if last else _HELD, share=1e-2 if last else 3e-2, robust=self.robust,
+            self.point, ranges, least_damping=1e-9 if last else _HELD, share=2e-2 if last else 3e-2, robust=self.robust,
             tolerance=stage.tolerance, max_iterations=stage.most, nudge=nudge, confirm=confirm and last,
             difference=LeastSquares.difference if self.search is None else self.search.careful_difference(),
             worth=lambda residual: stage.problem.chance(residual) * len(free) * _patience(residual),
@@ -208,8 +208,9 @@ class Descent:
 
 
 def _patience(residual: Array) -> float:
-    """1 where the residuals are noise; up to 5 where no model of this kind gets near it, and the last half percent of the
+    """1 where the residuals are noise; up to 20 where no model of this kind gets near it, and the last percent of the
     replay error is not worth minutes of simulation.
     """
-    misfit = max(0.0, 1.0 - 1.0 / max(float(np.mean(residual**2)), 1e-12))
-    return 1.0 + 4.0 * misfit**4
+    square = max(float(np.mean(residual**2)), 1e-12)
+    misfit = max(0.0, 1.0 - 1.0 / square)
+    return 1.0 + 4.0 * misfit**4 * float(np.clip(0.1 * np.sqrt(square), 1.0, 5.0))
