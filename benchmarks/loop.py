@@ -9,6 +9,7 @@ those of one processor, all 440 trials, both searches and both runs of the robot
 from __future__ import annotations
 
 import argparse
+import math
 import functools
 import json
 import os
@@ -183,7 +184,8 @@ def report_courses(courses: Array) -> None:
     gain = np.log(several / one)
     # The upper end of the 95 % interval must be below one: Student's t of the robots' own log ratios.
     half = float(t.ppf(0.975, len(gain) - 1) * gain.std(ddof=1) / np.sqrt(len(gain))) if len(gain) > 1 else float("inf")
-    ratio, low, high = (float(np.exp(np.mean(gain) + side * half)) for side in (0.0, -1.0, 1.0))
+    ratio = float(np.exp(gain.mean()))
+    low, high = ratio * math.exp(-half), ratio * float(np.exp(half))
     singles = ", ".join(f"{name.replace('_', ' ')} {np.exp(np.mean(np.log(several / column))):.3f}"
                         for name, column in zip(TRAINING, courses[:, 1:-1].T, strict=True))  # fmt: skip
     print(f"\nheld-out courses, mm (median): today's gains {1e3 * np.median(courses[:, 0]):.1f}, tuned on one course "
