@@ -9,9 +9,9 @@ those of one processor, all 440 trials, both searches and both runs of the robot
 from __future__ import annotations
 
 import argparse
-import math
 import functools
 import json
+import math
 import os
 import time
 from concurrent.futures import ProcessPoolExecutor
