@@ -19,8 +19,8 @@ from trueup.identification.kinematic_tree import load_tree
 @pytest.mark.realdata
 @pytest.mark.parametrize(
     ("model", "log", "goal", "costly"),
-    # The UR10's torques are currents times one constant a joint; bodies that can exist cannot follow all of it.
-    [("panda/panda.urdf", "panda", 0.013, 1.02), ("ur10/ur10_robot.urdf", "ur10/bag_sqlite3", 0.04, 1.12)],
+    # Of the UR10, cross-validation within the 19 s that are fitted prefers possible bodies; what follows does not quite.
+    [("panda/panda.urdf", "panda", 0.013, 1.02), ("ur10/ur10_robot.urdf", "ur10/bag_sqlite3", 0.04, 1.04)],
 )
 def test_held_out_torque_is_predicted(real_data: Path, model: str, log: str, goal: float, costly: float) -> None:
     tree, (runs, _), _ = matched(load_tree(real_data / model), (read(real_data / log), []))

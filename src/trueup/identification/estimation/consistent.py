@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import clarabel
@@ -11,8 +12,6 @@ import scipy.sparse as sparse
 from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
-from trueup.identification.estimation.moments import Moments
-from trueup.identification.estimation.selection import loss_of
 from trueup.identification.estimation.torque_model import TorqueModel
 from trueup.identification.inertial import pseudo_inertia
 
@@ -23,12 +22,10 @@ _MARGIN = 1e-4
 """The least second moment, as a share of a link's natural size: simulators want inertias above zero."""
 _BOUNDARY = 3.0
 """Times the margin below which a link counts as on the boundary."""
-_PULL = 1e-6
+PULL = 1e-6
 """Towards the model file, as a share of the mean curvature: decides what torque cannot tell."""
-_PULLS = (1e-5, 1e-4, 1e-3)
 _TOLERANCES = (1e-9, 1e-8, 1e-6)
 _ROOT2 = np.sqrt(2.0)
-_SMOOTH = ("viscous", "quadratic", "root", "offset", "gain")
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,23 +34,29 @@ class ConsistentFit:
 
     parameters: Array
     boundary: tuple[int, ...]
+    lagging: tuple[int, ...] = ()
+    """Drives whose torque was allowed to fall with acceleration."""
 
 
 def consistent_fit(
-    model: TorqueModel, gram: Array, cross: Array, active: Integers, prior: Array, *, pull: float = _PULL
+    model: TorqueModel, gram: Array, cross: Array, active: Integers, prior: Array, *, pull: float = PULL,
+    lagging: Collection[int] = (), exact: bool = True,
 ) -> ConsistentFit:  # fmt: skip
     """Minimises the weighted squares over all inertial parameters and the `active` effects, with each link possible.
 
     `gram` (p, p) and `cross` (p,) are the weighted normal equations of all columns; `prior` (p,) stands for what they
     cannot tell. Constraints: pseudo-inertia >= 0 for each link, rotor inertias >= 0. Wensing, Kim & Slotine, "Linear
     matrix inequalities for physically consistent inertial parameter identification", IEEE RA-L 3(1), 2018, eq. 15.
-    Raises IdentificationError where the solver fails.
+    The torque of drives in `lagging` may fall with acceleration: what is below zero is their effect "lag", which is no
+    rotor. `exact` asks for the last digits. Raises IdentificationError where the solver fails.
     """
     n = model.tree.n
     # Rotors count even where torque cannot tell them from a link: a link cannot be as slender as a rotor is.
-    rotors = [10 * n + k for k, (_, effect) in enumerate(model.effects) if effect.kind == "rotor"]
-    free = np.union1d(np.arange(10 * n), np.union1d(active, rotors)).astype(np.int64)
-    natural = _natural(model, prior)[free]
+    rotors = columns_of(model, "rotor")
+    bodies = np.concatenate([np.arange(10 * n), rotors])
+    free = np.concatenate([bodies, np.setdiff1d(active, bodies)])
+    sizes = _natural(model, prior)
+    natural = sizes[free]
     P = gram[np.ix_(free, free)]
     size = float(np.mean(np.diag(P) * natural**2)) or 1.0
     ridge = np.where(free < 10 * n, pull, 1e-9) * size / natural**2
@@ -61,53 +64,54 @@ def consistent_fit(
     # All variables alike for the solver: weights of joints make their columns differ by orders of magnitude.
     scale = 1.0 / np.sqrt(np.diag(P))
     P, q = P * scale[:, None] * scale, q * scale
-    A, b, cones = _constraints(model, free, natural, scale)
-    x = _solved(sparse.csc_matrix(np.triu(P)), q, A, b, cones)
+    held = [int(k) for k in rotors if model.effects[int(k) - 10 * n][0] not in lagging]
+    A, b, cones = _constraints(model, bodies, held, sizes[bodies], scale[: len(bodies)])
+    x = _eliminated(P, q, len(bodies), lambda P, q: _solved(P, q, A, b, cones, _TOLERANCES[0 if exact else 1 :]))
     parameters = np.zeros(model.p)
     parameters[free] = x * scale
-    return ConsistentFit(parameters, tuple(_at_boundary(model, parameters, _natural(model, prior))))
+    for k in (int(k) for k in columns_of(model, "lag")):
+        drive = model.effects[k - 10 * n][0]
+        if drive in lagging:
+            own = next(int(r) for r in rotors if model.effects[int(r) - 10 * n][0] == drive)
+            parameters[k], parameters[own] = min(parameters[own], 0.0), max(parameters[own], 0.0)
+    return ConsistentFit(parameters, tuple(_at_boundary(model, parameters, sizes)), tuple(sorted(lagging)))
 
 
-def _solved(P: sparse.csc_matrix, q: Array, A: sparse.csc_matrix, b: Array, cones: list[object]) -> Array:
+def columns_of(model: TorqueModel, *kinds: str) -> Integers:
+    """The columns of effects of these kinds."""
+    found = [10 * model.tree.n + k for k, (_, effect) in enumerate(model.effects) if effect.kind in kinds]
+    return np.array(found, dtype=np.int64)
+
+
+def _eliminated(P: Array, q: Array, m: int, solver: Callable[[Array, Array], Array]) -> Array:
+    """The minimiser of x P x / 2 + q x where constraints hold the first `m` variables only: the rest is solved for first.
+
+    The solver's work grows with the cube of what is left. The first m see the Schur complement of the rest.
+    """
+    if m == len(q):
+        return solver(P, q)
+    factor = np.linalg.cholesky(P[m:, m:])
+    mixed = np.linalg.solve(factor, np.column_stack([P[m:, :m], q[m:]]))
+    first = solver(P[:m, :m] - mixed[:, :m].T @ mixed[:, :m], q[:m] - mixed[:, :m].T @ mixed[:, m])
+    rest = np.linalg.solve(factor.T, -mixed[:, m] - mixed[:, :m] @ first)
+    return np.concatenate([first, np.asarray(rest, dtype=np.float64)])
+
+
+def _solved(
+    P: Array, q: Array, A: sparse.csc_matrix, b: Array, cones: list[object], tolerances: Sequence[float]
+) -> Array:  # fmt: skip
     """The solution, as exact as the solver can make it. Raises IdentificationError where it finds none."""
-    status = ""
-    for tolerance in _TOLERANCES:
+    status, upper = "", sparse.csc_matrix(np.triu(P))
+    for tolerance in tolerances:
         settings = clarabel.DefaultSettings()
         settings.verbose = False
+        settings.equilibrate_enable = False  # it is done: steps are fewer so  # pyright: ignore[reportAttributeAccessIssue]
         settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-        solution = clarabel.DefaultSolver(P, q, A, b, cones, settings).solve()
+        solution = clarabel.DefaultSolver(upper, q, A, b, cones, settings).solve()
         status = str(solution.status)
         if status in ("Solved", "AlmostSolved"):
             return np.asarray(solution.x, dtype=np.float64)
     raise IdentificationError(f"no physically consistent model was found: the conic solver says {status}")
-
-
-def cross_validated_fit(
-    model: TorqueModel, moments: Moments, weights: Array, active: Integers, prior: Array
-) -> tuple[ConsistentFit, float]:  # fmt: skip
-    """The consistent fit with the pull towards the model file that predicts best what is left out, and that pull.
-
-    Possible bodies bend less than free combinations of parameters: smooth friction of all drives, and gains, join the
-    `active` effects where what is left out is predicted better with them.
-    """
-    K = len(moments.count)
-    gram, cross = moments.weighted(weights)
-    gram, cross = gram * moments.scale[:, None] * moments.scale, cross * moments.scale
-    whole = gram.sum(axis=0), cross.sum(axis=0)
-
-    def loss(columns: Integers, pull: float) -> float:
-        errors = np.ones((K, model.tree.n))
-        for k in range(K if K > 1 else 0):
-            fit = consistent_fit(model, whole[0] - gram[k], whole[1] - cross[k], columns, prior, pull=pull)
-            errors[k] = moments.take([k]).errors(fit.parameters * moments.scale)[0]
-        return loss_of(errors)
-
-    losses = [loss(active, pull) for pull in _PULLS]
-    best = _PULLS[int(np.argmin(losses))]
-    smooth = [10 * model.tree.n + k for k, (_, effect) in enumerate(model.effects) if effect.kind in _SMOOTH]
-    wide = np.union1d(active, smooth).astype(np.int64)
-    chosen = wide if K > 1 and loss(wide, best) < min(losses) else active
-    return consistent_fit(model, *whole, chosen, prior, pull=best), best
 
 
 def violations(model: TorqueModel, parameters: Array) -> dict[int, str]:
@@ -143,9 +147,9 @@ def _natural(model: TorqueModel, prior: Array) -> Array:
 
 
 def _constraints(
-    model: TorqueModel, free: Integers, natural: Array, scale: Array
+    model: TorqueModel, bodies: Integers, held: Sequence[int], natural: Array, scale: Array
 ) -> tuple[sparse.csc_matrix, Array, list[object]]:
-    """A x + s = b with s in the cones: one 4 x 4 matrix a link, one number a rotor; parameters are `scale` x."""
+    """A x + s = b with s in the cones: one 4 x 4 matrix a link, one number a rotor in `held`; parameters are `scale` x."""
     n, blocks, sides, cones = model.tree.n, [], [], []
     weights = np.ones((4, 4)) * _ROOT2
     np.fill_diagonal(weights, 1.0)
@@ -156,19 +160,18 @@ def _constraints(
         # Lengths in units of the link's size, so that the cone's entries are alike.
         units = np.array([*[link[4] / link[0]] * 3, 1.0]) ** -0.5 / np.sqrt(link[0])
         turned = basis * units[:, None] * units * own[:, None, None]
-        rows = np.zeros((10, len(free)))
+        rows = np.zeros((10, len(bodies)))
         for r, (i, k) in enumerate(upper):
             rows[r, 10 * j : 10 * j + 10] = -turned[:, i, k] * weights[i, k]
         blocks.append(rows)
         sides.append(np.array([-_MARGIN if i == k else 0.0 for i, k in upper]))
         cones.append(clarabel.PSDTriangleConeT(4))
-    rotors = [i for i, k in enumerate(free) if k >= 10 * n and model.effects[int(k) - 10 * n][1].kind == "rotor"]
-    if rotors:
-        rows = np.zeros((len(rotors), len(free)))
-        rows[np.arange(len(rotors)), rotors] = -1.0
+    if held:
+        rows = np.zeros((len(held), len(bodies)))
+        rows[np.arange(len(held)), np.searchsorted(bodies, held)] = -1.0
         blocks.append(rows)
-        sides.append(np.zeros(len(rotors)))
-        cones.append(clarabel.NonnegativeConeT(len(rotors)))
+        sides.append(np.zeros(len(held)))
+        cones.append(clarabel.NonnegativeConeT(len(held)))
     return sparse.csc_matrix(np.concatenate(blocks)), np.concatenate(sides), cones
 
 

@@ -22,6 +22,7 @@ _OWN = {
     "hysteresis": "fh_{}",
     "load": "fl_{}",
     "gain": "g_{}",
+    "lag": "I{}lag",
 }
 _NEEDS_SCALE = ("saturating", "stribeck", "hysteresis")
 OF_LOAD = ("load", "gain")
@@ -30,7 +31,7 @@ _SHORT = {
     "rotor": "rotor inertia", "coulomb": "Coulomb", "saturating": "Coulomb that sets in with speed", "viscous": "viscous",
     "quadratic": "quadratic", "cubic": "cubic", "root": "root of speed", "asymmetric": "asymmetric", "stribeck": "Stribeck",
     "offset": "offset", "spring": "spring", "hysteresis": "hysteresis",
-    "load": "with load", "gain": "own gain",
+    "load": "with load", "gain": "own gain", "lag": "torque that falls with acceleration",
 }  # fmt: skip
 _MEANING = {
     "rotor": "inertia of the rotor, seen from the joint",
@@ -47,6 +48,7 @@ _MEANING = {
     "hysteresis": "friction that builds up over a travel after each reversal",
     "load": "friction as a share of the torque that the gear carries",
     "gain": "torque out of scale with the other joints, or a gear that loses more when the load drives it",
+    "lag": "torque that falls with acceleration, as no rotor's does: friction that comes behind its speed, or a late log",
 }
 
 
@@ -93,8 +95,9 @@ class Effect:
     def unit(self, prismatic: bool) -> str:
         """The unit of its coefficient."""
         force, travel = ("N", "m") if prismatic else ("N m", "rad")
+        rotor = "kg" if prismatic else "kg m^2"
         own = {
-            "rotor": "kg" if prismatic else "kg m^2", "root": f"{force} s^.5/{travel}^.5",
+            "rotor": rotor, "lag": rotor, "root": f"{force} s^.5/{travel}^.5",
             "asymmetric": f"{force} s/{travel}", "spring": f"{force}/{travel}", "hysteresis": force, "load": "", "gain": "",
         }  # fmt: skip
         return own[self.kind] if self.kind in own else Term(self.kind, self.scale).unit(prismatic)
@@ -105,7 +108,7 @@ class Effect:
         Zero for effects of the load, which the motion of one drive does not tell.
         """
         match self.kind:
-            case "rotor":
+            case "rotor" | "lag":
                 return a
             case "root":
                 return np.sign(v) * np.sqrt(np.abs(v))

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.alignment import find_shift, shifted
-from trueup.identification.estimation.consistent import ConsistentFit, cross_validated_fit
+from trueup.identification.estimation.bodies import cross_validated_fit
+from trueup.identification.estimation.consistent import ConsistentFit, consistent_fit
 from trueup.identification.estimation.couplings import coupled
 from trueup.identification.estimation.diagnosis import check_log
 from trueup.identification.estimation.drives import Drives
@@ -106,18 +107,19 @@ def _structured(
 ) -> tuple[list[Piece], Moments, Choice]:
     """The pieces with their effects of load, their moments, and the model that predicts best.
 
-    What gears carry comes from a first rough fit, then from the model chosen with it.
+    What gears carry comes from a first rough fit, then from possible bodies in the model chosen with it.
     """
 
     def carrying(parameters: Array) -> tuple[list[Piece], Moments]:
-        made = [replace(p, rows=loaded(pool, p.rows, parameters, nominal)) for p in pieces]
+        made = [replace(p, rows=loaded(pool, p.rows, parameters)) for p in pieces]
         return made, moments_of(blocks_of(_training(made), _BLOCKS, margin))
 
     rough = weighted_least_squares(_training(pieces), basic_columns(pool), prior=prior).parameters
-    first, moments = carrying(rough)
+    _, moments = carrying(pool.base.full(pool.base.of(rough), nominal))
     choice = chosen(pool, moments, prior * moments.scale, structure)
-    active = np.flatnonzero(choice.active)
-    made, moments = carrying(least_squares(_training(first), active, choice.weights, prior=prior).parameters)
+    gram, cross = moments.normal(choice.weights)
+    bodies = consistent_fit(pool.model, gram.sum(axis=0), cross.sum(axis=0), np.flatnonzero(choice.active), nominal)
+    made, moments = carrying(bodies.parameters)
     return made, moments, balanced(moments, prior * moments.scale, choice) if structure == "select" else choice
 
 

@@ -54,6 +54,11 @@ class Moments:
         """(K, p, p) and (K, p): the normal equations of each block with weights (n,) for the joints."""
         return np.tensordot(weights, self.gram, (0, 1)), np.tensordot(weights, self.cross, (0, 1))
 
+    def normal(self, weights: Array) -> tuple[Array, Array]:
+        """As `weighted`, of the columns as they are: for parameters that are not scaled."""
+        gram, cross = self.weighted(weights)
+        return gram * self.scale[:, None] * self.scale, cross * self.scale
+
 
 def moments_of(parts: Sequence[Rows]) -> Moments:
     """The moments of blocks (one Rows each)."""

@@ -200,6 +200,7 @@ def _notes(
     if estimate.robust:
         said.append("the logs have outliers; they were weighed down (Huber)")
     if bodies is not None:
+        said += [_lag(tree, bodies)] if bodies.lagging else []
         judged = [p for p in predictions if p.held_out] or list(predictions)
         free, possible = relative_error(judged), relative_error(judged, "consistent")
         if possible > _COSTLY * free:
@@ -209,3 +210,11 @@ def _notes(
                 "a wrong length or mounting (--gravity) in the model"
             )
     return tuple(said)
+
+
+def _lag(tree: KinematicTree, bodies: ConsistentFit) -> str:
+    names = ", ".join(tree.joints[d] for d in bodies.lagging)
+    return (
+        f"torque of {names} falls with acceleration, which no rotor and no body does: friction that comes behind its speed, "
+        "or a late log. A term of its own carries it in the predictions; the model file has bodies and rotors without it"
+    )

@@ -82,21 +82,21 @@ def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion], rng:
         add(f"saturating {s:g}", "saturating", s * top)
     for s in _TRAVELS:
         add(f"hysteresis {s:g}", "hysteresis", s * span)
-    for kind in OF_LOAD:
+    for kind in (*OF_LOAD, "lag"):
         add(kind, kind)
     model = TorqueModel.of(tree, effects, drives)
     base = _base(model, tree.n, rng)
     independent = np.ones(model.p, dtype=bool)
     independent[: 12 * tree.n] = False
     independent[base.independent] = True
+    independent[list(groups["lag"])] = False  # beside rotors that may not be negative only, see bodies.py
     return Pool(model, groups, base, independent)
 
 
-def loaded(pool: Pool, rows: Rows, parameters: Array, nominal: Array) -> Rows:
-    """The rows with the effects of load, for the bodies of a fit (p,)."""
-    full = pool.base.full(pool.base.of(parameters), nominal)
+def loaded(pool: Pool, rows: Rows, parameters: Array) -> Rows:
+    """The rows with the effects of load, for the bodies among all parameters (p,)."""
     direction = np.array(pool.groups[f"saturating {_USUAL:g}"])
-    return pool.model.loaded(rows, full[: 10 * pool.model.tree.n], direction)
+    return pool.model.loaded(rows, parameters[: 10 * pool.model.tree.n], direction)
 
 
 def _base(model: TorqueModel, n: int, rng: np.random.Generator) -> BaseParameters:

@@ -14,7 +14,7 @@ from trueup.identification.estimation.moments import RIDGE, Moments, solve
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_PAYS = 0.004
+PAYS = 0.004
 """The least gain in the logarithm of the squared error for which the model is made larger."""
 _SURE = 1.0
 """Standard errors by which a gain must exceed zero."""
@@ -93,12 +93,12 @@ def grown(
         tried = [evaluated(moments, prior, replace(choice, active=_with(choice.active, a))) for a in rest]
         sure = [_surely_better(t, choice) for t in tried]
         best = min((k for k, good in enumerate(sure) if good), key=lambda k: tried[k].loss, default=None)
-        if best is None or tried[best].loss > choice.loss - _PAYS:
+        if best is None or tried[best].loss > choice.loss - PAYS:
             return choice
         if told is not None:
             told(rest[best].name, choice.loss - tried[best].loss)
         # What does not pay alone now will hardly pay beside the best one.
-        rest = [a for k, a in enumerate(rest) if k != best and tried[k].loss < choice.loss - 0.5 * _PAYS]
+        rest = [a for k, a in enumerate(rest) if k != best and tried[k].loss < choice.loss - 0.5 * PAYS]
         choice = tried[best]
     return choice
 
@@ -112,7 +112,7 @@ def trimmed(moments: Moments, prior: Array, choice: Choice, columns: Sequence[in
         if tried[best].loss > choice.loss:
             return choice
         # All that do no harm alone are candidates; the rest is settled.
-        rest = [k for k, t in zip(rest, tried, strict=True) if t.loss <= choice.loss + _PAYS and k != rest[best]]
+        rest = [k for k, t in zip(rest, tried, strict=True) if t.loss <= choice.loss + PAYS and k != rest[best]]
         choice = tried[best]
     return choice
 
@@ -124,15 +124,17 @@ def balanced(moments: Moments, prior: Array, choice: Choice) -> Choice:
     choice = min(tried, key=lambda c: c.loss)
     tried = [evaluated(moments, prior, replace(choice, strength=s)) for s in _STRENGTHS]
     best = min(tried, key=lambda c: c.loss)
-    return best if best.loss < choice.loss - 0.5 * _PAYS else choice
+    return best if best.loss < choice.loss - 0.5 * PAYS else choice
 
 
 def _surely_better(new: Choice, old: Choice) -> bool:
-    """Whether the gain is larger than its own standard error over the blocks: no single stretch of time decides."""
-    if old.errors is None or new.errors is None:
-        return True
-    gain = 0.5 * (old.errors - new.errors).sum(axis=1) / old.errors.sum()
-    gain += 0.5 * ((old.errors - new.errors) / old.errors.sum(axis=0)).mean(axis=1)
+    return old.errors is None or new.errors is None or surely_smaller(new.errors, old.errors)
+
+
+def surely_smaller(new: Array, old: Array) -> bool:
+    """Whether the gain is larger than its own standard error over the blocks (K, n): no single stretch of time decides."""
+    gain = 0.5 * (old - new).sum(axis=1) / old.sum()
+    gain += 0.5 * ((old - new) / old.sum(axis=0)).mean(axis=1)
     return bool(gain.mean() > _SURE * gain.std(ddof=1) / np.sqrt(len(gain)))
 
 

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Possible bodies that predict best: how much to trust the model file, and which effects stand beside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.identification.estimation.consistent import ConsistentFit, columns_of, consistent_fit
+from trueup.identification.estimation.moments import Moments
+from trueup.identification.estimation.selection import PAYS, loss_of, surely_smaller
+from trueup.identification.estimation.torque_model import TorqueModel
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_PULLS = (1e-9, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
+_FIRST = 3
+_SURE = 2.0
+"""Standard deviations by which a drive's inertia must be below zero for it to be tried."""
+_SMOOTH = ("viscous", "quadratic", "root", "offset", "gain")
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """One way to fit, and how well it predicts what is left out."""
+
+    columns: Integers
+    lagging: tuple[int, ...]
+    pull: int
+    """Index into _PULLS."""
+    loss: float
+    errors: Array
+    """(K, n) squared errors of the blocks."""
+    fits: tuple[ConsistentFit, ...]
+    """K, each without one block."""
+
+
+class _Folds:
+    """Normal equations with one block after the other left out."""
+
+    def __init__(self, model: TorqueModel, moments: Moments, weights: Array, prior: Array) -> None:
+        self.gram, self.cross = moments.normal(weights)
+        self.whole = self.gram.sum(axis=0), self.cross.sum(axis=0)
+        self.model, self.moments, self.prior = model, moments, prior
+
+    def trial(self, columns: Integers, lagging: tuple[int, ...], pull: int) -> _Trial:
+        """The errors of K fits on the block that each did not see."""
+        K, scale, fits = len(self.gram), self.moments.scale, []
+        errors = np.ones((K, self.model.tree.n))
+        for k in range(K if K > 1 else 0):
+            gram, cross = self.whole[0] - self.gram[k], self.whole[1] - self.cross[k]
+            fit = consistent_fit(
+                self.model, gram, cross, columns, self.prior, pull=_PULLS[pull], lagging=lagging, exact=False
+            )
+            errors[k] = self.moments.take([k]).errors(fit.parameters * scale)[0]
+            fits.append(fit)
+        return _Trial(columns, lagging, pull, loss_of(errors), errors, tuple(fits))
+
+    def pulled(self, best: _Trial) -> _Trial:
+        """With the pull that predicts best, step by step from the one at hand."""
+        for step in (-1, 1):
+            start = best.pull
+            while 0 <= best.pull + step < len(_PULLS):
+                new = self.trial(best.columns, best.lagging, best.pull + step)
+                if not new.loss < best.loss - (PAYS if step < 0 else 0.0):  # less trust has to pay
+                    break
+                best = new
+            if best.pull != start:
+                break
+        return best
+
+    def released(self, best: _Trial) -> _Trial:
+        """With drives whose torque falls with acceleration, where that is certain and surely predicts better."""
+        lags = columns_of(self.model, "lag")
+        drives = [self.model.effects[int(k) - 10 * self.model.tree.n][0] for k in lags]
+        if not drives or len(best.fits) < 2:
+            return best
+        trial = self.trial(best.columns, tuple(drives), best.pull)
+        found = np.array([fit.parameters[lags] for fit in trial.fits])
+        K = len(found)
+        deviations = np.sqrt((K - 1) * found.var(axis=0))  # the jackknife's
+        sure = tuple(d for d, m, s in zip(drives, found.mean(axis=0), deviations, strict=True) if m < -_SURE * s)
+        if not sure:
+            return best
+        trial = self.trial(best.columns, sure, best.pull)
+        pays = trial.loss < best.loss - PAYS and surely_smaller(trial.errors, best.errors)
+        return trial if pays else best
+
+
+def cross_validated_fit(
+    model: TorqueModel, moments: Moments, weights: Array, active: Integers, prior: Array
+) -> tuple[ConsistentFit, float]:  # fmt: skip
+    """The consistent fit that predicts best what is left out, and its pull towards the model file.
+
+    Possible bodies bend less than free combinations of parameters: smooth friction of all drives, and gains, join the
+    `active` effects where what is left out is predicted better with them, and so does torque that falls with acceleration.
+    """
+    folds = _Folds(model, moments, weights, prior)
+    strict = folds.pulled(folds.trial(np.asarray(active, dtype=np.int64), (), _FIRST))
+    best = folds.released(strict)
+    wide = folds.trial(np.union1d(active, columns_of(model, *_SMOOTH)), best.lagging, best.pull)
+    best = wide if wide.loss < best.loss else best
+    if best is not strict:
+        best = folds.pulled(best)
+    pull = _PULLS[best.pull]
+    return consistent_fit(model, *folds.whole, best.columns, prior, pull=pull, lagging=best.lagging), pull
