@@ -27,9 +27,10 @@ def with_start_scatter(problem: Problem, fit: Fit, rng: np.random.Generator) -> 
     moves with it. The noise is drawn anew on the samples from which the simulator estimates the start, by whatever rule
     it has, and one step with the slopes at the optimum says where each of `_DRAWS` draws would have led.
     """
-    drawn = problem.restarted([[_again(t, rng) for t in problem.trials] for _ in range(_DRAWS)])
+    cheap = fit.near or problem  # a coarser step will do for differences
+    drawn = cheap.restarted([[_again(t, rng) for t in cheap.trials] for _ in range(_DRAWS)])
     residuals = drawn.residuals(fit.values[None]).reshape(_DRAWS, -1)
-    changed = residuals - problem.residuals(fit.values[None])
+    changed = residuals - cheap.residuals(fit.values[None])
     changed = changed[np.isfinite(changed).all(axis=1)]
     if not len(changed):
         return fit
