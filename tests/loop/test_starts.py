@@ -47,7 +47,9 @@ class ByNoise:
         return ((simulated.channels["position"] - real.channel("position").values) / SIGMA).reshape(-1, len(TIME))
 
 
-def test_an_estimate_that_hangs_on_the_start_is_as_unsure_as_repeated_runs_scatter() -> None:
+@pytest.mark.parametrize("level", [None, 7.0])
+def test_an_estimate_that_hangs_on_the_start_is_as_unsure_as_repeated_runs_scatter(level: float | None) -> None:
+    # `level`: what a cheaper problem was shifted by, which has nothing to do with the starts
     found, told = [], []
     for seed in range(30):
         rng = np.random.default_rng(seed)
@@ -57,7 +59,8 @@ def test_an_estimate_that_hangs_on_the_start_is_as_unsure_as_repeated_runs_scatt
         slopes = 2.0 * TIME[:, None] / SIGMA
         unit = 0.5 - float((slopes.T @ problem.residuals(SPACE.nominal[None])[0])[0] / np.sum(slopes**2))
         residual = problem.residuals(SPACE.from_unit(np.array([[unit]])))[0]
-        fit = Fit(SPACE, np.array([unit]), residual, slopes, np.ones(len(TIME)), "")
+        near = None if level is None else problem.shifted(np.full(len(residual), level))
+        fit = Fit(SPACE, np.array([unit]), residual, slopes, np.ones(len(TIME)), "", near=near)
         grown = with_start_scatter(problem, fit, rng)
         assert grown.scatter is not None
         found.append(unit)

@@ -80,7 +80,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         for replay in found:
             name = replay.recording if replay.channel == found[0].channel else f"{replay.recording}-{replay.channel}"
             write_aside(replay_picture(replay), folder / f"{name}.svg")
-        console.print(f"  pictures in {escape(str(folder))}", soft_wrap=True, highlight=False)
+        (told if args.json else console).print(f"  pictures in {escape(str(folder))}", soft_wrap=True, highlight=False)
     return 0
 
 

@@ -75,7 +75,7 @@ def replays(
     before = (against or simulator.shipped()).rollout(problem.trials, np.zeros((1, 0)), controllers)
     failed = [r.trial.name for r in after if r.failures]
     if failed:
-        raise SimulationFailedError(f"the calibrated simulator fails on: {', '.join(failed)}")
+        raise SimulationFailedError(f"the simulator fails on: {', '.join(failed)}")
     found = []
     for k, (recording, old, new) in enumerate(zip(everything, before, after, strict=True)):
         command = command_of(recording)

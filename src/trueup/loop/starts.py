@@ -30,7 +30,7 @@ def with_start_scatter(problem: Problem, fit: Fit, rng: np.random.Generator) -> 
     cheap = fit.near or problem  # a coarser step will do for differences
     drawn = cheap.restarted([[_again(t, rng) for t in cheap.trials] for _ in range(_DRAWS)])
     residuals = drawn.residuals(fit.values[None]).reshape(_DRAWS, -1)
-    changed = residuals - cheap.residuals(fit.values[None])
+    changed = residuals - cheap.restarted([cheap.trials]).residuals(fit.values[None])  # both without a shifted level
     changed = changed[np.isfinite(changed).all(axis=1)]
     if not len(changed):
         return fit
