@@ -20,7 +20,7 @@ _WHOSE = {  # words beside a signal's own that do not change what it is
 }  # fmt: skip
 _UNITS = {"m": ("m", 1.0), "mm": ("mm", 1.0), "cm": ("m", 0.01), "rad": ("rad", 1.0), "deg": ("deg", 1.0),
           "degrees": ("deg", 1.0), "mps": ("m/s", 1.0), "percent": ("", 0.01), "pct": ("", 0.01)}  # fmt: skip
-_RADIANS = {"deg": math.pi / 180.0, "mm": 1e-3}
+_TO_SI = {"deg": math.pi / 180.0, "mm": 1e-3}
 _HEADINGS = ("heading", "yaw", "theta", "psi", "orientation")
 _TURNS = {"w", "wz", "wimu", "yawrate", "yawvel", "yawspeed", "gyroz", "omegaz", "angularvelocityz", "turnrate"}
 _NO_POSE = {"acc", "accel", "acceleration", "imu", "gyro", "mag", "velocity", "vel", "force", "torque", "command"}
@@ -132,7 +132,7 @@ def _together(found: dict[str, ChannelColumns], name: str, signals: Mapping[str,
         return []
     given = {s.unit for s in signals.values() if s.unit}
     own = given.pop() if len(given) == 1 and name != "command" else unit
-    scales = tuple(s.scale * (_RADIANS.get(s.unit, 1.0) if s.unit != own else 1.0) for s in signals.values())
+    scales = tuple(s.scale * (_TO_SI.get(s.unit, 1.0) if s.unit != own else 1.0) for s in signals.values())
     for signal in signals.values():
         entry = found.pop(signal.channel)
         rest = tuple(label for label, c in zip(entry.labels, entry.columns, strict=True) if c != signal.column)
