@@ -25,10 +25,9 @@ def is_urdf(path: str | Path) -> bool:
     file = Path(path)
     if not file.is_file():
         raise ModelError(f"model file '{file}' does not exist (looked in {file.absolute().parent})")
-    try:
-        return next(element.tag for _, element in ElementTree.iterparse(file, events=("start",))) == "robot"
-    except (ElementTree.ParseError, UnicodeDecodeError, StopIteration) as error:
-        raise ModelError(f"model file '{file}' is not XML: {error}") from None
+    from trueup.simulators.mujoco.urdf_text import root_tag
+
+    return root_tag(file) == "robot"
 
 
 @dataclass
@@ -49,8 +48,10 @@ def tree_from_urdf(path: str | Path, *, fix_base: bool = False) -> KinematicTree
 
     Raises ModelError for loops, several roots, joints of other types, and unless `fix_base` for a floating base.
     """
+    from trueup.simulators.mujoco.urdf_text import parsed
+
     file = Path(path)
-    root = ElementTree.parse(file).getroot()
+    root = parsed(file)
     links = {k.get("name", ""): k for k in root.findall("link")}
     below: dict[str, list[Element]] = {}
     children = set()

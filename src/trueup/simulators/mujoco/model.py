@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import re
-import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +12,9 @@ import numpy as np
 
 from trueup.errors import ModelError, unknown_name
 from trueup.simulators.mujoco.floor_plane import add_floor, plane_of
+from trueup.simulators.mujoco.mjcf_spec import mjcf_spec
+from trueup.simulators.mujoco.urdf_spec import urdf_spec
+from trueup.simulators.mujoco.urdf_text import root_tag
 
 _OBJECTS = {
     "joint": mujoco.mjtObj.mjOBJ_JOINT,
@@ -42,7 +43,7 @@ class Model:
     @property
     def is_mjcf(self) -> bool:
         """True for MJCF, False for URDF."""
-        return _root_tag(self.path) == "mujoco"
+        return root_tag(self.path) == "mujoco"
 
     def names(self, kind: str) -> tuple[str, ...]:
         """All names of one kind ('joint', 'actuator', 'body', 'geom', 'sensor'), '' where one has none."""
@@ -91,14 +92,15 @@ def load(path: str | Path) -> Model:
     file = Path(path)
     if not file.is_file():
         raise ModelError(f"model file '{file}' does not exist (looked in {file.absolute().parent})")
-    tag = _root_tag(file)
+    tag = root_tag(file)
     if tag not in ("mujoco", "robot"):
-        raise ModelError(f"model file '{file}' starts with <{tag}>; expected <mujoco> (MJCF) or <robot> (URDF)")
-    spec, notes = _urdf_spec(file) if tag == "robot" else _mjcf_spec(file)
-    try:
+        part = "; this is a part that a whole model includes: give that one" if tag == "mujocoinclude" else ""
+        raise ModelError(f"model file '{file}' starts with <{tag}>; expected <mujoco> (MJCF) or <robot> (URDF){part}")
+    if tag == "mujoco":
+        spec, compiled, notes = mjcf_spec(file)
+    else:
+        spec, notes = urdf_spec(file)
         compiled = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise ModelError(f"model '{file}' does not compile: {_one_line(error)}") from None
     return Model(file, spec, compiled, tuple(notes))
 
 
@@ -165,104 +167,3 @@ def _drop_visuals(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
         return
     for geom in visual:
         spec.delete(geom)
-
-
-def _mjcf_spec(file: Path) -> tuple[mujoco.MjSpec, list[str]]:
-    try:
-        spec = mujoco.MjSpec.from_file(str(file))
-    except (ValueError, mujoco.FatalError) as error:
-        raise ModelError(f"model '{file}' does not compile: {_one_line(error)}") from None
-    folder = file.parent / (spec.meshdir or "")
-    missing = [m for m in spec.meshes if m.file and not (folder / m.file).is_file() and not Path(m.file).is_file()]
-    if not missing:
-        return spec, []
-    gone = {m.name or Path(m.file).stem for m in missing}
-    geoms = [g for g in spec.geoms if g.meshname in gone]
-    bodies = sorted({g.parent.name for g in geoms})
-    for geom in geoms:
-        spec.delete(geom)
-    for mesh in missing:
-        spec.delete(mesh)
-    return spec, [_mesh_note(len(gone), bodies)]
-
-
-def _urdf_spec(file: Path) -> tuple[mujoco.MjSpec, list[str]]:
-    """A URDF through MuJoCo's reader, its mesh names resolved next to the file and above it, or left out."""
-    tree = ElementTree.parse(file)
-    root = tree.getroot()
-    lost: set[str] = set()
-    links: set[str] = set()
-    for link in root.iter("link"):
-        for part in [*link.findall("visual"), *link.findall("collision")]:
-            for mesh in part.iter("mesh"):
-                found = _resolve(mesh.get("filename", ""), file.parent)
-                if found is None:
-                    lost.add(mesh.get("filename", ""))
-                    links.add(link.get("name", "?"))
-                    link.remove(part)
-                    break
-                mesh.set("filename", str(found))
-    extension = root.find("mujoco")
-    if extension is None:
-        extension = ElementTree.SubElement(root, "mujoco")
-    compiler = extension.find("compiler")
-    if compiler is None:
-        compiler = ElementTree.SubElement(extension, "compiler")
-    for key, value in {"strippath": "false", "fusestatic": "false", "discardvisual": "true"}.items():
-        compiler.attrib.setdefault(key, value)
-    massless = [k.get("name", "?") for k in root.iter("link") if k.find("inertial") is None]
-    notes = [_mesh_note(len(lost), sorted(links))] if lost else []
-    if massless and len(massless) < len(list(root.iter("link"))):
-        notes.append(f"links without <inertial> carry no mass: {', '.join(massless)}")
-    return _compilable(file, root, compiler, notes), notes
-
-
-def _compilable(
-    file: Path, root: ElementTree.Element, compiler: ElementTree.Element, notes: list[str]
-) -> mujoco.MjSpec:
-    """The spec; where moving links have no mass, MuJoCo's smallest is given to them and said."""
-    try:
-        spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
-        spec.compile()
-        return spec
-    except (ValueError, mujoco.FatalError) as error:
-        if "mass and inertia of moving bodies" not in str(error):
-            raise ModelError(f"model '{file}' does not compile: {_one_line(error)}") from None
-    compiler.set("boundmass", "1e-4")
-    compiler.set("boundinertia", "1e-7")
-    notes.append("moving links without mass were given 0.1 g; forces there mean nothing until <inertial> is filled in")
-    try:
-        return mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"))
-    except (ValueError, mujoco.FatalError) as error:
-        raise ModelError(f"model '{file}' does not compile: {_one_line(error)}") from None
-
-
-def _resolve(name: str, folder: Path) -> Path | None:
-    """The mesh file that a URDF names: as written, or with its package looked for in the folders above."""
-    plain = re.sub(r"^(package|file|model)://", "", name)
-    if not plain.lower().endswith((".stl", ".obj", ".msh")):
-        return None  # MuJoCo reads no other format
-    choices = [folder / plain]
-    for above in [folder, *folder.parents][:4]:
-        choices += [above / plain, above / Path(*Path(plain).parts[1:])] if len(Path(plain).parts) > 1 else []
-    return next((c.resolve() for c in choices if c.is_file()), None)
-
-
-def _mesh_note(count: int, places: Iterable[str]) -> str:
-    return (
-        f"{count} meshes could not be found and were left out, at: {', '.join(places)}. This costs pictures and contacts "
-        "there; a body whose inertia came from such a mesh needs an <inertial> of its own"
-    )
-
-
-def _root_tag(file: Path) -> str:
-    try:
-        for _, element in ElementTree.iterparse(file, events=("start",)):
-            return element.tag
-    except (ElementTree.ParseError, UnicodeDecodeError) as error:
-        raise ModelError(f"model file '{file}' is not XML: {error}") from None
-    return "nothing"
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())

@@ -15,6 +15,7 @@ from trueup.simulators.mujoco.edits import Edits, read
 from trueup.simulators.mujoco.fields import SingleModel, write_fields
 from trueup.simulators.mujoco.floor_plane import FLOOR_KINDS, plane_of
 from trueup.simulators.mujoco.inertia import body_inertia
+from trueup.simulators.mujoco.mjcf_spec import name_in_text
 from trueup.simulators.mujoco.mjcf_text import MjcfText
 from trueup.simulators.mujoco.quantities import kind
 from trueup.simulators.mujoco.rollout import MujocoSimulator
@@ -105,6 +106,7 @@ def _write(
     """One attempt: edit the text, write it aside, load it, compare, rename."""
     model = simulator.model
     text = MjcfText(content)
+    name_in_text(text, model.spec)
     edits = Edits(text, model.compiled, wanted, degrees=degrees, autolimits=bool(model.spec.compiler.autolimits))
     for quantity in simulator.quantities:
         for target in quantity.targets:
