@@ -20,7 +20,7 @@ from trueup.loop.calibrate import Options
 from trueup.recording import Channel, Recording
 from trueup.simulators.car import QUANTITIES, Car, CarSimulator, car_space
 from trueup.simulators.car.car_file import read_car, write_car
-from trueup.simulators.car.kernels import motor_push
+from trueup.simulators.car.kernels import ANGLE, FORWARD, STATE, WHEEL, motor_push, steered, step_car
 from trueup.simulators.car.look import first_look, unseen
 from trueup.simulators.car.prediction import prediction_errors
 from trueup.simulators.car.tracking import cleaned
@@ -30,7 +30,8 @@ Array = NDArray[np.float64]
 
 HIDDEN = {
     "steering_delay": 0.04, "steering_lag": 0.06, "steering_play": 0.03, "steering_left": 0.45, "steering_right": 0.52,
-    "steering_bend": 0.1, "steering_offset": 0.03, "understeer": 0.004, "grip": 150.0, "friction_limit": 7.0,
+    "steering_bend": 0.1, "steering_offset": 0.03, "relaxation": 0.08, "understeer": 0.004, "grip": 150.0,
+    "friction_limit": 7.0,
     "throttle_delay": 0.05, "throttle_lag": 0.1, "throttle_dead": 0.06, "drive": 14.0, "drive_fade": 0.08,
     "friction": 1.0, "speed_loss": 0.9, "curve_loss": 0.15, "pose_ahead": 0.05, "pose_turn": 0.02,
 }  # fmt: skip
@@ -198,6 +199,20 @@ def test_what_a_wheel_showed_just_before_is_expected_to_last_a_while(drive: Reco
     errors = prediction_errors(off, np.zeros(0), drive, (1.0,)).mean()
     moved = 0.5 * 0.45 * 0.08 / 0.2 * float(np.median(drive.channel("speed").values)) ** 2  # m after 1 s, by geometry
     assert errors < 0.8 * moved
+
+
+def test_a_new_wheel_angle_takes_effect_after_a_way_not_after_a_time() -> None:
+    """Rolled as far, a slow and a faster car with the same tyres have turned as far towards the new angle's curve."""
+    row = replace(TRUTH, values={**HIDDEN, "relaxation": 0.1, "understeer": 0.0, "friction_limit": 12.0}).row
+    shares = []
+    for speed in (0.3, 0.6):
+        state = np.zeros(STATE)
+        for _ in range(round(0.1 / speed / 1e-3)):
+            state[[WHEEL, FORWARD]] = 0.3, speed
+            step_car(row, 1e-3, state)
+        shares.append(state[ANGLE] / steered(row, 0.3))
+    assert shares[0] == pytest.approx(1.0 - np.exp(-1.0), abs=0.01)
+    assert shares[1] == pytest.approx(shares[0], abs=0.01)
 
 
 def test_a_switch_cuts_the_throttle(drive: Recording) -> None:

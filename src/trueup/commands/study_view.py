@@ -21,7 +21,7 @@ from rich.progress import (
 from rich.table import Table
 
 if TYPE_CHECKING:
-    from trueup.studies.stanley.run import Study
+    from trueup.studies.stanley.study import Study
 
 
 class SearchWatcher:

@@ -46,6 +46,8 @@ QUANTITIES = (
     CarQuantity("steering_bend", "", 0.0, -0.3, 0.6, "linear", "share of the angle that is missing at a command of one",
                 "gentle and sharp curves"),
     CarQuantity("steering_offset", "", 0.0, -0.3, 0.3, "linear", "added to the steering command", _STRAIGHT),
+    CarQuantity("relaxation", "m", 0.05, 0.0, 1.0, "linear", "way rolled until the tyres take up a new wheel angle",
+                "quick changes of steering at several speeds"),
     CarQuantity("understeer", "rad s^2/m", 0.005, -0.005, 0.05, "linear",
                 "wheel angle that a curve needs beyond its geometry, per sideways acceleration", _FAST),
     CarQuantity("grip", "m/s^2", 200.0, 10.0, 400.0, "log", "cornering stiffness behind over half the mass, per rad", _FAST,

@@ -18,21 +18,22 @@ Indices = NDArray[np.int64]
 
 (
     WHEELBASE, STEERING_DELAY, STEERING_LAG, STEERING_PLAY, STEERING_LEFT, STEERING_RIGHT, STEERING_BEND,
-    STEERING_OFFSET, UNDERSTEER, GRIP, FRICTION_LIMIT, WEIGHT_IN_FRONT, YAW_INERTIA, THROTTLE_DELAY,
+    STEERING_OFFSET, RELAXATION, UNDERSTEER, GRIP, FRICTION_LIMIT, WEIGHT_IN_FRONT, YAW_INERTIA, THROTTLE_DELAY,
     THROTTLE_LAG, THROTTLE_DEAD, DRIVE, DRIVE_FADE, FRICTION, SPEED_LOSS, CURVE_LOSS, POSE_AHEAD, POSE_TURN,
-) = range(23)  # fmt: skip
+) = range(24)  # fmt: skip
 """Columns of a row: the car, then QUANTITIES in their order."""
 
 READ = 5
 """What is read off: x, y (m) and heading (rad) of the tracked point; speed (m/s); yaw rate (rad/s)."""
-STATE = 11
-SERVO, WHEEL, MOTOR, FORWARD, SIDEWAYS, TURNING, X, Y, HEADING, PUSH, TRIM = range(STATE)
-"""Steering after lag, after play; throttle after lag; velocities of the centre of mass (m/s, m/s, rad/s); its pose; and what
-the car showed beyond the model just before: an acceleration (m/s^2: battery, slope, floor) and a wheel angle (rad: a servo
-that stopped short, play)."""
+STATE = 12
+SERVO, WHEEL, ANGLE, MOTOR, FORWARD, SIDEWAYS, TURNING, X, Y, HEADING, PUSH, TRIM = range(STATE)
+"""Steering after lag, after play; wheel angle that the tyres have taken up (rad); throttle after lag; velocities of the
+centre of mass (m/s, m/s, rad/s); its pose; and what the car showed beyond the model just before: an acceleration (m/s^2:
+battery, slope, floor) and a wheel angle (rad: a servo that stopped short, play)."""
 
 _MOST_TRIM = 0.1  # rad
 _STIFFEST = 1e-3  # rad s^2/m
+_SHORTEST = 1e-6  # m
 _SLOW = 0.05  # m/s: below, tyres are treated as at this speed
 _TRUST = 0.7  # share of what the last seconds showed beyond the model that is expected to go on
 _TRIM_TRUST, _TRIM_SEEN, _TRIM_LASTS = (
@@ -70,6 +71,14 @@ def step_actuators(p: Array, throttle: float, steering: float, shares: Array, s:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def steered(p: Array, wheel: float) -> float:
+    """Wheel angle in rad for a command after lag and play."""
+    command = wheel + p[STEERING_OFFSET]
+    angle = (p[STEERING_LEFT] if command > 0.0 else p[STEERING_RIGHT]) * command
+    return angle * (1.0 - p[STEERING_BEND] * command * command)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def motor_push(p: Array, throttle: float, speed: float) -> float:
     """Acceleration by the motor: none within the dead zone; forward less, the faster it turns (its own voltage)."""
     if throttle > p[THROTTLE_DEAD]:
@@ -80,9 +89,11 @@ def motor_push(p: Array, throttle: float, speed: float) -> float:
 @njit(cache=True, nogil=True, error_model="numpy")
 def step_car(p: Array, dt: float, s: Array) -> None:
     """Velocities and pose one step on, with the wheels and the motor where they are."""
-    command = s[WHEEL] + p[STEERING_OFFSET]
-    angle = (p[STEERING_LEFT] if command > 0.0 else p[STEERING_RIGHT]) * command
-    angle = angle * (1.0 - p[STEERING_BEND] * command * command) + s[TRIM]
+    # Side forces grow with the way rolled, not with time (relaxation length: H. B. Pacejka, Tire and Vehicle Dynamics).
+    way = dt * max(s[FORWARD], _SLOW)
+    taken_up = (1.0 - math.exp(-way / max(p[RELAXATION], _SHORTEST))) * (steered(p, s[WHEEL]) - s[ANGLE])
+    angle = s[ANGLE] + 0.5 * taken_up + s[TRIM]
+    s[ANGLE] += taken_up
     s[TRIM] *= 1.0 - dt / _TRIM_LASTS
     front = p[WHEELBASE] * (1.0 - p[WEIGHT_IN_FRONT])  # centre of mass to axles
     rear = p[WHEELBASE] * p[WEIGHT_IN_FRONT]
@@ -139,6 +150,7 @@ def begin(
         if k == first:
             s[FORWARD], s[TURNING] = max(seen[k, 3], 0.0), seen[k, 5]
             s[SIDEWAYS] = seen[k, 4] - p[POSE_AHEAD] * s[TURNING]
+            s[ANGLE] = steered(p, s[WHEEL])
         step_car(p, dt, s)
         if seen[k, 3] > _MOVES:
             curvature = seen[k + 1, 5] / max(seen[k + 1, 3], _MOVES) - s[TURNING] / max(s[FORWARD], _MOVES)
@@ -154,6 +166,7 @@ def begin(
         s[TRIM] = min(max(_TRIM_TRUST * bent, -_MOST_TRIM), _MOST_TRIM)
     if past == 0:
         s[TURNING] = seen[k0, 5]
+        s[ANGLE] = steered(p, s[WHEEL])
         s[SIDEWAYS] = seen[k0, 4] - p[POSE_AHEAD] * s[TURNING]
     s[FORWARD] = max(seen[k0, 3], 0.0)
     s[HEADING] = seen[k0, 2] + turned

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING
 
 from trueup.discrepancies.path_shape import READINGS
 from trueup.report.markup import Child, Markup, escape, join, tag
@@ -16,10 +15,8 @@ from trueup.report.writing import write_aside
 from trueup.studies.stanley import chasi
 from trueup.studies.stanley.figures import deviation, figure_four, profile_plots, trace
 from trueup.studies.stanley.paper import BAND, SPACING
+from trueup.studies.stanley.study import Study
 from trueup.studies.stanley.table import PAPER_SIMULATION, costs, improvement
-
-if TYPE_CHECKING:
-    from trueup.studies.stanley.run import Study
 
 
 def write_study_report(study: Study, path: Path) -> Path:

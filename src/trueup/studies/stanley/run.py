@@ -6,7 +6,6 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,43 +15,23 @@ from trueup.loop.transfer import try_on_robot
 from trueup.robots.stand_in_vehicle import StandInVehicle
 from trueup.simulators.bicycle import BETAS
 from trueup.studies.stanley import chasi
-from trueup.studies.stanley.courses import Courses, across_courses, true_errors
+from trueup.studies.stanley.courses import across_courses, true_errors
 from trueup.studies.stanley.drives import noise_of
 from trueup.studies.stanley.paper import (
     CALIBRATION_TRIALS,
     TUNING_TRIALS,
     PaperStudy,
-    Searched,
     Told,
     calibrate_betas,
     paper_study,
 )  # fmt: skip
-from trueup.studies.stanley.profile import Profile, profiles
+from trueup.studies.stanley.profile import profiles
+from trueup.studies.stanley.study import Study
 from trueup.studies.stanley.tuning import Tuned, tune
 
 Array = NDArray[np.float64]
 
 NOISY = (*BETAS, "position_noise", "heading_noise")
-
-
-@dataclass(frozen=True, eq=False)
-class Study:
-    """All that the report tells."""
-
-    paper: PaperStudy
-    paper_seconds: float
-    """Wall time of the paper's part, both runs of the robot and all trials."""
-    tuned: Tuned
-    noise: Searched
-    """The paper's search with localisation noise among the parameters."""
-    noise_truth: tuple[float, float]
-    """What the stand-in really has, in m and rad."""
-    profiles: tuple[Profile, ...]
-    courses: Courses
-    errors: Array
-    """(3,) true distance of the robot from the path, in m: initial gains, the paper's way, in rounds."""
-    seconds: float
-    report: Path | None = None
 
 
 def run_study(
@@ -98,7 +77,7 @@ def run_study(
 
 
 def _reported(study: Study, folder: Path, say: Callable[[str], None]) -> Study:
-    from trueup.studies.stanley.report import write_study_report
+    from trueup.studies.stanley.report import write_study_report  # pictures are loaded when there is something to show
 
     path = write_study_report(study, folder / "report.html")
     say(f"wrote {path}")
