@@ -125,3 +125,15 @@ def test_what_was_guessed_reads_like_no_mapping_at_all(tmp_path: Path, small_fil
         assert channel.labels == ("hip", "knee")
     assert "position: taken as rad" in plain.provenance["guesses"]
     assert "guesses" not in mapped.provenance
+
+
+def test_a_unit_at_the_end_of_a_name_says_what_it_is_of(tmp_path: Path) -> None:
+    path = tmp_path / "arm.csv"
+    rows = "\n".join(f"{10 * i},{i},{2 * i},{i + 1},{2 * i + 1},{0.1 * i},{i}" for i in range(20))
+    head = "timestamp_ms,goal_elbow_deg,goal_gripper_mm,present_elbow_deg,present_gripper_mm,elbow_Nm,elbow_dps"
+    path.write_text(f"{head}\n{rows}\n")
+    (found,) = formats.read([path])
+    assert found.channel("command").labels == found.channel("position").labels == ("elbow", "gripper")
+    assert np.allclose(found.channel("position").values[-1], [np.radians(20.0), 0.039]), "degrees and millimetres"
+    assert found.channel("torque").labels == ("elbow",)
+    assert found.channel("velocity").values[-1] == pytest.approx(np.radians(19.0))

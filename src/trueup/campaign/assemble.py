@@ -142,6 +142,15 @@ def joints_of(model_path: str | Path) -> tuple[str, ...]:
     return load(model_path).scalar_joints()
 
 
+def drives_of(model_path: str | Path) -> dict[str, str]:
+    """A model's hinge and slide joints, each to the name of the actuator that drives it or ''. Raises ModelError."""
+    from trueup.simulators.mujoco.model import load
+
+    model = load(model_path)
+    driven, names = model.actuator_of_joint(), model.names("actuator")
+    return {j: names[driven[j]] if j in driven else "" for j in model.scalar_joints()}
+
+
 class _Told(TypedDict):
     """What goes through to `calibrate` as it is."""
 

@@ -7,14 +7,15 @@ import argparse
 import dataclasses
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
 
-from trueup.campaign.assemble import joints_of
+from trueup.campaign.assemble import drives_of, joints_of
+from trueup.commands.joint_names import match_joints
 from trueup.commands.sources import MAPPING, mapping_for, readable
 from trueup.errors import MappingError
 from trueup.formats import ChannelMap, TimeColumn, guess_mapping, read
@@ -59,7 +60,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     if mapping is None and any("reader" in r.provenance for r in recordings):
         guess = _with_rate(guess_mapping(paths), args.rate)
         if args.model is not None:
-            guess, said = _renamed(guess, recordings, joints_of(args.model))
+            guess, said = _renamed(guess, recordings, drives_of(args.model))
             notes += said
         guess.save(target)
         written = target
@@ -127,27 +128,24 @@ def _unknown(recordings: Sequence[Recording], model: str) -> list[str]:
     )
 
 
-def _renamed(guess: ChannelMap, recordings: Sequence[Recording], joints: Sequence[str]) -> tuple[ChannelMap, list[str]]:
-    """Joint names of the model for those in the file: alike but for capitals, else by order where the counts agree."""
+def _renamed(
+    guess: ChannelMap, recordings: Sequence[Recording], drives: Mapping[str, str]
+) -> tuple[ChannelMap, list[str]]:
+    """The guess with names of the model's joints for those in the files, and what to say of it."""
     labels = _labels(recordings)
-    if all(label in joints for label in labels):
+    if all(label in drives for label in labels):
         return guess, []
-    alike = {_key(j): j for j in joints}
-    if all(_key(label) in alike for label in labels):
-        names, how = {label: alike[_key(label)] for label in labels}, "by name"
-    elif len(labels) == len(joints):
-        names, how = dict(zip(labels, joints, strict=True)), "by order, which nothing here can prove: check them"
-    else:
-        return guess, [
-            f"the files speak of {len(labels)} joints ({', '.join(labels)}), the model has {len(joints)} "
-            f"({', '.join(joints)}): fill in [joints] in the mapping"
-        ]
+    names, how = match_joints(labels, drives)
     said = ", ".join(f"{old} -> {new}" for old, new in names.items() if old != new)
-    return dataclasses.replace(guess, joints=names), [f"joints renamed {how}: {said}"]
-
-
-def _key(name: str) -> str:
-    return "".join(c for c in name.casefold() if c.isalnum())
+    notes = [f"joints renamed {how}: {said}"] if said else []
+    unknown = [label for label in labels if label not in names]
+    if unknown:
+        left = [j for j in drives if j not in names.values()]
+        notes.append(
+            f"no joint of the model was found for {', '.join(unknown)} (left are: {', '.join(left) or 'none'}): "
+            "fill in [joints] in the mapping"
+        )
+    return dataclasses.replace(guess, joints=names), notes
 
 
 def _show(inspection: Inspection, console: Console) -> None:

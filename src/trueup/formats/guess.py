@@ -174,12 +174,16 @@ def _distinct(members: Sequence[_Column]) -> list[_Column]:
 def _channel(group: Sequence[_Column], clocks: Clocks, tables: Sequence[Table]) -> ChannelColumns:
     table = group[0].table
     width = clocks.widths.get(table.name, 0)
+    units = {member.unit for member in group}
+    mixed = len(units) > 1 and all(u and to_si(u)[0] in ("rad", "m") for u in units)
     return ChannelColumns(
         columns=tuple(member.name for member in group),
         file=table.name if len(tables) > 1 else "",
         labels=_labels(group, width),
         width=width,
-        unit=group[0].unit if len({member.unit for member in group}) == 1 else "",
+        unit=group[0].unit if len(units) == 1 else "rad" if mixed else "",
+        # Hinges in degrees beside a slide in millimetres: each number to rad or m by itself.
+        scale=tuple(to_si(member.unit)[1] for member in group for _ in range(member.width)) if mixed else (1.0,),
         **clocks.keys_of(table, group[0].clock),
     )
 
@@ -243,7 +247,9 @@ def _notes(channels: dict[str, ChannelColumns], groups: dict[str, list[_Column]]
             )
     for name, channel in channels.items():
         mixed = sorted({to_si(member.unit)[0] for member in groups[name]})
-        if len(mixed) > 1:
+        if len(mixed) > 1 and channel.unit:
+            notes.append(f"{name}: its columns have different units; `scale` makes rad of angles and m of lengths")
+        elif len(mixed) > 1:
             notes.append(f"{name}: its columns have different units ({listing(mixed)}); split it: {channel.columns}")
     return notes
 

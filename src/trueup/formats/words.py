@@ -14,7 +14,7 @@ _KINDS = {
     "velocity": "velocity velocities vel vels speed speeds qd dq qvel omega jointvel",
     "acceleration": "acceleration accelerations acc accel qdd ddq qacc",
     "torque": "torque torques tau taus effort efforts moment trq tq qfrc",
-    "current": "current currents cur curr amps amperage",
+    "current": "current currents cur curr amps amperage iq",
     "load": "load loads",
     "voltage": "voltage voltages volt volts",
     "temperature": "temperature temperatures temp temps",
@@ -29,6 +29,8 @@ _MEASURED = (
     "measured meas msr msd actual present feedback fb observation observed obs state states read sensor sensed data "
     "motor motors joint joints field"
 )
+_PLAINLY_MEASURED = frozenset(["measured", "meas", "msr", "msd", "actual", "present", "feedback"])
+"""Words that mean a position where nothing says of what."""
 _NEUTRAL = "controller controllers trajectory"
 _TIME = (
     "time timestamp timestamps t stamp stamps times clock elapsed ts sec secs seconds millis micros datetime msec usec "
@@ -112,7 +114,12 @@ def meaning(name: str) -> Meaning:
     kinds = [_kind(word) for word in plain]
     commands = [_is_command(i, plain) for i in range(len(plain))]
     kind = next((k for k in kinds if k), "")
+    told = any(commands) or bool(_PLAINLY_MEASURED & set(plain))
     suffix, where = ("", range(0)) if unit else _unit_suffix(bare, kind)
+    if not kind and not (VOCABULARY.axes | {"heading"}) & set(plain[:1]):
+        kind, suffix, where = _kind_by_unit(bare, unit, suffix, where, told=told)
+    if not kind and told and not any(commands):
+        kind = "position"
     keep = [
         kept and start not in where
         for kept, (_, start, _) in zip(_kept_words(spans, kinds, commands), spans, strict=True)
@@ -188,6 +195,20 @@ def _unit_suffix(bare: str, kind: str) -> tuple[str, range]:
         if unit and len(pieces) > count:
             return unit, range(tail[0][1], tail[-1][2])
     return "", range(0)
+
+
+def _kind_by_unit(bare: str, unit: str, suffix: str, where: range, *, told: bool) -> tuple[str, str, range]:
+    """The kind that a unit speaks of where no word does: "goal_elbow_deg", "tool (N m)"; with the unit's suffix.
+
+    Single letters say so only where the name is `told` to be a command or a measurement.
+    """
+    for kind, known in _UNIT_SUFFIXES.items():
+        if unit and unit in known.values():
+            return (kind, suffix, where) if told or len(unit) > 1 else ("", suffix, where)
+        found, there = _unit_suffix(bare, kind) if not unit else ("", range(0))
+        if found and (told or len(there) > 1):
+            return kind, found, there
+    return "", suffix, where
 
 
 def _kept_words(spans: Sequence[tuple[str, int, int]], kinds: Sequence[str], commands: Sequence[bool]) -> list[bool]:

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Joints of logs are found in the model by name, by what drives them, or by order; and what is not certain is said."""
+
+from __future__ import annotations
+
+from trueup.commands.joint_names import match_joints
+
+ARM = {"joint_1": "joint_1", "joint_2": "joint_2", "right_carriage": "", "left_carriage": "left_gripper"}
+
+
+def test_names_are_alike_but_for_capitals_and_filling_words() -> None:
+    drives = {"FL_hip_joint": "FL_hip", "FL_knee_joint": "FL_knee"}
+    assert match_joints(["fl_knee", "flHip"], drives) == (
+        {"fl_knee": "FL_knee_joint", "flHip": "FL_hip_joint"},
+        "by name",
+    )
+
+
+def test_a_gripper_is_the_joint_that_its_actuator_drives() -> None:
+    names, how = match_joints(["Joint1", "Joint2", "gripper"], ARM)
+    assert names == {"Joint1": "joint_1", "Joint2": "joint_2", "gripper": "left_carriage"}
+    assert how == "by name"
+
+
+def test_what_shares_no_name_goes_by_the_order_of_the_driven_joints() -> None:
+    names, how = match_joints(["a", "b", "c"], ARM)
+    assert list(names.values()) == ["joint_1", "joint_2", "left_carriage"]
+    assert "check" in how
+
+
+def test_what_cannot_be_known_stays_open() -> None:
+    names, _ = match_joints(["elbow", "joint_1"], {"joint_1": "", "x": "", "y": ""})
+    assert names == {"joint_1": "joint_1"}
