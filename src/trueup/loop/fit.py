@@ -68,7 +68,7 @@ def fit(
             run.point = _evolve(stage.problem, space, point, watch, seed, short=True)
             run.descend(stage)
         elif search == "auto" and not resume:
-            other = _elsewhere(stage.problem, run.space, found)
+            other = _elsewhere(stage.problem, run.space, found, stages[0].problem)
             if other is not None:
                 run.point = other
                 run.descend(stage)
@@ -117,7 +117,7 @@ def _evolve(problem: Problem, space: ParameterSpace, point: Array, watch: Watch,
     return search.best[0]
 
 
-def _elsewhere(problem: Problem, space: ParameterSpace, last: LeastSquares) -> Array | None:
+def _elsewhere(problem: Problem, space: ParameterSpace, last: LeastSquares, first: Problem) -> Array | None:
     """A better point along the axis of a parameter that has no slope where it is, or is at a bound, if there is one.
 
     The friction of a foot that sticks and the force limit of a drive that never saturates have none: slopes alone would
@@ -132,11 +132,17 @@ def _elsewhere(problem: Problem, space: ParameterSpace, last: LeastSquares) -> A
     if not len(blind):
         return None
 
+    # Of long recordings the first seconds are looked at, and the whole of them only at what was found there.
+    quick = first if _simulated(first) < 0.5 * _simulated(problem) else problem
+
+    def losses_of(where: Problem, points: Array) -> Array:
+        losses = robust_losses(where.residuals(space.from_unit(points)), _BEND)
+        return np.where(np.isfinite(losses), losses, np.inf)
+
     def seen(columns: NDArray[np.intp], places: Array) -> tuple[Array, Array]:
         points = np.repeat(last.point[None], len(columns), axis=0)
         points[np.arange(len(points)), columns] = places
-        losses = robust_losses(problem.residuals(space.from_unit(points)), _BEND)
-        return points, np.where(np.isfinite(losses), losses, np.inf)
+        return points, losses_of(quick, points)
 
     places = np.linspace(0.05, 0.95, 10)
     _, losses = seen(np.repeat(blind, len(places)), np.tile(places, len(blind)))
@@ -145,4 +151,15 @@ def _elsewhere(problem: Problem, space: ParameterSpace, last: LeastSquares) -> A
     closer = np.clip(places[place] + np.linspace(-0.1, 0.1, 11), 0.0, 1.0)
     points, losses = seen(np.full(len(closer), blind[column]), closer)
     best = int(np.argmin(losses))
-    return points[best] if losses[best] < _BETTER * robust_losses(last.residual[None], _BEND)[0] else None
+    here = robust_losses(last.residual[None], _BEND)[0]
+    if quick is not problem:
+        if losses[best] >= _BETTER * losses_of(quick, last.point[None])[0]:
+            return None
+        losses = losses_of(problem, points[best][None])
+        points, best = points[best][None], 0
+    return points[best] if losses[best] < _BETTER * here else None
+
+
+def _simulated(problem: Problem) -> float:
+    """Number of steps that one candidate costs."""
+    return sum(t.duration for t in problem.trials) / problem.simulator.step
