@@ -43,7 +43,7 @@ def _found(arms: SimpleNamespace, rotors: Array) -> tuple[TorqueModel, Consisten
 def test_bodies_leave_a_wrong_file_as_far_as_sound_logs_ask_for(arms: SimpleNamespace) -> None:
     model, fit, clean, pull = _found(arms, arms.rotors)
     error = clean.torque - clean.predict(fit.parameters)
-    assert pull < 1e-5
+    assert pull <= 1e-4
     assert fit.lagging == ()
     assert not fit.parameters[columns_of(model, "lag")].any()
     assert np.all(np.std(error, axis=0) < 0.004 * np.std(clean.torque, axis=0))

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Bodies that can exist: the conic fit keeps to the cone, finds a possible truth, and says where the data left it."""
+"""Bodies that can exist: the fit keeps to the cone, finds a possible truth, and says where the data left it."""
 
 from __future__ import annotations
 
 from types import SimpleNamespace
 
+import clarabel
 import numpy as np
 import pytest
+import scipy.sparse as sparse
 from numpy.typing import NDArray
 
 from trueup.identification.estimation.consistent import ConsistentFit, consistent_fit, violations
@@ -19,10 +21,8 @@ Array = NDArray[np.float64]
 
 
 def _fit(model: TorqueModel, rows: Rows, prior: Array) -> ConsistentFit:
-    moments = moments_of([rows])
-    gram, cross = (x[0] for x in moments.weighted(np.ones(model.tree.n)))
-    gram, cross = gram * moments.scale[:, None] * moments.scale, cross * moments.scale
-    return consistent_fit(model, gram, cross, np.arange(10 * model.tree.n, model.p), prior)
+    normal = moments_of([rows]).normal(np.ones(model.tree.n)).whole()
+    return consistent_fit(model, normal, np.arange(10 * model.tree.n, model.p), prior)
 
 
 @pytest.fixture
@@ -62,3 +62,37 @@ def test_a_body_that_cannot_exist_is_described_and_marked(made: tuple[TorqueMode
     assert violations(model, impossible)[3] == "mass -1 kg"
     pushed = Rows(rows.columns, rows.values, rows.predict(impossible), rows.time, rows.p)
     assert 3 in _fit(model, pushed, truth).boundary
+
+
+def test_no_possible_bodies_fit_better_says_a_conic_solver(made: tuple[TorqueModel, Rows, Array]) -> None:
+    model, rows, truth = made
+    rng, n = np.random.default_rng(2), model.tree.n
+    noisy = Rows(rows.columns, rows.values, rows.torque + 8.0 * rng.normal(size=rows.torque.shape), rows.time, rows.p)
+    normal = moments_of([noisy]).normal(np.ones(n)).whole()
+
+    def squares(x: Array) -> float:
+        return float(x @ normal.gram @ x - 2.0 * normal.cross @ x + normal.square)
+
+    found = consistent_fit(model, normal, np.arange(10 * n, model.p), truth, pull=1e-6)
+    best = squares(_conic(normal.gram, normal.cross, n))
+    assert squares(found.parameters) < (1.0 + 1e-3) * best
+
+
+def _conic(gram: Array, cross: Array, n: int) -> Array:
+    """The best possible bodies and rotors by an independent solver."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-9 * np.diag(gram).max()))
+    basis, upper = pseudo_inertia(np.eye(10)), [(i, k) for k in range(4) for i in range(k + 1)]
+    A = np.zeros((len(cross), len(cross)))
+    for j in range(n):
+        for r, (i, k) in enumerate(upper):
+            own = slice(10 * j, 10 * j + 10)
+            A[10 * j + r, own] = -basis[:, i, k] * scale[own] * (1.0 if i == k else np.sqrt(2.0))
+    A[10 * n :, 10 * n :] = -np.eye(len(cross) - 10 * n)
+    P = gram * scale[:, None] * scale + 1e-10 * np.eye(len(cross))
+    cones = [*[clarabel.PSDTriangleConeT(4)] * n, clarabel.NonnegativeConeT(len(cross) - 10 * n)]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    solver = clarabel.DefaultSolver(
+        sparse.csc_matrix(np.triu(P)), -cross * scale, sparse.csc_matrix(A), np.zeros(len(cross)), cones, settings
+    )
+    return np.asarray(solver.solve().x) * scale

@@ -16,8 +16,8 @@ from trueup.identification.estimation.torque_model import TorqueModel
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-_PULLS = (1e-9, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
-_FIRST = 3
+_PULLS = (1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2)
+_FIRST = 1
 _SURE = 2.0
 """Standard deviations by which a drive's inertia must be below zero for it to be tried."""
 _SMOOTH = ("viscous", "quadratic", "root", "offset", "gain")
@@ -42,34 +42,47 @@ class _Folds:
     """Normal equations with one block after the other left out."""
 
     def __init__(self, model: TorqueModel, moments: Moments, weights: Array, prior: Array) -> None:
-        self.gram, self.cross = moments.normal(weights)
-        self.whole = self.gram.sum(axis=0), self.cross.sum(axis=0)
+        normal = moments.normal(weights)
+        self.whole, self.others = normal.whole(), [normal.without(k) for k in range(len(normal.square))]
         self.model, self.moments, self.prior = model, moments, prior
+
+    def fit(self, columns: Integers, lagging: tuple[int, ...], pull: int) -> ConsistentFit:
+        """To all blocks."""
+        return consistent_fit(self.model, self.whole, columns, self.prior, pull=_PULLS[pull], lagging=lagging)
 
     def trial(self, columns: Integers, lagging: tuple[int, ...], pull: int) -> _Trial:
         """The errors of K fits on the block that each did not see."""
-        K, scale, fits = len(self.gram), self.moments.scale, []
+        K, scale, fits = len(self.others), self.moments.scale, []
         errors = np.ones((K, self.model.tree.n))
+        whole = self.fit(columns, lagging, pull)
         for k in range(K if K > 1 else 0):
-            gram, cross = self.whole[0] - self.gram[k], self.whole[1] - self.cross[k]
             fit = consistent_fit(
-                self.model, gram, cross, columns, self.prior, pull=_PULLS[pull], lagging=lagging, exact=False
+                self.model, self.others[k], columns, self.prior, pull=_PULLS[pull], lagging=lagging, near=whole
             )
             errors[k] = self.moments.take([k]).errors(fit.parameters * scale)[0]
             fits.append(fit)
         return _Trial(columns, lagging, pull, loss_of(errors), errors, tuple(fits))
 
+    def strict(self, active: Integers) -> _Trial:
+        """With these effects alone."""
+        return self.trial(np.asarray(active, dtype=np.int64), (), _FIRST)
+
+    def widened(self, best: _Trial) -> _Trial:
+        """With smooth friction and gains of all drives, where that surely predicts better."""
+        wide = self.trial(np.union1d(best.columns, columns_of(self.model, *_SMOOTH)), best.lagging, best.pull)
+        return wide if _pays(wide, best) else best
+
     def pulled(self, best: _Trial) -> _Trial:
-        """With the pull that predicts best, step by step from the one at hand."""
+        """With the pull that predicts best, step by step from the one at hand where that surely pays."""
+        start = best.pull
         for step in (-1, 1):
-            start = best.pull
-            while 0 <= best.pull + step < len(_PULLS):
+            while best.pull == start or (best.pull > start) == (step > 0):
+                if not 0 <= best.pull + step < len(_PULLS):
+                    break
                 new = self.trial(best.columns, best.lagging, best.pull + step)
-                if not new.loss < best.loss - (PAYS if step < 0 else 0.0):  # less trust has to pay
+                if not _pays(new, best):
                     break
                 best = new
-            if best.pull != start:
-                break
         return best
 
     def released(self, best: _Trial) -> _Trial:
@@ -86,8 +99,11 @@ class _Folds:
         if not sure:
             return best
         trial = self.trial(best.columns, sure, best.pull)
-        pays = trial.loss < best.loss - PAYS and surely_smaller(trial.errors, best.errors)
-        return trial if pays else best
+        return trial if _pays(trial, best) else best
+
+
+def _pays(new: _Trial, old: _Trial) -> bool:
+    return new.loss < old.loss - PAYS and surely_smaller(new.errors, old.errors)
 
 
 def cross_validated_fit(
@@ -99,11 +115,13 @@ def cross_validated_fit(
     `active` effects where what is left out is predicted better with them, and so does torque that falls with acceleration.
     """
     folds = _Folds(model, moments, weights, prior)
-    strict = folds.pulled(folds.trial(np.asarray(active, dtype=np.int64), (), _FIRST))
-    best = folds.released(strict)
-    wide = folds.trial(np.union1d(active, columns_of(model, *_SMOOTH)), best.lagging, best.pull)
-    best = wide if wide.loss < best.loss else best
-    if best is not strict:
-        best = folds.pulled(best)
-    pull = _PULLS[best.pull]
-    return consistent_fit(model, *folds.whole, best.columns, prior, pull=pull, lagging=best.lagging), pull
+    best = folds.released(folds.strict(active))
+    best = folds.pulled(folds.widened(best))
+    return folds.fit(best.columns, best.lagging, best.pull), _PULLS[best.pull]
+
+
+def first_bodies(model: TorqueModel, moments: Moments, weights: Array, active: Integers, prior: Array) -> Array:
+    """(p,) possible bodies with gains where they pay, at the usual pull: good enough for the loads that gears carry."""
+    folds = _Folds(model, moments, weights, prior)
+    best = folds.widened(folds.strict(active))
+    return folds.fit(best.columns, (), best.pull).parameters

@@ -1,31 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The best fit among bodies that can exist: each link a mass distribution without negative mass, by a conic solver."""
+"""The best fit among bodies that can exist: each link a mass distribution without negative mass (interior points)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 
-import clarabel
 import numpy as np
-import scipy.sparse as sparse
 from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
+from trueup.identification.estimation.moments import Normal
 from trueup.identification.estimation.torque_model import TorqueModel
-from trueup.identification.inertial import pseudo_inertia
+from trueup.identification.inertial import from_pseudo_inertia, pseudo_inertia
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _MARGIN = 1e-4
 """The least second moment, as a share of a link's natural size: simulators want inertias above zero."""
-_BOUNDARY = 3.0
+_BOUNDARY = 10.0
 """Times the margin below which a link counts as on the boundary."""
-PULL = 1e-6
-"""Towards the model file, as a share of the mean curvature: decides what torque cannot tell."""
-_TOLERANCES = (1e-9, 1e-8, 1e-6)
-_ROOT2 = np.sqrt(2.0)
+_THIN = 0.01
+"""The least second moment of a link in the model file, likewise: files give bodies without extent."""
+PULL = 1e-4
+"""Towards the model file: its weight, as a share of the squared error that is left without constraints."""
+_FIRST, _COOLING, _ROUGH, _EXACT = 0.1, 0.1, 0.3, 1e-3
+_LEAST_ERROR = 1e-6
+"""Of the squared torque: exact logs have no error left to compare with."""
+_STEPS = 200
+_RESOLUTION = 1e-13
+_ROTOR = 10.0
+"""Times a link's mass times its squared length: how large rotors may be, seen from the joint, where the file has none."""
+_BASIS = pseudo_inertia(np.eye(10))  # (10, 4, 4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,42 +46,44 @@ class ConsistentFit:
 
 
 def consistent_fit(
-    model: TorqueModel, gram: Array, cross: Array, active: Integers, prior: Array, *, pull: float = PULL,
-    lagging: Collection[int] = (), exact: bool = True,
+    model: TorqueModel, normal: Normal, active: Integers, prior: Array, *, pull: float = PULL,
+    lagging: Collection[int] = (), near: ConsistentFit | None = None,
 ) -> ConsistentFit:  # fmt: skip
     """Minimises the weighted squares over all inertial parameters and the `active` effects, with each link possible.
 
-    `gram` (p, p) and `cross` (p,) are the weighted normal equations of all columns; `prior` (p,) stands for what they
-    cannot tell. Constraints: pseudo-inertia >= 0 for each link, rotor inertias >= 0. Wensing, Kim & Slotine, "Linear
-    matrix inequalities for physically consistent inertial parameter identification", IEEE RA-L 3(1), 2018, eq. 15.
+    `normal` are the weighted normal equations, `prior` (p,) is the model file. Pseudo-inertias S of links stay above zero
+    (Wensing, Kim & Slotine, "Linear matrix inequalities for physically consistent inertial parameter identification",
+    IEEE RA-L 3(1), 2018, eq. 15), rotor inertias too. `pull` weighs the distance tr(S0^-1 S) - log det S to the file's
+    bodies S0, the same in any unit and frame (Lee, Wensing & Park, "Geometric robot dynamic identification: a convex
+    programming approach", IEEE T-RO 36(2), 2020, section IV): it decides what torque cannot tell, and is the barrier of
+    the interior-point method as well.
     The torque of drives in `lagging` may fall with acceleration: what is below zero is their effect "lag", which is no
-    rotor. `exact` asks for the last digits. Raises IdentificationError where the solver fails.
+    rotor. `near` is a fit of a similar problem to start from. Raises IdentificationError where no minimum is found.
     """
     n = model.tree.n
     # Rotors count even where torque cannot tell them from a link: a link cannot be as slender as a rotor is.
     rotors = columns_of(model, "rotor")
     bodies = np.concatenate([np.arange(10 * n), rotors])
-    free = np.concatenate([bodies, np.setdiff1d(active, bodies)])
-    sizes = _natural(model, prior)
-    natural = sizes[free]
-    P = gram[np.ix_(free, free)]
-    size = float(np.mean(np.diag(P) * natural**2)) or 1.0
-    ridge = np.where(free < 10 * n, pull, 1e-9) * size / natural**2
-    P, q = P + np.diag(ridge), -cross[free] - ridge * prior[free]
-    # All variables alike for the solver: weights of joints make their columns differ by orders of magnitude.
-    scale = 1.0 / np.sqrt(np.diag(P))
-    P, q = P * scale[:, None] * scale, q * scale
-    held = [int(k) for k in rotors if model.effects[int(k) - 10 * n][0] not in lagging]
-    A, b, cones = _constraints(model, bodies, held, sizes[bodies], scale[: len(bodies)])
-    x = _eliminated(P, q, len(bodies), lambda P, q: _solved(P, q, A, b, cones, _TOLERANCES[0 if exact else 1 :]))
+    rest = np.setdiff1d(active, bodies)
+    problem = _Squares.of(normal, bodies, rest)
+    drives = [model.effects[int(k) - 10 * n][0] for k in rotors]
+    barrier = _Barrier.of(model, prior, np.array([d not in lagging for d in drives], dtype=bool), rotors)
+    x = barrier.start if near is None else barrier.inside(_joined(model, near.parameters)[bodies])
+    least = max(problem.least(), _LEAST_ERROR * float(normal.square))
+    # From a weight at which the start is good down to the one wanted: each minimum is near the next one.
+    weight = max(_FIRST * (problem.at(x) - least), pull * least)
+    while weight > 2.0 * pull * least:
+        x = barrier.minimised(problem, x, weight, _ROUGH)
+        weight = max(_COOLING * weight, pull * least)
+    x = barrier.minimised(problem, x, pull * least, _EXACT)
     parameters = np.zeros(model.p)
-    parameters[free] = x * scale
+    parameters[bodies], parameters[rest] = x, problem.back @ np.append(x, 1.0)
     for k in (int(k) for k in columns_of(model, "lag")):
         drive = model.effects[k - 10 * n][0]
         if drive in lagging:
-            own = next(int(r) for r in rotors if model.effects[int(r) - 10 * n][0] == drive)
+            own = int(rotors[drives.index(drive)])
             parameters[k], parameters[own] = min(parameters[own], 0.0), max(parameters[own], 0.0)
-    return ConsistentFit(parameters, tuple(_at_boundary(model, parameters, sizes)), tuple(sorted(lagging)))
+    return ConsistentFit(parameters, tuple(barrier.boundary(x)), tuple(sorted(lagging)))
 
 
 def columns_of(model: TorqueModel, *kinds: str) -> Integers:
@@ -83,35 +92,147 @@ def columns_of(model: TorqueModel, *kinds: str) -> Integers:
     return np.array(found, dtype=np.int64)
 
 
-def _eliminated(P: Array, q: Array, m: int, solver: Callable[[Array, Array], Array]) -> Array:
-    """The minimiser of x P x / 2 + q x where constraints hold the first `m` variables only: the rest is solved for first.
-
-    The solver's work grows with the cube of what is left. The first m see the Schur complement of the rest.
-    """
-    if m == len(q):
-        return solver(P, q)
-    factor = np.linalg.cholesky(P[m:, m:])
-    mixed = np.linalg.solve(factor, np.column_stack([P[m:, :m], q[m:]]))
-    first = solver(P[:m, :m] - mixed[:, :m].T @ mixed[:, :m], q[:m] - mixed[:, :m].T @ mixed[:, m])
-    rest = np.linalg.solve(factor.T, -mixed[:, m] - mixed[:, :m] @ first)
-    return np.concatenate([first, np.asarray(rest, dtype=np.float64)])
+def _joined(model: TorqueModel, parameters: Array) -> Array:
+    """Parameters with what falls with acceleration counted as rotors again."""
+    joined = parameters.copy()
+    rotors = {model.effects[int(k) - 10 * model.tree.n][0]: int(k) for k in columns_of(model, "rotor")}
+    for k in (int(k) for k in columns_of(model, "lag")):
+        joined[rotors[model.effects[k - 10 * model.tree.n][0]]] += parameters[k]
+    return joined
 
 
-def _solved(
-    P: Array, q: Array, A: sparse.csc_matrix, b: Array, cones: list[object], tolerances: Sequence[float]
-) -> Array:  # fmt: skip
-    """The solution, as exact as the solver can make it. Raises IdentificationError where it finds none."""
-    status, upper = "", sparse.csc_matrix(np.triu(P))
-    for tolerance in tolerances:
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        settings.equilibrate_enable = False  # it is done: steps are fewer so  # pyright: ignore[reportAttributeAccessIssue]
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-        solution = clarabel.DefaultSolver(upper, q, A, b, cones, settings).solve()
-        status = str(solution.status)
-        if status in ("Solved", "AlmostSolved"):
-            return np.asarray(solution.x, dtype=np.float64)
-    raise IdentificationError(f"no physically consistent model was found: the conic solver says {status}")
+@dataclass(frozen=True, eq=False)
+class _Squares:
+    """x P x + 2 q x + constant: the weighted squares as a function of the bodies (m,), all else at its best."""
+
+    P: Array
+    q: Array
+    constant: float
+    back: Array
+    """The rest is back @ (x, 1)."""
+
+    @classmethod
+    def of(cls, normal: Normal, bodies: Integers, rest: Integers) -> _Squares:
+        """The rest solved for: the bodies see its Schur complement."""
+        gram, cross = normal.gram, normal.cross
+        mixed, own = gram[np.ix_(rest, bodies)], gram[np.ix_(rest, rest)]
+        back = -_solved(own, np.column_stack([mixed, -cross[rest]]))
+        P, q = gram[np.ix_(bodies, bodies)] + mixed.T @ back[:, :-1], mixed.T @ back[:, -1] - cross[bodies]
+        return cls(P, q, float(normal.square) - float(cross[rest] @ back[:, -1]), back)
+
+    def at(self, x: Array) -> float:
+        """The weighted squares."""
+        return float(x @ self.P @ x + 2.0 * self.q @ x) + self.constant
+
+    def least(self) -> float:
+        """What is left of them when nothing constrains the bodies."""
+        return self.constant - float(self.q @ _solved(self.P, self.q[:, None])[:, 0])
+
+
+def _solved(gram: Array, right: Array) -> Array:
+    """(m, k) solutions, of columns of any size; what cannot be told stays small."""
+    scale = np.divide(1.0, np.sqrt(np.diag(gram)), out=np.zeros(len(gram)), where=np.diag(gram) > 0.0)
+    full = gram * scale[:, None] * scale + 1e-9 * np.eye(len(gram))
+    return np.asarray(np.linalg.solve(full, right * scale[:, None]) * scale[:, None], dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class _Barrier:
+    """tr(S0^-1 S) - log det(S - margin) of each link and r / r0 - log r of each rotor, as a function of the bodies (m,)."""
+
+    start: Array
+    """(m,) the file's bodies."""
+    slope: Array
+    """(m,) of the linear terms."""
+    margin: Array
+    """(n, 4, 4)."""
+    held: NDArray[np.bool_]
+    """(m,) rotors that may not be negative."""
+    free: Array
+    """(m,) curvature for rotors that may: what torque cannot tell of them is zero."""
+
+    @classmethod
+    def of(cls, model: TorqueModel, prior: Array, held: NDArray[np.bool_], rotors: Integers) -> _Barrier:
+        n = model.tree.n
+        reach, mass = np.maximum(np.linalg.norm(model.tree.offset, axis=1), 0.05), np.maximum(prior[: 10 * n : 10], 0.1)
+        units = np.column_stack([reach, reach, reach, np.ones(n)]) * np.sqrt(mass)[:, None]
+        natural = units[:, :, None] * units[:, None, :]
+        size, axes = np.linalg.eigh(pseudo_inertia(prior[: 10 * n].reshape(n, 10)) / natural)
+        file = (axes * np.maximum(size, _THIN)[:, None]) @ axes.transpose(0, 2, 1) * natural
+        usual = _ROTOR * (mass * reach**2)[[model.effects[int(k) - 10 * n][0] for k in rotors]]
+        usual = np.where(prior[rotors] > 0.0, prior[rotors], usual)
+        slope = np.einsum("jab,iba->ji", np.linalg.inv(file), _BASIS).ravel()
+        none = np.zeros(10 * n)
+        return cls(
+            np.concatenate([from_pseudo_inertia(file).ravel(), usual]), np.concatenate([slope, held / usual]),
+            _MARGIN * np.eye(4) * natural, np.concatenate([none, held]) > 0.0, np.concatenate([none, ~held / usual**2]),
+        )  # fmt: skip
+
+    def inside(self, x: Array) -> Array:
+        """Bodies near `x` that are possible."""
+        x = np.where(self.held, np.maximum(x, 1e-6 * self.start), x)
+        links = self._inner(x)
+        bad = np.linalg.eigvalsh(links)[:, 0] <= 0.0
+        x[: 10 * len(links)] = np.where(np.repeat(bad, 10), self.start[: 10 * len(links)], x[: 10 * len(links)])
+        return x
+
+    def minimised(self, squares: _Squares, x: Array, weight: float, exact: float) -> Array:
+        """The minimiser of the squares + weight times this, from `x` inside, to `exact` of the weight (Newton).
+
+        Boyd & Vandenberghe, "Convex Optimization", 2004, section 9.5. Raises IdentificationError where it ends nowhere.
+        """
+        # Half of all, as derivatives like it.
+        half = 0.5 * weight
+        P, linear = squares.P + half * np.diag(self.free), squares.q + half * self.slope
+        value = self._value(P, linear, x, half)
+        for _ in range(_STEPS):
+            slope, bend = self._derivatives(x)
+            g, H = P @ x + linear + half * slope, P + half * bend
+            scale = 1.0 / np.sqrt(np.diag(H))
+            step = -scale * np.linalg.solve(H * scale[:, None] * scale, scale * g)
+            gain, share = float(-g @ step), 1.0
+            if not np.isfinite(gain):
+                break
+            if gain < max(exact * half, _RESOLUTION * abs(value)):
+                return x
+            while (new := self._value(P, linear, x + share * step, half)) > value - 0.1 * share * gain:
+                share *= 0.5
+                if share < 1e-9:  # no number is left between here and there
+                    return x
+            x, value = x + share * step, new
+        raise IdentificationError("no physically consistent model was found: is the model file that of this arm?")
+
+    def boundary(self, x: Array) -> list[int]:
+        """Links (indices) close to what is impossible."""
+        inner = self._inner(x) / np.sqrt(np.einsum("jaa,jbb->jab", self.margin, self.margin))
+        return np.flatnonzero(np.linalg.eigvalsh(inner)[:, 0] < _BOUNDARY - 1.0).tolist()
+
+    def _inner(self, x: Array) -> Array:
+        n = len(self.margin)
+        return np.einsum("ji,iab->jab", x[: 10 * n].reshape(n, 10), _BASIS) - self.margin
+
+    def _value(self, P: Array, linear: Array, x: Array, weight: float) -> float:
+        """Infinite outside."""
+        if np.any(x[self.held] <= 0.0):
+            return np.inf
+        try:
+            root = np.linalg.cholesky(self._inner(x))
+        except np.linalg.LinAlgError:
+            return np.inf
+        logs = 2.0 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum() + np.log(x[self.held]).sum()
+        return float(0.5 * x @ P @ x + linear @ x - weight * logs)
+
+    def _derivatives(self, x: Array) -> tuple[Array, Array]:
+        """(m,) and (m, m): first and second derivatives of the logarithms."""
+        n = len(self.margin)
+        turned = np.linalg.inv(self._inner(x))[:, None] @ _BASIS  # (n, 10, 4, 4)
+        slope, bend = np.zeros(len(x)), np.zeros((len(x), len(x)))
+        slope[: 10 * n] = -np.trace(turned, axis1=2, axis2=3).ravel()
+        each = turned.reshape(n, 10, 16) @ turned.transpose(0, 1, 3, 2).reshape(n, 10, 16).transpose(0, 2, 1)
+        for j in range(n):
+            bend[10 * j : 10 * j + 10, 10 * j : 10 * j + 10] = each[j]
+        slope[self.held], bend[self.held, self.held] = -1.0 / x[self.held], x[self.held] ** -2.0
+        return slope, bend
 
 
 def violations(model: TorqueModel, parameters: Array) -> dict[int, str]:
@@ -133,53 +254,4 @@ def violations(model: TorqueModel, parameters: Array) -> dict[int, str]:
             found[j] = (
                 f"moments of inertia {', '.join(f'{m:.3g}' for m in principal)} kg m^2 break the triangle inequality"
             )
-    return found
-
-
-def _natural(model: TorqueModel, prior: Array) -> Array:
-    """(p,) natural sizes: a link's mass, mass times length, mass times length squared; 1 for effects."""
-    sizes = np.ones(model.p)
-    reach = np.maximum(np.linalg.norm(model.tree.offset, axis=1), 0.05)
-    for j in range(model.tree.n):
-        mass = max(float(prior[10 * j]), 0.1)
-        sizes[10 * j : 10 * j + 10] = mass * np.array([1.0, *[reach[j]] * 3, *[reach[j] ** 2] * 6])
-    return sizes
-
-
-def _constraints(
-    model: TorqueModel, bodies: Integers, held: Sequence[int], natural: Array, scale: Array
-) -> tuple[sparse.csc_matrix, Array, list[object]]:
-    """A x + s = b with s in the cones: one 4 x 4 matrix a link, one number a rotor in `held`; parameters are `scale` x."""
-    n, blocks, sides, cones = model.tree.n, [], [], []
-    weights = np.ones((4, 4)) * _ROOT2
-    np.fill_diagonal(weights, 1.0)
-    upper = [(i, k) for k in range(4) for i in range(k + 1)]  # column by column, as the cone wants it
-    basis = pseudo_inertia(np.eye(10))  # (10, 4, 4)
-    for j in range(n):
-        link, own = natural[10 * j : 10 * j + 10], scale[10 * j : 10 * j + 10]
-        # Lengths in units of the link's size, so that the cone's entries are alike.
-        units = np.array([*[link[4] / link[0]] * 3, 1.0]) ** -0.5 / np.sqrt(link[0])
-        turned = basis * units[:, None] * units * own[:, None, None]
-        rows = np.zeros((10, len(bodies)))
-        for r, (i, k) in enumerate(upper):
-            rows[r, 10 * j : 10 * j + 10] = -turned[:, i, k] * weights[i, k]
-        blocks.append(rows)
-        sides.append(np.array([-_MARGIN if i == k else 0.0 for i, k in upper]))
-        cones.append(clarabel.PSDTriangleConeT(4))
-    if held:
-        rows = np.zeros((len(held), len(bodies)))
-        rows[np.arange(len(held)), np.searchsorted(bodies, held)] = -1.0
-        blocks.append(rows)
-        sides.append(np.zeros(len(held)))
-        cones.append(clarabel.NonnegativeConeT(len(held)))
-    return sparse.csc_matrix(np.concatenate(blocks)), np.concatenate(sides), cones
-
-
-def _at_boundary(model: TorqueModel, parameters: Array, sizes: Array) -> list[int]:
-    found = []
-    for j in range(model.tree.n):
-        own, link = parameters[10 * j : 10 * j + 10], sizes[10 * j : 10 * j + 10]
-        units = np.array([*[link[4] / link[0]] * 3, 1.0]) ** -0.5 / np.sqrt(link[0])
-        if np.linalg.eigvalsh(pseudo_inertia(own) * units[:, None] * units)[0] < _BOUNDARY * _MARGIN:
-            found.append(j)
     return found

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.alignment import find_shift, shifted
-from trueup.identification.estimation.bodies import cross_validated_fit
-from trueup.identification.estimation.consistent import ConsistentFit, consistent_fit
+from trueup.identification.estimation.bodies import cross_validated_fit, first_bodies
+from trueup.identification.estimation.consistent import ConsistentFit, columns_of
 from trueup.identification.estimation.couplings import coupled
 from trueup.identification.estimation.diagnosis import check_log
 from trueup.identification.estimation.drives import Drives
@@ -36,6 +36,8 @@ Array = NDArray[np.float64]
 Told = Callable[[str, float], None]
 
 _BLOCKS = 8
+_TURNS = 3
+"""Between bodies and the loads that gears carry."""
 _NEAR = 25
 """Frequencies of a spectrum that are averaged to tell motion from noise."""
 
@@ -115,12 +117,19 @@ def _structured(
         return made, moments_of(blocks_of(_training(made), _BLOCKS, margin))
 
     rough = weighted_least_squares(_training(pieces), basic_columns(pool), prior=prior).parameters
-    _, moments = carrying(pool.base.full(pool.base.of(rough), nominal))
+    made, moments = carrying(pool.base.full(pool.base.of(rough), nominal))
     choice = chosen(pool, moments, prior * moments.scale, structure)
-    gram, cross = moments.normal(choice.weights)
-    bodies = consistent_fit(pool.model, gram.sum(axis=0), cross.sum(axis=0), np.flatnonzero(choice.active), nominal)
-    made, moments = carrying(bodies.parameters)
-    return made, moments, balanced(moments, prior * moments.scale, choice) if structure == "select" else choice
+    gains = columns_of(pool.model, "gain")
+    for _ in range(_TURNS if structure == "select" else 0):
+        bodies = first_bodies(pool.model, moments, choice.weights, np.flatnonzero(choice.active), nominal)
+        again, their = carrying(bodies)
+        new = balanced(their, prior * their.scale, choice)
+        if new.loss >= choice.loss:
+            break
+        made, moments, choice = again, their, new
+        if not bodies[gains].any():  # loads depend on the gains, and gains on loads
+            break
+    return made, moments, choice
 
 
 def _training(pieces: Sequence[Piece]) -> list[Rows]:

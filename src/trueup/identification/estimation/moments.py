@@ -20,6 +20,27 @@ RIDGE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
+class Normal:
+    """Weighted normal equations of all columns, of one fit or of K blocks."""
+
+    gram: Array
+    """(..., p, p)."""
+    cross: Array
+    """(..., p)."""
+    square: Array
+    """(...) torque with itself."""
+
+    def whole(self) -> Normal:
+        """Of all blocks together."""
+        return Normal(self.gram.sum(axis=0), self.cross.sum(axis=0), self.square.sum(axis=0))
+
+    def without(self, k: int) -> Normal:
+        """Of all blocks but one."""
+        whole = self.whole()
+        return Normal(whole.gram - self.gram[k], whole.cross - self.cross[k], whole.square - self.square[k])
+
+
+@dataclass(frozen=True, eq=False)
 class Moments:
     """Sums over the samples of K blocks and n joints of columns and torque; columns scaled to unit size."""
 
@@ -54,10 +75,10 @@ class Moments:
         """(K, p, p) and (K, p): the normal equations of each block with weights (n,) for the joints."""
         return np.tensordot(weights, self.gram, (0, 1)), np.tensordot(weights, self.cross, (0, 1))
 
-    def normal(self, weights: Array) -> tuple[Array, Array]:
+    def normal(self, weights: Array) -> Normal:
         """As `weighted`, of the columns as they are: for parameters that are not scaled."""
         gram, cross = self.weighted(weights)
-        return gram * self.scale[:, None] * self.scale, cross * self.scale
+        return Normal(gram * self.scale[:, None] * self.scale, cross * self.scale, self.square @ weights)
 
 
 def moments_of(parts: Sequence[Rows]) -> Moments:

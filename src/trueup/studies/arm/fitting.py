@@ -88,10 +88,9 @@ def _loaded(rows: Rows, parameters: Array) -> Rows:
 def _possible(model: TorqueModel, moments: Moments, variance: Array, active: Integers) -> Array:
     """(p,) the fit among bodies that can exist."""
     n = model.tree.n
-    gram, cross = (x.sum(axis=0) for x in moments.weighted(variance.min() / variance))
-    gram, cross = gram * moments.scale[:, None] * moments.scale, cross * moments.scale
+    normal = moments.normal(variance.min() / variance).whole()
     effects = np.union1d(np.arange(10 * n, 11 * n), active[active >= 10 * n])
-    return consistent_fit(model, gram, cross, effects, _rough_bodies(model)).parameters
+    return consistent_fit(model, normal, effects, _rough_bodies(model)).parameters
 
 
 def _rough_bodies(model: TorqueModel) -> Array:
