@@ -14,8 +14,11 @@ from trueup.recording import Channel, Recording
 
 Array = NDArray[np.float64]
 
-COMMANDS = ("command_sent", "command")
-"""Channel names that hold commands, the better first: what was sent beats what was requested."""
+COMMANDS = (
+    "command_sent", "command", "command_sent_torque", "command_torque", "command_sent_velocity", "command_velocity",
+)  # fmt: skip
+"""Channel names that hold commands, the better first: what was sent beats what was requested; 'command' is a position
+of a joint, or whatever else a robot takes."""
 
 
 @dataclass(frozen=True, eq=False)

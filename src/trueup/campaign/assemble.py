@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from trueup.calibration import Calibration
-from trueup.errors import ModelError, ParameterError, unknown_name
+from trueup.errors import ParameterError, unknown_name
 from trueup.recording import Recording
 from trueup.simulators.simulator import Simulator
-from trueup.trial import command_of
 
 if TYPE_CHECKING:
     from trueup.loop.calibrate import Options
@@ -22,8 +21,6 @@ if TYPE_CHECKING:
     from trueup.simulators.mujoco.floor import Stopped
     from trueup.simulators.mujoco.model import Model
     from trueup.simulators.mujoco.rollout import MujocoSimulator
-
-_STIFFNESS = 100.0  # N m/rad of position actuators that a model lacks; calibrated from there
 
 
 def simulator_for(
@@ -37,14 +34,15 @@ def simulator_for(
 
     `replayed` are recordings that will be replayed too, but propose nothing: only their clocks are looked at.
     A TOML file is a car (see `read_car`), whose search starts from a first look at `recordings`. A model without
-    actuators whose recordings hold position commands gets position actuators for those joints; the notes say so, and
-    what was lost on loading. Raises ModelError, ParameterError and UnknownNameError.
+    actuators gets position servos or motors for the joints that the recordings command; the notes say so, and what was
+    lost on loading. Raises ModelError, ParameterError and UnknownNameError.
     """
     if Path(model_path).suffix.lower() == ".toml":
         return _car(Path(model_path), recordings, parameters_file)
     from trueup.discrepancies.alignment import clock_errors
     from trueup.simulators.mujoco.declaration_file import read_declarations
     from trueup.simulators.mujoco.declarations import declare
+    from trueup.simulators.mujoco.drives import driven, undriven
     from trueup.simulators.mujoco.floor import stopped_by_floor
     from trueup.simulators.mujoco.model import load
     from trueup.simulators.mujoco.proposal import propose
@@ -53,8 +51,8 @@ def simulator_for(
     model = load(model_path)
     everything = (*recordings, *replayed)
     _check_joints(model, everything)
-    model = _driven(model, everything)
-    notes = model.notes
+    model = driven(model, everything)
+    notes = (*model.notes, *undriven(model, everything))
     if parameters_file is not None:
         lines = read_declarations(parameters_file)
     else:
@@ -135,6 +133,14 @@ def clearance_for(model_path: str | Path, joints: Sequence[str], floor: float | 
     return MujocoClearance.of(load(model_path), joints, floor=floor)
 
 
+def suited(model_path: str | Path, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """Recordings with those of several kinds of commands that the model's drives take, and notes. Raises ModelError."""
+    from trueup.simulators.mujoco.drives import suited
+    from trueup.simulators.mujoco.model import load
+
+    return suited(load(model_path), recordings)
+
+
 def joints_of(model_path: str | Path) -> tuple[str, ...]:
     """Names of a model's hinge and slide joints. Raises ModelError."""
     from trueup.simulators.mujoco.model import load
@@ -207,31 +213,3 @@ def _check_joints(model: Model, recordings: Sequence[Recording]) -> None:
                         f"model '{model.path.name}' (recording '{recording.name}', channel 'position'; rename it in "
                         f"the mapping's [joints]: `trueup inspect RECORDINGS --model {model.path.name}` proposes)",
                     )  # fmt: skip
-
-
-def _driven(model: Model, recordings: Sequence[Recording]) -> Model:
-    """The model, with position actuators where it has no actuator at all and the commands are positions."""
-    from trueup.simulators.mujoco.model import Model
-
-    if model.compiled.nactuator:
-        return model
-    commands = [c for r in recordings for c in (command_of(r),) if c is not None and c.unit in ("rad", "m")]
-    wanted = [j for j in model.scalar_joints() if any(j in c.labels for c in commands)]
-    if not wanted:
-        return model
-    import mujoco
-
-    spec = model.spec.copy()
-    for joint in wanted:
-        actuator = spec.add_actuator()
-        actuator.name, actuator.target, actuator.trntype = joint, joint, mujoco.mjtTrn.mjTRN_JOINT
-        actuator.set_to_position(kp=_STIFFNESS)
-    try:
-        compiled = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise ModelError(f"model '{model.path}' does not compile with actuators added: {error}") from None
-    note = (
-        f"the model has no actuators: position servos with kp {_STIFFNESS:g} N m/rad were added for the commanded "
-        f"joints ({', '.join(wanted)})"
-    )
-    return Model(model.path, spec, compiled, (*model.notes, note))

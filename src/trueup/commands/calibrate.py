@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from trueup.calibration import Calibration
-from trueup.campaign.assemble import calibrated, joints_of, kinds_of, simulator_for, write_outcome
+from trueup.campaign.assemble import calibrated, joints_of, kinds_of, simulator_for, suited, write_outcome
 from trueup.campaign.output import Output, fingerprint
 from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
@@ -113,6 +113,8 @@ def _recordings(args: argparse.Namespace) -> tuple[list[Recording], list[Recordi
     said: list[str] = []
     if Path(args.model).suffix.lower() != ".toml":
         renamed, said = only_joint([*training, *held_out], joints_of(args.model))
+        renamed, left = suited(args.model, renamed)
+        said += left
         training, held_out = renamed[: len(training)], renamed[len(training) :]
     return training, held_out, [*notes, *more, *cut, *said]
 

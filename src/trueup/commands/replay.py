@@ -16,7 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from trueup.calibration import Replay, pooled_rmse
-from trueup.campaign.assemble import joints_of, simulator_for
+from trueup.campaign.assemble import joints_of, simulator_for, suited
 from trueup.campaign.output import free_folder
 from trueup.commands.sources import mapping_for, only_joint, readable, while_driven
 from trueup.errors import ModelError
@@ -65,9 +65,10 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     mapping, more = mapping_for(args.mapping)
     recordings, cut = while_driven([r for path in paths for r in read([path], mapping)])
     recordings, named = only_joint(recordings, joints_of(args.model))
+    recordings, left = suited(args.model, recordings)
     found, said = _replays(args, recordings)
     if not args.quiet:
-        for note in (*notes, *more, *cut, *named, *said):
+        for note in (*notes, *more, *cut, *named, *left, *said):
             told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
     compared = bool(args.against or args.parameters)
     if args.json:

@@ -10,6 +10,7 @@ import numpy as np
 from trueup.recording import Recording
 from trueup.simulators.mujoco.declarations import Declaration
 from trueup.simulators.mujoco.model import Model
+from trueup.simulators.mujoco.wiring import is_motor
 
 _MOVES = 5e-3  # rad or m: a joint that moves less teaches nothing
 
@@ -20,7 +21,8 @@ def propose(
     clocks: Mapping[str, float] | None = None,
     floor: float | None = None,
 ) -> list[Declaration]:
-    """Declarations for the joints that move: servo stiffness, damping, friction, rotor inertia, servo zero, one delay.
+    """Declarations for the joints that move: servo stiffness, damping, friction, rotor inertia, servo zero, factors
+    on motors' torques, one delay.
 
     All of it is part of MJCF, so the calibrated file replays the robot in any MuJoCo program. `clocks`: how late the
     commands of some recordings are stamped, in s (`discrepancies.alignment.clock_errors`); searched from there.
@@ -33,6 +35,7 @@ def propose(
     driven = model.actuator_of_joint()
     servos = tuple(j for j in joints if j in driven and model.is_position_servo(driven[j]))
     commanded = tuple(j for j in joints if j in driven)
+    motors = tuple(j for j in commanded if is_motor(model.compiled, driven[j]))
     lines = []
     if servos:
         lines.append(Declaration("kp", servos))
@@ -44,9 +47,13 @@ def propose(
         Declaration("armature", joints),
         Declaration("damping_quadratic", joints, optional="quadratic damping"),
     ]
+    if motors:
+        lines.append(Declaration("gain", motors, optional="factors on the motors' torques"))
     if servos:
         lines.append(Declaration("zero", servos, optional="servo zero"))
-    if commanded and not all(r.name in clocks for r in recordings):  # a delay and the clocks of all recordings are the same thing
+    if commanded and not all(
+        r.name in clocks for r in recordings
+    ):  # a delay and the clocks of all recordings are the same thing
         lines.append(Declaration("delay", commanded, tie="all", name="delay"))
     if floor is not None:
         lines.append(Declaration("floor_height", nominal=floor))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trueup.simulators.mujoco.kernels import delayed_commands, held_integral
 from trueup.simulators.mujoco.model import Model
 from trueup.simulators.mujoco.quantities import Quantity
-from trueup.simulators.mujoco.wiring import actuators_of, joint_id, start_state
+from trueup.simulators.mujoco.wiring import actuators_of, control_of, joint_id, start_state
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -134,7 +134,8 @@ class Signals:
         actuators = actuators_of(self._model, trial.command)
         columns = np.array([self._compiled.actuator_ctrladr[a] for a in actuators], dtype=np.int64)
         times = trial.command.time - trial.start
-        values = _filled(trial.command.values)
+        nominal = self._model.compiled
+        values = _filled(trial.command.values) * [control_of(nominal, a, trial.command.unit) for a in actuators]
         # What was commanded before the first sample is not known: the first command held for ever before.
         times = np.concatenate([[min(times[0], 0.0) - 10.0], times])
         values = np.concatenate([values[:1], values])

@@ -114,6 +114,23 @@ def actuators_of(model: Model, command: Channel) -> list[int]:
     return found
 
 
+def is_motor(compiled: mujoco.MjModel, actuator: int) -> bool:
+    """True where the actuator's force is a constant times its control: a torque command, by its gear and gain."""
+    plain = int(compiled.actuator_biastype[actuator]) == int(mujoco.mjtBias.mjBIAS_NONE)
+    fixed = int(compiled.actuator_gaintype[actuator]) == int(mujoco.mjtGain.mjGAIN_FIXED)
+    return plain and fixed and int(compiled.actuator_dyntype[actuator]) == int(mujoco.mjtDyn.mjDYN_NONE)
+
+
+def control_of(compiled: mujoco.MjModel, actuator: int, unit: str) -> float:
+    """What a command in `unit` is multiplied by to become the control of an actuator: a motor's gear and gain taken out
+    of a torque, 1 for anything else.
+    """
+    if unit not in ("N m", "N") or not is_motor(compiled, actuator):
+        return 1.0
+    whole = float(compiled.actuator_gear[actuator, 0] * compiled.actuator_gainprm[actuator, 0])
+    return 1.0 / whole if whole else 1.0
+
+
 def start_state(model: Model, compiled: mujoco.MjModel, trial: Trial) -> tuple[Array, Array]:
     """(nq,), (nv,) at the trial's start.
 

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a model's drives can take the commands of recordings: positions for servos, torques for motors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+
+from trueup.errors import ModelError
+from trueup.recording import Channel, Recording
+from trueup.simulators.mujoco.model import Model
+from trueup.simulators.mujoco.wiring import is_motor
+from trueup.trial import COMMANDS, command_of
+
+_STIFFNESS = 100.0  # N m/rad of position servos that a model lacks; calibrated from there
+_TORQUE = ("N m", "N")
+_POSITION = ("rad", "m")
+
+
+def driven(model: Model, recordings: Sequence[Recording]) -> Model:
+    """The model, with position servos or motors for the commanded joints where it has no actuator at all.
+
+    Raises ModelError where it does not compile with them.
+    """
+    if model.compiled.nactuator:
+        return model
+    commands = [c for r in recordings for c in (command_of(r),) if c is not None and c.unit in (*_POSITION, *_TORQUE)]
+    wanted = [j for j in model.scalar_joints() if any(j in c.labels for c in commands)]
+    if not wanted:
+        return model
+    spec, motors = model.spec.copy(), commands[0].unit in _TORQUE
+    for joint in wanted:
+        actuator = spec.add_actuator()
+        actuator.name, actuator.target, actuator.trntype = joint, joint, mujoco.mjtTrn.mjTRN_JOINT
+        if motors:
+            actuator.set_to_motor()
+        else:
+            actuator.set_to_position(kp=_STIFFNESS)
+    try:
+        compiled = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ModelError(f"model '{model.path}' does not compile with actuators added: {error}") from None
+    added = "motors" if motors else f"position servos with kp {_STIFFNESS:g} N m/rad"
+    note = f"the model has no actuators: {added} were added for the commanded joints ({', '.join(wanted)})"
+    return Model(model.path, spec, compiled, (*model.notes, note))
+
+
+def undriven(model: Model, recordings: Sequence[Recording]) -> list[str]:
+    """Notes on recordings without any command."""
+    silent = [r.name for r in recordings if command_of(r) is None]
+    if not silent or not model.compiled.nactuator:
+        return []
+    logged = any(r.has("torque") for r in recordings)
+    hint = "; if 'torque' is what drove the robot, name it 'command_torque' in the mapping" if logged else ""
+    return [f"no command in {', '.join(silent)}: servos hold the posture of the start and motors do nothing{hint}"]
+
+
+def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """Recordings of both positions and torques that were commanded, with those that the model's drives take.
+
+    With a note where positions are left out: a model with motors knows nothing of the controller that they go through.
+    Raises ModelError where servos would have to take torques, or motors positions.
+    """
+    kept, cut = [], []
+    for recording in recordings:
+        command = command_of(recording)
+        torques = [n for n in COMMANDS if recording.has(n) and recording.channel(n).unit in _TORQUE]
+        if command is not None and torques and command.name not in torques and _motors(model, command):
+            for name in COMMANDS:
+                if recording.has(name) and recording.channel(name).unit not in _TORQUE:
+                    recording = recording.without(name)
+            cut.append(recording.name)
+        _check(model, recording)
+        kept.append(recording)
+    note = f"the model has motors: of what was commanded in {', '.join(cut)} the torques are used, not the positions"
+    return kept, [note] if cut else []
+
+
+def _motors(model: Model, command: Channel) -> list[str]:
+    """The labels of a command whose actuators are motors."""
+    by_joint = model.actuator_of_joint()
+    return [label for label in command.labels if label in by_joint and is_motor(model.compiled, by_joint[label])]
+
+
+def _check(model: Model, recording: Recording) -> None:
+    command, by_joint = command_of(recording), model.actuator_of_joint()
+    if command is None:
+        return
+    where = f"recording '{recording.name}' commands {command.unit} (channel '{command.name}')"
+    if command.unit in _TORQUE:
+        servos = [label for label in command.labels if label in by_joint and model.is_position_servo(by_joint[label])]
+        if servos:
+            raise ModelError(
+                f"{where}, but model '{model.path.name}' has position servos at {', '.join(servos)}: give it <motor> "
+                "actuators, or log the commanded positions as 'command'"
+            )
+    elif command.unit in _POSITION and (motors := _motors(model, command)):
+        raise ModelError(
+            f"{where}, but model '{model.path.name}' has motors at {', '.join(motors)}, which take torques: give it "
+            "<position> actuators, or log the commanded torques as 'command_torque'"
+        )

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands reach the drives that can take them: torques motors, positions servos; whatever cannot is said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from trueup.campaign.assemble import simulator_for, suited
+from trueup.errors import ModelError
+from trueup.loop.calibrate import Options, calibrate
+from trueup.recording import Channel, Recording
+
+_ARM = """<mujoco><worldbody><body><joint name="j" axis="0 1 0" damping="{damping}"/>
+<geom size=".05" mass="1" pos="0 0 -.2"/></body></worldbody>{drive}</mujoco>"""
+_MOTOR = '<actuator><motor name="m" joint="j" gear="5"/></actuator>'
+_SERVO = '<actuator><position name="m" joint="j" kp="20"/></actuator>'
+
+
+def _model(folder: Path, drive: str) -> Path:
+    path = folder / "arm.xml"
+    path.write_text(_ARM.format(damping=0.3, drive=drive))
+    return path
+
+
+def _swing() -> Recording:
+    """A pendulum with damping 0.5 that torques of 0.3 N m at the joint swing."""
+    model = mujoco.MjModel.from_xml_string(_ARM.format(damping=0.5, drive=_MOTOR))
+    data, time = mujoco.MjData(model), np.arange(0.0, 4.0, 0.01)
+    torque, noise, seen = 0.3 * np.sin(2.0 * time), np.random.default_rng(0).normal(0.0, 1e-4, len(time)), []
+    for wanted in torque:
+        seen.append(data.qpos[0])
+        data.ctrl[0] = wanted / 5.0
+        mujoco.mj_step(model, data, 5)
+    channels = (
+        Channel("position", ("j",), "rad", time, (np.array(seen) + noise)[:, None]),
+        Channel("command_torque", ("j",), "N m", time, torque[:, None]),
+    )
+    return Recording("swing", {c.name: c for c in channels}, {})
+
+
+@pytest.mark.parametrize("drive", [_MOTOR, ""], ids=["a geared motor", "no actuator"])
+def test_commanded_torques_drive_the_model(tmp_path: Path, drive: str) -> None:
+    simulator, notes = simulator_for(_model(tmp_path, drive), [_swing()])
+    assert any("motors were added" in n for n in notes) == (not drive)
+    found = calibrate(simulator, [_swing()], options=Options(cross_validate=False))
+    (damping,) = [e for e in found.estimates if e.name == "j.damping"]
+    assert damping.low < 0.5 < damping.high
+    assert damping.value == pytest.approx(0.5, rel=0.03)
+
+
+def test_of_positions_and_torques_a_model_with_motors_takes_the_torques(tmp_path: Path) -> None:
+    swing = _swing()
+    both = swing.with_channel(swing.channel("position").replace(name="command"))
+    (kept,), notes = suited(_model(tmp_path, _MOTOR), [both])
+    assert not kept.has("command")
+    assert "torques are used" in notes[0]
+    (kept,), notes = suited(_model(tmp_path, _SERVO), [both])
+    assert kept.has("command")
+    assert not notes
+
+
+def test_commands_that_the_drives_cannot_take_are_refused(tmp_path: Path) -> None:
+    swing = _swing()
+    with pytest.raises(ModelError, match=r"'swing' commands N m .* has position servos at j"):
+        suited(_model(tmp_path, _SERVO), [swing])
+    positions = swing.without("command_torque").with_channel(swing.channel("position").replace(name="command"))
+    with pytest.raises(ModelError, match=r"'swing' commands rad .* has motors at j, which take torques"):
+        suited(_model(tmp_path, _MOTOR), [positions])
+
+
+def test_a_log_without_commands_is_said_to_drive_nothing(tmp_path: Path) -> None:
+    _, notes = simulator_for(_model(tmp_path, _MOTOR), [_swing().without("command_torque")])
+    assert any(n.startswith("no command in swing: servos hold") for n in notes)
