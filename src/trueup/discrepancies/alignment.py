@@ -76,6 +76,8 @@ def _command_lag(recording: Recording) -> float | None:
     command = command_of(recording)
     if command is None or not recording.has("position"):
         return None
+    if command.unit not in ("", recording.channel("position").unit):
+        return None
     found = None
     overlap = min(recording.stop, command.time[-1]) - max(recording.start, command.time[0])
     if overlap < _ENOUGH:

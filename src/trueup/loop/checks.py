@@ -40,7 +40,8 @@ def _about(recording: Recording) -> list[str]:
             found += _units(recording.name, recording.channel(name))
     if command is not None and recording.has("position"):
         position = recording.channel("position")
-        found += _far(recording.name, command, position)
+        if command.unit in ("", position.unit):  # torques lead where they like
+            found += _far(recording.name, command, position)
     return found
 
 

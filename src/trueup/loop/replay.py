@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +15,9 @@ from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.discrepancies.weighted import Weighted, measured_at
 from trueup.errors import SimulationFailedError, TrueupError
 from trueup.loop.problem import Problem
-from trueup.recording import Recording
+from trueup.recording import Channel, Recording
 from trueup.simulators.simulator import Simulator
-from trueup.trial import command_of
+from trueup.trial import Observed, command_of
 
 Array = NDArray[np.float64]
 
@@ -85,12 +84,15 @@ def replays(
                 recording=recording.name, held_out=k >= len(training), channel=name, labels=observed.labels,
                 unit=observed.unit, time=observed.time - new.trial.start, measured=measured, before=old.channels[name][0],
                 after=new.channels[name][0], noise=measure.scale(name, observed.labels),
-                command=_commanded(command, observed.labels, observed.time) if name == "position" else None,
+                command=_commanded(command, observed) if name == "position" else None,
             ))  # fmt: skip
     return tuple(found)
 
 
-def _commanded(command: Any, labels: tuple[str, ...], time: Array) -> Array | None:
-    if command is None or not all(label in command.labels for label in labels):
+def _commanded(command: Channel | None, observed: Observed) -> Array | None:
+    """What was commanded of the same joints in the same unit."""
+    if command is None or not set(observed.labels) <= set(command.labels):
         return None
-    return command.select(labels).at(time, hold=True)
+    if command.unit not in ("", observed.unit):
+        return None
+    return command.select(observed.labels).at(observed.time, hold=True)

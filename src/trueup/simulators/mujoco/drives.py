@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import mujoco
 
-from trueup.errors import ModelError
+from trueup.errors import ModelError, TrueupError
 from trueup.recording import Channel, Recording
 from trueup.simulators.mujoco.model import Model
-from trueup.simulators.mujoco.wiring import is_motor
+from trueup.simulators.mujoco.wiring import actuators_of, is_motor
 from trueup.trial import COMMANDS, command_of
 
 _STIFFNESS = 100.0  # N m/rad of position servos that a model lacks; calibrated from there
@@ -66,7 +66,7 @@ def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recordin
     for recording in recordings:
         command = command_of(recording)
         torques = [n for n in COMMANDS if recording.has(n) and recording.channel(n).unit in _TORQUE]
-        if command is not None and torques and command.name not in torques and _motors(model, command):
+        if torques and command is not None and command.name not in torques and _motors(model, command):
             for name in COMMANDS:
                 if recording.has(name) and recording.channel(name).unit not in _TORQUE:
                     recording = recording.without(name)
@@ -77,19 +77,26 @@ def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recordin
     return kept, [note] if cut else []
 
 
+def _actuators(model: Model, command: Channel) -> dict[str, int]:
+    """Label to actuator; empty where one has none, which the simulator tells with the names that there are."""
+    try:
+        return dict(zip(command.labels, actuators_of(model, command), strict=True))
+    except TrueupError:
+        return {}
+
+
 def _motors(model: Model, command: Channel) -> list[str]:
-    """The labels of a command whose actuators are motors."""
-    by_joint = model.actuator_of_joint()
-    return [label for label in command.labels if label in by_joint and is_motor(model.compiled, by_joint[label])]
+    return [label for label, actuator in _actuators(model, command).items() if is_motor(model.compiled, actuator)]
 
 
 def _check(model: Model, recording: Recording) -> None:
-    command, by_joint = command_of(recording), model.actuator_of_joint()
+    command = command_of(recording)
     if command is None:
         return
     where = f"recording '{recording.name}' commands {command.unit} (channel '{command.name}')"
     if command.unit in _TORQUE:
-        servos = [label for label in command.labels if label in by_joint and model.is_position_servo(by_joint[label])]
+        drives = _actuators(model, command)
+        servos = [label for label, actuator in drives.items() if model.is_position_servo(actuator)]
         if servos:
             raise ModelError(
                 f"{where}, but model '{model.path.name}' has position servos at {', '.join(servos)}: give it <motor> "
