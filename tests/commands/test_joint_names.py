@@ -31,3 +31,12 @@ def test_what_shares_no_name_goes_by_the_order_of_the_driven_joints() -> None:
 def test_what_cannot_be_known_stays_open() -> None:
     names, _ = match_joints(["elbow", "joint_1"], {"joint_1": "", "x": "", "y": ""})
     assert names == {"joint_1": "joint_1"}
+
+
+def test_joints_that_logs_count_from_zero_and_models_from_one_are_not_mistaken_for_each_other() -> None:
+    model = {"joint_1": "", "joint_2": "", "joint_3": "", "gripper": ""}
+    names, how = match_joints(["joint_0", "joint_1", "joint_2", "grip"], model)
+    assert names == {"joint_0": "joint_1", "joint_1": "joint_2", "joint_2": "joint_3", "grip": "gripper"}
+    assert "check" in how
+    assert match_joints(["joint_1", "joint_2", "joint_3"], model)[1] == "by name"
+    assert match_joints(["j1", "j2"], {"a0": "", "a1": ""})[0] == {"j1": "a0", "j2": "a1"}

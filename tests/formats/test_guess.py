@@ -137,3 +137,17 @@ def test_a_unit_at_the_end_of_a_name_says_what_it_is_of(tmp_path: Path) -> None:
     assert np.allclose(found.channel("position").values[-1], [np.radians(20.0), 0.039]), "degrees and millimetres"
     assert found.channel("torque").labels == ("elbow",)
     assert found.channel("velocity").values[-1] == pytest.approx(np.radians(19.0))
+
+
+def test_act_is_actual_beside_a_word_for_commands_and_an_action_beside_none(tmp_path: Path) -> None:
+    found = guess(tmp_path, "t_ms,x_cmd_mm,c_cmd_deg,x_act_mm,c_act_deg", scale=50.0).channels
+    assert found["command"].labels == found["position"].labels == ("x", "c")
+    assert found["position"].columns == ("x_act_mm", "c_act_deg")
+    assert found["position"].scale == pytest.approx((1e-3, np.pi / 180))
+    alone = guess(tmp_path, "time,act_1,act_2,pos_1,pos_2").channels
+    assert alone["command"].columns == ("act_1", "act_2")
+
+
+def test_actions_and_observed_states_one_number_a_column_are_commands_and_positions(tmp_path: Path) -> None:
+    found = guess(tmp_path, "time,action.0,action.1,observation.state.0,observation.state.1").channels
+    assert found["command"].labels == found["position"].labels == ("joint_0", "joint_1")

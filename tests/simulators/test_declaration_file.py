@@ -94,3 +94,20 @@ def test_a_full_disk_leaves_the_old_file(model: Model, tmp_path: Path, monkeypat
     with pytest.raises(OutputError, match="No space left"):
         write_parameters(calibration, *declare(model, LINES), tmp_path / "p.toml")
     assert (tmp_path / "p.toml").read_text() == "old"
+
+
+def test_slides_have_units_of_force_and_bounds_that_their_drives_could_hold(tmp_path: Path) -> None:
+    (tmp_path / "m.xml").write_text(
+        """<mujoco><worldbody><body><joint name="x" type="slide"/><geom size=".1" mass="8"/>
+        <body><joint name="c"/><geom size=".05" mass="1"/></body></body></worldbody>
+        <actuator><position joint="x" name="X" kp="4000"/><position joint="c" name="C" kp="5"/></actuator></mujoco>"""
+    )
+    lines = [Declaration("kp"), Declaration("friction"), Declaration("armature")]
+    space, _ = declare(load(tmp_path / "m.xml"), lines)
+    units = {p.name: p.unit for p in space.parameters}
+    assert (units["X.kp"], units["x.friction"], units["x.armature"]) == ("N/m", "N", "kg")
+    assert (units["C.kp"], units["c.friction"], units["c.armature"]) == ("N m/rad", "N m", "kg m2")
+    upper = {p.name: p.upper for p in space.parameters}
+    assert upper["x.friction"] == pytest.approx(80.0)
+    assert upper["x.armature"] == pytest.approx(9.0)
+    assert upper["c.friction"] == pytest.approx(2.5)

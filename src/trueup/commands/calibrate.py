@@ -20,7 +20,7 @@ from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
 from trueup.commands.sources import mapping_for, only_joint, readable, split, while_driven
 from trueup.formats import read
-from trueup.recording import Recording
+from trueup.recording import Recording, is_command
 from trueup.report import replay_picture, write_report
 from trueup.report.writing import write_aside
 
@@ -83,6 +83,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     training, held_out, notes = _recordings(args)
     model = Path(args.model)
     simulator, more = simulator_for(model, training, args.parameters, replayed=held_out)
+    more = [*more, *_unused(simulator, training)]
     parameters = Path(args.parameters) if args.parameters else None
     choices = {"held out": [r.name for r in held_out], "search": args.search, "seed": args.seed, "select": args.select,
                "channels": args.channels}  # fmt: skip
@@ -117,6 +118,19 @@ def _recordings(args: argparse.Namespace) -> tuple[list[Recording], list[Recordi
         said += left
         training, held_out = renamed[: len(training)], renamed[len(training) :]
     return training, held_out, [*notes, *more, *cut, *said]
+
+
+def _unused(simulator: Simulator, recordings: Sequence[Recording]) -> list[str]:
+    """A note on measured channels that the model has nothing to compare with, such as the pose of a free base."""
+    unused = {
+        c.name: None
+        for r in recordings
+        for c in r.channels.values()
+        if not is_command(c.name) and c.name not in simulator.observable(r)
+    }
+    if not unused:
+        return []
+    return [f"not used, since it is no joint and no sensor of the model: {', '.join(unused)}"]
 
 
 def _options(args: argparse.Namespace) -> Options:

@@ -168,12 +168,19 @@ def _line(channel: ChannelInspection) -> str:
     noise = [float(n) for n in channel.noise if math.isfinite(n) and n > 0]
     if steps and not channel.name.startswith("command"):
         scale = scale_for(channel.unit, steps)
-        parts.append(f"encoder grid {scale.text(min(steps))} {scale.unit}")
+        name = "rounded to" if _is_decimal(min(steps), channel.unit) else "encoder grid"
+        parts.append(f"{name} {scale.text(min(steps))} {scale.unit}")
     if noise and not channel.name.startswith("command"):
         scale = scale_for(channel.unit, noise)
         parts.append(f"noise {scale.text(sorted(noise)[len(noise) // 2], 2)} {scale.unit}")
     names = ", ".join(channel.labels[:8]) + (" ..." if len(channel.labels) > 8 else "")
     return escape(", ".join(parts) + f"   [{names}]")
+
+
+def _is_decimal(step: float, unit: str) -> bool:
+    """Whether a grid is a power of ten in rad, m or degrees: then the file's digits made it as likely as an encoder."""
+    exponents = [math.log10(step), *([math.log10(math.degrees(step))] if unit.startswith("rad") else [])]
+    return any(abs(e - round(e)) < 1e-3 for e in exponents)
 
 
 def _plain(inspection: Inspection) -> dict[str, Any]:

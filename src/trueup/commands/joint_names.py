@@ -16,12 +16,12 @@ def match_joints(labels: Sequence[str], drives: Mapping[str, str]) -> tuple[dict
     name, alike but for capitals and words such as "joint", one within the other, the name of the actuator; what is
     left goes by order if as many joints, or as many driven joints, are left too.
     """
-    found: dict[str, str] = {}
+    found = _counted(labels, drives)
+    how = "by order, which nothing here can prove: check them" if found else "by name"
     for key in (str, _plain, _core):
         _pair(found, labels, {j: key(j) for j in drives}, key)
     _pair(found, labels, {j: _core(a) for j, a in drives.items() if a}, _core)
     _within(found, labels, drives)
-    how = "by name"
     open_labels = [label for label in labels if label not in found]
     free = [j for j in drives if j not in found.values()]
     driven = [j for j in free if drives[j]]
@@ -29,6 +29,17 @@ def match_joints(labels: Sequence[str], drives: Mapping[str, str]) -> tuple[dict
         found |= zip(open_labels, free if len(free) == len(open_labels) else driven, strict=True)
         how = "by order, which nothing here can prove: check them"
     return {label: found[label] for label in labels if label in found}, how
+
+
+def _counted(labels: Sequence[str], drives: Mapping[str, str]) -> dict[str, str]:
+    """Pairs of labels and joints that only count, one side from 0 and the other from 1: joint_0 is joint_1; else none."""
+    counted = {_core(label): label for label in labels if _core(label).isdigit()}
+    theirs = {_core(joint): joint for joint in drives if _core(joint).isdigit()}
+    if len(counted) < 2 or ("0" in counted) == ("0" in theirs):
+        return {}
+    shift = 1 if "0" in counted else -1
+    wanted = {label: f"{int(number) + shift}" for number, label in counted.items()}
+    return {label: theirs[n] for label, n in wanted.items()} if set(wanted.values()) <= set(theirs) else {}
 
 
 def _pair(found: dict[str, str], labels: Sequence[str], keys: Mapping[str, str], make: Callable[[str], str]) -> None:

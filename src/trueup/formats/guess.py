@@ -15,7 +15,7 @@ from trueup.formats.clocks import Clocks, find_clocks
 from trueup.formats.mapping import ChannelColumns, ChannelMap
 from trueup.formats.table import Table, listing
 from trueup.formats.vehicle import as_vehicle
-from trueup.formats.words import VOCABULARY, Meaning, label_of, meaning, words
+from trueup.formats.words import VOCABULARY, Meaning, label_of, meaning, with_actual, words
 from trueup.recording import is_command
 from trueup.units import to_si
 
@@ -52,7 +52,13 @@ def guess(tables: Sequence[Table]) -> ChannelMap:
     Raises MappingError, saying what was found, where no column but time holds numbers.
     """
     clocks = find_clocks(tables)
-    columns = [column for table in tables for name in table.columns if (column := _column(table, name, tables, clocks))]
+    read = with_actual([name for table in tables for name in table.columns])
+    columns = [
+        column
+        for table in tables
+        for name in table.columns
+        if (column := _column(table, name, read[name], tables, clocks))
+    ]
     if not columns:
         found = "; ".join(f"{t.name}: {listing(t.columns)}" for t in tables)
         raise MappingError(f"no column but time holds numbers, so there is no channel; found {found}")
@@ -70,12 +76,12 @@ def guess(tables: Sequence[Table]) -> ChannelMap:
     return ChannelMap(channels=named, time=clocks.main, notes=(*clocks.notes, *said, *more))
 
 
-def _column(table: Table, name: str, tables: Sequence[Table], clocks: Clocks) -> _Column | None:
-    """What a column seems to be; None for clocks and columns without a number."""
+def _column(table: Table, name: str, read: str, tables: Sequence[Table], clocks: Clocks) -> _Column | None:
+    """What a column seems to be, its name `read` so; None for clocks and columns without a number."""
     values = table.columns[name]
     if name in clocks.columns.get(table.name, ()) or not np.any(np.isfinite(values)) or _counts_rows(name, values):
         return None
-    said = meaning(name)
+    said = meaning(read)
     context = meaning(_stem(table.name)) if len(tables) > 1 else None
     role = _role(name, said, context, table)
     label = label_of(said.label) if role else ""
@@ -104,8 +110,9 @@ def _role(name: str, said: Meaning, context: Meaning | None, table: Table) -> st
         kind = kind or context.kind
         command = command or (context.command and not context.measured)
         sent = sent or context.sent
-    if not kind and not command and table.columns[name].ndim == 2 and "state" in plain:
-        kind = "position"  # LeRobot's observation.state
+    vector = table.columns[name].ndim == 2 or ("observation" in plain and plain[-1].isdigit())
+    if not kind and not command and vector and "state" in plain:
+        kind = "position"  # LeRobot's observation.state, also one number a column
     if command:
         base = "command_sent" if sent else "command"
         return base if kind in ("", "position") else f"{base}_{kind}"

@@ -71,6 +71,7 @@ VOCABULARY = Vocabulary(
 )
 
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+_ACT = re.compile(r"(?<![A-Za-z])[Aa][Cc][Tt](?![A-Za-z])|(?<![A-Za-z])[Aa]ct(?=[A-Z])")
 _BRACKETED_UNIT = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 _UNIT_SUFFIXES = {
     "position": {"rad": "rad", "deg": "deg", "degrees": "deg", "rev": "rev", "mrad": "mrad", "m": "m", "mm": "mm"},
@@ -101,6 +102,14 @@ class Meaning:
     """False where a word says that this is no joint's signal (a pose, a mode, a counter)."""
 
 
+def with_actual(names: Sequence[str]) -> dict[str, str]:
+    """Each name as it is to be read: "act" is "actual", and no action, beside names with a plain word for a command."""
+    plain = [words(name) for name in names]
+    if not any((VOCABULARY.commands - {"act"}) & set(each) for each in plain):
+        return {name: name for name in names}
+    return {name: _ACT.sub("actual", name) for name in names}
+
+
 def words(name: str) -> list[str]:
     """The words and numbers of a name, in lower case: "jointPos_1" -> joint, pos, 1."""
     return [match[0].lower() for match in _WORD.finditer(name)]
@@ -116,7 +125,7 @@ def meaning(name: str) -> Meaning:
     kind = next((k for k in kinds if k), "")
     told = any(commands) or bool(_PLAINLY_MEASURED & set(plain))
     suffix, where = ("", range(0)) if unit else _unit_suffix(bare, kind)
-    if not kind and not (VOCABULARY.axes | {"heading"}) & set(plain[:1]):
+    if not kind and (told or not (VOCABULARY.axes | {"heading"}) & set(plain[:1])):
         kind, suffix, where = _kind_by_unit(bare, unit, suffix, where, told=told)
     if not kind and told and not any(commands):
         kind = "position"

@@ -15,7 +15,7 @@ from trueup.errors import ParameterError
 from trueup.formats.aside import written_aside
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.simulators.mujoco.declarations import Declaration
-from trueup.simulators.mujoco.quantities import Quantity, kind
+from trueup.simulators.mujoco.quantities import Quantity, kind, units_of
 
 _DECLARED = ("quantity", "of", "tie", "nominal", "lower", "upper", "scale", "frozen", "name", "optional")
 _TOLD = ("unit", "start", "low", "high", "verdict", "note")
@@ -102,7 +102,7 @@ def _declaration(table: Any, where: str) -> Declaration:
         raise ParameterError(f"{where}: 'quantity' is missing; for example quantity = \"friction\"")
     known = kind(_text(table, "quantity", where))
     unit = table.get("unit", known.unit)
-    if unit != known.unit:
+    if unit not in units_of(known):
         raise ParameterError(
             f"{where}: unit '{unit}' is given, but {known.name} is in '{known.unit}'; convert the numbers"
         )

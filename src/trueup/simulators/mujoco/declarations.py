@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from trueup.errors import ParameterError, unknown_name
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.simulators.mujoco.model import Model
-from trueup.simulators.mujoco.quantities import Kind, Quantity, kind
+from trueup.simulators.mujoco.quantities import Kind, Quantity, kind, largest, unit_for
 
 TIES = ("each", "all", "mirror")
 
@@ -123,15 +123,15 @@ def _parameter(model: Model, k: Kind, line: Declaration, group: tuple[str, ...])
     nominal = line.nominal if line.nominal is not None else float(values[0])
     usual = k.bounds(nominal)
     lower = line.lower if line.lower is not None else usual[0]
-    upper = line.upper if line.upper is not None else usual[1]
+    upper = line.upper if line.upper is not None else max(usual[1], *(largest(k, model, n) for n in group))
     scale = line.scale or k.scale
     if scale == "log" and not line.frozen and line.nominal is None:
         nominal = min(max(nominal, lower), upper)  # a nominal of zero cannot start on a log scale
     label = line.name or _label(group, line)
     parameter = Parameter(
-        name=label if label == k.name else f"{label}.{k.name}", unit=k.unit, nominal=nominal, lower=lower, upper=upper,
-        scale=scale, frozen=line.frozen, source="declared" if line.nominal is not None else "model", shown_by=k.shown_by,
-        optional=line.optional,
+        name=label if label == k.name else f"{label}.{k.name}", unit=unit_for(k, model, group[0]), nominal=nominal,
+        lower=lower, upper=upper, scale=scale, frozen=line.frozen, shown_by=k.shown_by,
+        source="declared" if line.nominal is not None else "model", optional=line.optional,
     )  # fmt: skip
     return parameter, Quantity(k.name, group, signs)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,6 +36,48 @@ class Kind:
     title: str
     shown_by: str = ""
     """Which motion shows it."""
+
+
+_LINEAR = {
+    "N m/rad": "N/m", "N m s/rad": "N s/m", "N m s2/rad2": "N s2/m2", "N m": "N", "kg m2": "kg", "rad": "m",
+}  # fmt: skip
+"""Units of hinges to those of slides."""
+
+
+def unit_for(kind: Kind, model: Model, target: str) -> str:
+    """The unit of a quantity at one joint or actuator: that of `kind`, with m for rad where the joint slides."""
+    if kind.family not in ("joint", "actuator"):
+        return kind.unit
+    joint = model.index("joint", target) if kind.family == "joint" else _driven(model, target)
+    slides = joint >= 0 and model.compiled.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
+    return _LINEAR.get(kind.unit, kind.unit) if slides else kind.unit
+
+
+def units_of(kind: Kind) -> tuple[str, ...]:
+    """The units that a quantity may have: at hinges, at slides."""
+    return kind.unit, _LINEAR.get(kind.unit, kind.unit)
+
+
+def largest(kind: Kind, model: Model, target: str) -> float:
+    """How far beyond its usual upper bound a joint's quantity may be sought, by the drive's strength; 0 if unknown.
+
+    Friction up to what the servo holds against with 0.1 rad (0.02 m) of error, armature up to the inertia that it moves.
+    """
+    if kind.family != "joint" or kind.name not in ("friction", "friction_static", "damping", "armature"):
+        return 0.0
+    joint, actuator = model.index("joint", target), model.actuator_of_joint().get(target, -1)
+    if kind.name == "armature":
+        return float(model.compiled.dof_M0[model.compiled.jnt_dofadr[joint]])
+    if actuator < 0 or not model.is_position_servo(actuator):
+        return 0.0
+    slides = model.compiled.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
+    return (0.02 if slides else 0.1) * float(model.compiled.actuator_gainprm[actuator, 0])
+
+
+def _driven(model: Model, actuator: str) -> int:
+    i = model.index("actuator", actuator)
+    joints = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+    return int(model.compiled.actuator_trnid[i, 0]) if int(model.compiled.actuator_trntype[i]) in joints else -1
 
 
 _SHOWN_BY = {
