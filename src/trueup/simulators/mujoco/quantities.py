@@ -61,7 +61,8 @@ def units_of(kind: Kind) -> tuple[str, ...]:
 def largest(kind: Kind, model: Model, target: str) -> float:
     """How far beyond its usual upper bound a joint's quantity may be sought, by the drive's strength; 0 if unknown.
 
-    Friction up to what the servo holds against with 0.1 rad (0.02 m) of error, armature up to the inertia that it moves.
+    Friction up to what the servo holds against with 0.1 rad (0.02 m) of error, damping to a lag of 0.5 s, armature up to
+    the inertia that it moves.
     """
     if kind.family != "joint" or kind.name not in ("friction", "friction_static", "damping", "armature"):
         return 0.0
@@ -71,7 +72,8 @@ def largest(kind: Kind, model: Model, target: str) -> float:
     if actuator < 0 or not model.is_position_servo(actuator):
         return 0.0
     slides = model.compiled.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
-    return (0.02 if slides else 0.1) * float(model.compiled.actuator_gainprm[actuator, 0])
+    share = 0.5 if kind.name == "damping" else 0.02 if slides else 0.1  # half a second of lag; an error in m, in rad
+    return share * float(model.compiled.actuator_gainprm[actuator, 0])
 
 
 def _driven(model: Model, actuator: str) -> int:
