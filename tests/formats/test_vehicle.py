@@ -46,3 +46,18 @@ def test_a_cars_log_is_recognised_whatever_its_columns_are_called(layout: str, t
         ("heading", "heading", heading), ("speed", "speed", speed),
     ):  # fmt: skip
         assert recording.channel(channel).column(label) == pytest.approx(truth, abs=2e-6), (channel, label)
+
+
+def test_a_commanded_speed_is_a_cars_drive_and_a_quaternion_is_kept(tmp_path: Path) -> None:
+    t, _, steering, x, y, heading, speed = drive()
+    zero = np.zeros(len(t))
+    path = tmp_path / "drive.csv"
+    names = "time,cmd_speed_mps,cmd_steering_deg,pose.x,pose.y,pose.z,pose.qx,pose.qy,pose.qz,pose.qw,wheel_speed"
+    shown = [t, speed, np.degrees(steering), x, y, zero, zero, zero, np.sin(heading / 2), np.cos(heading / 2), speed]
+    np.savetxt(path, np.column_stack(shown), delimiter=",", header=names, comments="", fmt="%.7f")
+    recording = read([path])[0]
+    assert recording.channel("command").column("speed") == pytest.approx(speed, abs=2e-6)
+    assert np.corrcoef(recording.channel("command").column("steering"), steering)[0, 1] > 0.9999
+    assert recording.channel("position").column("x") == pytest.approx(x, abs=2e-6)
+    assert recording.channel("orientation").column("qz") == pytest.approx(np.sin(heading / 2), abs=2e-6)
+    assert recording.channel("speed").column("speed") == pytest.approx(speed, abs=2e-6)

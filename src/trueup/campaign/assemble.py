@@ -86,7 +86,7 @@ def calibrated(
     from trueup.simulators.car.training import begun_apart, counted_once
 
     drives, others = ([simulator.prepared(r) for r in rs] for rs in (training, held_out))
-    found = calibrate(simulator, begun_apart(drives, simulator.horizon), others, discrepancy=Ahead(simulator),
+    found = calibrate(simulator, begun_apart(drives, simulator.horizon), others, discrepancy=Ahead(simulator, drives),
                       options=replace(options, cross_validate=False), **told)  # fmt: skip
     once = counted_once(found, drives)
     return replace(once, notes=(*once.notes, *spoken(simulator, once.values, [*drives, *others])))
@@ -170,16 +170,17 @@ def _car(
 ) -> tuple[CarSimulator, tuple[str, ...]]:
     from trueup.simulators.car import QUANTITIES, CarSimulator, car_space
     from trueup.simulators.car.car_file import read_car
+    from trueup.simulators.car.commands import with_commands
     from trueup.simulators.car.look import first_look, unseen
 
     if parameters_file is not None:
         raise ParameterError(f"{parameters_file}: a car has no parameters file; its own values are in [vehicle.values]")
-    car = read_car(path)
+    car, taken = with_commands(read_car(path), recordings)
     plain = CarSimulator(car)
     drives = [plain.prepared(r) for r in recordings]
     calm = unseen(drives)
     space = car_space(car, first_look(car, drives), [q.name for q in QUANTITIES if q.free and q.name not in calm])
-    return CarSimulator(car, space), tuple(calm.values())
+    return CarSimulator(car, space), (*taken, *calm.values())
 
 
 def _write_car(simulator: CarSimulator, calibration: Calibration, path: Path) -> tuple[str, ...]:

@@ -16,12 +16,19 @@ _SPEEDS = {"v", "vx", "vel", "velocity", "speed"}
 _WHOSE = {  # words beside a signal's own that do not change what it is
     "pos", "position", "pose", "vicon", "mocap", "optitrack", "odom", "gps", "car", "vehicle", "robot", "world", "map",
     "base", "link", "center", "centre", "cg", "cog", "rear", "axle", "wheel", "encoder", "measured", "meas", "long",
-    "longitudinal", "motor", "state", "cmd", "command", "u", "input", "desired", "target", "angle", "ratio", "value",
+    "longitudinal", "motor", "state", "pwm", "actuation", "control", "ctrl", "sent", "norm", "normalized",
+    "cmd", "command", "commanded", "u", "input", "desired", "target", "ref", "reference", "setpoint", "goal",
+    "angle", "ratio", "value",
 }  # fmt: skip
 _UNITS = {"m": ("m", 1.0), "mm": ("mm", 1.0), "cm": ("m", 0.01), "rad": ("rad", 1.0), "deg": ("deg", 1.0),
           "degrees": ("deg", 1.0), "mps": ("m/s", 1.0), "percent": ("", 0.01), "pct": ("", 0.01)}  # fmt: skip
 _TO_SI = {"deg": math.pi / 180.0, "mm": 1e-3}
+_THROTTLES = {"throttle", "gas", "accelerator", "esc", "drive"}
+_COMMANDED = frozenset(
+    {"cmd", "command", "commanded", "desired", "target", "ref", "reference", "setpoint", "u", "goal", "input"}
+)
 _HEADINGS = ("heading", "yaw", "theta", "psi", "orientation")
+_QUATERNION = {"qx", "qy", "qz", "qw"}
 _TURNS = {"w", "wz", "wimu", "yawrate", "yawvel", "yawspeed", "gyroz", "omegaz", "angularvelocityz", "turnrate"}
 _NO_POSE = {"acc", "accel", "acceleration", "imu", "gyro", "mag", "velocity", "vel", "force", "torque", "command"}
 
@@ -47,6 +54,9 @@ def as_vehicle(channels: Mapping[str, ChannelColumns]) -> tuple[dict[str, Channe
             if angle is not None:
                 found["heading"] = _part(entry, (angle,), ("heading",), "rad")
                 notes.append(f"heading: {name} {angle} taken as rad, growing to the left")
+            elif set(entry.labels) >= _QUATERNION:
+                found["orientation"] = _part(entry, tuple(sorted(_QUATERNION)), tuple(sorted(_QUATERNION)), "")
+                notes.append(f"orientation: {name} qx, qy, qz, qw; the heading is its turn about the vertical")
             break
     for name in ("velocity", "speed"):
         if name in found and "speed" not in found and len(found[name].columns) == len(found[name].labels) == 1:
@@ -89,11 +99,13 @@ class _Signal:
 def _gathered(channels: Mapping[str, ChannelColumns]) -> tuple[dict[str, ChannelColumns], list[str]]:
     """Throttle and steering as one command, x, y and heading as one pose, where a log scatters them over its columns."""
     found, notes = dict(channels), list[str]()
-    steering, drive = _find(found, _STEERS), _find(found, {"throttle", "gas"})
+    steering = _find(found, _STEERS, _COMMANDED) or _find(found, _STEERS)
+    drive = _find(found, _THROTTLES) or _find(found, _SPEEDS, _COMMANDED)
     if steering is None or drive is None:
         return found, notes
-    if not any({"steering", "throttle"} <= set(found[c].labels) for c in ("command", "command_sent") if c in found):
-        notes += _together(found, "command", {"throttle": drive, "steering": steering}, "")
+    kind = "throttle" if drive.core in _THROTTLES else "speed"
+    if not any({"steering", kind} <= set(found[c].labels) for c in ("command", "command_sent") if c in found):
+        notes += _together(found, "command", {kind: drive, "steering": steering}, "")
     x, y = _find(found, {"x"}), _find(found, {"y"})
     if x is not None and y is not None and (x.channel != y.channel or x.unit or "x" not in found[x.channel].labels):
         notes += _together(found, "position", {"x": x, "y": y}, "m")
@@ -105,14 +117,19 @@ def _gathered(channels: Mapping[str, ChannelColumns]) -> tuple[dict[str, Channel
     )
     if heading is not None and not named and "heading" not in found:
         notes += _together(found, "heading", {"heading": heading}, "rad")
-    speed = _find(found, _SPEEDS)
+    speed = _find(found, _SPEEDS, without=_COMMANDED)
     if speed is not None and "speed" not in found and speed.channel not in ("command", "command_sent"):
         notes += _together(found, "speed", {"speed": speed}, "m/s")
     return found, notes
 
 
-def _find(channels: Mapping[str, ChannelColumns], cores: set[str]) -> _Signal | None:
-    """The first column whose name says one of `cores` and nothing else that matters."""
+def _find(
+    channels: Mapping[str, ChannelColumns],
+    cores: set[str],
+    beside: frozenset[str] = frozenset(),
+    without: frozenset[str] = frozenset(),
+) -> _Signal | None:
+    """The first column whose name says one of `cores`, one of `beside` if any, none of `without`, no more that matters."""
     for name, entry in channels.items():
         if len(entry.columns) != len(entry.labels) or entry.width > 1:
             continue
@@ -120,6 +137,8 @@ def _find(channels: Mapping[str, ChannelColumns], cores: set[str]) -> _Signal | 
             said = words(column)
             unit, scale = next((_UNITS[w] for w in reversed(said) if len(said) > 1 and w in _UNITS), ("", 1.0))
             core = [w for w in said if w not in _WHOSE and not (len(said) > 1 and w in _UNITS)]
+            if (beside and not beside & set(said)) or without & set(said):
+                continue
             if len(core) == 1 and core[0] in cores:
                 return _Signal(name, column, core[0], unit, scale)
     return None

@@ -84,11 +84,17 @@ class Car:
     """Quantities that are known; the others are as `QUANTITIES` starts them."""
     enabled_by: str = ""
     """Label of a recorded signal without which the throttle is cut (a dead man's switch); '' finds one by its name."""
+    middle: tuple[float, float] = (0.0, 0.0)
+    """Recorded throttle and steering that stand for zero."""
+    full: tuple[float, float] | None = None
+    """How far beyond `middle` they stand for one, below zero where they grow backwards or to the right; None: 1."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
         if not 0.0 < self.wheelbase < 100.0:
             raise ParameterError(f"car '{self.name}': wheelbase is {self.wheelbase} m; it must be positive")
+        if not np.isfinite(self.middle).all() or not np.isfinite(self.full or 1.0).all() or 0.0 in (self.full or ()):
+            raise ParameterError(f"car '{self.name}': full is {self.full}, middle {self.middle}; full must not be zero")
         for name, value in self.values.items():
             if name not in _NAMES:
                 raise unknown_name("quantity", name, _NAMES, f"car '{self.name}'")

@@ -11,7 +11,7 @@ from trueup.errors import ModelError
 from trueup.formats.aside import written_aside
 from trueup.simulators.car.car import QUANTITIES, Car
 
-_KEYS = ("name", "wheelbase", "drive", "enabled_by", "values")
+_KEYS = ("name", "wheelbase", "drive", "enabled_by", "middle", "full", "values")
 
 
 def read_car(path: str | Path) -> Car:
@@ -42,6 +42,8 @@ def read_car(path: str | Path) -> Car:
         wheelbase=_number(where, "wheelbase", table.get("wheelbase")),
         values={name: _number(where, name, value) for name, value in values.items()},
         enabled_by=_text(where, table, "enabled_by", ""),
+        middle=_both(where, table, "middle") or (0.0, 0.0),
+        full=_both(where, table, "full"),
     )
 
 
@@ -56,6 +58,9 @@ def write_car(car: Car, path: Path, notes: Mapping[str, str] | None = None) -> N
     ]
     if car.enabled_by:
         lines.append(f'enabled_by = "{car.enabled_by}"')
+    if car.full:
+        lines.append(f"middle = {list(car.middle)}  # recorded throttle and steering that stand for zero")
+        lines.append(f"full = {list(car.full)}  # how far beyond they stand for one")
     lines += ["", "[vehicle.values]"]
     for name, value in car.values.items():
         note = (notes or {}).get(name, "")
@@ -69,6 +74,15 @@ def _text(where: Path, table: Mapping[str, object], key: str, absent: str) -> st
     if not isinstance(value, str) or not value.replace(" ", "").isprintable() or '"' in value or "\\" in value:
         raise ModelError(f"vehicle '{where}': {key} is {value!r}; it must be a plain text")
     return value
+
+
+def _both(where: Path, table: Mapping[str, object], key: str) -> tuple[float, float] | None:
+    pair = table.get(key)
+    if pair is None:
+        return None
+    if not isinstance(pair, list) or len(pair) != 2:
+        raise ModelError(f"vehicle '{where}': {key} is {pair!r}; it must be two numbers, of throttle and steering")
+    return _number(where, key, pair[0]), _number(where, key, pair[1])
 
 
 def _number(where: Path, key: str, value: object) -> float:

@@ -3,16 +3,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from trueup.recording import Recording
 from trueup.simulators.car.rollout import CarSimulator
+from trueup.simulators.car.tracking import usual_speed
 from trueup.simulators.simulator import Rollout
 
 Array = NDArray[np.float64]
 
 _UNIT = {"position": 0.02, "heading": 0.04}  # m and rad, a second ahead
+_SPEED = 1.5  # m/s: of faster cars, the unit of position grows in proportion
 _AT_ONCE = 0.25  # share of it at once; the rest grows with time
 
 
@@ -23,12 +27,15 @@ class Ahead:
     (delays, the servo's lag and play) would be bent to mend them.
     """
 
-    def __init__(self, simulator: CarSimulator) -> None:
+    def __init__(self, simulator: CarSimulator, drives: Sequence[Recording] = ()) -> None:
         self._simulator = simulator
+        # A fast car's position is off by metres where its heading is as well predicted as a slow one's.
+        speeds = [s for s in (usual_speed(d.channel("position")) for d in drives) if np.isfinite(s)]
+        self._larger = max(1.0, float(np.median(speeds)) / _SPEED) if speeds else 1.0
 
     def scale(self, channel: str, labels: tuple[str, ...]) -> Array:
         """(k,) the unit a second ahead, in m or rad."""
-        return np.full(len(labels), _UNIT.get(channel, 1.0))
+        return np.full(len(labels), _UNIT.get(channel, 1.0) * (self._larger if channel == "position" else 1.0))
 
     def residual(self, real: Recording, simulated: Rollout) -> Array:
         """See Discrepancy."""

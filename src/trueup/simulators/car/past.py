@@ -17,7 +17,7 @@ Mask = NDArray[np.bool_]
 
 POSE_WINDOW = 0.12  # s: a parabola through this much of the past gives the pose and the turn rate at its end
 SPEED_WINDOW = 0.25  # s: a line through the car's own forward and sideways speed, which change more slowly
-_SAMPLES = 6  # at least, in the shorter window
+_SAMPLES = 9  # at least, in the shorter window
 PAST = 2.0  # s of the past over which the model is compared with the car
 SETTLE = 1.0  # s of commands before that, for servo and motor to forget where they started
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from trueup.errors import RecordingError
 from trueup.recording import Channel, Recording, with_warnings
+from trueup.simulators.car.pose import aligned, course, heading_of
 from trueup.trial import command_of
 
 Array = NDArray[np.float64]
@@ -19,37 +20,51 @@ COMMAND = ("throttle", "steering")
 """Labels of the command channel: both without unit, usually -1 ... 1."""
 
 _MOST = 2.0  # commands beyond are no shares of the full command
-_FASTEST = 15.0  # m/s: nothing of this kind goes faster
 _NOISE, _TURN = 0.03, 0.15  # m, rad: more from one sample to the next, beyond what the speed explains, is a jump
+_FASTEST = 15.0  # m/s: nothing goes faster that does not do so often
+_CONTRADICTED = 0.2  # share of the poses; where wheels agree with fewer, their speed is not to be relied on
 _DISAGREES = 0.3  # m/s between tracked and wheel speed, of a whole piece
 _SWITCHES = ("safety", "enable", "enabled", "deadman", "armed")
 
 
-def cleaned(recording: Recording, enabled_by: str = "") -> Recording:
+def cleaned(
+    recording: Recording,
+    enabled_by: str = "",
+    middle: tuple[float, float] = (0.0, 0.0),
+    full: tuple[float, float] | None = None,
+) -> Recording:
     """The recording with NaN where position and heading are not the car's, and no throttle where it was cut.
 
     A tracker that loses the car shows something else: the pose jumps there and back. Pieces between jumps are kept where
     their speed is that of the wheels, or, where no wheel speed was recorded, where they follow on the longest
-    one. What was taken out is said in the provenance's warnings. Raises RecordingError without pose or command.
+    one. A log without heading gets the direction of motion in its place. Commands count from `middle` in units of
+    `full`. What was taken out is said in the provenance's warnings. Raises RecordingError without pose or command.
     """
-    for name in ("position", "heading"):
-        if not recording.has(name):
-            raise RecordingError(
-                f"recording '{recording.name}' has no channel '{name}'; a car is calibrated on a tracked pose: name the "
-                f"columns of x and y as 'position' and the yaw as 'heading' in the mapping (it has: "
-                f"{', '.join(recording.channels)})"
-            )
-    position, heading = recording.channel("position").select(("x", "y")), recording.channel("heading")
-    if len(position.time) != len(heading.time) or np.abs(position.time - heading.time).max() > 1e-6:
+    if not recording.has("position"):
+        raise RecordingError(
+            f"recording '{recording.name}' has no channel 'position'; a car is calibrated on a tracked pose: name the "
+            f"columns of x and y as 'position' and the yaw as 'heading' in the mapping (it has: "
+            f"{', '.join(recording.channels)})"
+        )
+    position, heading = recording.channel("position").select(("x", "y")), heading_of(recording)
+    if heading is not None and (
+        len(position.time) != len(heading.time) or np.abs(position.time - heading.time).max() > 1e-6
+    ):
         heading = heading.replace(time=position.time, values=_turned(heading, position.time))
     good = _of_the_car(recording, position, heading)
     lost = float(np.mean(~good))
     notes = [f"{100 * lost:.1f} % of the poses jump away or contradict the wheels and were left out"] if lost else []
+    if heading is None:
+        heading = course(position, good)
+        notes.append("no heading was recorded: the direction of motion stands for it")
+    else:
+        heading, turned = aligned(position, heading, good)
+        notes += turned
     angle = np.full((len(good), 1), np.nan)
     angle[good, 0] = np.unwrap(heading.values[good, 0])
     kept = recording.with_channel(position.replace(values=np.where(good[:, None], position.values, np.nan)))
     kept = kept.with_channel(heading.replace(values=angle, labels=("heading",)))
-    kept = kept.with_channel(_effective(recording, enabled_by))
+    kept = kept.with_channel(_effective(recording, enabled_by, middle, full))
     return kept.replace(provenance=with_warnings(recording.provenance, notes))
 
 
@@ -60,17 +75,29 @@ def _turned(heading: Channel, times: Array) -> Array:
     return whole.at(times)
 
 
-def _effective(recording: Recording, enabled_by: str) -> Channel:
-    """The commands, throttle zero while the switch was off. Raises RecordingError where there are none."""
+def driven_by(recording: Recording) -> Channel:
+    """Throttle and steering as recorded; a commanded speed is a throttle too. Raises RecordingError without them."""
     command = command_of(recording)
+    if command is not None and "speed" in command.labels and "throttle" not in command.labels:
+        command = command.replace(labels=tuple("throttle" if label == "speed" else label for label in command.labels))
     if command is None or any(label not in command.labels for label in COMMAND):
         found = "none" if command is None else ", ".join(command.labels)
         raise RecordingError(
             f"recording '{recording.name}': a car's command needs the labels throttle and steering; found: {found}. Name "
             'their columns in the mapping: [channels.command] columns = ["...", "..."], labels = ["throttle", "steering"]'
         )
-    command = command.select(COMMAND)
-    for label in COMMAND:
+    return command.select(COMMAND)
+
+
+def _effective(
+    recording: Recording, enabled_by: str, middle: tuple[float, float], full: tuple[float, float] | None
+) -> Channel:
+    """The commands as shares, throttle zero while the switch was off. Raises RecordingError where there are none."""
+    command = driven_by(recording)
+    if full is not None:  # a pulse of no width is no command yet, not one far to the side
+        sent = np.where((command.values == 0.0) & (np.abs(middle) > np.abs(full)), middle, command.values)
+        command = command.replace(values=(sent - middle) / full)
+    for label in COMMAND if full is None else ():
         largest = float(np.nanmax(np.abs(command.column(label)), initial=0.0))
         if largest > _MOST:
             raise RecordingError(
@@ -103,34 +130,61 @@ def _switch(recording: Recording, enabled_by: str) -> Channel | None:
     return None
 
 
-def _of_the_car(recording: Recording, position: Channel, heading: Channel) -> Mask:
+def _of_the_car(recording: Recording, position: Channel, heading: Channel | None) -> Mask:
     """(T,) which poses are believed."""
-    known = np.isfinite(position.values).all(axis=1) & np.isfinite(heading.values[:, 0])
+    angle = heading.values[:, 0] if heading is not None else np.zeros(len(position.time))
+    known = np.isfinite(position.values).all(axis=1) & np.isfinite(angle)
     rows = np.flatnonzero(known)
     good = np.zeros(len(known), dtype=bool)
     if len(rows) < 10:
         return good
-    pieces = _pieces(position.time[rows], position.values[rows], heading.values[rows, 0])
-    believed = _agreeing(recording, position, rows, pieces) if recording.has("speed") else _following(
-        position.time[rows], position.values[rows], pieces
-    )  # fmt: skip
+    time, points = position.time[rows], position.values[rows]
+    noise, fastest = _usual_motion(time, points)
+    pieces = _pieces(time, points, angle[rows], noise, fastest)
+    believed = _agreeing(recording, position, rows, pieces) if recording.has("speed") else []
+    if sum(b - a for a, b in believed) < _CONTRADICTED * len(rows):  # no wheel speed, or not in m/s
+        believed = _following(time, points, pieces, noise, fastest)
     for start, stop in believed:
         good[rows[start:stop]] = True
     return good
 
 
-def _pieces(time: Array, points: Array, angle: Array) -> list[tuple[int, int]]:
-    """Where the pose goes on without a jump; pieces of fewer than 10 samples are left out."""
+def usual_speed(position: Channel) -> float:
+    """The speed in m/s that the tracked point exceeds a seventh of the time; NaN where too little is known."""
+    good = np.isfinite(position.values).all(axis=1)
+    return _often(position.time[good], position.values[good])
+
+
+def _often(time: Array, points: Array) -> float:
+    if len(time) < 3:
+        return float("nan")
+    lag = max(1, round(0.3 / max(float(np.median(np.diff(time))), 1e-3)))
+    if len(time) <= 2 * lag:
+        return float("nan")
+    moved = np.linalg.norm(points[lag:] - points[:-lag], axis=1) / (time[lag:] - time[:-lag])
+    return float(np.percentile(moved, 85))
+
+
+def _usual_motion(time: Array, points: Array) -> tuple[float, float]:
+    """Noise of the points in m, and a speed in m/s beyond which they jump: well above those of the samples."""
+    bends = np.abs(np.diff(points, n=2, axis=0))
+    noise = max(_NOISE, 4.0 * float(np.median(bends)))
+    usual = np.linalg.norm(points[1:] - points[:-1], axis=1) / np.diff(time)
+    fastest = 3.0 + 4.0 * float(np.median(usual))
+    often = _often(time, points)  # also where the car stands most of the time
+    return noise, max(min(fastest, _FASTEST), 2.0 * often) if np.isfinite(often) else fastest
+
+
+def _pieces(time: Array, points: Array, angle: Array, noise: float, fastest: float) -> list[tuple[int, int]]:
+    """Where the pose goes on without a jump; pieces of fewer than 10 samples, or 0.2 s, are left out."""
     gaps = np.diff(time)
     way = np.linalg.norm(np.diff(points, axis=0), axis=1)
     turn = np.abs((np.diff(angle) + np.pi) % (2 * np.pi) - np.pi)
     usual = float(np.median(gaps))
-    jump = (way > _NOISE + _FASTEST * gaps) | (turn > _TURN + 10.0 * np.maximum(gaps - usual, 0.0) + 4.0 * usual)
-    # Fast, but not as fast as anything goes: a jump all the same if the samples beside it do not move like that.
-    calm = np.median(way / gaps)
-    jump |= way > _NOISE + (3.0 + 4.0 * calm) * gaps
+    jump = (way > noise + fastest * gaps) | (turn > _TURN + 10.0 * np.maximum(gaps - usual, 0.0) + 4.0 * usual)
     edges = [0, *(np.flatnonzero(jump) + 1).tolist(), len(time)]
-    return [(a, b) for a, b in pairwise(edges) if b - a >= 10]
+    least = min(10, max(2, round(0.2 / max(usual, 1e-3))))
+    return [(a, b) for a, b in pairwise(edges) if b - a >= least]
 
 
 def _agreeing(
@@ -152,13 +206,15 @@ def _agreeing(
     return believed
 
 
-def _following(time: Array, points: Array, pieces: list[tuple[int, int]]) -> list[tuple[int, int]]:
+def _following(
+    time: Array, points: Array, pieces: list[tuple[int, int]], noise: float, fastest: float
+) -> list[tuple[int, int]]:
     """The chain of pieces, each within reach of the one before, that holds most samples."""
     best: list[tuple[int, int]] = []  # samples, piece before
     for k, (a, b) in enumerate(pieces):
         before = (0, -1)
         for j, (_, stop) in enumerate(pieces[:k]):
-            reach = _NOISE + 5.0 * (time[a] - time[stop - 1])
+            reach = noise + max(5.0, 0.75 * fastest) * (time[a] - time[stop - 1])
             if np.linalg.norm(points[a] - points[stop - 1]) < reach:
                 before = max(before, (best[j][0], j))
         best.append((b - a + before[0], before[1]))

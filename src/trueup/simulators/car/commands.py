@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A car's commands as shares: throttle or commanded speed and steering in whatever numbers a log writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from trueup.errors import CalibrationError, RecordingError
+from trueup.recording import Channel, Recording
+from trueup.simulators.car.car import Car
+from trueup.simulators.car.look import first_look
+from trueup.simulators.car.tracking import COMMAND, cleaned, driven_by
+
+_MOST = 2.0  # commands beyond are no shares of the full command
+_PULSES = (500.0, 2500.0)  # us: of a servo's signal, whose middle is at 1500 and whose end 500 beside it
+
+
+def with_commands(car: Car, recordings: Sequence[Recording]) -> tuple[Car, tuple[str, ...]]:
+    """The car with `middle` and `full` of its commands as all the recordings suggest, and notes; as it is where it says.
+
+    Steering that turns the car to the right as it grows gets a full command below zero. Raises RecordingError for
+    recordings without pose or command.
+    """
+    if car.full is not None or not recordings:
+        return car, ()
+    commands = [driven_by(r) for r in recordings]
+    found = [_middle_and_full(commands, label) for label in COMMAND]
+    middle, full = (found[0][0], found[1][0]), (found[0][1], found[1][1])
+    notes = [
+        f"{label}: {f:g} {f'beside {m:g} ' if m else ''}counts as the full command"
+        for label, m, f in zip(COMMAND, middle, full, strict=True)
+        if (m, f) != (0.0, 1.0)
+    ]
+    scaled = replace(car, middle=middle, full=full)
+    try:
+        first_look(scaled, [cleaned(r, car.enabled_by, middle, full) for r in recordings])
+    except CalibrationError:
+        scaled = replace(car, middle=middle, full=(full[0], -full[1]))
+        notes.append("steering: grows to the right, taken as its opposite")
+    return (scaled, tuple(notes)) if notes else (car, ())
+
+
+def _middle_and_full(commands: Sequence[Channel], label: str) -> tuple[float, float]:
+    """What stands for zero and for one: 1500 and 500 of pulses, 0 and the next of 1, 2, 5, 10 ... of other numbers.
+
+    Raises RecordingError where no command is a number.
+    """
+    values = np.concatenate([c.column(label) for c in commands])
+    values = values[np.isfinite(values)]
+    if not len(values):
+        raise RecordingError(f"no recording holds a number for {label}")
+    moved = values[values != 0.0]  # zero: nothing sent yet
+    if len(moved) and _PULSES[0] <= moved.min() and moved.max() <= _PULSES[1]:
+        return float(np.mean(_PULSES)), 500.0
+    largest = float(np.abs(values).max())
+    if largest <= _MOST:
+        return 0.0, 1.0
+    ten = 10.0 ** np.floor(np.log10(largest))
+    return 0.0, float(next(n * ten for n in (1.0, 2.0, 5.0, 10.0) if n * ten >= largest * (1.0 - 1e-9)))

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The direction a car points to, as a log gives it: a yaw, a quaternion, a compass angle, or only the way it went."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from trueup.recording import Channel, Recording
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_QUATERNION = ("qx", "qy", "qz", "qw")
+_WITHIN = 0.3  # rad: as far as a tracker's frame may be turned on the car without being another convention
+_SURE = 0.85  # length of the mean direction
+_WAY = 0.05  # m at least between the poses that show a direction of motion
+_SPAN = 0.4  # s, the same
+_SAMPLES = 10  # at least, however slowly a log was written
+
+
+def heading_of(recording: Recording) -> Channel | None:
+    """The channel 'heading', or the yaw of a recorded quaternion (qx, qy, qz, qw), in rad; None without either."""
+    if recording.has("heading"):
+        return recording.channel("heading")
+    for channel in recording.channels.values():
+        if set(_QUATERNION) <= set(channel.labels):
+            x, y, z, w = (channel.column(label) for label in _QUATERNION)
+            yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+            return Channel("heading", ("heading",), "rad", channel.time, yaw[:, None])
+    return None
+
+
+def course(position: Channel, good: Mask) -> Channel:
+    """The direction of motion at each good sample, from where the car was until then, so that a prediction may start there.
+
+    While it stands, the last direction. NaN elsewhere.
+    """
+    time, points = position.time[good], position.values[good]
+    angle = np.full((len(position.time), 1), np.nan)
+    if len(time) > 2:
+        moved, sure = _motion_until(time, points)
+        if sure.any():
+            known = np.flatnonzero(sure)
+            way = np.unwrap(np.arctan2(moved[known, 1], moved[known, 0]))
+            angle[good, 0] = way[np.maximum(np.searchsorted(known, np.arange(len(time)), side="right") - 1, 0)]
+    return Channel("heading", ("heading",), "rad", position.time, angle)
+
+
+def aligned(position: Channel, heading: Channel, good: Mask) -> tuple[Channel, list[str]]:
+    """The heading in the sense and from the zero of the way driven (x forward, growing to the left), and notes.
+
+    Unchanged where both agree within _WITHIN, or where the way says nothing clear.
+    """
+    time, points, angle = position.time[good], position.values[good], heading.values[good, 0]
+    if len(time) < 50:
+        return heading, []
+    moved, sure = _motion(time, points)
+    if sure.sum() < 50:
+        return heading, []
+    way = np.arctan2(moved[sure, 1], moved[sure, 0])
+    plain, mirrored = (complex(np.mean(np.exp(1j * (way - sign * angle[sure])))) for sign in (1.0, -1.0))
+    if abs(plain) >= _SURE or abs(mirrored) < _SURE:
+        sign, off = 1.0, float(np.angle(plain)) if abs(plain) >= _SURE else 0.0
+    else:
+        sign, off = -1.0, float(np.angle(mirrored))
+    if sign > 0.0 and (abs(off) < _WITHIN or abs(off) > np.pi - _WITHIN):  # as it should be, or driven backwards
+        return heading, []
+    off = (
+        round(off / (0.5 * np.pi)) * 0.5 * np.pi
+        if abs(off - round(off / (0.5 * np.pi)) * 0.5 * np.pi) < _WITHIN
+        else off
+    )
+    sense = "grows to the right" if sign < 0.0 else "is turned"
+    note = f"the heading {sense} and its zero is {np.degrees(off):.0f} deg from x: changed to that of the way driven"
+    return heading.replace(values=sign * heading.values + off), [note]
+
+
+def _motion_until(time: Array, points: Array) -> tuple[Array, Mask]:
+    """(T, 2) velocity at the end of a parabola through the last _SPAN s, at least _SAMPLES, and where it shows a direction.
+
+    It does where the car went farther in that time than the noise of the points could feign.
+    """
+    width = max(round(_SPAN / max(float(np.median(np.diff(time))), 1e-3)) + 1, _SAMPLES)
+    velocity, far = np.zeros_like(points), np.zeros(len(time), dtype=bool)
+    if len(time) <= width:
+        return velocity, far
+    since = sliding_window_view(time, width) - time[width - 1 :, None]
+    span = -since[:, 0]
+    table = np.stack([np.ones_like(since), since, since**2], axis=2)
+    table[..., 1] /= span[:, None]
+    table[..., 2] /= span[:, None] ** 2
+    seen = sliding_window_view(points, width, axis=0) - points[width - 1 :, :, None]
+    normal = np.einsum("twi,twj->tij", table, table)
+    found = np.linalg.solve(normal, np.einsum("twi,tcw->tic", table, seen))
+    velocity[width - 1 :] = found[:, 1] / span[:, None]
+    noise = float(np.median(np.abs(np.diff(points, n=2, axis=0))))
+    moved = np.linalg.norm(points[width - 1 :] - points[: 1 - width], axis=1)
+    far[width - 1 :] = (moved > max(_WAY, 4.0 * noise)) & (span < 3.0 * width * float(np.median(np.diff(time))))
+    return velocity, far
+
+
+def _motion(time: Array, points: Array) -> tuple[Array, Mask]:
+    """(T, 2) how the point moves around each sample, and where that is far enough to show a direction."""
+    half = max(1, round(0.5 * _SPAN / max(float(np.median(np.diff(time))), 1e-3)))
+    index = np.arange(len(time))
+    before, after = np.maximum(index - half, 0), np.minimum(index + half, len(time) - 1)
+    moved = points[after] - points[before]
+    return moved, (np.linalg.norm(moved, axis=1) > _WAY) & (time[after] - time[before] < 3.0 * _SPAN)
