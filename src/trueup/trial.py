@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import RecordingError
-from trueup.recording import Channel, Recording
+from trueup.recording import Channel, Recording, is_command
 
 Array = NDArray[np.float64]
 
@@ -84,7 +84,7 @@ class Trial:
 
         Raises RecordingError where nothing was measured.
         """
-        measured = [name for name in recording.channels if name not in COMMANDS]
+        measured = [name for name in recording.channels if not is_command(name)]
         wanted = measured if channels is None else list(channels)
         if not wanted:
             raise RecordingError(

@@ -134,11 +134,11 @@ def clearance_for(model_path: str | Path, joints: Sequence[str], floor: float | 
 
 
 def suited(model_path: str | Path, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
-    """Recordings with those of several kinds of commands that the model's drives take, and notes. Raises ModelError."""
-    from trueup.simulators.mujoco.drives import suited
+    """Recordings as the model of a file can take them, and notes (see `drives.suited`). Raises ModelError."""
+    from trueup.simulators.mujoco import drives
     from trueup.simulators.mujoco.model import load
 
-    return suited(load(model_path), recordings)
+    return drives.suited(load(model_path), recordings)
 
 
 def joints_of(model_path: str | Path) -> tuple[str, ...]:

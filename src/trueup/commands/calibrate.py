@@ -14,11 +14,11 @@ from rich.console import Console
 from rich.markup import escape
 
 from trueup.calibration import Calibration
-from trueup.campaign.assemble import calibrated, joints_of, kinds_of, simulator_for, suited, write_outcome
+from trueup.campaign.assemble import calibrated, kinds_of, simulator_for, suited, write_outcome
 from trueup.campaign.output import Output, fingerprint
 from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
-from trueup.commands.sources import mapping_for, only_joint, readable, split, while_driven
+from trueup.commands.sources import mapping_for, readable, split, while_driven
 from trueup.formats import read
 from trueup.recording import Recording, is_command
 from trueup.report import replay_picture, write_report
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     training, held_out, notes = _recordings(args)
     model = Path(args.model)
     simulator, more = simulator_for(model, training, args.parameters, replayed=held_out)
-    more = [*more, *_unused(simulator, training)]
+    more = [*more, *(_unused(simulator, training) if model.suffix.lower() != ".toml" else ())]
     parameters = Path(args.parameters) if args.parameters else None
     choices = {"held out": [r.name for r in held_out], "search": args.search, "seed": args.seed, "select": args.select,
                "channels": args.channels}  # fmt: skip
@@ -113,24 +113,18 @@ def _recordings(args: argparse.Namespace) -> tuple[list[Recording], list[Recordi
     training, held_out = split(recordings, [h for group in args.hold_out for h in group], mapping)
     said: list[str] = []
     if Path(args.model).suffix.lower() != ".toml":
-        renamed, said = only_joint([*training, *held_out], joints_of(args.model))
-        renamed, left = suited(args.model, renamed)
-        said += left
-        training, held_out = renamed[: len(training)], renamed[len(training) :]
+        taken, said = suited(args.model, [*training, *held_out])
+        training, held_out = taken[: len(training)], taken[len(training) :]
     return training, held_out, [*notes, *more, *cut, *said]
 
 
 def _unused(simulator: Simulator, recordings: Sequence[Recording]) -> list[str]:
     """A note on measured channels that the model has nothing to compare with, such as the pose of a free base."""
-    unused = {
-        c.name: None
-        for r in recordings
-        for c in r.channels.values()
-        if not is_command(c.name) and c.name not in simulator.observable(r)
-    }
+    measured = {name for r in recordings for name in r.channels if not is_command(name)}
+    unused = measured.difference(*(simulator.observable(r) for r in recordings))
     if not unused:
         return []
-    return [f"not used, since it is no joint and no sensor of the model: {', '.join(unused)}"]
+    return [f"not used, since it is no joint and no sensor of the model: {', '.join(sorted(unused))}"]
 
 
 def _options(args: argparse.Namespace) -> Options:

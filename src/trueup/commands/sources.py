@@ -57,16 +57,6 @@ def split(
     return [r for r in recordings if r.name not in held], list(held.values())
 
 
-def only_joint(recordings: Sequence[Recording], joints: Sequence[str]) -> tuple[list[Recording], list[str]]:
-    """Where recordings and model have one joint each, the recordings by the model's name for it, and a note on that."""
-    logged = {label for r in recordings for c in ("position", "command") if r.has(c) for label in r.channel(c).labels}
-    if len(joints) != 1 or len(logged) != 1 or logged == set(joints):
-        return list(recordings), []
-    (name,) = logged
-    note = f"'{name}' of the recordings is taken for '{joints[0]}', the only joint of the model"
-    return [r.rename({name: joints[0]}) for r in recordings], [note]
-
-
 def while_driven(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
     """Recordings that log whether their drives were on (`torque_enable`), cut to the longest stretch with all on.
 

@@ -121,7 +121,8 @@ def _elsewhere(problem: Problem, space: ParameterSpace, last: LeastSquares, firs
     """A better point along the axis of a parameter that has no slope where it is, or is at a bound, if there is one.
 
     The friction of a foot that sticks and the force limit of a drive that never saturates have none: slopes alone would
-    leave them where they started, however wrong that is, or where one wrong step took them.
+    leave them where they started, however wrong that is, or where one wrong step took them. Where the `first` stage costs
+    far less it is looked at in the problem's place, which only judges what was found there.
     """
     if last.jacobian is None or last.residual is None:
         return None
@@ -131,33 +132,38 @@ def _elsewhere(problem: Problem, space: ParameterSpace, last: LeastSquares, firs
     blind = weakest[(effect < _BLIND)[weakest] | bound[weakest]]
     if not len(blind):
         return None
+    here = float(robust_losses(last.residual[None], _BEND)[0])
+    if _simulated(first) > 0.5 * _simulated(problem):
+        point, loss = _along(problem, space, last.point, blind)
+        return point if loss < _BETTER * here else None
+    point, loss = _along(first, space, last.point, blind)
+    if loss >= _BETTER * _losses(first, space, last.point[None])[0]:
+        return None
+    return point if _losses(problem, space, point[None])[0] < _BETTER * here else None
 
-    # Of long recordings the first seconds are looked at, and the whole of them only at what was found there.
-    quick = first if _simulated(first) < 0.5 * _simulated(problem) else problem
 
-    def losses_of(where: Problem, points: Array) -> Array:
-        losses = robust_losses(where.residuals(space.from_unit(points)), _BEND)
-        return np.where(np.isfinite(losses), losses, np.inf)
+def _along(problem: Problem, space: ParameterSpace, point: Array, columns: NDArray[np.intp]) -> tuple[Array, float]:
+    """The lowest point on lines along some axes, and its loss."""
 
     def seen(columns: NDArray[np.intp], places: Array) -> tuple[Array, Array]:
-        points = np.repeat(last.point[None], len(columns), axis=0)
+        points = np.repeat(point[None], len(columns), axis=0)
         points[np.arange(len(points)), columns] = places
-        return points, losses_of(quick, points)
+        return points, _losses(problem, space, points)
 
     places = np.linspace(0.05, 0.95, 10)
-    _, losses = seen(np.repeat(blind, len(places)), np.tile(places, len(blind)))
+    _, losses = seen(np.repeat(columns, len(places)), np.tile(places, len(columns)))
     column, place = divmod(int(np.argmin(losses)), len(places))
     # Where it has no slope on one side of a place and too much on the other, what is best lies between two places.
     closer = np.clip(places[place] + np.linspace(-0.1, 0.1, 11), 0.0, 1.0)
-    points, losses = seen(np.full(len(closer), blind[column]), closer)
+    points, losses = seen(np.full(len(closer), columns[column]), closer)
     best = int(np.argmin(losses))
-    here = robust_losses(last.residual[None], _BEND)[0]
-    if quick is not problem:
-        if losses[best] >= _BETTER * losses_of(quick, last.point[None])[0]:
-            return None
-        losses = losses_of(problem, points[best][None])
-        points, best = points[best][None], 0
-    return points[best] if losses[best] < _BETTER * here else None
+    return points[best], float(losses[best])
+
+
+def _losses(problem: Problem, space: ParameterSpace, points: Array) -> Array:
+    """(b,) what points in the unit box cost; inf where the simulation fails."""
+    losses = robust_losses(problem.residuals(space.from_unit(points)), _BEND)
+    return np.where(np.isfinite(losses), losses, np.inf)
 
 
 def _simulated(problem: Problem) -> float:

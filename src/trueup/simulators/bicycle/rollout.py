@@ -17,7 +17,7 @@ from trueup.controllers.stanley import Stanley
 from trueup.controllers.stanley.kernel import path_table
 from trueup.errors import ModelError, RecordingError
 from trueup.parameters import ParameterSpace, concatenate
-from trueup.recording import Channel, Recording
+from trueup.recording import Channel, Recording, is_command
 from trueup.simulators.bicycle.kernels import (
     POSE,
     drive_all,
@@ -29,7 +29,7 @@ from trueup.simulators.bicycle.kernels import (
 from trueup.simulators.bicycle.start import start_state
 from trueup.simulators.bicycle.vehicle import Vehicle, columns_of
 from trueup.simulators.simulator import Rollout
-from trueup.trial import COMMANDS, Trial
+from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
@@ -183,7 +183,7 @@ class BicycleSimulator:
     ) -> Rollout:
         channels = {}
         for name, o in trial.observed.items():
-            if name in COMMANDS and orders is not None:
+            if is_command(name) and orders is not None:
                 channels[name] = orders.at(o.time)[:, :, [COMMAND.index(label) for label in o.labels]]
                 continue
             columns = [_COLUMNS[label] for label in o.labels]
@@ -221,7 +221,7 @@ class _Read:
 
     @classmethod
     def of(cls, trial: Trial) -> _Read:
-        measured = {name: o for name, o in trial.observed.items() if name not in COMMANDS}
+        measured = {name: o for name, o in trial.observed.items() if not is_command(name)}
         for name, o in measured.items():
             if name not in CHANNELS or any(label not in CHANNELS[name] for label in o.labels):
                 known = "; ".join(f"{k} ({', '.join(v)})" for k, v in CHANNELS.items())

@@ -6,8 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from trueup.errors import RecordingError
-from trueup.recording import Channel, Recording
-from trueup.trial import COMMANDS
+from trueup.recording import Channel, Recording, is_command
 
 
 def windows(
@@ -25,7 +24,7 @@ def windows(
         stop = start + length
         channels = {}
         for name, channel in recording.channels.items():
-            cut = _cut(channel, start - history if name in COMMANDS else start, stop)
+            cut = _cut(channel, start - history if is_command(name) else start, stop)
             if cut is not None:
                 channels[name] = cut
         if "position" in channels and _moves(channels["position"]):

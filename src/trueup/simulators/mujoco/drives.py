@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether a model's drives can take the commands of recordings: positions for servos, torques for motors."""
+"""Recordings and a model brought together: positions for servos, torques for motors, drives where it has none."""
 
 from __future__ import annotations
 
@@ -57,13 +57,15 @@ def undriven(model: Model, recordings: Sequence[Recording]) -> list[str]:
 
 
 def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
-    """Recordings of both positions and torques that were commanded, with those that the model's drives take.
+    """Recordings as a model can take them, and notes on what was changed.
 
-    With a note where positions are left out: a model with motors knows nothing of the controller that they go through.
+    Where both have one joint only it gets the model's name. Of positions and torques that were commanded those stay that
+    the drives take: a model with motors knows nothing of the controller that positions go through.
     Raises ModelError where servos would have to take torques, or motors positions.
     """
+    named, notes = _by_the_only_joint(recordings, model.scalar_joints())
     kept, cut = [], []
-    for recording in recordings:
+    for recording in named:
         command = command_of(recording)
         torques = [n for n in COMMANDS if recording.has(n) and recording.channel(n).unit in _TORQUE]
         if torques and command is not None and command.name not in torques and _motors(model, command):
@@ -73,8 +75,20 @@ def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recordin
             cut.append(recording.name)
         _check(model, recording)
         kept.append(recording)
-    note = f"the model has motors: of what was commanded in {', '.join(cut)} the torques are used, not the positions"
-    return kept, [note] if cut else []
+    if cut:
+        notes.append(
+            f"the model has motors: of what was commanded in {', '.join(cut)} the torques are used, not the positions"
+        )
+    return kept, notes
+
+
+def _by_the_only_joint(recordings: Sequence[Recording], joints: Sequence[str]) -> tuple[list[Recording], list[str]]:
+    logged = {label for r in recordings for c in ("position", *COMMANDS) if r.has(c) for label in r.channel(c).labels}
+    if len(joints) != 1 or len(logged) != 1 or logged == set(joints):
+        return list(recordings), []
+    (name,) = logged
+    note = f"'{name}' of the recordings is taken for '{joints[0]}', the only joint of the model"
+    return [r.rename({name: joints[0]}) for r in recordings], [note]
 
 
 def _actuators(model: Model, command: Channel) -> dict[str, int]:

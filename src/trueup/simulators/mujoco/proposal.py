@@ -51,9 +51,8 @@ def propose(
         lines.append(Declaration("gain", motors, optional="factors on the motors' torques"))
     if servos:
         lines.append(Declaration("zero", servos, optional="servo zero"))
-    if commanded and not all(
-        r.name in clocks for r in recordings
-    ):  # a delay and the clocks of all recordings are the same thing
+    # A delay and the clocks of all recordings are the same thing.
+    if commanded and not all(r.name in clocks for r in recordings):
         lines.append(Declaration("delay", commanded, tie="all", name="delay"))
     if floor is not None:
         lines.append(Declaration("floor_height", nominal=floor))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from trueup.controllers.controller import ControllerFactory
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
-from trueup.recording import Recording
+from trueup.recording import Recording, is_command
 from trueup.simulators.mujoco.fields import LIVE_KINDS, write_fields
 from trueup.simulators.mujoco.floor_plane import FLOOR_KINDS
 from trueup.simulators.mujoco.kernels import read_off
@@ -24,7 +24,7 @@ from trueup.simulators.mujoco.signals import Signals
 from trueup.simulators.mujoco.stepping import Stepper, stepper, unclocked
 from trueup.simulators.mujoco.wiring import Source, actuators_of, source_of
 from trueup.simulators.simulator import Rollout
-from trueup.trial import COMMANDS, Trial, command_of
+from trueup.trial import Trial, command_of
 
 Array = NDArray[np.float64]
 
@@ -96,7 +96,7 @@ class MujocoSimulator:
         command = command_of(recording)
         if command is not None and self.controller is None:
             actuators_of(self.model, command)
-        measured = [c for name, c in recording.channels.items() if name not in COMMANDS]
+        measured = [c for name, c in recording.channels.items() if not is_command(name)]
         return tuple(c.name for c in measured if source_of(self.model, self._compiled, c.name, c.labels) is not None)
 
     def rollout(
