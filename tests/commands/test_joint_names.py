@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
-from trueup.commands.joint_names import match_joints
+import numpy as np
+
+from trueup.commands.joint_names import match_joints, named_as
+from trueup.recording import Channel, Recording
 
 ARM = {"joint_1": "joint_1", "joint_2": "joint_2", "right_carriage": "", "left_carriage": "left_gripper"}
 
@@ -40,3 +43,21 @@ def test_joints_that_logs_count_from_zero_and_models_from_one_are_not_mistaken_f
     assert "check" in how
     assert match_joints(["joint_1", "joint_2", "joint_3"], model)[1] == "by name"
     assert match_joints(["j1", "j2"], {"a0": "", "a1": ""})[0] == {"j1": "a0", "j2": "a1"}
+
+
+def _logged(commands: tuple[str, ...]) -> Recording:
+    """Three joints that lag 40 ms behind their commands, which are listed in another order."""
+    time = np.arange(0.0, 6.0, 0.01)
+    speeds, order = (1.1, 1.7, 2.3), (2, 0, 1)
+    position = np.stack([np.sin(s * (time - 0.04)) for s in speeds], axis=1)
+    command = np.stack([np.sin(speeds[k] * time) for k in order], axis=1)
+    channels = (Channel("position", ("hip", "knee", "toe"), "rad", time, position),
+                Channel("command", commands, "rad", time, command))  # fmt: skip
+    return Recording("run", {c.name: c for c in channels})
+
+
+def test_commands_that_only_count_belong_to_the_joints_that_follow_them() -> None:
+    (named,), notes = named_as([_logged(("joint_0", "joint_1", "joint_2"))], dict.fromkeys(("hip", "knee", "toe"), ""))
+    assert named.channel("command").labels == ("toe", "hip", "knee")
+    assert "by the motion" in notes[0]
+    assert named_as([named], dict.fromkeys(("hip", "knee", "toe"), "")) == ([named], [])

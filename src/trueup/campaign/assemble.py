@@ -45,13 +45,14 @@ def simulator_for(
     from trueup.simulators.mujoco.drives import driven, undriven
     from trueup.simulators.mujoco.floor import stopped_by_floor
     from trueup.simulators.mujoco.model import load
+    from trueup.simulators.mujoco.overlaps import passable
     from trueup.simulators.mujoco.proposal import propose
     from trueup.simulators.mujoco.rollout import MujocoSimulator
 
     model = load(model_path)
     everything = (*recordings, *replayed)
     _check_joints(model, everything)
-    model = driven(model, everything)
+    model = passable(driven(model, everything), everything)
     notes = (*model.notes, *undriven(model, everything))
     if parameters_file is not None:
         lines = read_declarations(parameters_file)
@@ -171,7 +172,7 @@ def _car(
     from trueup.simulators.car import QUANTITIES, CarSimulator, car_space
     from trueup.simulators.car.car_file import read_car
     from trueup.simulators.car.commands import with_commands
-    from trueup.simulators.car.look import first_look, unseen
+    from trueup.simulators.car.look import braked, first_look, unseen
 
     if parameters_file is not None:
         raise ParameterError(f"{parameters_file}: a car has no parameters file; its own values are in [vehicle.values]")
@@ -179,7 +180,8 @@ def _car(
     plain = CarSimulator(car)
     drives = [plain.prepared(r) for r in recordings]
     calm = unseen(drives)
-    space = car_space(car, first_look(car, drives), [q.name for q in QUANTITIES if q.free and q.name not in calm])
+    still = {*calm, *(() if braked(drives) else ("braking",))}
+    space = car_space(car, first_look(car, drives), [q.name for q in QUANTITIES if q.free and q.name not in still])
     return CarSimulator(car, space), (*taken, *calm.values())
 
 
@@ -207,10 +209,12 @@ def _check_joints(model: Model, recordings: Sequence[Recording]) -> None:
     joints = model.scalar_joints()
     for recording in recordings:
         if recording.has("position"):
-            for label in recording.channel("position").labels:
+            labels = recording.channel("position").labels
+            left = [j for j in joints if j not in labels]
+            for label in labels:
                 if label not in joints:
                     raise unknown_name(
-                        "joint", label, joints,
+                        "joint", label, left or joints,
                         f"model '{model.path.name}' (recording '{recording.name}', channel 'position'; rename it in "
                         f"the mapping's [joints]: `trueup inspect RECORDINGS --model {model.path.name}` proposes)",
                     )  # fmt: skip

@@ -14,8 +14,9 @@ from rich.console import Console
 from rich.markup import escape
 
 from trueup.calibration import Calibration
-from trueup.campaign.assemble import calibrated, kinds_of, simulator_for, suited, write_outcome
+from trueup.campaign.assemble import calibrated, drives_of, kinds_of, simulator_for, suited, write_outcome
 from trueup.campaign.output import Output, fingerprint
+from trueup.commands.joint_names import named_as
 from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
 from trueup.commands.sources import mapping_for, readable, split, while_driven
@@ -113,7 +114,9 @@ def _recordings(args: argparse.Namespace) -> tuple[list[Recording], list[Recordi
     training, held_out = split(recordings, [h for group in args.hold_out for h in group], mapping)
     said: list[str] = []
     if Path(args.model).suffix.lower() != ".toml":
-        taken, said = suited(args.model, [*training, *held_out])
+        named, renamed = named_as([*training, *held_out], drives_of(args.model))
+        taken, said = suited(args.model, named)
+        said = [*renamed, *said]
         training, held_out = taken[: len(training)], taken[len(training) :]
     return training, held_out, [*notes, *more, *cut, *said]
 

@@ -6,6 +6,11 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 
+import numpy as np
+
+from trueup.recording import Recording, is_command
+
+_DOUBT = 0.25  # of the squared distance to the second nearest joint
 _FILLING = re.compile(r"(?i)joint|motor|servo|link|actuator|position|pos")
 
 
@@ -29,6 +34,65 @@ def match_joints(labels: Sequence[str], drives: Mapping[str, str]) -> tuple[dict
         found |= zip(open_labels, free if len(free) == len(open_labels) else driven, strict=True)
         how = "by order, which nothing here can prove: check them"
     return {label: found[label] for label in labels if label in found}, how
+
+
+def named_as(recordings: Sequence[Recording], drives: Mapping[str, str]) -> tuple[list[Recording], list[str]]:
+    """Recordings with names of the model's joints in place of their own, and notes on those that differ.
+
+    Measured joints are found as `match_joints` does. Commands that only count (a bag's Float64MultiArray) are of those
+    joints whose motion follows them, where the numbers leave no doubt. What is not found keeps its name.
+    """
+    measured = _labels(recordings, lambda name: name == "position")
+    notes: list[str] = []
+    if any(label not in drives for label in measured):
+        names, how = match_joints(measured, drives)
+        recordings, more = _renamed(recordings, names, how)
+        notes += more
+    told = [label for label in _labels(recordings, is_command) if label not in {*drives, *drives.values()}]
+    if told:
+        names, how = _followed(recordings, told), "by the motion that follows each command"
+        if len(names) < len(told):
+            names, how = match_joints(_labels(recordings, is_command), drives)
+        recordings, more = _renamed(recordings, names, how)
+        notes += more
+    return list(recordings), notes
+
+
+def _labels(recordings: Sequence[Recording], of: Callable[[str], bool]) -> list[str]:
+    every = [c.labels for r in recordings for name, c in r.channels.items() if of(name)]
+    return list(dict.fromkeys(label for labels in every for label in labels))
+
+
+def _renamed(recordings: Sequence[Recording], names: Mapping[str, str], how: str) -> tuple[list[Recording], list[str]]:
+    changed = {old: new for old, new in names.items() if old != new}
+    if not changed:
+        return list(recordings), []
+    there = [{label for c in r.channels.values() for label in c.labels} for r in recordings]
+    renamed = [
+        r.rename({old: new for old, new in changed.items() if old in known})
+        for r, known in zip(recordings, there, strict=True)
+    ]
+    said = ", ".join(f"{old} -> {new}" for old, new in changed.items())
+    return renamed, [f"joints of the recordings are those of the model {how}: {said}"]
+
+
+def _followed(recordings: Sequence[Recording], told: Sequence[str]) -> dict[str, str]:
+    """Each commanded label to the measured joint that follows it in all recordings; {} where that leaves a doubt."""
+    measured = _labels(recordings, lambda name: name == "position")
+    if len(measured) < len(told):
+        return {}
+    apart = np.zeros((len(told), len(measured)))
+    for recording in recordings:
+        commands = [c for name, c in recording.channels.items() if is_command(name) and set(told) <= set(c.labels)]
+        if not commands or not recording.has("position") or commands[0].unit not in ("", "rad", "m"):
+            return {}
+        position = recording.channel("position").select(measured)
+        wanted = commands[0].select(told).at(position.time, hold=True)
+        apart += np.nanmean((wanted[:, :, None] - position.values[:, None, :]) ** 2, axis=0)
+    nearest = apart.argmin(axis=1)
+    second = np.partition(np.column_stack([apart, np.full(len(told), np.inf)]), 1, axis=1)[:, 1]
+    sure = len(set(nearest.tolist())) == len(told) and bool(np.all(apart.min(axis=1) < _DOUBT * second))
+    return {label: measured[k] for label, k in zip(told, nearest, strict=True)} if sure else {}
 
 
 def _counted(labels: Sequence[str], drives: Mapping[str, str]) -> dict[str, str]:

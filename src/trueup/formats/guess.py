@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from trueup.errors import MappingError
 from trueup.formats.clocks import Clocks, find_clocks
+from trueup.formats.counts import are_counts, in_counts
 from trueup.formats.mapping import ChannelColumns, ChannelMap
 from trueup.formats.table import Table, listing
 from trueup.formats.vehicle import as_vehicle
-from trueup.formats.words import VOCABULARY, Meaning, label_of, meaning, with_actual, words
+from trueup.formats.words import VOCABULARY, Meaning, joint_labels, label_of, meaning, with_actual, words
 from trueup.recording import is_command
 from trueup.units import to_si
 
@@ -201,7 +202,10 @@ def _labels(group: Sequence[_Column], width: int) -> tuple[str, ...]:
     if all(member.width == 1 for member in group):
         return tuple(member.label for member in group)
     total = _weight(group)
-    known = group[0].table.labels
+    table = group[0].table
+    if len(group) == 1 and group[0].name in table.named:
+        return joint_labels(table.named[group[0].name])
+    known = table.labels
     return known if len(known) == total else tuple(f"joint_{i + 1}" for i in range(total))
 
 
@@ -211,8 +215,17 @@ def _with_units(
     """Units that the files do not declare, where the size of the numbers allows a guess; else a note."""
     result, notes = dict(channels), []
     joints: set[tuple[str, ...]] = set()
+    counts = _in_counts(channels, groups)
     for name in ("position", "command", "command_sent"):
         if name not in channels:
+            continue
+        if counts and not channels[name].unit:
+            result[name] = in_counts(channels[name])
+            joints.add(channels[name].labels)
+            notes.append(
+                f"{name}: taken as counts of servos, 4096 a turn and 2048 at zero; say so for joints that are zero "
+                "elsewhere (offset) or turn the other way (sign)"
+            )
             continue
         largest = max(member.largest for member in groups[name])
         if channels[name].unit in ("rad", "deg"):
@@ -238,6 +251,14 @@ def _with_units(
     if "current" in channels and not channels["current"].unit:
         notes.append("current: unit unknown: say A or mA")
     return result, notes
+
+
+def _in_counts(channels: dict[str, ChannelColumns], groups: dict[str, list[_Column]]) -> bool:
+    """Whether the measured positions are counts of an encoder."""
+    measured = groups.get("position", [])
+    if not measured or channels["position"].unit:
+        return False
+    return are_counts([member.table.columns[member.name] for member in measured])
 
 
 def _notes(channels: dict[str, ChannelColumns], groups: dict[str, list[_Column]]) -> list[str]:

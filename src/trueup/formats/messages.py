@@ -74,7 +74,7 @@ def _numbers(value: Any, name: str, joints: Sequence[str], depth: int) -> Iterat
             yield from _entries(name, value.ravel().tolist(), joints)
     elif dataclasses.is_dataclass(value) and depth < _DEEPEST:
         for item in dataclasses.fields(value):
-            if item.name in ("header", "time_from_start") or item.name.startswith("__"):
+            if item.name in ("header", "time_from_start", "layout") or item.name.startswith("__"):
                 continue
             path = f"{name}.{item.name}" if name else item.name
             yield from _numbers(getattr(value, item.name), path, joints, depth + 1)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from trueup.errors import FormatError
 from trueup.formats import csv, json, npz, parquet, rosbag
+from trueup.formats.episodes import described, episodes, is_description
 from trueup.formats.table import Table, listing
 from trueup.formats.words import meaning
 from trueup.recording import Recording
@@ -47,7 +48,7 @@ def sources(paths: Iterable[str | Path], *, together: bool) -> list[Source]:
         path = Path(entry)
         if not path.exists():
             raise FormatError(f"{path}: no such file or folder")
-        found += _folder(path, together) if path.is_dir() and not rosbag.is_bag(path) else [_file(path)]
+        found += _folder(path, together) if path.is_dir() and not rosbag.is_bag(path) else _file(path)
     return found
 
 
@@ -64,9 +65,10 @@ def checksums(paths: Sequence[Path]) -> dict[str, str]:
     return {file.name: _sha256(file) for file in files if file.is_file()}
 
 
-def _file(path: Path) -> Source:
+def _file(path: Path) -> list[Source]:
+    """The recording in a file, or one for each run that it holds."""
     if rosbag.is_bag(path):
-        return Source(path.stem if path.is_file() else path.name, (path,), tuple(rosbag.read(path)), reader="bag")
+        return [Source(path.stem if path.is_file() else path.name, (path,), tuple(rosbag.read(path)), reader="bag")]
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         known = listing([*_READERS, ".mcap", ".db3", ".bag"])
@@ -74,8 +76,8 @@ def _file(path: Path) -> Source:
     result = reader(path)
     kind = path.suffix.lower().lstrip(".")
     if isinstance(result, Recording):
-        return Source(path.stem, (path,), (), result, kind)
-    return Source(path.stem, (path,), (result,), reader=kind)
+        return [Source(path.stem, (path,), (), result, kind)]
+    return [Source(n, (path,), (t,), reader=kind) for n, t in episodes(described(result, path), path.stem)]
 
 
 def _folder(path: Path, together: bool) -> list[Source]:
@@ -88,11 +90,11 @@ def _folder(path: Path, together: bool) -> list[Source]:
     names = {file: labels for file in files if (labels := _names_in(file))}
     data = [file for file in files if file not in names]
     if not data:
-        below = [source for entry in entries if entry.is_dir() for source in _below(entry, together)]
+        below = [s for e in entries if e.is_dir() and not is_description(e) for s in _below(e, together)]
         if not below:
             raise FormatError(f"{path}: no file here can be read; files are: {listing(e.name for e in entries)}")
         return below
-    parts = [_file(file) for file in data]
+    parts = [part for file in data for part in _file(file)]
     tables = tuple(table for part in parts for table in part.tables)
     alone = any(part.recording is not None or part.reader == "bag" for part in parts)
     if alone or len(parts) == 1 or not (together or _complement(tables)):
@@ -103,7 +105,7 @@ def _folder(path: Path, together: bool) -> list[Source]:
 
 def _below(entry: Path, together: bool) -> list[Source]:
     if rosbag.is_bag(entry):
-        return [_file(entry)]
+        return _file(entry)
     readable = [e for e in entry.rglob("*") if e.is_file() and (e.suffix.lower() in _READERS or rosbag.is_bag(e))]
     return _folder(entry, together) if readable else []
 

@@ -30,6 +30,8 @@ class Table:
     """Units that the file itself declares."""
     labels: tuple[str, ...] = ()
     """Names for the entries of list-valued columns, where something beside the table tells them."""
+    named: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """The same for single columns, where a data set describes each."""
     row_word: str = "row"
     """What a row is called: line, row, entry, message."""
     first_row: int = 1

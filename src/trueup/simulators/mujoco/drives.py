@@ -10,40 +10,69 @@ import mujoco
 from trueup.errors import ModelError, TrueupError
 from trueup.recording import Channel, Recording
 from trueup.simulators.mujoco.model import Model
+from trueup.simulators.mujoco.scales import with_units
+from trueup.simulators.mujoco.servos import add_servos
 from trueup.simulators.mujoco.wiring import actuators_of, is_motor
 from trueup.trial import COMMANDS, command_of
 
-_STIFFNESS = 100.0  # N m/rad of position servos that a model lacks; calibrated from there
 _TORQUE = ("N m", "N")
 _POSITION = ("rad", "m")
 
 
 def driven(model: Model, recordings: Sequence[Recording]) -> Model:
-    """The model, with position servos or motors for the commanded joints where it has no actuator at all.
+    """The model with a drive for each commanded joint: servos or motors where it has no actuator at all, and servos in
+    place of motors that are told positions, which the controller in the robot turned into torques.
 
     Raises ModelError where it does not compile with them.
     """
-    if model.compiled.nactuator:
-        return model
     commands = [c for r in recordings for c in (command_of(r),) if c is not None and c.unit in (*_POSITION, *_TORQUE)]
-    wanted = [j for j in model.scalar_joints() if any(j in c.labels for c in commands)]
+    if not commands:
+        return model
+    bare, torques = not model.compiled.nactuator, commands[0].unit in _TORQUE
+    if bare:
+        wanted = [j for j in model.scalar_joints() if any(j in c.labels for c in commands)]
+    else:
+        wanted = [] if torques else _motor_joints(model, commands)
     if not wanted:
         return model
-    spec, motors = model.spec.copy(), commands[0].unit in _TORQUE
-    for joint in wanted:
-        actuator = spec.add_actuator()
-        actuator.name, actuator.target, actuator.trntype = joint, joint, mujoco.mjtTrn.mjTRN_JOINT
-        if motors:
-            actuator.set_to_motor()
-        else:
-            actuator.set_to_position(kp=_STIFFNESS)
+    spec = model.spec.copy()
+    if torques:
+        _add_motors(spec, wanted)
+    else:
+        add_servos(spec, model, wanted, recordings)
     try:
         compiled = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         raise ModelError(f"model '{model.path}' does not compile with actuators added: {error}") from None
-    added = "motors" if motors else f"position servos with kp {_STIFFNESS:g} N m/rad"
-    note = f"the model has no actuators: {added} were added for the commanded joints ({', '.join(wanted)})"
-    return Model(model.path, spec, compiled, (*model.notes, note))
+    return Model(model.path, spec, compiled, (*model.notes, _said(wanted, bare=bare, torques=torques)))
+
+
+def _said(joints: Sequence[str], *, bare: bool, torques: bool) -> str:
+    where = f"({', '.join(joints)})"
+    if not bare:
+        return (
+            "the model has motors, the recordings command positions: position servos took their place, whose stiffness "
+            f"and damping stand for the controller in the robot {where}"
+        )
+    kind = "motors" if torques else "position servos (stiffness and damping to start from: 5 Hz, no overshoot)"
+    return f"the model has no actuators: {kind} were added for the commanded joints {where}"
+
+
+def _add_motors(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
+    for joint in joints:
+        actuator = spec.add_actuator()
+        actuator.name, actuator.target, actuator.trntype = joint, joint, mujoco.mjtTrn.mjTRN_JOINT
+        actuator.set_to_motor()
+
+
+def _motor_joints(model: Model, commands: Sequence[Channel]) -> list[str]:
+    """Joints with a motor that is commanded positions, under the joint's name or its own."""
+    names, told = model.names("actuator"), {label for c in commands for label in c.labels}
+    return [
+        joint
+        for joint, i in model.actuator_of_joint().items()
+        if is_motor(model.compiled, i) and (joint in told or names[i] in told)
+    ]
 
 
 def undriven(model: Model, recordings: Sequence[Recording]) -> list[str]:
@@ -61,9 +90,11 @@ def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recordin
 
     Where both have one joint only it gets the model's name. Of positions and torques that were commanded those stay that
     the drives take: a model with motors knows nothing of the controller that positions go through.
-    Raises ModelError where servos would have to take torques, or motors positions.
+    Raises ModelError where servos would have to take torques.
     """
     named, notes = _by_the_only_joint(recordings, model.scalar_joints())
+    named, more = with_units(model, named)
+    notes += more
     kept, cut = [], []
     for recording in named:
         command = command_of(recording)
@@ -116,8 +147,3 @@ def _check(model: Model, recording: Recording) -> None:
                 f"{where}, but model '{model.path.name}' has position servos at {', '.join(servos)}: give it <motor> "
                 "actuators, or log the commanded positions as 'command'"
             )
-    elif command.unit in _POSITION and (motors := _motors(model, command)):
-        raise ModelError(
-            f"{where}, but model '{model.path.name}' has motors at {', '.join(motors)}, which take torques: give it "
-            "<position> actuators, or log the commanded torques as 'command_torque'"
-        )

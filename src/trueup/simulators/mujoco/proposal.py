@@ -39,8 +39,12 @@ def propose(
     lines = []
     if servos:
         lines.append(Declaration("kp", servos))
+    # Damping of the servo and of its joint are one thing: that is searched which the model has more of.
+    damped = tuple(j for j in servos if _more_in_servo(model, j, driven[j]))
+    if damped:
+        lines.append(Declaration("kv", damped))
     lines += [
-        Declaration("damping", joints),
+        *([Declaration("damping", rest)] if (rest := tuple(j for j in joints if j not in damped)) else []),
         Declaration("friction", joints),
         # Real gears stick: starting at MuJoCo's own creep would let every friction estimate leak away.
         Declaration("friction_creep", joints, tie="all", name="friction_creep", nominal=1e-3),
@@ -59,6 +63,12 @@ def propose(
         lines += [Declaration(kind) for kind in ("floor_roll", "floor_pitch", "floor_friction")]
     lines += [Declaration("clock", (name,), nominal=late) for name, late in clocks.items()]
     return lines
+
+
+def _more_in_servo(model: Model, joint: str, servo: int) -> bool:
+    compiled = model.compiled
+    in_joint = float(compiled.dof_damping[compiled.jnt_dofadr[model.index("joint", joint)]])
+    return float(-compiled.actuator_biasprm[servo, 2]) > in_joint
 
 
 def moving_joints(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:

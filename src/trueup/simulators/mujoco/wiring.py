@@ -146,7 +146,7 @@ def start_state(model: Model, compiled: mujoco.MjModel, trial: Trial) -> tuple[A
             if joint >= 0 and np.isfinite(q):
                 qpos[compiled.jnt_qposadr[joint]] = q
                 qvel[compiled.jnt_dofadr[joint]] = v if np.isfinite(v) else 0.0
-    if velocity is not None:
+    if velocity is not None and velocity.unit:
         value, _ = starting_point(velocity, trial.start)
         for label, v in zip(velocity.labels, value, strict=True):
             joint = joint_id(compiled, label)

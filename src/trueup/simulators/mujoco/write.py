@@ -116,6 +116,7 @@ def _write(
     for actuator, seconds in delays.items():
         edits.delay(actuator, seconds, step)
     edits.gravity()
+    edits.excludes()
     if model.compiled.opt.integrator != wanted.opt.integrator:
         edits.option("integrator", "implicitfast")
     relocate(text, model.path.absolute().parent, path.absolute().parent)
@@ -163,6 +164,10 @@ def _compare(
         for field in ("geom_pos", "geom_quat", "geom_friction", "geom_priority", "geom_contype", "geom_conaffinity"):
             there, here = (np.atleast_1d(getattr(m, field)[g]) for m, g in zip((written, wanted), planes, strict=True))
             _close("floor", field, there, here)
+    if written.nexclude != wanted.nexclude:
+        raise ModelError(
+            f"the written model spares {written.nexclude} pairs of bodies from contact, not {wanted.nexclude}"
+        )
     for actuator, seconds in delays.items():
         _close(actuator, "delay", read(written, "actuator", actuator, "actuator_delay"), np.array([seconds]))
     if any(q.kind.startswith("tilt_") for q in simulator.quantities):

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Position servos for joints whose model has none: where to start when nobody knows the controller inside the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.recording import Recording
+from trueup.simulators.mujoco.model import Model
+from trueup.simulators.mujoco.wiring import is_motor, joint_id
+
+Array = NDArray[np.float64]
+
+_BANDWIDTH = 2.0 * np.pi * 5.0  # rad/s: servos of arms, hands and legs follow at some hertz
+_SAG = 0.02  # rad or m: what a servo gives way under the robot's own weight, at most
+_ROTOR = 0.1  # share of the inertia that a drive moves; files without rotor inertia have none at all
+_SMALLEST = 0.1  # share of the largest inertia below which none is believed: drives of one robot are alike
+
+
+def add_servos(spec: mujoco.MjSpec, model: Model, joints: Sequence[str], recordings: Sequence[Recording]) -> None:
+    """Position servos for `joints` of a spec made from `model`, in place of their motors where they have some.
+
+    Stiffness such that the joint follows at 5 Hz and carries the robot, damping in the joint (which MuJoCo cannot tell
+    from damping in the servo) such that it does not overshoot: a start for a calibration, which finds the rest.
+    """
+    inertia, weight = _loads(model, joints, recordings)
+    for name, moved, held in zip(joints, inertia, weight, strict=True):
+        joint = spec.joint(name)
+        if joint.armature == 0.0:
+            joint.armature = _ROTOR * moved
+            moved *= 1.0 + _ROTOR
+        stiffness = max(moved * _BANDWIDTH**2, held / _SAG)
+        if not np.any(joint.damping):
+            joint.damping = [2.0 * float(np.sqrt(stiffness * moved)), 0.0, 0.0]
+        _servo(spec, model, name, stiffness)
+
+
+def postures(compiled: mujoco.MjModel, recordings: Sequence[Recording], count: int) -> Iterator[Array]:
+    """(nq,) `count` measured postures of each recording; what is not measured as in the model's first keyframe."""
+    rest = np.array(compiled.key_qpos[0] if compiled.nkey else compiled.qpos0)
+    for recording in recordings:
+        channel = recording.channels.get("position")
+        known = [(i, joint_id(compiled, label)) for i, label in enumerate(channel.labels)] if channel else []
+        known = [(i, j) for i, j in known if j >= 0]
+        if channel is None or not known:
+            continue
+        every = channel.values[:, [i for i, _ in known]]
+        good = np.flatnonzero(np.isfinite(every).all(axis=1))
+        for row in good[np.unique(np.linspace(0, len(good) - 1, count).astype(int))] if len(good) else ():
+            qpos = rest.copy()
+            qpos[compiled.jnt_qposadr[[j for _, j in known]]] = every[row]
+            yield qpos
+
+
+def _servo(spec: mujoco.MjSpec, model: Model, joint: str, stiffness: float) -> None:
+    index = model.actuator_of_joint().get(joint, -1)
+    force = _strongest(model.compiled, index) if index >= 0 else np.inf
+    if index >= 0:
+        actuator = spec.actuators[index]
+        actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+        actuator.ctrllimited = mujoco.mjtLimited.mjLIMITED_FALSE
+        actuator.ctrlrange = [0.0, 0.0]
+    else:
+        actuator = spec.add_actuator()
+        actuator.name, actuator.target, actuator.trntype = joint, joint, mujoco.mjtTrn.mjTRN_JOINT
+    actuator.set_to_position(kp=stiffness)
+    if np.isfinite(force):
+        actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+        actuator.forcerange = [-force, force]
+
+
+def _strongest(compiled: mujoco.MjModel, motor: int) -> float:
+    """Largest torque of a motor in N m, by the limits of its control and its force; infinite without any."""
+    limits = [np.inf]
+    if is_motor(compiled, motor) and compiled.actuator_ctrllimited[motor]:
+        limits.append(float(np.abs(compiled.actuator_ctrlrange[motor]).max() * compiled.actuator_gainprm[motor, 0]))
+    if compiled.actuator_forcelimited[motor]:
+        limits.append(float(np.abs(compiled.actuator_forcerange[motor]).max()))
+    return min(limits) * abs(float(compiled.actuator_gear[motor, 0]))
+
+
+def _loads(model: Model, joints: Sequence[str], recordings: Sequence[Recording]) -> tuple[Array, Array]:
+    """(k,) inertia that each joint moves and (k,) torque by which it holds the robot, the largest at measured postures."""
+    compiled = model.compiled
+    data = mujoco.MjData(compiled)
+    dofs = compiled.jnt_dofadr[[joint_id(compiled, j) for j in joints]]
+    inertia, weight = np.zeros(len(dofs)), np.zeros(len(dofs))
+    rest = np.array(compiled.key_qpos[0] if compiled.nkey else compiled.qpos0)
+    for qpos in [rest, *postures(compiled, recordings, 5)]:
+        data.qpos[:] = qpos
+        mujoco.mj_forward(compiled, data)
+        weight = np.maximum(weight, np.abs(data.qfrc_bias[dofs]))
+        inertia = np.maximum(inertia, [_felt(compiled, data, int(d)) for d in dofs])
+    return np.maximum(inertia, _SMALLEST * inertia.max(initial=1e-9)), weight
+
+
+def _felt(compiled: mujoco.MjModel, data: mujoco.MjData, dof: int) -> float:
+    unit, out = np.zeros(compiled.nv), np.zeros(compiled.nv)
+    unit[dof] = 1.0
+    mujoco.mj_mulM(compiled, data, out, unit)
+    return float(out[dof])

@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Encoder counts of servos are told from degrees by their numbers alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trueup.formats import read
+
+
+def _csv(path: Path, measured: np.ndarray, wanted: np.ndarray) -> Path:
+    rows = [f"{0.02 * k:g},{int(c)},{int(p)}\n" for k, (c, p) in enumerate(zip(wanted, measured, strict=True))]
+    path.write_text("t,hip.goal_position,hip.present_position\n" + "".join(rows))
+    return path
+
+
+def test_whole_numbers_up_to_4095_are_a_turn_around_2048(tmp_path: Path) -> None:
+    angle = 0.8 * np.sin(np.arange(100) / 9.0)
+    counts = np.round(angle * 4096 / (2 * np.pi) + 2048)
+    (recording,) = read(_csv(tmp_path / "servo.csv", counts, counts))
+    assert recording.channel("position").unit == recording.channel("command").unit == "rad"
+    np.testing.assert_allclose(recording.channel("position").values[:, 0], angle, atol=np.pi / 4096)
+    assert "counts of servos" in recording.provenance["guesses"]
+
+
+@pytest.mark.parametrize("largest", [180, 719, 9000])
+def test_other_whole_numbers_are_left_to_the_user(tmp_path: Path, largest: int) -> None:
+    numbers = np.round(np.linspace(0, largest, 50))
+    (recording,) = read(_csv(tmp_path / "log.csv", numbers, numbers))
+    assert recording.channel("position").unit == ""
