@@ -61,3 +61,56 @@ def test_a_commanded_speed_is_a_cars_drive_and_a_quaternion_is_kept(tmp_path: Pa
     assert recording.channel("position").column("x") == pytest.approx(x, abs=2e-6)
     assert recording.channel("orientation").column("qz") == pytest.approx(np.sin(heading / 2), abs=2e-6)
     assert recording.channel("speed").column("speed") == pytest.approx(speed, abs=2e-6)
+
+
+FULL_SIZE = (
+    "time_s,steering_wheel_angle_deg,throttle_pct,brake_pct,gps_lat,gps_lon,heading_deg,speed_kmh",
+    "t,throttle,brake,steering,easting,northing,yaw,v",
+    "stamp,drive.speed,drive.steering_angle,pose.position.x,pose.position.y,pose.orientation.x,pose.orientation.y,"
+    "pose.orientation.z,pose.orientation.w,twist.linear.x,twist.angular.z",
+    "timestamp,erpm_cmd,servo_cmd,odom_speed,pf_x,pf_y,pf_theta",
+    "time,cmd_v,cmd_w,x,y,theta",
+    "timestamp,throttle,steering,pos_x,pos_y,pos_z,roll,pitch,yaw,speed",
+)
+
+
+@pytest.mark.parametrize("names", FULL_SIZE)
+def test_logs_of_golf_carts_racing_cars_and_two_wheelers_are_recognised(names: str, tmp_path: Path) -> None:
+    """Pedals, steering wheels, receivers, motor controllers, quaternions, turn rates: each has a place and a direction."""
+    t, throttle, steering, x, y, heading, speed = drive()
+    signals = {
+        "time": t, "throttle": throttle, "brake": 0 * t, "steer": steering, "servo": 0.5 - steering, "erpm": 4000 * speed,
+        "lat": 48.0 + x * 1e-5, "lon": 11.0 + y * 1e-5, "easting": 7e5 + x, "northing": 5e6 + y,
+        "orientation.z": np.sin(heading / 2), "orientation.w": np.cos(heading / 2), "yaw": heading, "theta": heading,
+        "heading": np.degrees(heading), "x": x, "y": y, "kmh": 3.6 * speed, "speed": speed, "v": speed, "w": steering,
+    }  # fmt: skip
+    order = ("orientation.z", "orientation.w", "orientation", "steer", "servo", "erpm", "throttle", "brake", "theta", "yaw",
+             "heading", "lat", "lon", "easting", "northing", "kmh", "time", "stamp", "angular", "linear",
+             "speed")  # fmt: skip
+
+    def signal(name: str) -> Array:
+        key = next((k for k in order if k in name), name.split("_")[-1].split(".")[-1])
+        return signals.get({"stamp": "time", "linear": "speed", "angular": "w", "t": "time"}.get(key, key), 0 * t)
+
+    path = tmp_path / "drive.csv"
+    columns = [signal(name) for name in names.split(",")]
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=names, comments="", fmt="%.9f")
+    recording = read([path])[0]
+    command = recording.channel("command")
+    assert {"steering", "turn"} & set(command.labels)
+    assert {"throttle", "speed"} & set(command.labels)
+    position = recording.channel("position")
+    assert position.labels in (("x", "y"), ("latitude", "longitude"))
+    assert position.unit == ("m" if "x" in position.labels else "rad")
+    assert recording.has("heading") or recording.channel("orientation").labels == ("qx", "qy", "qz", "qw")
+    if recording.has("speed"):
+        assert recording.channel("speed").values[:, 0] == pytest.approx(speed, abs=1e-6)
+
+
+def test_a_walking_robot_with_commanded_speeds_is_no_vehicle(tmp_path: Path) -> None:
+    t = np.arange(0.0, 5.0, 0.02)
+    names = "time,cmd_vel_x,cmd_yaw_rate,q_hip,q_knee,base_x,base_y"
+    np.savetxt(tmp_path / "walk.csv", np.column_stack([t, *(np.sin(t + k) for k in range(6))]), delimiter=",", header=names,
+               comments="")  # fmt: skip
+    recording = read([tmp_path / "walk.csv"])[0]
+    assert {"hip", "knee"} <= set(recording.channel("position").labels)

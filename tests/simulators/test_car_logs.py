@@ -13,6 +13,7 @@ from trueup.recording import Channel, Recording
 from trueup.simulators.car import Car
 from trueup.simulators.car.car_file import read_car, write_car
 from trueup.simulators.car.commands import with_commands
+from trueup.simulators.car.driving import driven_by
 from trueup.simulators.car.judging import Ahead
 from trueup.simulators.car.rollout import CarSimulator
 from trueup.simulators.car.tracking import cleaned
@@ -112,3 +113,47 @@ def test_a_fast_cars_metres_count_less_than_a_slow_ones(full_size: Recording) ->
     slow = winding(1.2, 0.2, 0.3, 50.0, 0.001)
     unit = [float(Ahead(simulator, [cleaned(r)]).scale("position", ("x",))[0]) for r in (slow, full_size)]
     assert unit == pytest.approx([0.02, 0.02 * 20.0 / 1.5], rel=0.05)
+
+
+def test_a_place_on_earth_is_metres_from_the_first_fix(full_size: Recording) -> None:
+    """Against the length of a degree at 48 degrees north, from tables of the WGS 84: 111.2 km north, 74.6 km east."""
+    way = full_size.channel("position").values
+    degrees = np.radians(np.stack([48.0 + way[:, 1] / 111_200.0, 11.0 + way[:, 0] / 74_630.0], axis=1))
+    position = full_size.channel("position").replace(labels=("latitude", "longitude"), unit="rad", values=degrees)
+    found = cleaned(full_size.with_channel(position)).channel("position").values
+    assert found - found[0] == pytest.approx(way - way[0], abs=2e-3 * np.ptp(way))
+
+
+def test_without_a_pose_speed_and_turn_rate_add_up_to_one(full_size: Recording) -> None:
+    heading = full_size.channel("heading")
+    turning = np.gradient(heading.values[:, 0], heading.time)
+    bare = full_size.without("position").without("heading")
+    bare = bare.with_channel(Channel("yaw_rate", ("yaw_rate",), "rad/s", heading.time, turning[:, None]))
+    bare = bare.with_channel(Channel("speed", ("speed",), "m/s", heading.time, np.full((len(heading.time), 1), 20.0)))
+    run = cleaned(bare)
+    way, truth = run.channel("position").values, full_size.channel("position").values
+    length = np.linalg.norm(np.diff(truth, axis=0), axis=1).sum()
+    turned = np.array([[np.cos(a), -np.sin(a)] for a in [heading.values[0, 0]]])
+    assert np.linalg.norm(way[-1]) == pytest.approx(np.linalg.norm(truth[-1] - truth[0]), abs=0.01 * length)
+    assert (turned[0] * way[5]).sum() == pytest.approx(truth[5, 0] - truth[0, 0], abs=0.3)
+    assert "add up" in run.provenance["warnings"]
+
+
+def test_pedals_topics_of_their_own_and_turn_rates_drive_a_car_too() -> None:
+    plain = winding(1.2, 0.2, 0.3, 50.0, 0.001)
+    command = plain.channel("command")
+    throttle, steering = command.values.T
+    zero = 0 * throttle
+    brake = np.maximum(-np.sin(command.time), 0.0)
+    pedals = command.replace(
+        labels=("throttle", "steering", "brake"), values=np.stack([throttle, steering, brake], axis=1)
+    )
+    assert driven_by(plain.with_channel(pedals)).values == pytest.approx(np.stack([throttle - brake, steering], axis=1))
+    apart = plain.without("command")
+    apart = apart.with_channel(Channel("command_speed", ("speed",), "", command.time[::5], throttle[::5, None]))
+    apart = apart.with_channel(Channel("command_steering", ("steering",), "", command.time, steering[:, None]))
+    assert driven_by(apart).column("steering") == pytest.approx(steering)
+    assert np.abs(driven_by(apart).column("throttle") - throttle).max() < 0.02
+    turning = np.stack([zero + 1.2, 1.2 * np.tan(steering) / 0.2], axis=1)
+    wheels = command.replace(labels=("speed", "turn"), values=turning)
+    assert driven_by(plain.with_channel(wheels), 0.2).column("steering") == pytest.approx(steering)

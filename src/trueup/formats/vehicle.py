@@ -3,163 +3,200 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from trueup.formats.mapping import ChannelColumns
-from trueup.formats.words import words
+from trueup.formats.vehicle_words import Said, said
 
-_DRIVES = {"throttle", "speed"}
-_STEERS = {"steer", "steering", "delta"}
-_SPEEDS = {"v", "vx", "vel", "velocity", "speed"}
-_WHOSE = {  # words beside a signal's own that do not change what it is
-    "pos", "position", "pose", "vicon", "mocap", "optitrack", "odom", "gps", "car", "vehicle", "robot", "world", "map",
-    "base", "link", "center", "centre", "cg", "cog", "rear", "axle", "wheel", "encoder", "measured", "meas", "long",
-    "longitudinal", "motor", "state", "pwm", "actuation", "control", "ctrl", "sent", "norm", "normalized",
-    "cmd", "command", "commanded", "u", "input", "desired", "target", "ref", "reference", "setpoint", "goal",
-    "angle", "ratio", "value",
-}  # fmt: skip
-_UNITS = {"m": ("m", 1.0), "mm": ("mm", 1.0), "cm": ("m", 0.01), "rad": ("rad", 1.0), "deg": ("deg", 1.0),
-          "degrees": ("deg", 1.0), "mps": ("m/s", 1.0), "percent": ("", 0.01), "pct": ("", 0.01)}  # fmt: skip
-_TO_SI = {"deg": math.pi / 180.0, "mm": 1e-3}
-_THROTTLES = {"throttle", "gas", "accelerator", "esc", "drive"}
-_COMMANDED = frozenset(
-    {"cmd", "command", "commanded", "desired", "target", "ref", "reference", "setpoint", "u", "goal", "input"}
+_QUATERNION = ("qx", "qy", "qz", "qw")
+_UNIT = {
+    "x": "m",
+    "y": "m",
+    "latitude": "deg",
+    "longitude": "deg",
+    "heading": "rad",
+    "speed": "m/s",
+    "yaw_rate": "rad/s",
+}
+_POSE_TOGETHER = frozenset(
+    {"odom", "odometry", "vicon", "mocap", "optitrack", "pf", "gps", "gnss", "slam", "amcl", "pose"}
 )
-_HEADINGS = ("heading", "yaw", "theta", "psi", "orientation")
-_QUATERNION = {"qx", "qy", "qz", "qw"}
-_TURNS = {"w", "wz", "wimu", "yawrate", "yawvel", "yawspeed", "gyroz", "omegaz", "angularvelocityz", "turnrate"}
-_NO_POSE = {"acc", "accel", "acceleration", "imu", "gyro", "mag", "velocity", "vel", "force", "torque", "command"}
-
-
-def as_vehicle(channels: Mapping[str, ChannelColumns]) -> tuple[dict[str, ChannelColumns], list[str]]:
-    """The channels with a vehicle's names (position x, y; heading; speed; yaw_rate), and notes; unchanged for others."""
-    channels, notes = _gathered(channels)
-    command = channels.get("command") or channels.get("command_sent")
-    if command is None or "steering" not in command.labels or not _DRIVES & set(command.labels):
-        return channels, notes
-    found = channels
-    for name in ("command", "command_sent"):
-        if name in found and "throttle" in found[name].labels and found[name].unit == "rad":
-            found[name] = replace(found[name], unit="")  # a share, not an angle, whatever its size
-    for name, entry in list(found.items()):
-        if _NO_POSE & set(words(name)) or len(entry.columns) != len(entry.labels):
-            continue
-        if {"x", "y"} <= set(entry.labels):
-            found.pop(name)
-            found["position"] = _part(entry, ("x", "y"), ("x", "y"), "m")
-            notes.append(f"position: {name} x and y taken as m")
-            angle = next((label for label in _HEADINGS if label in entry.labels), None)
-            if angle is not None:
-                found["heading"] = _part(entry, (angle,), ("heading",), "rad")
-                notes.append(f"heading: {name} {angle} taken as rad, growing to the left")
-            elif set(entry.labels) >= _QUATERNION:
-                found["orientation"] = _part(entry, tuple(sorted(_QUATERNION)), tuple(sorted(_QUATERNION)), "")
-                notes.append(f"orientation: {name} qx, qy, qz, qw; the heading is its turn about the vertical")
-            break
-    for name in ("velocity", "speed"):
-        if name in found and "speed" not in found and len(found[name].columns) == len(found[name].labels) == 1:
-            _rename(found, name, found[name].columns[0], "speed", "m/s", notes)
-    for name, entry in list(found.items()):
-        for column in entry.columns if len(entry.columns) == len(entry.labels) else ():
-            if "".join(words(column)) in _TURNS and "yaw_rate" not in found:
-                _rename(found, name, column, "yaw_rate", "rad/s", notes)
-    return found, notes
-
-
-def _rename(found: dict[str, ChannelColumns], name: str, column: str, to: str, unit: str, notes: list[str]) -> None:
-    """One column of a channel gets a channel of its own, with a vehicle's name for it."""
-    entry = found.pop(name)
-    rest = tuple(label for label, other in zip(entry.labels, entry.columns, strict=True) if other != column)
-    if rest:
-        found[name] = _part(entry, rest, rest, "")
-    found[to] = _part(entry, (entry.labels[entry.columns.index(column)],), (to,), unit)
-    if not entry.unit:
-        notes.append(f"{to}: column {column} taken as {unit}")
-
-
-def _part(entry: ChannelColumns, labels: tuple[str, ...], new: tuple[str, ...], unit: str) -> ChannelColumns:
-    columns = tuple(entry.columns[entry.labels.index(label)] for label in labels)
-    usual = entry.unit or unit
-    return replace(entry, columns=columns, labels=new, unit=usual)
 
 
 @dataclass(frozen=True)
 class _Signal:
-    """One column, and what its name says beside words that anything may have."""
+    """One column of one channel, and what its name says."""
 
     channel: str
     column: str
-    core: str
-    unit: str
-    scale: float
+    entry: ChannelColumns
+    said: Said
 
 
-def _gathered(channels: Mapping[str, ChannelColumns]) -> tuple[dict[str, ChannelColumns], list[str]]:
-    """Throttle and steering as one command, x, y and heading as one pose, where a log scatters them over its columns."""
-    found, notes = dict(channels), list[str]()
-    steering = _find(found, _STEERS, _COMMANDED) or _find(found, _STEERS)
-    drive = _find(found, _THROTTLES) or _find(found, _SPEEDS, _COMMANDED)
-    if steering is None or drive is None:
-        return found, notes
-    kind = "throttle" if drive.core in _THROTTLES else "speed"
-    if not any({"steering", kind} <= set(found[c].labels) for c in ("command", "command_sent") if c in found):
-        notes += _together(found, "command", {kind: drive, "steering": steering}, "")
-    x, y = _find(found, {"x"}), _find(found, {"y"})
-    if x is not None and y is not None and (x.channel != y.channel or x.unit or "x" not in found[x.channel].labels):
-        notes += _together(found, "position", {"x": x, "y": y}, "m")
-    heading = _find(found, set(_HEADINGS))
-    named = (
-        heading is not None
-        and set(found[heading.channel].labels) & set(_HEADINGS)
-        and "x" in found[heading.channel].labels
-    )
-    if heading is not None and not named and "heading" not in found:
-        notes += _together(found, "heading", {"heading": heading}, "rad")
-    speed = _find(found, _SPEEDS, without=_COMMANDED)
-    if speed is not None and "speed" not in found and speed.channel not in ("command", "command_sent"):
-        notes += _together(found, "speed", {"speed": speed}, "m/s")
-    return found, notes
+def as_vehicle(channels: Mapping[str, ChannelColumns]) -> tuple[dict[str, ChannelColumns], list[str]]:
+    """The channels with a vehicle's names (command, position, heading, speed, yaw_rate), and notes; unchanged for others.
+
+    A vehicle is what is commanded by throttle, or speed, and steering, or, where nothing else has a position, by speed and
+    turn rate.
+    """
+    signals = _signals(channels)
+    command = _command(signals, channels)
+    if not command:
+        return dict(channels), []
+    taken, notes = _Taken(dict(channels)), list[str]()
+    if len({_clock(s.entry) for s in command.values()}) == 1:
+        notes += taken.together("command", command)
+    else:  # topics of their own: each keeps its time
+        for label, signal in command.items():
+            notes += taken.together(f"command_{label}", {label: signal})
+    rest = [s for s in signals if s not in command.values()]
+    place = _place(rest)
+    notes += taken.together("position", place) if place else []
+    beside = next(iter(place.values())).said.source if place else frozenset()
+    notes += _direction(rest, beside, taken)
+    for name in ("speed", "yaw_rate"):
+        found = _best([s for s in rest if s.said.kind == name and not s.said.commanded and s not in place.values()])
+        notes += taken.together(name, {name: found}) if found else []
+    return taken.channels, notes
 
 
-def _find(
-    channels: Mapping[str, ChannelColumns],
-    cores: set[str],
-    beside: frozenset[str] = frozenset(),
-    without: frozenset[str] = frozenset(),
-) -> _Signal | None:
-    """The first column whose name says one of `cores`, one of `beside` if any, none of `without`, no more that matters."""
+def _signals(channels: Mapping[str, ChannelColumns]) -> list[_Signal]:
+    """Every column of one number whose name means something in a vehicle."""
+    found: list[_Signal] = []
     for name, entry in channels.items():
         if len(entry.columns) != len(entry.labels) or entry.width > 1:
             continue
-        for column in entry.columns:
-            said = words(column)
-            unit, scale = next((_UNITS[w] for w in reversed(said) if len(said) > 1 and w in _UNITS), ("", 1.0))
-            core = [w for w in said if w not in _WHOSE and not (len(said) > 1 and w in _UNITS)]
-            if (beside and not beside & set(said)) or without & set(said):
-                continue
-            if len(core) == 1 and core[0] in cores:
-                return _Signal(name, column, core[0], unit, scale)
-    return None
+        told = [(column, said(column, entry.file)) for column in entry.columns]
+        found += [_Signal(name, column, entry, meaning) for column, meaning in told if meaning is not None]
+    return found
 
 
-def _together(found: dict[str, ChannelColumns], name: str, signals: Mapping[str, _Signal], unit: str) -> list[str]:
-    """Makes a channel of columns that share a file and a clock, nothing where they do not; says what it took them for."""
-    entries = [found[s.channel] for s in signals.values()]
-    if len({(e.file, e.time, e.time_unit, e.time_offset, e.rate) for e in entries}) > 1:
+def _command(signals: list[_Signal], channels: Mapping[str, ChannelColumns]) -> dict[str, _Signal]:
+    """What drives it, by label; nothing where this is no vehicle."""
+    kinds = {kind: [s for s in signals if s.said.kind == kind] for kind in ("throttle", "brake", "steering", "erpm")}
+    speeds = [s for s in signals if s.said.kind == "speed" and s.said.commanded]
+    turns = [s for s in signals if s.said.kind == "yaw_rate" and s.said.commanded]
+    steering, throttle = _best(kinds["steering"]), _best(kinds["throttle"])
+    speed = _best(speeds) or _best([s for s in kinds["erpm"] if s.said.commanded])
+    drive = {"throttle": throttle} if throttle else {"speed": speed} if speed else {}
+    if steering and drive:
+        brake = _best(kinds["brake"]) if throttle else None
+        return {**drive, "steering": steering, **({"brake": brake} if brake else {})}
+    whole = channels.get("position")
+    joints = whole is not None and not all(said(c, whole.file) for c in whole.columns)
+    if speeds and turns and not joints and _place(signals):
+        return {"speed": speeds[0], "turn": turns[0]}
+    return {}
+
+
+def _place(signals: list[_Signal]) -> dict[str, _Signal]:
+    """X and y, or latitude and longitude, of one source, the most exact one."""
+    options: list[tuple[int, int, dict[str, _Signal]]] = []
+    for order, (one, other) in enumerate((("x", "y"), ("latitude", "longitude"))):
+        for first in (s for s in signals if s.said.kind == one and not s.said.commanded):
+            second = next(
+                (
+                    s
+                    for s in signals
+                    if s.said.kind == other
+                    and s.said.source == first.said.source
+                    and _clock(s.entry) == _clock(first.entry)
+                ),
+                None,
+            )
+            if second is not None:
+                options.append((first.said.rank, order, {one: first, other: second}))
+    return min(options, key=lambda o: o[:2])[2] if options else {}
+
+
+def _direction(signals: list[_Signal], beside: frozenset[str], taken: _Taken) -> list[str]:
+    """Takes the heading, or the quaternion, of the source of the position where it has one."""
+    angles = [s for s in signals if s.said.kind == "heading" and not s.said.commanded]
+    turns = [s for s in signals if s.said.kind == "qz" and not s.said.commanded]
+    same = [s for s in (*angles, *turns) if (s.said.source ^ beside) & _POSE_TOGETHER == frozenset()]
+    found = _best(same) or _best(angles) or _best(turns)
+    if found is None:
         return []
-    given = {s.unit for s in signals.values() if s.unit}
-    own = given.pop() if len(given) == 1 and name != "command" else unit
-    scales = tuple(s.scale * (_TO_SI.get(s.unit, 1.0) if s.unit != own else 1.0) for s in signals.values())
-    for signal in signals.values():
-        entry = found.pop(signal.channel)
-        rest = tuple(label for label, c in zip(entry.labels, entry.columns, strict=True) if c != signal.column)
-        if rest:
-            found[signal.channel] = _part(entry, rest, rest, "")
-    found[name] = replace(
-        entries[0], columns=tuple(s.column for s in signals.values()), labels=tuple(signals), unit=own,
-        scale=scales if len(set(scales)) > 1 else scales[:1],
-    )  # fmt: skip
-    listed = " and ".join(s.column for s in signals.values())
-    return [f"{name}: {listed} taken as {', '.join(signals)}" + (f" in {own}" if own else "")]
+    if found.said.kind == "heading":
+        return taken.together("heading", {"heading": found})
+    parts = {
+        k: s for k in _QUATERNION for s in signals
+        if s.said.kind == k and s.channel == found.channel and s.said.source == found.said.source
+    }  # fmt: skip
+    if len(parts) < len(_QUATERNION):
+        return []
+    taken.together("orientation", parts)
+    return [f"orientation: {found.channel} qx, qy, qz, qw; the heading is its turn about the vertical"]
+
+
+def _best(signals: list[_Signal]) -> _Signal | None:
+    """The most trusted, of these the first."""
+    return min(signals, key=lambda s: s.said.rank, default=None)
+
+
+def _clock(entry: ChannelColumns) -> tuple[object, ...]:
+    return entry.file, entry.time, entry.time_unit, entry.time_offset, entry.rate
+
+
+@dataclass(frozen=True)
+class _Taken:
+    """Channels from which columns are taken and put together anew."""
+
+    channels: dict[str, ChannelColumns]
+
+    def together(self, name: str, signals: Mapping[str, _Signal]) -> list[str]:
+        """Makes channel `name` of signals by label; says what they were taken for, unless they were that already."""
+        before = self.channels.get(name)
+        own = next(iter(signals))
+        usual = "" if name.startswith("command") else _UNIT.get(own, "")
+        scale = tuple(_scale(s, usual) for s in signals.values())
+        for signal in signals.values():
+            self._without(signal.channel, signal.column)
+        kept = self.channels.pop(name, None)
+        if kept is not None:  # what else stood under this name
+            self.channels[f"{name}_others"] = kept
+        made = replace(
+            next(iter(signals.values())).entry, columns=tuple(s.column for s in signals.values()), labels=tuple(signals),
+            unit=usual, scale=scale if len(set(scale)) > 1 else scale[:1],
+        )  # fmt: skip
+        self.channels[name] = made
+        if before is not None and (before.columns, before.labels, before.unit) == (
+            made.columns,
+            made.labels,
+            made.unit,
+        ):
+            return []
+        listed = " and ".join(s.column for s in signals.values())
+        more = ", growing to the left" if name == "heading" else ""
+        return [f"{name}: {listed} taken as {', '.join(signals)}" + (f" in {usual}{more}" if usual else "")]
+
+    def _without(self, channel: str, column: str) -> None:
+        entry = self.channels.get(channel)
+        if entry is None or column not in entry.columns:
+            return
+        kept = [k for k, c in enumerate(entry.columns) if c != column]
+        del self.channels[channel]
+        if kept:
+            scale = tuple(entry.scale[k] for k in kept) if len(entry.scale) > 1 else entry.scale
+            self.channels[channel] = replace(entry, columns=tuple(entry.columns[k] for k in kept),
+                                             labels=tuple(entry.labels[k] for k in kept), scale=scale)  # fmt: skip
+
+
+def _scale(signal: _Signal, unit: str) -> float:
+    """What one of the file's numbers is in the channel's unit: as the name says, else as the file declares it."""
+    if unit == "deg":
+        return 1.0
+    if signal.said.unit or signal.said.factor != 1.0:
+        return signal.said.factor
+    return _declared(signal.entry.unit, unit)
+
+
+def _declared(given: str, unit: str) -> float:
+    """The same from the unit that a file declares for its column, where it is of the kind that is wanted."""
+    from trueup.units import canonical, to_si
+
+    if canonical(given) is None:
+        return 1.0
+    name, factor, _ = to_si(given)
+    return factor if name == unit or (not unit and name in ("rad", "m/s", "")) else 1.0

@@ -62,6 +62,8 @@ QUANTITIES = (
     CarQuantity("throttle_dead", "", 0.05, 0.0, 0.4, "linear", "throttle below which the motor does nothing", _STARTS),
     CarQuantity("drive", "m/s^2", 10.0, 0.3, 100.0, "log", "acceleration for a throttle of one more, at rest", _STARTS),
     CarQuantity("drive_fade", "s/m", 0.05, 0.0, 1.0, "linear", "share of the drive that is lost with each m/s", _STARTS),
+    CarQuantity("braking", "", 1.0, 0.1, 20.0, "log", "deceleration for a throttle below zero, as a share of the drive",
+                "braking"),
     CarQuantity("friction", "m/s^2", 1.0, 0.0, 10.0, "linear", "deceleration by dry friction", _STARTS),
     CarQuantity("speed_loss", "1/s", 1.0, 0.01, 10.0, "log", "deceleration per speed (motor and air)", _STARTS),
     CarQuantity("curve_loss", "m^2/s", 0.1, 0.0, 2.0, "linear", "deceleration per speed and squared curvature", _CURVES),

@@ -11,8 +11,9 @@ import numpy as np
 from trueup.errors import CalibrationError, RecordingError
 from trueup.recording import Channel, Recording
 from trueup.simulators.car.car import Car
+from trueup.simulators.car.driving import COMMAND, driven_by
 from trueup.simulators.car.look import first_look
-from trueup.simulators.car.tracking import COMMAND, cleaned, driven_by
+from trueup.simulators.car.tracking import cleaned
 
 _MOST = 2.0  # commands beyond are no shares of the full command
 _PULSES = (500.0, 2500.0)  # us: of a servo's signal, whose middle is at 1500 and whose end 500 beside it
@@ -26,7 +27,7 @@ def with_commands(car: Car, recordings: Sequence[Recording]) -> tuple[Car, tuple
     """
     if car.full is not None or not recordings:
         return car, ()
-    commands = [driven_by(r) for r in recordings]
+    commands = [driven_by(r, car.wheelbase) for r in recordings]
     found = [_middle_and_full(commands, label) for label in COMMAND]
     middle, full = (found[0][0], found[1][0]), (found[0][1], found[1][1])
     notes = [
@@ -36,7 +37,7 @@ def with_commands(car: Car, recordings: Sequence[Recording]) -> tuple[Car, tuple
     ]
     scaled = replace(car, middle=middle, full=full)
     try:
-        first_look(scaled, [cleaned(r, car.enabled_by, middle, full) for r in recordings])
+        first_look(scaled, [cleaned(r, car.enabled_by, middle, full, car.wheelbase) for r in recordings])
     except CalibrationError:
         scaled = replace(car, middle=middle, full=(full[0], -full[1]))
         notes.append("steering: grows to the right, taken as its opposite")

@@ -19,8 +19,8 @@ Indices = NDArray[np.int64]
 (
     WHEELBASE, STEERING_DELAY, STEERING_LAG, STEERING_PLAY, STEERING_LEFT, STEERING_RIGHT, STEERING_BEND,
     STEERING_OFFSET, RELAXATION, UNDERSTEER, GRIP, FRICTION_LIMIT, WEIGHT_IN_FRONT, YAW_INERTIA, THROTTLE_DELAY,
-    THROTTLE_LAG, THROTTLE_DEAD, DRIVE, DRIVE_FADE, FRICTION, SPEED_LOSS, CURVE_LOSS, POSE_AHEAD, POSE_TURN,
-) = range(24)  # fmt: skip
+    THROTTLE_LAG, THROTTLE_DEAD, DRIVE, DRIVE_FADE, BRAKING, FRICTION, SPEED_LOSS, CURVE_LOSS, POSE_AHEAD, POSE_TURN,
+) = range(25)  # fmt: skip
 """Columns of a row: the car, then QUANTITIES in their order."""
 
 READ = 5
@@ -83,7 +83,7 @@ def motor_push(p: Array, throttle: float, speed: float) -> float:
     """Acceleration by the motor: none within the dead zone; forward less, the faster it turns (its own voltage)."""
     if throttle > p[THROTTLE_DEAD]:
         return p[DRIVE] * (throttle - p[THROTTLE_DEAD]) * max(1.0 - p[DRIVE_FADE] * speed, 0.0)
-    return p[DRIVE] * min(throttle + p[THROTTLE_DEAD], 0.0)
+    return p[DRIVE] * p[BRAKING] * min(throttle + p[THROTTLE_DEAD], 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

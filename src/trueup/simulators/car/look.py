@@ -56,6 +56,12 @@ def unseen(recordings: Sequence[Recording]) -> dict[str, str]:
     }
 
 
+def braked(recordings: Sequence[Recording]) -> bool:
+    """Whether these prepared recordings were driven with a throttle below zero."""
+    throttle = _samples(recordings)[2]
+    return len(throttle) > 0 and float(np.percentile(throttle, 2)) < -0.02
+
+
 def _samples(recordings: Sequence[Recording]) -> tuple[Array, Array, Array, Array, Array]:
     """Curvature, steering, throttle, speed, acceleration at instants in which the car drove, every 0.05 s."""
     parts: list[Array] = []

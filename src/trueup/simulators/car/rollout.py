@@ -65,7 +65,7 @@ class CarSimulator:
 
     def prepared(self, recording: Recording) -> Recording:
         """The recording without what the tracker mistook for the car; see `cleaned`."""
-        return cleaned(recording, self.car.enabled_by, self.car.middle, self.car.full)
+        return cleaned(recording, self.car.enabled_by, self.car.middle, self.car.full, self.car.wheelbase)
 
     def rollout(
         self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None = None

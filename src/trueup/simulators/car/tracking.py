@@ -8,23 +8,18 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.errors import RecordingError
 from trueup.recording import Channel, Recording, with_warnings
+from trueup.simulators.car.driving import effective
+from trueup.simulators.car.place import place_of
 from trueup.simulators.car.pose import aligned, course, heading_of
-from trueup.trial import command_of
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-COMMAND = ("throttle", "steering")
-"""Labels of the command channel: both without unit, usually -1 ... 1."""
-
-_MOST = 2.0  # commands beyond are no shares of the full command
 _NOISE, _TURN = 0.03, 0.15  # m, rad: more from one sample to the next, beyond what the speed explains, is a jump
 _FASTEST = 15.0  # m/s: nothing goes faster that does not do so often
 _CONTRADICTED = 0.2  # share of the poses; where wheels agree with fewer, their speed is not to be relied on
 _DISAGREES = 0.3  # m/s between tracked and wheel speed, of a whole piece
-_SWITCHES = ("safety", "enable", "enabled", "deadman", "armed")
 
 
 def cleaned(
@@ -32,28 +27,26 @@ def cleaned(
     enabled_by: str = "",
     middle: tuple[float, float] = (0.0, 0.0),
     full: tuple[float, float] | None = None,
+    wheelbase: float = 1.0,
 ) -> Recording:
     """The recording with NaN where position and heading are not the car's, and no throttle where it was cut.
 
     A tracker that loses the car shows something else: the pose jumps there and back. Pieces between jumps are kept where
     their speed is that of the wheels, or, where no wheel speed was recorded, where they follow on the longest
-    one. A log without heading gets the direction of motion in its place. Commands count from `middle` in units of
-    `full`. What was taken out is said in the provenance's warnings. Raises RecordingError without pose or command.
+    one. A log without heading gets the direction of motion in its place, one without position the way that speed and
+    turn rate add up to (see `place_of`). Commands count from `middle` in units of `full`; `wheelbase` (m) makes angles of
+    turn rates. What was taken out is said in the provenance's warnings. Raises RecordingError without pose or command.
     """
-    if not recording.has("position"):
-        raise RecordingError(
-            f"recording '{recording.name}' has no channel 'position'; a car is calibrated on a tracked pose: name the "
-            f"columns of x and y as 'position' and the yaw as 'heading' in the mapping (it has: "
-            f"{', '.join(recording.channels)})"
-        )
-    position, heading = recording.channel("position").select(("x", "y")), heading_of(recording)
+    position, heading, notes = place_of(recording)
+    heading = heading or heading_of(recording)
     if heading is not None and (
         len(position.time) != len(heading.time) or np.abs(position.time - heading.time).max() > 1e-6
     ):
         heading = heading.replace(time=position.time, values=_turned(heading, position.time))
     good = _of_the_car(recording, position, heading)
     lost = float(np.mean(~good))
-    notes = [f"{100 * lost:.1f} % of the poses jump away or contradict the wheels and were left out"] if lost else []
+    if lost:
+        notes.append(f"{100 * lost:.1f} % of the poses jump away or contradict the wheels and were left out")
     if heading is None:
         heading = course(position, good)
         notes.append("no heading was recorded: the direction of motion stands for it")
@@ -64,7 +57,7 @@ def cleaned(
     angle[good, 0] = np.unwrap(heading.values[good, 0])
     kept = recording.with_channel(position.replace(values=np.where(good[:, None], position.values, np.nan)))
     kept = kept.with_channel(heading.replace(values=angle, labels=("heading",)))
-    kept = kept.with_channel(_effective(recording, enabled_by, middle, full))
+    kept = kept.with_channel(effective(recording, enabled_by, middle, full, wheelbase))
     return kept.replace(provenance=with_warnings(recording.provenance, notes))
 
 
@@ -73,61 +66,6 @@ def _turned(heading: Channel, times: Array) -> Array:
     known = np.isfinite(heading.values[:, 0])
     whole = heading.replace(time=heading.time[known], values=np.unwrap(heading.values[known], axis=0))
     return whole.at(times)
-
-
-def driven_by(recording: Recording) -> Channel:
-    """Throttle and steering as recorded; a commanded speed is a throttle too. Raises RecordingError without them."""
-    command = command_of(recording)
-    if command is not None and "speed" in command.labels and "throttle" not in command.labels:
-        command = command.replace(labels=tuple("throttle" if label == "speed" else label for label in command.labels))
-    if command is None or any(label not in command.labels for label in COMMAND):
-        found = "none" if command is None else ", ".join(command.labels)
-        raise RecordingError(
-            f"recording '{recording.name}': a car's command needs the labels throttle and steering; found: {found}. Name "
-            'their columns in the mapping: [channels.command] columns = ["...", "..."], labels = ["throttle", "steering"]'
-        )
-    return command.select(COMMAND)
-
-
-def _effective(
-    recording: Recording, enabled_by: str, middle: tuple[float, float], full: tuple[float, float] | None
-) -> Channel:
-    """The commands as shares, throttle zero while the switch was off. Raises RecordingError where there are none."""
-    command = driven_by(recording)
-    if full is not None:  # a pulse of no width is no command yet, not one far to the side
-        sent = np.where((command.values == 0.0) & (np.abs(middle) > np.abs(full)), middle, command.values)
-        command = command.replace(values=(sent - middle) / full)
-    for label in COMMAND if full is None else ():
-        largest = float(np.nanmax(np.abs(command.column(label)), initial=0.0))
-        if largest > _MOST:
-            raise RecordingError(
-                f"recording '{recording.name}': {label} reaches {largest:.4g}; a car's commands are shares, -1 ... 1: say in "
-                f"the mapping's [channels.command] scale = [...] with {1.0 / _round_up(largest):.3g} for {label} (and offset "
-                "where the middle is not zero)"
-            )
-    switch = _switch(recording, enabled_by)
-    if switch is None:
-        return command
-    values = np.array(command.values)
-    values[:, 0] *= switch.at(command.time, hold=True)[:, 0] > 0.0
-    return command.replace(values=values)
-
-
-def _round_up(largest: float) -> float:
-    """The full command that a largest value suggests: 30 is of 100, 1720 of 10000."""
-    return float(10.0 ** np.ceil(np.log10(largest)))
-
-
-def _switch(recording: Recording, enabled_by: str) -> Channel | None:
-    for channel in recording.channels.values():
-        for label in channel.labels:
-            named = label == enabled_by if enabled_by else any(w in label.lower().split("_") for w in _SWITCHES)
-            values = channel.column(label)
-            if named and (enabled_by or set(np.unique(values[np.isfinite(values)])) == {0.0, 1.0}):
-                return channel.select((label,))
-    if enabled_by:
-        raise RecordingError(f"recording '{recording.name}' has no signal '{enabled_by}', which enables the throttle")
-    return None
 
 
 def _of_the_car(recording: Recording, position: Channel, heading: Channel | None) -> Mask:

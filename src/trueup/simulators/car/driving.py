@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a log says that drove the car, as throttle and steering: from pedals, topics of their own, speeds or turn rates."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import RecordingError
+from trueup.recording import Channel, Recording, is_command
+from trueup.trial import command_of
+
+Array = NDArray[np.float64]
+
+COMMAND = ("throttle", "steering")
+"""Labels of the command channel: both without unit, usually -1 ... 1."""
+
+_MOST = 2.0  # commands beyond are no shares of the full command
+_SWITCHES = ("safety", "enable", "enabled", "deadman", "armed")
+_DRIVES, _STEERS = ("throttle", "speed"), ("steering", "turn")
+_STANDS = 0.05  # share of the greatest commanded speed: below, a turn rate says no wheel angle
+
+
+def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
+    """Throttle and steering as recorded, from channels of their own too; a brake counts as throttle below zero.
+
+    A commanded speed is a throttle too, and a turn rate beside it the wheel angle (rad) with which a car of this wheelbase
+    (m) would turn so. Raises RecordingError without them.
+    """
+    found = _signals(recording)
+    drive = next((found[label] for label in _DRIVES if label in found), None)
+    steer = next((found[label] for label in _STEERS if label in found), None)
+    if drive is None or steer is None or (drive is not found.get("speed") and steer is found.get("turn")):
+        listed = ", ".join(found) or "none"
+        raise RecordingError(
+            f"recording '{recording.name}': a car's command needs the labels throttle and steering; found: {listed}. Name "
+            'their columns in the mapping: [channels.command] columns = ["...", "..."], labels = ["throttle", "steering"]'
+        )
+    parts = [drive, steer, *([found["brake"]] if "brake" in found else [])]
+    same = all(p.time is drive.time or np.array_equal(p.time, drive.time) for p in parts)
+    time = drive.time if same else np.unique(np.concatenate([p.time for p in parts]))
+    throttle, steering, *brake = (_held(p, time) for p in parts)
+    if steer is found.get("turn") and "steering" not in found:
+        moving = np.abs(throttle) > _STANDS * np.nanmax(np.abs(throttle), initial=0.0)
+        steering = np.where(moving, np.arctan(wheelbase * steering / np.where(moving, throttle, 1.0)), 0.0)
+    throttle = throttle - brake[0] if brake else throttle
+    return Channel("command", COMMAND, "", time, np.stack([throttle, steering], axis=1))
+
+
+def _signals(recording: Recording) -> dict[str, Channel]:
+    """What is commanded, by label: that of the command channel, else of channels that hold a part of it."""
+    whole = command_of(recording)
+    channels = [whole] if whole is not None else []
+    channels += [c for name, c in recording.channels.items() if is_command(name) and name != "command_sent"]
+    found: dict[str, Channel] = {}
+    for channel in channels:
+        for label in channel.labels:
+            found.setdefault(label, channel.select((label,)))
+    return found
+
+
+def _held(channel: Channel, time: Array) -> Array:
+    """(T,) a signal at other times: each command stays in force until the next; before the first one it is zero."""
+    if channel.time is time:
+        return channel.values[:, 0]
+    values = channel.at(time, hold=True)[:, 0]
+    return np.where(time < channel.time[0], 0.0, values)
+
+
+def effective(
+    recording: Recording,
+    enabled_by: str,
+    middle: tuple[float, float],
+    full: tuple[float, float] | None,
+    wheelbase: float = 1.0,
+) -> Channel:
+    """The commands as shares, throttle zero while the switch was off. Raises RecordingError where there are none."""
+    command = driven_by(recording, wheelbase)
+    if full is not None:  # a pulse of no width is no command yet, not one far to the side
+        sent = np.where((command.values == 0.0) & (np.abs(middle) > np.abs(full)), middle, command.values)
+        command = command.replace(values=(sent - middle) / full)
+    for label in COMMAND if full is None else ():
+        largest = float(np.nanmax(np.abs(command.column(label)), initial=0.0))
+        if largest > _MOST:
+            raise RecordingError(
+                f"recording '{recording.name}': {label} reaches {largest:.4g}; a car's commands are shares, -1 ... 1: say in "
+                f"the mapping's [channels.command] scale = [...] with {1.0 / _round_up(largest):.3g} for {label} (and offset "
+                "where the middle is not zero)"
+            )
+    switch = _switch(recording, enabled_by)
+    if switch is None:
+        return command
+    values = np.array(command.values)
+    values[:, 0] *= switch.at(command.time, hold=True)[:, 0] > 0.0
+    return command.replace(values=values)
+
+
+def _round_up(largest: float) -> float:
+    """The full command that a largest value suggests: 30 is of 100, 1720 of 10000."""
+    return float(10.0 ** np.ceil(np.log10(largest)))
+
+
+def _switch(recording: Recording, enabled_by: str) -> Channel | None:
+    for channel in recording.channels.values():
+        for label in channel.labels:
+            named = label == enabled_by if enabled_by else any(w in label.lower().split("_") for w in _SWITCHES)
+            values = channel.column(label)
+            if named and (enabled_by or set(np.unique(values[np.isfinite(values)])) == {0.0, 1.0}):
+                return channel.select((label,))
+    if enabled_by:
+        raise RecordingError(f"recording '{recording.name}' has no signal '{enabled_by}', which enables the throttle")
+    return None
