@@ -15,6 +15,7 @@ from trueup.calibration import TracePoint
 from trueup.errors import CalibrationError
 from trueup.loop.problem import Problem
 from trueup.parameters import ParameterSpace
+from trueup.search.bounded_step import careful_difference
 from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses
 
@@ -24,6 +25,7 @@ Progress = Callable[[TracePoint], None]
 Checkpoint = Callable[[dict[str, Any]], None]
 
 _HELD = 3e-3  # least damping of the first looks: what is weakly seen must not wander off before all data are in
+_CREEPS = 5  # steps along a crack in a cheaper problem before the real one is asked
 _SETTLED = 5e-3  # share of the loss: an approximation that gains less than this is not made anew
 
 
@@ -119,10 +121,12 @@ class Descent:
     """(m, n_free) already taken at the point for the next stage."""
 
     def descend(
-        self, stage: Stage, nudge: float = 0.0, saved: dict[str, Any] | None = None, *, confirm: bool = True
-    ) -> LeastSquares:
+        self, stage: Stage, nudge: float = 0.0, saved: dict[str, Any] | None = None, *, confirm: bool = True,
+        creeps: int | None = None,
+    ) -> LeastSquares:  # fmt: skip
         """Least squares on one stage, to its end; the last one takes slopes there, to `confirm`."""
         search, self.near = self._begun(stage, nudge, confirm), None
+        search.creeps = creeps
         if saved is not None:
             search.resume(saved)
         elif self._slopes is not None:
@@ -148,7 +152,7 @@ class Descent:
         begun, fine = self.point, self._residual(stage.problem)
         for confirm in (True, False, False):
             near = stage.cheap.shifted(fine - self._residual(stage.cheap))
-            search = self.descend(replace(stage, problem=near, cheap=near), confirm=confirm)
+            search = self.descend(replace(stage, problem=near, cheap=near), confirm=confirm, creeps=_CREEPS)
             before, fine = fine, self._residual(stage.problem)
             old, new = robust_losses(np.stack([before, fine]), search.delta)
             if not new < old and confirm:
@@ -159,6 +163,9 @@ class Descent:
                 return search
             search.residual, search.loss, self._slopes = fine, float(new), search.jacobian
             self.near = stage.cheap.shifted(fine - self._residual(stage.cheap))
+            if search.stuck:
+                # A crack in the cheaper problem need not be one in the real one: its slopes lead on there.
+                return self.descend(stage)
             if old - new < _SETTLED * old:
                 self._slopes = None
                 return search
@@ -176,7 +183,7 @@ class Descent:
         return LeastSquares(
             self.point, ranges, least_damping=1e-9 if last else _HELD, share=2e-2 if last else 3e-2, robust=self.robust,
             tolerance=stage.tolerance, max_iterations=stage.most, nudge=nudge, confirm=confirm and last,
-            difference=LeastSquares.difference if self.search is None else self.search.careful_difference(),
+            difference=careful_difference(None if self.search is None else self.search.residual, LeastSquares.difference),
             worth=lambda residual: stage.problem.chance(residual) * len(free) * _patience(residual),
         )  # fmt: skip
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ _SHORT = (2.5, 15.0)  # s: the first stage looks at the first quarter of the rec
 _BLIND = 5.0  # a slope that across the whole box changes the residuals by less than this many times what they are
 _LOOKED_AT = 5  # parameters without much slope, at most: those with the least
 _EDGE = 5e-3  # share of the box: whatever is closer to a bound is on it
+_EXPLAINED = 2.0  # noise units of the residuals' rms: below, the model has the structure of the robot
 _BETTER = 0.98  # a place elsewhere is worth going to if the loss falls at least to this share
 _BEND = 10.0  # noise units from which losses grow linearly where places far apart are compared: one fall is not all
 _COARSE = 2.5  # factor on the integration step while far from the optimum
@@ -75,7 +77,35 @@ def fit(
         saved = None
     if select is not None and run.choose(stages[-1], select):
         run.descend(stages[-1])
+    if search == "auto":
+        _off_bounds(run, stages[-1])
     return run.finished(stages[-1])
+
+
+def _off_bounds(run: Descent, stage: Stage) -> None:
+    """Searches again from the middle of the range of parameters that ended at a bound, and stays where it is lower.
+
+    A body's mass and lever arm trade: the valley along which they do has an end at a bound of either, with a low ridge
+    before the optimum. Not for parameters at zero, where structures end that the robot does not have, and only where
+    the model replays the recordings to about their noise: elsewhere a bound is the least of what is wrong.
+    """
+    found = run.search
+    if found is None or found.residual is None or np.mean(found.residual**2) > _EXPLAINED**2:
+        return
+    free = [p for p in run.space.parameters if not p.frozen]
+    low, high = found.point < _EDGE, found.point > 1.0 - _EDGE
+    none = np.array([p.scale == "log" or p.lower == 0.0 for p in free])
+    worth = stage.problem.chance(found.residual) * len(free)
+    for k in np.flatnonzero((low & ~none) | high)[:_LOOKED_AT]:
+        point, search, name = run.point, run.search, free[k].name
+        middle = run.space.from_unit(np.where(np.arange(len(free)) == k, 0.5, point))[run.space.index(name)]
+        # First the others settle around the new place: all at once would slide back the way it came.
+        others = Descent(run.space.freeze([name], {name: middle}), np.delete(point, k), run.watch, run.robust)
+        others.descend(replace(stage, tolerance=1.0), confirm=False)
+        run.point = np.insert(others.point, k, 0.5)
+        if run.descend(stage).loss < found.loss - worth:
+            return
+        run.point, run.search = point, search
 
 
 def _stages(problem: Problem, coarse: Problem) -> list[Stage]:

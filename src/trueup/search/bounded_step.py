@@ -3,12 +3,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
 _MOST_SHRINK = 5.0
+
+
+def careful_difference(residual: Array | None, largest: float) -> float:
+    """Share of the box by which parameters are moved to see slopes, where the residual (m,) is known: at most `largest`.
+
+    Far from the recordings a coarse one sees past the ripples of friction; at the noise it must be exact, or weakly seen
+    directions take the errors of the strong ones for their own slope.
+    """
+    if residual is None:
+        return largest
+    return float(np.clip(1e-4 * (1.4826 * np.median(np.abs(residual))) ** 2, 1e-4, largest))
 
 
 def damped_step(curvature: Array, slope: Array, damping: float, at: Array) -> Array:
@@ -35,6 +48,27 @@ def damped_step(curvature: Array, slope: Array, damping: float, at: Array) -> Ar
             break
         free[int(pull.argmax())] = True
     return step
+
+
+def steps_apart(
+    curvature: Array, slope: Array, dampings: Sequence[float], at: Array, log_range: Array, least: float, wide: float
+) -> tuple[Array, list[int]]:
+    """(b, n) where steps of several dampings end that differ, each also taken in values, and (b,) which damping made each.
+
+    Ends are alike where the loss between them would differ by less than `least`, unless they are `wide` apart in the box:
+    a logarithm near its lower bound is further from another than slopes can tell.
+    """
+    points: list[Array] = []
+    rungs: list[int] = []
+    for rung, damping in enumerate(dampings):
+        step = damped_step(curvature, slope, damping, at)
+        for moved in (step, in_value(step, log_range)):
+            point = inside(at, moved, log_range)
+            apart = [point - p for p in points]
+            if all(a @ curvature @ a >= least or np.abs(a).max() > wide for a in apart):
+                points.append(point)
+                rungs.append(rung)
+    return np.array(points), rungs
 
 
 def gain(curvature: Array, slope: Array, step: Array) -> float:

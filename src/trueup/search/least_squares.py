@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import CalibrationError
-from trueup.search.bounded_step import corrected, damped_step, gain, in_value, inside
+from trueup.search.bounded_step import careful_difference, corrected, damped_step, gain, steps_apart
 from trueup.search.robust import robust_losses, robust_weights
 from trueup.search.search import SearchState
 
@@ -26,6 +26,8 @@ _CREDIT = 2  # steps uphill in a row, each on the promise that the next one come
 _WORN = 0.7  # new slopes are taken once a step leaves more than this share of what was promised: they cost ten steps
 _SHORTER = 1e-4  # least damping after steps that led nowhere: below, they would all be the same step again
 _TIE = 0.01  # hopes that differ by less of the gain are told apart by what is seen, or ever shorter steps win by a hair
+_STUCK = 10.0  # times what is negligible: slopes that promise more where no step goes down are those of a crack
+_CREEP = 0.05  # share of what was promised: a step that gives less creeps
 _CROSSING = 1e-4  # damping of the imagined step across the valley that candidates are judged by
 
 
@@ -52,6 +54,8 @@ class LeastSquares:
     max_iterations: int = 30
     patience: int = 3
     """Batches of steps in a row without any descent after which it ends."""
+    creeps: int | None = None
+    """Steps in a row that give next to nothing of what slopes promise, after which it ends as stuck; None: never."""
     share: float = 2e-3
     """With `worth`: a gain above this share of the loss is never negligible."""
     least_damping: float = 1e-9
@@ -75,6 +79,7 @@ class LeastSquares:
     _fresh: bool = field(init=False, default=True)
     _reused: int = field(init=False, default=0)
     _short: int = field(init=False, default=0)
+    _crept: int = field(init=False, default=0)
     _damping: float = field(init=False, default=1e-2)
     _stale: int = field(init=False, default=0)
     _done: str = field(init=False, default="")
@@ -103,7 +108,7 @@ class LeastSquares:
     def ask(self) -> Array:
         """Finite-difference columns around the point (with the point itself first), or steps of several lengths."""
         if self.jacobian is None:
-            self._steps = np.where(self.point > 0.5, -1.0, 1.0) * self.careful_difference()
+            self._steps = np.where(self.point > 0.5, -1.0, 1.0) * careful_difference(self.residual, self.difference)
             return np.concatenate([self.point[None], self.point + np.diag(self._steps)])
         return self._trial_points()
 
@@ -114,6 +119,13 @@ class LeastSquares:
             self._take_jacobian(residuals)
         else:
             self._take_step(candidates, residuals)
+
+    @property
+    def stuck(self) -> bool:
+        """Whether slopes still promise what no step gives: it is at a crack in the loss, or creeping along one."""
+        if self.jacobian is None or self.residual is None:
+            return False
+        return self._promise() > _STUCK * self._negligible(self.loss, self.residual)
 
     @property
     def fresh(self) -> bool:
@@ -141,15 +153,6 @@ class LeastSquares:
         self.point, self.loss, self.iteration = point, float(state["loss"]), int(state["iteration"])
         self._damping, self._stale = float(state["damping"]), int(state["stale"])
         self._short, self._done = int(state["short"]), str(state["done"])
-
-    def careful_difference(self) -> float:
-        """Share of the box by which parameters are moved to see slopes. Far from the recordings a coarse one sees past the
-        ripples of friction; at the noise it must be exact, or weakly seen directions take the errors of the strong ones
-        for their own slope.
-        """
-        if self.residual is None:
-            return self.difference
-        return float(np.clip(1e-4 * (1.4826 * np.median(np.abs(self.residual))) ** 2, 1e-4, self.difference))
 
     def _take_jacobian(self, residuals: Array) -> None:
         base = residuals[0]
@@ -263,8 +266,11 @@ class LeastSquares:
         negligible = self._negligible(loss, residual)
         # One short step may be bad luck in a bent valley; two in a row, with new slopes in between, are the bottom.
         self._short = self._short + 1 if abs(fallen) < negligible and self._fresh else 0
+        self._crept = self._crept + 1 if fallen < _CREEP * promised else 0
         if self._short >= 2:
             self._done = "converged: the last steps changed almost nothing"
+        elif self.creeps is not None and self._crept >= self.creeps:
+            self._done = "stopped creeping along a crack in the loss"
         elif left < negligible and not self.confirm and loss <= self.best[1]:
             self._done = "converged: no step promises a gain that noise would not give"
         serve = negligible < left < _WORN * promised or loss > self.best[1]
@@ -286,15 +292,8 @@ class LeastSquares:
     def _trial_points(self) -> Array:
         """Steps of several lengths that differ; the factor on the damping that made each is kept beside it."""
         curvature, slope = self._normal_equations()
+        dampings = [max(self._damping * factor, self.least_damping) for factor in _LADDER]
         least = _ALIKE * self._promise()
-        points, self._factors = [], []
-        for factor in _LADDER:
-            step = damped_step(curvature, slope, max(self._damping * factor, self.least_damping), self.point)
-            for moved in (step, in_value(step, self.log_range)):
-                point = inside(self.point, moved, self.log_range)
-                apart = [point - p for p in points]
-                # Far apart in the box they may differ more than slopes can tell: a logarithm near its lower bound.
-                if all(a @ curvature @ a >= least or np.abs(a).max() > _ALIKE for a in apart):
-                    points.append(point)
-                    self._factors.append(factor)
-        return np.array(points)
+        points, rungs = steps_apart(curvature, slope, dampings, self.point, self.log_range, least, _ALIKE)
+        self._factors = [_LADDER[k] for k in rungs]
+        return points

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Least squares alone ends in the wrong valley or at a crack in the loss; the fit goes on from there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trueup.discrepancies.weighted import Weighted
+from trueup.loop.descent import Descent, Stage, Watch
+from trueup.loop.fit import fit
+from trueup.loop.problem import Problem
+from trueup.parameters import Parameter, ParameterSpace
+from trueup.recording import Channel, Recording
+from trueup.simulators.simulator import Rollout
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+TIME = np.linspace(0.0, 4.0, 401)
+SPACE = ParameterSpace((
+    Parameter("mass", "kg", 3.67, 0.5, 5.0, scale="log"), Parameter("lever", "m", 0.12, 0.1, 0.3)
+))  # fmt: skip
+TRUTH = np.array([2.0, 0.22])
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A simulator whose positions are a formula of its values."""
+
+    positions: Callable[[Array, float], Array]
+    """Of values (n,) and the step in s: (T,)."""
+    step: float = 0.01
+    name: str = "formula"
+    parameters: ParameterSpace = SPACE
+
+    def at_step(self, step: float) -> Formula:
+        return replace(self, step=step)
+
+    def shipped(self) -> Formula:
+        return self
+
+    def observable(self, recording: Recording) -> tuple[str, ...]:
+        return ("position",)
+
+    def rollout(self, trials: Sequence[Trial], values: Array, controllers: object = None) -> list[Rollout]:
+        found = []
+        for trial in trials:
+            read = [np.interp(trial.observed["position"].time, TIME, self.positions(v, self.step)) for v in values]
+            found.append(Rollout(trial, {"position": np.array(read)[:, :, None]}, {}))
+        return found
+
+
+def measured(simulator: Formula) -> Recording:
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(len(TIME))
+    values = (simulator.positions(TRUTH, simulator.step) + noise)[:, None]
+    return Recording("made", {"position": Channel("position", ("joint",), "rad", TIME, values)})
+
+
+def problem_of(simulator: Formula) -> Problem:
+    recording = measured(simulator)
+    return Problem(simulator, [recording], Weighted.estimated([recording], ["position"]), ("position",))
+
+
+def ridge(values: Array, step: float) -> Array:
+    """Only the product of mass and lever arm is well seen; the rest has a ridge between the bound and the truth."""
+    mass, lever = values
+    u = (lever - 0.1) / 0.2
+    return mass * lever * np.sin(2.0 * TIME) + 0.02 * (0.6 - u) * (u + 0.2) * np.cos(9.0 * TIME)
+
+
+def test_a_valley_that_ends_at_a_bound_is_left_for_the_one_behind_the_ridge() -> None:
+    problem = problem_of(Formula(ridge))
+    stuck = fit(problem, SPACE, SPACE.nominal, Watch(), search="gradient")
+    assert stuck.values[1] == pytest.approx(0.1, abs=1e-3)
+    found = fit(problem, SPACE, SPACE.nominal, Watch())
+    np.testing.assert_allclose(found.values, TRUTH, rtol=0.02)
+
+
+def cracked(values: Array, step: float) -> Array:
+    """Smooth at the full step; at the coarse one the whole motion jumps shortly before the true lever arm."""
+    mass, lever = values
+    jump = 0.05 * (lever > 0.2195) if step > 0.015 else 0.0
+    return mass * np.sin(2.0 * TIME) + lever * np.cos(9.0 * TIME) + jump
+
+
+def test_a_crack_that_only_the_coarse_step_has_does_not_end_the_search() -> None:
+    problem = problem_of(Formula(cracked))
+    stage = Stage("all", problem, problem.at_step(0.025), 0.05, 20)
+    run = Descent(SPACE, np.clip(SPACE.to_unit([2.0, 0.2193]), 0, 1), Watch(), 3.0)
+    run.polish(stage)
+    np.testing.assert_allclose(run.finished(stage).values, TRUTH, rtol=1e-3)
