@@ -67,9 +67,31 @@ def test_commands_that_the_drives_cannot_take_are_refused(tmp_path: Path) -> Non
     swing = _swing()
     with pytest.raises(ModelError, match=r"'swing' commands N m .* has position servos at j"):
         suited(_model(tmp_path, _SERVO), [swing])
-    positions = swing.without("command_torque").with_channel(swing.channel("position").replace(name="command"))
-    with pytest.raises(ModelError, match=r"'swing' commands rad .* has motors at j, which take torques"):
-        suited(_model(tmp_path, _MOTOR), [positions])
+
+
+@pytest.mark.parametrize("drive", [_MOTOR, ""], ids=["a geared motor", "no actuator"])
+def test_the_controller_in_the_robot_is_found_where_the_model_has_none(tmp_path: Path, drive: str) -> None:
+    servo = '<actuator><position joint="j" kp="35" kv="1.1"/></actuator>'
+    arm = _ARM.format(damping=0.3, drive=servo).replace("<joint", '<joint armature=".01"')
+    truth = mujoco.MjModel.from_xml_string(arm)
+    truth.opt.timestep = 5e-4
+    data, time = mujoco.MjData(truth), np.arange(0.0, 6.0, 0.01)
+    wanted, seen = 0.5 * np.sign(np.sin(2.0 * time)) * (time > 0.5), []
+    for target in wanted:
+        seen.append(data.qpos[0])
+        data.ctrl[0] = target
+        mujoco.mj_step(truth, data, 20)
+    measured = np.array(seen) + np.random.default_rng(0).normal(0.0, 1e-3, len(time))
+    channels = [Channel("position", ("j",), "rad", time, measured[:, None]),
+                Channel("command", ("j",), "rad", time, wanted[:, None])]  # fmt: skip
+    steps = Recording("steps", {c.name: c for c in channels})
+    (taken,), _ = suited(_model(tmp_path, drive), [steps])
+    simulator, notes = simulator_for(_model(tmp_path, drive), [taken])
+    assert any("position servos" in n for n in notes)
+    found = {e.name: e for e in calibrate(simulator, [taken], options=Options(cross_validate=False)).estimates}
+    stiffness, damping = (next(e for n, e in found.items() if n.endswith(w)) for w in (".kp", ".damping"))
+    assert stiffness.value == pytest.approx(35.0, rel=0.1)
+    assert damping.value == pytest.approx(1.4, rel=0.1)
 
 
 def test_a_log_without_commands_is_said_to_drive_nothing(tmp_path: Path) -> None:

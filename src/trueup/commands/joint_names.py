@@ -11,6 +11,7 @@ import numpy as np
 from trueup.recording import Recording, is_command
 
 _DOUBT = 0.25  # of the squared distance to the second nearest joint
+_BY_NAME = "by name"
 _FILLING = re.compile(r"(?i)joint|motor|servo|link|actuator|position|pos")
 
 
@@ -22,7 +23,7 @@ def match_joints(labels: Sequence[str], drives: Mapping[str, str]) -> tuple[dict
     left goes by order if as many joints, or as many driven joints, are left too.
     """
     found = _counted(labels, drives)
-    how = "by order, which nothing here can prove: check them" if found else "by name"
+    how = "by order, which nothing here can prove: check them" if found else _BY_NAME
     for key in (str, _plain, _core):
         _pair(found, labels, {j: key(j) for j in drives}, key)
     _pair(found, labels, {j: _core(a) for j, a in drives.items() if a}, _core)
@@ -43,19 +44,32 @@ def named_as(recordings: Sequence[Recording], drives: Mapping[str, str]) -> tupl
     joints whose motion follows them, where the numbers leave no doubt. What is not found keeps its name.
     """
     measured = _labels(recordings, lambda name: name == "position")
+    if len(drives) == 1:  # the only joint of the log is the only one of the model: see `drives.suited`
+        return list(recordings), []
     notes: list[str] = []
     if any(label not in drives for label in measured):
-        names, how = match_joints(measured, drives)
+        names, how = _certain(measured, drives)
         recordings, more = _renamed(recordings, names, how)
         notes += more
     told = [label for label in _labels(recordings, is_command) if label not in {*drives, *drives.values()}]
     if told:
         names, how = _followed(recordings, told), "by the motion that follows each command"
         if len(names) < len(told):
-            names, how = match_joints(_labels(recordings, is_command), drives)
+            names, how = _certain(_labels(recordings, is_command), drives)
         recordings, more = _renamed(recordings, names, how)
         notes += more
     return list(recordings), notes
+
+
+def _certain(labels: Sequence[str], drives: Mapping[str, str]) -> tuple[dict[str, str], str]:
+    """What `match_joints` finds; by order only if the labels are mere numbers: other names may be other joints."""
+    names, how = match_joints(labels, drives)
+    if how == _BY_NAME or all(_core(label).isdigit() for label in labels):
+        return names, how
+    alike: dict[str, str] = {}
+    for key in (str, _plain, _core):
+        _pair(alike, labels, {j: key(j) for j in drives}, key)
+    return alike, _BY_NAME
 
 
 def _labels(recordings: Sequence[Recording], of: Callable[[str], bool]) -> list[str]:

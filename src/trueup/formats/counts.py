@@ -17,6 +17,11 @@ Array = NDArray[np.float64]
 _TURN = 4096  # counts of the magnetic encoders in Feetech STS and Dynamixel X servos
 _NO_DEGREES = 720.0  # whole numbers beyond two turns of degrees are no degrees
 
+COUNTS_NOTE = (
+    "taken as counts of servos, 4096 a turn and 2048 at zero; say so for joints that are zero elsewhere (offset) or turn "
+    "the other way (sign)"
+)
+
 
 def are_counts(columns: Sequence[Array]) -> bool:
     """Whether measured positions (each (T,) or (T, k)) are whole numbers within one turn of counts, and no degrees."""

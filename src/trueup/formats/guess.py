@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from trueup.errors import MappingError
 from trueup.formats.clocks import Clocks, find_clocks
-from trueup.formats.counts import are_counts, in_counts
+from trueup.formats.counts import COUNTS_NOTE, are_counts, in_counts
 from trueup.formats.mapping import ChannelColumns, ChannelMap
 from trueup.formats.table import Table, listing
 from trueup.formats.vehicle import as_vehicle
@@ -222,10 +222,7 @@ def _with_units(
         if counts and not channels[name].unit:
             result[name] = in_counts(channels[name])
             joints.add(channels[name].labels)
-            notes.append(
-                f"{name}: taken as counts of servos, 4096 a turn and 2048 at zero; say so for joints that are zero "
-                "elsewhere (offset) or turn the other way (sign)"
-            )
+            notes.append(f"{name}: {COUNTS_NOTE}")
             continue
         largest = max(member.largest for member in groups[name])
         if channels[name].unit in ("rad", "deg"):

@@ -39,12 +39,8 @@ def propose(
     lines = []
     if servos:
         lines.append(Declaration("kp", servos))
-    # Damping of the servo and of its joint are one thing: that is searched which the model has more of.
-    damped = tuple(j for j in servos if _more_in_servo(model, j, driven[j]))
-    if damped:
-        lines.append(Declaration("kv", damped))
+    lines += _dampings(model, joints, {j: driven[j] for j in servos})
     lines += [
-        *([Declaration("damping", rest)] if (rest := tuple(j for j in joints if j not in damped)) else []),
         Declaration("friction", joints),
         # Real gears stick: starting at MuJoCo's own creep would let every friction estimate leak away.
         Declaration("friction_creep", joints, tie="all", name="friction_creep", nominal=1e-3),
@@ -65,10 +61,23 @@ def propose(
     return lines
 
 
-def _more_in_servo(model: Model, joint: str, servo: int) -> bool:
+def _dampings(model: Model, joints: Sequence[str], servos: Mapping[str, int]) -> list[Declaration]:
+    """Damping of the servo and of its joint are one thing, until the servo's force is limited: then both count."""
+    damped = tuple(j for j, servo in servos.items() if _damps(model, j, servo))
+    rest = tuple(j for j in joints if j not in damped or _limited(model, j, servos[j]))
+    return [Declaration(kind, which) for kind, which in (("kv", damped), ("damping", rest)) if which]
+
+
+def _damps(model: Model, joint: str, servo: int) -> bool:
+    """Whether a servo damps more than its joint does."""
     compiled = model.compiled
     in_joint = float(compiled.dof_damping[compiled.jnt_dofadr[model.index("joint", joint)]])
     return float(-compiled.actuator_biasprm[servo, 2]) > in_joint
+
+
+def _limited(model: Model, joint: str, servo: int) -> bool:
+    compiled = model.compiled
+    return bool(compiled.actuator_forcelimited[servo] or compiled.jnt_actfrclimited[model.index("joint", joint)])
 
 
 def moving_joints(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:

@@ -24,8 +24,9 @@ _SMALLEST = 0.1  # share of the largest inertia below which none is believed: dr
 def add_servos(spec: mujoco.MjSpec, model: Model, joints: Sequence[str], recordings: Sequence[Recording]) -> None:
     """Position servos for `joints` of a spec made from `model`, in place of their motors where they have some.
 
-    Stiffness such that the joint follows at 5 Hz and carries the robot, damping in the joint (which MuJoCo cannot tell
-    from damping in the servo) such that it does not overshoot: a start for a calibration, which finds the rest.
+    Stiffness such that the joint follows at 5 Hz and carries the robot, damping such that it does not overshoot: a start
+    for a calibration, which finds the rest. Where force is limited the damping is the servo's, within that limit as in
+    a real one; else it is the joint's, which is the same, if the file has none there.
     """
     inertia, weight = _loads(model, joints, recordings)
     for name, moved, held in zip(joints, inertia, weight, strict=True):
@@ -34,9 +35,12 @@ def add_servos(spec: mujoco.MjSpec, model: Model, joints: Sequence[str], recordi
             joint.armature = _ROTOR * moved
             moved *= 1.0 + _ROTOR
         stiffness = max(moved * _BANDWIDTH**2, held / _SAG)
-        if not np.any(joint.damping):
-            joint.damping = [2.0 * float(np.sqrt(stiffness * moved)), 0.0, 0.0]
-        _servo(spec, model, name, stiffness)
+        damping = 2.0 * float(np.sqrt(stiffness * moved))
+        force = _strongest(model, name)
+        limited = np.isfinite(force) or bool(model.compiled.jnt_actfrclimited[joint_id(model.compiled, name)])
+        _servo(spec, model, name, stiffness, damping if limited else 0.0, force)
+        if not limited and not np.any(joint.damping):
+            joint.damping = [damping, 0.0, 0.0]
 
 
 def postures(compiled: mujoco.MjModel, recordings: Sequence[Recording], count: int) -> Iterator[Array]:
@@ -56,9 +60,11 @@ def postures(compiled: mujoco.MjModel, recordings: Sequence[Recording], count: i
             yield qpos
 
 
-def _servo(spec: mujoco.MjSpec, model: Model, joint: str, stiffness: float) -> None:
+def _servo(
+    spec: mujoco.MjSpec, model: Model, joint: str, stiffness: float, damping: float, force: float
+) -> None:  # fmt: skip
+    """Adds the servo, or makes it of the joint's motor; `force` is its limit in N m, infinite for none."""
     index = model.actuator_of_joint().get(joint, -1)
-    force = _strongest(model.compiled, index) if index >= 0 else np.inf
     if index >= 0:
         actuator = spec.actuators[index]
         actuator.gear = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
@@ -67,14 +73,17 @@ def _servo(spec: mujoco.MjSpec, model: Model, joint: str, stiffness: float) -> N
     else:
         actuator = spec.add_actuator()
         actuator.name, actuator.target, actuator.trntype = joint, joint, mujoco.mjtTrn.mjTRN_JOINT
-    actuator.set_to_position(kp=stiffness)
+    actuator.set_to_position(kp=stiffness, kv=damping)
     if np.isfinite(force):
         actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
         actuator.forcerange = [-force, force]
 
 
-def _strongest(compiled: mujoco.MjModel, motor: int) -> float:
-    """Largest torque of a motor in N m, by the limits of its control and its force; infinite without any."""
+def _strongest(model: Model, joint: str) -> float:
+    """Largest torque of the motor at a joint in N m, by the limits of its control and force; infinite without any."""
+    compiled, motor = model.compiled, model.actuator_of_joint().get(joint, -1)
+    if motor < 0:
+        return float("inf")
     limits = [np.inf]
     if is_motor(compiled, motor) and compiled.actuator_ctrllimited[motor]:
         limits.append(float(np.abs(compiled.actuator_ctrlrange[motor]).max() * compiled.actuator_gainprm[motor, 0]))

@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Positions without a unit are degrees where only that fits the joints' ranges."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trueup.campaign.assemble import suited
+from trueup.recording import Channel, Recording
+
+_ARM = """<mujoco><worldbody><body><joint name="j" axis="0 1 0" range="-100 100"/><geom size=".05"/></body></worldbody>
+<actuator><position joint="j"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(("largest", "unit"), [(90.0, "rad"), (400.0, "")])
+def test_numbers_within_the_range_in_degrees_are_degrees(tmp_path: Path, largest: float, unit: str) -> None:
+    (tmp_path / "arm.xml").write_text(_ARM)
+    time = np.arange(0.0, 2.0, 0.02)
+    swing = largest * np.sin(3.0 * time)[:, None]
+    channels = [Channel("position", ("j",), "", time, swing), Channel("command", ("j",), "", time, swing),
+                Channel("velocity", ("j",), "", time, 3.0 * swing)]  # fmt: skip
+    (found,), notes = suited(tmp_path / "arm.xml", [Recording("run", {c.name: c for c in channels})])
+    assert found.channel("position").unit == found.channel("command").unit == unit
+    assert bool(notes) == bool(unit)
+    if unit:
+        np.testing.assert_allclose(found.channel("command").values, np.radians(swing))
+        np.testing.assert_allclose(found.channel("velocity").values, np.radians(3.0 * swing))
