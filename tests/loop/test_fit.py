@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -93,3 +95,16 @@ def test_a_crack_that_only_the_coarse_step_has_does_not_end_the_search() -> None
     run = Descent(SPACE, np.clip(SPACE.to_unit([2.0, 0.2193]), 0, 1), Watch(), 3.0)
     run.polish(stage)
     np.testing.assert_allclose(run.finished(stage).values, TRUTH, rtol=1e-3)
+
+
+@pytest.mark.parametrize("search", ["cma-es", "hybrid"])
+def test_an_interrupted_evolution_goes_on_without_simulating_anew_what_it_had(search: str) -> None:
+    states: list[dict[str, Any]] = []
+    whole = problem_of(Formula(ridge))
+    found = fit(whole, SPACE, SPACE.nominal, Watch(checkpoint=states.append), search=search)
+    evolving = [s for s in states if s["stage"] == "cma-es"]
+    half = json.loads(json.dumps(evolving[len(evolving) // 2]))
+    rest = problem_of(Formula(ridge))
+    again = fit(rest, SPACE, SPACE.nominal, Watch(), search=search, resume=half)
+    np.testing.assert_array_equal(again.values, found.values)
+    assert rest.evaluations == whole.evaluations - sum(len(told) for told in half["search"]["told"])

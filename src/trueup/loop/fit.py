@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 
 SEARCHES = ("auto", "gradient", "cma-es", "hybrid")
 
+_EVOLVING = "cma-es"  # the name of its stage
 _SHORT = (2.5, 15.0)  # s: the first stage looks at the first quarter of the recordings, within these bounds
 _BLIND = 5.0  # a slope that across the whole box changes the residuals by less than this many times what they are
 _LOOKED_AT = 5  # parameters without much slope, at most: those with the least
@@ -30,7 +31,8 @@ _EDGE = 5e-3  # share of the box: whatever is closer to a bound is on it
 _EXPLAINED = 2.0  # noise units of the residuals' rms: below, the model has the structure of the robot
 _BETTER = 0.98  # a place elsewhere is worth going to if the loss falls at least to this share
 _BEND = 10.0  # noise units from which losses grow linearly where places far apart are compared: one fall is not all
-_COARSE = 2.5  # factor on the integration step while far from the optimum
+_COARSE = (2.5, 2.0, 1.5)  # factors on the integration step while far from the optimum; the first that is faithful
+_FAITHFUL = 0.3  # share of the residuals at the start by which a coarser step may change them
 
 
 def fit(
@@ -48,21 +50,19 @@ def fit(
     point = np.clip(space.to_unit(start), 0.0, 1.0)
     coarse = _coarse(problem, space, point)
     stages = _stages(problem, coarse)
-    begin, saved = 0, None
-    if resume:
-        names = [stage.name for stage in stages]
-        begin = names.index(resume["stage"]) if resume.get("stage") in names else len(names) - 1
-        saved = resume["search"]
-    elif search in ("cma-es", "hybrid"):
-        point = _evolve(stages[0].problem, space, point, watch, seed, short=search == "hybrid")
+    evolved = resume["search"] if resume and resume["stage"] == _EVOLVING else None
+    if evolved is not None:
+        resume = None
+    if evolved is not None or (search in ("cma-es", "hybrid") and not resume):
+        point = _evolve(stages[0].problem, space, point, watch, seed, short=search != "cma-es", saved=evolved)
+    begin, saved = _left(resume, stages)
     run = Descent(space, point, watch, robust)
     for k, stage in enumerate(stages[begin:], begin):
-        last = k == len(stages) - 1
-        whole = k > 0 and stages[k - 1].problem is coarse  # only all of the recordings tell what they support
-        if last and whole and run.search is not None and select is not None:
+        whole = 0 < k == len(stages) - 1 and stages[k - 1].problem is coarse
+        if whole and run.search is not None and select is not None:  # only all recordings tell what they support
             run.choose(stages[k - 1], select)
             select = None
-        polish = last and saved is None and stage.cheap.simulator is not stage.problem.simulator
+        polish = saved is None and stage.cheap.simulator is not stage.problem.simulator
         nudge = 0.05 if k == begin and not resume else 0.0
         found = run.polish(stage) if polish else run.descend(stage, nudge=nudge, saved=saved)
         if search == "auto" and not resume and found.iteration == 0 and k == 0:
@@ -80,6 +80,14 @@ def fit(
     if search == "auto":
         _off_bounds(run, stages[-1])
     return run.finished(stages[-1])
+
+
+def _left(resume: dict[str, Any] | None, stages: list[Stage]) -> tuple[int, dict[str, Any] | None]:
+    """Which stage an interrupted search was in, and its state there."""
+    if not resume:
+        return 0, None
+    names = [stage.name for stage in stages]
+    return (names.index(resume["stage"]) if resume["stage"] in names else len(names) - 1), resume["search"]
 
 
 def _off_bounds(run: Descent, stage: Stage) -> None:
@@ -122,28 +130,35 @@ def _stages(problem: Problem, coarse: Problem) -> list[Stage]:
 
 
 def _coarse(problem: Problem, space: ParameterSpace, point: Array) -> Problem:
-    """The problem at a coarser step, if that tells nearly the same residuals at the start."""
-    cheap = problem.at_step(problem.simulator.step * _COARSE)
+    """The problem at the coarsest step that tells nearly the same residuals at the start."""
     values = space.from_unit(np.clip(point, 0.05, 0.95))
     fine = problem.start_residual(values)
-    rough = cheap.residuals(values[None])[0]
-    if not np.isfinite(rough).all() or np.linalg.norm(rough - fine) > 0.3 * np.linalg.norm(fine):
-        return problem
-    return cheap
+    for factor in _COARSE:
+        cheap = problem.at_step(problem.simulator.step * factor)
+        rough = cheap.residuals(values[None])[0]
+        if np.isfinite(rough).all() and np.linalg.norm(rough - fine) <= _FAITHFUL * np.linalg.norm(fine):
+            return cheap
+    return problem
 
 
-def _evolve(problem: Problem, space: ParameterSpace, point: Array, watch: Watch, seed: int, *, short: bool) -> Array:
+def _evolve(
+    problem: Problem, space: ParameterSpace, point: Array, watch: Watch, seed: int, *, short: bool,
+    saved: dict[str, Any] | None = None,
+) -> Array:  # fmt: skip
     most = 60 * (len(point) + 5) if short else 300 * (len(point) + 5)
     search = CmaEs(
         point, seed=seed, max_evaluations=most, restarts=0 if short else 1, tolerance=1e-2 if short else 1e-4
     )
+    if saved is not None:
+        search.resume(saved)
     while not search.done:
         candidates = search.ask()
         residuals = problem.residuals(space.from_unit(candidates))
         losses = robust_losses(residuals, _BEND)
         search.tell(candidates, losses)
+        watch.save(_EVOLVING, space, search.state())
         k = int(np.nanargmin(losses)) if np.isfinite(losses).any() else 0
-        watch.saw("cma-es", problem, search.best[1], problem.rmse(np.nan_to_num(residuals[k])))
+        watch.saw(_EVOLVING, problem, search.best[1], problem.rmse(np.nan_to_num(residuals[k])))
     return search.best[0]
 
 
