@@ -227,7 +227,7 @@ def test_a_switch_cuts_the_throttle(drive: Recording) -> None:
 
 def test_a_drive_without_pose_says_what_is_missing(drive: Recording) -> None:
     with pytest.raises(RecordingError, match="has no channel 'position'; a car is calibrated on a tracked pose"):
-        cleaned(drive.without("position").without("yaw_rate").without("speed"))
+        cleaned(drive.without("position").without("speed"))
 
 
 def test_commands_in_percent_or_under_other_names_are_explained(drive: Recording) -> None:

@@ -9,14 +9,20 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.campaign.assemble import calibrated, simulator_for
+from trueup.loop.calibrate import Options
+from trueup.loop.transfer import try_on_robot
 from trueup.recording import Channel, Recording
 from trueup.simulators.car import Car
 from trueup.simulators.car.car_file import read_car, write_car
 from trueup.simulators.car.commands import with_commands
 from trueup.simulators.car.driving import driven_by
 from trueup.simulators.car.judging import Ahead
+from trueup.simulators.car.prediction import prediction_errors
 from trueup.simulators.car.rollout import CarSimulator
+from trueup.simulators.car.servo import servo_look
 from trueup.simulators.car.tracking import cleaned
+from trueup.studies.stanley import chasi
 
 Array = NDArray[np.float64]
 
@@ -157,3 +163,49 @@ def test_pedals_topics_of_their_own_and_turn_rates_drive_a_car_too() -> None:
     turning = np.stack([zero + 1.2, 1.2 * np.tan(steering) / 0.2], axis=1)
     wheels = command.replace(labels=("speed", "turn"), values=turning)
     assert driven_by(plain.with_channel(wheels), 0.2).column("steering") == pytest.approx(steering)
+
+
+def test_a_first_look_tells_a_slow_servo_from_a_late_one() -> None:
+    """A wheel that turns no faster than it can is not the same as one that turns late: only the former has a limit."""
+    plain = winding(1.2, 0.2, 0.3, 50.0, 0.0005)
+    time = plain.channel("command").time
+    asked = 0.6 * np.sign(np.sin(0.9 * time)) * np.abs(np.sin(0.23 * time))
+    for rate, late in ((0.5, 0.0), (np.inf, 0.3)):
+        wheel, reached = np.zeros(len(time)), 0.0
+        for k in range(len(time)):
+            reached += float(np.clip(asked[max(k - round(late / 0.02), 0)] - reached, -0.02 * rate, 0.02 * rate))
+            wheel[k] = reached
+        heading = np.cumsum(1.2 * np.tan(0.4 * wheel) / 0.2 * 0.02)
+        way = np.cumsum(1.2 * 0.02 * np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)
+        given = with_values(plain, "command", np.stack([0 * time + 0.3, asked], axis=1))
+        given = with_values(with_values(given, "position", way), "heading", heading[:, None])
+        found = servo_look([cleaned(given)])
+        if np.isfinite(rate):
+            assert found["steering_rate"] == pytest.approx(rate, rel=0.4)
+        else:
+            assert "steering_rate" not in found
+            assert found["steering_delay"] + found["steering_lag"] == pytest.approx(late, abs=0.06)
+
+
+def test_a_servo_that_counts_from_its_end_has_its_middle_where_the_car_drives_straight_on() -> None:
+    plain = winding(1.2, 0.2, 0.3, 50.0, 0.001)
+    throttle, steering = plain.channel("command").values.T
+    given = with_values(plain, "command", np.stack([throttle, 0.53 - 1.2 * steering], axis=1))
+    car, notes = with_commands(Car("car", 0.2), [given])
+    assert car.middle[1] == pytest.approx(0.53, abs=0.03)
+    assert any("straight on" in note for note in notes)
+    shares = CarSimulator(car).prepared(given).channel("command").column("steering")
+    assert np.corrcoef(shares, steering)[0, 1] > 0.999
+
+
+def test_a_robot_of_another_structure_is_predicted_on_a_course_that_was_not_fitted(tmp_path: Path) -> None:
+    """The stand-in's tyres, steering and drive are others than the car's model; it is commanded by speed and angle."""
+    robot, task = chasi.robot(3), chasi.task(("figure_eight", "slalom"))
+    fitted, unseen = (runs[0] for runs in try_on_robot(robot, task, task.parameters.nominal).recordings)
+    (tmp_path / "robot.toml").write_text("[vehicle]\nwheelbase = 0.55\n")
+    simulator, _ = simulator_for(tmp_path / "robot.toml", [fitted])
+    assert isinstance(simulator, CarSimulator)
+    found = calibrated(simulator, [fitted], [], Options())
+    errors = prediction_errors(simulator, found.values, simulator.prepared(unseen))
+    assert len(errors) > 100
+    assert (errors.mean(axis=0) < [0.05, 0.10]).all()

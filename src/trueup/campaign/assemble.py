@@ -40,6 +40,7 @@ def simulator_for(
     if Path(model_path).suffix.lower() == ".toml":
         return _car(Path(model_path), recordings, parameters_file)
     from trueup.discrepancies.alignment import clock_errors
+    from trueup.simulators.mujoco.base import check_base, floating
     from trueup.simulators.mujoco.declaration_file import read_declarations
     from trueup.simulators.mujoco.declarations import declare
     from trueup.simulators.mujoco.drives import driven, undriven
@@ -52,8 +53,8 @@ def simulator_for(
     model = load(model_path)
     everything = (*recordings, *replayed)
     _check_joints(model, everything)
-    model = passable(driven(model, everything), everything)
-    notes = (*model.notes, *undriven(model, everything))
+    model = passable(driven(floating(model, everything), everything), everything)
+    notes = (*model.notes, *undriven(model, everything), *check_base(model, everything))
     if parameters_file is not None:
         lines = read_declarations(parameters_file)
     else:
@@ -172,7 +173,8 @@ def _car(
     from trueup.simulators.car import QUANTITIES, CarSimulator, car_space
     from trueup.simulators.car.car_file import read_car
     from trueup.simulators.car.commands import with_commands
-    from trueup.simulators.car.look import braked, first_look, unseen
+    from trueup.simulators.car.look import LATE, braked, first_look, unseen
+    from trueup.simulators.car.servo import servo_look
 
     if parameters_file is not None:
         raise ParameterError(f"{parameters_file}: a car has no parameters file; its own values are in [vehicle.values]")
@@ -180,8 +182,15 @@ def _car(
     plain = CarSimulator(car)
     drives = [plain.prepared(r) for r in recordings]
     calm = unseen(drives)
-    still = {*calm, *(() if braked(drives) else ("braking",))}
-    space = car_space(car, first_look(car, drives), [q.name for q in QUANTITIES if q.free and q.name not in still])
+    servo = servo_look(drives)
+    late = servo["steering_delay"] + servo["steering_lag"] if servo else LATE
+    starts = {**first_look(car, drives, late), **servo}
+    still = {
+        *calm,
+        *(() if braked(drives) else ("braking",)),
+        *(() if "steering_rate" in starts else ("steering_rate",)),
+    }
+    space = car_space(car, starts, [q.name for q in QUANTITIES if q.free and q.name not in still])
     return CarSimulator(car, space), (*taken, *calm.values())
 
 

@@ -39,6 +39,8 @@ QUANTITIES = (
     CarQuantity("steering_delay", "s", 0.03, -0.1, 0.5, "linear",
                 "pure delay of the steering command; below zero where its clock runs late", _QUICK),
     CarQuantity("steering_lag", "s", 0.05, 0.0, 0.5, "linear", "first-order lag of the steering servo", _QUICK),
+    CarQuantity("steering_rate", "1/s", 50.0, 0.05, 50.0, "log", "greatest speed of the steering, in units of the command",
+                _QUICK),
     CarQuantity("steering_play", "", 0.01, 0.0, 0.2, "linear", "half the play of the steering, in units of the command",
                 "small changes of steering to and fro"),
     CarQuantity("steering_left", "rad", 0.4, 0.03, 1.2, "log", "wheel angle for a command of one, to the left", _CURVES),
@@ -73,6 +75,8 @@ QUANTITIES = (
 """Everything that may be calibrated, in the order of the compiled model's columns after the wheelbase."""
 
 _NAMES = tuple(q.name for q in QUANTITIES)
+_GROWS: Mapping[str, int] = MappingProxyType({"relaxation": 1, "pose_ahead": 1, "curve_loss": 2})
+"""Bounds of cars with a wheelbase above a metre grow with this power of it."""
 
 
 @dataclass(frozen=True)
@@ -124,8 +128,10 @@ def car_space(
     parameters = []
     for q in QUANTITIES:
         nominal = float(car.values.get(q.name, (starts or {}).get(q.name, q.start)))
+        size = max(car.wheelbase, 1.0) ** _GROWS.get(q.name, 0)
+        lower, upper = size * q.lower, size * q.upper
         parameters.append(
-            Parameter(q.name, q.unit, float(np.clip(nominal, q.lower, q.upper)), q.lower, q.upper, q.scale,
+            Parameter(q.name, q.unit, float(np.clip(nominal, lower, upper)), lower, upper, q.scale,
                       frozen=q.name not in wanted, source=q.about, shown_by=q.shown_by)
         )  # fmt: skip
     return ParameterSpace(tuple(parameters))

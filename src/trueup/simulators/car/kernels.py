@@ -17,10 +17,10 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 (
-    WHEELBASE, STEERING_DELAY, STEERING_LAG, STEERING_PLAY, STEERING_LEFT, STEERING_RIGHT, STEERING_BEND,
+    WHEELBASE, STEERING_DELAY, STEERING_LAG, STEERING_RATE, STEERING_PLAY, STEERING_LEFT, STEERING_RIGHT, STEERING_BEND,
     STEERING_OFFSET, RELAXATION, UNDERSTEER, GRIP, FRICTION_LIMIT, WEIGHT_IN_FRONT, YAW_INERTIA, THROTTLE_DELAY,
     THROTTLE_LAG, THROTTLE_DEAD, DRIVE, DRIVE_FADE, BRAKING, FRICTION, SPEED_LOSS, CURVE_LOSS, POSE_AHEAD, POSE_TURN,
-) = range(25)  # fmt: skip
+) = range(26)  # fmt: skip
 """Columns of a row: the car, then QUANTITIES in their order."""
 
 READ = 5
@@ -63,9 +63,10 @@ def secant(grip: float, limit: float, angle: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def step_actuators(p: Array, throttle: float, steering: float, shares: Array, s: Array) -> None:
+def step_actuators(p: Array, dt: float, throttle: float, steering: float, shares: Array, s: Array) -> None:
     """Servo and motor follow their delayed commands; the wheels follow the servo after its play."""
-    s[SERVO] += shares[0] * (steering - s[SERVO])
+    most = dt * p[STEERING_RATE]
+    s[SERVO] += min(max(shares[0] * (steering - s[SERVO]), -most), most)
     s[MOTOR] += shares[1] * (throttle - s[MOTOR])
     s[WHEEL] = min(max(s[WHEEL], s[SERVO] - p[STEERING_PLAY]), s[SERVO] + p[STEERING_PLAY])
 
@@ -143,7 +144,7 @@ def begin(
     s[MOTOR] = delayed(commands[:, 0], first - settle - p[THROTTLE_DELAY] / dt)
     drift, bent, counted, share = 0.0, 0.0, 0, 1.0 - math.exp(-dt / _TRIM_SEEN)
     for k in range(first - settle, k0):
-        step_actuators(p, delayed(commands[:, 0], k - p[THROTTLE_DELAY] / dt),
+        step_actuators(p, dt, delayed(commands[:, 0], k - p[THROTTLE_DELAY] / dt),
                        delayed(commands[:, 1], k - p[STEERING_DELAY] / dt), shares, s)  # fmt: skip
         if k < first:
             continue
@@ -207,7 +208,7 @@ def predict_rows(
             for n in range(first[j], first[j + 1]):
                 while times[n] > k * dt + 1e-9:
                     before[:] = here
-                    step_actuators(p, delayed(commands[:, 0], starts[j] + k - p[THROTTLE_DELAY] / dt),
+                    step_actuators(p, dt, delayed(commands[:, 0], starts[j] + k - p[THROTTLE_DELAY] / dt),
                                    delayed(commands[:, 1], starts[j] + k - p[STEERING_DELAY] / dt), shares, s)  # fmt: skip
                     step_car(p, dt, s)
                     read(p, turned, s, here)

@@ -17,19 +17,20 @@ from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
-_LATE = 0.12  # s between command and effect, roughly, of small servos and drives
+LATE = 0.12  # s between command and effect, roughly, of small servos and drives
 _FAST = 0.3  # m/s: slower samples say little
 _SHOWS = MappingProxyType({"understeer": 3.0, "friction_limit": 5.0})
 """Sideways acceleration in m/s^2 that the recordings must reach."""
 
 
-def first_look(car: Car, recordings: Sequence[Recording]) -> dict[str, float]:
+def first_look(car: Car, recordings: Sequence[Recording], late: float = LATE) -> dict[str, float]:
     """Start values of steering and drive, within their bounds; nothing where the recordings say nothing.
 
     Curvature = (a + b z) over command z, and acceleration = drive * throttle - friction - loss * speed - curve loss.
-    `recordings` prepared. Raises CalibrationError where steering to the left turns the car to the right.
+    `recordings` prepared; `late` (s): how long steering takes to show. Raises CalibrationError where steering to the left
+    turns the car to the right.
     """
-    curvature, steering, throttle, speed, pushed = _samples(recordings)
+    curvature, steering, throttle, speed, pushed = _samples(recordings, late)
     if len(speed) < 50:
         return {}
     found = _steering(car, curvature, steering)
@@ -39,6 +40,15 @@ def first_look(car: Car, recordings: Sequence[Recording]) -> dict[str, float]:
         found |= {"drive": values[0], "friction": values[1], "speed_loss": values[2], "curve_loss": values[3]}
     bounds = {q.name: (q.lower, q.upper) for q in QUANTITIES}
     return {name: float(np.clip(value, *bounds[name])) for name, value in found.items()}
+
+
+def straight_on(recordings: Sequence[Recording]) -> float:
+    """The steering command of prepared recordings at which the car drives straight on; NaN where they do not tell."""
+    curvature, steering, *_ = _samples(recordings)
+    if len(curvature) < 50 or np.std(steering) < 0.02:
+        return float("nan")
+    offset, slope = _least_squares(np.stack([np.ones(len(steering)), steering], axis=1), curvature)
+    return float(-offset / slope)
 
 
 def unseen(recordings: Sequence[Recording]) -> dict[str, str]:
@@ -62,18 +72,18 @@ def braked(recordings: Sequence[Recording]) -> bool:
     return len(throttle) > 0 and float(np.percentile(throttle, 2)) < -0.02
 
 
-def _samples(recordings: Sequence[Recording]) -> tuple[Array, Array, Array, Array, Array]:
+def _samples(recordings: Sequence[Recording], late: float = LATE) -> tuple[Array, Array, Array, Array, Array]:
     """Curvature, steering, throttle, speed, acceleration at instants in which the car drove, every 0.05 s."""
     parts: list[Array] = []
     for recording in recordings:
         drive = Drive.of(Trial.of(recording, ["position", "heading"]), 0.01)
         k = np.arange(drive.earliest, len(drive.known) - 1, 5)
         k = k[drive.known[k] & (drive.pasts[k] > 20) & (drive.seen[k, 3] > _FAST)]
-        late = k - round(_LATE / 0.01)
+        asked = k - round(LATE / 0.01)
         speed = drive.seen[k, 3]
         gained = (speed - drive.seen[k - 20, 3]) / 0.2
-        parts.append(np.stack([drive.seen[k, 5] / speed, drive.commands[late, 1],
-                               drive.commands[late - 10, 0], speed, gained]))  # fmt: skip
+        parts.append(np.stack([drive.seen[k, 5] / speed, drive.commands[k - round(late / 0.01), 1],
+                               drive.commands[asked - 10, 0], speed, gained]))  # fmt: skip
     curvature, steering, throttle, speed, pushed = np.concatenate(parts, axis=1) if parts else np.zeros((5, 0))
     return curvature, steering, throttle, speed, pushed
 
