@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from trueup.recording import Recording
 
 Array = NDArray[np.float64]
 
@@ -126,6 +128,26 @@ def pooled_rmse(replays: Sequence[Replay], *, after: bool) -> float:
     if not squares:
         return float("nan")
     return float(np.sqrt(np.nanmean(np.concatenate([s.ravel() for s in squares]))))
+
+
+def by_unit(replays: Sequence[Replay], recordings: Sequence[Recording]) -> tuple[Replay, ...]:
+    """Replays with one unit each: those of channels that `recordings` have in several (hinges and slides) come apart."""
+    units = {(r.name, name): dict(zip(c.labels, c.units, strict=True)) for r in recordings
+             for name, c in r.channels.items() if c.units}  # fmt: skip
+    found: list[Replay] = []
+    for replay in replays:
+        of = units.get((replay.recording, replay.channel), {})
+        each = [of.get(label, replay.unit) for label in replay.labels]
+        found += [_columns(replay, unit, [i for i, u in enumerate(each) if u == unit]) for unit in dict.fromkeys(each)]
+    return tuple(found)
+
+
+def _columns(replay: Replay, unit: str, columns: list[int]) -> Replay:
+    return replace(
+        replay, unit=unit, labels=tuple(replay.labels[i] for i in columns), measured=replay.measured[:, columns],
+        before=replay.before[:, columns], after=replay.after[:, columns], noise=replay.noise[columns],
+        command=None if replay.command is None else replay.command[:, columns],
+    )  # fmt: skip
 
 
 def _rmse(measured: Array, simulated: Array) -> Array:

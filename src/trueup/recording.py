@@ -34,6 +34,8 @@ class Channel:
     """(T,) in s, strictly increasing, on the recording's clock."""
     values: Array
     """(T, k) in `unit`, read-only; NaN is a missing sample."""
+    units: tuple[str, ...] = ()
+    """One per label where they differ (hinges in rad, slides in m): `unit` is then that of the most; () where they do not."""
 
     def __post_init__(self) -> None:
         """Copies the arrays, makes them read-only and checks them."""
@@ -54,7 +56,12 @@ class Channel:
     def select(self, labels: Sequence[str]) -> Channel:
         """The same channel with these columns only, in this order. Raises UnknownNameError for one that is missing."""
         columns = [self._index(label) for label in labels]
-        return self.replace(labels=tuple(labels), values=self.values[:, columns])
+        units = tuple(self.units[i] for i in columns) if self.units else ()
+        return self.replace(labels=tuple(labels), values=self.values[:, columns], units=units)
+
+    def unit_of(self, label: str) -> str:
+        """The unit of one label. Raises UnknownNameError, which lists the labels."""
+        return self.units[self._index(label)] if self.units else self.unit
 
     def replace(self, **changes: Any) -> Channel:
         """A copy with some fields changed; checked like a new one."""
@@ -93,6 +100,8 @@ class Channel:
             )
         if len(self.labels) != self.values.shape[1]:
             raise RecordingError(f"{where}: {len(self.labels)} labels for {self.values.shape[1]} columns")
+        if self.units and len(self.units) != len(self.labels):
+            raise RecordingError(f"{where}: {len(self.units)} units for {len(self.labels)} labels")
         if self.values.size == 0:
             raise RecordingError(f"{where} has no samples")
 

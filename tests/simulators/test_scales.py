@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Positions without a unit are degrees where only that fits the joints' ranges."""
+"""Positions without a unit are degrees where only that fits the joints' ranges; slides are in metres beside hinges."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from trueup.calibration import Replay, by_unit
 from trueup.campaign.assemble import suited
 from trueup.recording import Channel, Recording
 
@@ -28,3 +29,20 @@ def test_numbers_within_the_range_in_degrees_are_degrees(tmp_path: Path, largest
     if unit:
         np.testing.assert_allclose(found.channel("command").values, np.radians(swing))
         np.testing.assert_allclose(found.channel("velocity").values, np.radians(3.0 * swing))
+
+
+def test_errors_of_hinges_and_slides_are_never_pooled(tmp_path: Path) -> None:
+    slide = '<body><joint name="s" type="slide"/><geom size=".05"/></body></worldbody>'
+    (tmp_path / "arm.xml").write_text(_ARM.replace("</worldbody>", slide))
+    time = np.arange(0.0, 1.0, 0.01)
+    values = np.stack([np.sin(time), 0.01 * time], axis=1)
+    channel = Channel("position", ("j", "s"), "rad", time, values)
+    (run,), _ = suited(tmp_path / "arm.xml", [Recording("run", {"position": channel})])
+    assert [run.channel("position").unit_of(label) for label in ("j", "s")] == ["rad", "m"]
+    assert run.channel("position").select(["s"]).units == ("m",)
+    whole = Replay("run", False, "position", ("j", "s"), "rad", time, values, values + 0.2, values + np.array((0.1, 1e-3)),
+                   noise=np.array([0.1, 0.001]))  # fmt: skip
+    hinge, slide_only = by_unit([whole], [run])
+    assert (hinge.labels, hinge.unit, slide_only.labels, slide_only.unit) == (("j",), "rad", ("s",), "m")
+    assert slide_only.rmse_after() == pytest.approx(0.001)
+    assert slide_only.noise == pytest.approx(0.001)

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
-from trueup.calibration import Calibration
+from trueup.calibration import Calibration, by_unit
 from trueup.errors import ParameterError, unknown_name
 from trueup.recording import Recording
 from trueup.simulators.simulator import Simulator
@@ -82,7 +82,8 @@ def calibrated(
 
     told: _Told = {"progress": progress, "checkpoint": checkpoint, "resume": resume}
     if not isinstance(simulator, CarSimulator):
-        return calibrate(simulator, training, held_out, options=options, **told)
+        done = calibrate(simulator, training, held_out, options=options, **told)
+        return replace(done, replays=by_unit(done.replays, [*training, *held_out]))
     from trueup.simulators.car.judging import Ahead
     from trueup.simulators.car.prediction import spoken
     from trueup.simulators.car.training import begun_apart, counted_once

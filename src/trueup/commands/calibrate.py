@@ -115,9 +115,9 @@ def _recordings(args: argparse.Namespace) -> tuple[list[Recording], list[Recordi
     said: list[str] = []
     if Path(args.model).suffix.lower() != ".toml":
         named, renamed = named_as([*training, *held_out], drives_of(args.model))
-        taken, said = suited(args.model, named)
-        said = [*renamed, *said]
-        training, held_out = taken[: len(training)], taken[len(training) :]
+        training, said = suited(args.model, named[: len(training)])
+        held_out, more_said = suited(args.model, named[len(training) :])
+        said = list(dict.fromkeys([*renamed, *said, *more_said]))
     return training, held_out, [*notes, *more, *cut, *said]
 
 

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from trueup.calibration import Replay, pooled_rmse
+from trueup.calibration import Replay, by_unit, pooled_rmse
 from trueup.campaign.assemble import drives_of, simulator_for, suited
 from trueup.campaign.output import free_folder
 from trueup.commands.joint_names import named_as
@@ -75,12 +75,14 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     if args.json:
         console.print_json(json.dumps([_plain(r, compared) for r in found]))
     else:
-        for channel in dict.fromkeys(r.channel for r in found):
-            console.print(_table([r for r in found if r.channel == channel], compared))
+        for kind in dict.fromkeys((r.channel, r.unit) for r in found):
+            console.print(_table([r for r in found if (r.channel, r.unit) == kind], compared))
     if args.out:
         folder = free_folder(Path(args.out), lambda at: not at.exists() or not any(at.iterdir()))
         for replay in found:
-            name = replay.recording if replay.channel == found[0].channel else f"{replay.recording}-{replay.channel}"
+            same = replay.channel == found[0].channel
+            kind = "" if same and replay.unit == found[0].unit else f"-{replay.unit if same else replay.channel}"
+            name = replay.recording + kind.replace("/", " per ")
             write_aside(replay_picture(replay), folder / f"{name}.svg")
         (told if args.json else console).print(f"  pictures in {escape(str(folder))}", soft_wrap=True, highlight=False)
     return 0
@@ -97,6 +99,7 @@ def _replays(args: argparse.Namespace, recordings: list[Recording]) -> tuple[tup
     seen = sorted({c for r in recordings for c in simulator.observable(r)})
     channels = [c.strip() for c in args.channels.split(",")] if args.channels else usual(seen)
     found = replays(simulator, simulator.parameters.nominal, (), recordings, channels=channels, against=against)
+    found = by_unit(found, recordings)
     return found, (notes if args.parameters else ())
 
 

@@ -14,6 +14,7 @@ from trueup.errors import MappingError
 from trueup.formats.clocks import Clocks, find_clocks
 from trueup.formats.counts import COUNTS_NOTE, are_counts, in_counts
 from trueup.formats.mapping import ChannelColumns, ChannelMap
+from trueup.formats.pose import as_pose
 from trueup.formats.table import Table, listing
 from trueup.formats.vehicle import as_vehicle
 from trueup.formats.words import VOCABULARY, Meaning, joint_labels, label_of, meaning, with_actual, words
@@ -74,6 +75,9 @@ def guess(tables: Sequence[Table]) -> ChannelMap:
         made = {note.split(":")[0] for note in more} | {"command"}
         said = [note for note in said if note.split(":")[0] in set(named) - made]
         named = dict(sorted(named.items(), key=lambda item: _order(item[0])))
+    else:
+        cells = {name: {m.name: m.table.columns[m.name] for m in group} for name, group in groups.items()}
+        named, more = as_pose(named, cells)
     return ChannelMap(channels=named, time=clocks.main, notes=(*clocks.notes, *said, *more))
 
 

@@ -37,6 +37,23 @@ class SingleModel:
         return getattr(owner, name.removeprefix("opt."))[None]
 
 
+class FromNominal:
+    """Fields of a batch, each set back to the model's own values the first time it is asked for."""
+
+    def __init__(self, batch: Fields, model: mujoco.MjModel) -> None:
+        self._batch, self._model = batch, model
+        self._done: set[str] = set()
+
+    def expand(self, name: str) -> Array:
+        """The live array of a field."""
+        live = self._batch.expand(name)
+        if name not in self._done:
+            owner = self._model.opt if name.startswith("opt.") else self._model
+            live[:] = getattr(owner, name.removeprefix("opt."))
+            self._done.add(name)
+        return live
+
+
 def write_fields(model: mujoco.MjModel, fields: Fields, quantities: Sequence[Quantity], values: Array) -> None:
     """Writes values (b, n) of the parameters into `fields`. Kinds that are not model fields are skipped."""
     inertias: dict[int, dict[int, Array]] = {}

@@ -16,6 +16,7 @@ from trueup.simulators.mujoco.mjcf_spec import mjcf_spec
 from trueup.simulators.mujoco.urdf_spec import urdf_spec
 from trueup.simulators.mujoco.urdf_text import root_tag
 
+_ITERATIONS, _LINE_SEARCH = 100, 50  # MuJoCo's own; a solver that has converged stops earlier
 _OBJECTS = {
     "joint": mujoco.mjtObj.mjOBJ_JOINT,
     "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
@@ -117,6 +118,9 @@ def prepared(
     spec.option.timestep = step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    # Files for MJX stop the solver after an iteration or two, with which contacts are soft or blow up.
+    spec.option.iterations = max(spec.option.iterations, _ITERATIONS)
+    spec.option.ls_iterations = max(spec.option.ls_iterations, _LINE_SEARCH)
     _drop_visuals(spec, model.compiled)
     for name in slack:
         _add_slack(spec, name)

@@ -8,7 +8,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from trueup.recording import Recording
+from trueup.simulators.mujoco.base import POSITION, free_joint
 from trueup.simulators.mujoco.declarations import Declaration
+from trueup.simulators.mujoco.floor_plane import plane_of
 from trueup.simulators.mujoco.model import Model
 from trueup.simulators.mujoco.wiring import is_motor
 
@@ -57,7 +59,21 @@ def propose(
     if floor is not None:
         lines.append(Declaration("floor_height", nominal=floor))
         lines += [Declaration(kind) for kind in ("floor_roll", "floor_pitch", "floor_friction")]
+    lines += _of_the_base(model, recordings)
     lines += [Declaration("clock", (name,), nominal=late) for name, late in clocks.items()]
+    return lines
+
+
+def _of_the_base(model: Model, recordings: Sequence[Recording]) -> list[Declaration]:
+    """What a base that was tracked tells beyond its joints: what it carries, and the floor that it stands on."""
+    compiled = model.compiled
+    joint = free_joint(compiled)
+    if joint < 0 or not any(r.has(POSITION) for r in recordings):
+        return []
+    body = compiled.body(compiled.jnt_bodyid[joint]).name
+    lines = [Declaration(kind, (body,)) for kind in ("mass", "com_x", "com_y")] if body else []
+    if plane_of(compiled) >= 0:
+        lines += [Declaration("floor_height"), Declaration("floor_friction")]
     return lines
 
 

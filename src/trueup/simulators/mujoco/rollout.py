@@ -15,7 +15,8 @@ from trueup.controllers.controller import ControllerFactory
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
 from trueup.recording import Recording, is_command
-from trueup.simulators.mujoco.fields import LIVE_KINDS, write_fields
+from trueup.simulators.mujoco.base import angles_of, near
+from trueup.simulators.mujoco.fields import LIVE_KINDS, FromNominal, write_fields
 from trueup.simulators.mujoco.floor_plane import FLOOR_KINDS
 from trueup.simulators.mujoco.kernels import read_off
 from trueup.simulators.mujoco.model import Model, prepared
@@ -198,9 +199,17 @@ class _Run:
     def rollouts(self) -> list[Rollout]:
         """What was read off, one Rollout a trial."""
         return [
-            Rollout(trial, channels, failed)
-            for trial, channels, failed in zip(self.trials, self.out, self.failures, strict=True)
+            Rollout(trial, {name: self._seen(k, name) for name in self.out[k]}, self.failures[k])
+            for k, trial in enumerate(self.trials)
         ]
+
+    def _seen(self, trial: int, name: str) -> Array:
+        """(b, T, k) a channel as it is measured: a quaternion as angles, in the turn in which they were measured."""
+        values, observed = self.out[trial][name], self.trials[trial].observed[name]
+        if not self.sources[trial][name].turned:
+            return values
+        measured = self.trials[trial].initial.get(name)
+        return near(angles_of(values), measured.at(observed.time)) if measured is not None else angles_of(values)
 
     def _steps(self, trial: int) -> int:
         return int(np.ceil(self.trials[trial].duration / self.simulator.step + 1e-9)) + 1
@@ -213,7 +222,7 @@ class _Run:
                 if source is None:
                     raise ModelError(f"channel '{name}' of '{trial.name}' is no signal of '{self.simulator.name}'")
                 sources[name] = source
-                out[name] = np.full((self.candidates, len(o.time), len(o.labels)), np.nan)
+                out[name] = np.full((self.candidates, len(o.time), len(source.columns)), np.nan)
             self.sources.append(sources)
             self.out.append(out)
 
@@ -222,7 +231,7 @@ class _Run:
         self.batch.reset(stage=int(mujoco.mjtStage.mjSTAGE_NONE))
         if self.simulator.quantities:
             write_fields(
-                self.compiled, _FromNominal(self.batch, self.compiled), self.simulator.quantities,
+                self.compiled, FromNominal(self.batch, self.compiled), self.simulator.quantities,
                 np.tile(own, (len(self.trials), 1)),
             )  # fmt: skip
             self.batch.set_const()
@@ -267,7 +276,8 @@ class _Run:
                 instants = self.signals.instants(k, name, self.simulator.step)
                 history = np.ascontiguousarray(source.read(joined[source.field][rows]))
                 read_off(
-                    history, first, first + count, ends, instants, len(instants) == 1, self.signals.bias(k, name),
+                    history, first, first + count, ends, instants, len(instants) == 1,
+                    self.signals.bias(k, name, len(source.columns)),
                     self.out[k][name],
                 )  # fmt: skip
 
@@ -279,19 +289,3 @@ class _Run:
                 bad = ~np.isfinite(channel).all(axis=(1, 2))
                 for row in np.flatnonzero(bad):
                     failed.setdefault(int(row), "the simulation gave values that are not finite")
-
-
-class _FromNominal:
-    """Fields of a batch, each set back to the model's own values the first time it is asked for."""
-
-    def __init__(self, batch: Batch, model: mujoco.MjModel) -> None:
-        self._batch, self._model = batch, model
-        self._done: set[str] = set()
-
-    def expand(self, name: str) -> Array:
-        live = self._batch.expand(name)
-        if name not in self._done:
-            owner = self._model.opt if name.startswith("opt.") else self._model
-            live[:] = getattr(owner, name.removeprefix("opt."))
-            self._done.add(name)
-        return live

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,6 +35,23 @@ def with_units(model: Model, recordings: Sequence[Recording]) -> tuple[list[Reco
         'of a range (LeRobot\'s -100 ... 100), give unit = "rad" with scale and offset in the mapping'
     )
     return [_in_rad(r) if r in without else r for r in recordings], [note]
+
+
+def of_slides(model: Model, recordings: Sequence[Recording]) -> list[Recording]:
+    """Recordings whose positions and commands of slides are said to be in m (N for forces), beside hinges in rad."""
+    compiled = model.compiled
+    slides = {j for j in model.scalar_joints() if compiled.jnt_type[joint_id(compiled, j)] == mujoco.mjtJoint.mjJNT_SLIDE}
+    linear = {"rad": "m", "rad/s": "m/s", "N m": "N"}
+    result = []
+    for recording in recordings:
+        for channel in recording.channels.values():
+            if channel.unit not in linear or not slides & set(channel.labels):
+                continue
+            units = tuple(linear[channel.unit] if label in slides else channel.unit for label in channel.labels)
+            alike = len(set(units)) == 1
+            recording = recording.with_channel(channel.replace(unit=units[0]) if alike else channel.replace(units=units))
+        result.append(recording)
+    return result
 
 
 def _within(model: Model, channel: Channel) -> bool:

@@ -117,10 +117,10 @@ class Signals:
                 at = at - self._values[:, column : column + 1] / step
         return np.ascontiguousarray(np.maximum(at, 0.0))
 
-    def bias(self, trial: int, channel: str) -> Array:
-        """(b, k) what the sensor adds to the truth."""
+    def bias(self, trial: int, channel: str, width: int) -> Array:
+        """(b, width) what the sensor adds to the truth."""
         labels = self._trials[trial].observed[channel].labels
-        bias = np.zeros((len(self._values), len(labels)))
+        bias = np.zeros((len(self._values), width))
         if channel == "position":
             for errors in (self._biases, self._offsets):
                 for joint, value in errors.items():

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from trueup.errors import ModelError, unknown_name
 from trueup.recording import Channel
+from trueup.simulators.mujoco.base import ANGLES, AXES, ORIENTATION, POSITION, columns_of, place
 from trueup.simulators.mujoco.model import Model
 from trueup.trial import Trial
 
@@ -33,6 +34,8 @@ class Source:
     second: NDArray[np.int64] | None
     derived: bool
     """Derived fields describe the state before the step, states the one after it."""
+    turned: bool = False
+    """Whether the columns are a quaternion, of which angles are compared."""
 
     def read(self, history: Array) -> Array:
         """(b, m, k) of the recorded field (b, m, size)."""
@@ -62,6 +65,9 @@ def source_of(model: Model, compiled: mujoco.MjModel, channel: str, labels: tupl
         second = np.array([address[j] if j >= 0 else -1 for j in slack], dtype=np.int64)
         with_slack = bool((second >= 0).any()) and field != "qfrc_actuator"
         return Source(field, columns, second if with_slack else None, derived=field == "qfrc_actuator")
+    pose = columns_of(compiled, channel, labels)
+    if pose is not None:
+        return Source("qpos", np.array(pose, dtype=np.int64), None, derived=False, turned=channel == ORIENTATION)
     found = [_sensor_column(compiled, label) for label in labels]
     if any(c is None for c in found):
         return None
@@ -138,6 +144,7 @@ def start_state(model: Model, compiled: mujoco.MjModel, trial: Trial) -> tuple[A
     """
     qpos = np.array(compiled.key_qpos[0] if compiled.nkey else compiled.qpos0, dtype=np.float64)
     qvel = np.array(compiled.key_qvel[0] if compiled.nkey else np.zeros(compiled.nv), dtype=np.float64)
+    _place_base(compiled, qpos, qvel, trial)
     position, velocity = trial.initial.get("position"), trial.initial.get("velocity")
     if position is not None:
         value, slope = starting_point(position, trial.start)
@@ -153,6 +160,14 @@ def start_state(model: Model, compiled: mujoco.MjModel, trial: Trial) -> tuple[A
             if joint >= 0 and np.isfinite(v) and not _slope_knows_better(position, velocity, label, trial.start):
                 qvel[compiled.jnt_dofadr[joint]] = v
     return qpos, qvel
+
+
+def _place_base(compiled: mujoco.MjModel, qpos: Array, qvel: Array, trial: Trial) -> None:
+    """The pose of a free base, where it was measured as `base.in_angles` has it."""
+    position, orientation = trial.initial.get(POSITION), trial.initial.get(ORIENTATION)
+    if position is not None and orientation is not None and orientation.labels == ANGLES:
+        at = position.select(AXES)
+        place(compiled, qpos, qvel, (*starting_point(at, trial.start), *starting_point(orientation, trial.start)))
 
 
 def _slope_knows_better(position: Channel | None, velocity: Channel, label: str, start: float) -> bool:

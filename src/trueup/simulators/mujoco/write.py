@@ -214,6 +214,11 @@ def _notes(simulator: MujocoSimulator, values: Array) -> list[str]:
             notes.append(f"MuJoCo delays by a step ({1e3 * step:g} ms) at least; shorter ones: {', '.join(short)}")
     if model.compiled.opt.integrator != simulator.compiled.opt.integrator:
         notes.append("the integrator is now implicitfast, with which the values were found")
+    if model.compiled.opt.iterations < simulator.compiled.opt.iterations:
+        notes.append(
+            f"the model's solver stops after {model.compiled.opt.iterations} iterations: the values were found with one that "
+            "converges"
+        )
     if step > 1.01 * simulator.step:
         notes.append(
             f"the model steps by {1e3 * step:g} ms, the values were found at {1e3 * simulator.step:g} ms: "

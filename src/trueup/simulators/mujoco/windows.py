@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings of robots with a free base begun again every half second: errors of the base grow beyond use in longer ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from trueup.recording import Channel, Recording, is_command
+from trueup.simulators.mujoco.base import ANGLES, ORIENTATION, POSITION, free_joint
+from trueup.simulators.mujoco.model import Model
+
+_LENGTH = 0.5  # s: a trunk on legs is an inverted pendulum, whose errors grow fivefold in that time
+_MOST = 12  # windows of one recording, spread evenly
+_BEFORE = 0.3  # s of commands kept before each window: they may act late
+_FEWEST = 8  # samples in a window
+
+
+def begun_again(model: Model, recordings: Sequence[Recording], *, floats: bool) -> tuple[list[Recording], list[str]]:
+    """Recordings cut into windows that start where the robot was measured to be, and a note; others as they are.
+
+    A robot that stands on its own legs is unstable, or nearly: replayed for long, one that differs by a hair stumbles
+    elsewhere, and such errors tell nothing of the parameters (multiple shooting: Bock and Plitt 1984). `floats`: the
+    base will be set free (see `base.floating`).
+    """
+    tracked = [
+        r for r in recordings if r.has(POSITION) and r.has(ORIENTATION) and r.channel(ORIENTATION).labels == ANGLES
+    ]
+    if not tracked or (free_joint(model.compiled) < 0 and not floats):
+        return list(recordings), []
+    found = [window for r in recordings for window in (_windows(r) if r in tracked else [r])]
+    if len(found) == len(recordings):
+        return found, []
+    note = (
+        f"each recording of the free base is replayed in windows of {_LENGTH:g} s, {len(found)} in all, each from where the "
+        "robot was then"
+    )
+    return found, [note]
+
+
+def _windows(recording: Recording) -> list[Recording]:
+    time = recording.time
+    count = round((time[-1] - time[0]) / _LENGTH)
+    if count < 2 or len(time) / count < _FEWEST:
+        return [recording]
+    starts = time[0] + _LENGTH * np.arange(count)
+    if count > _MOST:
+        starts = starts[np.unique(np.linspace(0, count - 1, _MOST).round().astype(int))]
+    return [_window(recording, float(start)) for start in starts]
+
+
+def _window(recording: Recording, start: float) -> Recording:
+    parts = (
+        _cut(channel, start - (_BEFORE if is_command(name) else 0.0), start + _LENGTH)
+        for name, channel in recording.channels.items()
+    )
+    kept = {channel.name: channel for channel in parts if channel is not None}
+    return recording.replace(name=f"{recording.name} at {start - recording.start:.1f} s", channels=kept)
+
+
+def _cut(channel: Channel, start: float, stop: float) -> Channel | None:
+    first, last = np.searchsorted(channel.time, [start - 1e-9, stop - 1e-9])
+    if is_command(channel.name):
+        first = max(int(np.searchsorted(channel.time, start, side="right")) - 1, 0)  # the one in force at the start
+    if last <= first:
+        return None
+    return channel.replace(time=channel.time[first:last], values=channel.values[first:last])

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pose of a base is found under the names that people give it, and nothing else is taken for one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trueup.formats import read
+
+_JOINTS = "time,q_hip,q_knee,q_des_hip,q_des_knee"
+
+
+def _csv(path: Path, names: str) -> Path:
+    header = f"{_JOINTS},{names}".split(",")
+    rng = np.random.default_rng(0)
+    rows = rng.normal(0.0, 0.1, (50, len(header)))
+    rows[:, 0] = np.arange(50) * 0.01
+    for i, name in enumerate(header):
+        rows[:, i] += 0.99 if name.endswith("w") else 0.0
+    path.write_text(",".join(header) + "\n" + "".join(",".join(f"{v:.6f}" for v in row) + "\n" for row in rows))
+    return path
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "base_x,base_y,base_z,base_qw,base_qx,base_qy,base_qz",
+        "base_pos_x,base_pos_y,base_pos_z,base_quat_w,base_quat_x,base_quat_y,base_quat_z",
+        "mocap.position.x,mocap.position.y,mocap.position.z,mocap.orientation.x,mocap.orientation.y,mocap.orientation.z,"
+        "mocap.orientation.w",
+        "trunk_x,trunk_y,trunk_z,trunk_roll,trunk_pitch,trunk_yaw",
+        "x,y,z,qw,qx,qy,qz",
+        "base_pos_0,base_pos_1,base_pos_2,base_rpy_0,base_rpy_1,base_rpy_2",
+    ],
+)
+def test_a_pose_is_found_by_any_usual_names(tmp_path: Path, names: str) -> None:
+    path = _csv(tmp_path / "log.csv", names)
+    (recording,) = read(path)
+    assert set(recording.channels) == {"command", "position", "base_position", "base_orientation"}
+    assert recording.channel("base_position").labels == ("x", "y", "z")
+    assert recording.channel("base_position").unit == "m"
+    orientation = recording.channel("base_orientation")
+    if orientation.labels == ("w", "x", "y", "z"):
+        assert orientation.column("w").mean() > 0.9
+    else:
+        assert (orientation.labels, orientation.unit) == (("roll", "pitch", "yaw"), "rad")
+
+
+def test_lists_tell_by_their_numbers_whether_the_real_part_stands_last(tmp_path: Path) -> None:
+    time = np.arange(0.0, 1.0, 0.01)[:, None]
+    arrays = {"q": 0.1 * time * [1, 2], "q_des": 0.1 * time * [1, 2], "base_pos": time * [1.0, 0.0, 0.1]}
+    last = np.hstack([0.1 * time, 0.0 * time, 0.0 * time, np.sqrt(1.0 - 0.01 * time**2)])
+    for name, quaternion in (("last", last), ("first", np.roll(last, 1, axis=1))):
+        np.savez(tmp_path / f"{name}.npz", t=time[:, 0], base_quat=quaternion, **arrays)
+        (recording,) = read(tmp_path / f"{name}.npz")
+        np.testing.assert_allclose(recording.channel("base_orientation").column("x"), 0.1 * time[:, 0])
+
+
+@pytest.mark.parametrize(
+    "names", ["imu_qw,imu_qx,imu_qy,imu_qz", "ee_x,ee_y,ee_z,ee_qw,ee_qx,ee_qy,ee_qz", "base_x,base_y"]
+)
+def test_what_is_no_whole_pose_of_the_base_stays_what_it_was(tmp_path: Path, names: str) -> None:
+    (recording,) = read(_csv(tmp_path / "log.csv", names))
+    assert not recording.has("base_position")

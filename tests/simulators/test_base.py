@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A free base starts where it was measured to be, its pose is compared, and what it carries is found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trueup.campaign.assemble import simulator_for, suited
+from trueup.errors import ModelError
+from trueup.loop.calibrate import Options, calibrate
+from trueup.recording import Channel, Recording
+from trueup.simulators.mujoco.base import angles_of, near, quaternion_of, turning
+from trueup.simulators.mujoco.declarations import Declaration, declare
+from trueup.simulators.mujoco.model import load
+from trueup.simulators.mujoco.rollout import MujocoSimulator
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+
+_LEG = '<body name="{0}" pos="{1} 0"><joint name="{0}_hip" axis="0 1 0" damping=".1"/><geom type="capsule" size=".02" \
+fromto="0 0 0 .08 0 -.12" mass=".15"/><body pos=".08 0 -.12"><joint name="{0}_knee" axis="0 1 0" damping=".1"/>\
+<geom type="capsule" size=".02" fromto="0 0 0 -.08 0 -.12" mass=".1"/></body></body>'
+_LEGS = "".join(
+    _LEG.format(n, p) for n, p in (("fl", ".15 .1"), ("fr", ".15 -.1"), ("rl", "-.15 .1"), ("rr", "-.15 -.1"))
+)
+_JOINTS = tuple(f"{leg}_{joint}" for leg in ("fl", "fr", "rl", "rr") for joint in ("hip", "knee"))
+_DRIVES = "".join(f'<position name="{j}" joint="{j}" kp="{{kp}}" kv=".4"/>' for j in _JOINTS)
+_DOG = f"""<mujoco><option timestep=".002" integrator="implicitfast"/><worldbody><geom type="plane" size="5 5 .1"/>
+<body name="trunk" pos="0 0 .3"><freejoint name="root"/><geom type="box" size=".2 .08 .04" mass="{{mass}}" contype="0"
+conaffinity="0"/>{_LEGS}</body></worldbody><actuator>{_DRIVES}</actuator></mujoco>"""
+
+
+def _squats(mass: float = 4.0, kp: float = 40.0) -> Recording:
+    """A small quadruped that squats and rolls, tracked by motion capture at 100 Hz; its pose with noise."""
+    model = mujoco.MjModel.from_xml_string(_DOG.format(mass=mass, kp=kp))
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    mujoco.mj_step(model, data, 700)
+    rows, time = [], np.arange(0.0, 2.0, 0.01)
+    for t in time:
+        bend = 0.25 * (1.0 - np.cos(5.0 * t)) + 0.1 * np.repeat([1, -1, 1, -1], 2) * np.sin(8.0 * t) * min(1.0, t)
+        data.ctrl[:] = np.tile([0.6, -1.0], 4) * bend
+        rows.append(np.concatenate([data.ctrl, data.qpos[7:], data.qpos[:7]]))
+        mujoco.mj_step(model, data, 5)
+    values = np.array(rows)
+    values[:, 8:] += rng.normal(0.0, 3e-4, values[:, 8:].shape)
+    channels = (
+        Channel("command", _JOINTS, "rad", time, values[:, :8]),
+        Channel("position", _JOINTS, "rad", time, values[:, 8:16]),
+        Channel("base_position", ("x", "y", "z"), "m", time, values[:, 16:19]),
+        Channel("base_orientation", ("w", "x", "y", "z"), "", time, values[:, 19:]),
+    )
+    return Recording("squats", {c.name: c for c in channels})
+
+
+def _written(folder: Path, text: str = _DOG.format(mass=4.0, kp=40.0)) -> Path:
+    (folder / "dog.xml").write_text(text)
+    return folder / "dog.xml"
+
+
+def test_angles_are_those_of_the_quaternion_and_rates_turn_it() -> None:
+    rng = np.random.default_rng(1)
+    for angles in rng.uniform(-1.4, 1.4, (20, 3)):
+        np.testing.assert_allclose(angles_of(quaternion_of(angles)), angles, atol=1e-12)
+        rates, h = rng.normal(0.0, 1.0, 3), 1e-6
+        spin, ahead = np.zeros(3), quaternion_of(angles + h * rates)
+        mujoco.mju_subQuat(spin, ahead, quaternion_of(angles))
+        np.testing.assert_allclose(turning(angles, rates), spin / h, atol=1e-5)
+    turns = near(np.array([[[0.1, 0.0, -3.1]]]), np.array([[0.1, np.nan, 3.15]]))
+    np.testing.assert_allclose(turns[0, 0], [0.1, 0.0, 2.0 * np.pi - 3.1])
+
+
+def test_the_robot_that_was_recorded_replays_its_pose(tmp_path: Path) -> None:
+    windows, notes = suited(_written(tmp_path), [_squats()])
+    assert len(windows) == 4
+    assert "windows of 0.5 s" in notes[0]
+    simulator, _ = simulator_for(tmp_path / "dog.xml", windows)
+    shipped = simulator.shipped()
+    runs = shipped.rollout([Trial.of(w) for w in windows], np.zeros((1, 0)))
+    for window, run in zip(windows, runs, strict=True):
+        for name, limit in (("base_position", 2e-3), ("base_orientation", 1e-2)):
+            error = run.channels[name][0] - window.channel(name).values
+            assert np.sqrt(np.mean(error**2)) < limit
+    assert "trunk.mass" in simulator.parameters.names
+
+
+def test_what_the_trunk_carries_is_found_from_its_pose(tmp_path: Path) -> None:
+    windows, _ = suited(_written(tmp_path), [_squats(mass=5.0, kp=48.0)])
+    model = load(tmp_path / "dog.xml")
+    space, quantities = declare(
+        model, [Declaration("kp", ("*",), tie="all", name="kp"), Declaration("mass", ("trunk",))]
+    )
+    found = calibrate(
+        MujocoSimulator(model, space, quantities), windows, options=Options(cross_validate=False, select=False)
+    )
+    mass, kp = (next(e for e in found.estimates if e.name == name) for name in ("trunk.mass", "kp"))
+    assert mass.low < 5.0 < mass.high
+    assert mass.value == pytest.approx(5.0, rel=0.12)
+    assert kp.value == pytest.approx(48.0, rel=0.05)
+
+
+def test_a_base_that_nobody_saw_is_refused_or_starts_at_the_keyframe(tmp_path: Path) -> None:
+    blind = _squats().without("base_position")
+    path = _written(tmp_path)
+    with pytest.raises(ModelError, match=r"base of model 'dog\.xml' is free, but nothing tells where it was in squats"):
+        simulator_for(path, [blind])
+    key = '<keyframe><key qpos="0 0 .3 1 0 0 0 0 0 0 0 0 0 0 0"/></keyframe></mujoco>'
+    _, notes = simulator_for(_written(tmp_path, path.read_text().replace("</mujoco>", key)), [blind])
+    assert any("starts as in the model's first keyframe" in note for note in notes)
+
+
+def test_a_urdf_whose_base_was_seen_to_move_is_set_free(tmp_path: Path) -> None:
+    inertial = (
+        '<inertial><mass value="{0}"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    ball = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
+    (tmp_path / "ball.urdf").write_text(
+        f'<robot name="b"><link name="trunk">{inertial.format(2)}{ball}</link>'
+        f'<link name="wheel">{inertial.format(0.1)}</link>'
+        '<joint name="spin" type="continuous"><parent link="trunk"/><child link="wheel"/><axis xyz="0 0 1"/></joint></robot>'
+    )
+    time = np.arange(0.0, 0.4, 0.01)
+    still, fall = np.zeros((len(time), 3)), np.zeros((len(time), 3))
+    fall[:, 2] = 2.0 - 0.5 * 9.81 * time**2
+    channels = (Channel("position", ("spin",), "rad", time, 0.1 * np.sin(time)[:, None]),
+                Channel("base_position", ("x", "y", "z"), "m", time, fall),
+                Channel("base_orientation", ("roll", "pitch", "yaw"), "rad", time, still))  # fmt: skip
+    taken, _ = suited(tmp_path / "ball.urdf", [Recording("fall", {c.name: c for c in channels})])
+    simulator, notes = simulator_for(tmp_path / "ball.urdf", taken)
+    assert any("'trunk' was set free" in note for note in notes)
+    (run,) = simulator.shipped().rollout([Trial.of(taken[0])], np.zeros((1, 0)))
+    np.testing.assert_allclose(run.channels["base_position"][0][:, 2], fall[:, 2], atol=5e-3)
