@@ -33,11 +33,9 @@ def _found(arms: SimpleNamespace, rotors: Array) -> tuple[TorqueModel, Consisten
     wrong[10 * tree.n :] = 0.0
     active = np.concatenate([np.arange(10 * tree.n), columns_of(model, "rotor", "viscous")])
     weights = size**-2.0
-    fit, pull = cross_validated_fit(
-        model, moments_of(blocks_of([noisy], 8, 0.0)), weights / weights.mean(), active, wrong
-    )
+    found = cross_validated_fit(model, moments_of(blocks_of([noisy], 8, 0.0)), weights / weights.mean(), active, wrong)
     clean = Rows(rows.columns, rows.values, torque, time, rows.p)
-    return model, fit, clean, pull
+    return model, found.fit, clean, found.pull
 
 
 def test_bodies_leave_a_wrong_file_as_far_as_sound_logs_ask_for(arms: SimpleNamespace) -> None:

@@ -285,3 +285,17 @@ def test_the_ratio_of_a_coupled_wrist_is_found(arms: SimpleNamespace, ratio: flo
     found, notes = coupled(log.motion(5.0, measured_speed=False), tree, Drives.direct(tree.joints), 5.0, rng, 0.0)
     assert found.coupling[4, 3] == pytest.approx(ratio, abs=0.06 if ratio != 1.0 else 1e-9)
     assert len(notes) == 1
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_short_slow_log_predicts_faster_wider_and_slower_motion_better_than_plain_least_squares(
+    arms: SimpleNamespace, seed: int
+) -> None:
+    tree, rng = arms.arm(seed), np.random.default_rng(seed)
+    plans = (("short", 8.0, 0.4), ("wide and fast", 15.0, 0.9), ("slow", 15.0, 0.15))
+    runs = [arms.recording(tree, rng, name, seconds=seconds, size=size) for name, seconds, size in plans]
+    ours = identify(arms.without_file(tree), runs[:1], runs[1:])
+    plain = Options(structure="common", consistent=False, cutoff=ours.cutoff)
+    peer = identify(arms.without_file(tree), runs[:1], runs[1:], options=plain)
+    for mine, theirs in zip(ours.held_out(), peer.held_out(), strict=True):
+        assert relative_error([mine]) < 0.7 * relative_error([theirs])

@@ -106,10 +106,20 @@ def _pays(new: _Trial, old: _Trial) -> bool:
     return new.loss < old.loss - PAYS and surely_smaller(new.errors, old.errors)
 
 
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """The consistent fit that predicts best, its pull towards the model file, and the same fits without one block each."""
+
+    fit: ConsistentFit
+    pull: float
+    folds: tuple[ConsistentFit, ...]
+    """K, none where there is but one block."""
+
+
 def cross_validated_fit(
     model: TorqueModel, moments: Moments, weights: Array, active: Integers, prior: Array
-) -> tuple[ConsistentFit, float]:  # fmt: skip
-    """The consistent fit that predicts best what is left out, and its pull towards the model file.
+) -> Bodies:  # fmt: skip
+    """The consistent fit that predicts best what is left out.
 
     Possible bodies bend less than free combinations of parameters: smooth friction of all drives, and gains, join the
     `active` effects where what is left out is predicted better with them, and so does torque that falls with acceleration.
@@ -117,7 +127,7 @@ def cross_validated_fit(
     folds = _Folds(model, moments, weights, prior)
     best = folds.released(folds.strict(active))
     best = folds.pulled(folds.widened(best))
-    return folds.fit(best.columns, best.lagging, best.pull), _PULLS[best.pull]
+    return Bodies(folds.fit(best.columns, best.lagging, best.pull), _PULLS[best.pull], best.fits)
 
 
 def first_bodies(model: TorqueModel, moments: Moments, weights: Array, active: Integers, prior: Array) -> Array:

@@ -167,7 +167,8 @@ def _crossed(rows: Rows, plain: Rows, rotors: Integers, pairs: Sequence[tuple[in
         for on, of in ((d, j), (j, d)):
             columns[on] = np.append(columns[on], rows.p + k)
             values[on] = np.vstack([values[on], acceleration[of]])
-    return replace(rows, columns=tuple(columns), values=tuple(values), p=rows.p + len(pairs))
+    shrink = np.append(np.broadcast_to(rows.shrink, rows.p), np.zeros(len(pairs)))
+    return replace(rows, columns=tuple(columns), values=tuple(values), p=rows.p + len(pairs), shrink=shrink)
 
 
 def weighted_fit(moments: Moments, active: Integers, start: Array, passes: int = 4) -> tuple[Array, Array]:

@@ -27,6 +27,9 @@ _OWN = {
 _NEEDS_SCALE = ("saturating", "stribeck", "hysteresis")
 OF_LOAD = ("load", "gain")
 """Effects of the torque that a gear carries: their columns need a first fit, see torque_model.loaded."""
+_SHRINK = 1e-3
+_GROWTH = {"rotor": 0.0, "lag": 0.0, "asymmetric": 4.0, "spring": 10.0, "quadratic": 20.0}
+"""Times that, for effects that grow where the log ends: their square at about twice the speed, thrice the travel."""
 _SHORT = {
     "rotor": "rotor inertia", "coulomb": "Coulomb", "saturating": "Coulomb that sets in with speed", "viscous": "viscous",
     "quadratic": "quadratic", "cubic": "cubic", "root": "root of speed", "asymmetric": "asymmetric", "stribeck": "Stribeck",
@@ -83,6 +86,13 @@ class Effect:
     def is_friction(self) -> bool:
         """Whether it always brakes, so that its coefficient should be positive."""
         return self.kind in ("coulomb", "saturating", "viscous", "root", "hysteresis", "load")
+
+    @property
+    def shrink(self) -> float:
+        """Share of its column's squares that draws its coefficient towards zero: effects that are nearly alike in the log,
+        and far from it in other motion, share what they explain instead of growing against each other.
+        """
+        return _SHRINK * _GROWTH.get(self.kind, 1.0)
 
     def name(self, number: int) -> str:
         """Its coefficient's name at drive `number` (from 1): f1_2, I3m, ft0.05_1."""

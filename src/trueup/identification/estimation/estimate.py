@@ -50,7 +50,7 @@ def least_squares(
 ) -> Estimate:  # fmt: skip
     """The fit of some columns; ordinary where `weights` (n,) are not given.
 
-    `prior` (p,) and `strength` draw what the data cannot tell towards a value. `robust` weighs errors beyond 1.345
+    `prior` (p,) and `strength` draw what the data cannot tell of bodies towards a value. `robust` weighs errors beyond 1.345
     standard deviations down (iteratively reweighted, Huber), None decides by the share of outliers. Raises
     IdentificationError where there are fewer samples than parameters.
     """
@@ -116,19 +116,20 @@ def _solved(
     moments = moments_of(parts)
     gram, cross = (x.sum(axis=0) for x in moments.weighted(weights))
     scale = moments.scale[act]
-    x = solve(gram[np.ix_(act, act)], cross[act], prior[act] * scale, strength)
+    ridge = moments.ridge(strength)[act]
+    x = solve(gram[np.ix_(act, act)], cross[act], prior[act] * scale, ridge)
     inverse = np.divide(1.0, scale, out=np.zeros(len(act)), where=scale > 0.0)
     parameters = np.zeros(len(prior))
     parameters[act] = x * inverse
     size = np.trace(gram[np.ix_(act, act)]) / len(act)
-    normal = np.linalg.inv(gram[np.ix_(act, act)] + strength * size * np.eye(len(act)))
+    normal = np.linalg.inv(gram[np.ix_(act, act)] + size * np.diag(ridge))
     return parameters, normal * inverse[:, None] * inverse
 
 
 def _scaled(rows: Rows, by: Array) -> Rows:
     """Rows with each sample of each joint multiplied by (S, n) factors."""
     values = tuple(v * by[:, j] for j, v in enumerate(rows.values))
-    return Rows(rows.columns, values, rows.torque * by, rows.time, rows.p)
+    return Rows(rows.columns, values, rows.torque * by, rows.time, rows.p, rows.shrink)
 
 
 def _spread(errors: Array) -> Array:

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.alignment import find_shift, shifted
-from trueup.identification.estimation.bodies import cross_validated_fit, first_bodies
-from trueup.identification.estimation.consistent import ConsistentFit, columns_of
+from trueup.identification.estimation.bodies import Bodies, cross_validated_fit, first_bodies
+from trueup.identification.estimation.consistent import columns_of
 from trueup.identification.estimation.couplings import coupled
 from trueup.identification.estimation.diagnosis import check_log
 from trueup.identification.estimation.drives import Drives
-from trueup.identification.estimation.estimate import least_squares, weighted_least_squares
+from trueup.identification.estimation.estimate import Estimate, least_squares, weighted_least_squares
 from trueup.identification.estimation.filtering import derivative
 from trueup.identification.estimation.moments import Moments, blocks_of, moments_of
 from trueup.identification.estimation.motion import Log, log_of
@@ -27,7 +27,7 @@ from trueup.identification.estimation.pieces import Piece, pieces_of
 from trueup.identification.estimation.pool import STRUCTURES, Pool, chosen, loaded, pool_for
 from trueup.identification.estimation.quick import basic_columns, doubts, measured_speed
 from trueup.identification.estimation.result import Alignment, Identification
-from trueup.identification.estimation.selection import Choice, balanced
+from trueup.identification.estimation.selection import Choice, balanced, drawn
 from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.recording import Recording
@@ -92,15 +92,12 @@ def identify(
     nominal = _nominal(pool.model)
     prior = _prior(pool, nominal)
     pieces, moments, choice = _structured(pool, pieces, prior, nominal, wanted.structure, 1.0 / cutoff)
-    parts = _training(pieces)
     say("estimating", 0.8)
-    active = np.flatnonzero(choice.active)
-    estimate = least_squares(parts, active, choice.weights, prior=prior, strength=choice.strength, robust=wanted.robust)
-    bodies, pull = _bodies(pool.model, parts, choice, nominal) if wanted.consistent else (None, 0.0)
+    estimate, bodies, choice = _estimated(pool, _training(pieces), prior, nominal, choice, wanted)
     say("writing", 0.95)
     return outcome(
-        tree, pool, choice, estimate, bodies, pieces, alignment,
-        moments=moments, pull=pull, nominal=nominal, cutoff=cutoff, warnings=warnings, rng=rng, started=started,
+        tree, pool, choice, estimate, bodies and bodies.fit, pieces, alignment, moments=moments, nominal=nominal,
+        pull=bodies.pull if bodies else 0.0, cutoff=cutoff, warnings=warnings, rng=rng, started=started,
     )  # fmt: skip
 
 
@@ -136,11 +133,27 @@ def _training(pieces: Sequence[Piece]) -> list[Rows]:
     return [p.rows for p in pieces if not p.held_out]
 
 
-def _bodies(model: TorqueModel, parts: Sequence[Rows], choice: Choice, nominal: Array) -> tuple[ConsistentFit, float]:
-    """The physically consistent fit, and how strongly it was drawn to the model file."""
+def _estimated(
+    pool: Pool, parts: Sequence[Rows], prior: Array, nominal: Array, choice: Choice, wanted: Options
+) -> tuple[Estimate, Bodies | None, Choice]:
+    """The estimate, drawn to possible bodies as far as that predicts no worse, those bodies, and how strongly it is."""
+    active = np.flatnonzero(choice.active)
+
+    def fit(prior: Array, strength: float, robust: bool | None) -> Estimate:
+        return least_squares(parts, active, choice.weights, prior=prior, strength=strength, robust=robust)
+
+    free = fit(prior, choice.strength, wanted.robust)
+    if not wanted.consistent:
+        return free, None, choice
     # All samples, where the choice of the structure left out those at the borders of blocks.
     moments = moments_of(blocks_of(parts, _BLOCKS, 0.0))
-    return cross_validated_fit(model, moments, choice.weights, np.flatnonzero(choice.active), nominal)
+    bodies = cross_validated_fit(pool.model, moments, choice.weights, active, nominal)
+    if len(bodies.folds) < 2:
+        return free, bodies, choice
+    priors = np.array([_prior(pool, fold.parameters) for fold in bodies.folds])
+    choice = drawn(moments, priors * moments.scale, choice)
+    near = fit(_prior(pool, bodies.fit.parameters), choice.strength, free.robust)
+    return replace(near, covariance=free.covariance), bodies, choice  # deviations: what the logs tell by themselves
 
 
 def natural_cutoff(logs: Sequence[Log]) -> float:
@@ -219,6 +232,6 @@ def _nominal(model: TorqueModel) -> Array:
 def _prior(pool: Pool, nominal: Array) -> Array:
     """(p,) the base parameters of the file at their columns, zero elsewhere."""
     prior = np.zeros(pool.model.p)
-    prior[pool.base.independent] = pool.base.of(nominal)
     prior[10 * pool.model.tree.n :] = nominal[10 * pool.model.tree.n :]
+    prior[pool.base.independent] = pool.base.of(nominal)
     return prior

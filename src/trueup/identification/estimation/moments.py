@@ -54,16 +54,19 @@ class Moments:
     """(K,) samples."""
     scale: Array
     """(p,) root mean square of each column over all joints: parameter = scaled parameter / scale; 0 for absent ones."""
+    shrink: Array
+    """(p,) share of its own squares that draws each parameter towards zero in a fit; errors do not count it."""
 
     def take(self, blocks: Sequence[int] | Integers) -> Moments:
         """Some of the blocks."""
         k = np.asarray(blocks, dtype=np.int64)
-        return Moments(self.gram[k], self.cross[k], self.square[k], self.count[k], self.scale)
+        return Moments(self.gram[k], self.cross[k], self.square[k], self.count[k], self.scale, self.shrink)
 
     def only(self, columns: Sequence[int] | Integers) -> Moments:
         """Some of the columns."""
         c = np.asarray(columns, dtype=np.int64)
-        return Moments(self.gram[:, :, c[:, None], c], self.cross[:, :, c], self.square, self.count, self.scale[c])
+        gram, scale, shrink = self.gram[:, :, c[:, None], c], self.scale[c], self.shrink[c]
+        return Moments(gram, self.cross[:, :, c], self.square, self.count, scale, shrink)
 
     def errors(self, scaled: Array) -> Array:
         """(K, n) sums of squared errors for scaled parameters (p,), or one vector for each block (K, p)."""
@@ -73,7 +76,14 @@ class Moments:
 
     def weighted(self, weights: Array) -> tuple[Array, Array]:
         """(K, p, p) and (K, p): the normal equations of each block with weights (n,) for the joints."""
-        return np.tensordot(weights, self.gram, (0, 1)), np.tensordot(weights, self.cross, (0, 1))
+        gram = np.tensordot(weights, self.gram, (0, 1))
+        diagonal = np.einsum("kpp->kp", gram)
+        diagonal *= 1.0 + self.shrink
+        return gram, np.tensordot(weights, self.cross, (0, 1))
+
+    def ridge(self, strength: float) -> Array:
+        """(p,) for solve: `strength` for bodies and rotors, no more than needed for what is drawn to zero anyway."""
+        return np.where(self.shrink > 0.0, RIDGE, strength)
 
     def normal(self, weights: Array) -> Normal:
         """As `weighted`, of the columns as they are: for parameters that are not scaled."""
@@ -95,7 +105,7 @@ def moments_of(parts: Sequence[Rows]) -> Moments:
     inverse = np.divide(1.0, size, out=np.zeros(p), where=size > 0.0)
     gram *= inverse[:, None] * inverse
     cross *= inverse
-    return Moments(gram, cross, square, count, size)
+    return Moments(gram, cross, square, count, size, np.broadcast_to(parts[0].shrink, p))
 
 
 def blocks_of(rows: Sequence[Rows], count: int, margin: float) -> list[Rows]:

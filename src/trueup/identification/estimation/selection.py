@@ -20,6 +20,9 @@ _SURE = 1.0
 """Standard errors by which a gain must exceed zero."""
 _EXPONENTS = (1.0, 0.5, 0.0)
 _STRENGTHS = (RIDGE, 1e-6, 1e-5, 1e-4, 1e-3)
+_DRAWN = (1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0)
+_FREE = 0.5 * PAYS
+"""What a stronger pull to possible bodies may cost in the logarithm of the squared error."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +34,7 @@ class Choice:
     exponent: float
     """Joints are weighed by noise variance ** -exponent: 1 is weighted, 0 is ordinary least squares."""
     strength: float
-    """Of the ridge towards the prior."""
+    """Of the ridge that draws bodies towards the prior."""
     variance: Array
     """(n,) error variance of each joint, (N m)^2: what the weights are made of."""
     loss: float = float("inf")
@@ -59,7 +62,7 @@ def evaluated(moments: Moments, prior: Array, choice: Choice) -> Choice:
     act = np.flatnonzero(choice.active)
     part = moments.only(act)
     gram, cross = part.weighted(choice.weights)
-    x = solve(gram.sum(axis=0) - gram, cross.sum(axis=0) - cross, prior[act], choice.strength)
+    x = solve(gram.sum(axis=0) - gram, cross.sum(axis=0) - cross, prior[..., act], part.ridge(choice.strength))
     errors = part.errors(x)
     return replace(choice, loss=loss_of(errors), errors=errors)
 
@@ -76,7 +79,7 @@ def weighed(moments: Moments, prior: Array, choice: Choice, passes: int = 4) -> 
     part = moments.only(act)
     for _ in range(passes):
         gram, cross = (x.sum(axis=0) for x in part.weighted(choice.weights))
-        x = solve(gram, cross, prior[act], choice.strength)
+        x = solve(gram, cross, prior[act], part.ridge(choice.strength))
         floor = 1e-12 * moments.square.sum() / moments.count.sum()
         variance = np.maximum(part.errors(x).sum(axis=0) / moments.count.sum(), floor)
         choice = replace(choice, variance=variance)
@@ -125,6 +128,18 @@ def balanced(moments: Moments, prior: Array, choice: Choice) -> Choice:
     tried = [evaluated(moments, prior, replace(choice, strength=s)) for s in _STRENGTHS]
     best = min(tried, key=lambda c: c.loss)
     return best if best.loss < choice.loss - 0.5 * PAYS else choice
+
+
+def drawn(moments: Moments, priors: Array, choice: Choice) -> Choice:
+    """The choice drawn as strongly to possible bodies as predicts no worse what is left out; `priors` (K, p) did not see it.
+
+    Blocks of one log hardly ask what other motion will: directions that the log tells badly cost little here, and there much.
+    """
+    free = evaluated(moments, priors, replace(choice, strength=RIDGE))
+    tried = [evaluated(moments, priors, replace(choice, strength=s)) for s in _DRAWN]
+    best = min(free, *tried, key=lambda c: c.loss)
+    good = [c for c in (free, *tried) if c.loss <= best.loss + _FREE]
+    return replace(choice, strength=good[-1].strength)
 
 
 def _surely_better(new: Choice, old: Choice) -> bool:

@@ -34,6 +34,8 @@ class Rows:
     time: Array
     """(S,) in s."""
     p: int
+    shrink: Array | float = 0.0
+    """(p,) share of its own squares that draws each parameter towards zero, see effects.shrink."""
 
     @property
     def length(self) -> int:
@@ -95,6 +97,11 @@ class TorqueModel:
         drives = [effect.unit(bool(self.tree.prismatic[d])) for d, effect in self.effects]
         return (*(UNITS * self.tree.n), *drives)
 
+    @property
+    def shrink(self) -> Array:
+        """(p,) what draws each parameter towards zero: nothing for bodies and rotors, a little for effects."""
+        return np.array([0.0] * (10 * self.tree.n) + [effect.shrink for _, effect in self.effects])
+
     def only(self, keep: Sequence[int]) -> TorqueModel:
         """With these of the effects only (indices into `effects`)."""
         return replace(self, effects=tuple(self.effects[k] for k in keep))
@@ -114,7 +121,7 @@ class TorqueModel:
                 values[j].append(self.drives[d, j] * own[None])
         return Rows(
             tuple(np.array(c) for c in columns), tuple(np.concatenate(x) for x in values),
-            np.full(q.shape, np.nan) if torque is None else torque, time, self.p,
+            np.full(q.shape, np.nan) if torque is None else torque, time, self.p, self.shrink,
         )  # fmt: skip
 
     def loaded(self, rows: Rows, inertial: Array, direction: Integers) -> Rows:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from trueup.identification.estimation.consistent import consistent_fit
 from trueup.identification.estimation.couplings import proposed_couplings, weighted_fit
+from trueup.identification.estimation.effects import Effect
 from trueup.identification.estimation.moments import Moments, moments_of
 from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.inertial import from_com
@@ -82,7 +83,9 @@ def _loaded(rows: Rows, parameters: Array) -> Rows:
     extra = load_columns(rows, parameters)
     columns = tuple(np.append(c, rows.p + j) for j, c in enumerate(rows.columns))
     values = tuple(np.vstack([v, extra[:, j]]) for j, v in enumerate(rows.values))
-    return replace(rows, columns=columns, values=values, p=rows.p + extra.shape[1])
+    more = Effect("load").shrink * np.ones(extra.shape[1])
+    shrink = np.append(np.broadcast_to(rows.shrink, rows.p), more)
+    return replace(rows, columns=columns, values=values, p=rows.p + extra.shape[1], shrink=shrink)
 
 
 def _possible(model: TorqueModel, moments: Moments, variance: Array, active: Integers) -> Array:
