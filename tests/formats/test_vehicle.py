@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.formats import read
+from trueup.inspection import inspect
 
 Array = NDArray[np.float64]
 
@@ -114,3 +115,11 @@ def test_a_walking_robot_with_commanded_speeds_is_no_vehicle(tmp_path: Path) -> 
                comments="")  # fmt: skip
     recording = read([tmp_path / "walk.csv"])[0]
     assert {"hip", "knee"} <= set(recording.channel("position").labels)
+
+
+def test_pulses_and_places_are_no_suspicious_angles(tmp_path: Path) -> None:
+    t, throttle, steering, x, y, heading, _ = drive()
+    names = "time,pwm_throttle,pwm_steering,x,y,yaw"
+    shown = [t, 1500 + 400 * throttle, 1500 - 400 * steering, 100 + x, y, heading]
+    np.savetxt(tmp_path / "drive.csv", np.column_stack(shown), delimiter=",", header=names, comments="", fmt="%.4f")
+    assert not [said for said in inspect(read([tmp_path / "drive.csv"])[0]).findings() if "degrees" in said]

@@ -152,10 +152,10 @@ class _Taken:
         usual = "" if name.startswith("command") else _UNIT.get(own, "")
         scale = tuple(_scale(s, usual) for s in signals.values())
         for signal in signals.values():
-            self._without(signal.channel, signal.column)
+            self._without(signal)
         kept = self.channels.pop(name, None)
         if kept is not None:  # what else stood under this name
-            self.channels[f"{name}_others"] = kept
+            self.channels[f"other_{name}"] = kept
         made = replace(
             next(iter(signals.values())).entry, columns=tuple(s.column for s in signals.values()), labels=tuple(signals),
             unit=usual, scale=scale if len(set(scale)) > 1 else scale[:1],
@@ -171,11 +171,14 @@ class _Taken:
         more = ", growing to the left" if name == "heading" else ""
         return [f"{name}: {listed} taken as {', '.join(signals)}" + (f" in {usual}{more}" if usual else "")]
 
-    def _without(self, channel: str, column: str) -> None:
-        entry = self.channels.get(channel)
-        if entry is None or column not in entry.columns:
+    def _without(self, signal: _Signal) -> None:
+        """Takes a column out of the channel that holds it now, which may have got another name meanwhile."""
+        held = (n for n, e in self.channels.items() if signal.column in e.columns and e.file == signal.entry.file)
+        channel = next(held, None)
+        if channel is None:
             return
-        kept = [k for k, c in enumerate(entry.columns) if c != column]
+        entry = self.channels[channel]
+        kept = [k for k, c in enumerate(entry.columns) if c != signal.column]
         del self.channels[channel]
         if kept:
             scale = tuple(entry.scale[k] for k in kept) if len(entry.scale) > 1 else entry.scale

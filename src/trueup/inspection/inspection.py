@@ -236,10 +236,11 @@ def _sentences(channel: ChannelInspection) -> Iterator[str]:
     if channel.gaps:
         longest = max(channel.gaps, key=lambda gap: gap.duration)
         count = "a gap" if len(channel.gaps) == 1 else f"{len(channel.gaps)} gaps; the longest"
-        yield (
-            f"{count} lasts {longest.duration:.3g} s after {longest.start:.3f} s. Cut the recording there with "
-            "slice(), or check the logger"
-        )
+        lasts = f"{count} lasts {longest.duration:.3g} s after {longest.start:.3f} s. "
+        if is_command(channel.name):
+            yield (lasts + "A command stays in force until the next: right where only changes were logged")
+        else:
+            yield lasts + "Cut the recording there with slice(), or check the logger"
     if np.isfinite(channel.rate) and channel.jitter > _JITTER / channel.rate:
         yield (
             f"samples come at {channel.rate:.4g} Hz with {channel.jitter * 1e3:.2g} ms jitter; log the time at which "
