@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 from pathlib import Path
 
 import mujoco
@@ -11,13 +12,16 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.campaign.assemble import simulator_for, suited
+from trueup.commands.calibrate import _recordings as recordings_of
 from trueup.errors import ModelError
+from trueup.formats import write
 from trueup.loop.calibrate import Options, calibrate
 from trueup.recording import Channel, Recording
 from trueup.simulators.mujoco.base import angles_of, near, quaternion_of, turning
 from trueup.simulators.mujoco.declarations import Declaration, declare
 from trueup.simulators.mujoco.model import load
 from trueup.simulators.mujoco.rollout import MujocoSimulator
+from trueup.simulators.mujoco.windows import folded
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -134,3 +138,17 @@ def test_a_urdf_whose_base_was_seen_to_move_is_set_free(tmp_path: Path) -> None:
     assert any("'trunk' was set free" in note for note in notes)
     (run,) = simulator.shipped().rollout([Trial.of(taken[0])], np.zeros((1, 0)))
     np.testing.assert_allclose(run.channels["base_position"][0][:, 2], fall[:, 2], atol=5e-3)
+
+
+def test_windows_stay_on_the_side_of_their_recording_and_share_its_warnings(tmp_path: Path) -> None:
+    squats, path = _squats(), _written(tmp_path)
+    for name in ("fit", "judge"):
+        write(squats.replace(name=name), tmp_path / f"{name}.parquet")
+    files = [str(tmp_path / f"{name}.parquet") for name in ("fit", "judge")]
+    training, held_out, _ = recordings_of(
+        Namespace(model=str(path), recordings=files, mapping=None, hold_out=[["judge"]])
+    )
+    assert [r.name for r in training] == [f"fit at {0.5 * k:.1f} s" for k in range(4)]
+    assert [r.name for r in held_out] == [f"judge at {0.5 * k:.1f} s" for k in range(4)]
+    once = [f"'fit at {0.5 * k:.1f} s': knee is odd" for k in range(3)] + ["'fit at 0.5 s': hip is odd"]
+    assert folded(once, training) == ["'fit': knee is odd (3 of 4 windows)"]

@@ -79,11 +79,13 @@ def calibrated(
     """
     from trueup.loop.calibrate import calibrate
     from trueup.simulators.car import CarSimulator
+    from trueup.simulators.mujoco.windows import folded
 
     told: _Told = {"progress": progress, "checkpoint": checkpoint, "resume": resume}
     if not isinstance(simulator, CarSimulator):
         done = calibrate(simulator, training, held_out, options=options, **told)
-        return replace(done, replays=by_unit(done.replays, [*training, *held_out]))
+        every = [*training, *held_out]
+        return replace(done, replays=by_unit(done.replays, every), warnings=tuple(folded(done.warnings, every)))
     from trueup.simulators.car.judging import Ahead
     from trueup.simulators.car.prediction import spoken
     from trueup.simulators.car.training import begun_apart, counted_once

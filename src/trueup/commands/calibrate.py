@@ -115,8 +115,9 @@ def _recordings(args: argparse.Namespace) -> tuple[list[Recording], list[Recordi
     said: list[str] = []
     if Path(args.model).suffix.lower() != ".toml":
         named, renamed = named_as([*training, *held_out], drives_of(args.model))
-        training, said = suited(args.model, named[: len(training)])
-        held_out, more_said = suited(args.model, named[len(training) :])
+        fitted, kept_out = named[: len(training)], named[len(training) :]
+        training, said = suited(args.model, fitted)
+        held_out, more_said = suited(args.model, kept_out)
         said = list(dict.fromkeys([*renamed, *said, *more_said]))
     return training, held_out, [*notes, *more, *cut, *said]
 

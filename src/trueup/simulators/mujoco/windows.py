@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,6 +16,7 @@ from trueup.simulators.mujoco.model import Model
 _LENGTH = 0.5  # s: a trunk on legs is an inverted pendulum, whose errors grow fivefold in that time
 _MOST = 12  # windows of one recording, spread evenly
 _BEFORE = 0.3  # s of commands kept before each window: they may act late
+_AT = re.compile(r" at \d+\.\d s(?=$|')")
 _FEWEST = 8  # samples in a window
 
 
@@ -37,6 +40,18 @@ def begun_again(model: Model, recordings: Sequence[Recording], *, floats: bool) 
         "robot was then"
     )
     return found, [note]
+
+
+def folded(warnings: Sequence[str], recordings: Sequence[Recording]) -> list[str]:
+    """Warnings on windows said once for the recording that they were cut from, where half of its windows have them."""
+    windows = Counter(_AT.sub("", r.name) for r in recordings if _AT.search(r.name))
+    found = Counter(_AT.sub("", warning, count=1) for warning in warnings)
+    kept = []
+    for warning, times in found.items():
+        whole = next((count for name, count in windows.items() if f"'{name}'" in warning), 1)
+        if 2 * times >= whole:
+            kept.append(warning if whole == 1 else f"{warning} ({times} of {whole} windows)")
+    return kept
 
 
 def _windows(recording: Recording) -> list[Recording]:
