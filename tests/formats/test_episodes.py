@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from trueup.formats import guess_mapping, read
@@ -58,3 +59,15 @@ def test_a_csv_with_a_column_of_episodes_is_split(tmp_path: Path) -> None:
     first, second = read(path)
     assert (first.name, second.name) == ("log_3", "log_7")
     np.testing.assert_allclose(second.channel("position").values[:, 0], 7 + 0.01 * np.arange(8))
+
+
+def test_a_file_for_each_episode_keeps_its_name(tmp_path: Path) -> None:
+    root = _data_set(tmp_path)
+    whole = pq.read_table(root / "data/chunk-000/file-000.parquet")
+    (root / "data/chunk-000/file-000.parquet").unlink()
+    for number in (0, 1):
+        one = whole.filter(pc.equal(whole["episode_index"], number))
+        pq.write_table(one, root / f"data/chunk-000/episode_00000{number}.parquet")
+    first, second = read(root)
+    assert (first.name, second.name) == ("episode_000000", "episode_000001")
+    assert first.channel("position").labels == tuple(JOINTS)

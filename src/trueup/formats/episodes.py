@@ -42,9 +42,12 @@ def episodes(table: Table, stem: str) -> list[tuple[str, Table]]:
         return [(stem, table)]
     numbers = table.columns[found]
     columns = {name: values for name, values in table.columns.items() if not set(words(name)) <= _COUNTERS}
+    table = replace(table, columns=columns)
+    if len(np.unique(numbers)) == 1:
+        return [(stem, table)]
     stem = "episode" if table.named else stem
     return [
-        (f"{stem}_{int(number)}", _rows(replace(table, columns=columns), np.flatnonzero(numbers == number)))
+        (f"{stem}_{int(number)}", _rows(table, np.flatnonzero(numbers == number)))
         for number in dict.fromkeys(numbers.tolist())
     ]
 
