@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.campaign.assemble import simulator_for, suited
+from trueup.campaign.assemble import begun_again, simulator_for, suited
 from trueup.commands.calibrate import _recordings as recordings_of
 from trueup.errors import ModelError
 from trueup.formats import write
@@ -66,6 +66,10 @@ def _written(folder: Path, text: str = _DOG.format(mass=4.0, kp=40.0)) -> Path:
     return folder / "dog.xml"
 
 
+def _taken(path: Path, recording: Recording) -> tuple[list[Recording], list[str]]:
+    return begun_again(path, suited(path, [recording])[0])
+
+
 def test_angles_are_those_of_the_quaternion_and_rates_turn_it() -> None:
     rng = np.random.default_rng(1)
     for angles in rng.uniform(-1.4, 1.4, (20, 3)):
@@ -79,7 +83,7 @@ def test_angles_are_those_of_the_quaternion_and_rates_turn_it() -> None:
 
 
 def test_the_robot_that_was_recorded_replays_its_pose(tmp_path: Path) -> None:
-    windows, notes = suited(_written(tmp_path), [_squats()])
+    windows, notes = _taken(_written(tmp_path), _squats())
     assert len(windows) == 4
     assert "windows of 0.5 s" in notes[0]
     simulator, _ = simulator_for(tmp_path / "dog.xml", windows)
@@ -93,7 +97,7 @@ def test_the_robot_that_was_recorded_replays_its_pose(tmp_path: Path) -> None:
 
 
 def test_what_the_trunk_carries_is_found_from_its_pose(tmp_path: Path) -> None:
-    windows, _ = suited(_written(tmp_path), [_squats(mass=5.0, kp=48.0)])
+    windows, _ = _taken(_written(tmp_path), _squats(mass=5.0, kp=48.0))
     model = load(tmp_path / "dog.xml")
     space, quantities = declare(
         model, [Declaration("kp", ("*",), tie="all", name="kp"), Declaration("mass", ("trunk",))]

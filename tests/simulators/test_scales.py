@@ -46,3 +46,18 @@ def test_errors_of_hinges_and_slides_are_never_pooled(tmp_path: Path) -> None:
     assert (hinge.labels, hinge.unit, slide_only.labels, slide_only.unit) == (("j",), "rad", ("s",), "m")
     assert slide_only.rmse_after() == pytest.approx(0.001)
     assert slide_only.noise == pytest.approx(0.001)
+
+
+@pytest.mark.parametrize(("whole", "unit"), [(1.0, "rad"), (100.0, "rad"), (100.0, "")])
+def test_openings_of_a_gripper_in_shares_become_lengths(tmp_path: Path, whole: float, unit: str) -> None:
+    finger = '<body><joint name="s" type="slide" range=".002 .037"/><geom size=".05"/></body></worldbody>'
+    (tmp_path / "arm.xml").write_text(_ARM.replace("</worldbody>", finger))
+    time = np.arange(0.0, 1.0, 0.01)
+    channel = Channel("position", ("j", "s"), unit, time, np.stack([time, whole * time], axis=1))
+    barely = channel.replace(values=channel.values * [1.0, 0.01])
+    (run, other), notes = suited(tmp_path / "arm.xml", [Recording(n, {"position": c}) for n, c in
+                                                        (("opens", channel), ("barely", barely))])  # fmt: skip
+    np.testing.assert_allclose(run.channel("position").column("s"), 0.002 + 0.035 * time)
+    np.testing.assert_allclose(other.channel("position").column("s"), 0.002 + 0.00035 * time)
+    np.testing.assert_allclose(run.channel("position").column("j"), time)
+    assert "shares of their joints' ranges" in notes[0]

@@ -146,6 +146,14 @@ def suited(model_path: str | Path, recordings: Sequence[Recording]) -> tuple[lis
     return drives.suited(load(model_path), recordings)
 
 
+def begun_again(model_path: str | Path, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """Recordings of a free base in windows (see `windows.begun_again`), and a note. Raises ModelError."""
+    from trueup.simulators.mujoco import windows
+    from trueup.simulators.mujoco.model import load
+
+    return windows.begun_again(load(model_path), recordings)
+
+
 def joints_of(model_path: str | Path) -> tuple[str, ...]:
     """Names of a model's hinge and slide joints. Raises ModelError."""
     from trueup.simulators.mujoco.model import load

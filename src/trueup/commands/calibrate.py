@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from trueup.calibration import Calibration
-from trueup.campaign.assemble import calibrated, drives_of, kinds_of, simulator_for, suited, write_outcome
+from trueup.campaign.assemble import begun_again, calibrated, drives_of, kinds_of, simulator_for, suited, write_outcome
 from trueup.campaign.output import Output, fingerprint
 from trueup.commands.joint_names import named_as
 from trueup.commands.progress import Watcher
@@ -115,10 +115,11 @@ def _recordings(args: argparse.Namespace) -> tuple[list[Recording], list[Recordi
     said: list[str] = []
     if Path(args.model).suffix.lower() != ".toml":
         named, renamed = named_as([*training, *held_out], drives_of(args.model))
-        fitted, kept_out = named[: len(training)], named[len(training) :]
-        training, said = suited(args.model, fitted)
-        held_out, more_said = suited(args.model, kept_out)
-        said = list(dict.fromkeys([*renamed, *said, *more_said]))
+        taken, suiting = suited(args.model, named)
+        fitted, judging = taken[: len(training)], taken[len(training) :]
+        training, cutting = begun_again(args.model, fitted)
+        held_out, _ = begun_again(args.model, judging)
+        said = [*renamed, *suiting, *cutting]
     return training, held_out, [*notes, *more, *cut, *said]
 
 

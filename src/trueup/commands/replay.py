@@ -16,7 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from trueup.calibration import Replay, by_unit, pooled_rmse
-from trueup.campaign.assemble import drives_of, simulator_for, suited
+from trueup.campaign.assemble import begun_again, drives_of, simulator_for, suited
 from trueup.campaign.output import free_folder
 from trueup.commands.joint_names import named_as
 from trueup.commands.sources import mapping_for, readable, while_driven
@@ -67,9 +67,10 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     recordings, cut = while_driven([r for path in paths for r in read([path], mapping)])
     recordings, renamed = named_as(recordings, drives_of(args.model))
     recordings, taken = suited(args.model, recordings)
+    recordings, begun = begun_again(args.model, recordings)
     found, said = _replays(args, recordings)
     if not args.quiet:
-        for note in (*notes, *more, *cut, *renamed, *taken, *said):
+        for note in (*notes, *more, *cut, *renamed, *taken, *begun, *said):
             told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
     compared = bool(args.against or args.parameters)
     if args.json:

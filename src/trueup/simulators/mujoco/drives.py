@@ -9,11 +9,10 @@ import mujoco
 
 from trueup.errors import ModelError, TrueupError
 from trueup.recording import Channel, Recording
-from trueup.simulators.mujoco.base import floating, in_angles
+from trueup.simulators.mujoco.base import in_angles
 from trueup.simulators.mujoco.model import Model
 from trueup.simulators.mujoco.scales import of_slides, with_units
 from trueup.simulators.mujoco.servos import add_servos
-from trueup.simulators.mujoco.windows import begun_again
 from trueup.simulators.mujoco.wiring import actuators_of, is_motor
 from trueup.trial import COMMANDS, command_of
 
@@ -91,13 +90,14 @@ def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recordin
     """Recordings as a model can take them, and notes on what was changed.
 
     Where both have one joint only it gets the model's name. Of positions and torques that were commanded those stay that
-    the drives take: a model with motors knows nothing of the controller that positions go through. Those of a free base
-    are cut into windows.
+    the drives take: a model with motors knows nothing of the controller that positions go through. Give all recordings at
+    once: what units they are in is told from all of them.
     Raises ModelError where servos would have to take torques.
     """
     named, notes = _by_the_only_joint(recordings, model.scalar_joints())
     named, more = with_units(model, [in_angles(r) for r in named])
-    named = of_slides(model, named)
+    named, still_more = of_slides(model, named)
+    more += still_more
     notes += more
     kept, cut = [], []
     for recording in named:
@@ -114,8 +114,7 @@ def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recordin
         notes.append(
             f"the model has motors: of what was commanded in {', '.join(cut)} the torques are used, not the positions"
         )
-    kept, more = begun_again(model, kept, floats=floating(model, kept) is not model)
-    return kept, [*notes, *more]
+    return kept, notes
 
 
 def _by_the_only_joint(recordings: Sequence[Recording], joints: Sequence[str]) -> tuple[list[Recording], list[str]]:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueup.recording import Channel, Recording, is_command
-from trueup.simulators.mujoco.base import ANGLES, ORIENTATION, POSITION, free_joint
+from trueup.simulators.mujoco.base import ANGLES, ORIENTATION, POSITION, floating, free_joint
 from trueup.simulators.mujoco.model import Model
 
 _LENGTH = 0.5  # s: a trunk on legs is an inverted pendulum, whose errors grow fivefold in that time
@@ -20,17 +20,16 @@ _AT = re.compile(r" at \d+\.\d s(?=$|')")
 _FEWEST = 8  # samples in a window
 
 
-def begun_again(model: Model, recordings: Sequence[Recording], *, floats: bool) -> tuple[list[Recording], list[str]]:
+def begun_again(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
     """Recordings cut into windows that start where the robot was measured to be, and a note; others as they are.
 
     A robot that stands on its own legs is unstable, or nearly: replayed for long, one that differs by a hair stumbles
-    elsewhere, and such errors tell nothing of the parameters (multiple shooting: Bock and Plitt 1984). `floats`: the
-    base will be set free (see `base.floating`).
+    elsewhere, and such errors tell nothing of the parameters (multiple shooting: Bock and Plitt 1984).
     """
     tracked = [
         r for r in recordings if r.has(POSITION) and r.has(ORIENTATION) and r.channel(ORIENTATION).labels == ANGLES
     ]
-    if not tracked or (free_joint(model.compiled) < 0 and not floats):
+    if not tracked or (free_joint(model.compiled) < 0 and floating(model, tracked) is model):
         return list(recordings), []
     found = [window for r in recordings for window in (_windows(r) if r in tracked else [r])]
     if len(found) == len(recordings):
