@@ -69,6 +69,14 @@ def simulator_for(
     return MujocoSimulator(model, space, quantities), notes
 
 
+def shipped_for(model_path: str | Path, recordings: Sequence[Recording]) -> tuple[Simulator, tuple[str, ...]]:
+    """The simulator of a model file as it is, and notes on what was done to it. Raises what `simulator_for` raises."""
+    from trueup.simulators.mujoco.rollout import MujocoSimulator
+
+    simulator, _ = simulator_for(model_path, recordings)
+    return simulator.shipped(), simulator.model.notes if isinstance(simulator, MujocoSimulator) else ()
+
+
 def calibrated(
     simulator: Simulator, training: Sequence[Recording], held_out: Sequence[Recording], options: Options, *,
     progress: Progress | None = None, checkpoint: Checkpoint | None = None, resume: dict[str, Any] | None = None,

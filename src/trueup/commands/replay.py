@@ -16,7 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from trueup.calibration import Replay, by_unit, pooled_rmse
-from trueup.campaign.assemble import begun_again, drives_of, simulator_for, suited
+from trueup.campaign.assemble import begun_again, drives_of, shipped_for, simulator_for, suited
 from trueup.campaign.output import free_folder
 from trueup.commands.joint_names import named_as
 from trueup.commands.sources import mapping_for, readable, while_driven
@@ -93,15 +93,14 @@ def _replays(args: argparse.Namespace, recordings: list[Recording]) -> tuple[tup
     from trueup.loop.calibrate import usual
     from trueup.loop.replay import replays
 
-    simulator, notes = simulator_for(args.model, recordings, args.parameters)
-    if not args.parameters:
-        simulator = simulator.shipped()
-    against = simulator_for(args.against, recordings)[0].shipped() if args.against else None
+    of = simulator_for(args.model, recordings, args.parameters) if args.parameters else shipped_for(args.model, recordings)
+    simulator, notes = of
+    against = shipped_for(args.against, recordings)[0] if args.against else None
     seen = sorted({c for r in recordings for c in simulator.observable(r)})
     channels = [c.strip() for c in args.channels.split(",")] if args.channels else usual(seen)
     found = replays(simulator, simulator.parameters.nominal, (), recordings, channels=channels, against=against)
     found = by_unit(found, recordings)
-    return found, (notes if args.parameters else ())
+    return found, notes
 
 
 def _table(found: list[Replay], compared: bool) -> Table:
