@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from argparse import Namespace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.campaign.assemble import begun_again, simulator_for, suited
+from trueup.campaign.assemble import begun_again, shipped_for, simulator_for, suited
 from trueup.commands.calibrate import _recordings as recordings_of
 from trueup.errors import ModelError
 from trueup.formats import write
@@ -156,3 +157,13 @@ def test_windows_stay_on_the_side_of_their_recording_and_share_its_warnings(tmp_
     assert [r.name for r in held_out] == [f"judge at {0.5 * k:.1f} s" for k in range(4)]
     once = [f"'fit at {0.5 * k:.1f} s': knee is odd" for k in range(3)] + ["'fit at 0.5 s': hip is odd"]
     assert folded(once, training) == ["'fit': knee is odd (3 of 4 windows)"]
+
+
+def test_servos_that_legs_lack_carry_the_robot(tmp_path: Path) -> None:
+    bare = re.sub("<actuator>.*</actuator>", "", _DOG.format(mass=4.0, kp=40.0))
+    windows, _ = _taken(_written(tmp_path, bare), _squats())
+    shipped, notes = shipped_for(tmp_path / "dog.xml", windows)
+    assert any("position servos" in note for note in notes)
+    for window, run in zip(windows, shipped.rollout([Trial.of(w) for w in windows], np.zeros((1, 0))), strict=True):
+        height = run.channels["base_position"][0][:, 2] - window.channel("base_position").column("z")
+        assert np.abs(height).max() < 0.02

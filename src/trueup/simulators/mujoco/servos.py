@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.recording import Recording
+from trueup.simulators.mujoco.base import free_joint
 from trueup.simulators.mujoco.model import Model
 from trueup.simulators.mujoco.wiring import is_motor, joint_id
 
@@ -104,7 +105,27 @@ def _loads(model: Model, joints: Sequence[str], recordings: Sequence[Recording])
         mujoco.mj_forward(compiled, data)
         weight = np.maximum(weight, np.abs(data.qfrc_bias[dofs]))
         inertia = np.maximum(inertia, [_felt(compiled, data, int(d)) for d in dofs])
-    return np.maximum(inertia, _SMALLEST * inertia.max(initial=1e-9)), weight
+    return np.maximum(inertia, _SMALLEST * inertia.max(initial=1e-9)), np.maximum(weight, _stood_on(compiled, dofs))
+
+
+def _stood_on(compiled: mujoco.MjModel, dofs: NDArray[np.int32]) -> Array:
+    """(k,) torque of joints that carry a free base on legs: its weight shared by the limbs, at half a limb's length.
+
+    Legs give way more than arms sag, so a fifth of it counts.
+    """
+    joint = free_joint(compiled)
+    if joint < 0:
+        return np.zeros(len(dofs))
+    base = int(compiled.jnt_bodyid[joint])
+    hung = compiled.body_weldid[compiled.body_parentid[compiled.jnt_bodyid]]
+    limbs = max(int(np.sum(hung == compiled.body_weldid[base])), 1)
+    weight = float(compiled.body_subtreemass[base] * np.linalg.norm(compiled.opt.gravity))
+    length = np.zeros(compiled.nbody)
+    for body in range(compiled.nbody - 1, 0, -1):  # children come after their parents
+        parent = int(compiled.body_parentid[body])
+        length[parent] = max(length[parent], length[body] + float(np.linalg.norm(compiled.body_pos[body])))
+    reach = np.maximum(length[compiled.dof_bodyid[dofs]], 0.5 * length[compiled.dof_bodyid[dofs]].max(initial=0.0))
+    return 0.2 * 0.5 * reach * weight / limbs
 
 
 def _felt(compiled: mujoco.MjModel, data: mujoco.MjData, dof: int) -> float:
