@@ -111,7 +111,7 @@ def _loads(model: Model, joints: Sequence[str], recordings: Sequence[Recording])
 def _stood_on(compiled: mujoco.MjModel, dofs: NDArray[np.int32]) -> Array:
     """(k,) torque of joints that carry a free base on legs: its weight shared by the limbs, at half a limb's length.
 
-    Legs give way more than arms sag, so a fifth of it counts.
+    Legs give way more than arms sag, so 0.4 of it counts; too soft would fall.
     """
     joint = free_joint(compiled)
     if joint < 0:
@@ -120,12 +120,12 @@ def _stood_on(compiled: mujoco.MjModel, dofs: NDArray[np.int32]) -> Array:
     hung = compiled.body_weldid[compiled.body_parentid[compiled.jnt_bodyid]]
     limbs = max(int(np.sum(hung == compiled.body_weldid[base])), 1)
     weight = float(compiled.body_subtreemass[base] * np.linalg.norm(compiled.opt.gravity))
-    length = np.zeros(compiled.nbody)
+    length = 2.0 * np.linalg.norm(compiled.body_ipos, axis=1)  # a last link reaches beyond its own centre of mass
     for body in range(compiled.nbody - 1, 0, -1):  # children come after their parents
         parent = int(compiled.body_parentid[body])
         length[parent] = max(length[parent], length[body] + float(np.linalg.norm(compiled.body_pos[body])))
     reach = np.maximum(length[compiled.dof_bodyid[dofs]], 0.5 * length[compiled.dof_bodyid[dofs]].max(initial=0.0))
-    return 0.2 * 0.5 * reach * weight / limbs
+    return 0.4 * 0.5 * reach * weight / limbs
 
 
 def _felt(compiled: mujoco.MjModel, data: mujoco.MjData, dof: int) -> float:
