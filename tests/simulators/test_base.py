@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.calibration import Replay
 from trueup.campaign.assemble import begun_again, shipped_for, simulator_for, suited
 from trueup.commands.calibrate import _recordings as recordings_of
 from trueup.errors import ModelError
@@ -22,7 +23,7 @@ from trueup.simulators.mujoco.base import angles_of, near, quaternion_of, turnin
 from trueup.simulators.mujoco.declarations import Declaration, declare
 from trueup.simulators.mujoco.model import load
 from trueup.simulators.mujoco.rollout import MujocoSimulator
-from trueup.simulators.mujoco.windows import folded
+from trueup.simulators.mujoco.windows import folded, joined
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -155,6 +156,12 @@ def test_windows_stay_on_the_side_of_their_recording_and_share_its_warnings(tmp_
     )
     assert [r.name for r in training] == [f"fit at {0.5 * k:.1f} s" for k in range(4)]
     assert [r.name for r in held_out] == [f"judge at {0.5 * k:.1f} s" for k in range(4)]
+    parts = [Replay(w.name, False, "position", ("j",), "rad", np.arange(5.0) / 10, *np.full((3, 5, 1), k))
+             for k, w in enumerate(training)]  # fmt: skip
+    (whole,) = joined(parts)
+    assert whole.recording == "fit"
+    np.testing.assert_allclose(whole.time, np.arange(20) / 10)
+    np.testing.assert_array_equal(whole.after[:, 0], np.repeat(np.arange(4), 5))
     once = [f"'fit at {0.5 * k:.1f} s': knee is odd" for k in range(3)] + ["'fit at 0.5 s': hip is odd"]
     assert folded(once, training) == ["'fit': knee is odd (3 of 4 windows)"]
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
-from trueup.calibration import Calibration, by_unit
+from trueup.calibration import Calibration, Replay, by_unit
 from trueup.errors import ParameterError, unknown_name
 from trueup.recording import Recording
 from trueup.simulators.simulator import Simulator
@@ -69,6 +69,13 @@ def simulator_for(
     return MujocoSimulator(model, space, quantities), notes
 
 
+def as_recorded(replays: Sequence[Replay], recordings: Sequence[Recording]) -> tuple[Replay, ...]:
+    """Replays of the recordings as they were: one unit each, windows of a free base put together again."""
+    from trueup.simulators.mujoco.windows import joined
+
+    return joined(by_unit(replays, recordings))
+
+
 def shipped_for(model_path: str | Path, recordings: Sequence[Recording]) -> tuple[Simulator, tuple[str, ...]]:
     """The simulator of a model file as it is, and notes on what was done to it. Raises what `simulator_for` raises."""
     from trueup.simulators.mujoco.rollout import MujocoSimulator
@@ -93,14 +100,22 @@ def calibrated(
     if not isinstance(simulator, CarSimulator):
         done = calibrate(simulator, training, held_out, options=options, **told)
         every = [*training, *held_out]
-        return replace(done, replays=by_unit(done.replays, every), warnings=tuple(folded(done.warnings, every)))
+        return replace(done, replays=as_recorded(done.replays, every), warnings=tuple(folded(done.warnings, every)))
     from trueup.simulators.car.judging import Ahead
-    from trueup.simulators.car.prediction import spoken
+    from trueup.simulators.car.prediction import lasting, spoken
     from trueup.simulators.car.training import begun_apart, counted_once
 
     drives, others = ([simulator.prepared(r) for r in rs] for rs in (training, held_out))
-    found = calibrate(simulator, begun_apart(drives, simulator.horizon), others, discrepancy=Ahead(simulator, drives),
-                      options=replace(options, cross_validate=False), **told)  # fmt: skip
+
+    def fitted(car: CarSimulator, more: _Told) -> Calibration:
+        return calibrate(car, begun_apart(drives, car.horizon), others, discrepancy=Ahead(car, drives),
+                         options=replace(options, cross_validate=False), **more)  # fmt: skip
+
+    found = fitted(simulator, told)
+    shares = lasting(simulator, found.values, drives)
+    if shares:
+        simulator = simulator.starting(shares)
+        found = fitted(simulator, {"progress": progress, "checkpoint": None, "resume": None})
     once = counted_once(found, drives)
     return replace(once, notes=(*once.notes, *spoken(simulator, once.values, [*drives, *others])))
 

@@ -15,8 +15,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from trueup.calibration import Replay, by_unit, pooled_rmse
-from trueup.campaign.assemble import begun_again, drives_of, shipped_for, simulator_for, suited
+from trueup.calibration import Replay, pooled_rmse
+from trueup.campaign.assemble import as_recorded, begun_again, drives_of, shipped_for, simulator_for, suited
 from trueup.campaign.output import free_folder
 from trueup.commands.joint_names import named_as
 from trueup.commands.sources import mapping_for, readable, while_driven
@@ -99,7 +99,7 @@ def _replays(args: argparse.Namespace, recordings: list[Recording]) -> tuple[tup
     seen = sorted({c for r in recordings for c in simulator.observable(r)})
     channels = [c.strip() for c in args.channels.split(",")] if args.channels else usual(seen)
     found = replays(simulator, simulator.parameters.nominal, (), recordings, channels=channels, against=against)
-    found = by_unit(found, recordings)
+    found = as_recorded(found, recordings)
     return found, notes
 
 

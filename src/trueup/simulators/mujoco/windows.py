@@ -6,9 +6,11 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from trueup.calibration import Replay
 from trueup.recording import Channel, Recording, is_command
 from trueup.simulators.mujoco.base import ANGLES, ORIENTATION, POSITION, floating, free_joint
 from trueup.simulators.mujoco.model import Model
@@ -16,7 +18,7 @@ from trueup.simulators.mujoco.model import Model
 _LENGTH = 0.5  # s: a trunk on legs is an inverted pendulum, whose errors grow fivefold in that time
 _MOST = 12  # windows of one recording, spread evenly
 _BEFORE = 0.3  # s of commands kept before each window: they may act late
-_AT = re.compile(r" at \d+\.\d s(?=$|')")
+_AT = re.compile(r" at (\d+\.\d) s(?=$|')")
 _FEWEST = 8  # samples in a window
 
 
@@ -39,6 +41,28 @@ def begun_again(model: Model, recordings: Sequence[Recording]) -> tuple[list[Rec
         "robot was then"
     )
     return found, [note]
+
+
+def joined(replays: Sequence[Replay]) -> tuple[Replay, ...]:
+    """Replays with windows put together again, one a recording: what was simulated jumps where a window begins."""
+    groups: dict[tuple[str, str, tuple[str, ...], bool], list[Replay]] = {}
+    for replay in replays:
+        key = (_AT.sub("", replay.recording), replay.channel, replay.labels, replay.held_out)
+        groups.setdefault(key, []).append(replay)
+    return tuple(_whole(name, parts) for (name, *_), parts in groups.items())
+
+
+def _whole(name: str, parts: Sequence[Replay]) -> Replay:
+    if not _AT.search(parts[0].recording):
+        return parts[0]
+    starts = [float(found[1]) for part in parts if (found := _AT.search(part.recording))]
+    commands = [part.command for part in parts if part.command is not None]
+    return replace(
+        parts[0], recording=name, time=np.concatenate([p.time + s for p, s in zip(parts, starts, strict=True)]),
+        measured=np.concatenate([p.measured for p in parts]), before=np.concatenate([p.before for p in parts]),
+        after=np.concatenate([p.after for p in parts]),
+        command=np.concatenate(commands) if len(commands) == len(parts) else None,
+    )  # fmt: skip
 
 
 def folded(warnings: Sequence[str], recordings: Sequence[Recording]) -> list[str]:
