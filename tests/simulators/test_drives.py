@@ -69,9 +69,8 @@ def test_commands_that_the_drives_cannot_take_are_refused(tmp_path: Path) -> Non
         suited(_model(tmp_path, _SERVO), [swing])
 
 
-@pytest.mark.parametrize("drive", [_MOTOR, ""], ids=["a geared motor", "no actuator"])
-def test_the_controller_in_the_robot_is_found_where_the_model_has_none(tmp_path: Path, drive: str) -> None:
-    servo = '<actuator><position joint="j" kp="35" kv="1.1"/></actuator>'
+def _steps(servo: str) -> Recording:
+    """A pendulum with damping 0.3 whose `servo` is told to jump by 1 rad every 1.6 s."""
     arm = _ARM.format(damping=0.3, drive=servo).replace("<joint", '<joint armature=".01"')
     truth = mujoco.MjModel.from_xml_string(arm)
     truth.opt.timestep = 5e-4
@@ -84,14 +83,32 @@ def test_the_controller_in_the_robot_is_found_where_the_model_has_none(tmp_path:
     measured = np.array(seen) + np.random.default_rng(0).normal(0.0, 1e-3, len(time))
     channels = [Channel("position", ("j",), "rad", time, measured[:, None]),
                 Channel("command", ("j",), "rad", time, wanted[:, None])]  # fmt: skip
-    steps = Recording("steps", {c.name: c for c in channels})
-    (taken,), _ = suited(_model(tmp_path, drive), [steps])
-    simulator, notes = simulator_for(_model(tmp_path, drive), [taken])
+    return Recording("steps", {c.name: c for c in channels})
+
+
+def _found(path: Path, recording: Recording, kinds: tuple[str, ...]) -> list[float]:
+    """What a calibration that proposes its parameters itself finds for these."""
+    (taken,), _ = suited(path, [recording])
+    simulator, _ = simulator_for(path, [taken])
+    found = {e.name: e.value for e in calibrate(simulator, [taken], options=Options(cross_validate=False)).estimates}
+    return [next(value for name, value in found.items() if name.endswith(f".{kind}")) for kind in kinds]
+
+
+@pytest.mark.parametrize("drive", [_MOTOR, ""], ids=["a geared motor", "no actuator"])
+def test_the_controller_in_the_robot_is_found_where_the_model_has_none(tmp_path: Path, drive: str) -> None:
+    steps = _steps('<actuator><position joint="j" kp="35" kv="1.1"/></actuator>')
+    _, notes = simulator_for(_model(tmp_path, drive), [steps])
     assert any("position servos" in n for n in notes)
-    found = {e.name: e for e in calibrate(simulator, [taken], options=Options(cross_validate=False)).estimates}
-    stiffness, damping = (next(e for n, e in found.items() if n.endswith(w)) for w in (".kp", ".damping"))
-    assert stiffness.value == pytest.approx(35.0, rel=0.1)
-    assert damping.value == pytest.approx(1.4, rel=0.1)
+    stiffness, damping = _found(_model(tmp_path, drive), steps, ("kp", "damping"))
+    assert stiffness == pytest.approx(35.0, rel=0.1)
+    assert damping == pytest.approx(1.4, rel=0.1)
+
+
+def test_steps_show_the_force_limit_of_a_motor(tmp_path: Path) -> None:
+    steps = _steps('<actuator><position joint="j" kp="35" kv="1.1" forcerange="-6 6"/></actuator>')
+    limited = _model(tmp_path, _MOTOR.replace("/>", ' ctrlrange="-2 2"/>', 1))  # 10 N m by the gear
+    (force,) = _found(limited, steps, ("force_limit",))
+    assert force == pytest.approx(6.0, rel=0.1)
 
 
 def test_a_log_without_commands_is_said_to_drive_nothing(tmp_path: Path) -> None:

@@ -13,7 +13,9 @@ from trueup.simulators.mujoco.declarations import Declaration
 from trueup.simulators.mujoco.floor_plane import plane_of
 from trueup.simulators.mujoco.model import Model
 from trueup.simulators.mujoco.wiring import is_motor
+from trueup.trial import command_of
 
+_NEARLY = 0.5  # of the force limit: the stiffness is not known yet
 _MOVES = 5e-3  # rad or m: a joint that moves less teaches nothing
 
 
@@ -42,6 +44,8 @@ def propose(
     if servos:
         lines.append(Declaration("kp", servos))
     lines += _dampings(model, joints, {j: driven[j] for j in servos})
+    if strained := tuple(j for j in servos if _strained(model, recordings, j, driven[j])):
+        lines.append(Declaration("force_limit", strained))
     lines += [
         Declaration("friction", joints),
         # Real gears stick: starting at MuJoCo's own creep would let every friction estimate leak away.
@@ -82,6 +86,26 @@ def _dampings(model: Model, joints: Sequence[str], servos: Mapping[str, int]) ->
     damped = tuple(j for j, servo in servos.items() if _damps(model, j, servo))
     rest = tuple(j for j in joints if j not in damped or _limited(model, j, servos[j]))
     return [Declaration(kind, which) for kind, which in (("kv", damped), ("damping", rest)) if which]
+
+
+def _strained(model: Model, recordings: Sequence[Recording], joint: str, servo: int) -> bool:
+    """Whether a servo with a force limit is told to go so far ahead of its joint that it may reach it (steps)."""
+    compiled = model.compiled
+    limit, stiffness = float(compiled.actuator_forcerange[servo, 1]), float(compiled.actuator_gainprm[servo, 0])
+    if not compiled.actuator_forcelimited[servo] or limit <= 0.0:
+        return False
+    names = {joint, model.names("actuator")[servo]}
+    for recording in recordings:
+        command = command_of(recording)
+        label = next((x for x in command.labels if x in names), "") if command is not None else ""
+        if command is None or not label or not recording.has("position"):
+            continue
+        position = recording.channel("position")
+        if joint in position.labels:
+            ahead = np.abs(command.select([label]).at(position.time, hold=True)[:, 0] - position.column(joint))
+            if stiffness * np.nanmax(ahead, initial=0.0) > _NEARLY * limit:
+                return True
+    return False
 
 
 def _damps(model: Model, joint: str, servo: int) -> bool:

@@ -32,15 +32,15 @@ def add_servos(spec: mujoco.MjSpec, model: Model, joints: Sequence[str], recordi
     inertia, weight = _loads(model, joints, recordings)
     for name, moved, held in zip(joints, inertia, weight, strict=True):
         joint = spec.joint(name)
+        force = _strongest(model, name)
         if joint.armature == 0.0:
             joint.armature = _ROTOR * moved
             moved *= 1.0 + _ROTOR
         stiffness = max(moved * _BANDWIDTH**2, held / _SAG)
         damping = 2.0 * float(np.sqrt(stiffness * moved))
-        force = _strongest(model, name)
-        limited = np.isfinite(force) or bool(model.compiled.jnt_actfrclimited[joint_id(model.compiled, name)])
-        _servo(spec, model, name, stiffness, damping if limited else 0.0, force)
-        if not limited and not np.any(joint.damping):
+        joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_FALSE, [0.0, 0.0]  # the servo has it now
+        _servo(spec, model, name, stiffness, damping if np.isfinite(force) else 0.0, force)
+        if not np.isfinite(force) and not np.any(joint.damping):
             joint.damping = [damping, 0.0, 0.0]
 
 
@@ -81,16 +81,17 @@ def _servo(
 
 
 def _strongest(model: Model, joint: str) -> float:
-    """Largest torque of the motor at a joint in N m, by the limits of its control and force; infinite without any."""
-    compiled, motor = model.compiled, model.actuator_of_joint().get(joint, -1)
+    """Largest torque at a joint in N m, by the limits of its motor's control and force and of its own; infinite without."""
+    compiled, motor, j = model.compiled, model.actuator_of_joint().get(joint, -1), joint_id(model.compiled, joint)
+    own = float(np.abs(compiled.jnt_actfrcrange[j]).max()) if compiled.jnt_actfrclimited[j] else np.inf
     if motor < 0:
-        return float("inf")
+        return own
     limits = [np.inf]
     if is_motor(compiled, motor) and compiled.actuator_ctrllimited[motor]:
         limits.append(float(np.abs(compiled.actuator_ctrlrange[motor]).max() * compiled.actuator_gainprm[motor, 0]))
     if compiled.actuator_forcelimited[motor]:
         limits.append(float(np.abs(compiled.actuator_forcerange[motor]).max()))
-    return min(limits) * abs(float(compiled.actuator_gear[motor, 0]))
+    return min(own, min(limits) * abs(float(compiled.actuator_gear[motor, 0])))
 
 
 def _loads(model: Model, joints: Sequence[str], recordings: Sequence[Recording]) -> tuple[Array, Array]:
