@@ -155,6 +155,23 @@ def test_a_wrong_sign_is_named(tree: KinematicTree, arms: SimpleNamespace) -> No
         identify(tree, [r.with_channel(r.channel("torque").replace(values=flipped))])
 
 
+@pytest.mark.parametrize(
+    ("channel", "sign", "said"),
+    [
+        ("torque", [-1, 1, 1, -1], "of joint1, joint4 seems to have the wrong sign"),
+        ("torque", [-1, -1, -1, -1], "the torque of joint1, joint2, joint3, joint4 seems to have the wrong sign"),
+        ("position", [1, -1, -1, 1], "position of joint2, joint3 seems to have the wrong sign"),
+    ],
+)
+def test_friction_that_would_drive_joints_gives_all_their_wrong_signs_away(
+    tree: KinematicTree, arms: SimpleNamespace, channel: str, sign: list[int], said: str
+) -> None:
+    r = arms.recording(tree, np.random.default_rng(8))
+    flipped = r.channel(channel).replace(values=r.channel(channel).values * np.array(sign))
+    with pytest.raises(IdentificationError, match=said):
+        identify(tree, [r.with_channel(flipped)], options=Options(consistent=False))
+
+
 def test_thousandths_of_newton_metres_are_named(tree: KinematicTree, arms: SimpleNamespace) -> None:
     with pytest.raises(IdentificationError, match=r'unit = "mN m"'):
         identify(tree, [_changed(arms.recording(tree, np.random.default_rng(9)), "torque", factor=1e3)])
@@ -181,6 +198,18 @@ def test_unknown_joints_are_refused_and_numbered_ones_taken_in_order_with_a_note
     assert "nothing here can prove" in notes[0]
     with pytest.raises(UnknownNameError, match="position columns of the logs"):
         matched(tree, ([r.rename(dict(zip(tree.joints, "abcd", strict=True)))], []))
+
+
+def test_joints_are_matched_whatever_all_names_begin_or_end_with_and_each_channel_by_itself(
+    tree: KinematicTree, arms: SimpleNamespace
+) -> None:
+    r = arms.recording(tree.replace(joints=("base", "shoulder", "elbow", "wrist")), np.random.default_rng(12))
+    named = tree.replace(joints=r.channel("torque").labels)
+    torque = r.channel("torque").replace(labels=("joint_1", "joint_2", "joint_3", "joint_4"))
+    decorated = r.rename({j: f"motor_{j}_act" for j in named.joints}).with_channel(torque)
+    _, (runs, _), notes = matched(named, ([decorated], []))
+    assert runs[0].channel("position").labels == runs[0].channel("torque").labels == named.joints
+    assert notes == ()
 
 
 def test_joints_that_no_log_has_are_locked(tree: KinematicTree, arms: SimpleNamespace) -> None:
@@ -215,6 +244,14 @@ def test_an_arm_on_a_wall_is_recognised(tree: KinematicTree, arms: SimpleNamespa
     with pytest.raises(IdentificationError, match=r"--gravity 9\.81 0 0"):
         identify(tree, [r])
     assert relative_error(identify(mounted, [r], options=Options(hold_out=0.3, consistent=False)).held_out()) < 0.02
+
+
+def test_an_arm_on_a_slope_is_recognised_and_the_slope_nearly_found(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    mounted = tree.replace(gravity=9.81 * np.array([np.sin(0.5), 0.0, -np.cos(0.5)]))
+    with pytest.raises(IdentificationError, match="--gravity") as error:
+        identify(tree, [arms.recording(mounted, np.random.default_rng(16), noise=0.1)])
+    found = np.array([float(x) for x in str(error.value).split("--gravity ")[1].split(",")[0].split()])
+    assert found @ mounted.gravity / 9.81**2 > np.cos(0.12)
 
 
 def _loaded(

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +20,7 @@ DOUBTFUL, POOR = 0.1, 0.35
 """Relative errors of a fit from which on simple mistakes are looked for, and from which on it is said to be poor."""
 _BETTER = 0.5
 """Of the error that is left when a mistake is taken out, for it to be named."""
+_AS_GOOD = 1.1
 _TURNS = 4.0 * np.pi
 _TORQUE_FACTOR = 30.0
 """Times the torque limit of the model file that no drive delivers."""
@@ -92,6 +93,29 @@ def mistakes(motion: Motion, tree: KinematicTree, fit: Fit) -> Iterator[str]:
     if found:
         error, said = min(found)
         yield f"{said}: the error would fall from {100 * relative:.0f} % to {100 * error:.0f} % of the torque"
+
+
+def signs(motion: Motion, tree: KinematicTree, driven: Sequence[int], fit: Fit) -> list[str]:
+    """What to say of joints that friction seems to drive: their torques, or else their positions, have the wrong sign.
+
+    Nothing where few of them do so and neither explains the torque better: sensors behind gears see little friction.
+    """
+    sign = np.ones(tree.n)
+    sign[list(driven)] = -1.0
+    turned = replace(motion, q=motion.q * sign, v=motion.v * sign, a=motion.a * sign)
+    before = fit(motion)
+    tried = (("torque", fit(replace(motion, torque=motion.torque * sign))), ("position", fit(turned)))
+    channel, error = min(tried, key=lambda entry: entry[1])
+    if max(entry[1] for entry in tried) < _AS_GOOD * error:
+        channel = "torque or the position"
+    everywhere = len(driven) == tree.n and error < _AS_GOOD * before
+    if error > _BETTER * before and not everywhere:
+        return []
+    names = ", ".join(tree.joints[j] for j in driven)
+    return [
+        f"the {channel} of {names} seems to have the wrong sign, since friction would drive what it should brake (sign = -1 "
+        f"in the mapping): the error would go from {100 * before:.2g} % to {100 * error:.2g} % of the torque"
+    ]
 
 
 def _candidates(motion: Motion, tree: KinematicTree) -> Iterator[tuple[str, Motion]]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
-from trueup.identification.estimation.diagnosis import DOUBTFUL, POOR, Fit, mistakes
+from trueup.identification.estimation.diagnosis import DOUBTFUL, POOR, Fit, mistakes, signs
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import Estimate, least_squares
 from trueup.identification.estimation.moments import moments_of, solve
@@ -23,6 +23,10 @@ Array = NDArray[np.float64]
 
 _SLOW = 5.0
 """Hz: cut-off for the quick fits that look for mistakes."""
+_TILTS = (0.4, 0.1, 0.03)
+"""rad: steps in which the direction of gravity is sought."""
+_SMALL, _SURELY = 0.02, 0.5
+"""Of a joint's torque, below which friction is not looked at; correlation with speed that is certain."""
 
 
 def basic_columns(pool: Pool) -> NDArray[np.int64]:
@@ -48,13 +52,17 @@ def doubts(
     parts = [p.rows for p in pieces if not p.held_out]
     basic = basic_columns(pool)
     power = np.maximum(sum(np.mean(r.torque**2, axis=0) for r in parts), 1e-300)
-    relative = _relative(parts, least_squares(parts, basic, 1.0 / power))
-    if relative < DOUBTFUL:
+    rough = least_squares(parts, basic, 1.0 / power)
+    relative, driven = _relative(parts, rough), _driven(pool, parts, rough)
+    if relative < DOUBTFUL and not driven:
         return []
     slow = min(_SLOW, 0.08 * logs[0].rate)
     motion = logs[0].motion(slow, measured_speed=False)
     fit = quick_fit(motion, tree, drives, slow, rng)
-    for said in (*mistakes(motion, tree, fit), *_hanging(motion, tree, drives, slow, rng, fit(motion))):
+    found = [] if not driven else signs(motion, tree, driven, fit)
+    if relative >= DOUBTFUL and not found:
+        found = [*mistakes(motion, tree, fit), *_hanging(motion, tree, drives, slow, rng, fit(motion))]
+    for said in found:
         raise IdentificationError(f"recording '{logs[0].name}': {said}. Correct that and identify again")
     if relative < POOR:
         return []
@@ -88,19 +96,42 @@ def quick_fit(
 def _hanging(
     motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator, relative: float
 ) -> list[str]:
-    """Whether the torque fits another direction of gravity far better: an arm on a wall or ceiling."""
+    """Whether the torque fits another direction of gravity far better: an arm on a wall, a ceiling, a slope."""
     size = float(np.linalg.norm(tree.gravity)) or 9.81
+
+    def error(gravity: Array) -> float:
+        return quick_fit(motion, tree.replace(gravity=gravity), drives, cutoff, rng)(motion)
+
     directions = [sign * size * axis for axis in np.eye(3) for sign in (1.0, -1.0)]
-    other = [g for g in directions if g @ tree.gravity < 0.9 * size**2]
-    errors = [quick_fit(motion, tree.replace(gravity=g), drives, cutoff, rng)(motion) for g in other]
-    best = int(np.argmin(errors))
-    if errors[best] > 0.5 * relative:
+    tried = [(error(g), g) for g in directions if g @ tree.gravity < 0.9 * size**2]
+    best, gravity = min([(relative, np.asarray(tree.gravity)), *tried], key=lambda entry: entry[0])
+    for step in _TILTS:
+        before = np.inf
+        while best < before:
+            before, across = best, np.linalg.svd(gravity[None])[2][1:]  # two directions at right angles to it
+            turned = [np.cos(step) * gravity + sign * np.sin(step) * size * a for a in across for sign in (1.0, -1.0)]
+            best, gravity = min([(best, gravity), *((error(g), g) for g in turned)], key=lambda entry: entry[0])
+    best, gravity = min([(best, gravity), (error(-gravity), -gravity)], key=lambda entry: entry[0])
+    if best > 0.5 * relative:
         return []
-    x, y, z = other[best]
+    x, y, z = (round(float(g), 2) + 0.0 for g in gravity)
     return [
-        f"the arm seems to be mounted otherwise than the model file says: with --gravity {x:g} {y:g} {z:g} the error would "
-        f"fall from {100 * relative:.0f} % to {100 * errors[best]:.0f} % of the torque"
+        f"the arm seems to be mounted otherwise than the model file says: with --gravity {x:g} {y:g} {z:g}, or near, the "
+        f"error would fall from {100 * relative:.0f} % to {100 * best:.0f} % of the torque"
     ]
+
+
+def _driven(pool: Pool, rows: Sequence[Rows], estimate: Estimate) -> list[int]:
+    """Joints whose friction drives them, as none does: their torque or position has the wrong sign."""
+    found, x = list[int](), estimate.parameters
+    for j, at in enumerate(zip(pool.groups["viscous"], pool.groups["saturating 0.01"], strict=True)):
+        values = [np.concatenate([r.values[j][int(np.flatnonzero(r.columns[j] == k)[0])] for r in rows]) for k in at]
+        friction, speed = x[list(at)] @ np.array(values), values[0]
+        size = float(np.sqrt(np.mean(friction**2)))
+        torque = float(np.sqrt(np.mean(np.concatenate([r.torque[:, j] for r in rows]) ** 2)))
+        if size > _SMALL * torque and np.mean(friction * speed) < -_SURELY * size * float(np.sqrt(np.mean(speed**2))):
+            found.append(j)
+    return found
 
 
 def _relative(rows: Sequence[Rows], estimate: Estimate) -> float:

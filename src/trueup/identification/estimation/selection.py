@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.identification.estimation.moments import RIDGE, Moments, solve
+from trueup.identification.estimation.neighbours import Neighbours
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -93,7 +94,7 @@ def grown(
     """The choice enlarged, one alternative at a time, always by the one that predicts best, as long as that pays."""
     rest = list(alternatives)
     while rest:
-        tried = [evaluated(moments, prior, replace(choice, active=_with(choice.active, a))) for a in rest]
+        tried = _with_each(moments, prior, choice, rest)
         sure = [_surely_better(t, choice) for t in tried]
         best = min((k for k, good in enumerate(sure) if good), key=lambda k: tried[k].loss, default=None)
         if best is None or tried[best].loss > choice.loss - PAYS:
@@ -106,17 +107,39 @@ def grown(
     return choice
 
 
+def _with_each(moments: Moments, prior: Array, choice: Choice, rest: Sequence[Alternative]) -> list[Choice]:
+    """The choice with each of the alternatives, evaluated; single columns all at once."""
+    made = [replace(choice, active=_with(choice.active, a)) for a in rest]
+    single = [k for k, a in enumerate(rest) if len(a.columns) == 1 and not a.instead]
+    if len(single) > 1:
+        columns = np.array([rest[k].columns[0] for k in single])
+        errors = _beside(moments, prior, choice).larger(columns)
+        for k, error in zip(single, errors, strict=True):
+            made[k] = replace(made[k], loss=loss_of(error), errors=error)
+    others = set(range(len(rest))) - set(single if len(single) > 1 else [])
+    for k in others:
+        made[k] = evaluated(moments, prior, made[k])
+    return made
+
+
+def _beside(moments: Moments, prior: Array, choice: Choice) -> Neighbours:
+    return Neighbours.of(moments, np.flatnonzero(choice.active), choice.weights, prior, choice.strength)
+
+
 def trimmed(moments: Moments, prior: Array, choice: Choice, columns: Sequence[int]) -> Choice:
     """The choice without those of `columns` that predict nothing, taken away one by one, the least useful first."""
     rest = [k for k in columns if choice.active[k]]
     while rest:
-        tried = [evaluated(moments, prior, replace(choice, active=_without(choice.active, k))) for k in rest]
-        best = int(np.argmin([t.loss for t in tried]))
-        if tried[best].loss > choice.loss:
+        places = np.searchsorted(np.flatnonzero(choice.active), rest)
+        errors = _beside(moments, prior, choice).smaller(places)
+        losses = [loss_of(error) for error in errors]
+        best = int(np.argmin(losses))
+        if losses[best] > choice.loss:
             return choice
+        gone = replace(choice, active=_without(choice.active, rest[best]), loss=losses[best], errors=errors[best])
         # All that do no harm alone are candidates; the rest is settled.
-        rest = [k for k, t in zip(rest, tried, strict=True) if t.loss <= choice.loss + PAYS and k != rest[best]]
-        choice = tried[best]
+        rest = [k for k, loss in zip(rest, losses, strict=True) if loss <= choice.loss + PAYS and k != rest[best]]
+        choice = gone
     return choice
 
 

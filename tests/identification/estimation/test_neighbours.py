@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Models one column larger or smaller have the errors that solving them anew gives."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from trueup.identification.estimation.moments import Moments
+from trueup.identification.estimation.neighbours import Neighbours
+from trueup.identification.estimation.selection import Choice, evaluated
+
+
+def test_borders_give_the_errors_of_new_solutions() -> None:
+    rng = np.random.default_rng(0)
+    K, n, p, S = 4, 3, 9, 40
+    columns, torque = rng.normal(size=(K, n, p, S)), rng.normal(size=(K, n, S))
+    shrink = np.where(np.arange(p) < 4, 0.0, 1e-3)
+    gram, cross = columns @ columns.swapaxes(2, 3), (columns @ torque[..., None])[..., 0]
+    moments = Moments(gram, cross, np.sum(torque**2, axis=2), np.full(K, float(S)), np.ones(p), shrink)
+    active = np.array([True] * 5 + [False, True, False, False])
+    choice, prior = Choice(active, 1.0, 1e-4, np.array([1.0, 2.0, 0.5])), rng.normal(size=p) * (shrink == 0.0)
+    fits = Neighbours.of(moments, np.flatnonzero(active), choice.weights, prior, choice.strength)
+    for way, found, names in (
+        (True, fits.larger(np.array([5, 8])), (5, 8)), (False, fits.smaller(np.array([1, 5])), (1, 6)),
+    ):  # fmt: skip
+        for error, column in zip(found, names, strict=True):
+            mask = active.copy()
+            mask[column] = way
+            anew = evaluated(moments, prior, replace(choice, active=mask)).errors
+            assert anew is not None
+            np.testing.assert_allclose(error, anew, rtol=1e-4)
