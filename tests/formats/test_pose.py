@@ -65,3 +65,22 @@ def test_lists_tell_by_their_numbers_whether_the_real_part_stands_last(tmp_path:
 def test_what_is_no_whole_pose_of_the_base_stays_what_it_was(tmp_path: Path, names: str) -> None:
     (recording,) = read(_csv(tmp_path / "log.csv", names))
     assert not recording.has("base_position")
+
+
+def test_motion_capture_is_believed_before_odometry(tmp_path: Path) -> None:
+    both = ",".join(
+        f"{who}_{part}" for who in ("odom_pose", "mocap_pose") for part in ("x", "y", "z", "qw", "qx", "qy", "qz")
+    )
+    path = _csv(tmp_path / "log.csv", both)
+    (recording,) = read(path)
+    captured = np.loadtxt(path, delimiter=",", skiprows=1)[:, both.split(",").index("mocap_pose_x") + 5]
+    np.testing.assert_allclose(recording.channel("base_position").column("x"), captured)
+
+
+def test_a_file_of_joint_commands_commands(tmp_path: Path) -> None:
+    for name, value in (("joint_states", 0.1), ("joint_commands", 0.2)):
+        rows = "".join(f"{0.01 * k:g},{value},{value}\n" for k in range(20))
+        (tmp_path / f"{name}.csv").write_text("time,position_hip,position_knee\n" + rows)
+    (recording,) = read(tmp_path)
+    assert recording.channel("command").column("hip")[0] == 0.2
+    assert recording.channel("position").column("hip")[0] == 0.1

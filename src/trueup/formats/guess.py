@@ -113,7 +113,7 @@ def _role(name: str, said: Meaning, context: Meaning | None, table: Table) -> st
     kind, command, sent = said.kind, said.command, said.sent
     if context is not None:
         kind = kind or context.kind
-        command = command or (context.command and not context.measured)
+        command = command or (context.command and not _tells_measured(_stem(table.name)))
         sent = sent or context.sent
     vector = table.columns[name].ndim == 2 or ("observation" in plain and plain[-1].isdigit())
     if not kind and not command and vector and "state" in plain:
@@ -122,6 +122,11 @@ def _role(name: str, said: Meaning, context: Meaning | None, table: Table) -> st
         base = "command_sent" if sent else "command"
         return base if kind in ("", "position") else f"{base}_{kind}"
     return kind
+
+
+def _tells_measured(topic: str) -> bool:
+    """Whether a topic's or file's name says that it was measured; "joint_commands" does not."""
+    return bool(set(words(topic)) & (VOCABULARY.measured - {"joint", "joints", "motor", "motors"}))
 
 
 def _of_floating_base(plain: Sequence[str], values: Array) -> bool:

@@ -16,10 +16,13 @@ from trueup.units import to_si
 Array = NDArray[np.float64]
 
 POSITION, ORIENTATION = "base_position", "base_orientation"
-_BASE = (
-    "base trunk torso body root pelvis floating mocap vicon optitrack qualisys motive motion capture odom odometry pose "
-    "robot ground truth world"
+_SOURCES = (
+    "mocap vicon optitrack qualisys vrpn motive motion capture",
+    "ground truth",
+    "base trunk torso body root pelvis floating pose robot world",
+    "odom odometry",
 )
+"""Words for whose pose it is or who measured it, the better sources first."""
 _OTHERS = (
     "imu command commanded cmd desired des target goal ref reference foot feet hand ee tcp camera velocity vel twist "
     "linear angular lin acc accel acceleration speed gyro omega"
@@ -49,11 +52,10 @@ def as_pose(
     Taken are x, y, z, quaternions and roll, pitch, yaw of a base, trunk or motion capture, in columns or lists; nothing
     is changed where they are not there, or stand there twice.
     """
-    parts = [p for name, entry in channels.items() if _may_be(name) for p in _parts(name, entry, cells[name])]
-    places = _whole(parts, _PLACES)
-    turn = _whole([p for p in parts if p.component.startswith("q")], tuple(f"q{c}" for c in _QUATERNION))
-    angles = _whole(parts, _ANGLES)
-    if places is None or (turn is None and angles is None):
+    every = [p for name, entry in channels.items() if _may_be(name) for p in _parts(name, entry, cells[name])]
+    wholes = [_pose([p for p in every if _source(p.channel) == k]) for k in range(len(_SOURCES) + 1)]
+    places, turn, angles = next((w for w in [*wholes, _pose(every)] if w is not None), (None, None, None))
+    if places is None:
         return dict(channels), []
     made = {POSITION: _made(channels, places, _PLACES, cells)}
     made[ORIENTATION] = _made(channels, turn or angles or [], _QUATERNION if turn else _ANGLES, cells)
@@ -64,10 +66,29 @@ def as_pose(
     return {**kept, **made}, [note] if note else []
 
 
+_Parts = list[_Part] | None
+
+
+def _pose(parts: Sequence[_Part]) -> tuple[list[_Part], _Parts, _Parts] | None:
+    """Position, and quaternion or angles, if these parts are a whole pose."""
+    places = _whole(parts, _PLACES)
+    turn = _whole([p for p in parts if p.component.startswith("q")], tuple(f"q{c}" for c in _QUATERNION))
+    angles = _whole(parts, _ANGLES)
+    return (places, turn, angles) if places is not None and (turn is not None or angles is not None) else None
+
+
+def _source(name: str) -> int:
+    """How good the source of a channel is, by its name: 0 the best, the last for none."""
+    plain = set(words(name))
+    found = [k for k, said in enumerate(_SOURCES) if plain & set(said.split())]
+    # An odometry's pose of the base drifts, whatever else its name says.
+    return max(found) if len(_SOURCES) - 1 in found else min(found, default=len(_SOURCES))
+
+
 def _may_be(name: str) -> bool:
     plain = set(words(name))
     bare = name in (*_PLACES, *_ANGLES, *(f"q{c}" for c in _QUATERNION))
-    return bare or (bool(plain & set(_BASE.split())) and not plain & set(_OTHERS.split()))
+    return bare or (_source(name) < len(_SOURCES) and not plain & set(_OTHERS.split()))
 
 
 def _parts(name: str, entry: ChannelColumns, cells: Mapping[str, Array]) -> list[_Part]:
