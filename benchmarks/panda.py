@@ -12,7 +12,7 @@ from real_arm import arguments, data_folder, held_out
 
 from trueup.formats import read
 from trueup.identification.estimation.joint_names import matched
-from trueup.identification.kinematic_tree import load_tree
+from trueup.identification.model_file import load_tree
 
 
 def main() -> None:

@@ -25,7 +25,8 @@ from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.filtering import grid
 from trueup.identification.estimation.identify import Options, identify
 from trueup.identification.estimation.result import Identification, relative_error
-from trueup.identification.kinematic_tree import KinematicTree, load_tree
+from trueup.identification.kinematic_tree import KinematicTree
+from trueup.identification.model_file import load_tree
 from trueup.recording import Recording
 
 _RATE, _CUTOFF, _BLOCKS = 5000.0, 100.0, 7

@@ -18,7 +18,7 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.formats import read as read
     from trueup.formats import write as write
     from trueup.identification.estimation.identify import identify as identify
-    from trueup.identification.kinematic_tree import load_tree as load_tree
+    from trueup.identification.model_file import load_tree as load_tree
     from trueup.inspection import inspect as inspect
     from trueup.loop.belief import Belief as Belief
     from trueup.loop.calibrate import Options as Options
@@ -70,7 +70,7 @@ _HOME = {
     "declare": "trueup.simulators.mujoco.declarations",
     "identify": "trueup.identification.estimation.identify",
     "inspect": "trueup.inspection",
-    "load_tree": "trueup.identification.kinematic_tree",
+    "load_tree": "trueup.identification.model_file",
     "most_telling": "trueup.loop.experiment",
     "optimize": "trueup.loop.optimize",
     "propose": "trueup.simulators.mujoco.proposal",

@@ -12,7 +12,8 @@ from trueup.errors import ModelError
 from trueup.identification.base_parameters import base_parameters
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.friction import Coupling
-from trueup.identification.kinematic_tree import KinematicTree, from_dh, load_tree
+from trueup.identification.kinematic_tree import KinematicTree, from_dh
+from trueup.identification.model_file import load_tree
 
 # Table II of "On Robot Dynamic Model Identification through Sub-Workspace Evolved Trajectories for Optimal Torque
 # Estimation", rows 1-40, for a COMAU SMART NS16. The table prints three digits; its constants are lengths of the arm.

@@ -14,7 +14,8 @@ from trueup.errors import ModelError
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.grams import log_determinant
 from trueup.identification.inertial import from_com
-from trueup.identification.kinematic_tree import KinematicTree, load_tree
+from trueup.identification.kinematic_tree import KinematicTree
+from trueup.identification.model_file import load_tree
 from trueup.identification.regressors import inverse_dynamics, link_poses, regressor
 
 pin = pytest.importorskip("pinocchio", reason="the reference; pip install 'trueup[bench]'")

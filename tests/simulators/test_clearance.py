@@ -13,7 +13,7 @@ from trueup.identification.excitation.feasibility import Feasibility, spread
 from trueup.identification.excitation.limits import JointLimits
 from trueup.identification.excitation.proximity import Proxies, Proximity
 from trueup.identification.excitation.trajectories import Motions, Trajectory
-from trueup.identification.kinematic_tree import load_tree
+from trueup.identification.model_file import load_tree
 from trueup.simulators.mujoco.clearance import MujocoClearance
 from trueup.simulators.mujoco.model import load
 

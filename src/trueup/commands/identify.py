@@ -102,7 +102,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     from trueup.identification.estimation.drives import Drives
     from trueup.identification.estimation.identify import identify
     from trueup.identification.estimation.joint_names import matched
-    from trueup.identification.kinematic_tree import load_tree
+    from trueup.identification.model_file import load_tree
 
     options, names = _options(args)
     training, held_out, notes = _recordings(args, names)

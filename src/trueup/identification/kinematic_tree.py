@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -149,17 +148,6 @@ def joint_pose(tree: KinematicTree, i: int, q: float) -> tuple[Array, Array]:
     if tree.prismatic[i]:
         return tree.rotation[i], tree.offset[i] + tree.rotation[i] @ tree.axis[i] * q
     return tree.rotation[i] @ about(tree.axis[i], q), tree.offset[i]
-
-
-def load_tree(path: str | Path, *, fix_base: bool = False) -> KinematicTree:
-    """The tree of a URDF or MJCF file; meshes are not needed. `fix_base` welds a floating base where it stands.
-
-    Raises ModelError where the file cannot be read or has joints that are neither revolute nor prismatic.
-    """
-    from trueup.identification.mjcf import tree_from_mjcf
-    from trueup.identification.urdf import is_urdf, tree_from_urdf
-
-    return tree_from_urdf(path, fix_base=fix_base) if is_urdf(path) else tree_from_mjcf(path, fix_base=fix_base)
 
 
 def from_dh(

@@ -15,7 +15,8 @@ from trueup.identification.estimation.effects import Effect
 from trueup.identification.estimation.filtering import Lowpass, derivative
 from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.inertial import from_com
-from trueup.identification.kinematic_tree import KinematicTree, from_dh, load_tree
+from trueup.identification.kinematic_tree import KinematicTree, from_dh
+from trueup.identification.model_file import load_tree
 
 Array = NDArray[np.float64]
 PAIRS = ((4, 3), (5, 4), (5, 3))

@@ -13,7 +13,7 @@ from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.identify import Options, identify
 from trueup.identification.estimation.joint_names import matched
 from trueup.identification.estimation.result import relative_error
-from trueup.identification.kinematic_tree import load_tree
+from trueup.identification.model_file import load_tree
 
 
 @pytest.mark.realdata

@@ -16,7 +16,8 @@ from trueup.formats import write
 from trueup.identification.estimation.identify import Options, identify
 from trueup.identification.estimation.result import Identification
 from trueup.identification.estimation.write import write_identified
-from trueup.identification.kinematic_tree import KinematicTree, load_tree
+from trueup.identification.kinematic_tree import KinematicTree
+from trueup.identification.model_file import load_tree
 from trueup.recording import Channel, Recording
 
 URDF = """<?xml version="1.0"?>

@@ -23,7 +23,8 @@ from trueup.identification.excitation.limits import JointLimits
 from trueup.identification.excitation.periodic import Fourier
 from trueup.identification.excitation.planner import ViaPoints
 from trueup.identification.excitation.regions import Region
-from trueup.identification.kinematic_tree import KinematicTree, load_tree
+from trueup.identification.kinematic_tree import KinematicTree
+from trueup.identification.model_file import load_tree
 from trueup.identification.regressors import inverse_dynamics
 
 Array = NDArray[np.float64]
