@@ -13,12 +13,12 @@ from trueup.campaign.assemble import calibrated, simulator_for
 from trueup.loop.calibrate import Options
 from trueup.loop.transfer import try_on_robot
 from trueup.recording import Channel, Recording
-from trueup.simulators.car import Car
+from trueup.simulators.car import Car, car_space
 from trueup.simulators.car.car_file import read_car, write_car
 from trueup.simulators.car.commands import with_commands
 from trueup.simulators.car.driving import driven_by
 from trueup.simulators.car.judging import Ahead
-from trueup.simulators.car.prediction import prediction_errors
+from trueup.simulators.car.prediction import foretold, lasting, prediction_errors
 from trueup.simulators.car.rollout import CarSimulator
 from trueup.simulators.car.servo import servo_look
 from trueup.simulators.car.tracking import cleaned
@@ -202,6 +202,7 @@ def test_a_robot_of_another_structure_is_predicted_on_a_course_that_was_not_fitt
     """The stand-in's tyres, steering and drive are others than the car's model; it is commanded by speed and angle."""
     robot, task = chasi.robot(3), chasi.task(("figure_eight", "slalom"))
     fitted, unseen = (runs[0] for runs in try_on_robot(robot, task, task.parameters.nominal).recordings)
+    fitted = fitted.slice(fitted.start, fitted.start + 60.0)
     (tmp_path / "robot.toml").write_text("[vehicle]\nwheelbase = 0.55\n")
     simulator, _ = simulator_for(tmp_path / "robot.toml", [fitted])
     assert isinstance(simulator, CarSimulator)
@@ -209,3 +210,31 @@ def test_a_robot_of_another_structure_is_predicted_on_a_course_that_was_not_fitt
     errors = prediction_errors(simulator, found.values, simulator.prepared(unseen))
     assert len(errors) > 100
     assert (errors.mean(axis=0) < [0.05, 0.10]).all()
+
+
+def test_what_goes_on_is_told_from_what_comes_and_goes() -> None:
+    """Gusts that push a car to and fro every few seconds are best not expected to last."""
+    plain = winding(1.2, 0.2, 0.3, 50.0, 0.0005)
+    time = plain.channel("command").time
+    steering = plain.channel("command").column("steering")
+    speed = 1.2 + 0.3 * np.sin(2.0 * np.pi * time / 4.0)
+    heading = np.cumsum(speed * np.tan(np.interp(time - 0.12, time, steering)) / 0.2 * 0.02)
+    way = np.cumsum(speed[:, None] * 0.02 * np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)
+    given = with_values(with_values(plain, "position", way), "heading", heading[:, None])
+    values = {"steering_left": 1.0, "steering_right": 1.0, "steering_delay": 0.12, "steering_lag": 0.0, "drive": 1.2,
+              "throttle_dead": 0.0, "drive_fade": 0.0, "friction": 0.0, "speed_loss": 0.3, "curve_loss": 0.0,
+              "understeer": 0.0}  # fmt: skip
+    car = Car("car", 0.2, values)
+    simulator = CarSimulator(car, car_space(car))
+    nominal, drives = simulator.parameters.nominal, [simulator.prepared(given)]
+    found = lasting(simulator, nominal, drives)
+    assert found["push_lasts"] == 0.0
+    assert foretold(simulator, simulator.starting(found).parameters.nominal, drives) < foretold(
+        simulator, nominal, drives
+    )
+
+
+def test_a_limit_that_was_seen_stays_within_reach() -> None:
+    space = car_space(Car("car", 2.7), {"steering_rate": 0.5})
+    assert space.parameters[space.names.index("steering_rate")].upper == pytest.approx(2.0)
+    assert space.parameters[space.names.index("pose_ahead")].upper == pytest.approx(2.7)

@@ -102,7 +102,7 @@ def calibrated(
         every = [*training, *held_out]
         return replace(done, replays=as_recorded(done.replays, every), warnings=tuple(folded(done.warnings, every)))
     from trueup.simulators.car.judging import Ahead
-    from trueup.simulators.car.prediction import lasting, spoken
+    from trueup.simulators.car.prediction import foretold, lasting, spoken
     from trueup.simulators.car.training import begun_apart, counted_once
 
     drives, others = ([simulator.prepared(r) for r in rs] for rs in (training, held_out))
@@ -114,8 +114,9 @@ def calibrated(
     found = fitted(simulator, told)
     shares = lasting(simulator, found.values, drives)
     if shares:
-        simulator = simulator.starting(shares)
-        found = fitted(simulator, {"progress": progress, "checkpoint": None, "resume": None})
+        again = fitted(simulator.starting(shares), {"progress": progress, "checkpoint": None, "resume": None})
+        if foretold(simulator, again.values, drives) < foretold(simulator, found.values, drives):
+            simulator, found = simulator.starting(shares), again
     once = counted_once(found, drives)
     return replace(once, notes=(*once.notes, *spoken(simulator, once.values, [*drives, *others])))
 

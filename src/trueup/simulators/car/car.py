@@ -70,11 +70,17 @@ QUANTITIES = (
     CarQuantity("speed_loss", "1/s", 1.0, 0.01, 10.0, "log", "deceleration per speed (motor and air)", _STARTS),
     CarQuantity("curve_loss", "m^2/s", 0.1, 0.0, 2.0, "linear", "deceleration per speed and squared curvature", _CURVES),
     CarQuantity("pose_ahead", "m", 0.0, -1.0, 1.0, "linear", "tracked point before the centre of mass", "tight curves"),
+    CarQuantity("push_lasts", "", 0.7, 0.0, 1.0, "linear", "share of an unexplained acceleration just before that goes on",
+                "long drives", False),
+    CarQuantity("trim_lasts", "", 0.6, 0.0, 1.0, "linear", "share of an unexplained wheel angle just before that goes on",
+                "long drives", False),
     CarQuantity("pose_turn", "rad", 0.0, -0.2, 0.2, "linear", "direction of the car from the tracked heading", _STRAIGHT),
 )  # fmt: skip
 """Everything that may be calibrated, in the order of the compiled model's columns after the wheelbase."""
 
 _NAMES = tuple(q.name for q in QUANTITIES)
+_AROUND = 4.0
+"""A steering that was seen to be limited has its limit within this factor of what the first look says."""
 _GROWS: Mapping[str, int] = MappingProxyType({"relaxation": 1, "pose_ahead": 1, "curve_loss": 2})
 """Bounds of cars with a wheelbase above a metre grow with this power of it."""
 
@@ -130,6 +136,8 @@ def car_space(
         nominal = float(car.values.get(q.name, (starts or {}).get(q.name, q.start)))
         size = max(car.wheelbase, 1.0) ** _GROWS.get(q.name, 0)
         lower, upper = size * q.lower, size * q.upper
+        if q.name == "steering_rate" and nominal < upper:  # beyond, no slope would lead back
+            upper = min(upper, _AROUND * nominal)
         parameters.append(
             Parameter(q.name, q.unit, float(np.clip(nominal, lower, upper)), lower, upper, q.scale,
                       frozen=q.name not in wanted, source=q.about, shown_by=q.shown_by)

@@ -19,8 +19,9 @@ Indices = NDArray[np.int64]
 (
     WHEELBASE, STEERING_DELAY, STEERING_LAG, STEERING_RATE, STEERING_PLAY, STEERING_LEFT, STEERING_RIGHT, STEERING_BEND,
     STEERING_OFFSET, RELAXATION, UNDERSTEER, GRIP, FRICTION_LIMIT, WEIGHT_IN_FRONT, YAW_INERTIA, THROTTLE_DELAY,
-    THROTTLE_LAG, THROTTLE_DEAD, DRIVE, DRIVE_FADE, BRAKING, FRICTION, SPEED_LOSS, CURVE_LOSS, POSE_AHEAD, POSE_TURN,
-) = range(26)  # fmt: skip
+    THROTTLE_LAG, THROTTLE_DEAD, DRIVE, DRIVE_FADE, BRAKING, FRICTION, SPEED_LOSS, CURVE_LOSS, POSE_AHEAD,
+    PUSH_LASTS, TRIM_LASTS, POSE_TURN,
+) = range(28)  # fmt: skip
 """Columns of a row: the car, then QUANTITIES in their order."""
 
 READ = 5
@@ -35,12 +36,8 @@ _MOST_TRIM = 0.1  # rad
 _STIFFEST = 1e-3  # rad s^2/m
 _SHORTEST = 1e-6  # m
 _SLOW = 0.05  # m/s: below, tyres are treated as at this speed
-_TRUST = 0.7  # share of what the last seconds showed beyond the model that is expected to go on
-_TRIM_TRUST, _TRIM_SEEN, _TRIM_LASTS = (
-    0.6,
-    0.4,
-    1.2,
-)  # the same of the wheel angle, which changes within a second (s, s)
+_TRUST = 0.7  # share of the tracked heading's turn that the last seconds showed
+_TRIM_SEEN, _TRIM_FADES = 0.4, 1.2  # s: an unexplained wheel angle is seen, and changes, within a second
 _MOVES = 0.2  # m/s: slower, the direction of motion says nothing
 
 
@@ -95,7 +92,7 @@ def step_car(p: Array, dt: float, s: Array) -> None:
     taken_up = (1.0 - math.exp(-way / max(p[RELAXATION], _SHORTEST))) * (steered(p, s[WHEEL]) - s[ANGLE])
     angle = s[ANGLE] + 0.5 * taken_up + s[TRIM]
     s[ANGLE] += taken_up
-    s[TRIM] *= 1.0 - dt / _TRIM_LASTS
+    s[TRIM] *= 1.0 - dt / _TRIM_FADES
     front = p[WHEELBASE] * (1.0 - p[WEIGHT_IN_FRONT])  # centre of mass to axles
     rear = p[WHEELBASE] * p[WEIGHT_IN_FRONT]
     inertia = p[YAW_INERTIA] * front * rear
@@ -163,8 +160,8 @@ def begin(
         turned += _TRUST * (drift / counted - p[POSE_TURN])
         window = past * dt
         response = (1.0 - math.exp(-p[SPEED_LOSS] * window)) / p[SPEED_LOSS] if p[SPEED_LOSS] > 1e-6 else window
-        s[PUSH] = _TRUST * (seen[k0, 3] - s[FORWARD]) / response
-        s[TRIM] = min(max(_TRIM_TRUST * bent, -_MOST_TRIM), _MOST_TRIM)
+        s[PUSH] = p[PUSH_LASTS] * (seen[k0, 3] - s[FORWARD]) / response
+        s[TRIM] = min(max(p[TRIM_LASTS] * bent, -_MOST_TRIM), _MOST_TRIM)
     if past == 0:
         s[TURNING] = seen[k0, 5]
         s[ANGLE] = steered(p, s[WHEEL])

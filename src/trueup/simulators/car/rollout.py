@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -54,6 +54,11 @@ class CarSimulator:
     def at_step(self, step: float) -> CarSimulator:
         """The same simulator with another step, in s."""
         return CarSimulator(self.car, self.parameters, horizon=self.horizon, step=step)
+
+    def starting(self, values: Mapping[str, float]) -> CarSimulator:
+        """The same simulator whose parameters start at these values, by name."""
+        parameters = (p.replace(nominal=values.get(p.name, p.nominal)) for p in self.parameters.parameters)
+        return CarSimulator(self.car, ParameterSpace(tuple(parameters)), horizon=self.horizon, step=self.step)
 
     def shipped(self) -> CarSimulator:
         """The car as it came, without parameters."""
