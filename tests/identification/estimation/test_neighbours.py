@@ -9,7 +9,7 @@ import numpy as np
 
 from trueup.identification.estimation.moments import Moments
 from trueup.identification.estimation.neighbours import Neighbours
-from trueup.identification.estimation.selection import Choice, evaluated
+from trueup.identification.estimation.selection import Choice, evaluated, surely_smaller
 
 
 def test_borders_give_the_errors_of_new_solutions() -> None:
@@ -31,3 +31,11 @@ def test_borders_give_the_errors_of_new_solutions() -> None:
             anew = evaluated(moments, prior, replace(choice, active=mask)).errors
             assert anew is not None
             np.testing.assert_allclose(error, anew, rtol=1e-4)
+
+
+def test_a_gain_in_a_single_stretch_of_time_is_not_sure() -> None:
+    old = np.full((8, 3), 2.0)
+    once, always = old.copy(), old - 0.2
+    once[0] -= 1.9
+    assert surely_smaller(always, old, 3.0)
+    assert not surely_smaller(once, old, 3.0)

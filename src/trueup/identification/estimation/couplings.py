@@ -17,7 +17,7 @@ from trueup.identification.estimation.moments import RIDGE, Moments, blocks_of, 
 from trueup.identification.estimation.motion import Motion
 from trueup.identification.estimation.pieces import pieces_of
 from trueup.identification.estimation.pool import pool_for
-from trueup.identification.estimation.selection import Choice, evaluated, weighed
+from trueup.identification.estimation.selection import Choice, evaluated, surely_smaller, weighed
 from trueup.identification.estimation.torque_model import Rows
 from trueup.identification.kinematic_tree import KinematicTree
 
@@ -30,6 +30,8 @@ _MOST = 2.0
 _PASSES = 3
 _COUPLED = 0.15
 """The least gain in the logarithm of the squared error for which a drive is taken to turn with two joints."""
+_SURE = 3.0
+"""Standard errors over the blocks by which that gain must exceed zero."""
 _SAME = 0.02
 """The gain below which a ratio of one is kept."""
 _WRIST = 5
@@ -83,19 +85,20 @@ def coupled(
     look = _Look(motion, tree, cutoff, rng, hold_out)
     pairs, notes = [(n - 2, n - 3), (n - 1, n - 2), (n - 1, n - 3)], []
     proposed = look.proposed(pairs)
-    best = look.loss(C)
+    best = look.choice(C)
     while pairs:
         ratios = [(pair, r) for pair in pairs for r in {1.0, -1.0, float(proposed[pair])} - {0.0}]
         tried = [(look.loss(_with(C, pair, r)), pair, r) for pair, r in ratios]
         found, pair, ratio = min(tried)
-        if found > best - _COUPLED:
+        with_it = look.choice(_with(C, pair, ratio))
+        if found > best.loss - _COUPLED or not surely_smaller(with_it.errors, best.errors, _SURE):
             break
         ratio = _exact(lambda r, C=C, pair=pair: look.loss(_with(C, pair, r)), ratio, found)
         notes.append(
             f"the drive of {tree.joints[pair[0]]} turns with {tree.joints[pair[1]]} too (ratio {ratio:.3g}): its "
             "friction and rotor were taken so; say what is true in a drives file, [[couplings]]"
         )
-        best, C = found, _with(C, pair, ratio)
+        best, C = with_it, _with(C, pair, ratio)
         pairs.remove(pair)
     return replace(drives, coupling=C) if notes else drives, tuple(notes)
 
@@ -120,10 +123,14 @@ class _Look:
 
     def loss(self, C: Array) -> float:
         """The loss on blocks that were left out."""
+        return self.choice(C).loss
+
+    def choice(self, C: Array) -> Choice:
+        """The model with its errors on blocks that were left out."""
         rows, active = self.rows(C)
         moments = moments_of(blocks_of([rows], _BLOCKS, 1.0 / self.cutoff))
         choice, prior = Choice(active, 1.0, RIDGE, np.ones(self.tree.n)), np.zeros(len(active))
-        return evaluated(moments, prior, weighed(moments, prior, choice)).loss
+        return evaluated(moments, prior, weighed(moments, prior, choice))
 
     def proposed(self, pairs: Sequence[tuple[int, int]]) -> Array:
         """(n, n) what the rotors' crossed inertia says."""

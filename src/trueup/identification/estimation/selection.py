@@ -166,14 +166,16 @@ def drawn(moments: Moments, priors: Array, choice: Choice) -> Choice:
 
 
 def _surely_better(new: Choice, old: Choice) -> bool:
-    return old.errors is None or new.errors is None or surely_smaller(new.errors, old.errors)
+    return surely_smaller(new.errors, old.errors)
 
 
-def surely_smaller(new: Array, old: Array) -> bool:
-    """Whether the gain is larger than its own standard error over the blocks (K, n): no single stretch of time decides."""
+def surely_smaller(new: Array | None, old: Array | None, sure: float = _SURE) -> bool:
+    """Whether the gain exceeds `sure` times its standard error over the blocks (K, n): no single stretch of time decides."""
+    if new is None or old is None:
+        return True
     gain = 0.5 * (old - new).sum(axis=1) / old.sum()
     gain += 0.5 * ((old - new) / old.sum(axis=0)).mean(axis=1)
-    return bool(gain.mean() > _SURE * gain.std(ddof=1) / np.sqrt(len(gain)))
+    return bool(gain.mean() > sure * gain.std(ddof=1) / np.sqrt(len(gain)))
 
 
 def _with(active: Mask, alternative: Alternative) -> Mask:
