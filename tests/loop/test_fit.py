@@ -16,6 +16,8 @@ from trueup.discrepancies.weighted import Weighted
 from trueup.loop.descent import Descent, Stage, Watch
 from trueup.loop.fit import fit
 from trueup.loop.problem import Problem
+from trueup.loop.selection import choose
+from trueup.loop.uncertainty import unit_covariance
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.simulators.simulator import Rollout
@@ -56,9 +58,9 @@ class Formula:
         return found
 
 
-def measured(simulator: Formula) -> Recording:
+def measured(simulator: Formula, truth: Array = TRUTH) -> Recording:
     noise = 1e-3 * np.random.default_rng(0).standard_normal(len(TIME))
-    values = (simulator.positions(TRUTH, simulator.step) + noise)[:, None]
+    values = (simulator.positions(truth, simulator.step) + noise)[:, None]
     return Recording("made", {"position": Channel("position", ("joint",), "rad", TIME, values)})
 
 
@@ -108,3 +110,19 @@ def test_an_interrupted_evolution_goes_on_without_simulating_anew_what_it_had(se
     again = fit(rest, SPACE, SPACE.nominal, Watch(), search=search, resume=half)
     np.testing.assert_array_equal(again.values, found.values)
     assert rest.evaluations == whole.evaluations - sum(len(told) for told in half["search"]["told"])
+
+
+def rubbed(values: Array, step: float) -> Array:
+    """A signal of which next to nothing is left where the second value is its true ten-thousandth."""
+    mass, loss = values
+    return mass * np.sin(2.0 * TIME) - loss * np.cos(9.0 * TIME)
+
+
+def test_what_is_found_to_be_nothing_is_not_put_back_to_where_it_started() -> None:
+    space = ParameterSpace((SPACE["mass"], Parameter("loss", "rad", 0.5, 1e-6, 1.0, scale="log")))
+    simulator = Formula(rubbed, parameters=space)
+    recording = measured(simulator, np.array([2.0, 1e-6]))
+    problem = Problem(simulator, [recording], Weighted.estimated([recording], ["position"]), ("position",))
+    found = fit(problem, space, space.nominal, Watch())
+    unseen, _ = choose(problem, found, unit_covariance(problem, found))
+    assert "loss" not in unseen.freeze

@@ -14,6 +14,8 @@ from trueup.loop.identifiability import NO_EFFECT, effects
 from trueup.loop.problem import Problem
 from trueup.loop.validate import left_out_errors
 from trueup.parameters import Parameter
+from trueup.search.bounded_step import damped_step, gain
+from trueup.search.robust import robust_losses, robust_weights
 
 Array = NDArray[np.float64]
 
@@ -40,7 +42,7 @@ def choose(problem: Problem, fit: Fit, covariance: Array) -> tuple[Choice, Choic
     """
     strength = dict(zip((p.name for p in fit.space.parameters if not p.frozen), effects(fit), strict=True))
     # What has no effect at all costs nothing, and may have one elsewhere (a foot that sticks, a limit not reached).
-    wide = [p for p in _wide(fit, covariance) if strength[p.name] >= NO_EFFECT]
+    wide = _not_missed(problem, fit, [p for p in _wide(fit, covariance) if strength[p.name] >= NO_EFFECT])
     if len(problem.trials) < 3:
         return Choice(tuple(p.name for p in wide), tuple(_untold(p) for p in wide)), Choice((), ())
     judge = _Judge(problem, fit)
@@ -77,6 +79,33 @@ def _wide(fit: Fit, covariance: Array) -> list[Parameter]:
         kept.remove(worst)
         dropped.append(free[worst])
     return dropped
+
+
+def _not_missed(problem: Problem, fit: Fit, wide: Sequence[Parameter]) -> list[Parameter]:
+    """Those without which, at their nominal values, the recordings are replayed as well once the others have settled.
+
+    Slopes alone do not tell: a friction that is found to be a thousandth of the shipped one has none any more.
+    """
+    if not wide:
+        return []
+    free = [p for p in fit.space.parameters if not p.frozen]
+    places = [free.index(p) for p in wide]
+    nominal = np.clip(fit.space.to_unit(fit.space.nominal), 0.0, 1.0)
+    points = np.repeat(fit.unit[None], len(wide), axis=0)
+    points[np.arange(len(wide)), places] = nominal[places]
+    residuals = problem.residuals(fit.space.from_unit(points))
+    curvature = fit.jacobian.T @ (fit.jacobian * fit.weights[:, None])
+    worth = problem.chance(fit.residual) * len(free)
+    kept = []
+    for p, place, point, residual in zip(wide, places, points, residuals, strict=True):
+        others = np.arange(len(free)) != place
+        slope = (robust_weights(residual[None], fit.bend)[0] * residual) @ fit.jacobian[:, others]
+        inner = curvature[np.ix_(others, others)]
+        step = damped_step(inner, slope, 1e-6, point[others])
+        left = float(robust_losses(residual[None], fit.bend)[0]) - gain(inner, slope, step)
+        if left < fit.loss + worth:
+            kept.append(p)
+    return kept
 
 
 class _Judge:
