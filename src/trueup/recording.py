@@ -118,6 +118,10 @@ class Channel:
             )
 
 
+PART_OF = "part of"
+"""Key of the provenance of a stretch: the name of the recording that it was cut from."""
+
+
 @dataclass(frozen=True, eq=False)
 class Recording:
     """Channels of one run on one clock. Raises RecordingError if there is none, or one is filed under another name."""
@@ -242,6 +246,11 @@ class Recording:
 def is_command(name: str) -> bool:
     """Whether a channel of this name holds commands, which stay in force until the next one."""
     return name == "command" or name.startswith("command_")
+
+
+def part_of(whole: Recording) -> dict[str, str]:
+    """The provenance of a stretch cut from a recording, or from a stretch of one."""
+    return {**whole.provenance, PART_OF: whole.provenance.get(PART_OF, whole.name)}
 
 
 def with_warnings(provenance: Mapping[str, str], warnings: Iterable[str]) -> dict[str, str]:

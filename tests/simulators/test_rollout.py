@@ -76,6 +76,16 @@ def test_failed_simulations_are_reported_by_row_and_leave_their_neighbours_alone
     assert alone.failures == {}
 
 
+def test_an_unstable_simulation_leaves_no_file_in_the_folder_it_was_started_from(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    made = simulator([Declaration("kp", tie="all"), Declaration("mass", ("hand",))])
+    (rollout,) = made.rollout([Trial.of(recording())], np.array([[10.0, 0.09], [1e12, -50.0]]))
+    assert sorted(rollout.failures) == [1]
+    assert not list(tmp_path.iterdir())
+
+
 def test_recordings_of_different_lengths_in_one_call_equal_separate_calls() -> None:
     made = simulator(LINES)
     values = made.parameters.from_unit(np.random.default_rng(1).uniform(0.3, 0.7, (3, int(made.parameters.free.sum()))))

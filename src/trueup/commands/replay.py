@@ -93,7 +93,11 @@ def _replays(args: argparse.Namespace, recordings: list[Recording]) -> tuple[tup
     from trueup.loop.calibrate import usual
     from trueup.loop.replay import replays
 
-    of = simulator_for(args.model, recordings, args.parameters) if args.parameters else shipped_for(args.model, recordings)
+    of = (
+        simulator_for(args.model, recordings, args.parameters)
+        if args.parameters
+        else shipped_for(args.model, recordings)
+    )
     simulator, notes = of
     against = shipped_for(args.against, recordings)[0] if args.against else None
     seen = sorted({c for r in recordings for c in simulator.observable(r)})

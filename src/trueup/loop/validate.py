@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from trueup.loop.fit import Fit
 from trueup.loop.problem import Problem
+from trueup.recording import PART_OF
 
 Array = NDArray[np.float64]
 
@@ -15,6 +16,7 @@ Array = NDArray[np.float64]
 def left_out_points(problem: Problem, fit: Fit, held: Array | None = None) -> Array:
     """(R, n_free) where the fit would go if it had never seen recording r: one Gauss-Newton step from the optimum.
 
+    Windows cut from one recording are left out together: neighbours share what is wrong with both.
     `held` (n_free,) are values in the unit box for parameters that must not be used, NaN for the others.
     """
     weighted = fit.jacobian * fit.weights[:, None]
@@ -23,10 +25,10 @@ def left_out_points(problem: Problem, fit: Fit, held: Array | None = None) -> Ar
     curvature = fit.jacobian.T @ weighted
     slope = weighted.T @ fit.residual
     points = np.empty((len(problem.trials), len(fit.unit)))
-    for r in range(len(problem.trials)):
+    for together in _together(problem):
         own = np.zeros(len(fit.residual), dtype=bool)
         for segment in problem.segments:
-            if segment.recording == r:
+            if segment.recording in together:
                 own[segment.columns] = True
         left = curvature - fit.jacobian[own].T @ weighted[own]
         pull = slope - weighted[own].T @ fit.residual[own] + left @ jump
@@ -35,9 +37,18 @@ def left_out_points(problem: Problem, fit: Fit, held: Array | None = None) -> Ar
         ridge = 1e-4 * np.diag(np.diag(curvature)[free]) + 12.0 * np.eye(int(free.sum()))
         step = np.array(jump)
         step[free] = -np.linalg.solve(damped + ridge, pull[free])
-        points[r] = np.clip(fit.unit + np.clip(step, -0.5, 0.5), 0.0, 1.0)
-        points[r, fixed] = np.clip((held if held is not None else fit.unit)[fixed], 0.0, 1.0)
+        point = np.clip(fit.unit + np.clip(step, -0.5, 0.5), 0.0, 1.0)
+        point[fixed] = np.clip((held if held is not None else fit.unit)[fixed], 0.0, 1.0)
+        points[together] = point
     return points
+
+
+def _together(problem: Problem) -> list[list[int]]:
+    """Recordings by what they were cut from; each by itself where all were cut from one."""
+    groups: dict[str, list[int]] = {}
+    for r, recording in enumerate(problem.recordings):
+        groups.setdefault(recording.provenance.get(PART_OF, recording.name), []).append(r)
+    return list(groups.values()) if len(groups) > 1 else [[r] for r in range(len(problem.trials))]
 
 
 def left_out_errors(problem: Problem, fit: Fit, variants: list[Array | None]) -> Array:

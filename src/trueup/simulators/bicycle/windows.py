@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from trueup.errors import RecordingError
-from trueup.recording import Channel, Recording, is_command
+from trueup.recording import Channel, Recording, is_command, part_of
 
 
 def windows(
@@ -29,7 +29,7 @@ def windows(
                 channels[name] = cut
         if "position" in channels and _moves(channels["position"]):
             name = f"{recording.name} {start:.0f} s"
-            pieces.append(Recording(name, channels, recording.provenance))
+            pieces.append(Recording(name, channels, part_of(recording)))
     if not pieces:
         raise RecordingError(f"recording '{recording.name}' has no stretch of {length:g} s in which the vehicle moves")
     return pieces

@@ -10,7 +10,7 @@ import numpy as np
 
 from trueup.calibration import Calibration, Estimate
 from trueup.errors import RecordingError
-from trueup.recording import Recording
+from trueup.recording import Recording, part_of
 
 PHASES = 3
 
@@ -27,7 +27,7 @@ def begun_apart(recordings: Sequence[Recording], horizon: float) -> list[Recordi
                 later = recording.slice(recording.start + horizon * k / PHASES, recording.stop)
             except RecordingError:
                 continue  # too short to be cut otherwise
-            quiet = {key: text for key, text in recording.provenance.items() if key != "warnings"}  # said once already
+            quiet = {key: text for key, text in part_of(recording).items() if key != "warnings"}  # said once already
             if later.has("position") and np.isfinite(later.channel("position").values).any():
                 found.append(later.replace(name=f"{recording.name}, cut {k + 1}", provenance=quiet))
     return found

@@ -16,6 +16,7 @@ from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
 from trueup.recording import Recording, is_command
 from trueup.simulators.mujoco.base import angles_of, near
+from trueup.simulators.mujoco.engine_log import unlogged
 from trueup.simulators.mujoco.fields import LIVE_KINDS, FromNominal, write_fields
 from trueup.simulators.mujoco.floor_plane import FLOOR_KINDS
 from trueup.simulators.mujoco.kernels import read_off
@@ -108,8 +109,8 @@ class MujocoSimulator:
         verifying = len(values) == 1
         contacts = self._touching is not False or self._has_floor or (verifying and self._can_touch())
         order = sorted(range(len(trials)), key=lambda k: -trials[k].duration)
-        run = _Run(self, [trials[k] for k in order], values, controllers or self.controller, contacts)
-        with unclocked():
+        with unclocked(), unlogged():
+            run = _Run(self, [trials[k] for k in order], values, controllers or self.controller, contacts)
             touched = run.simulate()
         if contacts:
             self._touching = touched

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from trueup.calibration import Replay
-from trueup.recording import Channel, Recording, is_command
+from trueup.recording import Channel, Recording, is_command, part_of
 from trueup.simulators.mujoco.base import ANGLES, ORIENTATION, POSITION, floating, free_joint
 from trueup.simulators.mujoco.model import Model
 
@@ -94,7 +94,8 @@ def _window(recording: Recording, start: float) -> Recording:
         for name, channel in recording.channels.items()
     )
     kept = {channel.name: channel for channel in parts if channel is not None}
-    return recording.replace(name=f"{recording.name} at {start - recording.start:.1f} s", channels=kept)
+    name = f"{recording.name} at {start - recording.start:.1f} s"
+    return recording.replace(name=name, channels=kept, provenance=part_of(recording))
 
 
 def _cut(channel: Channel, start: float, stop: float) -> Channel | None:
