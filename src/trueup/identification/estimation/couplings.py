@@ -30,7 +30,7 @@ _MOST = 2.0
 _PASSES = 3
 _COUPLED = 0.15
 """The least gain in the logarithm of the squared error for which a drive is taken to turn with two joints."""
-_SURE = 3.0
+_SURE = 2.0
 """Standard errors over the blocks by which that gain must exceed zero."""
 _SAME = 0.02
 """The gain below which a ratio of one is kept."""
