@@ -25,7 +25,6 @@ Progress = Callable[[TracePoint], None]
 Checkpoint = Callable[[dict[str, Any]], None]
 
 _HELD = 3e-3  # least damping of the first looks: what is weakly seen must not wander off before all data are in
-_CREEPS = 5  # steps along a crack in a cheaper problem before the real one is asked
 _SETTLED = 5e-3  # share of the loss: an approximation that gains less than this is not made anew
 
 
@@ -122,11 +121,11 @@ class Descent:
 
     def descend(
         self, stage: Stage, nudge: float = 0.0, saved: dict[str, Any] | None = None, *, confirm: bool = True,
-        creeps: int | None = None,
+        impatient: bool = False,
     ) -> LeastSquares:  # fmt: skip
         """Least squares on one stage, to its end; the last one takes slopes there, to `confirm`."""
         search, self.near = self._begun(stage, nudge, confirm), None
-        search.creeps = creeps
+        search.impatient = impatient
         if saved is not None:
             search.resume(saved)
         elif self._slopes is not None:
@@ -152,7 +151,7 @@ class Descent:
         begun, fine = self.point, self._residual(stage.problem)
         for confirm in (True, False, False):
             near = stage.cheap.shifted(fine - self._residual(stage.cheap))
-            search = self.descend(replace(stage, problem=near, cheap=near), confirm=confirm, creeps=_CREEPS)
+            search = self.descend(replace(stage, problem=near, cheap=near), confirm=confirm, impatient=True)
             before, fine = fine, self._residual(stage.problem)
             old, new = robust_losses(np.stack([before, fine]), search.delta)
             if not new < old and confirm:

@@ -27,7 +27,7 @@ _WORN = 0.7  # new slopes are taken once a step leaves more than this share of w
 _SHORTER = 1e-4  # least damping after steps that led nowhere: below, they would all be the same step again
 _TIE = 0.01  # hopes that differ by less of the gain are told apart by what is seen, or ever shorter steps win by a hair
 _STUCK = 10.0  # times what is negligible: slopes that promise more where no step goes down are those of a crack
-_CREEP = 0.05  # share of what was promised: a step that gives less creeps
+_CREEP = 0.2  # share of what new slopes promised: a search that gains less until the next ones creeps
 _CROSSING = 1e-4  # damping of the imagined step across the valley that candidates are judged by
 
 
@@ -54,8 +54,8 @@ class LeastSquares:
     max_iterations: int = 30
     patience: int = 3
     """Batches of steps in a row without any descent after which it ends."""
-    creeps: int | None = None
-    """Steps in a row that give next to nothing of what slopes promise, after which it ends as stuck; None: never."""
+    impatient: bool = False
+    """Ends as stuck once new slopes have given little of what they promised: a crack in the loss holds it."""
     share: float = 2e-3
     """With `worth`: a gain above this share of the loss is never negligible."""
     least_damping: float = 1e-9
@@ -79,7 +79,8 @@ class LeastSquares:
     _fresh: bool = field(init=False, default=True)
     _reused: int = field(init=False, default=0)
     _short: int = field(init=False, default=0)
-    _crept: int = field(init=False, default=0)
+    _enough: float = field(init=False, default=np.inf)
+    """The loss that must be reached before slopes are taken again, if `impatient`."""
     _damping: float = field(init=False, default=1e-2)
     _stale: int = field(init=False, default=0)
     _done: str = field(init=False, default="")
@@ -123,9 +124,8 @@ class LeastSquares:
     @property
     def stuck(self) -> bool:
         """Whether slopes still promise what no step gives: it is at a crack in the loss, or creeping along one."""
-        if self.jacobian is None or self.residual is None:
-            return False
-        return self._promise() > _STUCK * self._negligible(self.loss, self.residual)
+        known = self.jacobian is not None and self.residual is not None
+        return known and self._promise() > _STUCK * self._negligible(self.loss, self._known()[1])
 
     @property
     def fresh(self) -> bool:
@@ -164,8 +164,12 @@ class LeastSquares:
         self._bend_and_lowest(base)
         self._see(columns.T, base)
         self._fresh, self._reused = True, 0
-        if self.iteration > 0 and self._promise() < self._negligible(self.loss, base):
+        promise = self._promise()
+        if self.iteration > 0 and promise < self._negligible(self.loss, base):
             self._done = "converged: no step promises a gain that noise would not give"
+        elif self.impatient and self.best[1] > self._enough:
+            self._done = "stopped creeping along a crack in the loss"
+        self._enough = self.best[1] - _CREEP * promise
 
     def _bend_and_lowest(self, base: Array) -> None:
         """Sets the robust loss by the residuals at hand, and what is lowest by that loss."""
@@ -266,11 +270,8 @@ class LeastSquares:
         negligible = self._negligible(loss, residual)
         # One short step may be bad luck in a bent valley; two in a row, with new slopes in between, are the bottom.
         self._short = self._short + 1 if abs(fallen) < negligible and self._fresh else 0
-        self._crept = self._crept + 1 if fallen < _CREEP * promised else 0
         if self._short >= 2:
             self._done = "converged: the last steps changed almost nothing"
-        elif self.creeps is not None and self._crept >= self.creeps:
-            self._done = "stopped creeping along a crack in the loss"
         elif left < negligible and not self.confirm and loss <= self.best[1]:
             self._done = "converged: no step promises a gain that noise would not give"
         serve = negligible < left < _WORN * promised or loss > self.best[1]
