@@ -28,7 +28,7 @@ def headline(calibration: Calibration) -> Markup:
     parts: list[str] = []
     for position, group in enumerate(groups):
         if len(groups) > 1:
-            parts.append(tag("h3", f"Channel '{group.channel}'"))
+            parts.append(tag("h3", group.title))
         parts += _comparison(group, calibration, first=position == 0)
     return join(parts)
 

@@ -101,7 +101,7 @@ def _noise_row(group: Comparison, scale: Scale) -> list[Markup]:
 
 
 def _titled(group: Comparison, body: Markup, several: bool) -> Markup:
-    return join(tag("h4", f"Channel '{group.channel}'"), body) if several else body
+    return join(tag("h4", group.title), body) if several else body
 
 
 def _leftovers(group: Comparison, first: int) -> Markup:

@@ -44,6 +44,11 @@ class Comparison:
     replays: tuple[Replay, ...]
 
     @property
+    def title(self) -> str:
+        """What a heading calls it: hinges and slides are apart in one channel, so the unit belongs to it."""
+        return f"Channel '{self.channel}' ({self.unit})" if self.unit else f"Channel '{self.channel}'"
+
+    @property
     def held_out(self) -> tuple[Replay, ...]:
         """Replays of recordings that the fit never saw."""
         return tuple(r for r in self.replays if r.held_out)
