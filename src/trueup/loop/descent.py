@@ -25,6 +25,7 @@ Progress = Callable[[TracePoint], None]
 Checkpoint = Callable[[dict[str, Any]], None]
 
 _HELD = 3e-3  # least damping of the first looks: what is weakly seen must not wander off before all data are in
+_EXPLAINED = 2.0  # noise units of the residuals' rms: below, the model has the structure of the robot
 _SETTLED = 5e-3  # share of the loss: an approximation that gains less than this is not made anew
 
 
@@ -162,7 +163,7 @@ class Descent:
                 return search
             search.residual, search.loss, self._slopes = fine, float(new), search.jacobian
             self.near = stage.cheap.shifted(fine - self._residual(stage.cheap))
-            if search.stuck:
+            if search.stuck and explained(fine):
                 # A crack in the cheaper problem need not be one in the real one: its slopes lead on there.
                 return self.descend(stage)
             if old - new < _SETTLED * old:
@@ -211,6 +212,11 @@ class Descent:
             self.space, search.point, search.residual, search.jacobian, search.weights(), search.done, search.loss,
             search.delta, near=self.near,
         )  # fmt: skip
+
+
+def explained(residual: Array) -> bool:
+    """Whether the model replays the recordings to about their noise: elsewhere the last percent is not worth minutes."""
+    return float(np.mean(residual**2)) < _EXPLAINED**2
 
 
 def _patience(residual: Array) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import CalibrationError
-from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Stage, Watch
+from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Stage, Watch, explained
 from trueup.loop.problem import Problem
 from trueup.parameters import ParameterSpace
 from trueup.search.cma_es import CmaEs
@@ -28,7 +28,6 @@ _SHORT = (2.5, 15.0)  # s: the first stage looks at the first quarter of the rec
 _BLIND = 5.0  # a slope that across the whole box changes the residuals by less than this many times what they are
 _LOOKED_AT = 5  # parameters without much slope, at most: those with the least
 _EDGE = 5e-3  # share of the box: whatever is closer to a bound is on it
-_EXPLAINED = 2.0  # noise units of the residuals' rms: below, the model has the structure of the robot
 _BETTER = 0.98  # a place elsewhere is worth going to if the loss falls at least to this share
 _BEND = 10.0  # noise units from which losses grow linearly where places far apart are compared: one fall is not all
 _COARSE = (2.5, 2.0, 1.5)  # factors on the integration step while far from the optimum; the first that is faithful
@@ -98,7 +97,7 @@ def _off_bounds(run: Descent, stage: Stage) -> None:
     the model replays the recordings to about their noise: elsewhere a bound is the least of what is wrong.
     """
     found = run.search
-    if found is None or found.residual is None or np.mean(found.residual**2) > _EXPLAINED**2:
+    if found is None or found.residual is None or not explained(found.residual):
         return
     free = [p for p in run.space.parameters if not p.frozen]
     low, high = found.point < _EDGE, found.point > 1.0 - _EDGE
