@@ -58,10 +58,14 @@ def main() -> None:
     """Prints a table and the RESULT lines."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="two seeds, the peer on one, no meshes")
-    parser.add_argument("--first", type=int, default=0, help="the first seed; the settings were chosen on seeds below 30")
+    parser.add_argument(
+        "--first", type=int, default=0, help="the first seed; the settings were chosen on seeds below 30"
+    )
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--peer-seeds", type=int, default=3)
-    parser.add_argument("--no-meshes", action="store_true", help="leave out the meshed model, which the peer takes long for")
+    parser.add_argument(
+        "--no-meshes", action="store_true", help="leave out the meshed model, which the peer takes long for"
+    )
     options = parser.parse_args()
     seeds, peers = (2, 1) if options.quick else (options.seeds, options.peer_seeds)
     warm_up()

@@ -66,7 +66,7 @@ def test_a_file_for_each_episode_keeps_its_name(tmp_path: Path) -> None:
     whole = pq.read_table(root / "data/chunk-000/file-000.parquet")
     (root / "data/chunk-000/file-000.parquet").unlink()
     for number in (0, 1):
-        one = whole.filter(pc.equal(whole["episode_index"], number))
+        one = whole.filter(pc.field("episode_index") == number)
         pq.write_table(one, root / f"data/chunk-000/episode_00000{number}.parquet")
     first, second = read(root)
     assert (first.name, second.name) == ("episode_000000", "episode_000001")

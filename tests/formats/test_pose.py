@@ -54,7 +54,8 @@ def test_lists_tell_by_their_numbers_whether_the_real_part_stands_last(tmp_path:
     arrays = {"q": 0.1 * time * [1, 2], "q_des": 0.1 * time * [1, 2], "base_pos": time * [1.0, 0.0, 0.1]}
     last = np.hstack([0.1 * time, 0.0 * time, 0.0 * time, np.sqrt(1.0 - 0.01 * time**2)])
     for name, quaternion in (("last", last), ("first", np.roll(last, 1, axis=1))):
-        np.savez(tmp_path / f"{name}.npz", t=time[:, 0], base_quat=quaternion, **arrays)
+        np.savez(tmp_path / f"{name}.npz", t=time[:, 0], base_quat=quaternion, q=arrays["q"], q_des=arrays["q_des"],
+                 base_pos=arrays["base_pos"])  # fmt: skip
         (recording,) = read(tmp_path / f"{name}.npz")
         np.testing.assert_allclose(recording.channel("base_orientation").column("x"), 0.1 * time[:, 0])
 

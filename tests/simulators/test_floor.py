@@ -16,6 +16,7 @@ from trueup.recording import Channel, Recording
 from trueup.simulators.mujoco.floor import stopped_by_floor
 from trueup.simulators.mujoco.floor_plane import plane_of
 from trueup.simulators.mujoco.model import load
+from trueup.simulators.mujoco.rollout import MujocoSimulator
 from trueup.simulators.mujoco.write import write_model
 
 Array = NDArray[np.float64]
@@ -88,6 +89,7 @@ def test_a_table_is_noticed_found_and_written(arm: Path) -> None:
     for replay in found.held_out():
         assert replay.rmse_after().max() < 3e-3
     path = arm.with_name("found.xml")
+    assert isinstance(simulator, MujocoSimulator)
     write_model(simulator, found.values, path)
     written = mujoco.MjModel.from_xml_path(str(path))
     assert written.geom_pos[plane_of(written), 2] == pytest.approx(values["floor_height"], abs=1e-6)
@@ -108,5 +110,6 @@ def test_a_model_that_has_a_floor_keeps_its_own(tmp_path: Path) -> None:
     simulator, _ = simulator_for(path, recordings, parameters)
     found = calibrate(simulator, recordings, options=Options(select=False))
     assert found.values[0] == pytest.approx(-0.08, abs=3e-3)
+    assert isinstance(simulator, MujocoSimulator)
     write_model(simulator, found.values, tmp_path / "found.xml")
     assert 'name="table"' in (tmp_path / "found.xml").read_text(encoding="utf-8")

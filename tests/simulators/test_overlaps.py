@@ -12,6 +12,7 @@ from trueup.campaign.assemble import simulator_for
 from trueup.recording import Channel, Recording
 from trueup.simulators.mujoco.model import load
 from trueup.simulators.mujoco.overlaps import passable
+from trueup.simulators.mujoco.rollout import MujocoSimulator
 from trueup.simulators.mujoco.write import write_model
 from trueup.trial import Trial
 
@@ -49,6 +50,7 @@ def test_a_base_whose_hull_holds_its_first_link_lets_it_go_and_so_does_the_writt
     assert any("base and upper" in note for note in notes)
     (out,) = simulator.rollout([Trial.of(recording)], simulator.parameters.nominal[None])
     assert np.abs(out.channels["position"][0] - recording.channel("position").values).max() < 0.03
+    assert isinstance(simulator, MujocoSimulator)
     write_model(simulator, simulator.parameters.nominal, tmp_path / "fit.xml")
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "fit.xml")).nexclude == 1
 
@@ -63,6 +65,7 @@ def test_an_mjcf_keeps_its_text_and_says_which_parts_do_not_touch(tmp_path: Path
     (tmp_path / "arm.xml").write_text(_FOLDED)
     simulator, notes = simulator_for(tmp_path / "arm.xml", [_still(j=0.0, k=0.0, m=0.0)])
     assert any("a and c" in note for note in notes)
+    assert isinstance(simulator, MujocoSimulator)
     write_model(simulator, simulator.parameters.nominal, tmp_path / "fit.xml")
     written = (tmp_path / "fit.xml").read_text()
     assert '<exclude body1="a" body2="c"/>' in written
