@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.calibration import Replay
-from trueup.campaign.assemble import begun_again, shipped_for, simulator_for, suited
+from trueup.campaign.assemble import recordings_for, shipped_for, simulator_for
 from trueup.commands.calibrate import _recordings as recordings_of
 from trueup.errors import ModelError
 from trueup.formats import write
@@ -21,6 +21,7 @@ from trueup.loop.calibrate import Options, calibrate
 from trueup.recording import Channel, Recording
 from trueup.simulators.mujoco.base import angles_of, near, quaternion_of, turning
 from trueup.simulators.mujoco.declarations import Declaration, declare
+from trueup.simulators.mujoco.drives import suited
 from trueup.simulators.mujoco.model import load
 from trueup.simulators.mujoco.rollout import MujocoSimulator
 from trueup.simulators.mujoco.windows import folded, joined
@@ -69,7 +70,8 @@ def _written(folder: Path, text: str = _DOG.format(mass=4.0, kp=40.0)) -> Path:
 
 
 def _taken(path: Path, recording: Recording) -> tuple[list[Recording], list[str]]:
-    return begun_again(path, suited(path, [recording])[0])
+    windows, _, notes = recordings_for(path, [recording])
+    return windows, notes
 
 
 def test_angles_are_those_of_the_quaternion_and_rates_turn_it() -> None:
@@ -139,7 +141,7 @@ def test_a_urdf_whose_base_was_seen_to_move_is_set_free(tmp_path: Path) -> None:
     channels = (Channel("position", ("spin",), "rad", time, 0.1 * np.sin(time)[:, None]),
                 Channel("base_position", ("x", "y", "z"), "m", time, fall),
                 Channel("base_orientation", ("roll", "pitch", "yaw"), "rad", time, still))  # fmt: skip
-    taken, _ = suited(tmp_path / "ball.urdf", [Recording("fall", {c.name: c for c in channels})])
+    taken, _ = suited(load(tmp_path / "ball.urdf"), [Recording("fall", {c.name: c for c in channels})])
     simulator, notes = simulator_for(tmp_path / "ball.urdf", taken)
     assert any("'trunk' was set free" in note for note in notes)
     (run,) = simulator.shipped().rollout([Trial.of(taken[0])], np.zeros((1, 0)))

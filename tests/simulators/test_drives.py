@@ -9,10 +9,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from trueup.campaign.assemble import simulator_for, suited
+from trueup.campaign.assemble import simulator_for
 from trueup.errors import ModelError
 from trueup.loop.calibrate import Options, calibrate
 from trueup.recording import Channel, Recording
+from trueup.simulators.mujoco.drives import suited
+from trueup.simulators.mujoco.model import load
 
 _ARM = """<mujoco><worldbody><body><joint name="j" axis="0 1 0" damping="{damping}"/>
 <geom size=".05" mass="1" pos="0 0 -.2"/></body></worldbody>{drive}</mujoco>"""
@@ -55,10 +57,10 @@ def test_commanded_torques_drive_the_model(tmp_path: Path, drive: str) -> None:
 def test_of_positions_and_torques_a_model_with_motors_takes_the_torques(tmp_path: Path) -> None:
     swing = _swing()
     both = swing.with_channel(swing.channel("position").replace(name="command"))
-    (kept,), notes = suited(_model(tmp_path, _MOTOR), [both])
+    (kept,), notes = suited(load(_model(tmp_path, _MOTOR)), [both])
     assert not kept.has("command")
     assert "torques are used" in notes[0]
-    (kept,), notes = suited(_model(tmp_path, _SERVO), [both])
+    (kept,), notes = suited(load(_model(tmp_path, _SERVO)), [both])
     assert kept.has("command")
     assert not notes
 
@@ -66,7 +68,7 @@ def test_of_positions_and_torques_a_model_with_motors_takes_the_torques(tmp_path
 def test_commands_that_the_drives_cannot_take_are_refused(tmp_path: Path) -> None:
     swing = _swing()
     with pytest.raises(ModelError, match=r"'swing' commands N m .* has position servos at j"):
-        suited(_model(tmp_path, _SERVO), [swing])
+        suited(load(_model(tmp_path, _SERVO)), [swing])
 
 
 def _steps(servo: str) -> Recording:
@@ -88,7 +90,7 @@ def _steps(servo: str) -> Recording:
 
 def _found(path: Path, recording: Recording, kinds: tuple[str, ...]) -> list[float]:
     """What a calibration that proposes its parameters itself finds for these."""
-    (taken,), _ = suited(path, [recording])
+    (taken,), _ = suited(load(path), [recording])
     simulator, _ = simulator_for(path, [taken])
     found = {e.name: e.value for e in calibrate(simulator, [taken], options=Options(cross_validate=False)).estimates}
     return [next(value for name, value in found.items() if name.endswith(f".{kind}")) for kind in kinds]

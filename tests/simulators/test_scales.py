@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from trueup.calibration import Replay, by_unit
-from trueup.campaign.assemble import suited
 from trueup.recording import Channel, Recording
+from trueup.simulators.mujoco.drives import suited
+from trueup.simulators.mujoco.model import load
 
 _ARM = """<mujoco><worldbody><body><joint name="j" axis="0 1 0" range="-100 100"/><geom size=".05"/></body></worldbody>
 <actuator><position joint="j"/></actuator></mujoco>"""
@@ -23,7 +24,7 @@ def test_numbers_within_the_range_in_degrees_are_degrees(tmp_path: Path, largest
     swing = largest * np.sin(3.0 * time)[:, None]
     channels = [Channel("position", ("j",), "", time, swing), Channel("command", ("j",), "", time, swing),
                 Channel("velocity", ("j",), "", time, 3.0 * swing)]  # fmt: skip
-    (found,), notes = suited(tmp_path / "arm.xml", [Recording("run", {c.name: c for c in channels})])
+    (found,), notes = suited(load(tmp_path / "arm.xml"), [Recording("run", {c.name: c for c in channels})])
     assert found.channel("position").unit == found.channel("command").unit == unit
     assert bool(notes) == bool(unit)
     if unit:
@@ -37,7 +38,7 @@ def test_errors_of_hinges_and_slides_are_never_pooled(tmp_path: Path) -> None:
     time = np.arange(0.0, 1.0, 0.01)
     values = np.stack([np.sin(time), 0.01 * time], axis=1)
     channel = Channel("position", ("j", "s"), "rad", time, values)
-    (run,), _ = suited(tmp_path / "arm.xml", [Recording("run", {"position": channel})])
+    (run,), _ = suited(load(tmp_path / "arm.xml"), [Recording("run", {"position": channel})])
     assert [run.channel("position").unit_of(label) for label in ("j", "s")] == ["rad", "m"]
     assert run.channel("position").select(["s"]).units == ("m",)
     whole = Replay("run", False, "position", ("j", "s"), "rad", time, values, values + 0.2, values + np.array((0.1, 1e-3)),
@@ -55,7 +56,7 @@ def test_openings_of_a_gripper_in_shares_become_lengths(tmp_path: Path, whole: f
     time = np.arange(0.0, 1.0, 0.01)
     channel = Channel("position", ("j", "s"), unit, time, np.stack([time, whole * time], axis=1))
     barely = channel.replace(values=channel.values * [1.0, 0.01])
-    (run, other), notes = suited(tmp_path / "arm.xml", [Recording(n, {"position": c}) for n, c in
+    (run, other), notes = suited(load(tmp_path / "arm.xml"), [Recording(n, {"position": c}) for n, c in
                                                         (("opens", channel), ("barely", barely))])  # fmt: skip
     np.testing.assert_allclose(run.channel("position").column("s"), 0.002 + 0.035 * time)
     np.testing.assert_allclose(other.channel("position").column("s"), 0.002 + 0.00035 * time)

@@ -162,20 +162,23 @@ def clearance_for(model_path: str | Path, joints: Sequence[str], floor: float | 
     return MujocoClearance.of(load(model_path), joints, floor=floor)
 
 
-def suited(model_path: str | Path, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
-    """Recordings as the model of a file can take them, and notes (see `drives.suited`). Raises ModelError."""
-    from trueup.simulators.mujoco import drives
+def recordings_for(
+    model_path: str | Path, training: Sequence[Recording], held_out: Sequence[Recording] = ()
+) -> tuple[list[Recording], list[Recording], list[str]]:
+    """Both as the model of a file can take them, and notes: joints by its names, commands that its drives take, a free
+    base in windows (see `named_as`, `drives.suited`, `windows.begun_again`). Raises ModelError.
+    """
+    from trueup.formats.joint_names import named_as
+    from trueup.simulators.mujoco.drives import suited
     from trueup.simulators.mujoco.model import load
+    from trueup.simulators.mujoco.windows import begun_again
 
-    return drives.suited(load(model_path), recordings)
-
-
-def begun_again(model_path: str | Path, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
-    """Recordings of a free base in windows (see `windows.begun_again`), and a note. Raises ModelError."""
-    from trueup.simulators.mujoco import windows
-    from trueup.simulators.mujoco.model import load
-
-    return windows.begun_again(load(model_path), recordings)
+    model = load(model_path)
+    named, renamed = named_as([*training, *held_out], model.drives())
+    taken, changed = suited(model, named)
+    fitted, cut = begun_again(model, taken[: len(training)])
+    judged, _ = begun_again(model, taken[len(training) :])
+    return fitted, judged, [*renamed, *changed, *cut]
 
 
 def joints_of(model_path: str | Path) -> tuple[str, ...]:
@@ -186,12 +189,10 @@ def joints_of(model_path: str | Path) -> tuple[str, ...]:
 
 
 def drives_of(model_path: str | Path) -> dict[str, str]:
-    """A model's hinge and slide joints, each to the name of the actuator that drives it or ''. Raises ModelError."""
+    """A model's joints and what drives them (see `Model.drives`). Raises ModelError."""
     from trueup.simulators.mujoco.model import load
 
-    model = load(model_path)
-    driven, names = model.actuator_of_joint(), model.names("actuator")
-    return {j: names[driven[j]] if j in driven else "" for j in model.scalar_joints()}
+    return load(model_path).drives()
 
 
 class _Told(TypedDict):

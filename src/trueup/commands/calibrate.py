@@ -14,9 +14,8 @@ from rich.console import Console
 from rich.markup import escape
 
 from trueup.calibration import Calibration
-from trueup.campaign.assemble import begun_again, calibrated, drives_of, kinds_of, simulator_for, suited, write_outcome
+from trueup.campaign.assemble import calibrated, kinds_of, recordings_for, simulator_for, write_outcome
 from trueup.campaign.output import Output, fingerprint
-from trueup.commands.joint_names import named_as
 from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
 from trueup.commands.sources import mapping_for, readable, split, while_driven
@@ -114,12 +113,7 @@ def _recordings(args: argparse.Namespace) -> tuple[list[Recording], list[Recordi
     training, held_out = split(recordings, [h for group in args.hold_out for h in group], mapping)
     said: list[str] = []
     if Path(args.model).suffix.lower() != ".toml":
-        named, renamed = named_as([*training, *held_out], drives_of(args.model))
-        taken, suiting = suited(args.model, named)
-        fitted, judging = taken[: len(training)], taken[len(training) :]
-        training, cutting = begun_again(args.model, fitted)
-        held_out, _ = begun_again(args.model, judging)
-        said = [*renamed, *suiting, *cutting]
+        training, held_out, said = recordings_for(args.model, training, held_out)
     return training, held_out, [*notes, *more, *cut, *said]
 
 

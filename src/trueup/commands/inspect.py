@@ -15,10 +15,10 @@ from rich.console import Console
 from rich.markup import escape
 
 from trueup.campaign.assemble import drives_of, joints_of
-from trueup.commands.joint_names import match_joints
 from trueup.commands.sources import MAPPING, mapping_for, readable
 from trueup.errors import MappingError
 from trueup.formats import ChannelMap, TimeColumn, guess_mapping, read
+from trueup.formats.joint_names import match_joints
 from trueup.inspection import ChannelInspection, Inspection, inspect
 from trueup.recording import Recording
 from trueup.report.numbers import scale_for

@@ -16,9 +16,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from trueup.calibration import Replay, pooled_rmse
-from trueup.campaign.assemble import as_recorded, begun_again, drives_of, shipped_for, simulator_for, suited
+from trueup.campaign.assemble import as_recorded, recordings_for, shipped_for, simulator_for
 from trueup.campaign.output import free_folder
-from trueup.commands.joint_names import named_as
 from trueup.commands.sources import mapping_for, readable, while_driven
 from trueup.errors import ModelError
 from trueup.formats import read
@@ -65,12 +64,10 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     paths, notes = readable(args.recordings)
     mapping, more = mapping_for(args.mapping)
     recordings, cut = while_driven([r for path in paths for r in read([path], mapping)])
-    recordings, renamed = named_as(recordings, drives_of(args.model))
-    recordings, taken = suited(args.model, recordings)
-    recordings, begun = begun_again(args.model, recordings)
+    recordings, _, taken = recordings_for(args.model, recordings)
     found, said = _replays(args, recordings)
     if not args.quiet:
-        for note in (*notes, *more, *cut, *renamed, *taken, *begun, *said):
+        for note in (*notes, *more, *cut, *taken, *said):
             told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
     compared = bool(args.against or args.parameters)
     if args.json:

@@ -77,6 +77,11 @@ class Model:
                 found.setdefault(names[int(model.actuator_trnid[i, 0])], i)
         return found
 
+    def drives(self) -> dict[str, str]:
+        """Hinge and slide joints, each to the name of the actuator that drives it, '' where none does."""
+        driven, names = self.actuator_of_joint(), self.names("actuator")
+        return {joint: names[driven[joint]] if joint in driven else "" for joint in self.scalar_joints()}
+
     def is_position_servo(self, actuator: int) -> bool:
         """True where the actuator is a position servo: force = kp (command - position) - kv velocity."""
         model = self.compiled
