@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,8 +19,8 @@ from trueup.loop.selection import choose
 from trueup.loop.uncertainty import unit_covariance
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
-from trueup.simulators.simulator import Rollout
-from trueup.trial import Trial
+from trueup.simulators.simulator import Simulator
+from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]
 TIME = np.linspace(0.0, 4.0, 401)
@@ -31,68 +30,42 @@ SPACE = ParameterSpace((
 TRUTH = np.array([2.0, 0.22])
 
 
-@dataclass(frozen=True)
-class Formula:
-    """A simulator whose positions are a formula of its values."""
-
-    positions: Callable[[Array, float], Array]
-    """Of values (n,) and the step in s: (T,)."""
-    step: float = 0.01
-    name: str = "formula"
-    parameters: ParameterSpace = SPACE
-
-    def at_step(self, step: float) -> Formula:
-        return replace(self, step=step)
-
-    def shipped(self) -> Formula:
-        return self
-
-    def observable(self, recording: Recording) -> tuple[str, ...]:
-        return ("position",)
-
-    def rollout(self, trials: Sequence[Trial], values: Array, controllers: object = None) -> list[Rollout]:
-        found = []
-        for trial in trials:
-            read = [np.interp(trial.observed["position"].time, TIME, self.positions(v, self.step)) for v in values]
-            found.append(Rollout(trial, {"position": np.array(read)[:, :, None]}, {}))
-        return found
+Make = Callable[[Callable[[Array, Array, float], Array], ParameterSpace], Simulator]
 
 
-def measured(simulator: Formula, truth: Array = TRUTH) -> Recording:
-    noise = 1e-3 * np.random.default_rng(0).standard_normal(len(TIME))
-    values = (simulator.positions(truth, simulator.step) + noise)[:, None]
-    return Recording("made", {"position": Channel("position", ("joint",), "rad", TIME, values)})
-
-
-def problem_of(simulator: Formula) -> Problem:
-    recording = measured(simulator)
+def problem_of(simulator: Simulator, truth: Array = TRUTH) -> Problem:
+    there = {"position": Observed(("joint",), "rad", TIME)}
+    (clean,) = simulator.rollout([Trial("made", 0.0, TIME[-1], None, there)], truth[None])
+    noise = 1e-3 * np.random.default_rng(0).standard_normal((len(TIME), 1))
+    channel = Channel("position", ("joint",), "rad", TIME, clean.channels["position"][0] + noise)
+    recording = Recording("made", {"position": channel})
     return Problem(simulator, [recording], Weighted.estimated([recording], ["position"]), ("position",))
 
 
-def ridge(values: Array, step: float) -> Array:
+def ridge(time: Array, values: Array, step: float) -> Array:
     """Only the product of mass and lever arm is well seen; the rest has a ridge between the bound and the truth."""
     mass, lever = values
     u = (lever - 0.1) / 0.2
-    return mass * lever * np.sin(2.0 * TIME) + 0.02 * (0.6 - u) * (u + 0.2) * np.cos(9.0 * TIME)
+    return mass * lever * np.sin(2.0 * time) + 0.02 * (0.6 - u) * (u + 0.2) * np.cos(9.0 * time)
 
 
-def test_a_valley_that_ends_at_a_bound_is_left_for_the_one_behind_the_ridge() -> None:
-    problem = problem_of(Formula(ridge))
+def test_a_valley_that_ends_at_a_bound_is_left_for_the_one_behind_the_ridge(formula: Make) -> None:
+    problem = problem_of(formula(ridge, SPACE))
     stuck = fit(problem, SPACE, SPACE.nominal, Watch(), search="gradient")
     assert stuck.values[1] == pytest.approx(0.1, abs=1e-3)
     found = fit(problem, SPACE, SPACE.nominal, Watch())
     np.testing.assert_allclose(found.values, TRUTH, rtol=0.02)
 
 
-def cracked(values: Array, step: float) -> Array:
+def cracked(time: Array, values: Array, step: float) -> Array:
     """Smooth at the full step; at the coarse one the whole motion jumps shortly before the true lever arm."""
     mass, lever = values
     jump = 0.05 * (lever > 0.2195) if step > 0.015 else 0.0
-    return mass * np.sin(2.0 * TIME) + lever * np.cos(9.0 * TIME) + jump
+    return mass * np.sin(2.0 * time) + lever * np.cos(9.0 * time) + jump
 
 
-def test_a_crack_that_only_the_coarse_step_has_does_not_end_the_search() -> None:
-    problem = problem_of(Formula(cracked))
+def test_a_crack_that_only_the_coarse_step_has_does_not_end_the_search(formula: Make) -> None:
+    problem = problem_of(formula(cracked, SPACE))
     stage = Stage("all", problem, problem.at_step(0.025), 0.05, 20)
     run = Descent(SPACE, np.clip(SPACE.to_unit([2.0, 0.2193]), 0, 1), Watch(), 3.0)
     run.polish(stage)
@@ -100,29 +73,27 @@ def test_a_crack_that_only_the_coarse_step_has_does_not_end_the_search() -> None
 
 
 @pytest.mark.parametrize("search", ["cma-es", "hybrid"])
-def test_an_interrupted_evolution_goes_on_without_simulating_anew_what_it_had(search: str) -> None:
+def test_an_interrupted_evolution_goes_on_without_simulating_anew_what_it_had(search: str, formula: Make) -> None:
     states: list[dict[str, Any]] = []
-    whole = problem_of(Formula(ridge))
+    whole = problem_of(formula(ridge, SPACE))
     found = fit(whole, SPACE, SPACE.nominal, Watch(checkpoint=states.append), search=search)
     evolving = [s for s in states if s["stage"] == "cma-es"]
     half = json.loads(json.dumps(evolving[len(evolving) // 2]))
-    rest = problem_of(Formula(ridge))
+    rest = problem_of(formula(ridge, SPACE))
     again = fit(rest, SPACE, SPACE.nominal, Watch(), search=search, resume=half)
     np.testing.assert_array_equal(again.values, found.values)
     assert rest.evaluations == whole.evaluations - sum(len(told) for told in half["search"]["told"])
 
 
-def rubbed(values: Array, step: float) -> Array:
+def rubbed(time: Array, values: Array, step: float) -> Array:
     """A signal of which next to nothing is left where the second value is its true ten-thousandth."""
     mass, loss = values
-    return mass * np.sin(2.0 * TIME) - loss * np.cos(9.0 * TIME)
+    return mass * np.sin(2.0 * time) - loss * np.cos(9.0 * time)
 
 
-def test_what_is_found_to_be_nothing_is_not_put_back_to_where_it_started() -> None:
+def test_what_is_found_to_be_nothing_is_not_put_back_to_where_it_started(formula: Make) -> None:
     space = ParameterSpace((SPACE["mass"], Parameter("loss", "rad", 0.5, 1e-6, 1.0, scale="log")))
-    simulator = Formula(rubbed, parameters=space)
-    recording = measured(simulator, np.array([2.0, 1e-6]))
-    problem = Problem(simulator, [recording], Weighted.estimated([recording], ["position"]), ("position",))
+    problem = problem_of(formula(rubbed, space), np.array([2.0, 1e-6]))
     found = fit(problem, space, space.nominal, Watch())
     unseen, _ = choose(problem, found, unit_covariance(problem, found))
     assert "loss" not in unseen.freeze

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,35 +14,14 @@ from trueup.loop.problem import Problem
 from trueup.loop.validate import left_out_points
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording, part_of
-from trueup.simulators.simulator import Rollout
-from trueup.trial import Trial
+from trueup.simulators.simulator import Simulator
 
 Array = NDArray[np.float64]
 SPACE = ParameterSpace((Parameter("level", "rad", 0.5, -2.0, 2.0),))
 
 
-@dataclass(frozen=True)
-class Level:
-    """Its position is its only value, whatever it is told."""
-
-    step: float = 0.01
-    name: str = "level"
-    parameters: ParameterSpace = SPACE
-
-    def at_step(self, step: float) -> Level:
-        return replace(self, step=step)
-
-    def shipped(self) -> Level:
-        return self
-
-    def observable(self, recording: Recording) -> tuple[str, ...]:
-        return ("position",)
-
-    def rollout(self, trials: list[Trial], values: Array, controllers: object = None) -> list[Rollout]:
-        return [
-            Rollout(t, {"position": np.tile(values[:, :, None], (1, len(t.observed["position"].time), 1))}, {})
-            for t in trials
-        ]
+def level(time: Array, values: Array, step: float) -> Array:
+    return np.full(len(time), values[0])
 
 
 def measured(name: str, level: float, seed: int) -> Recording:
@@ -50,11 +29,11 @@ def measured(name: str, level: float, seed: int) -> Recording:
     return Recording(name, {"position": Channel("position", ("joint",), "rad", np.arange(200) / 100.0, values)})
 
 
-def test_windows_of_one_recording_are_left_out_together() -> None:
+def test_windows_of_one_recording_are_left_out_together(formula: Callable[..., Simulator]) -> None:
     high, low = measured("high", 1.0, 0), measured("low", 0.0, 1)
     windows = [high.slice(t, t + 0.45).replace(name=f"high {t}", provenance=part_of(high)) for t in (0.0, 0.5, 1.0)]
     recordings = [*windows, low]
-    problem = Problem(Level(), recordings, Weighted.estimated(recordings, ["position"]), ("position",))
+    problem = Problem(formula(level, SPACE), recordings, Weighted.estimated(recordings, ["position"]), ("position",))
     found = fit(problem, SPACE, SPACE.nominal, Watch(), robust=np.inf)
     points = found.space.from_unit(left_out_points(problem, found))[:, 0]
     np.testing.assert_allclose(points, [0.0, 0.0, 0.0, 1.0], atol=0.02)
