@@ -104,15 +104,15 @@ def _off_bounds(run: Descent, stage: Stage) -> None:
     none = np.array([p.scale == "log" or p.lower == 0.0 for p in free])
     worth = stage.problem.chance(found.residual) * len(free)
     for k in np.flatnonzero((low & ~none) | high)[:_LOOKED_AT]:
-        point, search, name = run.point, run.search, free[k].name
-        middle = run.space.from_unit(np.where(np.arange(len(free)) == k, 0.5, point))[run.space.index(name)]
+        before, name = (run.point, run.search, run.near), free[k].name
+        middle = run.space.from_unit(np.where(np.arange(len(free)) == k, 0.5, run.point))[run.space.index(name)]
         # First the others settle around the new place: all at once would slide back the way it came.
-        others = Descent(run.space.freeze([name], {name: middle}), np.delete(point, k), run.watch, run.robust)
+        others = Descent(run.space.freeze([name], {name: middle}), np.delete(run.point, k), run.watch, run.robust)
         others.descend(replace(stage, tolerance=1.0), confirm=False)
         run.point = np.insert(others.point, k, 0.5)
         if run.descend(stage).loss < found.loss - worth:
             return
-        run.point, run.search = point, search
+        run.point, run.search, run.near = before
 
 
 def _stages(problem: Problem, coarse: Problem) -> list[Stage]:
