@@ -82,6 +82,7 @@ RULES = (
     Rule("loop", (*BASES, "identification", "grounding", "discrepancies", "search", *NOUNS)),
     Rule("campaign", ("loop", "campaign", *BASES, *NOUNS)),
     Rule("campaign.assemble", ("loop", *BASES, *NOUNS), lazily=ANYTHING),  # alone turns names into concrete classes,
+    Rule("campaign.cars", ("loop", *BASES, *NOUNS), lazily=ANYTHING),  # and cars,
     Rule("campaign.kinds", ("loop", *BASES, *NOUNS), lazily=ANYTHING),  # and these are the names that a plan may use
     Rule(
         "report",

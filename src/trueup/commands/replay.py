@@ -18,8 +18,8 @@ from rich.table import Table
 from trueup.calibration import Replay, pooled_rmse
 from trueup.campaign.assemble import as_recorded, recordings_for, shipped_for, simulator_for
 from trueup.campaign.output import free_folder
+from trueup.commands.replay_drives import run_drives
 from trueup.commands.sources import mapping_for, readable, while_driven
-from trueup.errors import ModelError
 from trueup.formats import read
 from trueup.formats.plain import finite
 from trueup.report import replay_picture
@@ -30,19 +30,20 @@ if TYPE_CHECKING:
     from trueup.recording import Recording
 
 ABOUT = """\
-Replays recordings in a model (MJCF or URDF) as it is and shows how far it is from them, joint by joint. Nothing is
-fitted: it judges a model on new recordings, tells whether the robot has changed since it was calibrated, and puts two
-models side by side.
+Replays recordings in a model (MJCF or URDF, or a car's TOML file) as it is and shows how far it is from them, joint by
+joint. Nothing is fitted: it judges a model on new recordings, tells whether the robot has changed since it was calibrated,
+and puts two models side by side. A car is predicted 1 s and 3 s ahead, again and again.
 
   trueup replay robot.xml logs/*.csv
   trueup replay fit/robot.xml new/*.csv --against robot.xml --out compared
   trueup replay robot.xml new/*.csv --parameters fit/parameters.toml    with what an MJCF cannot say (sensor errors, ...)
+  trueup replay fit/car.toml new_drives/*.csv --out predicted
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What this command takes."""
-    parser.add_argument("model", metavar="MODEL", help="MJCF or URDF of the robot")
+    parser.add_argument("model", metavar="MODEL", help="MJCF or URDF of the robot, or a car's TOML file")
     parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="files or folders")
     parser.add_argument(
         "--parameters", metavar="FILE", help="values to apply (TOML), as `trueup calibrate` writes them"
@@ -59,11 +60,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Replays, shows a table, writes pictures if asked. Raises TrueupError. Returns the exit code."""
-    if Path(args.model).suffix.lower() == ".toml":
-        raise ModelError(f"{args.model}: a car's predictions are judged by `trueup calibrate ... --hold-out`")
     paths, notes = readable(args.recordings)
     mapping, more = mapping_for(args.mapping)
     recordings, cut = while_driven([r for path in paths for r in read([path], mapping)])
+    if Path(args.model).suffix.lower() == ".toml":
+        return run_drives(args, recordings, (*notes, *more, *cut), console, told)
     recordings, _, taken = recordings_for(args.model, recordings)
     found, said = _replays(args, recordings)
     if not args.quiet:

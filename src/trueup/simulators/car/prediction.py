@@ -87,6 +87,14 @@ def spoken(
     return said
 
 
+def moved(simulator: CarSimulator, recording: Recording, horizon: float) -> float:
+    """How far a car goes in `horizon` s, in the mean over the predictions that are judged, in m; NaN without any."""
+    drive = simulator.drive(Trial.of(recording, simulator.observable(recording)))
+    starts = begun_at(drive, horizon, 0.25)
+    way = drive.seen[starts + round(horizon / drive.step), :2] - drive.seen[starts, :2]
+    return float(np.linalg.norm(way, axis=1).mean()) if len(way) else float("nan")
+
+
 def begun_at(drive: Drive, longest: float, every: float) -> NDArray[np.int64]:
     """(S,) grid instants, every `every` s, at which the car drives and from which it is tracked for `longest` s."""
     ahead, back = round(longest / drive.step), round(PAST / drive.step)
