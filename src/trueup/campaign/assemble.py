@@ -45,6 +45,7 @@ def simulator_for(
     from trueup.simulators.mujoco.declarations import declare
     from trueup.simulators.mujoco.drives import driven, undriven
     from trueup.simulators.mujoco.floor import stopped_by_floor
+    from trueup.simulators.mujoco.gains import Gains
     from trueup.simulators.mujoco.model import load
     from trueup.simulators.mujoco.overlaps import passable
     from trueup.simulators.mujoco.proposal import propose
@@ -66,7 +67,8 @@ def simulator_for(
         "channel": tuple(dict.fromkeys(c for r in everything for c in r.channels)),
     }
     space, quantities = declare(model, lines, names)
-    return MujocoSimulator(model, space, quantities), notes
+    gains, named = Gains.named_by(everything, model.compiled)
+    return MujocoSimulator(model, space, quantities, gains=gains), (*notes, *named)
 
 
 def as_recorded(replays: Sequence[Replay], recordings: Sequence[Recording]) -> tuple[Replay, ...]:

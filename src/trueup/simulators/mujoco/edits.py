@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from trueup.errors import ModelError
 from trueup.simulators.mujoco.floor_plane import FLOOR_KINDS, plane_of
+from trueup.simulators.mujoco.gains import PREFIX
 from trueup.simulators.mujoco.inertia import body_inertia
 from trueup.simulators.mujoco.mjcf_text import Element, MjcfText
 
@@ -77,6 +78,18 @@ class Edits:
             self._text.change(options[-1], **{name: value})
         else:
             self._text.insert_first(self._text.root, f'<option {name}="{value}"/>')
+
+    def gains(self, given_for: Mapping[str, float]) -> None:
+        """For which setting of its servos the file holds, where recordings name several."""
+        for quantity, value in given_for.items():
+            name = f"{PREFIX}{quantity}"
+            there = [e for e in self._text.all("numeric") if e.attributes.get("name") == name]
+            if there:
+                self._text.change(there[-1], data=number(value))
+            else:
+                self._text.insert_first(
+                    self._text.root, f'<custom><numeric name="{name}" data="{number(value)}"/></custom>'
+                )
 
     def kp(self, actuator: str) -> None:
         """Gain and bias of an actuator, by the attributes that its tag has."""

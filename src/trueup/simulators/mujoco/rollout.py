@@ -19,6 +19,7 @@ from trueup.simulators.mujoco.base import angles_of, near
 from trueup.simulators.mujoco.engine_log import unlogged
 from trueup.simulators.mujoco.fields import LIVE_KINDS, FromNominal, write_fields
 from trueup.simulators.mujoco.floor_plane import FLOOR_KINDS
+from trueup.simulators.mujoco.gains import Gains
 from trueup.simulators.mujoco.kernels import read_off
 from trueup.simulators.mujoco.model import Model, prepared
 from trueup.simulators.mujoco.quantities import Quantity
@@ -39,18 +40,20 @@ class MujocoSimulator:
 
     `quantities[i]` says what parameter i writes. With a `controller`, the parameters of `controller_parameters` follow
     those of the model and are handed to it. `step` in s; `threads` native threads (None: all this process may use).
+    `gains`: what the recordings say of the servos' settings.
     """
 
     def __init__(
         self, model: Model, space: ParameterSpace | None = None, quantities: Sequence[Quantity] = (), *,
         step: float = 0.002, threads: int | None = None, controller: ControllerFactory | None = None,
-        controller_parameters: ParameterSpace | None = None,
+        controller_parameters: ParameterSpace | None = None, gains: Gains | None = None,
     ) -> None:  # fmt: skip
         own = space if space is not None else ParameterSpace(())
         self.model = model
         self.quantities = tuple(quantities)
         self.step = step
         self.controller = controller
+        self.gains = gains or Gains()
         self.parameters = concatenate([own, controller_parameters]) if controller_parameters is not None else own
         self._threads = threads or len(os.sched_getaffinity(0))
         self._compiled = self._prepare()
@@ -65,7 +68,8 @@ class MujocoSimulator:
 
     def shipped(self) -> MujocoSimulator:
         """The same model as it came: no parameter applied, the same step."""
-        return MujocoSimulator(self.model, step=self.step, threads=self._threads, controller=self._as_declared())
+        own = self._as_declared()
+        return MujocoSimulator(self.model, step=self.step, threads=self._threads, controller=own, gains=self.gains)
 
     def _as_declared(self) -> ControllerFactory | None:
         """The controller with the nominal values of its own parameters, whatever it is given."""
@@ -230,12 +234,11 @@ class _Run:
     def _write_model(self, values: Array) -> None:
         own = values[:, : len(self.simulator.quantities)]
         self.batch.reset(stage=int(mujoco.mjtStage.mjSTAGE_NONE))
+        fields = FromNominal(self.batch, self.compiled)
         if self.simulator.quantities:
-            write_fields(
-                self.compiled, FromNominal(self.batch, self.compiled), self.simulator.quantities,
-                np.tile(own, (len(self.trials), 1)),
-            )  # fmt: skip
+            write_fields(self.compiled, fields, self.simulator.quantities, np.tile(own, (len(self.trials), 1)))
             self.batch.set_const()
+        self.simulator.gains.scale(self.compiled, fields, [t.name for t in self.trials], self.candidates)
         qpos, qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
         for k, (q, v) in enumerate(self.signals.starts()):
             rows = slice(k * self.candidates, (k + 1) * self.candidates)

@@ -117,6 +117,7 @@ def _write(
         edits.delay(actuator, seconds, step)
     edits.gravity()
     edits.excludes()
+    edits.gains(simulator.gains.given_for)
     if model.compiled.opt.integrator != wanted.opt.integrator:
         edits.option("integrator", "implicitfast")
     relocate(text, model.path.absolute().parent, path.absolute().parent)
