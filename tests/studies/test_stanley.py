@@ -15,10 +15,11 @@ from trueup.campaign.plan import read_plan
 from trueup.commands.study_view import study_table
 from trueup.errors import UnknownNameError
 from trueup.loop.transfer import try_on_robot
+from trueup.paths.courses import drawn_courses
 from trueup.recording import Recording
 from trueup.simulators.bicycle import BETAS
 from trueup.studies.stanley import chasi
-from trueup.studies.stanley.courses import true_errors
+from trueup.studies.stanley.courses import across_courses, true_errors
 from trueup.studies.stanley.drives import calibrate_drives, doubted, noise_of
 from trueup.studies.stanley.paper import PaperStudy, calibrate_betas, paper_study
 from trueup.studies.stanley.profile import profiles
@@ -133,3 +134,21 @@ def test_the_whole_study_ends_with_a_table_and_a_report_of_all_its_parts(tmp_pat
     words = shown.export_text()
     assert f"{1e3 * study.errors[2]:.1f} mm" in words
     assert f"{study.tuned.runs}" in words
+
+
+def test_drawn_courses_cover_the_speeds_and_radii_that_they_are_drawn_from() -> None:
+    for seed in range(5):
+        courses = drawn_courses(4, np.random.default_rng(seed))
+        speeds = sorted(float(c.speed.max()) for c in courses)
+        for k, speed in enumerate(speeds):  # one in each quarter of 0.3 ... 1.0 m/s, less where bends are tight
+            assert 0.3 + 0.7 * k / 4 - 0.06 < speed < 0.3 + 0.7 * (k + 1) / 4 + 1e-9
+        assert all(np.abs(c.curvature).max() <= 1.0 + 1e-9 and 22.0 < c.length < 36.0 for c in courses)
+        assert np.unique([np.abs(c.curvature).max() for c in courses]).size > 1
+
+
+def test_gains_tuned_on_several_courses_hold_where_those_of_one_fail() -> None:
+    found = across_courses(chasi.robot(41, 3), seed=41, evaluations=36, tries=2, samples=2)
+    held = found.held_out
+    assert held[-1] < 0.5 * held[0], "the robot is better everywhere"
+    assert held[-1] < np.exp(np.log(held[1:-1]).mean())
+    assert found.worst[-1] < found.worst[1:-1].mean()

@@ -6,6 +6,8 @@ The functions are made for plans: `type = "trueup.studies.stanley.chasi:simulato
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from trueup.controllers.stanley import GAINS, StanleySettings
 from trueup.errors import unknown_name
 from trueup.paths import Path
@@ -44,10 +46,12 @@ def simulator(parameters: tuple[str, ...] = DRIVES, position_noise: float = 0.00
     return BicycleSimulator(vehicle, vehicle_space(vehicle, parameters), seed=seed, threads=threads)
 
 
-def task(paths: tuple[str, ...] = ("hairpin",), gains: tuple[str, ...] = TUNED, measure: str = "rms") -> FollowPath:
-    """Follow courses by name, with the gains to tune. Raises UnknownNameError for a course that is none."""
+def task(
+    paths: Sequence[str | Path] = ("hairpin",), gains: tuple[str, ...] = TUNED, measure: str = "rms"
+) -> FollowPath:
+    """Follow paths, or courses by name, with the gains to tune. Raises UnknownNameError for a course that is none."""
     alone = tuple(paths) == ("hairpin",)
-    return FollowPath([course(p) for p in paths], SETTINGS, names=tuple(gains), measure=measure,
+    return FollowPath([course(p) if isinstance(p, str) else p for p in paths], SETTINGS, names=tuple(gains), measure=measure,
                       duration=DURATION if alone else None)  # fmt: skip
 
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Do gains hold on other paths? Tuned on one course and on several, driven by the robot on courses that neither has seen."""
+"""Do gains hold on other paths? Tuned on one course and on several, driven by the robot on courses that neither has seen.
+
+Courses to train on and courses held out are drawn from one distribution of shapes, curvatures and speeds (`drawn_courses`).
+"""
 
 from __future__ import annotations
 
@@ -10,68 +13,87 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.loop.belief import Belief
-from trueup.loop.optimize import optimize
+from trueup.loop.optimize import TrustRegion, optimize
 from trueup.loop.plausible import plausible
-from trueup.loop.transfer import try_on_robot
+from trueup.loop.transfer import shortlist, try_on_robot
+from trueup.paths import Path
+from trueup.paths.courses import drawn_courses
 from trueup.robots.stand_in_vehicle import StandInVehicle
 from trueup.search.cma_es import CmaEs
 from trueup.simulators.simulator import Simulator
 from trueup.studies.stanley import chasi
 from trueup.studies.stanley.drives import calibrate_drives, doubted, noise_of
+from trueup.studies.stanley.tuning import RISK
 from trueup.tasks.follow_path import FollowPath
 
 Array = NDArray[np.float64]
 
-TRAINING = ("hairpin", "figure_eight", "slalom")
-"""The study's own course first; the others add right turns, and turns that follow one another."""
-HELD_OUT = ("rounded_rectangle", "chicane", "loops")
+TRAINING, HELD_OUT = 4, 6
+"""How many courses are drawn of each kind."""
+_APART = 0.15  # share of the range by which candidates for the robot differ
 
 
 @dataclass(frozen=True, eq=False)
 class Courses:
     """True errors of the robot in m, by gains (rows) and course (columns)."""
 
-    courses: tuple[str, ...]
+    courses: tuple[Path, ...]
+    """Those that were trained on, then those held out."""
     rows: tuple[str, ...]
+    """Today's gains, tuned on each of the first courses alone, tuned on all of them."""
     gains: Array
     """(rows, m)."""
     errors: Array
     """(rows, courses)."""
 
     @property
+    def trained(self) -> int:
+        """How many of the courses were trained on."""
+        return len(self.rows) - 2
+
+    @property
     def held_out(self) -> Array:
-        """(rows,) mean error on the courses that nothing was tuned on."""
-        return self.errors[:, [self.courses.index(c) for c in HELD_OUT]].mean(axis=1)
+        """(rows,) error on the courses that nothing was tuned on: the geometric mean, as a task of several paths has it."""
+        return np.exp(np.log(self.errors[:, self.trained :]).mean(axis=1))
+
+    @property
+    def worst(self) -> Array:
+        """(rows,) the greatest error on a held-out course."""
+        return self.errors[:, self.trained :].max(axis=1)
 
     @property
     def summary(self) -> tuple[float, float, float]:
-        """On the held-out courses: today's gains, tuned on one course (the mean of the choices), tuned on all three."""
+        """On the held-out courses: today's gains, tuned on one course (the mean of the choices), tuned on all of them."""
         held = self.held_out
         return float(held[0]), float(held[1:-1].mean()), float(held[-1])
 
 
 def across_courses(
-    robot: StandInVehicle, *, seed: int = 0, evaluations: int = 160, samples: int = 4,
+    robot: StandInVehicle, *, seed: int = 0, evaluations: int = 120, tries: int = 3, samples: int = 4,
     gains: tuple[str, ...] = chasi.TUNED,
 ) -> Courses:  # fmt: skip
-    """Tunes on each training course alone and on all of them, in one simulator and with as many candidates for each.
+    """Tunes on each training course alone and on all of them, in one simulator, and lets the robot choose.
 
     The simulator is calibrated on one run of each training course with today's gains, and `samples` of what that leaves
-    open judge every candidate. Then all gains are driven in truth, on the courses too that nobody trained on.
+    open judge every candidate. All ways have the same budget: as many simulated runs (`evaluations` candidates on all
+    courses, as many times more on a single one), and as many runs of the robot (`tries` candidates on all of them). Then the
+    chosen gains are driven in truth, on the courses too that nobody trained on.
     """
-    whole = chasi.task(TRAINING, gains)
+    rng = np.random.default_rng([seed, 20261121])
+    training, held_out = drawn_courses(TRAINING, rng), drawn_courses(HELD_OUT, rng)
+    whole = chasi.task(training, gains)
     space = whole.parameters
     simulator, models = _calibrated(robot, whole, seed, samples)
     rows = {"today's gains": space.nominal}
-    choices = {f"tuned on the {name.replace('_', ' ')}": (name,) for name in TRAINING}
-    for label, paths in {**choices, "tuned on all three": TRAINING}.items():
-        search = CmaEs(np.clip(space.to_unit(space.nominal), 0.0, 1.0), seed=seed, max_evaluations=evaluations)
-        found = optimize(chasi.task(paths, gains), simulator, models, search)
-        rows[label] = space.from_unit(found.unit[found.best])
-    courses = (*TRAINING, *HELD_OUT)
+    for k, paths in enumerate([*((p,) for p in training), training]):
+        label = f"tuned on course {k + 1}" if len(paths) == 1 else f"tuned on all {TRAINING}"
+        share = TRAINING // len(paths)
+        task = chasi.task(paths, gains)
+        rows[label] = _tuned(robot, task, simulator, models, seed, evaluations * share, tries * share)
     tried = np.array(list(rows.values()))
-    errors = np.stack([true_errors(robot, c, tried, gains) for c in courses], axis=1)
-    return Courses(courses, tuple(rows), tried, errors)
+    everything = (*training, *held_out)
+    errors = np.stack([true_errors(robot, c, tried, gains, repeats=2) for c in everything], axis=1)
+    return Courses(everything, tuple(rows), tried, errors)
 
 
 def _calibrated(robot: StandInVehicle, task: FollowPath, seed: int, samples: int) -> tuple[Simulator, Array]:
@@ -86,8 +108,32 @@ def _calibrated(robot: StandInVehicle, task: FollowPath, seed: int, samples: int
     return simulator, plausible(task, simulator, models, start, np.array([first.score]), samples)
 
 
+def _tuned(
+    robot: StandInVehicle,
+    task: FollowPath,
+    simulator: Simulator,
+    models: Array,
+    seed: int,
+    evaluations: int,
+    tries: int,
+) -> Array:
+    """(m,) the gains that the robot did best with, of `tries` distinct ones that the simulator proposes."""
+    space = task.parameters
+    region = TrustRegion(np.clip(space.to_unit(space.nominal), 0.0, 1.0), 1.0)
+    search = CmaEs(region.inside(region.centre), seed=seed, max_evaluations=evaluations)
+    found = optimize(task, simulator, models, search, region, risk=RISK)
+    chosen = shortlist(
+        found, region, tries, apart=_APART, incumbent=False, task=task, simulator=simulator, models=models
+    )
+    scores = [
+        try_on_robot(robot, task, space.from_unit(unit), label=f", {k + 1} of {len(chosen.unit)}").score
+        for k, unit in enumerate(chosen.unit)
+    ]
+    return space.from_unit(chosen.unit[int(np.nanargmin(scores))])
+
+
 def true_errors(
-    robot: StandInVehicle, course: str, gains: Array, names: Sequence[str] = chasi.TUNED, *, repeats: int = 4,
+    robot: StandInVehicle, course: str | Path, gains: Array, names: Sequence[str] = chasi.TUNED, *, repeats: int = 4,
     measure: str = "rms",
 ) -> Array:  # fmt: skip
     """(b,) distance of the robot from a course in truth, not as measured, in m.

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from trueup.parameters import ParameterSpace
+from trueup.paths import Path
 from trueup.report.markup import Markup, join, tag
 from trueup.report.numbers import fixed
 from trueup.report.plots import AFTER, BEFORE, INK, SOFT, Plot, span
@@ -31,6 +32,18 @@ def course_map(lines: Sequence[tuple[str, Array, str]], desired: Array) -> Marku
     named = [tag("b", name, style=f"color:{colour}") for name, _, colour in lines]
     legend = tag("p", "dashed: desired path", [join(" · ", n) for n in named], class_="caption")
     return join(legend, plot.svg("; ".join(name for name, _, _ in lines)))
+
+
+def course_shapes(courses: Sequence[Path], trained: int) -> Markup:
+    """A small map of each course, those held out in grey."""
+    figures = []
+    for k, course in enumerate(courses):
+        plot = Plot(span(course.points[:, 0]), span(course.points[:, 1]), width=215, height=190, equal=True)
+        plot.line(_points(course.points[::_THIN]), AFTER if k < trained else SOFT, width=1.6)
+        plot.line([(float(x), float(y)) for x, y in course.points[:8]], INK, width=4.0)
+        name = f"course {k + 1}: {course.name}" if k < trained else f"held out: {course.name}"
+        figures.append(tag("figure", tag("figcaption", name, class_="caption"), plot.svg(name), style="margin:0"))
+    return tag("div", figures, style="display:grid;grid-template-columns:repeat(auto-fill,minmax(200px,1fr));gap:8px")
 
 
 def changes(searched: Searched, space: ParameterSpace) -> Markup:

@@ -63,11 +63,11 @@ def run_study(
     betas = chasi.simulator(BETAS, 0.0, 0.0)
     seen = profiles(chasi.task(gains=("k1", "k2", "k3")), betas, paper.calibration.found, np.ones(3), drives[0])
     noisy = calibrate_betas(drives[0], NOISY, seed=seed, trials=calibration_trials, told=told)
-    courses = across_courses(robot, seed=seed, evaluations=evaluations)
+    courses = across_courses(robot, seed=seed, evaluations=min(evaluations, 120))
     today, one, several = courses.summary
     say(
         f"courses that nothing was tuned on: {_mm(today)} with today's gains, {_mm(one)} tuned on one, "
-        f"{_mm(several)} on three"
+        f"{_mm(several)} on {courses.trained}"
     )
     study = Study(
         paper, lasted, tuned, noisy, (robot.truth.position_noise, robot.truth.heading_noise), seen, courses,

@@ -26,7 +26,8 @@ from trueup.tasks.task import Task
 
 Array = NDArray[np.float64]
 
-_RISK = 0.3  # deviations between samples that count against a candidate: little, since the robot itself tries what comes out
+RISK = 0.3
+"""Deviations between samples that count against a candidate: little, since the robot itself tries what comes out."""
 _CONFIRMED = 3  # runs at most to make sure that the best was not merely lucky
 
 
@@ -87,7 +88,7 @@ def tune(
         so_far = np.array([mean_score(s) for s in scores])
         models = plausible(task, simulator, models, space.from_unit(np.array(units)), so_far, samples)
         found = make(region.inside(region.centre), seed + number)
-        optimum = optimize(task, simulator, models, found, region, risk=_RISK)
+        optimum = optimize(task, simulator, models, found, region, risk=RISK)
         chosen = shortlist(optimum, region, candidates, task=task, simulator=simulator, models=models, apart=0.15)
         tested = [
             try_on_robot(robot, task, space.from_unit(u), label=f", round {number + 1}, candidate {k}")
