@@ -29,7 +29,12 @@ def estimate_noise(values: ArrayLike, time: ArrayLike) -> Array:
     matrix = np.asarray(values, dtype=np.float64)
     columns = matrix[:, None] if matrix.ndim == 1 else matrix
     instants = np.asarray(time, dtype=np.float64)
-    return np.array([_noise(column, instants) for column in columns.T])
+    noise = np.full(columns.shape[1], np.nan)
+    seen, alike = np.unique(np.isfinite(columns), axis=1, return_inverse=True)
+    for k, finite in enumerate(seen.T):
+        which = np.flatnonzero(alike == k)
+        noise[which] = _noise(columns[finite][:, which], instants[finite])
+    return noise
 
 
 def estimate_grid(values: ArrayLike) -> float | None:
@@ -54,35 +59,41 @@ def estimate_grid(values: ArrayLike) -> float | None:
     return best
 
 
-def _noise(column: Array, time: Array) -> float:
-    finite = np.isfinite(column)
-    values, instants = column[finite], time[finite]
-    if values.size < _FEWEST:
-        return float("nan")
-    orders = [order for order in _ORDERS if values.size >= 4 * order] or [_ORDERS[0]]
-    spread = min(_scatter(values, instants, order) for order in orders)
-    step = estimate_grid(values)
-    return max(spread, (step or 0.0) / sqrt(12.0))
+def _noise(columns: Array, time: Array) -> Array:
+    """(k,) noise of columns (T, k) without gaps."""
+    if len(time) < _FEWEST:
+        return np.full(columns.shape[1], np.nan)
+    orders = [order for order in _ORDERS if len(time) >= 4 * order] or [_ORDERS[0]]
+    spread = np.min([_scatter(columns, time, order) for order in orders], axis=0)
+    steps = [estimate_grid(column) or 0.0 for column in columns.T]
+    return np.maximum(spread, np.array(steps) / sqrt(12.0))
 
 
-def _scatter(values: Array, time: Array, order: int) -> float:
-    """Noise by divided differences: weights that annul polynomials below `order`, of unit norm."""
-    windows = sliding_window_view(values, order + 1)
+def _scatter(columns: Array, time: Array, order: int) -> Array:
+    """(k,) noise by divided differences: weights that annul polynomials below `order`, of unit norm."""
+    weights = _annulling(time, order)
+    windows = sliding_window_view(columns, order + 1, axis=0)
+    squares = np.einsum("tj,tkj->tk", weights, windows - windows[:, :, :1]) ** 2
+    blocks = max(1, len(squares) // _BLOCK)
+    if blocks < 3:
+        return np.sqrt(np.mean(squares, axis=0))
+    sizes = np.full(blocks, len(squares) // blocks) + (np.arange(blocks) < len(squares) % blocks)
+    means = np.add.reduceat(squares, np.cumsum(sizes) - sizes, axis=0) / sizes[:, None]
+    # Neighbouring differences are correlated; the median of a mean of squares with few degrees of freedom is low.
+    freedom = len(squares) / blocks / _redundancy(order)
+    return np.sqrt(np.median(means, axis=0) / (1.0 - 2.0 / (9.0 * freedom)) ** 3)
+
+
+def _annulling(time: Array, order: int) -> Array:
+    """(T - order, order + 1) weights of divided differences, each row of unit norm."""
     instants = sliding_window_view(time, order + 1)
     scale = (instants[:, -1] - instants[:, 0])[:, None] / order
     relative = (instants - instants[:, :1]) / scale
-    apart = relative[:, :, None] - relative[:, None, :]
-    apart[:, np.arange(order + 1), np.arange(order + 1)] = 1.0
-    weights = 1.0 / np.prod(apart, axis=2)
-    weights /= np.sqrt(np.sum(weights**2, axis=1, keepdims=True))
-    squares = np.sum(weights * (windows - windows[:, :1]), axis=1) ** 2
-    blocks = max(1, squares.size // _BLOCK)
-    means = np.array([float(np.mean(block)) for block in np.array_split(squares, blocks)])
-    if blocks < 3:
-        return sqrt(float(np.mean(squares)))
-    # Neighbouring differences are correlated; the median of a mean of squares with few degrees of freedom is low.
-    freedom = squares.size / blocks / _redundancy(order)
-    return sqrt(float(np.median(means)) / (1.0 - 2.0 / (9.0 * freedom)) ** 3)
+    weights = np.ones_like(relative)
+    for j in range(order + 1):
+        for other in (*range(j), *range(j + 1, order + 1)):
+            weights[:, j] /= relative[:, j] - relative[:, other]
+    return weights / np.sqrt(np.sum(weights**2, axis=1, keepdims=True))
 
 
 def _redundancy(order: int) -> float:

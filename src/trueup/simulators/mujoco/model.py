@@ -16,6 +16,9 @@ from trueup.simulators.mujoco.mjcf_spec import mjcf_spec
 from trueup.simulators.mujoco.urdf_spec import urdf_spec
 from trueup.simulators.mujoco.urdf_text import root_tag
 
+# Sensors that look at geoms, those without contacts too.
+_SEEING = tuple(int(getattr(mujoco.mjtSensor, f"mjSENS_{n}")) for n in
+                ("RANGEFINDER", "GEOMDIST", "GEOMNORMAL", "GEOMFROMTO", "TACTILE", "PLUGIN"))  # fmt: skip
 _ITERATIONS, _LINE_SEARCH = 100, 50  # MuJoCo's own; a solver that has converged stops earlier
 _OBJECTS = {
     "joint": mujoco.mjtObj.mjOBJ_JOINT,
@@ -156,13 +159,13 @@ def _add_slack(spec: mujoco.MjSpec, name: str) -> None:
 
 
 def _drop_visuals(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
-    """Removes geoms that touch nothing; the bodies keep the inertia that the full model gave them."""
-    paired = {i for pair in zip(compiled.pair_geom1, compiled.pair_geom2, strict=True) for i in pair}
-    visual = [
-        g for g in spec.geoms if g.id >= 0 and g.id not in paired
-        and compiled.geom_contype[g.id] == 0 and compiled.geom_conaffinity[g.id] == 0
-    ]  # fmt: skip
-    if not visual:
+    """Leaves out geoms that touch nothing, and meshes and textures that only pictures need: every copy of the model
+    would carry them along. The bodies keep the inertia that the full model gave them.
+    """
+    if np.isin(compiled.sensor_type, _SEEING).any():
+        return
+    spec.compiler.discardvisual = True
+    if not np.any((compiled.geom_contype == 0) & (compiled.geom_conaffinity == 0)):
         return
     for body in spec.bodies[1:]:
         i = body.id
@@ -171,8 +174,3 @@ def _drop_visuals(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
         body.ipos, body.iquat = compiled.body_ipos[i], compiled.body_iquat[i]
         body.inertia = compiled.body_inertia[i]
         body.fullinertia = np.full(6, np.nan)
-    if spec.sensors or spec.tendons:
-        # Sensors and tendon wraps may name a geom; dropping it would break them.
-        return
-    for geom in visual:
-        spec.delete(geom)
