@@ -115,14 +115,41 @@ def test_what_the_trunk_carries_is_found_from_its_pose(tmp_path: Path) -> None:
     assert kp.value == pytest.approx(48.0, rel=0.05)
 
 
-def test_a_base_that_nobody_saw_is_refused_or_starts_at_the_keyframe(tmp_path: Path) -> None:
-    blind = _squats().without("base_position")
+def test_a_base_that_one_recording_does_not_show_is_refused_or_starts_at_the_keyframe(tmp_path: Path) -> None:
+    seen, blind = _squats(), _squats().without("base_position").replace(name="blind")
     path = _written(tmp_path)
-    with pytest.raises(ModelError, match=r"base of model 'dog\.xml' is free, but nothing tells where it was in squats"):
-        simulator_for(path, [blind])
+    with pytest.raises(ModelError, match=r"base of model 'dog\.xml' is free, but nothing tells where it was in blind"):
+        simulator_for(path, [seen, blind])
     key = '<keyframe><key qpos="0 0 .3 1 0 0 0 0 0 0 0 0 0 0 0"/></keyframe></mujoco>'
-    _, notes = simulator_for(_written(tmp_path, path.read_text().replace("</mujoco>", key)), [blind])
+    _, notes = simulator_for(_written(tmp_path, path.read_text().replace("</mujoco>", key)), [seen, blind])
     assert any("starts as in the model's first keyframe" in note for note in notes)
+
+
+@pytest.mark.parametrize("keyframe", ["", '<keyframe><key qpos="0 0 .1 1 0 0 0 0 0 0 0 0 0 0 0"/></keyframe>'])
+def test_a_dog_on_a_stand_is_replayed_by_its_free_model_though_nobody_saw_its_base(
+    tmp_path: Path, keyframe: str
+) -> None:
+    """In the keyframe the feet are in the floor; on its stand, pitched by 0.2 rad, the dog touches nothing."""
+    text = _DOG.format(mass=4.0, kp=40.0).replace("</mujoco>", f"{keyframe}</mujoco>")
+    hung = text.replace('pos="0 0 .3"', 'pos="0 0 2" euler="0 11.459 0"').replace('<freejoint name="root"/>', "")
+    truth = mujoco.MjModel.from_xml_string(hung.replace(keyframe, ""))
+    data, time, rows = mujoco.MjData(truth), np.arange(0.0, 2.0, 0.01), []
+    for t in time:
+        rows.append((data.ctrl.copy(), data.qpos.copy()))
+        data.ctrl[:] = 0.4 * np.sin(6.0 * t)
+        mujoco.mj_step(truth, data, 5)
+    told, seen = (np.array(column) for column in zip(*rows, strict=True))
+    turned = np.tile([0.0, 0.2, 1.0], (len(time), 1))
+    channels = (
+        Channel("command", _JOINTS, "rad", time, np.roll(told, -1, axis=0)),
+        Channel("position", _JOINTS, "rad", time, seen),
+        Channel("base_orientation", ("roll", "pitch", "yaw"), "rad", time, turned),
+    )
+    log = Recording("stand", {c.name: c for c in channels})
+    simulator, notes = simulator_for(_written(tmp_path, text), [log])
+    assert any("held in the air, as it was turned" in note for note in notes)
+    (run,) = simulator.shipped().rollout([Trial.of(log, ["position"])], np.zeros((1, 0)))
+    assert np.std(run.channels["position"][0] - seen) < 2e-3
 
 
 def test_a_urdf_whose_base_was_seen_to_move_is_set_free(tmp_path: Path) -> None:

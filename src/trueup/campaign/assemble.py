@@ -40,7 +40,7 @@ def simulator_for(
     if Path(model_path).suffix.lower() == ".toml":
         return _car(Path(model_path), recordings, parameters_file)
     from trueup.discrepancies.alignment import clock_errors
-    from trueup.simulators.mujoco.base import check_base, floating
+    from trueup.simulators.mujoco.base import check_base, floating, held
     from trueup.simulators.mujoco.declaration_file import read_declarations
     from trueup.simulators.mujoco.declarations import declare
     from trueup.simulators.mujoco.drives import driven, undriven
@@ -54,7 +54,7 @@ def simulator_for(
     model = load(model_path)
     everything = (*recordings, *replayed)
     _check_joints(model, everything)
-    model = passable(driven(floating(model, everything), everything), everything)
+    model = passable(driven(held(floating(model, everything), everything), everything), everything)
     notes = (*model.notes, *undriven(model, everything), *check_base(model, everything))
     if parameters_file is not None:
         lines = read_declarations(parameters_file)

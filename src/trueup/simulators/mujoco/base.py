@@ -84,10 +84,60 @@ def check_base(model: Model, recordings: Sequence[Recording]) -> list[str]:
     where = f"the base of model '{model.path.name}' is free, but nothing tells where it was in {', '.join(without)}"
     if not model.compiled.nkey:
         raise ModelError(
-            f"{where}: log its pose ({POSITION}: x, y, z; {ORIENTATION}: w, x, y, z or roll, pitch, yaw), give the model a "
-            "keyframe to start from, or take the free joint out where the robot hangs or is held"
+            f"{where}: log its pose ({POSITION}: x, y, z; {ORIENTATION}: w, x, y, z or roll, pitch, yaw) there too, give "
+            "the model a keyframe to start from, or leave these recordings out"
         )
     return [f"{where}: it starts as in the model's first keyframe"]
+
+
+def held(model: Model, recordings: Sequence[Recording]) -> Model:
+    """A model whose base is free, fixed in the air where no recording tells where it was: most such robots hang.
+
+    It stands as its first keyframe has it, or its reference pose, turned as an inertial unit saw it, and what stands
+    around it touches nothing. Raises ModelError where it does not compile so.
+    """
+    joint = free_joint(model.compiled)
+    if joint < 0 or any(r.has(POSITION) and r.has(ORIENTATION) for r in recordings):
+        return model
+    compiled, spec = model.compiled, model.spec.copy()
+    start = int(compiled.jnt_qposadr[joint])
+    pose = (compiled.key_qpos[0] if compiled.nkey else compiled.qpos0)[start : start + 7]
+    seen = _mean_angles(recordings)
+    body = spec.bodies[int(compiled.jnt_bodyid[joint])]
+    body.pos, body.quat = pose[:3], quaternion_of(seen) if seen is not None else pose[3:]
+    _untouched(spec, compiled)
+    # Keyframes have a place for the pose, which is gone.
+    for gone in (*spec.keys, body.joints[0]):
+        spec.delete(gone)
+    try:
+        fixed = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ModelError(f"model '{model.path}' does not compile with its base held: {error}") from None
+    turn = "as it was turned on average" if seen is not None else "as its first keyframe or reference pose has it"
+    note = (
+        f"the base of model '{model.path.name}' is free, but no recording tells where it was: it is held in the air, {turn}, "
+        f"touching nothing, as on a stand. If it stood or walked, log its pose ({POSITION}: x, y, z; {ORIENTATION}: w, x, y, "
+        "z or roll, pitch, yaw)"
+    )
+    return Model(model.path, spec, fixed, (*model.notes, note))
+
+
+def _mean_angles(recordings: Sequence[Recording]) -> Array | None:
+    """(3,) roll and pitch of the base on average, no yaw; None where no recording has them."""
+    seen = [r.channel(ORIENTATION) for r in map(in_angles, recordings) if r.has(ORIENTATION)]
+    rows = [c.values for c in seen if c.labels == ANGLES]
+    return np.append(np.nanmean(np.concatenate(rows), axis=0)[:2], 0.0) if rows else None
+
+
+def _untouched(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
+    """What stands in the world neither touches nor is touched."""
+    names = set()
+    for geom in spec.geoms:
+        if compiled.body_weldid[compiled.geom_bodyid[geom.id]] == 0:
+            geom.contype = geom.conaffinity = 0
+            names.add(geom.name)
+    for pair in [p for p in spec.pairs if {p.geomname1, p.geomname2} & names]:
+        spec.delete(pair)
 
 
 def floating(model: Model, recordings: Sequence[Recording]) -> Model:
