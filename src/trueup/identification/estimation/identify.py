@@ -6,6 +6,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -27,13 +28,15 @@ from trueup.identification.estimation.pieces import Piece, pieces_of
 from trueup.identification.estimation.pool import STRUCTURES, Pool, chosen, loaded, pool_for
 from trueup.identification.estimation.quick import basic_columns, doubts, measured_speed
 from trueup.identification.estimation.result import Alignment, Identification
-from trueup.identification.estimation.selection import Choice, balanced, drawn
+from trueup.identification.estimation.selection import Choice, balanced, drawn, pays
 from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.recording import Recording
 
 Array = NDArray[np.float64]
 Told = Callable[[str, float], None]
+Structured = tuple[list[Piece], Moments, Choice]
+"""Pieces with their effects of load, their moments, the model that predicts best."""
 
 _BLOCKS = 8
 _TURNS = 3
@@ -70,8 +73,7 @@ def identify(
     """
     started, wanted, say = time.perf_counter(), options or Options(), told or (lambda stage, share: None)
     _check_options(wanted, training)
-    gears = drives or Drives.direct(tree.joints)
-    rng = np.random.default_rng(wanted.seed)
+    gears, rng = drives or Drives.direct(tree.joints), np.random.default_rng(wanted.seed)
     say("reading the logs", 0.0)
     logs, judged = ([log_of(r, tree, gears) for r in group] for group in (training, held_out))
     warnings = [note for log in [*logs, *judged] for note in (*log.notes, *check_log(log, tree))]
@@ -86,14 +88,14 @@ def identify(
         motion = log.motion(cutoff, measured_speed=measured)
         pieces += [replace(p, held_out=True) for p in pieces_of(motion, pool.model, cutoff, 0.0)]
     say("comparing clocks", 0.3)
-    alignment, pieces = _aligned(pool, pieces, logs[0].rate, wanted.align)
-    warnings += [*said, *doubts(logs, tree, gears, pool, pieces, rng)]
+    alignment, aligned = _aligned(pool, pieces, logs[0].rate, wanted.align)
+    warnings += [*said, *doubts(logs, tree, gears, pool, aligned, rng)]
     say("choosing the structure of friction", 0.4)
     nominal = _nominal(pool.model)
-    prior = _prior(pool, nominal)
-    pieces, moments, choice = _structured(pool, pieces, prior, nominal, wanted.structure, 1.0 / cutoff)
+    structured = partial(_structured, pool, nominal=nominal, structure=wanted.structure, margin=1.0 / cutoff)
+    alignment, (pieces, moments, choice) = _believed(alignment, aligned, pieces, structured)
     say("estimating", 0.8)
-    estimate, bodies, choice = _estimated(pool, _training(pieces), prior, nominal, choice, wanted)
+    estimate, bodies, choice = _estimated(pool, _training(pieces), nominal, choice, wanted)
     say("writing", 0.95)
     return outcome(
         tree, pool, choice, estimate, bodies and bodies.fit, pieces, alignment, moments=moments, nominal=nominal,
@@ -101,9 +103,7 @@ def identify(
     )  # fmt: skip
 
 
-def _structured(
-    pool: Pool, pieces: Sequence[Piece], prior: Array, nominal: Array, structure: str, margin: float
-) -> tuple[list[Piece], Moments, Choice]:
+def _structured(pool: Pool, pieces: Sequence[Piece], nominal: Array, structure: str, margin: float) -> Structured:
     """The pieces with their effects of load, their moments, and the model that predicts best.
 
     What gears carry comes from a first rough fit, then from possible bodies in the model chosen with it.
@@ -113,6 +113,7 @@ def _structured(
         made = [replace(p, rows=loaded(pool, p.rows, parameters)) for p in pieces]
         return made, moments_of(blocks_of(_training(made), _BLOCKS, margin))
 
+    prior = _prior(pool, nominal)
     rough = weighted_least_squares(_training(pieces), basic_columns(pool), prior=prior).parameters
     made, moments = carrying(pool.base.full(pool.base.of(rough), nominal))
     choice = chosen(pool, moments, prior * moments.scale, structure)
@@ -129,12 +130,26 @@ def _structured(
     return made, moments, choice
 
 
+def _believed(
+    alignment: Alignment | None, aligned: Sequence[Piece], as_logged: Sequence[Piece],
+    structured: Callable[[Sequence[Piece]], Structured],
+) -> tuple[Alignment | None, Structured]:  # fmt: skip
+    """The model with a shift of torque in time taken out, unless richer friction explains as well what looked like one."""
+    shifted_model = structured(aligned)
+    if alignment is None or not alignment.doubtful:
+        return alignment, shifted_model
+    plain = structured(as_logged)
+    if pays(shifted_model[-1], plain[-1]):
+        return alignment, shifted_model
+    return replace(alignment, corrected=False), plain
+
+
 def _training(pieces: Sequence[Piece]) -> list[Rows]:
     return [p.rows for p in pieces if not p.held_out]
 
 
 def _estimated(
-    pool: Pool, parts: Sequence[Rows], prior: Array, nominal: Array, choice: Choice, wanted: Options
+    pool: Pool, parts: Sequence[Rows], nominal: Array, choice: Choice, wanted: Options
 ) -> tuple[Estimate, Bodies | None, Choice]:
     """The estimate, drawn to possible bodies as far as that predicts no worse, those bodies, and how strongly it is."""
     active = np.flatnonzero(choice.active)
@@ -142,7 +157,7 @@ def _estimated(
     def fit(prior: Array, strength: float, robust: bool | None) -> Estimate:
         return least_squares(parts, active, choice.weights, prior=prior, strength=strength, robust=robust)
 
-    free = fit(prior, choice.strength, wanted.robust)
+    free = fit(_prior(pool, nominal), choice.strength, wanted.robust)
     if not wanted.consistent:
         return free, None, choice
     # All samples, where the choice of the structure left out those at the borders of blocks.

@@ -169,6 +169,11 @@ def _surely_better(new: Choice, old: Choice) -> bool:
     return surely_smaller(new.errors, old.errors)
 
 
+def pays(new: Choice, old: Choice) -> bool:
+    """Whether the one predicts better than the other by as much as a larger model must, and surely."""
+    return new.loss < old.loss - PAYS and _surely_better(new, old)
+
+
 def surely_smaller(new: Array | None, old: Array | None, sure: float = _SURE) -> bool:
     """Whether the gain exceeds `sure` times its standard error over the blocks (K, n): no single stretch of time decides."""
     if new is None or old is None:
