@@ -12,6 +12,7 @@ import pytest
 
 from trueup import formats
 from trueup.errors import FormatError, MissingExtraError
+from trueup.formats.planned import Plan, followed
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 TIME = np.arange(40) / 100.0
@@ -55,14 +56,49 @@ def test_a_gripper_that_publishes_on_the_same_topic_does_not_tear_holes(tmp_path
     assert len(other.time) == 40
 
 
-def test_the_points_of_a_trajectory_are_commands_at_their_times(tmp_path: Path, small_files: Any) -> None:
-    kind = "trajectory_msgs/msg/JointTrajectory"
-    content = small_files.trajectory(2.0, ["hip"], [(0.1, [1.0]), (0.2, [2.0]), (1.5, [3.0])])
-    state = [("/joint_states", JOINT_STATE, t, small_files.joint_state(t, ["hip"], [t])) for t in TIME + 2.0]
-    bag = small_files.write_bag(tmp_path / "bag", [("/arm/joint_trajectory", kind, 2.0, content), *state])
-    command = formats.read(bag)[0].channel("command")
-    assert command.time == pytest.approx([2.1, 2.2, 3.5])
-    assert command.values[:, 0].tolist() == [1.0, 2.0, 3.0]
+_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+
+
+def _states(small_files: Any) -> list[tuple[str, str, float, Any]]:
+    """A hip that rests at 0.5 rad for 4 s."""
+    times = 2.0 + np.arange(400) / 100.0
+    return [("/joint_states", JOINT_STATE, t, small_files.joint_state(t, ["hip"], [0.5])) for t in times]
+
+
+def _command(folder: Path, small_files: Any, plans: list[tuple[float, float, list[tuple[float, list[float]]]]]) -> Any:
+    """The command in a bag with plans: when each was received, its header's time, its points."""
+    sent = [
+        ("/arm/joint_trajectory", _TRAJECTORY, at, small_files.trajectory(stamp, ["hip"], points))
+        for at, stamp, points in plans
+    ]
+    return formats.read(small_files.write_bag(folder / "bag", [*sent, *_states(small_files)]))[0].channel("command")
+
+
+@pytest.mark.parametrize("stamp", [3.0, 0.0], ids=["at a time", "from now on"])
+def test_a_trajectory_is_followed_from_where_the_joint_was_to_each_point_at_its_time(
+    tmp_path: Path, small_files: Any, stamp: float
+) -> None:
+    command = _command(tmp_path, small_files, [(3.0, stamp, [(1.0, [1.5]), (2.0, [1.0])])])
+    at = command.at([3.0, 3.5, 4.0, 4.5, 5.0])[:, 0]
+    assert at == pytest.approx([0.5, 1.0, 1.5, 1.25, 1.0], abs=1e-6)
+
+
+def test_a_new_trajectory_takes_over_from_where_the_old_one_has_come_to(tmp_path: Path, small_files: Any) -> None:
+    command = _command(tmp_path, small_files, [(2.0, 2.0, [(2.0, [2.5])]), (3.0, 3.0, [(1.0, [1.5])])])
+    assert command.at([2.5, 3.0, 3.5, 4.0])[:, 0] == pytest.approx([1.0, 1.5, 1.5, 1.5], abs=1e-6)
+
+
+def test_a_stream_of_points_for_now_is_a_command_each(tmp_path: Path, small_files: Any) -> None:
+    command = _command(tmp_path, small_files, [(t, t, [(0.0, [t])]) for t in (2.0, 2.5, 3.0)])
+    assert command.time == pytest.approx([2.0, 2.5, 3.0])
+    assert command.values[:, 0].tolist() == [2.0, 2.5, 3.0]
+
+
+def test_points_with_velocities_are_passed_on_a_cubic() -> None:
+    """X = t^2 (3 - 2 t), whose speed is 6 t (1 - t): its own cubic, from two knots."""
+    plan = Plan(0.0, ("hip",), np.array([1.0]), np.array([[1.0]]), np.array([[0.0]]))
+    time, values = followed([plan], lambda _: np.array([0.0]))
+    assert values[:, 0] == pytest.approx(time**2 * (3.0 - 2.0 * time))
 
 
 def test_any_message_with_numbers_can_be_named_in_a_mapping(tmp_path: Path, small_files: Any) -> None:

@@ -13,6 +13,8 @@ import numpy as np
 _NAME_FIELDS = ("name", "names", "joint_names", "joint_name")
 _LONGEST = 256  # arrays beyond this are images, scans or maps
 _DEEPEST = 6
+_BESIDE = ("header", "time_from_start", "layout")
+_REPEATED = ("error", "output")  # of a controller's state: the difference of the rest, and what it told the drives
 
 
 @dataclass(frozen=True)
@@ -26,27 +28,15 @@ class Rows:
 
 
 def rows_of(message: Any, kind: str) -> Rows:
-    """The samples in a message of type `kind`: one, or one for each point of a trajectory."""
-    joints = _joints(message)
-    stamp = _stamp(getattr(message, "header", None))
-    if kind.endswith("/JointTrajectory"):
-        return Rows(tuple(_points(message, joints, stamp)), joints)
-    values = dict(_numbers(message, "", joints, 0))
+    """The sample in a message of type `kind`, if it has numbers."""
+    joints = joints_of(message)
+    stamp = stamp_of(message)
+    values = dict(_numbers(message, "", joints, 0, _REPEATED if kind.endswith("ControllerState") else ()))
     return Rows(((stamp, values),) if values else (), joints)
 
 
-def _points(
-    message: Any, joints: Sequence[str], stamp: float | None
-) -> Iterator[tuple[float | None, dict[str, float]]]:
-    """A trajectory's points are commands for later; a header of zero means: from now on."""
-    for point in message.points:
-        values = {f"desired.{name}": value for name, value in _numbers(point, "", joints, 0)}
-        later = _seconds(getattr(point, "time_from_start", None)) or 0.0
-        if values and (stamp is not None or len(message.points) == 1):
-            yield (None if stamp is None else stamp + later), values
-
-
-def _joints(message: Any) -> tuple[str, ...]:
+def joints_of(message: Any) -> tuple[str, ...]:
+    """Names that a message gives to the entries of its arrays."""
     for name in _NAME_FIELDS:
         value = getattr(message, name, None)
         if isinstance(value, list) and value and all(isinstance(entry, str) for entry in value):
@@ -54,9 +44,9 @@ def _joints(message: Any) -> tuple[str, ...]:
     return ()
 
 
-def _stamp(header: Any) -> float | None:
+def stamp_of(message: Any) -> float | None:
     """The header's time in s; None for no header and for one that was left at zero."""
-    return _seconds(getattr(header, "stamp", None)) or None
+    return _seconds(getattr(getattr(message, "header", None), "stamp", None)) or None
 
 
 def _seconds(stamp: Any) -> float | None:
@@ -65,8 +55,10 @@ def _seconds(stamp: Any) -> float | None:
     return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
 
 
-def _numbers(value: Any, name: str, joints: Sequence[str], depth: int) -> Iterator[tuple[str, float]]:
-    """Every number below `value`, with the path of field names that leads to it."""
+def _numbers(
+    value: Any, name: str, joints: Sequence[str], depth: int, without: Sequence[str] = ()
+) -> Iterator[tuple[str, float]]:
+    """Every number below `value`, with the path of field names that leads to it; not the fields `without`."""
     if isinstance(value, (bool, int, float, np.number)):
         yield name, float(value)
     elif isinstance(value, np.ndarray):
@@ -74,7 +66,7 @@ def _numbers(value: Any, name: str, joints: Sequence[str], depth: int) -> Iterat
             yield from _entries(name, value.ravel().tolist(), joints)
     elif dataclasses.is_dataclass(value) and depth < _DEEPEST:
         for item in dataclasses.fields(value):
-            if item.name in ("header", "time_from_start", "layout") or item.name.startswith("__"):
+            if item.name in (*_BESIDE, *without) or item.name.startswith("__"):
                 continue
             path = f"{name}.{item.name}" if name else item.name
             yield from _numbers(getattr(value, item.name), path, joints, depth + 1)

@@ -8,8 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from trueup.errors import FormatError, MissingExtraError
-from trueup.formats.messages import Rows, rows_of
+from trueup.formats.messages import Rows, rows_of, stamp_of
+from trueup.formats.planned import KIND, Plan, followed, plan_of
 from trueup.formats.table import Array, Table, numbers, shown
 
 _JOINT_STATE_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m"}
@@ -55,10 +58,16 @@ def read(path: Path) -> list[Table]:
     except ImportError:
         raise MissingExtraError("reading ROS bags", "rosbags", "ros") from None
     topics: dict[tuple[str, frozenset[str]], _Topic] = {}
+    plans: dict[tuple[str, frozenset[str]], list[Plan]] = {}
     warnings: dict[str, int] = {}
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
             for topic, kind, received, message in _messages(reader, warnings):
+                if kind.endswith(KIND):
+                    plan = plan_of(message, received, stamp_of(message))
+                    if plan is not None:
+                        plans.setdefault((topic, frozenset(plan.joints)), []).append(plan)
+                    continue
                 rows = rows_of(message, kind)
                 if rows.samples:
                     key = (topic, frozenset(rows.joints))
@@ -69,7 +78,8 @@ def read(path: Path) -> list[Table]:
         reason = " ".join(str(error).split())[:300] or type(error).__name__
         raise FormatError(f"{path}: cannot be read as a bag ({reason})") from error
     notes = tuple(f"{path.name}: {reason} ({count} messages)" for reason, count in list(warnings.items())[:20])
-    tables = _tables(list(topics.values()), path, notes)
+    commanded = [_commanded(topic, each, list(topics.values())) for (topic, _), each in plans.items()]
+    tables = _tables([*topics.values(), *commanded], path, notes)
     if not tables:
         raise FormatError(f"{path}: no message with numbers in this bag" + (f"; {'; '.join(notes)}" if notes else ""))
     return tables
@@ -85,6 +95,27 @@ def _messages(reader: Any, warnings: dict[str, int]) -> Iterator[tuple[str, str,
             warnings[reason] = warnings.get(reason, 0) + 1
             continue
         yield connection.topic, connection.msgtype, received * 1e-9, message
+
+
+def _commanded(topic: str, plans: Sequence[Plan], others: Sequence[_Topic]) -> _Topic:
+    """What trajectories told the joints, sample by sample; the first starts from where they were measured to be."""
+    joints = plans[0].joints
+    ordered = [plan.in_order(joints) for plan in plans]
+    time, values = followed(ordered, lambda at: _measured(others, joints, at))
+    columns = {f"desired.positions/{joint}": column.tolist() for joint, column in zip(joints, values.T, strict=True)}
+    return _Topic(topic, f"trajectory_msgs/msg{KIND}", joints, time.tolist(), time.tolist(), columns)
+
+
+def _measured(topics: Sequence[_Topic], joints: Sequence[str], at: float) -> Array | None:
+    """(k,) where the joints were last before a time, by the first topic that tells; None where none does."""
+    for topic in topics:
+        columns = [topic.cells.get(f"position/{joint}", []) for joint in joints]
+        before = [i for i, stamp in enumerate(topic.stamps) if stamp <= at]
+        last = [c[before[-1]] if before and len(c) > before[-1] else None for c in columns]
+        found = [value for value in last if value is not None]
+        if len(found) == len(joints):
+            return np.array(found, dtype=np.float64)
+    return None
 
 
 def _cause(error: Exception) -> str:
