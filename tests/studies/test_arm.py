@@ -28,7 +28,7 @@ from trueup.studies.arm.saved import Store
 Array = NDArray[np.float64]
 MODEL = torque_model()
 COLUMNS = papers_columns(MODEL)
-TRUTH = np.concatenate([ns16().weighed().ravel(), ROTORS, COULOMB, VISCOUS, QUADRATIC, np.zeros(24)])
+TRUTH = np.concatenate([ns16().weighed().ravel(), ROTORS, COULOMB, VISCOUS, QUADRATIC, np.zeros(MODEL.p - 84)])
 
 
 def motions(count: int, seed: int = 0) -> list[Trajectory]:
@@ -189,3 +189,18 @@ def test_a_study_goes_on_from_what_is_there_and_never_over_another(tmp_path: Pat
     (tmp_path / "mine" / "thesis.txt").write_text("")
     with pytest.raises(OutputError, match="something else"):
         Store.at(tmp_path / "mine", scale)
+
+
+def test_friction_that_does_not_jump_at_standstill_costs_our_fit_nothing_where_nothing_else_is_hidden(
+    training: list[Run], others: list[Run]
+) -> None:
+    rng, arm = np.random.default_rng(4), HiddenArm(ns16(), Effects.none())
+    rows = [one.torque(arm, rng, 0.0) for one in training]
+    papers, ours = papers_fit(rows, COLUMNS), our_fit(MODEL, training, rows, COLUMNS)
+    wrong = [(one, one.torque(arm, rng, 0.0)) for one in others]
+    errors = [
+        np.mean([np.abs(r.torque - fit.predict(MODEL, one, r)).mean(axis=0) for one, r in wrong], axis=0) / NOMINAL
+        for fit in (papers, ours)
+    ]
+    assert errors[1].mean() < 0.98 * errors[0].mean()
+    assert (errors[1] < 1.02 * errors[0]).all()

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from trueup.identification.estimation.consistent import consistent_fit
 from trueup.identification.estimation.couplings import proposed_couplings, weighted_fit
 from trueup.identification.estimation.effects import Effect
-from trueup.identification.estimation.moments import Moments, moments_of
+from trueup.identification.estimation.moments import RIDGE, Moments, moments_of
+from trueup.identification.estimation.selection import Choice, evaluated, trimmed, weighed
 from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.inertial import from_com
 from trueup.studies.arm.measuring import Run
@@ -59,7 +60,7 @@ def papers_fit(rows: Sequence[Rows], columns: Integers) -> Fitted:
 
 
 def our_fit(model: TorqueModel, made: Sequence[Run], rows: Sequence[Rows], columns: Integers) -> Fitted:
-    """Couplings from the data, friction with offset, Stribeck, asymmetry and load, bodies that can exist."""
+    """Couplings from the data, friction with what predicts runs left out of its further columns and load, possible bodies."""
     n = model.tree.n
 
     def driven(C: Array) -> list[Rows]:
@@ -67,16 +68,26 @@ def our_fit(model: TorqueModel, made: Sequence[Run], rows: Sequence[Rows], colum
 
     C = proposed_couplings(driven, columns, np.arange(10 * n, 11 * n), WRIST)
     rows = driven(C)
-    active = np.concatenate([columns, np.arange(14 * n, model.p)])
-    moments = moments_of(rows)
-    parameters, variance = weighted_fit(moments, active, NOMINAL**2)
+    further = np.concatenate([np.arange(14 * n, model.p), model.p + np.arange(n)])  # the load's columns come last
+    active = np.concatenate([columns, further])
+    parameters, variance = weighted_fit(moments_of(rows), active[active < model.p], NOMINAL**2)
     load = np.zeros(n)
-    for _ in range(2):  # the load column needs the torque carried, which the last fit gives
+    for turn in range(2):  # the load column needs the torque carried, which the last fit gives
         wide = moments_of([_loaded(r, parameters) for r in rows])
-        both, variance = weighted_fit(wide, np.concatenate([active, model.p + np.arange(n)]), NOMINAL**2)
+        active = active if turn else _useful(wide, active, further)
+        both, variance = weighted_fit(wide, active, NOMINAL**2)
         parameters, load = both[: model.p], np.maximum(both[model.p :], 0.0)
     rest = moments_of([replace(r, torque=r.torque - load * load_columns(r, parameters)) for r in rows])
-    return Fitted(_possible(model, rest, variance, active), load, C)
+    return Fitted(_possible(model, rest, variance, active[active < model.p]), load, C)
+
+
+def _useful(moments: Moments, active: Integers, further: Integers) -> Integers:
+    """The active columns without those of `further` that predict nothing in runs that were left out."""
+    prior, mask = np.zeros(len(moments.scale)), np.zeros(len(moments.scale), dtype=bool)
+    mask[active] = True
+    choice = weighed(moments, prior, Choice(mask, 1.0, RIDGE, np.ones(moments.square.shape[1])))
+    choice = trimmed(moments, prior, evaluated(moments, prior, choice), further.tolist())
+    return np.flatnonzero(choice.active)
 
 
 def _loaded(rows: Rows, parameters: Array) -> Rows:

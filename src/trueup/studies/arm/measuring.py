@@ -26,7 +26,11 @@ _EVERY = 5  # 100 of 500 samples a second are kept
 _TRIM = 10  # samples at both ends, where a filter has no past or no future
 
 PAPERS = ("rotor", "coulomb", "viscous", "quadratic")
-FURTHER = (Effect("offset"), Effect("stribeck", 0.02), Effect("stribeck", 0.06), Effect("asymmetric"))
+FURTHER = (
+    Effect("offset"), Effect("stribeck", 0.02), Effect("stribeck", 0.06), Effect("asymmetric"),
+    Effect("saturating", 0.002), Effect("saturating", 0.01), Effect("saturating", 0.05),
+)  # fmt: skip
+"""What our fit may use beyond them. No friction jumps at standstill: what saturates over a range of speeds goes there."""
 
 
 def torque_model() -> TorqueModel:

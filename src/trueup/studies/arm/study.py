@@ -156,7 +156,7 @@ class _Lazily:
             made = region.excitations[0][algorithm]
             rows = [one.torque(arm, rng, warmth) for one in made]
             fit = our_fit(model, made, rows, columns) if algorithm == "ours" else papers_fit(rows, columns)
-            found[algorithm] = base.of(fit.parameters[: papers.p]).tolist()
+            found[algorithm] = base.of(_as_papers(model, fit.parameters)[: papers.p]).tolist()
         return {"names": list(base.names), "truth": base.of(_truth(papers)).tolist(), "found": found}
 
     def answers(self, kind: str) -> dict[str, Any]:
@@ -165,6 +165,15 @@ class _Lazily:
         found = answered(kind, self.workshop(), self.region(), Effects(), rng, count=count)
         self.steps(f"region {self.name}: criteria against errors, class {kind}")
         return asdict(found)
+
+
+def _as_papers(model: TorqueModel, parameters: Array) -> Array:
+    """(p,) with friction that saturates over a range of speeds counted as Coulomb's."""
+    n, joined = model.tree.n, parameters.copy()
+    for k, (d, effect) in enumerate(model.effects):
+        if effect.kind == "saturating":
+            joined[11 * n + d] += joined[10 * n + k]
+    return joined
 
 
 def _truth(papers: TorqueModel) -> Array:
