@@ -72,6 +72,8 @@ FULL_SIZE = (
     "timestamp,erpm_cmd,servo_cmd,odom_speed,pf_x,pf_y,pf_theta",
     "time,cmd_v,cmd_w,x,y,theta",
     "timestamp,throttle,steering,pos_x,pos_y,pos_z,roll,pitch,yaw,speed",
+    "time,cmd_vel.linear.x,cmd_vel.angular.z,pose_x,pose_y,pose_yaw_deg,odom_v,odom_w",
+    "time,speed_percent,steering_deg,uwb_x,uwb_y,compass_deg,gyro_dps",
 )
 
 

@@ -39,7 +39,7 @@ TRUTH = Car("hidden", 0.2, HIDDEN)
 GUESS = Car("guessed", 0.2)
 
 
-def driven(seed: int, seconds: float = 50.0, *, noise: float = 5e-4, slower: float = 1.0) -> Recording:
+def driven(seed: int, seconds: float = 50.0, *, noise: float = 5e-4, slower: float = 1.0, truth: Car = TRUTH) -> Recording:
     """A drive of the hidden car from rest, commanded at 10 Hz, tracked at 100 Hz: one clock, no outliers."""
     rng = np.random.default_rng(seed)
     ticks = np.arange(0.0, seconds, 0.1)
@@ -59,7 +59,7 @@ def driven(seed: int, seconds: float = 50.0, *, noise: float = 5e-4, slower: flo
         "speed": Observed(("speed",), "m/s", time[::10]),
     }
     trial = Trial("truth", 1.0, seconds - 1.0, command, observed, start)
-    (rollout,) = CarSimulator(TRUTH, horizon=1e3).rollout([trial], np.zeros((1, 0)))
+    (rollout,) = CarSimulator(truth, horizon=1e3).rollout([trial], np.zeros((1, 0)))
     run = rollout.recording().replace(name=f"drive_{seed}")
     noisy = {n: c.replace(values=c.values + rng.normal(0.0, noise, c.values.shape)) for n, c in run.channels.items()}
     return run.replace(channels={**noisy, "command": run.channel("command")})
@@ -199,6 +199,17 @@ def test_what_a_wheel_showed_just_before_is_expected_to_last_a_while(drive: Reco
     errors = prediction_errors(off, np.zeros(0), drive, (1.0,)).mean()
     moved = 0.5 * 0.45 * 0.08 / 0.2 * float(np.median(drive.channel("speed").values)) ** 2  # m after 1 s, by geometry
     assert errors < 0.8 * moved
+
+
+def test_a_push_that_lasts_is_told_as_large_as_it_is_beneath_the_motors_own_voltage() -> None:
+    """A car that rolls more easily than its model, by a constant: what the past showed of it makes up for nearly all."""
+    values = {**HIDDEN, "drive_fade": 0.2, "push_lasts": 1.0}
+    drives = driven(5, truth=replace(TRUTH, values=values))
+    own, off, unaware = (
+        prediction_errors(CarSimulator(replace(TRUTH, values={**values, **more})), np.zeros(0), drives).mean(axis=0)[1]
+        for more in ({}, {"friction": 1.7}, {"friction": 1.7, "push_lasts": 0.0})
+    )
+    assert off - own < 0.2 * (unaware - own)
 
 
 def test_a_new_wheel_angle_takes_effect_after_a_way_not_after_a_time() -> None:

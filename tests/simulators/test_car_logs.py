@@ -65,6 +65,17 @@ def test_a_full_size_cars_receiver_may_jump_now_and_then(full_size: Recording) -
     assert known.sum() >= 0.99 * (len(points) - len(off))
 
 
+def test_a_slow_receiver_in_frequent_rows_is_read_at_its_own_rate() -> None:
+    """Rows at 50 Hz that repeat a 5 Hz position until the next: a car neither stands and jumps, nor is any fix lost."""
+    often = winding(7.0, 1.0, 0.1, 50.0, 0.01)
+    points, row = often.channel("position").values, np.arange(len(often.channel("position").time))
+    gone = np.where(row < 2000, row, np.maximum(row - 400, 2000)) // 10 * 10  # it stands for 8 s
+    seen = cleaned(with_values(often, "position", points[gone]).without("heading")).channel("position")
+    assert np.median(np.diff(seen.time)) == pytest.approx(0.2)
+    assert np.diff(seen.time).max() == pytest.approx(0.2)
+    assert np.isfinite(seen.values).all(axis=1).mean() > 0.95
+
+
 def test_the_way_driven_stands_for_a_heading_and_never_looks_ahead(full_size: Recording) -> None:
     bare = full_size.without("heading")
     found, truth = cleaned(bare).channel("heading").values[:, 0], full_size.channel("heading").values[:, 0]
@@ -73,6 +84,28 @@ def test_the_way_driven_stands_for_a_heading_and_never_looks_ahead(full_size: Re
     points[401:] = points[400] + 1.5 * (points[401:] - points[400])
     again = cleaned(with_values(bare, "position", points)).channel("heading").values[:, 0]
     assert again[:401] == pytest.approx(found[:401], abs=1e-9)
+
+
+def test_a_gyroscope_and_a_slow_receiver_give_the_heading_of_the_moment() -> None:
+    """Its zero drifts and its sign may be the other one; alone, the way from fix to fix would tell the heading late."""
+    plain = winding(7.0, 1.0, 0.15, 5.0, 0.02)
+    fast = winding(7.0, 1.0, 0.15, 50.0, 0.0).channel("heading")
+    rate = np.gradient(fast.values[:, 0], fast.time)[:, None] + 0.01
+    truth = plain.channel("heading").values[:, 0]
+    off = []
+    for gyro in (rate, -rate, None):
+        bare = plain.without("heading")
+        given = (
+            bare if gyro is None else bare.with_channel(Channel("yaw_rate", ("yaw_rate",), "rad/s", fast.time, gyro))
+        )
+        found = cleaned(given).channel("heading").values[:, 0]
+        off.append(float(np.nanstd((found - truth + np.pi)[20:] % (2 * np.pi) - np.pi)))
+    assert max(off[:2]) < 0.03 < 0.3 * off[2]
+    noise = np.random.default_rng(0).normal(0.0, 1.0, rate.shape)
+    odd = plain.without("heading").with_channel(Channel("yaw_rate", ("yaw_rate",), "rad/s", fast.time, noise))
+    assert "the direction of motion stands" in cleaned(odd).provenance["warnings"], (
+        "what contradicts the way is not used"
+    )
 
 
 def test_a_quaternion_or_a_compass_gives_the_heading(full_size: Recording) -> None:

@@ -22,7 +22,7 @@ _CORES: Mapping[str, str] = MappingProxyType(
         "latitude": "lat, latitude",
         "longitude": "lon, lng, longitude",
         "heading": "heading, yaw, theta, psi, hdg, azimuth, orientation, orientation yaw, euler yaw, "
-        "rpy yaw, orientation theta",
+        "rpy yaw, orientation theta, compass, compass heading, bearing, course",
         "qx": "qx, orientation x, quat x, quaternion x, q x, rotation x, rot x",
         "qy": "qy, orientation y, quat y, quaternion y, q y, rotation y, rot y",
         "qz": "qz, orientation z, quat z, quaternion z, q z, rotation z, rot z",
@@ -31,7 +31,7 @@ _CORES: Mapping[str, str] = MappingProxyType(
         "groundspeed, forward speed, forward velocity, v x",
         "yaw_rate": "w, wz, wimu, omega, omega z, yaw rate, yawrate, yaw vel, yaw velocity, yaw speed, yawvel, yawspeed, "
         "gyro z, gyroz, angular, angular z, angular velocity, angular velocity z, omegaz, angularvelocityz, turn rate, "
-        "turnrate, turn, heading rate",
+        "turnrate, turn, heading rate, gyro",
     }
 )  # fmt: skip
 _KIND = {frozenset(core.split()): kind for kind, cores in _CORES.items() for core in cores.split(", ")}
@@ -45,7 +45,7 @@ _ANYONES = (
     "actual real true ground truth gt est estimated estimate long longitudinal motor state states pwm actuation control "
     "ctrl sent norm normalized angle ratio value percentage data msg feedback fb stamped twist vesc sensors sensor core "
     "pf particle filter filtered amcl slam ekf ukf localization localisation fused utm local global enu current drive "
-    "csv npz topic inferred imu raw ego body fix navsat"
+    "csv npz topic inferred imu raw ego body fix navsat uwb apriltag tag aruco marker beacon lidar tracker tracked tracking"
 )
 _COMMANDED = frozenset(_ASKED.split())
 _WHOSE = _COMMANDED | frozenset(_ANYONES.split())
@@ -99,8 +99,9 @@ def said(column: str, file: str = "") -> Said | None:
     everything = [*words(file), *bare]
     core = frozenset(w for w in bare if w not in _WHOSE) or frozenset(w for w in everything if w not in _WHOSE)
     kind = _KIND.get(core, "")
-    if not kind and core == {"orientation", bare[-1] if bare else ""}:
-        kind = ""
+    if not kind:  # cmd_vel.linear.x says twice that it is a velocity
+        once = _KIND.get(core - {"vel", "velocity"}, "")
+        kind = once if once in ("speed", "yaw_rate") else ""
     if not core:  # only words that say whose it is
         kind = next((k for w, k in (("drive", "throttle"),) if w in bare and len(bare) < 3), "")
         if "long" in bare and {"gps", "gnss"} & set(everything):
@@ -109,6 +110,7 @@ def said(column: str, file: str = "") -> Said | None:
         return None
     there = set(everything)
     commanded = bool(_COMMANDED & there) or ("drive" in there and kind in ("speed", "steering"))
+    commanded = commanded or (kind == "speed" and (unit, factor) == ("", 0.01))  # nobody measures a speed in percent
     rank = next((i for i, group in enumerate(_TRUSTED) if group & there), 2)
     if kind in ("speed", "yaw_rate"):  # the wheels know the speed and gyroscopes the turn rate, not the tracker
         rank = 0 if {"wheel", "encoder", "imu", "gyro"} & there else 1

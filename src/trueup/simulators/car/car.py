@@ -70,7 +70,7 @@ QUANTITIES = (
     CarQuantity("speed_loss", "1/s", 1.0, 0.01, 10.0, "log", "deceleration per speed (motor and air)", _STARTS),
     CarQuantity("curve_loss", "m^2/s", 0.1, 0.0, 2.0, "linear", "deceleration per speed and squared curvature", _CURVES),
     CarQuantity("pose_ahead", "m", 0.0, -1.0, 1.0, "linear", "tracked point before the centre of mass", "tight curves"),
-    CarQuantity("push_lasts", "", 0.7, 0.0, 1.0, "linear", "share of an unexplained acceleration just before that goes on",
+    CarQuantity("push_lasts", "", 0.5, 0.0, 1.0, "linear", "share of an unexplained acceleration just before that goes on",
                 "long drives", False),
     CarQuantity("trim_lasts", "", 0.6, 0.0, 1.0, "linear", "share of an unexplained wheel angle just before that goes on",
                 "long drives", False),

@@ -85,6 +85,14 @@ def motor_push(p: Array, throttle: float, speed: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def resistance(p: Array, s: Array) -> float:
+    """Deceleration for each m/s that the car is faster, in 1/s: losses, and the motor's own voltage."""
+    curvature = s[TURNING] / max(s[FORWARD], _SLOW)
+    fade = p[DRIVE] * p[DRIVE_FADE] * max(s[MOTOR] - p[THROTTLE_DEAD], 0.0)
+    return p[SPEED_LOSS] + p[CURVE_LOSS] * curvature * curvature + fade
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def step_car(p: Array, dt: float, s: Array) -> None:
     """Velocities and pose one step on, with the wheels and the motor where they are."""
     # Side forces grow with the way rolled, not with time (relaxation length: H. B. Pacejka, Tire and Vehicle Dynamics).
@@ -140,6 +148,7 @@ def begin(
     s[SERVO] = s[WHEEL] = delayed(commands[:, 1], first - settle - p[STEERING_DELAY] / dt)
     s[MOTOR] = delayed(commands[:, 0], first - settle - p[THROTTLE_DELAY] / dt)
     drift, bent, counted, share = 0.0, 0.0, 0, 1.0 - math.exp(-dt / _TRIM_SEEN)
+    response = 0.0  # speed by now for a push of one over the past, in s
     for k in range(first - settle, k0):
         step_actuators(p, dt, delayed(commands[:, 0], k - p[THROTTLE_DELAY] / dt),
                        delayed(commands[:, 1], k - p[STEERING_DELAY] / dt), shares, s)  # fmt: skip
@@ -150,6 +159,7 @@ def begin(
             s[SIDEWAYS] = seen[k, 4] - p[POSE_AHEAD] * s[TURNING]
             s[ANGLE] = steered(p, s[WHEEL])
         step_car(p, dt, s)
+        response += dt * (1.0 - response * resistance(p, s))
         if seen[k, 3] > _MOVES:
             curvature = seen[k + 1, 5] / max(seen[k + 1, 3], _MOVES) - s[TURNING] / max(s[FORWARD], _MOVES)
             bent += share * (p[WHEELBASE] * curvature - bent)
@@ -158,9 +168,7 @@ def begin(
     turned = p[POSE_TURN]
     if past * dt > 0.5 and counted > past // 2:
         turned += _TRUST * (drift / counted - p[POSE_TURN])
-        window = past * dt
-        response = (1.0 - math.exp(-p[SPEED_LOSS] * window)) / p[SPEED_LOSS] if p[SPEED_LOSS] > 1e-6 else window
-        s[PUSH] = p[PUSH_LASTS] * (seen[k0, 3] - s[FORWARD]) / response
+        s[PUSH] = p[PUSH_LASTS] * (seen[k0, 3] - s[FORWARD]) / max(response, 0.1)
         s[TRIM] = min(max(p[TRIM_LASTS] * bent, -_MOST_TRIM), _MOST_TRIM)
     if past == 0:
         s[TURNING] = seen[k0, 5]

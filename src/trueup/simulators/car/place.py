@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 
 _EQUATOR, _FLATTENING = 6378137.0, 1.0 / 298.257223563
 """Half axis in m and flattening of the earth (WGS 84)."""
+_REPEATED = 0.3  # share of the values that stand in more than one row: the rows are more frequent than the sensor
 
 
 def place_of(recording: Recording) -> tuple[Channel, Channel | None, list[str]]:
@@ -27,6 +28,24 @@ def place_of(recording: Recording) -> tuple[Channel, Channel | None, list[str]]:
     if {"latitude", "longitude"} <= set(position.labels):
         return _on_the_ground(position), None, []
     return position.select(("x", "y")), None, []
+
+
+def fresh(channel: Channel) -> Channel:
+    """The samples with something new, where a log repeats what a slower sensor said last; the channel itself elsewhere.
+
+    Between two fixes a repeated position stands still and then jumps, which no car does. While the sensor says the same for
+    long (the car stands) samples are kept at its usual rate.
+    """
+    values = channel.values
+    same = np.all((values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1])), axis=1)
+    begun = np.flatnonzero(np.concatenate([[True], ~same]))
+    runs = np.diff(np.append(begun, len(values)))
+    usual = int(np.median(runs[1:-1])) if len(runs) > 20 else 1
+    moving = runs[runs <= 4 * max(usual, 2)]
+    if not len(moving) or np.mean(moving > 1) < _REPEATED:
+        return channel
+    kept = np.concatenate([np.arange(first, first + n, max(usual, 1)) for first, n in zip(begun, runs, strict=True)])
+    return channel.replace(time=channel.time[kept], values=values[kept])
 
 
 def _on_the_ground(position: Channel) -> Channel:

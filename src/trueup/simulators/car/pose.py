@@ -17,6 +17,8 @@ _WITHIN = 0.3  # rad: as far as a tracker's frame may be turned on the car witho
 _SURE = 0.85  # length of the mean direction
 _WAY = 0.05  # m at least between the poses that show a direction of motion
 _SPAN = 0.4  # s, the same
+_FADES = 4.0  # s over which the zero of a gyroscope's angle is averaged
+_TOGETHER = 0.95  # length of the mean direction at which a gyroscope and the way driven go together
 _SAMPLES = 10  # at least, however slowly a log was written
 
 
@@ -46,6 +48,56 @@ def course(position: Channel, good: Mask) -> Channel:
             way = np.unwrap(np.arctan2(moved[known, 1], moved[known, 0]))
             angle[good, 0] = way[np.maximum(np.searchsorted(known, np.arange(len(time)), side="right") - 1, 0)]
     return Channel("heading", ("heading",), "rad", position.time, angle)
+
+
+def turned_with(position: Channel, yaw_rate: Channel, good: Mask) -> Channel | None:
+    """The heading at each sample from a gyroscope, set right by the way driven; None where the two do not go together.
+
+    The turn rate adds up to an angle whose zero drifts; the direction from fix to fix, beside the mean angle between them,
+    shows the zero, averaged over the last seconds. Nothing that comes later counts, so that a prediction may start there.
+    """
+    known = np.isfinite(yaw_rate.values[:, 0])
+    time, points = position.time[good], position.values[good]
+    if known.sum() < 50 or len(time) < 50:
+        return None
+    clock, rate = yaw_rate.time[known], yaw_rate.values[known, 0]
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(clock))])
+    area = np.concatenate([[0.0], np.cumsum(0.5 * (angle[1:] + angle[:-1]) * np.diff(clock))])
+    noise = float(np.median(np.abs(np.diff(points, n=2, axis=0))))
+    width = max(1, round(_SPAN / max(float(np.median(np.diff(time))), 1e-3)))
+    moved, lasted = points[width:] - points[:-width], time[width:] - time[:-width]
+    way = np.linalg.norm(moved, axis=1)
+    usable = (way > max(_WAY, 4.0 * noise)) & (lasted < 3.0 * _SPAN + 0.5)
+    usable &= (time[:-width] >= clock[0]) & (time[width:] <= clock[-1])
+    if usable.sum() < 50:
+        return None
+    ends = [np.interp(t, clock, area) for t in (time[width:], time[:-width])]
+    direction = np.arctan2(moved[:, 1], moved[:, 0])
+    best: tuple[float, Array] = (0.0, np.zeros(0))
+    for sign in (1.0, -1.0):
+        zero = np.where(usable, np.exp(1j * (direction - sign * (ends[0] - ends[1]) / lasted)) * way, 0.0)
+        summed, weight = (_fading(time[width:], v) for v in (zero, np.where(usable, way, 0.0)))
+        agree = float(np.mean(np.abs(summed[usable]) / weight[usable]))
+        if agree > best[0]:
+            found = np.concatenate([np.zeros(width), np.unwrap(np.angle(summed))])
+            best = (agree, found + sign * np.interp(time, clock, angle))
+    if best[0] < _TOGETHER:
+        return None
+    values = np.full((len(position.time), 1), np.nan)
+    started = np.concatenate([np.zeros(width, dtype=bool), np.cumsum(usable) > 0])
+    values[np.flatnonzero(good)[started], 0] = best[1][started]
+    return Channel("heading", ("heading",), "rad", position.time, values)
+
+
+def _fading(time: Array, values: Array) -> Array:
+    """(T,) sums over the past in which what is _FADES s old counts a third."""
+    out = np.zeros(len(values), dtype=values.dtype)
+    now = out.dtype.type(0.0)
+    keep = np.exp(-np.diff(time, prepend=time[0]) / _FADES)
+    for k in range(len(values)):
+        now = now * keep[k] + values[k]
+        out[k] = now
+    return out
 
 
 def aligned(position: Channel, heading: Channel, good: Mask) -> tuple[Channel, list[str]]:

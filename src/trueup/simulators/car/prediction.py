@@ -16,7 +16,7 @@ from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
-_PUSHES, _TRIMS = (0.0, 0.35, 0.7), (0.0, 0.3, 0.6)
+_PUSHES, _TRIMS = (0.0, 0.25, 0.5, 0.75, 1.0), (0.0, 0.3, 0.6)
 _CLEARLY = 0.95  # share of the error that must be left
 _MOVES = 0.2  # m/s: a prediction begins while the car drives
 

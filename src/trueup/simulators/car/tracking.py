@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from trueup.recording import Channel, Recording, with_warnings
 from trueup.simulators.car.driving import effective
-from trueup.simulators.car.place import place_of
-from trueup.simulators.car.pose import aligned, course, heading_of
+from trueup.simulators.car.place import fresh, place_of
+from trueup.simulators.car.pose import aligned, course, heading_of, turned_with
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -39,6 +39,7 @@ def cleaned(
     """
     position, heading, notes = place_of(recording)
     heading = heading or heading_of(recording)
+    position, heading = fresh(position), heading and fresh(heading)
     if heading is not None and (
         len(position.time) != len(heading.time) or np.abs(position.time - heading.time).max() > 1e-6
     ):
@@ -48,8 +49,11 @@ def cleaned(
     if lost:
         notes.append(f"{100 * lost:.1f} % of the poses jump away or contradict the wheels and were left out")
     if heading is None:
-        heading = course(position, good)
-        notes.append("no heading was recorded: the direction of motion stands for it")
+        heading = turned_with(position, recording.channel("yaw_rate"), good) if recording.has("yaw_rate") else None
+        source = "the direction of motion stands" if heading is None else "turn rate and direction of motion stand"
+        notes.append(f"no heading was recorded: {source} for it")
+        heading = heading or course(position, good)
+        good &= np.isfinite(heading.values[:, 0])
     else:
         heading, turned = aligned(position, heading, good)
         notes += turned
