@@ -15,6 +15,7 @@ from trueup.loop.calibrate import Options, calibrate
 from trueup.recording import Channel, Recording
 from trueup.simulators.mujoco.drives import suited
 from trueup.simulators.mujoco.model import load
+from trueup.trial import Trial
 
 _ARM = """<mujoco><worldbody><body><joint name="j" axis="0 1 0" damping="{damping}"/>
 <geom size=".05" mass="1" pos="0 0 -.2"/></body></worldbody>{drive}</mujoco>"""
@@ -52,6 +53,35 @@ def test_commanded_torques_drive_the_model(tmp_path: Path, drive: str) -> None:
     (damping,) = [e for e in found.estimates if e.name == "j.damping"]
     assert damping.low < 0.5 < damping.high
     assert damping.value == pytest.approx(0.5, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    "servo", ['position name="m" joint="j" kp="20" timeconst="0.1"', 'intvelocity name="m" joint="j" kp="20"']
+)
+def test_a_drive_with_a_state_of_its_own_starts_settled(tmp_path: Path, servo: str) -> None:
+    """A servo that smooths its command, and one that integrates a speed, hold the arm up from the first sample on."""
+    path = _model(tmp_path, f"<actuator><{servo}/></actuator>")
+    speed = servo.startswith("intvelocity")
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.timestep = 5e-4
+    data, time, seen = mujoco.MjData(model), np.arange(0.0, 2.0, 0.01), []
+    told = 0.3 * np.cos(3.0 * time) if speed else 0.8 + 0.3 * np.sin(3.0 * time)
+    data.qpos[0] = data.act[0] = 0.8
+    data.ctrl[0] = 0.0 if speed else 0.8
+    mujoco.mj_step(model, data, 4000)  # hangs a little below
+    for wanted in told:
+        seen.append(data.qpos[0])
+        data.ctrl[0] = wanted
+        mujoco.mj_step(model, data, 20)
+    name, unit = ("command_velocity", "rad/s") if speed else ("command", "rad")
+    log = Recording("log", {
+        name: Channel(name, ("j",), unit, time, told),
+        "position": Channel("position", ("j",), "rad", time, np.array(seen)),
+    })  # fmt: skip
+    simulator, _ = simulator_for(path, [log])
+    (run,) = simulator.shipped().rollout([Trial.of(log, ["position"])], np.zeros((1, 0)))
+    off = np.abs(run.channels["position"][0, :, 0] - seen).max()
+    assert off < (0.1 if speed else 3e-3)  # how far an integrator's set point is above the arm is not known
 
 
 def test_of_positions_and_torques_a_model_with_motors_takes_the_torques(tmp_path: Path) -> None:

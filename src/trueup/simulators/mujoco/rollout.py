@@ -243,6 +243,8 @@ class _Run:
         for k, (q, v) in enumerate(self.signals.starts()):
             rows = slice(k * self.candidates, (k + 1) * self.candidates)
             qpos[rows], qvel[rows] = q, v
+            if self.compiled.na:
+                self.batch.bind("act")[rows] = self.signals.activations(k, self.simulator.step)
 
     def _stepper(self, values: Array, controllers: ControllerFactory | None) -> Stepper:
         own = len(self.simulator.quantities)

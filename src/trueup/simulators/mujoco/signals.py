@@ -17,6 +17,8 @@ from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
+_SETTLES = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
+
 
 class Signals:
     """Commands, start states and read-off instants of trials (R) x candidates (b)."""
@@ -108,6 +110,19 @@ class Signals:
             if actuator >= 0 and self._model.is_position_servo(actuator):
                 out[:, :, self._compiled.actuator_ctrladr[actuator]] -= value[:, None]
         return out
+
+    def activations(self, trial: int, step: float) -> Array:
+        """(b, na) of actuators at the start: filters have settled at the first command, integrators where the joint is."""
+        model, act = self._compiled, np.zeros((len(self._values), self._compiled.na))
+        first, (q0, _) = self.commands(trial, 0, 1, step)[:, 0], self._measured_starts[trial]
+        for joint, i in self._model.actuator_of_joint().items():
+            if model.actuator_actnum[i] == 1 and int(model.actuator_dyntype[i]) in _SETTLES:
+                act[:, model.actuator_actadr[i]] = first[:, model.actuator_ctrladr[i]]
+            elif model.actuator_actnum[i] == 1 and int(model.actuator_dyntype[i]) == int(
+                mujoco.mjtDyn.mjDYN_INTEGRATOR
+            ):
+                act[:, model.actuator_actadr[i]] = q0[self._qpos(joint)]
+        return act
 
     def instants(self, trial: int, channel: str, step: float) -> Array:
         """(1 or b, T) when a channel is to be read off, in steps since the start, each sensor's delay taken off."""
