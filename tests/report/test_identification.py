@@ -41,7 +41,8 @@ def found() -> Identification:
         Parameter("mc2x", "kg m", "inertial", "elbow", 0.1, 0.4, np.nan, 0.2, "not seen"),
     )
     return Identification(
-        model_name="arm", joints=("a<b>", "elbow"), prismatic=(False, False), effort=np.array([100.0, np.nan]),
+        model_name="arm", joints=("a<b>", "elbow"), prismatic=(False, False), units=("N m", "N m"),
+        effort=np.array([100.0, np.nan]),
         parameters=parameters, links=(Link("upper", 5.0, (0.1, 0.0, 0.0), (0.1, 0.2, 0.25), True, "mass -1 kg"),),
         predictions=(_prediction("train", held_out=False, seed=0), _prediction("unseen", held_out=True, seed=1)),
         noise=np.ones(2), cross_validation=np.ones((8, 2)), alignment=Alignment(0.004, 0.0001, 500.0, True, 0.1),

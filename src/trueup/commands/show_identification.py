@@ -33,7 +33,7 @@ def show_identification(found: Identification, console: Console, *, quiet: bool 
     console.print(line, soft_wrap=True, highlight=False)
     console.print(
         f"fitted: {100 * relative_error(found.training()):.2f} %   cross-validated: "
-        f"{significant(found.cross_validated())} N m   cut-off {found.cutoff:g} Hz   {duration_text(found.seconds)}",
+        f"{significant(found.cross_validated())} {found.unit}   cut-off {found.cutoff:g} Hz   {duration_text(found.seconds)}",
         soft_wrap=True, highlight=False,
     )  # fmt: skip
     counts = Counter(p.verdict for p in found.parameters)
@@ -48,14 +48,14 @@ def show_identification(found: Identification, console: Console, *, quiet: bool 
 def _table(found: Identification) -> Table:
     judged = found.judged()
     table = Table(box=SIMPLE)
-    for title in ("joint", "error, N m", "% of its torque", "% of its limit", "friction"):
+    for title in ("joint", "error", "% of its torque", "% of its limit", "friction"):
         table.add_column(title, justify="left" if title in ("joint", "friction") else "right")
     for j, name in enumerate(found.joints):
         error, share = float(rmse(judged)[j]), float(relative_errors(judged)[j])
         limit = found.effort[j]
         friction = f"{significant(found.simple_friction[j, 0])} + {significant(found.simple_friction[j, 1])} v"
         table.add_row(
-            escape(name), significant(error), f"{100 * share:.1f}",
+            escape(name), f"{significant(error)} {found.units[j]}", f"{100 * share:.1f}",
             f"{100 * error / limit:.2f}" if np.isfinite(limit) else "-", friction,
         )  # fmt: skip
     return table

@@ -52,7 +52,7 @@ def torque_figures(found: Identification, prediction: Prediction, which: str) ->
         measured, model = prediction.measured[:, j], predicted[:, j]
         kept = kept_samples([measured, model], _SAMPLES)
         t, low, high = prediction.time[kept], model[kept] - bound[j], model[kept] + bound[j]
-        unit = "N" if found.prismatic[j] else "N m"
+        unit = found.units[j]
         chart = Chart(
             (float(t[0]), float(t[-1])), span([*measured[kept], *low, *high]), "time in s", f"torque in {unit}",
             width=1040, height=220,
@@ -71,7 +71,7 @@ def error_figures(found: Identification, which: str) -> Markup:
     """Distribution of the torque error of each axis, in N m and as a share of the torque limit (the papers' Figures 7, 8)."""
     judged = found.judged()
     errors = np.concatenate([p.measured - getattr(p, which) for p in judged])
-    figures = [_boxes(found, errors, "error in N m (N)")]
+    figures = [_boxes(found, errors, f"error in {found.unit}")]
     scale = np.where(np.isfinite(found.effort), found.effort, np.nan)
     if np.isfinite(scale).any():
         figures.append(_boxes(found, 100.0 * errors / scale, "error in % of the torque limit"))
@@ -112,7 +112,7 @@ def speed_figures(found: Identification, which: str) -> Markup:
         v = np.concatenate([p.velocity[:, j] for p in judged])
         error = np.concatenate([p.measured[:, j] - getattr(p, which)[:, j] for p in judged])
         centre, mean, spread, low, high = binned(v, error)
-        unit, turn = ("N", "m") if found.prismatic[j] else ("N m", "rad")
+        unit, turn = found.units[j], "m" if found.prismatic[j] else "rad"
         chart = Chart(
             span(centre), span([*(mean - spread), *(mean + spread)], zero=True), f"speed in {turn}/s", f"error in {unit}",
             width=520, height=240,

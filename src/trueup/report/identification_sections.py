@@ -64,7 +64,7 @@ def _answer(found: Identification) -> Markup:
     if math.isfinite(by_file):
         facts.append(("by the model file's inertias alone", f"{100 * by_file:.0f} %"))
     if math.isfinite(found.cross_validated()):
-        facts.append(("cross-validated, all joints", f"{significant(found.cross_validated())} N m"))
+        facts.append(("cross-validated, all joints", f"{significant(found.cross_validated())} {found.unit}"))
     listed = tag("dl", [tag("div", tag("dt", k), tag("dd", v)) for k, v in facts], class_="hero-facts")
     hero = tag("div", tag("div", tag("div", label, class_="hero-label"), number), listed, class_="hero")
     mind = [callout("warn" if held else "bad", "Mind", sentence) for sentence in found.warnings]
@@ -79,13 +79,14 @@ def _joint_table(found: Identification) -> Markup:
     for j, joint in enumerate(found.joints):
         limit = found.effort[j]
         rows.append(tag(
-            "tr", tag("th", breakable(joint), scope="row"), tag("td", significant(errors[j]), class_="number"),
+            "tr", tag("th", breakable(joint), scope="row"),
+            tag("td", f"{significant(errors[j])} {found.units[j]}", class_="number"),
             tag("td", f"{100 * shares[j]:.1f} %", class_="number"),
             tag("td", f"{100 * errors[j] / limit:.2f} %" if np.isfinite(limit) else "–", class_="number"),
             tag("td", significant(possible[j]) if possible is not None else "–", class_="number"),
             tag("td", ", ".join(found.structure[j])),
         ))  # fmt: skip
-    titles = ("Joint", "RMSE, N m", "of its torque", "of its limit", "RMSE, possible bodies", "Effects kept")
+    titles = ("Joint", "RMSE", "of its torque", "of its limit", "RMSE, possible bodies", "Effects kept")
     head = tag("tr", [tag("th", t, scope="col", class_="number" if 0 < i < 5 else None) for i, t in enumerate(titles)])
     return tag("div", tag("table", tag("thead", head), tag("tbody", rows), class_="compact"), class_="scroll")
 

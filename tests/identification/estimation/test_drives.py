@@ -6,12 +6,16 @@ from __future__ import annotations
 import re
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from trueup.errors import IdentificationError, UnknownNameError
 from trueup.identification.estimation.drives import Drives
+from trueup.identification.estimation.identify import Options, identify
+from trueup.identification.estimation.result import relative_error
+from trueup.recording import Channel, Recording
 
 JOINTS = ("a", "b", "c")
 GIVEN = {
@@ -68,3 +72,20 @@ def test_the_drives_file_of_the_manual_can_be_read() -> None:
     drives = Drives.from_dict(tomllib.loads(example), [f"joint_{k}" for k in range(1, 7)])
     assert drives.ratios[0] == 32.0
     assert drives.coupling[5, 4] == 1.0
+
+
+def test_currents_of_unknown_constants_are_no_torques_and_weigh_no_body(arms: SimpleNamespace) -> None:
+    tree, rng = arms.arm(), np.random.default_rng(3)
+    run = arms.recording(tree, rng, seconds=12.0)
+    torque = run.channel("torque")
+    current = Channel("current", torque.labels, "A", torque.time, torque.values / np.array([12.0, 9.0, 5.0, 4.0]))
+    log = Recording("run", {"position": run.channel("position"), "current": current})
+    found = identify(tree, [log], options=Options(hold_out=0.3))
+    assert found.units == ("A",) * 4
+    assert found.links == ()
+    assert "no mass is in kg" in found.warnings[0]
+    assert relative_error(found.held_out()) < 0.03
+    known = {"joints": {j: {"torque_constant": c} for j, c in zip(tree.joints, (12.0, 9.0, 5.0, 4.0), strict=True)}}
+    weighed = identify(tree, [log], drives=Drives.from_dict(known, tree.joints), options=Options(hold_out=0.3))
+    assert weighed.units == ("N m",) * 4
+    assert [link.mass for link in weighed.links] == pytest.approx(np.asarray(tree.inertial)[:, 0].tolist(), rel=0.2)

@@ -99,7 +99,7 @@ def identify(
     say("writing", 0.95)
     return outcome(
         tree, pool, choice, estimate, bodies and bodies.fit, pieces, alignment, moments=moments, nominal=nominal,
-        pull=bodies.pull if bodies else 0.0, cutoff=cutoff, warnings=warnings, rng=rng, started=started,
+        units=logs[0].units, pull=bodies.pull if bodies else 0.0, cutoff=cutoff, warnings=warnings, rng=rng, started=started,
     )  # fmt: skip
 
 

@@ -60,6 +60,8 @@ class Log:
     torque: Array
     channel: str
     """The channel that the torque came from: 'torque' or 'current'."""
+    units: tuple[str, ...]
+    """Of the torque of each joint: N m, N for a slide, or the unit that was logged where its constant is not known."""
     gaps: tuple[tuple[float, float], ...] = ()
     """First and last instant in s of stretches without samples."""
     notes: tuple[str, ...] = ()
@@ -104,8 +106,18 @@ def log_of(recording: Recording, tree: KinematicTree, drives: Drives) -> Log:
     return Log(
         recording.name, time, rate, drives.joint_positions(_values(turning, tree, time, recording)),
         None if speeds is None else drives.joint_speeds(speeds),
-        drives.joint_torques(_values(source, tree, time, recording)), source.name, _gaps(position.time, source.time), unwound,
+        drives.joint_torques(_values(source, tree, time, recording)), source.name, _units(source, tree, drives),
+        _gaps(position.time, source.time), unwound,
     )  # fmt: skip
+
+
+def _units(source: Channel, tree: KinematicTree, drives: Drives) -> tuple[str, ...]:
+    logged = {"torque": "N m", "current": source.unit or "A"}.get(source.name, source.unit or "units of load")
+    known = source.name == "torque"
+    return tuple(
+        ("N" if slides else "N m") if known or joint in drives.known_constants else logged
+        for joint, slides in zip(tree.joints, np.asarray(tree.prismatic).tolist(), strict=True)
+    )
 
 
 def _unwound(position: Channel, tree: KinematicTree, name: str) -> tuple[Channel, tuple[str, ...]]:

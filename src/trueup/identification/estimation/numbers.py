@@ -16,6 +16,7 @@ def numbers_of(found: Identification) -> dict[str, Any]:
         {
             "model": found.model_name,
             "joints": list(found.joints),
+            "units": list(found.units),
             "held_out": _errors(found, held_out=True),
             "training": _errors(found, held_out=False),
             "cross_validation": {

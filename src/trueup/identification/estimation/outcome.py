@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -45,7 +46,7 @@ _COSTLY = 1.02
 def outcome(
     tree: KinematicTree, pool: Pool, choice: Choice, estimate: Estimate, bodies: ConsistentFit | None,
     pieces: Sequence[Piece], alignment: Alignment | None, *, moments: Moments, pull: float, nominal: Array,
-    cutoff: float, warnings: Sequence[str], rng: np.random.Generator, started: float,
+    units: tuple[str, ...], cutoff: float, warnings: Sequence[str], rng: np.random.Generator, started: float,
 ) -> Identification:  # fmt: skip
     """The result. `nominal` (p,) are the file's parameters, `pull` what drew the consistent fit to them."""
     model, active = pool.model, estimate.active
@@ -57,9 +58,9 @@ def outcome(
     full = bodies.parameters if bodies is not None else pool.base.full(pool.base.of(estimate.parameters), nominal)
     speed = np.concatenate([p.motion.v for p in pieces if not p.held_out])
     errors = np.zeros((0, tree.n)) if choice.errors is None else np.sqrt(choice.errors / moments.count[:, None])
-    return Identification(
+    made = Identification(
         model_name=tree.name, joints=tree.joints, prismatic=tuple(bool(x) for x in tree.prismatic),
-        effort=np.asarray(tree.effort), parameters=parameters,
+        units=units, effort=np.asarray(tree.effort), parameters=parameters,
         links=_links(model, pool, estimate, bodies, nominal), predictions=predictions, noise=estimate.noise,
         cross_validation=errors, alignment=alignment, structure=_structure(model, active),
         simple_friction=_simple_friction(model, full, speed), armature=_armature(model, full), cutoff=cutoff,
@@ -69,6 +70,20 @@ def outcome(
         notes=_notes(tree, estimate, bodies, predictions),
         seconds=time.perf_counter() - started, inertial=full[: 10 * tree.n].reshape(-1, 10),
     )  # fmt: skip
+    return made if all(unit.startswith("N") for unit in units) else _unweighed(made)
+
+
+def _unweighed(found: Identification) -> Identification:
+    """The result of logs of currents whose constants are not known: no number of a body is in kg."""
+    bare = [joint for joint, unit in zip(found.joints, found.units, strict=True) if not unit.startswith("N")]
+    said = (
+        f"the logs hold currents of {', '.join(bare)} and nothing says what torque they make: errors are in {found.unit}, "
+        "no mass is in kg, and no model file is written. Give each joint's torque_constant in a drives file (--drives), or "
+        "find them from runs with a payload that was weighed (--payload)"
+    )
+    parameters = tuple(replace(p, unit=f"{p.unit} x A/(N m)") for p in found.parameters)
+    unlimited, warnings = np.full(len(found.joints), np.nan), (said, *found.warnings)
+    return replace(found, parameters=parameters, links=(), warnings=warnings, effort=unlimited)
 
 
 _WEIGHTING = {

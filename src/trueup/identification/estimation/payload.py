@@ -61,4 +61,5 @@ def drives_from_payload(
     if len(poor):
         unsure = ", ".join(tree.joints[k] for k in poor)
         notes.append(f"the payload does not show the torque constants of {unsure}; they stay as given")
-    return replace(drives, constants=constants), tuple(notes)
+    known = {*drives.known_constants, *(tree.joints[k] for k in np.flatnonzero(sure))}
+    return replace(drives, constants=constants, known_constants=tuple(sorted(known))), tuple(notes)

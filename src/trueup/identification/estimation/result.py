@@ -112,6 +112,8 @@ class Identification:
     model_name: str
     joints: tuple[str, ...]
     prismatic: tuple[bool, ...]
+    units: tuple[str, ...]
+    """Of each joint's torque: N m, N for a slide, or that of the log where it holds currents of unknown constants."""
     effort: Array
     """Torque limits of the model file, N m (N); NaN where it has none."""
     parameters: tuple[Parameter, ...]
@@ -144,6 +146,11 @@ class Identification:
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
     seconds: float
+
+    @property
+    def unit(self) -> str:
+        """The unit of all torques, or the units."""
+        return ", ".join(dict.fromkeys(self.units))
 
     def held_out(self) -> list[Prediction]:
         """The recordings, or parts of them, that were not fitted."""

@@ -69,8 +69,11 @@ def _write_urdf(found: Identification, tree: KinematicTree, source: Path, path: 
     if seen.any():
         notes.append(
             "URDF has no place for rotor inertias; they are in identification.json: "
-            + ", ".join(f"{j} {a:.3g}" for j, a, told in zip(tree.joints, found.armature, seen, strict=True) if told)
-            + " kg m^2"
+            + ", ".join(
+                f"{joint} {found.armature[j]:.3g} {'kg' if tree.prismatic[j] else 'kg m^2'}"
+                for j, joint in enumerate(tree.joints)
+                if seen[j]
+            )
         )
     _relocate_meshes(text, source.absolute().parent, path.absolute().parent)
     with written_aside(path) as temporary:
