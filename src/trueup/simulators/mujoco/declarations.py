@@ -80,7 +80,7 @@ def _known(model: Model, k: Kind, extra: Mapping[str, Sequence[str]]) -> dict[st
         choices = {n: n for n in names if n}
         for joint, i in model.actuator_of_joint().items():
             choices.setdefault(joint, names[i])
-        if k.name in ("kp", "kv", "zero", "dead_band"):
+        if k.name in ("kp", "kv", "zero", "dead_band", "speed_limit", "acceleration_limit"):
             servos = {n for i, n in enumerate(names) if model.is_position_servo(i)}
             if servos:
                 choices = {a: n for a, n in choices.items() if n in servos}

@@ -214,5 +214,15 @@ _WRITERS: dict[str, Callable[[mujoco.MjModel, Fields, str, Array], None]] = {
 
 LIVE_KINDS = ("dead_band", "friction_static", "stribeck_speed", "friction_load")
 """Kinds that act at every step and so need the simulations stepped in lockstep."""
-SIGNAL_KINDS = ("delay", "bias", "offset", "sensor_delay", "clock", "start_position", "start_velocity")
+SIGNAL_KINDS = (
+    "delay",
+    "speed_limit",
+    "acceleration_limit",
+    "bias",
+    "offset",
+    "sensor_delay",
+    "clock",
+    "start_position",
+    "start_velocity",
+)
 """Kinds that change signals, not the model."""

@@ -68,6 +68,34 @@ def own_delayed_command(
 
 
 @njit(cache=True, nogil=True)
+def limited_commands(
+    command: Array, speed: Array, acceleration: Array, step: float, place: Array, pace: Array, out: Array
+) -> None:
+    """Set points that follow a command as fast as limits of speed and acceleration let them, and stop where it is.
+
+    command, out (b, steps, k); speed, acceleration (b, k), inf for none; place and pace (b, k) of the set point go on
+    from call to call. The profile of drives with a trapezoidal generator (Dynamixel's profile velocity and acceleration).
+    """
+    for i in range(command.shape[0]):
+        for j in range(command.shape[2]):
+            x, v, top, most = place[i, j], pace[i, j], speed[i, j], acceleration[i, j] * step
+            for s in range(command.shape[1]):
+                left = command[i, s, j] - x
+                if np.isinf(most):
+                    v = min(max(left / step, -top), top)
+                else:
+                    # The speed from which it can still stop there, a step ahead: sqrt(2 a d) made for steps.
+                    brake = most * (np.sqrt(0.25 + 2.0 * abs(left) / (most * step)) - 0.5)
+                    wanted = np.sign(left) * min(brake, top)
+                    v += min(max(wanted - v, -most), most)
+                    if abs(left) <= most * step and abs(v) <= 1.001 * most:
+                        v = left / step
+                x += v * step
+                out[i, s, j] = x
+            place[i, j], pace[i, j] = x, v
+
+
+@njit(cache=True, nogil=True)
 def dead_band_command(command: Array, position: Array, band: Array, out: Array) -> None:
     """What a servo without dead band must be told to push like one with it; all (b, k), band in rad (half width)."""
     for i in range(command.shape[0]):

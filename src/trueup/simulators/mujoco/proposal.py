@@ -12,6 +12,7 @@ from trueup.simulators.mujoco.base import POSITION, free_joint
 from trueup.simulators.mujoco.declarations import Declaration
 from trueup.simulators.mujoco.floor_plane import plane_of
 from trueup.simulators.mujoco.model import Model
+from trueup.simulators.mujoco.profiles import profiles
 from trueup.simulators.mujoco.wiring import is_motor
 from trueup.trial import command_of
 
@@ -46,6 +47,7 @@ def propose(
     lines += _dampings(model, joints, {j: driven[j] for j in servos})
     if strained := tuple(j for j in servos if _strained(model, recordings, j, driven[j])):
         lines.append(Declaration("force_limit", strained))
+    lines += _profiles(model, recordings, servos, strained)
     lines += [
         Declaration("friction", joints),
         # Real gears stick: starting at MuJoCo's own creep would let every friction estimate leak away.
@@ -86,6 +88,19 @@ def _dampings(model: Model, joints: Sequence[str], servos: Mapping[str, int]) ->
     damped = tuple(j for j, servo in servos.items() if _damps(model, j, servo))
     rest = tuple(j for j in joints if j not in damped or _limited(model, j, servos[j]))
     return [Declaration(kind, which) for kind, which in (("kv", damped), ("damping", rest)) if which]
+
+
+def _profiles(
+    model: Model, recordings: Sequence[Recording], servos: Sequence[str], strained: Sequence[str]
+) -> list[Declaration]:
+    """Limits of the commands' speed and acceleration, for servos whose steps show them and are not short of force."""
+    speeds, accelerations = profiles(model, recordings)
+    fast = [Declaration("speed_limit", (j,), nominal=v) for j, v in speeds.items() if j in servos]
+    return fast + [
+        Declaration("acceleration_limit", (j,), nominal=a)
+        for j, a in accelerations.items()
+        if j in servos and (j in speeds or j not in strained)
+    ]
 
 
 def _strained(model: Model, recordings: Sequence[Recording], joint: str, servo: int) -> bool:

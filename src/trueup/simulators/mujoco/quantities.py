@@ -40,6 +40,7 @@ class Kind:
 
 _LINEAR = {
     "N m/rad": "N/m", "N m s/rad": "N s/m", "N m s2/rad2": "N s2/m2", "N m": "N", "kg m2": "kg", "rad": "m",
+    "rad/s": "m/s", "rad/s2": "m/s2",
 }  # fmt: skip
 """Units of hinges to those of slides."""
 
@@ -87,6 +88,8 @@ _SHOWN_BY = {
     "kv": "fast motion",
     "force_limit": "steps large enough to saturate the drive",
     "delay": "fast steps or chirps, recorded at a high rate",
+    "speed_limit": "steps large enough to reach it",
+    "acceleration_limit": "steps of several sizes",
     "dead_band": "slow reversals of small amplitude",
     "damping": "steady motion at several speeds",
     "damping_quadratic": "fast steady motion",
@@ -240,6 +243,9 @@ def kinds() -> Mapping[str, Kind]:
         Kind("gain", "actuator", "", "log", _constant(1.0), _factor(5, 5, 1.0), "factor on the actuator's force"),
         Kind("delay", "actuator", "s", "linear", _zero, _between(0.0, 0.1), "delay of the command"),
         Kind("zero", "actuator", "rad", "linear", _zero_error, _around(0.2), "zero error of the servo's own sensor"),
+        Kind("speed_limit", "actuator", "rad/s", "log", _zero, _factor(5, 20, 1.0), "speed limit of the command"),
+        Kind("acceleration_limit", "actuator", "rad/s2", "log", _zero, _factor(20, 50, 10.0),
+             "acceleration limit of the command"),
         Kind("dead_band", "actuator", "rad", "linear", _zero, _between(0.0, 0.1), "dead band of the servo"),
         Kind("damping", "joint", "N m s/rad", "log", _dof("dof_damping"), _factor(100, 50, 0.05), "viscous friction"),
         Kind("damping_quadratic", "joint", "N m s2/rad2", "linear", _dof("dof_dampingpoly", 0), _between(0.0, 5.0),

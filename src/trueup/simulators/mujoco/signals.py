@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.simulators.mujoco.kernels import delayed_commands, held_integral
+from trueup.simulators.mujoco.kernels import delayed_commands, held_integral, limited_commands
 from trueup.simulators.mujoco.model import Model
 from trueup.simulators.mujoco.quantities import Quantity
 from trueup.simulators.mujoco.wiring import actuators_of, control_of, joint_id, start_state
@@ -48,6 +48,8 @@ class Signals:
                     self._offsets[target] = value
                 elif quantity.kind == "bias":
                     self._biases[target] = value
+        self._limits = self._profile_limits()
+        self._profile: dict[int, tuple[Array, Array]] = {}
         self._commands = [self._command(t) for t in trials]
         self._measured_starts = [start_state(model, compiled, t) for t in trials]
 
@@ -104,11 +106,35 @@ class Signals:
         part = np.empty((len(self._values), count, len(columns)))
         delay = np.ascontiguousarray(self.delay[:, columns] - self._clock(self._trials[trial].name)[:, None])
         delayed_commands(times, values, integral, delay, at * step, step, part)
-        out[:, :, columns] = part
+        out[:, :, columns] = self._limited(trial, at, part, columns, step)
         for joint, value in self._offsets.items():
             actuator = self._model.actuator_of_joint().get(joint, -1)
             if actuator >= 0 and self._model.is_position_servo(actuator):
                 out[:, :, self._compiled.actuator_ctrladr[actuator]] -= value[:, None]
+        return out
+
+    def _profile_limits(self) -> tuple[Array, Array] | None:
+        """(b, nu) limits of speed and acceleration of the commands, infinite for none; None where no command has any."""
+        kinds, names = ("speed_limit", "acceleration_limit"), self._model.names("actuator")
+        if not any(q.kind in kinds for q in self._quantities):
+            return None
+        limits = np.full((2, len(self._values), self._compiled.nu), np.inf)
+        for column, quantity in enumerate(self._quantities):
+            if quantity.kind in kinds:
+                for target in quantity.targets:
+                    where = self._compiled.actuator_ctrladr[names.index(target)]
+                    limits[kinds.index(quantity.kind), :, where] = self._values[:, column]
+        return limits[0], limits[1]
+
+    def _limited(self, trial: int, at: int, command: Array, columns: NDArray[np.int64], step: float) -> Array:
+        """(b, count, k) commands as drives with limits let them through; they have arrived when a trial begins."""
+        if self._limits is None:
+            return command
+        speed, acceleration = (np.ascontiguousarray(limit[:, columns]) for limit in self._limits)
+        if at == 0 or trial not in self._profile:
+            self._profile[trial] = np.array(command[:, 0]), np.zeros((len(command), len(columns)))
+        out = np.empty_like(command)
+        limited_commands(command, speed, acceleration, step, *self._profile[trial], out)
         return out
 
     def activations(self, trial: int, step: float) -> Array:

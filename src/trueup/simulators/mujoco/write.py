@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 _TOLERANCE = 1e-6
 _NOT_MJCF = {
     "dead_band": "the servo's dead band",
+    "speed_limit": "the speed limit of the command",
+    "acceleration_limit": "the acceleration limit of the command",
     "friction_static": "breakaway friction",
     "stribeck_speed": "the Stribeck speed",
     "friction_load": "friction that grows with load",
