@@ -29,14 +29,12 @@ def propose(
     """Declarations for the joints that move: servo stiffness, damping, friction, rotor inertia, servo zero, factors
     on motors' torques, one delay.
 
-    All of it is part of MJCF, so the calibrated file replays the robot in any MuJoCo program. `clocks`: how late the
-    commands of some recordings are stamped, in s (`discrepancies.alignment.clock_errors`); searched from there.
+    All of it is part of MJCF, so the calibrated file replays the robot in any MuJoCo program, but for limits of commands
+    (`profiles`), where recordings show them. `clocks`: how late the commands of some recordings are stamped, in s (`discrepancies.alignment.clock_errors`); searched from there.
     `floor`: the height in m of a floor that the model lacks (`floor.stopped_by_floor`).
     """
     clocks = clocks or {}
-    joints = moving_joints(model, recordings)
-    if not joints:
-        joints = model.scalar_joints()
+    joints = moving_joints(model, recordings) or model.scalar_joints()
     driven = model.actuator_of_joint()
     servos = tuple(j for j in joints if j in driven and model.is_position_servo(driven[j]))
     commanded = tuple(j for j in joints if j in driven)
