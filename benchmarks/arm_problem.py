@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import atexit
+import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -106,7 +108,9 @@ def make_problem(seed: int, *, meshes: int = 0, folder: Path | None = None) -> A
     sensors = _rollout([model], starts, commands)[0]
     clean = [_recording(n, c, s, None) for n, c, s in zip(names, commands, sensors, strict=True)]
     noisy = [_recording(n, c, s, rng) for n, c, s in zip(names, commands, sensors, strict=True)]
-    folder = Path(tempfile.mkdtemp(prefix="arm-problem-")) if folder is None else folder
+    if folder is None:
+        folder = Path(tempfile.mkdtemp(prefix="arm-problem-"))
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
     path = folder / "arm.xml"
     path.write_text(mjcf(write_meshes(folder, meshes)), encoding="utf-8")
     state = dict(zip(names, starts, strict=True))

@@ -30,10 +30,11 @@ def estimate_noise(values: ArrayLike, time: ArrayLike) -> Array:
     columns = matrix[:, None] if matrix.ndim == 1 else matrix
     instants = np.asarray(time, dtype=np.float64)
     noise = np.full(columns.shape[1], np.nan)
-    seen, alike = np.unique(np.isfinite(columns), axis=1, return_inverse=True)
-    for k, finite in enumerate(seen.T):
-        which = np.flatnonzero(alike == k)
-        noise[which] = _noise(columns[finite][:, which], instants[finite])
+    finite = np.isfinite(columns)
+    gaps = ~finite.all(axis=0)
+    noise[~gaps] = _noise(columns[:, ~gaps], instants)
+    for k in np.flatnonzero(gaps):
+        noise[k] = _noise(columns[finite[:, k], k : k + 1], instants[finite[:, k]])[0]
     return noise
 
 

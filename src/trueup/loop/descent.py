@@ -27,6 +27,9 @@ Checkpoint = Callable[[dict[str, Any]], None]
 _HELD = 3e-3  # least damping of the first looks: what is weakly seen must not wander off before all data are in
 _EXPLAINED = 2.0  # noise units of the residuals' rms: below, the model has the structure of the robot
 _SETTLED = 5e-3  # share of the loss: an approximation that gains less than this is not made anew
+_ROUNDS = (
+    3  # approximations at most; then the real problem is searched, unless no model of this kind explains the robot
+)
 
 
 @dataclass
@@ -150,7 +153,8 @@ class Descent:
         which is looked at again where that ends: one simulation of the real problem each time round.
         """
         begun, fine = self.point, self._residual(stage.problem)
-        for confirm in (True, False, False):
+        for left in reversed(range(_ROUNDS)):
+            confirm = left == _ROUNDS - 1
             near = stage.cheap.shifted(fine - self._residual(stage.cheap))
             search = self.descend(replace(stage, problem=near, cheap=near), confirm=confirm, impatient=True)
             before, fine = fine, self._residual(stage.problem)
@@ -166,7 +170,7 @@ class Descent:
             if search.stuck and explained(fine):
                 # A crack in the cheaper problem need not be one in the real one: its slopes lead on there.
                 return self.descend(stage)
-            if old - new < _SETTLED * old:
+            if old - new < _SETTLED * old or (left == 0 and not explained(fine)):
                 self._slopes = None
                 return search
             begun = self.point

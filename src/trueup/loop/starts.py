@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,6 @@ from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import curvature_inverse
 from trueup.noise import estimate_noise
-from trueup.recording import Channel
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -28,7 +28,12 @@ def with_start_scatter(problem: Problem, fit: Fit, rng: np.random.Generator) -> 
     it has, and one step with the slopes at the optimum says where each of `_DRAWS` draws would have led.
     """
     cheap = fit.near or problem  # a coarser step will do for differences
-    drawn = cheap.restarted([[_again(t, rng) for t in cheap.trials] for _ in range(_DRAWS)])
+    noise = [
+        {name: np.nan_to_num(estimate_noise(c.values, c.time)) for name, c in t.initial.items()} for t in cheap.trials
+    ]
+    drawn = cheap.restarted(
+        [[_again(t, n, rng) for t, n in zip(cheap.trials, noise, strict=True)] for _ in range(_DRAWS)]
+    )
     residuals = drawn.residuals(fit.values[None]).reshape(_DRAWS, -1)
     changed = residuals - cheap.restarted([cheap.trials]).residuals(fit.values[None])  # both without a shifted level
     changed = changed[np.isfinite(changed).all(axis=1)]
@@ -39,11 +44,10 @@ def with_start_scatter(problem: Problem, fit: Fit, rng: np.random.Generator) -> 
     return replace(fit, scatter=scatter if fit.scatter is None else fit.scatter + scatter)
 
 
-def _again(trial: Trial, rng: np.random.Generator) -> Trial:
-    """The trial with other noise on the measurements around its start."""
-    return replace(trial, initial={name: _noisier(c, rng) for name, c in trial.initial.items()})
-
-
-def _noisier(channel: Channel, rng: np.random.Generator) -> Channel:
-    noise = np.nan_to_num(np.asarray(estimate_noise(channel.values, channel.time), dtype=np.float64))
-    return channel.replace(values=channel.values + noise * rng.standard_normal(channel.values.shape))
+def _again(trial: Trial, noise: Mapping[str, Array], rng: np.random.Generator) -> Trial:
+    """The trial with other noise, of standard deviation (k,) for each channel, on the measurements around its start."""
+    initial = {
+        name: c.replace(values=c.values + noise[name] * rng.standard_normal(c.values.shape))
+        for name, c in trial.initial.items()
+    }
+    return replace(trial, initial=initial)

@@ -114,13 +114,14 @@ def load(path: str | Path) -> Model:
 
 
 def prepared(
-    model: Model, *, step: float, slack: Sequence[str] = (), limited: Sequence[str] = (), floor: bool = False
-) -> mujoco.MjModel:
+    model: Model, *, step: float, slack: Sequence[str] = (), limited: Sequence[str] = (), floor: bool = False,
+    bare: bool = False,
+) -> mujoco.MjModel:  # fmt: skip
     """A compiled copy for simulation: visual geoms dropped, a joint for each backlash.
 
     `step` in s; `slack` joints get a second, free joint '<name>/slack'
     with a range of its own (MuJoCo's documented way to model backlash); `limited` actuators get a force range; `floor`
-    adds a plane to a model without one.
+    adds a plane to a model without one. `bare` leaves out all shapes, for simulations in which nothing touches.
     """
     spec = model.spec.copy()
     spec.option.timestep = step
@@ -129,7 +130,10 @@ def prepared(
     # Files for MJX stop the solver after an iteration or two, with which contacts are soft or blow up.
     spec.option.iterations = max(spec.option.iterations, _ITERATIONS)
     spec.option.ls_iterations = max(spec.option.ls_iterations, _LINE_SEARCH)
-    _drop_visuals(spec, model.compiled)
+    if bare:
+        _unshape(spec)
+    if bare or not needs_shapes(model.compiled):
+        _drop_visuals(spec, model.compiled)
     for name in slack:
         _add_slack(spec, name)
     if floor and plane_of(model.compiled) < 0:
@@ -158,15 +162,25 @@ def _add_slack(spec: mujoco.MjSpec, name: str) -> None:
     spring.frictionloss, spring.stiffness = 0.0, [0.0, 0.0, 0.0]
 
 
+def needs_shapes(compiled: mujoco.MjModel) -> bool:
+    """Whether shapes matter without any contact: sensors look at them, or a fluid flows around them."""
+    fluid = bool(compiled.opt.density or compiled.opt.viscosity)
+    return fluid or compiled.nflex > 0 or bool(np.isin(compiled.sensor_type, _SEEING).any())
+
+
+def _unshape(spec: mujoco.MjSpec) -> None:
+    """Makes everything visual."""
+    for pair in list(spec.pairs):
+        spec.delete(pair)
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0
+
+
 def _drop_visuals(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
     """Leaves out geoms that touch nothing, and meshes and textures that only pictures need: every copy of the model
     would carry them along. The bodies keep the inertia that the full model gave them.
     """
-    if np.isin(compiled.sensor_type, _SEEING).any():
-        return
     spec.compiler.discardvisual = True
-    if not np.any((compiled.geom_contype == 0) & (compiled.geom_conaffinity == 0)):
-        return
     for body in spec.bodies[1:]:
         i = body.id
         body.explicitinertial = True

@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from functools import partial
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch, SimulationError
+from mujoco.batch import SimulationError
 from numpy.typing import NDArray
 
 from trueup.controllers.controller import ControllerFactory
@@ -16,13 +17,14 @@ from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
 from trueup.recording import Recording, is_command
 from trueup.simulators.mujoco.base import angles_of, near
+from trueup.simulators.mujoco.batches import Batches
 from trueup.simulators.mujoco.engine_log import unlogged
 from trueup.simulators.mujoco.fields import LIVE_KINDS, FromNominal, write_fields
 from trueup.simulators.mujoco.floor_plane import FLOOR_KINDS
 from trueup.simulators.mujoco.gains import Gains
 from trueup.simulators.mujoco.kernels import read_off
-from trueup.simulators.mujoco.model import Model, prepared
-from trueup.simulators.mujoco.quantities import Quantity
+from trueup.simulators.mujoco.model import Model, needs_shapes, prepared
+from trueup.simulators.mujoco.quantities import Quantity, kind
 from trueup.simulators.mujoco.signals import Signals
 from trueup.simulators.mujoco.stepping import Stepper, stepper, unclocked
 from trueup.simulators.mujoco.wiring import Source, actuators_of, source_of
@@ -56,8 +58,7 @@ class MujocoSimulator:
         self.gains = gains or Gains()
         self.parameters = concatenate([own, controller_parameters]) if controller_parameters is not None else own
         self._threads = threads or len(os.sched_getaffinity(0))
-        self._compiled = self._prepare()
-        self._batches: dict[tuple[int, bool, bool], Batch] = {}
+        self.batches = self._prepare()
         # None until a run with contacts has shown whether anything touches anything.
         self._touching: bool | None = None if self._can_touch() else False
 
@@ -92,9 +93,7 @@ class MujocoSimulator:
         twin = object.__new__(MujocoSimulator)
         twin.__dict__.update(self.__dict__)
         twin.step = step
-        twin._compiled = self._compiled.__copy__()
-        twin._compiled.opt.timestep = step
-        twin._batches = {}
+        twin.batches = self.batches.at_step(step)
         return twin
 
     def observable(self, recording: Recording) -> tuple[str, ...]:
@@ -103,7 +102,7 @@ class MujocoSimulator:
         if command is not None and self.controller is None:
             actuators_of(self.model, command)
         measured = [c for name, c in recording.channels.items() if not is_command(name)]
-        return tuple(c.name for c in measured if source_of(self.model, self._compiled, c.name, c.labels) is not None)
+        return tuple(c.name for c in measured if source_of(self.model, self.compiled, c.name, c.labels) is not None)
 
     def rollout(
         self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None = None
@@ -126,38 +125,28 @@ class MujocoSimulator:
         """Whether a floor may come up to the robot, though nothing touches it as things stand."""
         return any(q.kind in FLOOR_KINDS for q in self.quantities)
 
-    def batch(self, rows: int, contacts: bool, sensors: bool) -> Batch:
-        """A batch of that many simulations; the last ones are kept, making one costs more than a short run."""
-        key = (rows, contacts, sensors)
-        if key not in self._batches:
-            if len(self._batches) >= 3:
-                self._batches.pop(next(iter(self._batches)))
-            model, off = self._compiled.__copy__(), mujoco.mjtDisableBit
-            model.opt.disableflags |= 0 if contacts else int(off.mjDSBL_CONTACT)
-            model.opt.disableflags |= 0 if sensors else int(off.mjDSBL_SENSOR)
-            # One tree is one island: to look for more costs a tenth of a step and changes nothing.
-            model.opt.disableflags |= int(off.mjDSBL_ISLAND) if model.ntree == 1 else 0
-            self._batches[key] = Batch(model, rows, min(self._threads, rows))
-        return self._batches[key]
-
     @property
     def compiled(self) -> mujoco.MjModel:
         """The model as it is simulated."""
-        return self._compiled
+        return self.batches.whole
 
-    def _prepare(self) -> mujoco.MjModel:
+    def _prepare(self) -> Batches:
         targets = {k: [t for q in self.quantities if q.kind == k for t in q.targets] for k in
                    ("backlash", "force_limit")}  # fmt: skip
-        return prepared(
+        prepare = partial(
+            prepared,
             self.model,
             step=self.step,
             slack=tuple(dict.fromkeys(targets["backlash"])),
             limited=tuple(targets["force_limit"]),
             floor=self._has_floor,
         )
+        whole = prepare()
+        shaped = needs_shapes(whole) or any(kind(q.kind).family == "geom" for q in self.quantities)
+        return Batches(whole, whole if shaped or self._has_floor else prepare(bare=True), self._threads)
 
     def _can_touch(self) -> bool:
-        m = self._compiled
+        m = self.compiled
         return bool(m.npair or np.any((m.geom_contype != 0) | (m.geom_conaffinity != 0)))
 
 
@@ -178,7 +167,9 @@ class _Run:
         self.sources: list[dict[str, Source]] = []
         self._allocate()
         read = any(s.field == "sensordata" for per in self.sources for s in per.values())
-        self.batch = simulator.batch(len(trials) * self.candidates, contacts, controllers is not None or read)
+        self.batch = simulator.batches.get(
+            len(trials) * self.candidates, contacts=contacts, sensors=controllers is not None or read
+        )
         self._write_model(values)
         self.stepper = self._stepper(values, controllers)
 
