@@ -18,11 +18,13 @@ from trueup.simulators.car.car_file import read_car, write_car
 from trueup.simulators.car.commands import with_commands
 from trueup.simulators.car.driving import driven_by
 from trueup.simulators.car.judging import Ahead
+from trueup.simulators.car.past import Drive
 from trueup.simulators.car.prediction import foretold, lasting, prediction_errors
 from trueup.simulators.car.rollout import CarSimulator
 from trueup.simulators.car.servo import servo_look
 from trueup.simulators.car.tracking import cleaned
 from trueup.studies.stanley import chasi
+from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
@@ -106,6 +108,24 @@ def test_a_gyroscope_and_a_slow_receiver_give_the_heading_of_the_moment() -> Non
     assert "the direction of motion stands" in cleaned(odd).provenance["warnings"], (
         "what contradicts the way is not used"
     )
+
+
+def test_what_a_slow_receiver_saw_is_no_older_than_it_need_be() -> None:
+    """At 5 Hz few fixes are enough where they are exact, since a car bends its way meanwhile; noisy ones need more."""
+    errors = []
+    for noise in (0.0, 0.2):
+        plain = winding(3.0, 1.0, 0.3, 5.0, 0.01)
+        angle = plain.channel("heading").values
+        rng = np.random.default_rng(0)
+        given = cleaned(with_values(plain, "heading", angle + rng.normal(0.0, noise, angle.shape)))
+        drive = Drive.of(Trial.of(given, ["position", "heading"]), 0.01)
+        grid = drive.begin + 0.01 * np.arange(len(drive.seen))
+        truth = np.interp(grid, plain.channel("heading").time, np.gradient(angle[:, 0], 0.2))
+        known = drive.known & (grid > 5.0)
+        errors.append(float(np.std((drive.seen[:, 5] - truth)[known]) / np.std(truth[known])))
+    assert errors[0] < 0.15
+    two_fixes = np.sqrt(2.0) * 0.2 / 0.2 / float(np.std(truth[known]))
+    assert errors[1] < 0.5 * two_fixes
 
 
 def test_a_quaternion_or_a_compass_gives_the_heading(full_size: Recording) -> None:

@@ -17,7 +17,7 @@ Mask = NDArray[np.bool_]
 
 POSE_WINDOW = 0.12  # s: a parabola through this much of the past gives the pose and the turn rate at its end
 SPEED_WINDOW = 0.25  # s: a line through the car's own forward and sideways speed, which change more slowly
-_SAMPLES = 9  # at least, in the shorter window
+_COUNTS = (4, 5, 7, 9)  # samples at least in the shorter window: as many as foretell the next one best
 PAST = 2.0  # s of the past over which the model is compared with the car
 SETTLE = 1.0  # s of commands before that, for servo and motor to forget where they started
 
@@ -80,14 +80,17 @@ def _seen(position: Channel, heading: Channel, grid: Array, step: float) -> tupl
     near = max(0.06, 2.5 * float(np.median(np.diff(time))))
     after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
     measured = (time[after] - time[after - 1] < near) & (grid >= time[0]) & (grid <= time[-1])
-    window = max(POSE_WINDOW, _SAMPLES * float(np.median(np.diff(time))))
-    short = max(4, round(window / step) + 1)
-    long = max(short, round(SPEED_WINDOW / step) + 1)
-    value, slope = _at_the_end(short, step, 2)
     signals = [position.column("x")[good], position.column("y")[good], np.unwrap(heading.values[good, 0])]
     x, y, angle = (np.interp(grid, time, s) for s in signals)
-    seen[:, :3] = np.stack([_past_only(p, value) for p in (x, y, angle)], axis=1)
-    seen[:, 5] = _past_only(angle, slope)
+    short, turn = (
+        max(4, round(max(POSE_WINDOW, _samples(p) * float(np.median(np.diff(time)))) / step) + 1)
+        for p in (np.stack(signals[:2], axis=1), signals[2][:, None])
+    )
+    long = max(short, turn, round(SPEED_WINDOW / step) + 1)
+    value, _ = _at_the_end(short, step, 2)
+    seen[:, :2] = np.stack([_past_only(p, value) for p in (x, y)], axis=1)
+    value, slope = _at_the_end(turn, step, 2)
+    seen[:, 2], seen[:, 5] = _past_only(angle, value), _past_only(angle, slope)
     # Along and across the car, step by step: a car that turns quickly bends its path within the window, not its speed.
     middle = angle - 0.5 * np.diff(angle, prepend=angle[0])
     dx, dy = (np.diff(p, prepend=p[0]) / step for p in (x, y))
@@ -99,6 +102,28 @@ def _seen(position: Channel, heading: Channel, grid: Array, step: float) -> tupl
     ):
         seen[:, column] = _past_only(speed, value + half * slope)
     return seen, _run_lengths(measured) >= long
+
+
+def _samples(points: Array) -> int:
+    """How many of the last samples (T, k) a parabola should go through: more for noise, fewer for quick bends.
+
+    A slow receiver's window of many samples lags behind what the car does; of few, it takes noise for motion.
+    """
+    found = []
+    for count in _COUNTS:
+        after = np.arange(1 - count, 1, dtype=np.float64)
+        weights = np.array([1.0, 1.0, 1.0]) @ np.linalg.pinv(np.stack([after**k for k in range(3)], axis=1))
+        if len(points) < 4 * count:
+            return count
+        foretold = np.stack([np.convolve(p, weights[::-1], mode="valid") for p in points.T], axis=1)[:-1]
+        found.append(float(np.mean(np.minimum(*_squares(points[count:] - foretold)))))
+    return _COUNTS[int(np.argmin(found))]
+
+
+def _squares(off: Array) -> tuple[Array, Array]:
+    """(T,) squares of what is off, and beside each the most that one sample may count (outliers)."""
+    squares = np.sum(off**2, axis=1)
+    return squares, np.full(len(squares), 20.0 * float(np.median(squares)))
 
 
 def _at_the_end(width: int, step: float, degree: int) -> tuple[Array, Array]:
