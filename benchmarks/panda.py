@@ -11,7 +11,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 from real_arm import arguments, data_folder, held_out
 
 from trueup.formats import read
-from trueup.identification.estimation.joint_names import matched
+from trueup.identification.estimation.matching import matched
 from trueup.identification.model_file import load_tree
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trueup.formats.joint_names import match_joints, named_as
+from trueup.formats.joint_names import match_joints, named_as, sure_names
 from trueup.recording import Channel, Recording
 
 ARM = {"joint_1": "joint_1", "joint_2": "joint_2", "right_carriage": "", "left_carriage": "left_gripper"}
@@ -29,6 +29,21 @@ def test_what_shares_no_name_goes_by_the_order_of_the_driven_joints() -> None:
     names, how = match_joints(["a", "b", "c"], ARM)
     assert list(names.values()) == ["joint_1", "joint_2", "left_carriage"]
     assert "check" in how
+
+
+def test_what_all_names_begin_or_end_with_does_not_count() -> None:
+    model = {"base": "", "elbow": "", "wrist": ""}
+    for label in ("motor_{}_act", "r_arm_{}", "{}_state"):
+        labels = [label.format(name) for name in ("wrist", "base", "elbow")]
+        names, how = match_joints(labels, model)
+        assert list(names.values()) == ["wrist", "base", "elbow"]
+        assert how == "by name"
+
+
+def test_labels_that_merely_count_are_sure_in_order_and_other_names_are_not() -> None:
+    model = {"quill": "", "arm1": "arm1", "arm2": "arm2"}
+    assert sure_names(["q0", "q1"], model)[0] == {"q0": "arm1", "q1": "arm2"}
+    assert sure_names(["left", "right"], model)[0] == {}
 
 
 def test_what_cannot_be_known_stays_open() -> None:

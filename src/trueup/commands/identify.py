@@ -101,7 +101,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """
     from trueup.identification.estimation.drives import Drives
     from trueup.identification.estimation.identify import identify
-    from trueup.identification.estimation.joint_names import matched
+    from trueup.identification.estimation.matching import matched
     from trueup.identification.model_file import load_tree
 
     options, names = _options(args)
@@ -163,7 +163,7 @@ def _weighed(
     args: argparse.Namespace, tree: KinematicTree, training: Sequence[Recording], drives: Drives
 ) -> tuple[Drives, tuple[str, ...]]:
     """The drives with torque constants from runs that carry a payload."""
-    from trueup.identification.estimation.joint_names import matched
+    from trueup.identification.estimation.matching import matched
     from trueup.identification.estimation.payload import drives_from_payload, payload_inertial
 
     mapping, _ = mapping_for(args.mapping)

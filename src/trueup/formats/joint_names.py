@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Callable, Mapping, Sequence
 
@@ -12,6 +13,7 @@ from trueup.recording import Recording, is_command
 
 _DOUBT = 0.25  # of the squared distance to the second nearest joint
 _BY_NAME = "by name"
+_NUMBER = re.compile(r"\d+$")
 _FILLING = re.compile(r"(?i)joint|motor|servo|link|actuator|position|pos")
 
 
@@ -19,14 +21,16 @@ def match_joints(labels: Sequence[str], drives: Mapping[str, str]) -> tuple[dict
     """Label in the files -> joint of the model, and how it was found; labels that stay open are not in it.
 
     `drives`: each joint of the model to the name of what drives it, '' where nothing does. Tried in turn: the same
-    name, alike but for capitals and words such as "joint", one within the other, the name of the actuator; what is
-    left goes by order if as many joints, or as many driven joints, are left too.
+    name, alike but for capitals and words such as "joint", the name of the actuator, alike but for what all labels begin
+    or end with (motor_elbow, elbow_act), one within the other; what is left goes by order if as many joints, or as many
+    driven joints, are left too.
     """
     found = _counted(labels, drives)
     how = "by order, which nothing here can prove: check them" if found else _BY_NAME
     for key in (str, _plain, _core):
         _pair(found, labels, {j: key(j) for j in drives}, key)
     _pair(found, labels, {j: _core(a) for j, a in drives.items() if a}, _core)
+    _undecorated(found, labels, drives)
     _within(found, labels, drives)
     open_labels = [label for label in labels if label not in found]
     free = [j for j in drives if j not in found.values()]
@@ -48,23 +52,23 @@ def named_as(recordings: Sequence[Recording], drives: Mapping[str, str]) -> tupl
         return list(recordings), []
     notes: list[str] = []
     if any(label not in drives for label in measured):
-        names, how = _certain(measured, drives)
+        names, how = sure_names(measured, drives)
         recordings, more = _renamed(recordings, names, how)
         notes += more
     told = [label for label in _labels(recordings, is_command) if label not in {*drives, *drives.values()}]
     if told:
         names, how = _followed(recordings, told), "by the motion that follows each command"
         if len(names) < len(told):
-            names, how = _certain(_labels(recordings, is_command), drives)
+            names, how = sure_names(_labels(recordings, is_command), drives)
         recordings, more = _renamed(recordings, names, how)
         notes += more
     return list(recordings), notes
 
 
-def _certain(labels: Sequence[str], drives: Mapping[str, str]) -> tuple[dict[str, str], str]:
-    """What `match_joints` finds; by order only if the labels are mere numbers: other names may be other joints."""
+def sure_names(labels: Sequence[str], drives: Mapping[str, str]) -> tuple[dict[str, str], str]:
+    """What `match_joints` finds; by order only if the labels merely count: other names may be other joints."""
     names, how = match_joints(labels, drives)
-    if how == _BY_NAME or all(_core(label).isdigit() for label in labels):
+    if how == _BY_NAME or all(_core(label).isdigit() for label in labels) or _counting(labels):
         return names, how
     alike: dict[str, str] = {}
     for key in (str, _plain, _core):
@@ -118,6 +122,31 @@ def _counted(labels: Sequence[str], drives: Mapping[str, str]) -> dict[str, str]
     shift = 1 if "0" in counted else -1
     wanted = {label: f"{int(number) + shift}" for number, label in counted.items()}
     return {label: theirs[n] for label, n in wanted.items()} if set(wanted.values()) <= set(theirs) else {}
+
+
+def _counting(labels: Sequence[str]) -> bool:
+    """Whether labels differ in nothing but a number, from 0 or 1 on: q1, q2, q3."""
+    numbers = [int(match[0]) for label in labels if (match := _NUMBER.search(label))]
+    stems = {_NUMBER.sub("", label) for label in labels}
+    return len(stems) == 1 and numbers in (list(range(len(labels))), list(range(1, len(labels) + 1)))
+
+
+def _undecorated(found: dict[str, str], labels: Sequence[str], drives: Mapping[str, str]) -> None:
+    """Adds pairs that are alike once what all open labels begin and end with is gone, where that finds every one."""
+    rest = [label for label in labels if label not in found]
+    plain, joints = [_plain(label) for label in rest], {_plain(j): j for j in drives if j not in found.values()}
+    before, after = _shared(plain), _shared([p[::-1] for p in plain])
+    for start, stop in itertools.product(range(before + 1), range(after + 1)):
+        cores = [p[start : len(p) - stop] for p in plain]
+        if len(rest) > 1 and len(set(cores)) == len(cores) and all(core in joints for core in cores):
+            found |= {label: joints[core] for label, core in zip(rest, cores, strict=True)}
+            return
+
+
+def _shared(words: Sequence[str]) -> int:
+    """How many letters all words begin with."""
+    alike = [len(set(letters)) == 1 for letters in zip(*words, strict=False)]
+    return next((k for k, same in enumerate(alike) if not same), len(alike))
 
 
 def _pair(found: dict[str, str], labels: Sequence[str], keys: Mapping[str, str], make: Callable[[str], str]) -> None:

@@ -13,7 +13,7 @@ from trueup.errors import IdentificationError, UnknownNameError
 from trueup.identification.estimation.couplings import coupled
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.identify import Options, identify, natural_cutoff
-from trueup.identification.estimation.joint_names import matched
+from trueup.identification.estimation.matching import matched
 from trueup.identification.estimation.motion import log_of
 from trueup.identification.estimation.result import Identification, relative_error
 from trueup.identification.estimation.torque_model import TorqueModel

@@ -11,7 +11,7 @@ import pytest
 from trueup.formats import ChannelColumns, ChannelMap, TimeColumn, read
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.identify import Options, identify
-from trueup.identification.estimation.joint_names import matched
+from trueup.identification.estimation.matching import matched
 from trueup.identification.estimation.result import relative_error
 from trueup.identification.model_file import load_tree
 

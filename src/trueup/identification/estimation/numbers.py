@@ -15,8 +15,7 @@ def numbers_of(found: Identification) -> dict[str, Any]:
     return finite(
         {
             "model": found.model_name,
-            "joints": list(found.joints),
-            "units": list(found.units),
+            "joints": list(found.joints), "units": list(found.units),
             "held_out": _errors(found, held_out=True),
             "training": _errors(found, held_out=False),
             "cross_validation": {
@@ -51,7 +50,7 @@ def numbers_of(found: Identification) -> dict[str, Any]:
             "notes": list(found.notes),
             "seconds": found.seconds,
         }
-    )
+    )  # fmt: skip
 
 
 def _errors(found: Identification, *, held_out: bool) -> dict[str, Any] | None:

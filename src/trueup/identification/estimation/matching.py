@@ -1,21 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which column of a log is which joint of a model: by name, else by order where that is the only way, and said."""
+"""Brings logs and a tree together: columns get the joints' names, joints that no log has are locked."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 
 from trueup.errors import UnknownNameError, unknown_name
+from trueup.formats.joint_names import sure_names
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.recording import Recording
 
 _CHANNELS = ("position", "velocity", "torque", "current", "load")
-
-_NUMBER = re.compile(r"\d+$")
 
 Groups = tuple[list[Recording], list[Recording]]
 
@@ -23,9 +20,7 @@ Groups = tuple[list[Recording], list[Recording]]
 def matched(tree: KinematicTree, groups: Groups) -> tuple[KinematicTree, Groups, tuple[str, ...]]:
     """Recordings with the joints' names of the model, the tree with joints locked that no log has, and what was done.
 
-    Names count where they agree but for capitals, hyphens and letters that all of them begin or end with. Names that
-    only number the joints (joint_1 ... joint_6) are taken in the model's order, if their number is that of its joints
-    or of its revolute ones. Raises UnknownNameError for any other.
+    Joints are found as `formats.joint_names.sure_names` does. Raises UnknownNameError where it finds none.
     """
     labels = list(
         dict.fromkeys(x for group in groups for r in group if r.has("position") for x in r.channel("position").labels)
@@ -44,38 +39,14 @@ def matched(tree: KinematicTree, groups: Groups) -> tuple[KinematicTree, Groups,
 
 
 def _names(tree: KinematicTree, labels: Sequence[str]) -> dict[str, str]:
-    """Label -> joint."""
-    alike = {_plain(joint): joint for joint in tree.joints}
-    by_name = {label: alike[_plain(label)] for label in labels if _plain(label) in alike}
-    if by_name or not labels:
-        return by_name
-    if inside := _within(tree, labels):
-        return inside
-    turning = [j for j, slides in zip(tree.joints, np.asarray(tree.prismatic).tolist(), strict=True) if not slides]
-    numbers = [int(found[0]) if (found := _NUMBER.search(label)) else -1 for label in labels]
-    for joints in (tree.joints, turning):
-        if len(joints) == len(labels) and all(b == a + 1 for a, b in pairwise(numbers)) and numbers[0] in (0, 1):
-            return dict(zip(labels, joints, strict=True))
-    raise _unknown(tree, labels)
-
-
-def _within(tree: KinematicTree, labels: Sequence[str]) -> dict[str, str]:
-    """Label -> joint where each label is a joint's name with the same letters before and after: motor_elbow, elbow_act."""
-    plain = [_plain(label) for label in labels]
-    before, after = _common(plain), _common([p[::-1] for p in plain])
-    joints = {_plain(joint): joint for joint in tree.joints}
-    for start in range(before + 1):
-        for stop in range(after + 1):
-            cores = [p[start : len(p) - stop] for p in plain]
-            if all(core in joints for core in cores) and len(set(cores)) == len(cores):
-                return {label: joints[core] for label, core in zip(labels, cores, strict=True)}
-    return {}
-
-
-def _common(words: Sequence[str]) -> int:
-    """How many letters all words begin with."""
-    alike = [len(set(letters)) == 1 for letters in zip(*words, strict=False)]
-    return next((k for k, same in enumerate(alike) if not same), len(alike))
+    """Label -> joint; where labels merely count, as many hinges as there are labels will do, beside slides without one."""
+    hinges = {
+        j: "" if slides else j for j, slides in zip(tree.joints, np.asarray(tree.prismatic).tolist(), strict=True)
+    }
+    names = sure_names(labels, hinges)[0]
+    if labels and not names:
+        raise _unknown(tree, labels)
+    return names
 
 
 def _unknown(tree: KinematicTree, labels: Sequence[str]) -> UnknownNameError:
