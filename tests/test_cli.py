@@ -333,6 +333,16 @@ def test_inspect_proposes_the_models_joints_by_order_and_calibrate_uses_them(cal
     assert code == 0, said
 
 
+def test_what_slides_is_in_metres_where_inspect_knows_the_model(call: Call) -> None:
+    Path("arm.xml").write_text(
+        Path("arm.xml").read_text().replace('joint name="wrist"', 'joint name="wrist" type="slide"')
+    )
+    code, said = call("inspect", "slow.csv", "--model", "arm.xml")
+    assert code == 0, said
+    assert re.search(r"position +1 x rad and 1 x m,", said)
+    assert "2 x rad" in call("inspect", "slow.csv")[1]
+
+
 def test_inspect_speaks_json(call: Call) -> None:
     code, said = call("inspect", "slow.csv", "--json")
     assert code == 0

@@ -183,6 +183,17 @@ def recordings_for(
     return fitted, judged, [*renamed, *changed, *cut]
 
 
+def in_units_of(model_path: str | Path, recordings: Sequence[Recording]) -> list[Recording]:
+    """Recordings with a model's names and units: metres where a joint slides. Raises ModelError."""
+    from trueup.formats.joint_names import named_as
+    from trueup.simulators.mujoco.model import load
+    from trueup.simulators.mujoco.scales import of_slides, with_units
+
+    model = load(model_path)
+    named, _ = named_as(recordings, model.drives())
+    return of_slides(model, with_units(model, named)[0])[0]
+
+
 def joints_of(model_path: str | Path) -> tuple[str, ...]:
     """Names of a model's hinge and slide joints. Raises ModelError."""
     from trueup.simulators.mujoco.model import load

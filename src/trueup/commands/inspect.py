@@ -14,7 +14,7 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from trueup.campaign.assemble import drives_of, joints_of
+from trueup.campaign.assemble import drives_of, in_units_of, joints_of
 from trueup.commands.sources import MAPPING, mapping_for, readable
 from trueup.errors import MappingError
 from trueup.formats import ChannelMap, TimeColumn, guess_mapping, read
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     recordings = _read(paths, mapping, args.rate, target)
     if args.model is not None:
         notes += _unknown(recordings, args.model) if mapping is not None else []
-    found = [inspect(r) for r in recordings]
+    found = [inspect(r) for r in (in_units_of(args.model, recordings) if args.model is not None else recordings)]
     written = None
     if mapping is None and any("reader" in r.provenance for r in recordings):
         guess = _with_rate(guess_mapping(paths), args.rate)
@@ -163,9 +163,12 @@ def _show(inspection: Inspection, console: Console) -> None:
 
 
 def _line(channel: ChannelInspection) -> str:
-    parts = [f"{len(channel.labels)} x {channel.unit or 'unit unknown: say it in the mapping'}"]
-    steps = [g for g in channel.grid if g]
-    noise = [float(n) for n in channel.noise if math.isfinite(n) and n > 0]
+    units = channel.units or (channel.unit,) * len(channel.labels)
+    said = [f"{units.count(u)} x {u or 'unit unknown: say it in the mapping'}" for u in dict.fromkeys(units)]
+    parts = [" and ".join(said)]
+    same = [u == channel.unit for u in units]  # a step in m says nothing of one in rad
+    steps = [g for g, usual in zip(channel.grid, same, strict=True) if g and usual]
+    noise = [float(n) for n, usual in zip(channel.noise, same, strict=True) if math.isfinite(n) and n > 0 and usual]
     if steps and not channel.name.startswith("command"):
         scale = scale_for(channel.unit, steps)
         name = "rounded to" if _is_decimal(min(steps), channel.unit) else "encoder grid"
@@ -186,7 +189,8 @@ def _is_decimal(step: float, unit: str) -> bool:
 def _plain(inspection: Inspection) -> dict[str, Any]:
     channels = [
         {
-            "name": c.name, "labels": list(c.labels), "unit": c.unit, "samples": c.samples, "rate": _number(c.rate),
+            "name": c.name, "labels": list(c.labels), "unit": c.unit, "units": list(c.units),
+            "samples": c.samples, "rate": _number(c.rate),
             "jitter": _number(c.jitter), "gaps": [vars(g) for g in c.gaps], "missing": c.missing.tolist(),
             "lowest": [_number(v) for v in c.lowest], "highest": [_number(v) for v in c.highest],
             "motionless": list(c.motionless), "saturated": list(c.saturated), "grid": list(c.grid),

@@ -40,6 +40,8 @@ class ChannelInspection:
     name: str
     labels: tuple[str, ...]
     unit: str
+    units: tuple[str, ...]
+    """One for each label where they differ; () where they do not."""
     samples: int
     rate: float
     """Median rate in Hz; NaN for a single sample."""
@@ -122,6 +124,7 @@ def _inspect(channel: Channel, recording: Recording) -> ChannelInspection:
         name=channel.name,
         labels=channel.labels,
         unit=channel.unit,
+        units=channel.units,
         samples=len(channel.time),
         rate=rate,
         jitter=jitter,
