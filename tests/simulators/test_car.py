@@ -136,6 +136,11 @@ def test_what_the_tracker_mistook_for_the_car_is_left_out(logs: list[Path]) -> N
         assert len(gone) == pytest.approx(600, abs=5)
 
 
+def test_a_drive_that_is_too_short_to_be_predicted_has_no_errors(drive: Recording) -> None:
+    brief = cleaned(drive.slice(drive.start, drive.start + 4.0))
+    assert prediction_errors(CarSimulator(TRUTH), np.zeros(0), brief).shape == (0, 2)
+
+
 def test_a_prediction_never_uses_what_was_measured_after_it_began(drive: Recording) -> None:
     simulator = CarSimulator(TRUTH)
     trial = Trial.of(drive, ["position", "heading"])

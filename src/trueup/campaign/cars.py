@@ -48,7 +48,14 @@ def predictions(
     """
     car, notes = as_it_is(model, recordings)
     other, more = as_it_is(against, recordings) if against else (None, ())
-    found = tuple(_predicted(car, other, r) for r in recordings)
+    judged = {r.name: _predicted(car, other, r) for r in recordings}
+    found = tuple(p for p in judged.values() if p is not None)
+    short = [name for name, p in judged.items() if p is None]
+    said = f"no place where the car drives and is tracked for {max(HORIZONS):g} s on end, after {max(HORIZONS):g} s of past"
+    if not found:
+        raise RecordingError(f"{', '.join(short)}: {said}")
+    if short:
+        more = (*more, f"left out, {said}: {', '.join(short)}")
     taken = [w for r in recordings for w in car.prepared(r).provenance.get("warnings", "").split("\n") if w]
     return found, tuple(dict.fromkeys((*notes, *more, *taken)))
 
@@ -68,7 +75,8 @@ def as_it_is(model: Path, recordings: Sequence[Recording]) -> tuple[CarSimulator
     return CarSimulator(car), notes
 
 
-def _predicted(car: CarSimulator, other: CarSimulator | None, recording: Recording) -> Predicted:
+def _predicted(car: CarSimulator, other: CarSimulator | None, recording: Recording) -> Predicted | None:
+    """None where the drive holds nothing that could be predicted."""
     from trueup.loop.replay import replays
     from trueup.simulators.car.judging import Ahead
     from trueup.simulators.car.prediction import moved, prediction_errors
@@ -76,9 +84,7 @@ def _predicted(car: CarSimulator, other: CarSimulator | None, recording: Recordi
     clean, nothing = car.prepared(recording), np.zeros(0)
     errors = prediction_errors(car, nothing, clean, HORIZONS)
     if not len(errors):
-        raise RecordingError(
-            f"recording '{recording.name}' has no place where the car drives and is tracked for {max(HORIZONS):g} s on end"
-        )
+        return None
     shown = replays(car, nothing, [], [clean], Ahead(car, [clean]), channels=["position", "heading"], against=other)
     return Predicted(
         recording.name, errors,

@@ -37,7 +37,7 @@ def prediction_errors(
     first = np.arange(len(starts) + 1, dtype=np.int64) * len(horizons)
     since = np.tile(np.sort(np.asarray(horizons, dtype=np.float64)), len(starts))
     rows, _ = simulator.rows(values)
-    found = simulator.predict(drive, rows[:1], starts, first, since)[0, :, :2].reshape(len(starts), -1, 2)
+    found = simulator.predict(drive, rows[:1], starts, first, since)[0, :, :2].reshape(len(starts), len(horizons), 2)
     ends = (
         drive.begin
         + drive.step * starts[:, None].astype(np.float64)
