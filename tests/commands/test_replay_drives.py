@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from trueup.campaign.cars import said_once
 from trueup.cli import main
 from trueup.recording import Channel
 from trueup.simulators.car import Car, CarSimulator
@@ -73,3 +74,8 @@ def test_a_predicted_drive_is_shown_and_drawn(drives: Path, capsys: pytest.Captu
     assert "[vehicle.values]" in capsys.readouterr().err
     assert main(["replay", "truth.toml", "drive_0.csv", "--against", "arm.xml"]) != 0
     assert "another car's TOML file" in capsys.readouterr().err
+
+
+def test_what_is_said_of_many_drives_is_said_once() -> None:
+    said = said_once(["'a': no heading", "'b': a gap", "'c': no heading", "'d': no heading", "all: fine"])
+    assert said == ("'a' and 2 more: no heading", "'b': a gap", "all: fine")

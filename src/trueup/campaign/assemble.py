@@ -103,6 +103,7 @@ def calibrated(
         done = calibrate(simulator, training, held_out, options=options, **told)
         every = [*training, *held_out]
         return replace(done, replays=as_recorded(done.replays, every), warnings=tuple(folded(done.warnings, every)))
+    from trueup.campaign.cars import said_once
     from trueup.simulators.car.judging import Ahead
     from trueup.simulators.car.prediction import foretold, lasting, spoken
     from trueup.simulators.car.training import begun_apart, counted_once
@@ -120,7 +121,8 @@ def calibrated(
         if foretold(simulator, again.values, drives) < foretold(simulator, found.values, drives):
             simulator, found = simulator.starting(shares), again
     once = counted_once(found, drives)
-    return replace(once, notes=(*once.notes, *spoken(simulator, once.values, [*drives, *others])))
+    said = (*once.notes, *spoken(simulator, once.values, [*drives, *others]))
+    return replace(once, notes=said, warnings=said_once(once.warnings))
 
 
 def write_outcome(

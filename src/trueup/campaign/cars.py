@@ -60,6 +60,18 @@ def predictions(
     return found, tuple(dict.fromkeys((*notes, *more, *taken)))
 
 
+def said_once(warnings: Sequence[str]) -> tuple[str, ...]:
+    """Warnings "'name': text" that say the same of several drives, as one that names the first of them."""
+    groups: dict[str, list[str]] = {}
+    for warning in warnings:
+        name, _, text = warning.partition("': ")
+        groups.setdefault(text if text and name.startswith("'") else warning, []).append(warning)
+    return tuple(
+        same[0] if len(same) == 1 else same[0].replace("': ", f"' and {len(same) - 1} more: ", 1)
+        for same in groups.values()
+    )
+
+
 def as_it_is(model: Path, recordings: Sequence[Recording]) -> tuple[CarSimulator, tuple[str, ...]]:
     """The simulator of a car's file, nothing fitted; what a full command is may be told from the recordings."""
     from trueup.simulators.car import CarSimulator
