@@ -287,6 +287,13 @@ def test_what_goes_on_is_told_from_what_comes_and_goes() -> None:
     )
 
 
+def test_wheels_of_both_axles_may_turn_a_car_further_than_it_is_told() -> None:
+    """Steering in rad up to 0.4, both axles steered: per command the car turns as if its front wheels went twice as far."""
+    assert car_space(Car("car", 0.8), steers=0.4).parameters[4].name == "steering_left"
+    assert car_space(Car("car", 0.8), steers=0.4).parameters[4].upper == pytest.approx(3.0)
+    assert car_space(Car("car", 0.8), steers=1.0).parameters[4].upper == pytest.approx(1.2)
+
+
 def test_a_limit_that_was_seen_stays_within_reach() -> None:
     space = car_space(Car("car", 2.7), {"steering_rate": 0.5})
     assert space.parameters[space.names.index("steering_rate")].upper == pytest.approx(2.0)

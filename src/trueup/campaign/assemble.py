@@ -221,6 +221,8 @@ class _Told(TypedDict):
 def _car(
     path: Path, recordings: Sequence[Recording], parameters_file: str | Path | None
 ) -> tuple[CarSimulator, tuple[str, ...]]:
+    import numpy as np
+
     from trueup.simulators.car import QUANTITIES, CarSimulator, car_space
     from trueup.simulators.car.car_file import read_car
     from trueup.simulators.car.commands import with_commands
@@ -241,7 +243,8 @@ def _car(
         *(() if braked(drives) else ("braking",)),
         *(() if "steering_rate" in starts else ("steering_rate",)),
     }
-    space = car_space(car, starts, [q.name for q in QUANTITIES if q.free and q.name not in still])
+    steers = max((float(np.nanmax(np.abs(d.channel("command").column("steering")))) for d in drives), default=1.0)
+    space = car_space(car, starts, [q.name for q in QUANTITIES if q.free and q.name not in still], steers)
     return CarSimulator(car, space), (*taken, *calm.values())
 
 

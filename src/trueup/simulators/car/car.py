@@ -121,11 +121,13 @@ class Car:
 
 
 def car_space(
-    car: Car, starts: Mapping[str, float] | None = None, names: Iterable[str] | None = None
+    car: Car, starts: Mapping[str, float] | None = None, names: Iterable[str] | None = None, steers: float = 1.0
 ) -> ParameterSpace:
     """Parameters of a car: all of QUANTITIES, those not in `names` frozen (None: those that are usually free).
 
-    They start at the car's own values, else at `starts` (what a look at the recordings suggests). Raises UnknownNameError.
+    `steers` is the greatest steering command: where that is less than one (an angle in rad), a wheel may turn further for a
+    command of one. They start at the car's own values, else at `starts` (what a look at the recordings suggests).
+    Raises UnknownNameError.
     """
     wanted = {q.name for q in QUANTITIES if q.free} if names is None else set(names)
     for name in (*wanted, *(starts or {})):
@@ -136,6 +138,8 @@ def car_space(
         nominal = float(car.values.get(q.name, (starts or {}).get(q.name, q.start)))
         size = max(car.wheelbase, 1.0) ** _GROWS.get(q.name, 0)
         lower, upper = size * q.lower, size * q.upper
+        if q.name in ("steering_left", "steering_right"):
+            upper /= float(np.clip(steers, 0.1, 1.0))
         if q.name == "steering_rate" and nominal < upper:  # beyond, no slope would lead back
             upper = min(upper, _AROUND * nominal)
         parameters.append(
