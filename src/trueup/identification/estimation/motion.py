@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from trueup.errors import IdentificationError, unknown_name
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.filtering import Lowpass, decimated, derivative, even, grid, highest_cutoff
+from trueup.identification.estimation.spikes import without_spikes
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.recording import Channel, Recording
 
@@ -101,14 +102,28 @@ def log_of(recording: Recording, tree: KinematicTree, drives: Drives) -> Log:
     time = time[inside]
     velocity = recording.channels.get("velocity")
     usable = velocity is not None and all(j in velocity.labels for j in tree.joints)
-    speeds = _values(velocity, tree, time, recording) if usable and velocity is not None else None
-    turning, unwound = _unwound(position, tree, recording.name)
+    turning, said = _unwound(position, tree, recording.name)
+    notes = list(said)
+    speeds = _sound(velocity, tree, time, recording, notes) if usable and velocity is not None else None
+    places, torques = (_sound(c, tree, time, recording, notes) for c in (turning, source))
     return Log(
-        recording.name, time, rate, drives.joint_positions(_values(turning, tree, time, recording)),
-        None if speeds is None else drives.joint_speeds(speeds),
-        drives.joint_torques(_values(source, tree, time, recording)), source.name, _units(source, tree, drives),
-        _gaps(position.time, source.time), unwound,
+        recording.name, time, rate, drives.joint_positions(places),
+        None if speeds is None else drives.joint_speeds(speeds), drives.joint_torques(torques), source.name,
+        _units(source, tree, drives), _gaps(position.time, source.time), tuple(notes),
     )  # fmt: skip
+
+
+def _sound(channel: Channel, tree: KinematicTree, time: Array, recording: Recording, notes: list[str]) -> Array:
+    """(T, n) of the tree's joints at even instants without spikes, of which `notes` gets a word."""
+    chosen = channel.select(tree.joints)
+    values, counts = without_spikes(np.array(chosen.values))
+    if counts.any():
+        said = ", ".join(f"{joint} {count:.0f}" for joint, count in zip(tree.joints, counts, strict=True) if count)
+        notes.append(
+            f"recording '{recording.name}': single samples of {channel.name} stand far off their neighbours ({said}); they "
+            "were bridged, in what the model is judged by too"
+        )
+    return _values(chosen.replace(values=values), tree, time, recording)
 
 
 def _units(source: Channel, tree: KinematicTree, drives: Drives) -> tuple[str, ...]:

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Single samples that stand far off their neighbours: faults of a bus or a sensor that a filter would smear."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_NEAR = 3
+"""Samples on either side: faults of up to three samples are seen, and a step, which has its like on one side, is none."""
+_NEIGHBOURS, _NOISE, _RANGE = 8.0, 12.0, 0.05
+"""Times the neighbours' own scatter, times the usual distance from them, and share of the signal's range: only a fault
+exceeds all three."""
+_MANY = 0.02
+"""Share of samples from which on it is the signal that is so."""
+
+
+def without_spikes(values: Array) -> tuple[Array, Array]:
+    """(T, k) signals with NaN for their spikes, and (k,) how many samples of each that are.
+
+    Samples are compared with the median of their neighbours (Hampel, "The influence curve and its role in robust
+    estimation", 1974). A signal that is full of them is left alone; what is missing already stays so.
+    """
+    kept, counts = np.array(values), np.zeros(values.shape[1])
+    known = np.isfinite(kept)
+    if len(kept) < 8 * _NEAR or not known.all(axis=1).any():
+        return kept, counts
+    at = np.arange(len(kept))
+    full = np.stack(
+        [np.interp(at, at[good], x[good]) if good.any() else x for x, good in zip(kept.T, known.T, strict=True)], axis=1
+    )
+    around = np.pad(full, ((_NEAR, _NEAR), (0, 0)), mode="edge")
+    around = np.lib.stride_tricks.sliding_window_view(around, 2 * _NEAR + 1, axis=0)
+    middle = np.median(around, axis=-1)
+    off = np.abs(full - middle)
+    usual = np.array([1.4826 * np.median(x[x > 0.0]) if np.any(x > 0.0) else 0.0 for x in off.T])
+    low, high = np.quantile(full, [0.01, 0.99], axis=0)
+    spikes = off > np.maximum(_NOISE * usual, _RANGE * (high - low))
+    scatter = np.median(np.abs(around[spikes] - middle[spikes][:, None]), axis=-1)
+    spikes[spikes] = off[spikes] > _NEIGHBOURS * scatter
+    spikes &= known & (spikes.mean(axis=0) < _MANY)
+    kept[spikes] = np.nan
+    return kept, spikes.sum(axis=0).astype(np.float64)
