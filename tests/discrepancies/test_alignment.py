@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trueup.discrepancies.alignment import lag
+from trueup.discrepancies.alignment import clock_errors, lag
 from trueup.errors import RecordingError
-from trueup.recording import Channel
+from trueup.recording import Channel, Recording
 
 
 def channel(name: str, rate: float, shift: float = 0.0, noise: float = 0.0, label: str = "a") -> Channel:
@@ -30,6 +30,32 @@ def test_rates_may_differ_and_samples_be_noisy() -> None:
 def test_a_shift_is_symmetric() -> None:
     a, b = channel("a", 100), channel("b", 100, 0.05)
     assert lag(a, b) == pytest.approx(-lag(b, a), abs=1e-4)
+
+
+def _swung(late: float, stuck: tuple[float, float]) -> Recording:
+    """Two joints told to swing slowly, each at its own rate, that stay behind until their servos pull hard enough."""
+    time = np.arange(0.0, 24.0, 0.01)
+    told, seen = [], []
+    for hertz, play in zip((0.12, 0.1), stuck, strict=True):
+        wanted = (2.0 / np.pi) * np.arcsin(np.sin(2.0 * np.pi * hertz * time))
+        at, way = 0.0, []
+        for target in np.interp(time - 0.03, time, wanted):
+            at = min(max(at, target - play), target + play)
+            way.append(at)
+        told.append(wanted)
+        seen.append(way)
+    channels = (
+        Channel("command", ("a", "b"), "rad", time + late, np.array(told).T),
+        Channel("position", ("a", "b"), "rad", time, np.array(seen).T),
+    )
+    return Recording(f"{late} {stuck}", {c.name: c for c in channels})
+
+
+def test_what_friction_holds_back_in_slow_motion_is_no_clock_error() -> None:
+    sound = [_swung(0.0, (0.02, 0.02)).replace(name=n) for n in ("one", "two")]
+    assert clock_errors([*sound, _swung(0.0, (0.4, 0.7))]) == {}
+    late = _swung(0.8, (0.02, 0.02)).replace(name="late")
+    assert list(clock_errors([*sound, late])) == ["late"]
 
 
 def test_signals_that_share_nothing_are_refused() -> None:

@@ -19,6 +19,7 @@ _BETTER = 0.5  # ... and that share, over the least that a lag that may be leave
 _ENOUGH = 2.5  # s: in less than that a single move may look like another one
 _LEAD = 0.01  # s: no robot moves before it is told to
 _APART = 0.25  # s of lag beyond that of the other recordings
+_ALIKE, _LEAST_APART = 0.1, 0.03  # how far the lags of joints are apart behind one clock: of its error; s
 _USUAL = 0.05  # s of lag where no other recording tells: servos take a few hundredths
 
 
@@ -96,7 +97,23 @@ def _explains(recording: Recording, shift: float, usual: float) -> bool:
     """Whether commands shifted by `shift` explain the positions, and far better than with a lag that may be."""
     may_be = min(_unexplained(recording, v) for v in np.linspace(0.0, usual + _APART, 12))
     left = _unexplained(recording, shift)
-    return left < _CLOSE and left < _BETTER * may_be
+    return left < _CLOSE and left < _BETTER * may_be and _shared(recording, shift, abs(shift - usual))
+
+
+def _shared(recording: Recording, shift: float, error: float) -> bool:
+    """Whether the joints lag alike, as they do behind a wrong clock; what friction holds back in slow motion lags each its
+    own way.
+    """
+    command, position = command_of(recording), recording.channel("position")
+    lags = []
+    for label in position.labels:
+        if command is not None and label in command.labels:
+            try:
+                lags.append(lag(command.select([label]), position.select([label]), longest=abs(shift) + 0.5, hold=True))
+            except RecordingError:  # it does not move
+                continue
+    apart = float(np.median(np.abs(np.array(lags) - np.median(lags)))) if lags else 0.0
+    return apart < max(_ALIKE * error, _LEAST_APART)
 
 
 def _unexplained(recording: Recording, shift: float) -> float:
