@@ -173,16 +173,18 @@ def recordings_for(
     base in windows (see `named_as`, `drives.suited`, `windows.begun_again`). Raises ModelError.
     """
     from trueup.formats.joint_names import named_as
+    from trueup.formats.strangers import without_strangers
     from trueup.simulators.mujoco.drives import suited
     from trueup.simulators.mujoco.model import load
     from trueup.simulators.mujoco.windows import begun_again
 
     model = load(model_path)
     named, renamed = named_as([*training, *held_out], model.drives())
+    named, strange = without_strangers(named, model.drives())
     taken, changed = suited(model, named)
     fitted, cut = begun_again(model, taken[: len(training)])
     judged, _ = begun_again(model, taken[len(training) :])
-    return fitted, judged, [*renamed, *changed, *cut]
+    return fitted, judged, [*renamed, *strange, *changed, *cut]
 
 
 def in_units_of(model_path: str | Path, recordings: Sequence[Recording]) -> list[Recording]:
@@ -269,7 +271,9 @@ def _of_floor(floor: Stopped) -> str:
 
 def _check_joints(model: Model, recordings: Sequence[Recording]) -> None:
     """Raises UnknownNameError for a joint that the model does not have, and says how to rename it."""
-    joints = model.scalar_joints()
+    from trueup.formats.strangers import several_robots
+
+    joints, file = model.scalar_joints(), model.path.name
     for recording in recordings:
         if recording.has("position"):
             labels = recording.channel("position").labels
@@ -278,6 +282,6 @@ def _check_joints(model: Model, recordings: Sequence[Recording]) -> None:
                 if label not in joints:
                     raise unknown_name(
                         "joint", label, left or joints,
-                        f"model '{model.path.name}' (recording '{recording.name}', channel 'position'; rename it in "
-                        f"the mapping's [joints]: `trueup inspect RECORDINGS --model {model.path.name}` proposes)",
+                        f"model '{file}' (recording '{recording.name}', channel 'position'; rename it in the mapping's "
+                        f"[joints]: `trueup inspect RECORDINGS --model {file}` proposes{several_robots(labels, joints)})",
                     )  # fmt: skip

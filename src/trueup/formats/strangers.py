@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Joints of a log that its model does not have: those of a second robot, of a gripper that was left out of the model."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping, Sequence
+
+from trueup.recording import Channel, Recording, is_command
+
+_GRIPPER = re.compile(r"grip|finger|jaw|claw|hand|tool", re.IGNORECASE)
+_JOINTS = ("position", "velocity", "torque", "current")
+
+
+def without_strangers(recordings: Sequence[Recording], drives: Mapping[str, str]) -> tuple[list[Recording], list[str]]:
+    """Recordings without joints that cannot be any of the model's, and a note that names them.
+
+    That is where the log has every joint of the model, where a joint is the namesake of one that was found (another
+    arm's), and grippers. Whatever else is not found stays: it may be a joint under another name, which must be said.
+    `drives`: each joint of the model to the name of what drives it, '' where nothing does.
+    """
+    labels = list(
+        dict.fromkeys(label for r in recordings for c in r.channels.values() if _of_joints(c) for label in c.labels)
+    )
+    known = {*drives, *filter(None, drives.values())}
+    found = [label for label in labels if label in known]
+    complete = all(joint in labels or (drive and drive in labels) for joint, drive in drives.items())
+    gone = [
+        label for label in labels if label not in known and found
+        and (complete or _GRIPPER.search(label) or any(_namesake(label, joint) for joint in found))
+    ]  # fmt: skip
+    if not gone:
+        return list(recordings), []
+    note = f"not in the model, and left out: {', '.join(gone)}"
+    return [_without(r, set(gone)) for r in recordings], [note]
+
+
+def several_robots(labels: Sequence[str], joints: Collection[str]) -> str:
+    """What to say where two labels of a log may be the same joint of the model; '' where none may."""
+    for joint in joints:
+        twins = [label for label in labels if _namesake(label, joint)]
+        if len(twins) > 1:
+            return (
+                f"; this log seems to hold several robots ({', '.join(twins)}): name the joints of one in [joints], and "
+                "those of the other are left out"
+            )
+    return ""
+
+
+def _of_joints(channel: Channel) -> bool:
+    return channel.name in _JOINTS or is_command(channel.name)
+
+
+def _namesake(label: str, joint: str) -> bool:
+    """Whether a label is a joint's name with a part before or after it: right_joint1, joint1."""
+    return label != joint and bool(re.search(rf"(^|[^A-Za-z0-9]){re.escape(joint)}($|[^A-Za-z0-9])", label))
+
+
+def _without(recording: Recording, gone: set[str]) -> Recording:
+    for channel in list(recording.channels.values()):
+        kept = [label for label in channel.labels if label not in gone]
+        if not _of_joints(channel) or len(kept) == len(channel.labels):
+            continue
+        recording = recording.with_channel(channel.select(kept)) if kept else recording.without(channel.name)
+    return recording
