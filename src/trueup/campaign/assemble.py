@@ -50,11 +50,13 @@ def simulator_for(
     from trueup.simulators.mujoco.overlaps import passable
     from trueup.simulators.mujoco.proposal import propose
     from trueup.simulators.mujoco.rollout import MujocoSimulator
+    from trueup.simulators.mujoco.still import with_still_joints
 
     model = load(model_path)
     everything = (*recordings, *replayed)
     _check_joints(model, everything)
     model = passable(driven(held(floating(model, everything), everything), everything), everything)
+    model = with_still_joints(model, everything)
     notes = (*model.notes, *undriven(model, everything), *check_base(model, everything))
     if parameters_file is not None:
         lines = read_declarations(parameters_file)

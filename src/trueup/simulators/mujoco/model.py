@@ -38,6 +38,8 @@ class Model:
     compiled: mujoco.MjModel
     notes: tuple[str, ...] = ()
     """What was changed or lost on loading, in words."""
+    still: tuple[str, ...] = ()
+    """Joints that are held in simulations, though the file lets them move (see `still.with_still_joints`)."""
 
     @property
     def name(self) -> str:
@@ -64,10 +66,12 @@ class Model:
         return int(found)
 
     def scalar_joints(self) -> tuple[str, ...]:
-        """Names of the hinge and slide joints, in the model's order."""
+        """Names of the hinge and slide joints that move in simulations, in the model's order."""
         kinds = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
         names = self.names("joint")
-        return tuple(n for i, n in enumerate(names) if n and int(self.compiled.jnt_type[i]) in kinds)
+        return tuple(
+            n for i, n in enumerate(names) if n and int(self.compiled.jnt_type[i]) in kinds and n not in self.still
+        )
 
     def actuator_of_joint(self) -> dict[str, int]:
         """Joint name to the first actuator that drives it."""
@@ -130,6 +134,7 @@ def prepared(
     # Files for MJX stop the solver after an iteration or two, with which contacts are soft or blow up.
     spec.option.iterations = max(spec.option.iterations, _ITERATIONS)
     spec.option.ls_iterations = max(spec.option.ls_iterations, _LINE_SEARCH)
+    _hold(spec, model)
     if bare:
         _unshape(spec)
     if bare or not needs_shapes(model.compiled):
@@ -144,6 +149,12 @@ def prepared(
             actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
             actuator.forcerange = [-1e6, 1e6]
     return spec.compile()
+
+
+def _hold(spec: mujoco.MjSpec, model: Model) -> None:
+    """Takes out the joints that are held; MuJoCo takes their places out of keyframes."""
+    for name in model.still:
+        spec.delete(spec.joint(name))
 
 
 def _add_slack(spec: mujoco.MjSpec, name: str) -> None:
