@@ -28,7 +28,7 @@ from trueup.identification.estimation.pieces import Piece, pieces_of
 from trueup.identification.estimation.pool import STRUCTURES, Pool, chosen, loaded, pool_for
 from trueup.identification.estimation.quick import basic_columns, doubts, measured_speed
 from trueup.identification.estimation.result import Alignment, Identification
-from trueup.identification.estimation.selection import Choice, balanced, drawn, pays
+from trueup.identification.estimation.selection import Choice, balanced, drawn, loosened, pays
 from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.recording import Recording
@@ -127,6 +127,9 @@ def _structured(pool: Pool, pieces: Sequence[Piece], nominal: Array, structure: 
         made, moments, choice = again, their, new
         if not bodies[gains].any():  # loads depend on the gains, and gains on loads
             break
+    if structure == "select":
+        moments, choice, left = loosened(moments, prior * moments.scale, choice)
+        made = [replace(p, rows=p.rows.loosened(left)) for p in made]
     return made, moments, choice
 
 

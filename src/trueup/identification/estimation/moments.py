@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +73,10 @@ class Moments:
         x = np.broadcast_to(scaled, (len(self.count), scaled.shape[-1]))
         quadratic = (((self.gram @ x[:, None, :, None])[..., 0]) @ x[:, :, None])[..., 0]
         return np.maximum(self.square - 2.0 * (self.cross @ x[:, :, None])[..., 0] + quadratic, 0.0)
+
+    def loosened(self, share: float) -> Moments:
+        """With `share` of what draws parameters towards zero."""
+        return replace(self, shrink=share * self.shrink)
 
     def weighted(self, weights: Array) -> tuple[Array, Array]:
         """(K, p, p) and (K, p): the normal equations of each block with weights (n,) for the joints."""

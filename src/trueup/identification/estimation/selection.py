@@ -22,6 +22,9 @@ _SURE = 1.0
 _EXPONENTS = (1.0, 0.5, 0.0)
 _STRENGTHS = (RIDGE, 1e-6, 1e-5, 1e-4, 1e-3)
 _DRAWN = (1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0)
+_LOOSER, _FAR = (0.1, 0.01, 0.001), 0.05
+"""Shares of the pull of effects to zero that are tried, and the gain for which they are taken: less than that was lost
+again on motion of another kind (ten random arms)."""
 _FREE = 0.5 * PAYS
 """What a stronger pull to possible bodies may cost in the logarithm of the squared error."""
 
@@ -163,6 +166,20 @@ def drawn(moments: Moments, priors: Array, choice: Choice) -> Choice:
     best = min(free, *tried, key=lambda c: c.loss)
     good = [c for c in (free, *tried) if c.loss <= best.loss + _FREE]
     return replace(choice, strength=good[-1].strength)
+
+
+def loosened(moments: Moments, prior: Array, choice: Choice) -> tuple[Moments, Choice, float]:
+    """Moments and choice with effects drawn less to zero where that predicts far better, and the share of the pull left.
+
+    The pull serves motion that the log does not show; a log that loses much by it tells its effects by itself.
+    """
+    left = 1.0
+    for share in _LOOSER:
+        new = evaluated(moments.loosened(share), prior, choice)
+        if new.loss > choice.loss - _FAR or not _surely_better(new, choice):
+            break
+        left, choice = share, new
+    return moments.loosened(left), choice, left
 
 
 def _surely_better(new: Choice, old: Choice) -> bool:

@@ -57,6 +57,10 @@ class Rows:
         values = tuple(v[:, keep] for v in self.values)
         return replace(self, values=values, torque=self.torque[keep], time=self.time[keep])
 
+    def loosened(self, share: float) -> Rows:
+        """With `share` of what draws parameters towards zero."""
+        return replace(self, shrink=share * self.shrink)
+
     def dense(self) -> Array:
         """(S, n, p) the whole regressor."""
         full = np.zeros((len(self.values), self.p, self.length))
