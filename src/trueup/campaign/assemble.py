@@ -40,23 +40,17 @@ def simulator_for(
     if Path(model_path).suffix.lower() == ".toml":
         return _car(Path(model_path), recordings, parameters_file)
     from trueup.discrepancies.alignment import clock_errors
-    from trueup.simulators.mujoco.base import check_base, floating, held
+    from trueup.simulators.mujoco.base import check_base
     from trueup.simulators.mujoco.declaration_file import read_declarations
     from trueup.simulators.mujoco.declarations import declare
-    from trueup.simulators.mujoco.drives import driven, undriven
+    from trueup.simulators.mujoco.drives import undriven
     from trueup.simulators.mujoco.floor import stopped_by_floor
     from trueup.simulators.mujoco.gains import Gains
-    from trueup.simulators.mujoco.model import load
-    from trueup.simulators.mujoco.overlaps import passable
     from trueup.simulators.mujoco.proposal import propose
     from trueup.simulators.mujoco.rollout import MujocoSimulator
-    from trueup.simulators.mujoco.still import with_still_joints
 
-    model = load(model_path)
     everything = (*recordings, *replayed)
-    _check_joints(model, everything)
-    model = passable(driven(held(floating(model, everything), everything), everything), everything)
-    model = with_still_joints(model, everything)
+    model = _model_for(model_path, everything)
     notes = (*model.notes, *undriven(model, everything), *check_base(model, everything))
     if parameters_file is not None:
         lines = read_declarations(parameters_file)
@@ -71,6 +65,21 @@ def simulator_for(
     space, quantities = declare(model, lines, names)
     gains, named = Gains.named_by(everything, model.compiled)
     return MujocoSimulator(model, space, quantities, gains=gains), (*notes, *named)
+
+
+def _model_for(path: str | Path, recordings: Sequence[Recording]) -> Model:
+    """The model of a file as the recordings need it: its base free or held, drives, no contacts within, idle joints held."""
+    from trueup.simulators.mujoco.base import floating, held
+    from trueup.simulators.mujoco.drives import driven
+    from trueup.simulators.mujoco.model import load
+    from trueup.simulators.mujoco.overlaps import passable
+    from trueup.simulators.mujoco.still import with_still_joints
+
+    model = load(path)
+    _check_joints(model, recordings)
+    for change in (floating, held, driven, passable, with_still_joints):
+        model = change(model, recordings)
+    return model
 
 
 def as_recorded(replays: Sequence[Replay], recordings: Sequence[Recording]) -> tuple[Replay, ...]:
