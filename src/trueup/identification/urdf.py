@@ -113,7 +113,7 @@ def _tree(chain: _Chain, name: str) -> KinematicTree:
     bounded = [k if j.get("type") != "continuous" else None for j, k in zip(chain.joints, limits, strict=True)]
     unweighed = [k for k, mass in zip(chain.links, chain.mass, strict=True) if np.isnan(mass).any()]
     if unweighed:
-        chain.notes.append(f"no <inertial> for links {', '.join(unweighed)}: motion can be computed, torque cannot")
+        chain.notes.append(f"no <inertial> for {', '.join(unweighed)}")
     return KinematicTree(
         name=name, joints=tuple(j.get("name", "") for j in chain.joints), links=tuple(chain.links),
         parent=np.array(chain.parent), prismatic=np.array([j.get("type") == "prismatic" for j in chain.joints]),

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from trueup.identification.estimation.consistent import ConsistentFit, consistent_fit, violations
 from trueup.identification.estimation.effects import Effect
+from trueup.identification.estimation.identify import Options, identify
 from trueup.identification.estimation.moments import moments_of
+from trueup.identification.estimation.result import relative_error
 from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.inertial import pseudo_inertia
 
@@ -96,3 +98,16 @@ def _conic(gram: Array, cross: Array, n: int) -> Array:
         sparse.csc_matrix(np.triu(P)), -cross * scale, sparse.csc_matrix(A), np.zeros(len(cross)), cones, settings
     )
     return np.asarray(solver.solve().x) * scale
+
+
+def test_bodies_of_the_file_that_cannot_exist_are_named_and_harm_nothing(arms: SimpleNamespace) -> None:
+    tree = arms.arm()
+    log = arms.recording(tree, np.random.default_rng(1), seconds=12.0)
+    file = np.array(tree.inertial)
+    file[1, 0], file[2, 4] = -3.0, -0.5
+    found = identify(tree.replace(inertial=file), [log], options=Options(hold_out=0.3))
+    (said,) = (note for note in found.notes if "cannot exist" in note)
+    assert f"{tree.links[1]} (mass -3 kg)" in said
+    assert f"{tree.links[2]} (moment of inertia" in said
+    assert tree.links[0] not in said
+    assert relative_error(found.held_out(), "consistent") < 0.03

@@ -237,21 +237,20 @@ class _Barrier:
 
 def violations(model: TorqueModel, parameters: Array) -> dict[int, str]:
     """Links (by index) that no mass distribution has, with what is wrong; rotors are not looked at."""
-    found = {}
-    for j, row in enumerate(parameters[: 10 * model.tree.n].reshape(-1, 10)):
-        mass, sigma = row[0], pseudo_inertia(row)
-        if np.linalg.eigvalsh(sigma)[0] >= -1e-9 * max(abs(sigma).max(), 1e-12):
-            continue
-        if mass <= 0.0:
-            found[j] = f"mass {mass:.3g} kg"
-            continue
-        com = row[1:4] / mass
-        moments = sigma[:3, :3] - mass * np.outer(com, com)
-        principal = np.sort(np.linalg.eigvalsh(np.trace(moments) * np.eye(3) - moments))
-        if principal[0] < 0.0:
-            found[j] = f"moment of inertia {principal[0]:.3g} kg m^2 about its centre of mass"
-        else:
-            found[j] = (
-                f"moments of inertia {', '.join(f'{m:.3g}' for m in principal)} kg m^2 break the triangle inequality"
-            )
-    return found
+    found = {j: violation(row) for j, row in enumerate(parameters[: 10 * model.tree.n].reshape(-1, 10))}
+    return {j: why for j, why in found.items() if why}
+
+
+def violation(row: Array) -> str:
+    """What is wrong with a body (10,) that no mass distribution has; nothing for one that can exist."""
+    mass, sigma = row[0], pseudo_inertia(row)
+    if np.linalg.eigvalsh(sigma)[0] >= -1e-9 * max(abs(sigma).max(), 1e-12):
+        return ""
+    if mass <= 0.0:
+        return f"mass {mass:.3g} kg"
+    com = row[1:4] / mass
+    moments = sigma[:3, :3] - mass * np.outer(com, com)
+    principal = np.sort(np.linalg.eigvalsh(np.trace(moments) * np.eye(3) - moments))
+    if principal[0] < 0.0:
+        return f"moment of inertia {principal[0]:.3g} kg m^2 about its centre of mass"
+    return f"moments of inertia {', '.join(f'{m:.3g}' for m in principal)} kg m^2 break the triangle inequality"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.identification.estimation.consistent import ConsistentFit, violations
+from trueup.identification.estimation.consistent import ConsistentFit, violation, violations
 from trueup.identification.estimation.estimate import Estimate
 from trueup.identification.estimation.moments import Moments
 from trueup.identification.estimation.pool import Pool
@@ -210,6 +210,12 @@ def _notes(
     tree: KinematicTree, estimate: Estimate, bodies: ConsistentFit | None, predictions: Sequence[Prediction]
 ) -> tuple[str, ...]:
     said = list(tree.notes)
+    filed = {j: np.asarray(row) for j, row in enumerate(tree.inertial) if np.isfinite(row).all()}
+    wrong = [f"{tree.links[j]} ({why})" for j, row in filed.items() if (why := violation(row))]
+    if wrong:
+        said.append(
+            f"the model file gives bodies that cannot exist: {', '.join(wrong)}. Torque was identified all the same"
+        )
     if not np.isfinite(tree.inertial).all():
         said.append("the model file gives no inertia for some links: bodies of 1 kg stand for what torque cannot tell")
     if estimate.robust:
