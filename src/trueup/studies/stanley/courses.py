@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 
 TRAINING, HELD_OUT = 4, 6
 """How many courses are drawn of each kind."""
+_POPULATION = 6  # of a search that may look at a hundred candidates: larger ones are still on their way by then
 _APART = 0.15  # share of the range by which candidates for the robot differ
 
 
@@ -63,9 +64,9 @@ class Courses:
 
     @property
     def summary(self) -> tuple[float, float, float]:
-        """On the held-out courses: today's gains, tuned on one course (the mean of the choices), tuned on all of them."""
+        """On the held-out courses: today's gains, tuned on one course (geometric mean of the choices), on all of them."""
         held = self.held_out
-        return float(held[0]), float(held[1:-1].mean()), float(held[-1])
+        return float(held[0]), float(np.exp(np.log(held[1:-1]).mean())), float(held[-1])
 
 
 def across_courses(
@@ -120,7 +121,7 @@ def _tuned(
     """(m,) the gains that the robot did best with, of `tries` distinct ones that the simulator proposes."""
     space = task.parameters
     region = TrustRegion(np.clip(space.to_unit(space.nominal), 0.0, 1.0), 1.0)
-    search = CmaEs(region.inside(region.centre), seed=seed, max_evaluations=evaluations)
+    search = CmaEs(region.inside(region.centre), seed=seed, population=_POPULATION, max_evaluations=evaluations)
     found = optimize(task, simulator, models, search, region, risk=RISK)
     chosen = shortlist(
         found, region, tries, apart=_APART, incumbent=False, task=task, simulator=simulator, models=models

@@ -22,6 +22,11 @@ Array = NDArray[np.float64]
 _THIN = 4  # every so many-th sample is drawn
 
 
+def squared(unit: str) -> str:
+    """A unit as it is read: m/s², not m/s^2."""
+    return unit.replace("^2", "²")
+
+
 def course_map(lines: Sequence[tuple[str, Array, str]], desired: Array) -> Markup:
     """Paths over one another on the floor, the desired one dashed; `lines` are name, (n, 2) in m, colour."""
     everything = np.concatenate([desired, *(p for _, p, _ in lines)])
@@ -56,9 +61,9 @@ def changes(searched: Searched, space: ParameterSpace) -> Markup:
         plot.line([(k, start[k]), (k, found[k])], SOFT, width=1.0)
         moved = abs(found[k] - start[k]) > 0.05
         for place, value, colour in ((start[k], searched.start[k], BEFORE), (found[k], searched.found[k], AFTER)):
-            plot.dot((k, float(place)), colour, title=f"{p.name}: {value:.3g} {p.unit}")
+            plot.dot((k, float(place)), colour, title=f"{p.name}: {value:.3g} {squared(p.unit)}")
             if moved or colour == AFTER:
-                plot.text((k + 0.06, float(place)), f"{value:.3g} {p.unit}", colour)
+                plot.text((k + 0.06, float(place)), f"{value:.3g} {squared(p.unit)}", colour)
     return plot.svg("parameters before and after")
 
 
@@ -115,7 +120,12 @@ def profile_plots(rows: Sequence[Profile]) -> Markup:
     for p in rows:
         warped, timed = p.warped / p.warped.min(), p.timed / p.timed.min()
         plot = Plot(
-            span(p.values, margin=0.0), (0.9, 3.0), f"{p.name.replace('_', ' ')}, {p.unit}", "loss / least", 360, 220
+            span(p.values, margin=0.0),
+            (0.9, 3.0),
+            f"{p.name.replace('_', ' ')}, {squared(p.unit)}",
+            "loss / least",
+            360,
+            220,
         )
         for values, colour in ((timed, BEFORE), (warped, AFTER)):
             plot.line([(float(x), min(float(v), 3.0)) for x, v in zip(p.values, values, strict=True)], colour)

@@ -8,14 +8,12 @@ from importlib import resources
 from pathlib import Path
 from string import Template
 
-import numpy as np
-
 from trueup.discrepancies.path_shape import READINGS
 from trueup.report.markup import Child, Markup, escape, join, tag
 from trueup.report.plots import AFTER, BEFORE
 from trueup.report.writing import write_aside
 from trueup.studies.stanley import chasi
-from trueup.studies.stanley.figures import course_shapes, deviation, figure_four, profile_plots, trace
+from trueup.studies.stanley.figures import course_shapes, deviation, figure_four, profile_plots, squared, trace
 from trueup.studies.stanley.paper import BAND, SPACING
 from trueup.studies.stanley.study import Study
 from trueup.studies.stanley.table import PAPER_SIMULATION, costs, improvement
@@ -100,7 +98,7 @@ def _table(study: Study) -> Markup:
         ("energy, kWh", f"{ours.robot_energy:.2f}", f"{ours.simulation_energy:.6f}", f"{ours.saved[1]:.3f} saved",
          f"{theirs.robot_energy:.2f} → {theirs.simulation_energy:.3f} ({theirs.saved[1]:.3f})"),
     ]  # fmt: skip
-    notes = [tag("li", f"{name}: {what}") for name, what in READINGS.items()]
+    notes = [tag("li", f"{name}: {squared(what)}") for name, what in READINGS.items()]
     words = (
         f"Tracking of the robot as it was measured; paths warped every {100 * SPACING:.0f} cm within {100 * BAND:.0f} % of "
         f"their length. The paper's figure has no unit. One simulated run took {1e3 * each:.1f} ms, sampler and loss "
@@ -129,7 +127,7 @@ def _rounds(study: Study) -> Markup:
     numbers = [
         (
             e.name.replace("_", " "),
-            f"{e.value:.4g} {e.unit}",
+            f"{e.value:.4g} {squared(e.unit)}",
             f"{e.low:.4g} ... {e.high:.4g}" if e.fitted else "",
             e.verdict,
         )
@@ -162,7 +160,7 @@ def _noise(study: Study) -> Markup:
 
 def _courses(study: Study) -> Markup:
     c = study.courses
-    held, one = c.held_out, float(np.exp(np.log(c.held_out[1:-1]).mean()))
+    today, one, several = c.summary
     rows = [
         (
             name,
@@ -171,7 +169,7 @@ def _courses(study: Study) -> Markup:
             f"{1e3 * mean:.1f}",
             f"{1e3 * most:.1f}",
         )
-        for name, gains, errors, mean, most in zip(c.rows, c.gains, c.errors, held, c.worst, strict=True)
+        for name, gains, errors, mean, most in zip(c.rows, c.gains, c.errors, c.held_out, c.worst, strict=True)
     ]
     head = ("", "k1, k2, k3, lead", *(p.name.split(",")[0] for p in c.courses[c.trained :]), "mean", "worst")
     words = (
@@ -183,7 +181,7 @@ def _courses(study: Study) -> Markup:
     )
     told = (
         f"True distance from the held-out courses in mm, rms; the mean is the geometric one. Tuned on all it is "
-        f"{1e3 * held[-1]:.1f} mm, on one of them {1e3 * one:.1f} mm; with today's gains {1e3 * held[0]:.1f} mm."
+        f"{1e3 * several:.1f} mm, on one of them {1e3 * one:.1f} mm; with today's gains {1e3 * today:.1f} mm."
     )
     return join(tag("p", words), course_shapes(c.courses, c.trained), tag("p", told), table(head, rows))
 
