@@ -86,6 +86,21 @@ def simulator(path: Path, lines: Sequence[Declaration]) -> tuple[MujocoSimulator
     return MujocoSimulator(model, space, quantities), values
 
 
+def test_a_thin_body_that_rounding_makes_impossible_is_written_all_the_same(tmp_path: Path) -> None:
+    """The moments of a plate to six digits: 0.00853439 + 0.0019849 is less than 0.0105193."""
+    inertia = '<inertia ixx="0.0105192900" iyy="0.0085343901" izz="0.0019849002" ixy="0" ixz="0" iyz="0"/>'
+    (tmp_path / "plate.urdf").write_text(
+        '<robot name="plate"><link name="base"/><link name="plate"><inertial><origin xyz="0 0 .1"/><mass value="2"/>'
+        f'{inertia}</inertial></link><joint name="j" type="continuous"><parent link="base"/><child link="plate"/>'
+        '<axis xyz="0 1 0"/></joint></robot>'
+    )
+    model = load(tmp_path / "plate.urdf")
+    simulator = MujocoSimulator(model, *declare(model, [Declaration("damping", nominal=0.3)]))
+    write_model(simulator, [0.3], tmp_path / "fit.xml")
+    written = mujoco.MjModel.from_xml_path(str(tmp_path / "fit.xml"))
+    assert sorted(written.body("plate").inertia) == pytest.approx([0.0019849, 0.00853439, 0.01051929], rel=1e-5)
+
+
 def test_only_the_calibrated_attributes_change(arm: Path, tmp_path: Path) -> None:
     sim, values = simulator(arm, [Declaration("kp"), Declaration("friction", ("elbow",))])
     out = tmp_path / "fit" / "arm.xml"

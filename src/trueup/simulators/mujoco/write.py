@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trueup.errors import ModelError, OutputError
-from trueup.simulators.mujoco.edits import Edits, read
+from trueup.simulators.mujoco.edits import Edits, numbers, read
 from trueup.simulators.mujoco.fields import SingleModel, write_fields
 from trueup.simulators.mujoco.floor_plane import FLOOR_KINDS, plane_of
 from trueup.simulators.mujoco.inertia import body_inertia
@@ -89,7 +89,7 @@ def write_model(simulator: MujocoSimulator, values: ArrayLike, path: str | Path)
             return tuple(notes)
         except ModelError as error:
             reason = str(error)
-    content = simulator.model.spec.to_xml().encode()
+    content = _possible(simulator.model.spec.to_xml().encode())
     _write(simulator, given, wanted, content, target, degrees=_in_degrees(content))
     return (*notes, f"comments and layout of the model file could not be kept: {reason}")
 
@@ -260,6 +260,17 @@ def _compiler(text: MjcfText, name: str, value: str) -> None:
         text.change(compilers[-1], **{name: value})
     else:
         text.insert_first(text.root, f'<compiler {name}="{value}"/>')
+
+
+def _possible(content: bytes) -> bytes:
+    """MuJoCo's own text with the largest moment of thin bodies taken back by what rounding to six digits added to it."""
+    text = MjcfText(content)
+    for element in text.all("inertial"):
+        moments = [float(v) for v in element.attributes.get("diaginertia", "").split()]
+        if len(moments) == 3 and 2.0 * max(moments) > sum(moments):
+            moments[moments.index(max(moments))] = (sum(moments) - max(moments)) * (1.0 - 1e-8)
+            text.change(element, diaginertia=numbers(moments, 12))
+    return text.render()
 
 
 def _in_degrees(content: bytes) -> bool:
