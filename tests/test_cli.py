@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from trueup.campaign.output import Output
 from trueup.cli import main
+from trueup.errors import ModelError
 
 Array = NDArray[np.float64]
 Call = Callable[..., tuple[int, str]]
@@ -305,6 +306,17 @@ def test_a_full_disk_costs_nothing_that_was_there(call: Call, monkeypatch: pytes
     assert code == 1
     assert "No space left" in said
     assert {p.name: p.read_bytes() for p in Path("fit").iterdir()} == before
+
+
+def test_a_model_that_cannot_be_written_does_not_cost_the_rest(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> None:
+        raise ModelError("inertia must satisfy A + B >= C")
+
+    monkeypatch.setattr("trueup.simulators.mujoco.write.write_model", refused)
+    code, said = call(*CALIBRATE, "--out", "fit")
+    assert code == 0
+    assert "could not be written: inertia must satisfy" in said
+    assert {"parameters.toml", "report.html", "calibration.json"} <= {p.name for p in Path("fit").iterdir()}
 
 
 # ---- inspect ----

@@ -19,6 +19,7 @@ from trueup.campaign.output import Output, fingerprint
 from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
 from trueup.commands.sources import mapping_for, readable, split, while_driven
+from trueup.errors import ModelError
 from trueup.formats import read
 from trueup.recording import Recording, is_command
 from trueup.report import replay_picture, write_report
@@ -174,7 +175,10 @@ def _write(
 ) -> tuple[list[Path], tuple[str, ...]]:
     """All result files; the plain numbers last, since they mark the folder as finished."""
     parameters, report = output.folder / "parameters.toml", output.folder / "report.html"
-    notes = write_outcome(simulator, calibration, output.model_file, parameters)
+    try:
+        notes = write_outcome(simulator, calibration, output.model_file, parameters)
+    except ModelError as error:  # minutes of search are in the rest
+        notes = (f"the calibrated model could not be written: {error}. Its values are in {parameters}",)
     context = {"command": shlex.join(["trueup", *args.command_line]), "python": sys.version.split()[0]}
     write_report(calibration, report, context=context)
     shown = [*calibration.held_out(), *calibration.training()]
