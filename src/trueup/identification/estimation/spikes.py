@@ -31,15 +31,24 @@ def without_spikes(values: Array) -> tuple[Array, Array]:
     full = np.stack(
         [np.interp(at, at[good], x[good]) if good.any() else x for x, good in zip(kept.T, known.T, strict=True)], axis=1
     )
+    low, high = np.quantile(full, [0.01, 0.99], axis=0)
+    least = _RANGE * (high - low)
+    spikes = np.zeros(full.shape, dtype=bool)
+    jumping = np.abs(np.diff(full, axis=0)).max(axis=0) > 0.5 * least  # others have none: most logs cost nothing
+    spikes[:, jumping] = _far_off(full[:, jumping], least[jumping])
+    spikes &= known & (spikes.mean(axis=0) < _MANY)
+    kept[spikes] = np.nan
+    return kept, spikes.sum(axis=0).astype(np.float64)
+
+
+def _far_off(full: Array, least: Array) -> NDArray[np.bool_]:
+    """(T, k) whether samples are off their neighbours' median by more than `least` (k,) and more than is usual there."""
     around = np.pad(full, ((_NEAR, _NEAR), (0, 0)), mode="edge")
     around = np.lib.stride_tricks.sliding_window_view(around, 2 * _NEAR + 1, axis=0)
     middle = np.median(around, axis=-1)
     off = np.abs(full - middle)
     usual = np.array([1.4826 * np.median(x[x > 0.0]) if np.any(x > 0.0) else 0.0 for x in off.T])
-    low, high = np.quantile(full, [0.01, 0.99], axis=0)
-    spikes = off > np.maximum(_NOISE * usual, _RANGE * (high - low))
-    scatter = np.median(np.abs(around[spikes] - middle[spikes][:, None]), axis=-1)
-    spikes[spikes] = off[spikes] > _NEIGHBOURS * scatter
-    spikes &= known & (spikes.mean(axis=0) < _MANY)
-    kept[spikes] = np.nan
-    return kept, spikes.sum(axis=0).astype(np.float64)
+    far = off > np.maximum(_NOISE * usual, least)
+    scatter = np.median(np.abs(around[far] - middle[far][:, None]), axis=-1)
+    far[far] = off[far] > _NEIGHBOURS * scatter
+    return far
