@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A robot's dynamic model: torque as columns of inertia, rotors, friction and couplings, with names and units."""
+"""Torque as columns of a robot's state, known before it moves: what excitations are designed with.
+
+Batched over motions and compiled, as a search wants it. What a log shows beside that, along a path and under load, is
+in estimation/torque_model.py.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +20,10 @@ from trueup.identification.base_parameters import BaseParameters, base_parameter
 from trueup.identification.blocks import Layout, layout
 from trueup.identification.friction import PAPER, Coupling, Term
 from trueup.identification.grams import structured_grams
-from trueup.identification.inertial import UNITS
+from trueup.identification.inertial import UNITS, link_names
 from trueup.identification.kinematic_tree import KinematicTree
 
 Array = NDArray[np.float64]
-
-_INERTIAL = ("m{}", "mc{}x", "mc{}y", "mc{}z", "I{}xx", "I{}xy", "I{}yy", "I{}xz", "I{}yz", "I{}zz")
 
 
 @dataclass(frozen=True)
@@ -59,8 +61,8 @@ class DynamicModel:
         terms = _per_joint(friction, n, tree.joints)
         with_rotor = np.broadcast_to(np.asarray(rotors, dtype=bool), (n,))
         columns = [
-            Column(name.format(j + 1), unit, "inertial", j)
-            for j in range(n) for name, unit in zip(_INERTIAL, UNITS, strict=True)
+            Column(name, unit, "inertial", k // 10)
+            for k, (name, unit) in enumerate(zip(link_names(n), UNITS * n, strict=True))
         ]  # fmt: skip
         columns += [Column(f"I{j + 1}m", _inertia_unit(tree, j), "rotor", j) for j in range(n) if with_rotor[j]]
         for term in dict.fromkeys(term for each in terms for term in each):

@@ -15,6 +15,12 @@ Array = NDArray[np.float64]
 NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 UNITS = ("kg", "kg m", "kg m", "kg m", "kg m^2", "kg m^2", "kg m^2", "kg m^2", "kg m^2", "kg m^2")
 _ROWS, _COLUMNS = (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)
+_NUMBERED = ("m{}", "mc{}x", "mc{}y", "mc{}z", "I{}xx", "I{}xy", "I{}yy", "I{}xz", "I{}yz", "I{}zz")
+
+
+def link_names(n: int) -> tuple[str, ...]:
+    """Names of the 10 n parameters of n links, link by link: m1, mc1x, ..., I1zz, m2, ..."""
+    return tuple(name.format(j + 1) for j in range(n) for name in _NUMBERED)
 
 
 def from_com(mass: float, com: Array, inertia: Array) -> Array:

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torque as columns: ten inertial parameters a link and the effects of each drive, sparse, filtered as torque is."""
+"""Torque along a log as columns: ten inertial parameters a link and the effects of each drive, sparse, filtered alike.
+
+Effects may depend on the path (hysteresis) and on the load that a first fit finds, which no state tells; where the state
+is all, as for the design of motions, dynamic_model.py has it batched.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +16,11 @@ from numpy.typing import NDArray
 from trueup.identification import regressors
 from trueup.identification.base_parameters import BaseParameters, base_parameters
 from trueup.identification.estimation.effects import OF_LOAD, Effect
-from trueup.identification.inertial import NAMES, UNITS
+from trueup.identification.inertial import NAMES, UNITS, link_names
 from trueup.identification.kinematic_tree import KinematicTree
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-_INERTIAL = ("m{}", "mc{}x", "mc{}y", "mc{}z", "I{}xx", "I{}xy", "I{}yy", "I{}xz", "I{}yz", "I{}zz")
 
 
 @dataclass(frozen=True)
@@ -92,8 +94,7 @@ class TorqueModel:
     @property
     def names(self) -> tuple[str, ...]:
         """m1, mc1x, ..., I1xx, ..., then I1m, f1_1, ..."""
-        links = [name.format(j + 1) for j in range(self.tree.n) for name in _INERTIAL]
-        return (*links, *(effect.name(d + 1) for d, effect in self.effects))
+        return (*link_names(self.tree.n), *(effect.name(d + 1) for d, effect in self.effects))
 
     @property
     def units(self) -> tuple[str, ...]:
