@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from trueup.campaign.assemble import simulator_for
+from trueup.campaign.assemble import recordings_for, simulator_for
 from trueup.errors import ModelError
 from trueup.loop.calibrate import Options, calibrate
 from trueup.recording import Channel, Recording
@@ -146,3 +146,31 @@ def test_steps_show_the_force_limit_of_a_motor(tmp_path: Path) -> None:
 def test_a_log_without_commands_is_said_to_drive_nothing(tmp_path: Path) -> None:
     _, notes = simulator_for(_model(tmp_path, _MOTOR), [_swing().without("command_torque")])
     assert any(n.startswith("no command in swing: servos hold") for n in notes)
+
+
+_TENDON = """<mujoco><option timestep=".002" integrator="implicitfast"/><worldbody>
+<body><joint name="a" axis="0 1 0" damping=".3" armature=".01"/><geom size=".03" mass=".3" pos="0 0 -.1"/>
+<body pos="0 0 -.1"><joint name="b" axis="0 1 0" damping=".1" armature=".002"/><geom size=".02" mass=".1" pos="0 0 -.1"/>
+</body></body></worldbody><tendon><fixed name="t"><joint joint="a" coef="1"/><joint joint="b" coef="1"/></fixed></tendon>
+<actuator><position name="pull" tendon="t" kp="{kp}"/></actuator></mujoco>"""
+
+
+def test_a_servo_that_pulls_two_joints_by_a_tendon_is_commanded_by_its_name_and_calibrated(tmp_path: Path) -> None:
+    path = tmp_path / "finger.xml"
+    path.write_text(_TENDON.format(kp=6))
+    truth = mujoco.MjModel.from_xml_string(_TENDON.format(kp=9))
+    data, time, seen, told = mujoco.MjData(truth), np.arange(0.0, 6.0, 0.01), [], []
+    for t in time:
+        told.append(0.6 * np.sin(2.0 * t))
+        seen.append(data.qpos.copy())
+        data.ctrl[0] = told[-1]
+        mujoco.mj_step(truth, data, 5)
+    log = Recording("log", {
+        "command": Channel("command", ("pull",), "rad", time, np.array(told)),
+        "position": Channel("position", ("a", "b"), "rad", time, np.array(seen)),
+    })  # fmt: skip
+    (taken,), _, notes = recordings_for(path, [log])
+    assert taken.channel("command").labels == ("pull",)
+    assert not notes
+    (kp,) = _found(path, taken, ("kp",))
+    assert kp == pytest.approx(9.0, rel=0.05)

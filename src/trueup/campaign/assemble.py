@@ -190,8 +190,10 @@ def recordings_for(
     from trueup.simulators.mujoco.windows import begun_again
 
     model = load(model_path)
-    named, renamed = named_as([*training, *held_out], model.drives())
-    named, strange = without_strangers(named, model.drives())
+    drives = model.drives()
+    others = [name for name in model.names("actuator") if name and name not in drives.values()]
+    named, renamed = named_as([*training, *held_out], drives, others)
+    named, strange = without_strangers(named, drives, others)
     taken, changed = suited(model, named)
     fitted, cut = begun_again(model, taken[: len(training)])
     judged, _ = begun_again(model, taken[len(training) :])

@@ -41,11 +41,14 @@ def match_joints(labels: Sequence[str], drives: Mapping[str, str]) -> tuple[dict
     return {label: found[label] for label in labels if label in found}, how
 
 
-def named_as(recordings: Sequence[Recording], drives: Mapping[str, str]) -> tuple[list[Recording], list[str]]:
+def named_as(
+    recordings: Sequence[Recording], drives: Mapping[str, str], others: Sequence[str] = ()
+) -> tuple[list[Recording], list[str]]:
     """Recordings with names of the model's joints in place of their own, and notes on those that differ.
 
     Measured joints are found as `match_joints` does. Commands that only count (a bag's Float64MultiArray) are of those
-    joints whose motion follows them, where the numbers leave no doubt. What is not found keeps its name.
+    joints whose motion follows them, where the numbers leave no doubt. What is not found keeps its name. `others`:
+    actuators that drive no single joint (a tendon of several), which commands may name.
     """
     measured = _labels(recordings, lambda name: name == "position")
     if len(drives) == 1:  # the only joint of the log is the only one of the model: see `drives.suited`
@@ -55,7 +58,10 @@ def named_as(recordings: Sequence[Recording], drives: Mapping[str, str]) -> tupl
         names, how = sure_names(measured, drives)
         recordings, more = _renamed(recordings, names, how)
         notes += more
-    told = [label for label in _labels(recordings, is_command) if label not in {*drives, *drives.values()}]
+    recordings, more = _renamed(recordings, _alike(_labels(recordings, is_command), others), _BY_NAME)
+    notes += more
+    known = {*drives, *drives.values(), *others}
+    told = [label for label in _labels(recordings, is_command) if label not in known]
     if told:
         names, how = _followed(recordings, told), "by the motion that follows each command"
         if len(names) < len(told):
@@ -70,10 +76,15 @@ def sure_names(labels: Sequence[str], drives: Mapping[str, str]) -> tuple[dict[s
     names, how = match_joints(labels, drives)
     if how == _BY_NAME or all(_core(label).isdigit() for label in labels) or _counting(labels):
         return names, how
+    return _alike(labels, list(drives)), _BY_NAME
+
+
+def _alike(labels: Sequence[str], names: Sequence[str]) -> dict[str, str]:
+    """Each label to the name that is the same, or the same but for capitals and words that say nothing."""
     alike: dict[str, str] = {}
     for key in (str, _plain, _core):
-        _pair(alike, labels, {j: key(j) for j in drives}, key)
-    return alike, _BY_NAME
+        _pair(alike, labels, {name: key(name) for name in names}, key)
+    return alike
 
 
 def _labels(recordings: Sequence[Recording], of: Callable[[str], bool]) -> list[str]:

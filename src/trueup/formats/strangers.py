@@ -12,17 +12,19 @@ _GRIPPER = re.compile(r"grip|finger|jaw|claw|hand|tool", re.IGNORECASE)
 _JOINTS = ("position", "velocity", "torque", "current")
 
 
-def without_strangers(recordings: Sequence[Recording], drives: Mapping[str, str]) -> tuple[list[Recording], list[str]]:
+def without_strangers(
+    recordings: Sequence[Recording], drives: Mapping[str, str], others: Sequence[str] = ()
+) -> tuple[list[Recording], list[str]]:
     """Recordings without joints that cannot be any of the model's, and a note that names them.
 
     That is where the log has every joint of the model, where a joint is the namesake of one that was found (another
     arm's), and grippers. Whatever else is not found stays: it may be a joint under another name, which must be said.
-    `drives`: each joint of the model to the name of what drives it, '' where nothing does.
+    `drives`: each joint of the model to the name of what drives it, '' where nothing does; `others`: further actuators.
     """
     labels = list(
         dict.fromkeys(label for r in recordings for c in r.channels.values() if _of_joints(c) for label in c.labels)
     )
-    known = {*drives, *filter(None, drives.values())}
+    known = {*drives, *filter(None, drives.values()), *others}
     found = [label for label in labels if label in known]
     complete = all(joint in labels or (drive and drive in labels) for joint, drive in drives.items())
     gone = [

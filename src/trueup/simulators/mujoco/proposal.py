@@ -41,8 +41,8 @@ def propose(
     commanded = tuple(j for j in joints if j in driven)
     motors = tuple(j for j in commanded if is_motor(model.compiled, driven[j]))
     lines = []
-    if servos:
-        lines.append(Declaration("kp", servos))
+    if stiff := (*servos, *_of_several_joints(model, recordings)):
+        lines.append(Declaration("kp", stiff))
     lines += _dampings(model, joints, {j: driven[j] for j in servos})
     if strained := tuple(j for j in servos if _strained(model, recordings, j, driven[j])):
         lines.append(Declaration("force_limit", strained))
@@ -67,6 +67,14 @@ def propose(
     lines += _of_the_base(model, recordings)
     lines += [Declaration("clock", (name,), nominal=late) for name, late in clocks.items()]
     return lines
+
+
+def _of_several_joints(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Position servos that are commanded and pull at a tendon, not at one joint."""
+    told = {label for r in recordings for c in (command_of(r),) if c is not None for label in c.labels}
+    single = set(model.actuator_of_joint().values())
+    names = enumerate(model.names("actuator"))
+    return tuple(n for i, n in names if n in told and i not in single and model.is_position_servo(i))
 
 
 def _of_the_base(model: Model, recordings: Sequence[Recording]) -> list[Declaration]:
