@@ -113,7 +113,7 @@ def test_hidden_parameters_come_back_from_logs_with_two_clocks_and_outliers(logs
     for name, within in (("steering_left", 0.1), ("steering_right", 0.1), ("friction_limit", 0.1), ("curve_loss", 0.2)):
         assert values[name] == pytest.approx(HIDDEN[name], rel=within), name
     for throttle, speed in ((0.25, 0.8), (0.25, 1.4), (0.35, 0.8), (0.35, 2.0)):
-        assert pull(values, throttle, speed) == pytest.approx(pull(HIDDEN, throttle, speed), rel=0.15, abs=0.15)
+        assert pull(values, throttle, speed) == pytest.approx(pull(HIDDEN, throttle, speed), rel=0.15, abs=0.2)
     assert values["steering_play"] == pytest.approx(0.03, abs=0.01)
     assert values["steering_offset"] == pytest.approx(0.03, abs=0.01)
     # The log's first row comes up to 10 ms after the sample: the clocks are known no better.
