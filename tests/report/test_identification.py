@@ -101,3 +101,12 @@ def test_friction_that_a_model_lacks_shows_as_a_mean_error_beside_zero(rng: np.r
     outer = np.abs(centre) > 0.2
     assert np.all((low * np.sign(centre) > 0.0)[outer] | (high * np.sign(centre) > 0.0)[outer])
     assert np.abs(mean - 0.5 * np.sign(centre))[outer].max() < 0.3
+
+
+def test_errors_of_slides_and_hinges_are_not_drawn_on_one_scale(found: Identification) -> None:
+    alike = identification_html(found)
+    mixed = identification_html(replace(found, units=("N", "N m"), prismatic=(True, False)))
+    assert "error in N m" in alike
+    assert "error in N, N m" not in mixed
+    assert "mean torque" in mixed  # the share of each joint's own torque in its place
+    assert "force in N" in mixed

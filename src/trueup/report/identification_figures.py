@@ -52,9 +52,9 @@ def torque_figures(found: Identification, prediction: Prediction, which: str) ->
         measured, model = prediction.measured[:, j], predicted[:, j]
         kept = kept_samples([measured, model], _SAMPLES)
         t, low, high = prediction.time[kept], model[kept] - bound[j], model[kept] + bound[j]
-        unit = found.units[j]
+        unit, kind = found.units[j], {"N": "force", "N m": "torque"}.get(found.units[j], "current")
         chart = Chart(
-            (float(t[0]), float(t[-1])), span([*measured[kept], *low, *high]), "time in s", f"torque in {unit}",
+            (float(t[0]), float(t[-1])), span([*measured[kept], *low, *high]), "time in s", f"{kind} in {unit}",
             width=1040, height=220,
         )  # fmt: skip
         chart.band(t, low, high)
@@ -71,13 +71,14 @@ def error_figures(found: Identification, which: str) -> Markup:
     """Distribution of the torque error of each axis, in N m and as a share of the torque limit (the papers' Figures 7, 8)."""
     judged = found.judged()
     errors = np.concatenate([p.measured - getattr(p, which) for p in judged])
-    figures = [_boxes(found, errors, f"error in {found.unit}")]
-    scale = np.where(np.isfinite(found.effort), found.effort, np.nan)
-    if np.isfinite(scale).any():
-        figures.append(_boxes(found, 100.0 * errors / scale, "error in % of the torque limit"))
-    else:
-        size = np.sqrt(np.mean(np.concatenate([p.measured for p in judged]) ** 2, axis=0))
+    size = np.sqrt(np.mean(np.concatenate([p.measured for p in judged]) ** 2, axis=0))
+    alike = len(set(found.units)) == 1  # newtons beside newton metres say nothing
+    limited = bool(np.isfinite(found.effort).any())
+    figures = [_boxes(found, errors, f"error in {found.unit}")] if alike else []
+    if not alike or not limited:
         figures.append(_boxes(found, 100.0 * errors / size, "error in % of the joint's mean torque"))
+    if limited:
+        figures.append(_boxes(found, 100.0 * errors / found.effort, "error in % of the torque limit"))
     return tag("div", [tag("figure", f) for f in figures], class_="pair")
 
 

@@ -121,7 +121,7 @@ def _parameters(found: Identification) -> Markup:
 
 def _parameter(p: Parameter) -> Markup:
     decimals = supported_decimals(p.value, p.value - p.deviation, p.value + p.deviation)
-    said = f"{p.verdict} to {100 * p.relative:.1f} %" if p.verdict == "identified" else p.verdict
+    said = f"{p.verdict} to {significant(100 * p.relative, 2)} %" if p.verdict == "identified" else p.verdict
 
     def number(value: float) -> str:
         return fixed(value, decimals)
