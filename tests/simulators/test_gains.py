@@ -70,6 +70,9 @@ def test_a_gain_that_was_never_fitted_is_replayed_nearly_to_the_noise(model: Pat
     again, _ = simulator_for(tmp_path / "fit.xml", [_log(200.0, "sine", "soft alone")])
     assert isinstance(again, MujocoSimulator)
     assert again.gains.factors["kp"] == {"soft alone": pytest.approx(0.5)}
+    again, _ = simulator_for(model, [_log(200.0, "sine", "soft alone")], tmp_path / "parameters.toml")
+    assert isinstance(again, MujocoSimulator)
+    assert again.gains.factors["kp"] == {"soft alone": pytest.approx(0.5)}
 
 
 def test_logs_of_which_one_names_no_gain_are_taken_as_one_servo(model: Path) -> None:

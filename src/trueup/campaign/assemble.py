@@ -41,7 +41,7 @@ def simulator_for(
         return _car(Path(model_path), recordings, parameters_file)
     from trueup.discrepancies.alignment import clock_errors
     from trueup.simulators.mujoco.base import check_base
-    from trueup.simulators.mujoco.declaration_file import read_declarations
+    from trueup.simulators.mujoco.declaration_file import read_declarations, read_gains
     from trueup.simulators.mujoco.declarations import declare
     from trueup.simulators.mujoco.drives import undriven
     from trueup.simulators.mujoco.floor import stopped_by_floor
@@ -63,7 +63,7 @@ def simulator_for(
         "channel": tuple(dict.fromkeys(c for r in everything for c in r.channels)),
     }
     space, quantities = declare(model, lines, names)
-    gains, named = Gains.named_by(everything, model.compiled)
+    gains, named = Gains.named_by(everything, model.compiled, read_gains(parameters_file))
     return MujocoSimulator(model, space, quantities, gains=gains), (*notes, *named)
 
 
@@ -150,7 +150,7 @@ def write_outcome(
     from trueup.simulators.mujoco.declaration_file import write_parameters
     from trueup.simulators.mujoco.write import write_model
 
-    write_parameters(calibration, simulator.parameters, simulator.quantities, parameters)
+    write_parameters(calibration, simulator.parameters, simulator.quantities, parameters, simulator.gains.given_for)
     return write_model(simulator, calibration.values, model)
 
 

@@ -33,13 +33,8 @@ def read_declarations(path: str | Path) -> list[Declaration]:
 
     Raises ParameterError, naming file, table and key, for what is unknown, missing or of the wrong kind.
     """
-    try:
-        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ParameterError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ParameterError(f"{path}: not valid TOML ({error})") from None
-    unknown = sorted(set(data) - {"parameter"})
+    data = _read(path)
+    unknown = sorted(set(data) - {"parameter", "gains"})
     if unknown:
         raise ParameterError(f"{path}: unknown table '{unknown[0]}'; parameters are tables [[parameter]]")
     tables = data.get("parameter")
@@ -48,15 +43,40 @@ def read_declarations(path: str | Path) -> list[Declaration]:
     return [_declaration(table, f"{path}, [[parameter]] {i}") for i, table in enumerate(tables, 1)]
 
 
+def read_gains(path: str | Path | None) -> dict[str, float]:
+    """For which settings of the servos the values of a parameters file hold ([gains], see `Gains`); {} for no file.
+
+    Raises ParameterError, naming file and key.
+    """
+    table = _read(path).get("gains", {}) if path is not None else {}
+    if not isinstance(table, Mapping):
+        raise ParameterError(f"{path}: [gains] is not a table of numbers")
+    found = {key: _number(table, key, f"{path}, [gains]") for key in table}
+    return {key: value for key, value in found.items() if value is not None}
+
+
+def _read(path: str | Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ParameterError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ParameterError(f"{path}: not valid TOML ({error})") from None
+
+
 def write_parameters(
-    calibration: Calibration, space: ParameterSpace, quantities: Sequence[Quantity], path: str | Path
-) -> None:
+    calibration: Calibration, space: ParameterSpace, quantities: Sequence[Quantity], path: str | Path,
+    gains: Mapping[str, float] | None = None,
+) -> None:  # fmt: skip
     """Writes every parameter with its value, interval, verdict and bounds, such that `read_declarations` reads it.
 
-    `space` and `quantities` are those of the simulator that was calibrated, in the order of the estimates. Written
+    `space` and `quantities` are those of the simulator that was calibrated, in the order of the estimates; `gains` the
+    settings of the servos for which they hold. Written
     aside and renamed; raises OutputError, and what was there before is untouched.
     """
     lines = [_TITLE.format(model=calibration.model_name)]
+    if gains:
+        lines += ["[gains] # of the servos, as recordings name them", *(f"{k} = {v!r}" for k, v in gains.items()), ""]
     for estimate, parameter, quantity in zip(calibration.estimates, space.parameters, quantities, strict=True):
         lines += ["[[parameter]]", *_table(estimate, parameter, quantity), ""]
     with written_aside(Path(path)) as temporary:

@@ -35,18 +35,20 @@ class Gains:
     """The setting that the model stands for."""
 
     @classmethod
-    def named_by(cls, recordings: Sequence[Recording], compiled: mujoco.MjModel) -> tuple[Gains, list[str]]:
+    def named_by(
+        cls, recordings: Sequence[Recording], compiled: mujoco.MjModel, said: Mapping[str, float] | None = None
+    ) -> tuple[Gains, list[str]]:
         """Those of recordings, and notes in words.
 
-        A model stands for what it says itself (see `PREFIX`), else for the setting of most recordings, the larger of
-        two. Empty where not all recordings name a setting, or all name that of the model.
+        A model stands for what is `said` of it, or it says itself (see `PREFIX`), else for the setting of most
+        recordings, the larger of two. Empty where not all recordings name a setting, or all name that of the model.
         """
         factors: dict[str, dict[str, float]] = {}
         given_for: dict[str, float] = {}
         notes: list[str] = []
         for quantity in _SAID:
             named = {r.name: value for r in recordings if (value := _setting(r, quantity)) > 0.0}
-            own = _own(compiled, quantity)
+            own = (said or {}).get(quantity) or _own(compiled, quantity)
             if len(named) < len(recordings) or len({*named.values(), *([own] if own else [])}) < 2:
                 continue
             counts = Counter(named.values())
