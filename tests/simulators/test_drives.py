@@ -131,9 +131,9 @@ def test_the_controller_in_the_robot_is_found_where_the_model_has_none(tmp_path:
     steps = _steps('<actuator><position joint="j" kp="35" kv="1.1"/></actuator>')
     _, notes = simulator_for(_model(tmp_path, drive), [steps])
     assert any("position servos" in n for n in notes)
-    stiffness, damping = _found(_model(tmp_path, drive), steps, ("kp", "damping"))
+    stiffness, of_servo, of_joint = _found(_model(tmp_path, drive), steps, ("kp", "kv", "damping"))
     assert stiffness == pytest.approx(35.0, rel=0.1)
-    assert damping == pytest.approx(1.4, rel=0.1)
+    assert of_servo + of_joint == pytest.approx(1.4, rel=0.1)
 
 
 def test_steps_show_the_force_limit_of_a_motor(tmp_path: Path) -> None:
@@ -174,3 +174,10 @@ def test_a_servo_that_pulls_two_joints_by_a_tendon_is_commanded_by_its_name_and_
     assert not notes
     (kp,) = _found(path, taken, ("kp",))
     assert kp == pytest.approx(9.0, rel=0.05)
+
+
+def test_steps_show_the_force_limit_of_a_servo_whose_file_gives_none(tmp_path: Path) -> None:
+    steps = _steps('<actuator><position joint="j" kp="35" kv="1.1" forcerange="-4 4"/></actuator>')
+    force, stiffness = _found(_model(tmp_path, _SERVO), steps, ("force_limit", "kp"))
+    assert force == pytest.approx(4.0, rel=0.1)
+    assert stiffness == pytest.approx(35.0, rel=0.05)

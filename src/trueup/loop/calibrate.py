@@ -18,6 +18,7 @@ from trueup.discrepancies.weighted import Weighted, measured_at
 from trueup.errors import CalibrationError
 from trueup.loop.checks import check
 from trueup.loop.fit import Checkpoint, Fit, Progress, Watch, fit
+from trueup.loop.hopping import hopped
 from trueup.loop.identifiability import unseen_directions, verdicts
 from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
@@ -79,7 +80,7 @@ def calibrate(
     found = fit(problem, space, space.nominal, watch, resume=resume, select=select, **_how(chosen))
     rng = np.random.default_rng(chosen.seed)
     watch.saw("around the optimum", problem, found.loss, problem.rmse(found.residual))
-    found = with_start_scatter(problem, probed(problem, widened(problem, found, chosen.seed), rng), rng)
+    found = _looked_around(problem, found, chosen, rng)
     watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
     cross = chosen.cross_validate and len(recordings) > 1
     return Calibration(
@@ -94,6 +95,15 @@ def calibrate(
         evaluations=problem.evaluations,
         **_findings(problem, found, chooser.choices),
     )
+
+
+def _looked_around(problem: Problem, found: Fit, chosen: Options, rng: np.random.Generator) -> Fit:
+    """The fit, or a lower one that slopes do not lead to, and how unsure it is where slopes do not tell."""
+    found = widened(problem, found, chosen.seed, chosen.robust)
+    other = hopped(problem, found, rng, chosen.robust)
+    if other is not found:
+        found = widened(problem, other, chosen.seed, chosen.robust)
+    return with_start_scatter(problem, probed(problem, found, rng), rng)
 
 
 def _how(options: Options) -> dict[str, Any]:

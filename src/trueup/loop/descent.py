@@ -109,6 +109,11 @@ class Stage:
         return residuals
 
 
+def last_look(problem: Problem, cheap: Problem) -> Stage:
+    """At everything, to the end."""
+    return Stage("all, full step", problem, cheap, 0.05, 20)
+
+
 @dataclass
 class Descent:
     """Goes through the stages with least squares; what one stage has learned starts the next."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import CalibrationError
-from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Stage, Watch, explained
+from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Stage, Watch, explained, last_look
 from trueup.loop.problem import Problem
 from trueup.parameters import ParameterSpace
 from trueup.search.cma_es import CmaEs
@@ -124,8 +124,7 @@ def _stages(problem: Problem, coarse: Problem) -> list[Stage]:
         stages.append(Stage("first seconds", short, short, 30.0, 15))
     if coarse is not problem:
         stages.append(Stage("all, coarse step", coarse, coarse, 5.0, 25))
-    stages.append(Stage("all, full step", problem, coarse, 0.05, 20))
-    return stages
+    return [*stages, last_look(problem, coarse)]
 
 
 def _coarse(problem: Problem, space: ParameterSpace, point: Array) -> Problem:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.loop.descent import Fit
+from trueup.loop.hopping import descended
 from trueup.loop.problem import Problem
 from trueup.search.filtering import ImplicitFiltering
 from trueup.search.robust import robust_weights
@@ -18,16 +19,29 @@ Array = NDArray[np.float64]
 _ROUGH = 0.15  # share of a wide difference that slopes at the optimum do not explain; smooth problems stay below 0.05
 _LOOKS = (8.0, 32.0)  # standard deviations
 _PAIRS = 3  # at each
+_ROUNDS = 3
+_GAIN = 0.01  # share of the loss: for less it is not searched again from a lower place
 _GROSS = 10.0  # noise units of the residuals' rms beyond which the model is wrong by far more than stairs could explain
 
 
-def widened(problem: Problem, fit: Fit, seed: int = 0) -> Fit:
+def widened(problem: Problem, fit: Fit, seed: int = 0, robust: float = 3.0) -> Fit:
     """The fit, or a lower one with the slopes that are seen from there at the width of the estimate's own uncertainty.
 
     Costs twelve simulations where the loss is smooth, and none where the model is nowhere near the recordings.
     """
     if np.sqrt(np.mean(fit.residual**2)) > _GROSS:
         return fit
+    for _ in range(_ROUNDS):
+        wider = _wider(problem, fit, seed)
+        if wider.loss > (1.0 - _GAIN) * fit.loss:
+            return wider
+        # Past a crack the way down is often smooth again for a while.
+        smoother = descended(problem, wider, wider.unit, robust)
+        fit = smoother if smoother.loss < wider.loss else wider
+    return _wider(problem, fit, seed)
+
+
+def _wider(problem: Problem, fit: Fit, seed: int) -> Fit:
     # Not with `fit.near`: a coarser step has other stairs.
     search = ImplicitFiltering(fit.unit, fit.bend, fit.jacobian, fit.residual, chance=problem.chance, seed=seed)
     if _roughness(problem, fit, search) < _ROUGH:

@@ -36,7 +36,7 @@ def profiles(model: Model, recordings: Sequence[Recording]) -> tuple[dict[str, f
     for joint, actuator in driven.items():
         if not model.is_position_servo(actuator):
             continue
-        found = [step for r in recordings for step in _steps(r, joint, names[actuator])]
+        found = [step for r in recordings for step in steps(r, joint, names[actuator])]
         law = _law(np.array(found)) if len(found) >= _FEWEST else None
         if law is None or law[0] >= _SAME_ACCELERATION:
             continue
@@ -48,9 +48,16 @@ def profiles(model: Model, recordings: Sequence[Recording]) -> tuple[dict[str, f
     return speed, acceleration
 
 
-def _law(steps: Array) -> tuple[float, float, float] | None:
-    """Exponent of the speed by the size of the step; speed and acceleration at steps (n, 2). None where there is none."""
-    size, speed = steps.T
+def accelerations(model: Model, recordings: Sequence[Recording], joint: str) -> Array:
+    """(n,) acceleration in rad/s2 (m/s2) of each step of a joint's command, were it half speeding up, half slowing down."""
+    actuator = model.names("actuator")[model.actuator_of_joint()[joint]]
+    found = [step for r in recordings for step in steps(r, joint, actuator)]
+    return np.array([(speed / _TRIANGLE) ** 2 / size for size, speed in found])
+
+
+def _law(found: Array) -> tuple[float, float, float] | None:
+    """Exponent of the speed by the size of the step; speed and acceleration at steps (n, 2); None where there is none."""
+    size, speed = found.T
     if size.max() < _APART * size.min():
         return None
     exponent, level = np.polyfit(np.log(size), np.log(speed), 1)
@@ -60,7 +67,7 @@ def _law(steps: Array) -> tuple[float, float, float] | None:
     return float(exponent), float(np.median(speed[large])), float(np.median((speed / _TRIANGLE) ** 2 / size))
 
 
-def _steps(recording: Recording, joint: str, actuator: str) -> Iterator[tuple[float, float]]:
+def steps(recording: Recording, joint: str, actuator: str) -> Iterator[tuple[float, float]]:
     """Size and speed of each step of a joint's command that was held until the joint arrived."""
     command = command_of(recording)
     label = next((x for x in command.labels if x in (joint, actuator)), "") if command is not None else ""

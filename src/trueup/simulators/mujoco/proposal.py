@@ -12,11 +12,13 @@ from trueup.simulators.mujoco.base import POSITION, free_joint
 from trueup.simulators.mujoco.declarations import Declaration
 from trueup.simulators.mujoco.floor_plane import plane_of
 from trueup.simulators.mujoco.model import Model
-from trueup.simulators.mujoco.profiles import profiles
+from trueup.simulators.mujoco.profiles import accelerations, profiles
+from trueup.simulators.mujoco.servos import loads
 from trueup.simulators.mujoco.wiring import is_motor
 from trueup.trial import command_of
 
 _NEARLY = 0.5  # of the force limit: the stiffness is not known yet
+_STRONGER = 2.0  # than what steps show, which were slowed down by other things too: where the search begins
 _MOVES = 5e-3  # rad or m: a joint that moves less teaches nothing
 
 
@@ -43,10 +45,7 @@ def propose(
     lines = []
     if stiff := (*servos, *_of_several_joints(model, recordings)):
         lines.append(Declaration("kp", stiff))
-    lines += _dampings(model, joints, {j: driven[j] for j in servos})
-    if strained := tuple(j for j in servos if _strained(model, recordings, j, driven[j])):
-        lines.append(Declaration("force_limit", strained))
-    lines += _profiles(model, recordings, servos, strained)
+    lines += _limits(model, recordings, joints, {j: driven[j] for j in servos})
     lines += [
         Declaration("friction", joints),
         # Real gears stick: starting at MuJoCo's own creep would let every friction estimate leak away.
@@ -90,11 +89,48 @@ def _of_the_base(model: Model, recordings: Sequence[Recording]) -> list[Declarat
     return lines
 
 
-def _dampings(model: Model, joints: Sequence[str], servos: Mapping[str, int]) -> list[Declaration]:
+def _limits(
+    model: Model, recordings: Sequence[Recording], joints: Sequence[str], servos: Mapping[str, int]
+) -> list[Declaration]:
+    """Damping, and what the servos cannot do: limits of force, and of the commands' speed and acceleration."""
+    limited = tuple(j for j, servo in servos.items() if _limited(model, j, servo))
+    strengths = _strengths(model, recordings, tuple(j for j in servos if j not in limited))
+    strained = tuple(j for j in limited if _strained(model, recordings, j, servos[j]))
+    return [
+        *_dampings(model, joints, servos, (*limited, *strengths)),
+        *_settling(model, recordings, {j: s for j, s in servos.items() if j in (*strained, *strengths)}),
+        *([Declaration("force_limit", strained)] if strained else []),
+        *(Declaration("force_limit", (j,), nominal=force) for j, force in strengths.items()),
+        *_profiles(model, recordings, tuple(servos), strained),
+    ]
+
+
+def _dampings(
+    model: Model, joints: Sequence[str], servos: Mapping[str, int], limited: Sequence[str]
+) -> list[Declaration]:
     """Damping of the servo and of its joint are one thing, until the servo's force is limited: then both count."""
     damped = tuple(j for j, servo in servos.items() if _damps(model, j, servo))
-    rest = tuple(j for j in joints if j not in damped or _limited(model, j, servos[j]))
+    rest = tuple(j for j in joints if j not in damped or j in limited)
     return [Declaration(kind, which) for kind, which in (("kv", damped), ("damping", rest)) if which]
+
+
+def _settling(model: Model, recordings: Sequence[Recording], saturated: Mapping[str, int]) -> list[Declaration]:
+    """Damping of servos that saturate and have none in the file, searched from half of what is critical."""
+    bare = {j: servo for j, servo in saturated.items() if not _damps(model, j, servo)}
+    inertia, _ = loads(model, tuple(bare), recordings)
+    stiffness = [float(model.compiled.actuator_gainprm[servo, 0]) for servo in bare.values()]
+    return [
+        Declaration("kv", (j,), nominal=float(np.sqrt(k * i))) for j, k, i in zip(bare, stiffness, inertia, strict=True)
+    ]
+
+
+def _strengths(model: Model, recordings: Sequence[Recording], unlimited: Sequence[str]) -> dict[str, float]:
+    """Limits of the force of servos whose file gives none, where they are told to step: no drive follows that as told."""
+    stepped = {j: a for j in unlimited if len(a := accelerations(model, recordings, j))}
+    inertia, weight = loads(model, tuple(stepped), recordings)
+    return {
+        j: _STRONGER * float(i * np.max(a) + w) for (j, a), i, w in zip(stepped.items(), inertia, weight, strict=True)
+    }
 
 
 def _profiles(

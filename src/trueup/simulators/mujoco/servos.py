@@ -29,7 +29,7 @@ def add_servos(spec: mujoco.MjSpec, model: Model, joints: Sequence[str], recordi
     for a calibration, which finds the rest. Where force is limited the damping is the servo's, within that limit as in
     a real one; else it is the joint's, which is the same, if the file has none there.
     """
-    inertia, weight = _loads(model, joints, recordings)
+    inertia, weight = loads(model, joints, recordings)
     for name, moved, held in zip(joints, inertia, weight, strict=True):
         joint = spec.joint(name)
         force = _strongest(model, name)
@@ -94,7 +94,7 @@ def _strongest(model: Model, joint: str) -> float:
     return min(own, min(limits) * abs(float(compiled.actuator_gear[motor, 0])))
 
 
-def _loads(model: Model, joints: Sequence[str], recordings: Sequence[Recording]) -> tuple[Array, Array]:
+def loads(model: Model, joints: Sequence[str], recordings: Sequence[Recording]) -> tuple[Array, Array]:
     """(k,) inertia that each joint moves and (k,) torque by which it holds the robot, the largest at measured postures."""
     compiled = model.compiled
     data = mujoco.MjData(compiled)

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Leaves a place where slopes end though the model could replay the recordings better: jumps, and searches from there.
+
+Basin hopping, D. J. Wales and J. P. K. Doye, J. Physical Chemistry A 101(28), 1997.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from trueup.loop.descent import Descent, Fit, Watch, explained, last_look
+from trueup.loop.problem import Problem
+from trueup.search.robust import robust_losses, robust_weights
+
+_NOISE = 1.15  # mean square of the residuals, in noise units, up to which nothing better is to be hoped for
+_HOP = 0.05  # of the box, in every direction
+_TRIES = 4
+_LOWER = 0.99  # a place is lower if its loss falls to this share
+
+
+def hopped(problem: Problem, fit: Fit, rng: np.random.Generator, robust: float = 3.0) -> Fit:
+    """The fit, or a lower one. Drives that saturate leave long bent valleys with cracks across: delay against damping
+    against the force limit; beyond a crack the way down goes on.
+
+    Only where the recordings are almost explained, so that noise alone is worth the way, and for no more simulations
+    than it took to get here.
+    """
+    spent = problem.evaluations
+    for _ in range(_TRIES):
+        if not explained(fit.residual) or float(np.mean(fit.residual**2)) < _NOISE or problem.evaluations > 2 * spent:
+            break
+        lower = descended(problem, fit, fit.unit + _HOP * rng.standard_normal(len(fit.unit)), robust)
+        fit = lower if lower.loss < _LOWER * fit.loss else fit
+    return fit
+
+
+def descended(problem: Problem, fit: Fit, start: np.ndarray, robust: float) -> Fit:
+    """Where slopes lead from `start` (n_free,), judged by the same measure as `fit`: its loss may be higher."""
+    run, look = Descent(fit.space, np.clip(start, 0.0, 1.0), Watch(), robust), last_look(problem, problem)
+    run.descend(look)
+    found = run.finished(look)
+    loss = float(robust_losses(found.residual[None], fit.bend)[0])
+    return replace(found, bend=fit.bend, loss=loss, weights=robust_weights(found.residual, fit.bend), near=None)
