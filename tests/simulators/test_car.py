@@ -39,7 +39,9 @@ TRUTH = Car("hidden", 0.2, HIDDEN)
 GUESS = Car("guessed", 0.2)
 
 
-def driven(seed: int, seconds: float = 50.0, *, noise: float = 5e-4, slower: float = 1.0, truth: Car = TRUTH) -> Recording:
+def driven(
+    seed: int, seconds: float = 50.0, *, noise: float = 5e-4, slower: float = 1.0, truth: Car = TRUTH
+) -> Recording:
     """A drive of the hidden car from rest, commanded at 10 Hz, tracked at 100 Hz: one clock, no outliers."""
     rng = np.random.default_rng(seed)
     ticks = np.arange(0.0, seconds, 0.1)

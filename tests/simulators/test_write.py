@@ -160,17 +160,38 @@ def test_the_written_model_replays_in_plain_mujoco(arm: Path, tmp_path: Path) ->
     sim = MujocoSimulator(model, space, quantities)
     out = tmp_path / "fit.xml"
     write_model(sim, space.nominal, out)
-    time = np.arange(0.0, 3.0, 0.002)  # a command at each step of the model
+    recording = _sweep()
+    simulated = sim.rollout([Trial.of(recording)], space.nominal[None])[0].channels["position"][0]
+    plain = _replayed(out, recording.channel("command").values)
+    assert np.abs(simulated - plain).max() < 1e-3
+    assert np.ptp(plain[:, 1]) > 0.5
+
+
+def test_a_calibrated_file_is_replayed_with_its_delay_once_with_its_parameters_or_without(arm: Path) -> None:
+    lines = [Declaration("delay", tie="all"), Declaration("zero")]
+    space, quantities = declare(load(arm), lines)
+    sim = MujocoSimulator(load(arm), space, quantities)
+    values = np.array([[0.0173, 0.03, -0.02]])
+    recording, out = _sweep(), arm.with_name("fit.xml")
+    write_model(sim, values[0], out)
+    again = MujocoSimulator(load(out), *declare(load(out), lines))
+    assert again.parameters.nominal == pytest.approx(values[0])
+    runs = [(sim, values), (again, values), (MujocoSimulator(load(out)), np.zeros((1, 0)))]
+    wanted, *others = (s.rollout([Trial.of(recording)], v)[0].channels["position"] for s, v in runs)
+    for other in others:
+        assert np.abs(other - wanted).max() < 1e-9
+    write_model(again, np.array([0.0, 0.03, -0.02]), arm.with_name("none.xml"))
+    assert not load(arm.with_name("none.xml")).compiled.actuator_delay.any()
+
+
+def _sweep() -> Recording:
+    """A command at each step of the model."""
+    time, joints = np.arange(0.0, 3.0, 0.002), ("shoulder", "elbow")
     command = np.stack([0.6 * np.sin(4 * time), 0.5 * np.sign(np.sin(2.5 * time)) * (time > 0.5)], axis=1)
-    joints = ("shoulder", "elbow")
-    recording = Recording("sweep", {
+    return Recording("sweep", {
         "command": Channel("command", joints, "rad", time, command),
         "position": Channel("position", joints, "rad", time, np.zeros_like(command)),
     }, {})  # fmt: skip
-    simulated = sim.rollout([Trial.of(recording)], space.nominal[None])[0].channels["position"][0]
-    plain = _replayed(out, command)
-    assert np.abs(simulated - plain).max() < 1e-3
-    assert np.ptp(plain[:, 1]) > 0.5
 
 
 def _replayed(path: Path, command: Array) -> Array:

@@ -49,9 +49,7 @@ class Edits:
     def delay(self, actuator: str, seconds: float, step: float) -> None:
         """A delay of the command, linear between steps, which is exact for commands held over a step."""
         element = self._element("actuator", actuator)
-        if seconds <= 0.0:
-            return
-        samples = math.ceil(seconds / step) + 2
+        samples = math.ceil(seconds / step) + 2 if seconds > 0.0 else 0
         self._text.change(element, nsample=str(samples), interp="linear", delay=number(seconds))
 
     def excludes(self) -> None:

@@ -121,7 +121,7 @@ def prepared(
     model: Model, *, step: float, slack: Sequence[str] = (), limited: Sequence[str] = (), floor: bool = False,
     bare: bool = False,
 ) -> mujoco.MjModel:  # fmt: skip
-    """A compiled copy for simulation: visual geoms dropped, a joint for each backlash.
+    """A compiled copy for simulation: visual geoms and delays of commands dropped, a joint for each backlash.
 
     `step` in s; `slack` joints get a second, free joint '<name>/slack'
     with a range of its own (MuJoCo's documented way to model backlash); `limited` actuators get a force range; `floor`
@@ -139,6 +139,9 @@ def prepared(
         _unshape(spec)
     if bare or not needs_shapes(model.compiled):
         _drop_visuals(spec, model.compiled)
+    for actuator in spec.actuators:
+        # Signals delay commands, by fractions of a step too; the engine's own delay would come on top.
+        actuator.delay, actuator.nsample = 0.0, 0
     for name in slack:
         _add_slack(spec, name)
     if floor and plane_of(model.compiled) < 0:

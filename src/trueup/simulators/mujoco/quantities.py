@@ -219,6 +219,10 @@ def _zero(model: Model, target: str) -> float:
     return 0.0
 
 
+def _delay(model: Model, actuator: str) -> float:
+    return float(model.compiled.actuator_delay[model.index("actuator", actuator)])
+
+
 def _constant(value: float) -> Callable[[Model, str], float]:
     return lambda model, target: value
 
@@ -241,7 +245,7 @@ def kinds() -> Mapping[str, Kind]:
         Kind("kv", "actuator", "N m s/rad", "log", _kv, _factor(100, 30, 0.05), "servo damping"),
         Kind("force_limit", "actuator", "N m", "log", _force_limit, _factor(10, 10, 0.3), "force limit"),
         Kind("gain", "actuator", "", "log", _constant(1.0), _factor(5, 5, 1.0), "factor on the actuator's force"),
-        Kind("delay", "actuator", "s", "linear", _zero, _between(0.0, 0.1), "delay of the command"),
+        Kind("delay", "actuator", "s", "linear", _delay, _between(0.0, 0.1), "delay of the command"),
         Kind("zero", "actuator", "rad", "linear", _zero_error, _around(0.2), "zero error of the servo's own sensor"),
         Kind("speed_limit", "actuator", "rad/s", "log", _zero, _factor(5, 1e3, 1.0), "speed limit of the command"),
         Kind("acceleration_limit", "actuator", "rad/s2", "log", _zero, _factor(20, 1e4, 10.0),

@@ -36,6 +36,7 @@ class Signals:
         self._quantities = quantities
         names = model.names("actuator")
         self.delay = np.zeros((len(values), compiled.nu))
+        self.delay[:, compiled.actuator_ctrladr] = model.compiled.actuator_delay
         """(b, nu) delay of each command, in s."""
         self._offsets: dict[str, Array] = {}
         self._biases: dict[str, Array] = {}

@@ -195,7 +195,7 @@ def _delays(simulator: MujocoSimulator, values: Array) -> dict[str, float]:
         target: float(value)
         for quantity, value in zip(simulator.quantities, values, strict=True)
         for target in quantity.targets
-        if quantity.kind == "delay" and value > 0.0
+        if quantity.kind == "delay" and (value > 0.0 or kind("delay").nominal(simulator.model, target) > 0.0)
     }
 
 
@@ -208,7 +208,7 @@ def _notes(simulator: MujocoSimulator, values: Array) -> list[str]:
         ]
         if there:
             notes.append(f"{title} ({', '.join(there[:12])}) is no part of MJCF: take it from parameters.toml")
-    delays = _delays(simulator, values)
+    delays = {actuator: seconds for actuator, seconds in _delays(simulator, values).items() if seconds > 0.0}
     step = float(model.compiled.opt.timestep)
     if delays:
         notes.append("delayed actuators start with commands of zero: call mj_initCtrlHistory after a reset")
