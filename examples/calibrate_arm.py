@@ -15,8 +15,8 @@ from trueup.loop.calibrate import calibrate
 from trueup.report import write_report
 from trueup.simulators.mujoco.declarations import declare
 from trueup.simulators.mujoco.model import load
-from trueup.simulators.mujoco.proposal import propose
 from trueup.simulators.mujoco.rollout import MujocoSimulator
+from trueup.simulators.mujoco.setup.proposal import propose
 
 folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(tempfile.mkdtemp(prefix="arm-"))
 if len(sys.argv) == 1:

@@ -39,9 +39,9 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.simulators.bicycle import Vehicle as Vehicle
     from trueup.simulators.mujoco.declarations import Declaration as Declaration
     from trueup.simulators.mujoco.declarations import declare as declare
-    from trueup.simulators.mujoco.proposal import propose as propose
     from trueup.simulators.mujoco.rollout import MujocoSimulator as MujocoSimulator
-    from trueup.simulators.mujoco.write import write_model as write_model
+    from trueup.simulators.mujoco.setup.proposal import propose as propose
+    from trueup.simulators.mujoco.writing.write import write_model as write_model
     from trueup.tasks.follow_path import FollowPath as FollowPath
     from trueup.trial import Trial as Trial
 
@@ -73,13 +73,13 @@ _HOME = {
     "load_tree": "trueup.identification.model_file",
     "most_telling": "trueup.loop.experiment",
     "optimize": "trueup.loop.optimize",
-    "propose": "trueup.simulators.mujoco.proposal",
+    "propose": "trueup.simulators.mujoco.setup.proposal",
     "read": "trueup.formats",
     "shortlist": "trueup.loop.transfer",
     "simulator_for": "trueup.campaign.assemble",
     "transfer": "trueup.loop.transfer",
     "write": "trueup.formats",
-    "write_model": "trueup.simulators.mujoco.write",
+    "write_model": "trueup.simulators.mujoco.writing.write",
     "write_report": "trueup.report",
 }
 """Public name -> module that defines it."""

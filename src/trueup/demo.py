@@ -20,8 +20,8 @@ from trueup.report import write_report
 from trueup.robots.stand_in import StandInArm
 from trueup.simulators.mujoco.declarations import declare
 from trueup.simulators.mujoco.model import load
-from trueup.simulators.mujoco.proposal import propose
 from trueup.simulators.mujoco.rollout import MujocoSimulator
+from trueup.simulators.mujoco.setup.proposal import propose
 from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]

@@ -21,10 +21,10 @@ from trueup.loop.calibrate import Options, calibrate
 from trueup.recording import Channel, Recording
 from trueup.simulators.mujoco.base import angles_of, near, quaternion_of, turning
 from trueup.simulators.mujoco.declarations import Declaration, declare
-from trueup.simulators.mujoco.drives import suited
 from trueup.simulators.mujoco.model import load
 from trueup.simulators.mujoco.rollout import MujocoSimulator
-from trueup.simulators.mujoco.windows import folded, joined
+from trueup.simulators.mujoco.setup.drives import suited
+from trueup.simulators.mujoco.setup.windows import folded, joined
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]

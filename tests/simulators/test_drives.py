@@ -13,8 +13,8 @@ from trueup.campaign.assemble import recordings_for, simulator_for
 from trueup.errors import ModelError
 from trueup.loop.calibrate import Options, calibrate
 from trueup.recording import Channel, Recording
-from trueup.simulators.mujoco.drives import suited
 from trueup.simulators.mujoco.model import load
+from trueup.simulators.mujoco.setup.drives import suited
 from trueup.trial import Trial
 
 _ARM = """<mujoco><worldbody><body><joint name="j" axis="0 1 0" damping="{damping}"/>

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from trueup.campaign.assemble import simulator_for
 from trueup.loop.calibrate import Options, calibrate
 from trueup.recording import Channel, Recording
-from trueup.simulators.mujoco.floor import stopped_by_floor
 from trueup.simulators.mujoco.floor_plane import plane_of
 from trueup.simulators.mujoco.model import load
 from trueup.simulators.mujoco.rollout import MujocoSimulator
-from trueup.simulators.mujoco.write import write_model
+from trueup.simulators.mujoco.setup.floor import stopped_by_floor
+from trueup.simulators.mujoco.writing.write import write_model
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from trueup.errors import ModelError
 from trueup.identification.urdf import tree_from_urdf
 from trueup.simulators.mujoco.declarations import Declaration, declare
 from trueup.simulators.mujoco.model import load
-from trueup.simulators.mujoco.proposal import propose
 from trueup.simulators.mujoco.rollout import MujocoSimulator
-from trueup.simulators.mujoco.write import write_model
+from trueup.simulators.mujoco.setup.proposal import propose
+from trueup.simulators.mujoco.writing.write import write_model
 
 NAMELESS = """<mujoco>
   <worldbody>

@@ -11,9 +11,9 @@ import numpy as np
 from trueup.campaign.assemble import simulator_for
 from trueup.recording import Channel, Recording
 from trueup.simulators.mujoco.model import load
-from trueup.simulators.mujoco.overlaps import passable
 from trueup.simulators.mujoco.rollout import MujocoSimulator
-from trueup.simulators.mujoco.write import write_model
+from trueup.simulators.mujoco.setup.overlaps import passable
+from trueup.simulators.mujoco.writing.write import write_model
 from trueup.trial import Trial
 
 # The base reaches into the shoulder, as convex hulls do; the hand may rest on the table.

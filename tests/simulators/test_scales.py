@@ -10,8 +10,8 @@ import pytest
 
 from trueup.calibration import Replay, by_unit
 from trueup.recording import Channel, Recording
-from trueup.simulators.mujoco.drives import suited
 from trueup.simulators.mujoco.model import load
+from trueup.simulators.mujoco.setup.drives import suited
 
 _ARM = """<mujoco><worldbody><body><joint name="j" axis="0 1 0" range="-100 100"/><geom size=".05"/></body></worldbody>
 <actuator><position joint="j"/></actuator></mujoco>"""

@@ -12,7 +12,7 @@ import pytest
 from trueup.campaign.assemble import simulator_for
 from trueup.recording import Channel, Recording
 from trueup.simulators.mujoco.rollout import MujocoSimulator
-from trueup.simulators.mujoco.write import write_model
+from trueup.simulators.mujoco.writing.write import write_model
 from trueup.trial import Trial
 
 _FINGER = """<body pos="0 0 -.3"><joint name="finger" axis="0 1 0" {finger}/>

@@ -20,7 +20,7 @@ from trueup.recording import Channel, Recording
 from trueup.simulators.mujoco.declarations import Declaration, declare
 from trueup.simulators.mujoco.model import load
 from trueup.simulators.mujoco.rollout import MujocoSimulator
-from trueup.simulators.mujoco.write import simulated_model, write_model
+from trueup.simulators.mujoco.writing.write import simulated_model, write_model
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]

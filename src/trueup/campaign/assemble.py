@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from trueup.loop.fit import Checkpoint, Progress
     from trueup.simulators.car import CarSimulator
     from trueup.simulators.mujoco.clearance import MujocoClearance
-    from trueup.simulators.mujoco.floor import Stopped
     from trueup.simulators.mujoco.model import Model
     from trueup.simulators.mujoco.rollout import MujocoSimulator
+    from trueup.simulators.mujoco.setup.floor import Stopped
 
 
 def simulator_for(
@@ -43,11 +43,11 @@ def simulator_for(
     from trueup.simulators.mujoco.base import check_base
     from trueup.simulators.mujoco.declaration_file import read_declarations, read_gains
     from trueup.simulators.mujoco.declarations import declare
-    from trueup.simulators.mujoco.drives import undriven
-    from trueup.simulators.mujoco.floor import stopped_by_floor
     from trueup.simulators.mujoco.gains import Gains
-    from trueup.simulators.mujoco.proposal import propose
     from trueup.simulators.mujoco.rollout import MujocoSimulator
+    from trueup.simulators.mujoco.setup.drives import undriven
+    from trueup.simulators.mujoco.setup.floor import stopped_by_floor
+    from trueup.simulators.mujoco.setup.proposal import propose
 
     everything = (*recordings, *replayed)
     model = _model_for(model_path, everything)
@@ -70,10 +70,10 @@ def simulator_for(
 def _model_for(path: str | Path, recordings: Sequence[Recording]) -> Model:
     """The model of a file as the recordings need it: its base free or held, drives, no contacts within, idle joints held."""
     from trueup.simulators.mujoco.base import floating, held
-    from trueup.simulators.mujoco.drives import driven
     from trueup.simulators.mujoco.model import load
-    from trueup.simulators.mujoco.overlaps import passable
-    from trueup.simulators.mujoco.still import with_still_joints
+    from trueup.simulators.mujoco.setup.drives import driven
+    from trueup.simulators.mujoco.setup.overlaps import passable
+    from trueup.simulators.mujoco.setup.still import with_still_joints
 
     model = load(path)
     _check_joints(model, recordings)
@@ -84,7 +84,7 @@ def _model_for(path: str | Path, recordings: Sequence[Recording]) -> Model:
 
 def as_recorded(replays: Sequence[Replay], recordings: Sequence[Recording]) -> tuple[Replay, ...]:
     """Replays of the recordings as they were: one unit each, windows of a free base put together again."""
-    from trueup.simulators.mujoco.windows import joined
+    from trueup.simulators.mujoco.setup.windows import joined
 
     return joined(by_unit(replays, recordings))
 
@@ -107,7 +107,7 @@ def calibrated(
     """
     from trueup.loop.calibrate import calibrate
     from trueup.simulators.car import CarSimulator
-    from trueup.simulators.mujoco.windows import folded
+    from trueup.simulators.mujoco.setup.windows import folded
 
     told: _Told = {"progress": progress, "checkpoint": checkpoint, "resume": resume}
     if not isinstance(simulator, CarSimulator):
@@ -148,7 +148,7 @@ def write_outcome(
     if isinstance(simulator, CarSimulator):
         return _write_car(simulator, calibration, model)
     from trueup.simulators.mujoco.declaration_file import write_parameters
-    from trueup.simulators.mujoco.write import write_model
+    from trueup.simulators.mujoco.writing.write import write_model
 
     write_parameters(calibration, simulator.parameters, simulator.quantities, parameters, simulator.gains.given_for)
     return write_model(simulator, calibration.values, model)
@@ -185,9 +185,9 @@ def recordings_for(
     """
     from trueup.formats.joint_names import named_as
     from trueup.formats.strangers import without_strangers
-    from trueup.simulators.mujoco.drives import suited
     from trueup.simulators.mujoco.model import load
-    from trueup.simulators.mujoco.windows import begun_again
+    from trueup.simulators.mujoco.setup.drives import suited
+    from trueup.simulators.mujoco.setup.windows import begun_again
 
     model = load(model_path)
     drives = model.drives()
@@ -204,7 +204,7 @@ def in_units_of(model_path: str | Path, recordings: Sequence[Recording]) -> list
     """Recordings with a model's names and units: metres where a joint slides. Raises ModelError."""
     from trueup.formats.joint_names import named_as
     from trueup.simulators.mujoco.model import load
-    from trueup.simulators.mujoco.scales import of_slides, with_units
+    from trueup.simulators.mujoco.setup.scales import of_slides, with_units
 
     model = load(model_path)
     named, _ = named_as(recordings, model.drives())

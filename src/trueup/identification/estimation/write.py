@@ -18,7 +18,7 @@ from trueup.identification.kinematic_tree import KinematicTree, about
 from trueup.identification.urdf import is_urdf
 
 if TYPE_CHECKING:
-    from trueup.simulators.mujoco.mjcf_text import Element, MjcfText
+    from trueup.simulators.mujoco.reading.mjcf_text import Element, MjcfText
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def write_identified(
 
 
 def _write_urdf(found: Identification, tree: KinematicTree, source: Path, path: Path) -> tuple[str, ...]:
-    from trueup.simulators.mujoco.mjcf_text import MjcfText
+    from trueup.simulators.mujoco.reading.mjcf_text import MjcfText
 
     text = MjcfText(source.read_bytes())
     links = {e.attributes.get("name", ""): e for e in text.root.children if e.tag == "link"}
@@ -82,9 +82,9 @@ def _write_urdf(found: Identification, tree: KinematicTree, source: Path, path: 
 
 
 def _write_mjcf(found: Identification, tree: KinematicTree, source: Path, path: Path) -> tuple[str, ...]:
-    from trueup.simulators.mujoco.bodies import Body, JointFriction, write_bodies
     from trueup.simulators.mujoco.inertia import body_inertia
     from trueup.simulators.mujoco.model import load
+    from trueup.simulators.mujoco.writing.bodies import Body, JointFriction, write_bodies
 
     model = load(source)
     notes, bodies = [], {}

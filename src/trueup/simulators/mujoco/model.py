@@ -12,9 +12,9 @@ import numpy as np
 
 from trueup.errors import ModelError, unknown_name
 from trueup.simulators.mujoco.floor_plane import add_floor, plane_of
-from trueup.simulators.mujoco.mjcf_spec import mjcf_spec
-from trueup.simulators.mujoco.urdf_spec import urdf_spec
-from trueup.simulators.mujoco.urdf_text import root_tag
+from trueup.simulators.mujoco.reading.mjcf_spec import mjcf_spec
+from trueup.simulators.mujoco.reading.urdf_spec import urdf_spec
+from trueup.simulators.mujoco.reading.urdf_text import root_tag
 
 # Sensors that look at geoms, those without contacts too.
 _SEEING = tuple(int(getattr(mujoco.mjtSensor, f"mjSENS_{n}")) for n in

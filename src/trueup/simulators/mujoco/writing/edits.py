@@ -15,7 +15,7 @@ from trueup.errors import ModelError
 from trueup.simulators.mujoco.floor_plane import FLOOR_KINDS, plane_of
 from trueup.simulators.mujoco.gains import PREFIX
 from trueup.simulators.mujoco.inertia import body_inertia
-from trueup.simulators.mujoco.mjcf_text import Element, MjcfText
+from trueup.simulators.mujoco.reading.mjcf_text import Element, MjcfText
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from trueup.errors import ModelError, TrueupError
 from trueup.recording import Channel, Recording
 from trueup.simulators.mujoco.base import in_angles
 from trueup.simulators.mujoco.model import Model
-from trueup.simulators.mujoco.scales import of_slides, with_units
-from trueup.simulators.mujoco.servos import add_servos
+from trueup.simulators.mujoco.setup.scales import of_slides, with_units
+from trueup.simulators.mujoco.setup.servos import add_servos
 from trueup.simulators.mujoco.wiring import actuators_of, is_motor
 from trueup.trial import COMMANDS, command_of
 

@@ -12,8 +12,8 @@ from trueup.simulators.mujoco.base import POSITION, free_joint
 from trueup.simulators.mujoco.declarations import Declaration
 from trueup.simulators.mujoco.floor_plane import plane_of
 from trueup.simulators.mujoco.model import Model
-from trueup.simulators.mujoco.profiles import accelerations, profiles
-from trueup.simulators.mujoco.servos import loads
+from trueup.simulators.mujoco.setup.profiles import accelerations, profiles
+from trueup.simulators.mujoco.setup.servos import loads
 from trueup.simulators.mujoco.wiring import is_motor
 from trueup.trial import command_of
 

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from trueup.errors import ModelError
 from trueup.formats.aside import written_aside
-from trueup.simulators.mujoco.edits import Edits
 from trueup.simulators.mujoco.inertia import principal
-from trueup.simulators.mujoco.mjcf_text import MjcfText
 from trueup.simulators.mujoco.model import Model
-from trueup.simulators.mujoco.write import relocate
+from trueup.simulators.mujoco.reading.mjcf_text import MjcfText
+from trueup.simulators.mujoco.writing.edits import Edits
+from trueup.simulators.mujoco.writing.write import relocate
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import mujoco
 
 from trueup.errors import ModelError
-from trueup.simulators.mujoco.urdf_text import Element, mend_inertias, parsed
+from trueup.simulators.mujoco.reading.urdf_text import Element, mend_inertias, parsed
 
 
 def urdf_spec(file: Path) -> tuple[mujoco.MjSpec, list[str]]:

@@ -9,8 +9,8 @@ from pathlib import Path
 import mujoco
 
 from trueup.errors import ModelError
-from trueup.simulators.mujoco.mjcf_text import Element, MjcfText
-from trueup.simulators.mujoco.urdf_spec import mesh_note
+from trueup.simulators.mujoco.reading.mjcf_text import Element, MjcfText
+from trueup.simulators.mujoco.reading.urdf_spec import mesh_note
 
 
 def mjcf_spec(file: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel, list[str]]:

@@ -11,7 +11,7 @@ import numpy as np
 from trueup.errors import ModelError
 from trueup.recording import Recording
 from trueup.simulators.mujoco.model import Model
-from trueup.simulators.mujoco.servos import postures
+from trueup.simulators.mujoco.setup.servos import postures
 from trueup.simulators.mujoco.wiring import joint_id
 
 _DEEP = 1e-3  # m: what meshes, soft contacts and calibration errors explain overlaps less

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trueup.errors import ModelError, OutputError
-from trueup.simulators.mujoco.edits import Edits, numbers, read
 from trueup.simulators.mujoco.fields import SingleModel, write_fields
 from trueup.simulators.mujoco.floor_plane import FLOOR_KINDS, plane_of
 from trueup.simulators.mujoco.inertia import body_inertia
-from trueup.simulators.mujoco.mjcf_spec import name_in_text
-from trueup.simulators.mujoco.mjcf_text import MjcfText
 from trueup.simulators.mujoco.quantities import kind
+from trueup.simulators.mujoco.reading.mjcf_spec import name_in_text
+from trueup.simulators.mujoco.reading.mjcf_text import MjcfText
 from trueup.simulators.mujoco.rollout import MujocoSimulator
+from trueup.simulators.mujoco.writing.edits import Edits, numbers, read
 
 Array = NDArray[np.float64]
 
