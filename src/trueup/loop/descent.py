@@ -104,6 +104,10 @@ class Stage:
     def columns(self, space: ParameterSpace, candidates: Array) -> Array:
         """Residuals at the point and around it: differences from the cheaper problem, the level from the real one."""
         residuals = self.cheap.residuals(space.from_unit(candidates))
+        if not np.isfinite(
+            residuals[0]
+        ).all():  # what is simulated with a coarser step may fail where the real one does not
+            return self.problem.residuals(space.from_unit(candidates))
         if self.cheap.simulator is not self.problem.simulator:
             residuals += self.problem.residuals(space.from_unit(candidates[:1]))[0] - residuals[0]
         return residuals
@@ -153,6 +157,10 @@ class Descent:
         self.search, self.point = search, search.point
         return search
 
+    def restart(self, point: Array) -> None:
+        """Forgets all that was learned, and goes on from `point` (n_free,)."""
+        self.point, self.search, self.near, self._slopes = point, None, None, None
+
     def polish(self, stage: Stage) -> LeastSquares:
         """The last stage where slopes come from a cheaper problem. The cheaper one is solved at the level of the real one,
         which is looked at again where that ends: one simulation of the real problem each time round.
@@ -160,7 +168,9 @@ class Descent:
         begun, fine = self.point, self._residual(stage.problem)
         for left in reversed(range(_ROUNDS)):
             confirm = left == _ROUNDS - 1
-            near = stage.cheap.shifted(fine - self._residual(stage.cheap))
+            near = self._level(stage.cheap, fine)
+            if near is None:
+                return self.descend(replace(stage, cheap=stage.problem))
             search = self.descend(replace(stage, problem=near, cheap=near), confirm=confirm, impatient=True)
             before, fine = fine, self._residual(stage.problem)
             old, new = robust_losses(np.stack([before, fine]), search.delta)
@@ -171,7 +181,7 @@ class Descent:
                 self.point, self._slopes = begun, None
                 return search
             search.residual, search.loss, self._slopes = fine, float(new), search.jacobian
-            self.near = stage.cheap.shifted(fine - self._residual(stage.cheap))
+            self.near = self._level(stage.cheap, fine)
             if search.stuck and explained(fine):
                 # A crack in the cheaper problem need not be one in the real one: its slopes lead on there.
                 return self.descend(stage)
@@ -181,6 +191,11 @@ class Descent:
             begun = self.point
         self.point, self._slopes = begun, None
         return self.descend(stage)
+
+    def _level(self, cheap: Problem, fine: Array) -> Problem | None:
+        """The cheaper problem with the residual (m,) of the real one at the point; None where a coarser step fails."""
+        offset = fine - self._residual(cheap)
+        return cheap.shifted(offset) if np.isfinite(offset).all() else None
 
     def _residual(self, problem: Problem) -> Array:
         return problem.residuals(self.space.from_unit(self.point[None]))[0]

@@ -27,6 +27,7 @@ _EVOLVING = "cma-es"  # the name of its stage
 _SHORT = (2.5, 15.0)  # s: the first stage looks at the first quarter of the recordings, within these bounds
 _BLIND = 5.0  # a slope that across the whole box changes the residuals by less than this many times what they are
 _LOOKED_AT = 5  # parameters without much slope, at most: those with the least
+_FEW = 8  # parameters: so few can be searched widely where slopes end far above the noise
 _EDGE = 5e-3  # share of the box: whatever is closer to a bound is on it
 _BETTER = 0.98  # a place elsewhere is worth going to if the loss falls at least to this share
 _BEND = 10.0  # noise units from which losses grow linearly where places far apart are compared: one fall is not all
@@ -61,6 +62,10 @@ def fit(
         if whole and run.search is not None and select is not None:  # only all recordings tell what they support
             run.choose(stages[k - 1], select)
             select = None
+        if k > begin and not np.isfinite(stage.problem.residuals(run.space.from_unit(run.point[None]))).all():
+            # What replays with a coarser step may blow up with the real one: back to the start, without the coarser one.
+            run.restart(np.clip(run.space.to_unit(start), 0.0, 1.0))
+            stage = replace(stage, cheap=stage.problem)
         polish = saved is None and stage.cheap.simulator is not stage.problem.simulator
         nudge = 0.05 if k == begin and not resume else 0.0
         found = run.polish(stage) if polish else run.descend(stage, nudge=nudge, saved=saved)
@@ -69,10 +74,7 @@ def fit(
             run.point = _evolve(stage.problem, space, point, watch, seed, short=True)
             run.descend(stage)
         elif search == "auto" and not resume:
-            other = _elsewhere(stage.problem, run.space, found, stages[0].problem)
-            if other is not None:
-                run.point = other
-                run.descend(stage)
+            _look_wider(run, stage, stages[0].problem, seed if k == 0 else None)
         saved = None
     if select is not None and run.choose(stages[-1], select):
         run.descend(stages[-1])
@@ -160,6 +162,28 @@ def _evolve(
     return search.best[0]
 
 
+def _look_wider(run: Descent, stage: Stage, first: Problem, seed: int | None) -> None:
+    """Goes where slopes do not lead, if it is lower there: along single parameters, and with few of them wherever."""
+    found = run.search
+    other = None if found is None else _elsewhere(stage.problem, run.space, found, first)
+    if other is not None:
+        run.point = other
+        found = run.descend(stage)
+    if found is None or found.residual is None or seed is None or len(run.point) > _FEW or explained(found.residual):
+        return
+    other = _wide(stage.problem, run.space, found, run.watch, seed)
+    if other is not None:
+        run.point = other
+        run.descend(stage)
+
+
+def _wide(problem: Problem, space: ParameterSpace, last: LeastSquares, watch: Watch, seed: int) -> Array | None:
+    """A better point wherever it is, if there is one: a foot that sticks has no slope towards the friction it slides with."""
+    point = _evolve(problem, space, last.point, watch, seed, short=True)
+    there, here = _losses(problem, space, np.stack([point, last.point]))
+    return point if there < _BETTER * here else None
+
+
 def _elsewhere(problem: Problem, space: ParameterSpace, last: LeastSquares, first: Problem) -> Array | None:
     """A better point along the axis of a parameter that has no slope where it is, or is at a bound, if there is one.
 
@@ -172,7 +196,8 @@ def _elsewhere(problem: Problem, space: ParameterSpace, last: LeastSquares, firs
     bound = (last.point < _EDGE) | (last.point > 1.0 - _EDGE)
     effect = np.sqrt(np.mean(last.jacobian**2, axis=0) / max(float(np.mean(last.residual**2)), 1e-300))
     weakest = np.argsort(np.where(bound, 0.0, effect))[:_LOOKED_AT]
-    blind = weakest[(effect < _BLIND)[weakest] | bound[weakest]]
+    few = len(last.point) <= _FEW
+    blind = weakest[(effect < (4.0 if few else 1.0) * _BLIND)[weakest] | bound[weakest]]
     if not len(blind):
         return None
     here = float(robust_losses(last.residual[None], _BEND)[0])
@@ -193,11 +218,12 @@ def _along(problem: Problem, space: ParameterSpace, point: Array, columns: NDArr
         points[np.arange(len(points)), columns] = places
         return points, _losses(problem, space, points)
 
-    places = np.linspace(0.05, 0.95, 10)
+    # Ground friction counts in a narrow range only: above it a foot sticks, below it the robot slips away.
+    places = np.linspace(0.05, 0.95, 28 if len(point) <= _FEW else 10)
     _, losses = seen(np.repeat(columns, len(places)), np.tile(places, len(columns)))
     column, place = divmod(int(np.argmin(losses)), len(places))
     # Where it has no slope on one side of a place and too much on the other, what is best lies between two places.
-    closer = np.clip(places[place] + np.linspace(-0.1, 0.1, 11), 0.0, 1.0)
+    closer = np.clip(places[place] + np.linspace(-1.0, 1.0, 11) * (places[1] - places[0]), 0.0, 1.0)
     points, losses = seen(np.full(len(closer), columns[column]), closer)
     best = int(np.argmin(losses))
     return points[best], float(losses[best])
