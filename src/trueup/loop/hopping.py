@@ -17,7 +17,7 @@ from trueup.search.robust import robust_losses, robust_weights
 _NOISE = 1.15  # mean square of the residuals, in noise units, up to which nothing better is to be hoped for
 _HOP = 0.05  # of the box, in every direction
 _TRIES = 4
-_LOWER = 0.99  # a place is lower if its loss falls to this share
+_LOWER = 0.9  # share of the loss to fall to: what is lower by less replays these recordings better, and others not
 
 
 def hopped(problem: Problem, fit: Fit, rng: np.random.Generator, robust: float = 3.0) -> Fit:
