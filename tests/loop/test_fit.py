@@ -12,8 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.discrepancies.weighted import Weighted
-from trueup.loop.descent import Descent, Stage, Watch
+from trueup.loop.descent import Descent, Stage, Watch, last_look
 from trueup.loop.fit import fit
+from trueup.loop.hopping import hopped
 from trueup.loop.problem import Problem
 from trueup.loop.selection import choose
 from trueup.loop.uncertainty import unit_covariance
@@ -97,3 +98,55 @@ def test_what_is_found_to_be_nothing_is_not_put_back_to_where_it_started(formula
     found = fit(problem, space, space.nominal, Watch())
     unseen, _ = choose(problem, found, unit_covariance(problem, found))
     assert "loss" not in unseen.freeze
+
+
+def test_a_narrow_valley_in_a_plateau_is_found_where_parameters_are_few(formula: Make) -> None:
+    def sticks(time: Array, values: Array, step: float) -> Array:
+        """Friction matters near its truth only, as that of a foot that slides: above it sticks, below it slips away."""
+        stiffness, friction = values
+        above = np.log(friction / 0.52)
+        slides = 0.2 * (max(-above, 0.0) + 0.01 * max(above, 0.0))
+        return stiffness * np.sin(2.0 * time) + slides * np.clip(time - 1.0, 0.0, None) ** 2
+
+    space = ParameterSpace((
+        Parameter("stiffness", "", 2.0, 0.5, 5.0, scale="log"), Parameter("friction", "", 2.0, 0.1, 5.0, scale="log")
+    ))  # fmt: skip
+    truth = np.array([1.3, 0.478])
+    problem = problem_of(formula(sticks, space), truth)
+    assert fit(problem, space, space.nominal, Watch(), search="gradient").values[1] > 1.0
+    np.testing.assert_allclose(fit(problem, space, space.nominal, Watch()).values, truth, rtol=0.02)
+
+
+def test_an_optimum_of_the_coarse_step_that_blows_up_at_the_real_one_is_left(formula: Make) -> None:
+    def unstable(time: Array, values: Array, step: float) -> Array:
+        """A coarse step is half off, towards values with which the real one fails."""
+        (gain,) = values
+        seen = (gain if step < 0.015 else gain / 1.5) * np.sin(2.0 * time)
+        return seen if step > 0.015 or gain < 2.6 else np.full_like(time, np.nan)
+
+    space = ParameterSpace((Parameter("gain", "", 0.6, 0.5, 5.0, scale="log"),))
+    problem = problem_of(formula(unstable, space), np.array([2.0]))
+    found = fit(problem, space, space.nominal, Watch())
+    assert found.values[0] == pytest.approx(2.0, rel=0.01)
+
+
+@pytest.mark.parametrize(("depth", "goes"), [(0.3, True), (0.02, False)])
+def test_only_a_place_that_is_clearly_lower_is_hopped_to(formula: Make, depth: float, goes: bool) -> None:
+    def pitted(time: Array, values: Array, step: float) -> Array:
+        """Two wells 0.08 of the box apart with a wall between them, the second deeper by a share of the error."""
+        (place,) = values
+        well = 1.0 - depth * float(place > 0.46)
+        wall = 40.0 * min(abs(place - 0.42), abs(place - 0.5))
+        return 1.7e-3 * well * np.sign(np.sin(90.0 * time)) + 1e-3 * wall * np.sign(np.cos(90.0 * time))
+
+    space = ParameterSpace((Parameter("place", "", 0.42, 0.0, 1.0),))
+    quiet = Channel(
+        "position", ("joint",), "rad", TIME, 1e-3 * np.random.default_rng(0).standard_normal((len(TIME), 1))
+    )
+    recording = Recording("made", {"position": quiet})
+    problem = Problem(formula(pitted, space), [recording], Weighted.estimated([recording], ["position"]), ("position",))
+    run = Descent(space, np.array([0.42]), Watch(), 3.0)
+    run.descend(last_look(problem, problem))
+    stuck = run.finished(last_look(problem, problem))
+    found = hopped(problem, stuck, np.random.default_rng(1))
+    assert (found.unit[0] > 0.46) == goes

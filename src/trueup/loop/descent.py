@@ -17,7 +17,7 @@ from trueup.loop.problem import Problem
 from trueup.parameters import ParameterSpace
 from trueup.search.bounded_step import careful_difference
 from trueup.search.least_squares import LeastSquares
-from trueup.search.robust import robust_losses
+from trueup.search.robust import robust_losses, robust_weights
 
 Array = NDArray[np.float64]
 
@@ -27,9 +27,7 @@ Checkpoint = Callable[[dict[str, Any]], None]
 _HELD = 3e-3  # least damping of the first looks: what is weakly seen must not wander off before all data are in
 _EXPLAINED = 2.0  # noise units of the residuals' rms: below, the model has the structure of the robot
 _SETTLED = 5e-3  # share of the loss: an approximation that gains less than this is not made anew
-_ROUNDS = (
-    3  # approximations at most; then the real problem is searched, unless no model of this kind explains the robot
-)
+_ROUNDS = 3  # approximations at most; then the real problem is searched, unless no such model explains the robot
 
 
 @dataclass
@@ -104,9 +102,8 @@ class Stage:
     def columns(self, space: ParameterSpace, candidates: Array) -> Array:
         """Residuals at the point and around it: differences from the cheaper problem, the level from the real one."""
         residuals = self.cheap.residuals(space.from_unit(candidates))
-        if not np.isfinite(
-            residuals[0]
-        ).all():  # what is simulated with a coarser step may fail where the real one does not
+        if not np.isfinite(residuals[0]).all():
+            # A coarser step may fail where the real one does not.
             return self.problem.residuals(space.from_unit(candidates))
         if self.cheap.simulator is not self.problem.simulator:
             residuals += self.problem.residuals(space.from_unit(candidates[:1]))[0] - residuals[0]
@@ -236,6 +233,15 @@ class Descent:
             self.space, search.point, search.residual, search.jacobian, search.weights(), search.done, search.loss,
             search.delta, near=self.near,
         )  # fmt: skip
+
+
+def descended(problem: Problem, fit: Fit, start: Array, robust: float) -> Fit:
+    """Where slopes lead from `start` (n_free,), judged by the same measure as `fit`: its loss may be higher."""
+    run, look = Descent(fit.space, np.clip(start, 0.0, 1.0), Watch(), robust), last_look(problem, problem)
+    run.descend(look)
+    found = run.finished(look)
+    loss = float(robust_losses(found.residual[None], fit.bend)[0])
+    return replace(found, bend=fit.bend, loss=loss, weights=robust_weights(found.residual, fit.bend), near=None)
 
 
 def explained(residual: Array) -> bool:

@@ -74,7 +74,7 @@ def fit(
             run.point = _evolve(stage.problem, space, point, watch, seed, short=True)
             run.descend(stage)
         elif search == "auto" and not resume:
-            _look_wider(run, stage, stages[0].problem, seed if k == 0 else None)
+            _look_wider(run, stage, stages[0].problem, seed, anywhere=k == 0)
         saved = None
     if select is not None and run.choose(stages[-1], select):
         run.descend(stages[-1])
@@ -162,14 +162,14 @@ def _evolve(
     return search.best[0]
 
 
-def _look_wider(run: Descent, stage: Stage, first: Problem, seed: int | None) -> None:
-    """Goes where slopes do not lead, if it is lower there: along single parameters, and with few of them wherever."""
+def _look_wider(run: Descent, stage: Stage, first: Problem, seed: int, *, anywhere: bool) -> None:
+    """Goes where slopes do not lead, if it is lower there: along single parameters, and `anywhere` if these are few."""
     found = run.search
     other = None if found is None else _elsewhere(stage.problem, run.space, found, first)
     if other is not None:
         run.point = other
         found = run.descend(stage)
-    if found is None or found.residual is None or seed is None or len(run.point) > _FEW or explained(found.residual):
+    if not anywhere or found is None or found.residual is None or len(run.point) > _FEW or explained(found.residual):
         return
     other = _wide(stage.problem, run.space, found, run.watch, seed)
     if other is not None:

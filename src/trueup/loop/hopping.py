@@ -6,13 +6,10 @@ Basin hopping, D. J. Wales and J. P. K. Doye, J. Physical Chemistry A 101(28), 1
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from trueup.loop.descent import Descent, Fit, Watch, explained, last_look
+from trueup.loop.descent import Fit, descended, explained
 from trueup.loop.problem import Problem
-from trueup.search.robust import robust_losses, robust_weights
 
 _NOISE = 1.15  # mean square of the residuals, in noise units, up to which nothing better is to be hoped for
 _HOP = 0.05  # of the box, in every direction
@@ -34,12 +31,3 @@ def hopped(problem: Problem, fit: Fit, rng: np.random.Generator, robust: float =
         lower = descended(problem, fit, fit.unit + _HOP * rng.standard_normal(len(fit.unit)), robust)
         fit = lower if lower.loss < _LOWER * fit.loss else fit
     return fit
-
-
-def descended(problem: Problem, fit: Fit, start: np.ndarray, robust: float) -> Fit:
-    """Where slopes lead from `start` (n_free,), judged by the same measure as `fit`: its loss may be higher."""
-    run, look = Descent(fit.space, np.clip(start, 0.0, 1.0), Watch(), robust), last_look(problem, problem)
-    run.descend(look)
-    found = run.finished(look)
-    loss = float(robust_losses(found.residual[None], fit.bend)[0])
-    return replace(found, bend=fit.bend, loss=loss, weights=robust_weights(found.residual, fit.bend), near=None)

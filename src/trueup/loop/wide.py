@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.loop.descent import Fit
-from trueup.loop.hopping import descended
+from trueup.loop.descent import Fit, descended
 from trueup.loop.problem import Problem
 from trueup.search.filtering import ImplicitFiltering
 from trueup.search.robust import robust_weights
@@ -19,7 +18,7 @@ Array = NDArray[np.float64]
 _ROUGH = 0.15  # share of a wide difference that slopes at the optimum do not explain; smooth problems stay below 0.05
 _LOOKS = (8.0, 32.0)  # standard deviations
 _PAIRS = 3  # at each
-_ROUNDS = 3
+_ROUNDS = 3  # of looking wide and going down from there
 _GAIN = 0.01  # share of the loss: for less it is not searched again from a lower place
 _GROSS = 10.0  # noise units of the residuals' rms beyond which the model is wrong by far more than stairs could explain
 

@@ -32,12 +32,11 @@ def profiles(model: Model, recordings: Sequence[Recording]) -> tuple[dict[str, f
     """
     speed: dict[str, float] = {}
     acceleration: dict[str, float] = {}
-    driven, names = model.actuator_of_joint(), model.names("actuator")
-    for joint, actuator in driven.items():
+    for joint, actuator in model.actuator_of_joint().items():
         if not model.is_position_servo(actuator):
             continue
-        found = [step for r in recordings for step in steps(r, joint, names[actuator])]
-        law = _law(np.array(found)) if len(found) >= _FEWEST else None
+        found = _steps(model, recordings, joint)
+        law = _law(found) if len(found) >= _FEWEST else None
         if law is None or law[0] >= _SAME_ACCELERATION:
             continue
         _, fastest, steepest = law
@@ -50,9 +49,17 @@ def profiles(model: Model, recordings: Sequence[Recording]) -> tuple[dict[str, f
 
 def accelerations(model: Model, recordings: Sequence[Recording], joint: str) -> Array:
     """(n,) acceleration in rad/s2 (m/s2) of each step of a joint's command, were it half speeding up, half slowing down."""
+    return _acceleration(*_steps(model, recordings, joint).T)
+
+
+def _acceleration(size: Array, speed: Array) -> Array:
+    return (speed / _TRIANGLE) ** 2 / size
+
+
+def _steps(model: Model, recordings: Sequence[Recording], joint: str) -> Array:
+    """(n, 2) size and speed of the steps of a joint's command in all recordings."""
     actuator = model.names("actuator")[model.actuator_of_joint()[joint]]
-    found = [step for r in recordings for step in steps(r, joint, actuator)]
-    return np.array([(speed / _TRIANGLE) ** 2 / size for size, speed in found])
+    return np.array([step for r in recordings for step in _steps_of(r, joint, actuator)]).reshape(-1, 2)
 
 
 def _law(found: Array) -> tuple[float, float, float] | None:
@@ -64,10 +71,10 @@ def _law(found: Array) -> tuple[float, float, float] | None:
     if np.std(np.log(speed) - level - exponent * np.log(size)) > _SCATTER:
         return None
     large = size >= np.median(size)
-    return float(exponent), float(np.median(speed[large])), float(np.median((speed / _TRIANGLE) ** 2 / size))
+    return float(exponent), float(np.median(speed[large])), float(np.median(_acceleration(size, speed)))
 
 
-def steps(recording: Recording, joint: str, actuator: str) -> Iterator[tuple[float, float]]:
+def _steps_of(recording: Recording, joint: str, actuator: str) -> Iterator[tuple[float, float]]:
     """Size and speed of each step of a joint's command that was held until the joint arrived."""
     command = command_of(recording)
     label = next((x for x in command.labels if x in (joint, actuator)), "") if command is not None else ""
