@@ -178,3 +178,21 @@ def test_a_recording_survives_a_trip_to_another_process() -> None:
     copy = pickle.loads(pickle.dumps(recording()))
     assert np.array_equal(copy.channel("position").values, channel().values)
     assert dict(copy.provenance) == {"source": "robot"}
+
+
+def test_a_heading_that_was_logged_between_minus_and_plus_pi_has_no_jumps_and_is_read_off_between_samples() -> None:
+    turning = np.linspace(3.0, -9.0, 60)
+    logged = np.angle(np.exp(1j * turning))
+    logged[7] = np.nan
+    heading = Channel("heading", ("heading",), "rad", np.arange(60.0), logged)
+    known = np.isfinite(logged)
+    np.testing.assert_allclose(heading.values[known, 0], turning[known], atol=1e-12)
+    between = heading.at(np.arange(8.0, 59.0) + 0.5)[:, 0]
+    np.testing.assert_allclose(between, 0.5 * (turning[8:-1] + turning[9:]), atol=1e-12)
+    assert heading.replace(labels=("yaw",)).values is heading.values  # whole already: copies share it
+
+
+def test_positions_of_joints_and_headings_in_degrees_are_kept_as_they_are() -> None:
+    values = np.array([[3.1], [-3.1], [3.1]])
+    for name, unit in (("position", "rad"), ("heading", "deg")):
+        np.testing.assert_array_equal(Channel(name, ("a",), unit, np.arange(3.0), values).values, values)

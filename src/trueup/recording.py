@@ -33,7 +33,7 @@ class Channel:
     time: Array
     """(T,) in s, strictly increasing, on the recording's clock."""
     values: Array
-    """(T, k) in `unit`, read-only; NaN is a missing sample."""
+    """(T, k) in `unit`, read-only; NaN is a missing sample. A 'heading' in rad is kept without jumps of a turn."""
     units: tuple[str, ...] = ()
     """One per label where they differ (hinges in rad, slides in m): `unit` is then that of the most; () where they do not."""
 
@@ -48,6 +48,8 @@ class Channel:
         object.__setattr__(self, "values", values)
         self._check_shapes()
         self._check_time()
+        if self.name == "heading" and self.unit == "rad":
+            object.__setattr__(self, "values", _unwound(values))
 
     def column(self, label: str) -> Array:
         """(T,) the samples of one label. Raises UnknownNameError, which lists the labels."""
@@ -280,3 +282,15 @@ def _frozen(values: ArrayLike, what: str) -> Array:
         raise RecordingError(f"{what} are not numbers: {error}") from None
     array.flags.writeable = False
     return array
+
+
+def _unwound(angles: Array) -> Array:
+    """(T, k) angles without jumps of a turn, missing samples aside: half way between pi and -pi lies no heading of zero."""
+    values = angles.copy()
+    for column in values.T:
+        known = np.isfinite(column)
+        column[known] = np.unwrap(column[known])
+    if np.array_equal(values, angles, equal_nan=True):
+        return angles
+    values.flags.writeable = False
+    return values

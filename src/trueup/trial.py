@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import RecordingError
+from trueup.parameters import Parameter
 from trueup.recording import Channel, Recording, is_command
 
 Array = NDArray[np.float64]
@@ -77,6 +78,10 @@ class Trial:
     """What the controller on the robot is to be set to (gains), by the names and in the units of the task's parameters."""
     references: Mapping[str, Reference] = field(default_factory=dict)
     """Tables that the controller on the robot follows, by name ('path')."""
+    tuned: tuple[Parameter, ...] = ()
+    """What `settings` are values of: their units and what they mean."""
+    notes: tuple[str, ...] = ()
+    """What whoever performs it must know besides: frames, signs, what counts as its end."""
 
     @classmethod
     def of(cls, recording: Recording, channels: Sequence[str] | None = None) -> Trial:

@@ -125,3 +125,18 @@ def test_pulses_and_places_are_no_suspicious_angles(tmp_path: Path) -> None:
     shown = [t, 1500 + 400 * throttle, 1500 - 400 * steering, 100 + x, y, heading]
     np.savetxt(tmp_path / "drive.csv", np.column_stack(shown), delimiter=",", header=names, comments="", fmt="%.4f")
     assert not [said for said in inspect(read([tmp_path / "drive.csv"])[0]).findings() if "degrees" in said]
+
+
+def test_angles_whose_unit_nobody_says_are_degrees_where_their_numbers_can_be_nothing_else(tmp_path: Path) -> None:
+    t, _, steering, x, y, heading, speed = drive()
+    heading = heading + 0.3 * t  # round and round, as a compass shows it
+    compass = (np.degrees(heading) + 180.0) % 360.0 - 180.0
+    path = tmp_path / "drive.csv"
+    for wheels in (np.degrees(steering), steering):
+        shown = np.column_stack([t, x, y, compass, speed, speed, wheels])
+        np.savetxt(path, shown, delimiter=",", header="t,x,y,theta,v,v_cmd,steer", comments="", fmt="%.7f")
+        recording = read([path])[0]
+        assert recording.channel("command").column("steering") == pytest.approx(steering, abs=2e-6)
+        assert recording.channel("heading").column("heading") == pytest.approx(heading, abs=2e-6)
+        said = [g for g in recording.provenance["guesses"].splitlines() if "degrees" in g]
+        assert len(said) == 1 + (wheels is not steering)

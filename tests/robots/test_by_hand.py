@@ -6,6 +6,7 @@ from __future__ import annotations
 import shutil
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.errors import RobotFellError, TrialAbortedError
+from trueup.parameters import Parameter
 from trueup.recording import Channel
 from trueup.robots.by_hand import ByHand
 from trueup.trial import Limits, Observed, Reference, Trial
@@ -44,7 +46,8 @@ def drive(name: str, gain: float) -> Trial:
     path = Reference(("x", "y"), ("m", "m"), np.stack([np.linspace(0, 8, 400), np.sin(np.linspace(0, 8, 400))], axis=1))
     return Trial(
         name, 0.0, DURATION, None, {"position": Observed(("x", "y"), "m", TIME)}, settings={"k": gain},
-        references={"path": path},
+        references={"path": path}, tuned=(Parameter("k", "1/s", 1.0, 0.1, 5.0, source="cross-track gain"),),
+        notes=("Left is positive.",),
     )  # fmt: skip
 
 
@@ -99,12 +102,25 @@ def bench(tmp_path: Path) -> Bench:
 def test_the_sheet_says_all_that_an_operator_needs(bench: Bench) -> None:
     bench.robot.hand_out([trial(), drive("trial-002", 2.5)])
     sheet = (bench.folder / "outbox" / "trial-001" / "README.txt").read_text()
-    for word in ("8 s", "hip", "knee", "ankle", "rad", "command.csv", "speed 4", "-1 to 1", "trial-001-aborted.txt"):
+    for word in (
+        "8 s",
+        "hip",
+        "knee",
+        "ankle",
+        "rad",
+        "command.csv",
+        "speed 4 rad/s",
+        "-1 to 1 rad",
+        "trial-001-aborted.txt",
+    ):
         assert word in sheet
     command = np.loadtxt(bench.folder / "outbox" / "trial-001" / "command.csv", delimiter=",", skiprows=1)
     np.testing.assert_allclose(command[:, 1:], motion(), atol=1e-8)
     second = bench.folder / "outbox" / "trial-002"
-    assert "k,2.5" in (second / "settings.csv").read_text()
+    assert "k,2.5,1/s" in (second / "settings.csv").read_text()
+    read = (second / "README.txt").read_text()
+    for word in ("2.5 1/s", "(cross-track gain)", "x              0 to 8 m", "sets no limits", "Left is positive."):
+        assert word in read
     assert len((second / "path.csv").read_text().splitlines()) == 401
 
 
@@ -359,3 +375,52 @@ def test_a_folder_with_its_own_mapping_and_note_is_one_log(bench: Bench) -> None
     assert recording.provenance["note"] == "windy"
     shutil.rmtree(bench.inbox)
     assert len(bench.again().perform(trial())) == 1
+
+
+def car_log(heading: float = 1.0, turned: float = 0.0, steering: float = 1.0) -> tuple[Trial, str]:
+    """A car on its path, logged by log-header.csv, with a heading and a steering in other units or from another zero."""
+    run = drive("trial-001", 1.0)
+    observed = {
+        **run.observed, "heading": Observed(("heading",), "rad", TIME),
+        "command": Observed(("speed", "steering"), "", TIME),
+    }  # fmt: skip
+    x = np.linspace(0.0, 8.0, len(TIME))
+    shown = np.stack([TIME, x, np.sin(x), turned + heading * np.arctan(np.cos(x)), 1.0 + 0 * x, steering * np.cos(x)])
+    head = "time,position/x,position/y,heading/heading,command/speed,command/steering\n"
+    return replace(run, observed=observed), head + "".join(",".join(f"{v:.5f}" for v in row) + "\n" for row in shown.T)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"heading": 57.2958}, ("heading in degrees (unit)", "mapping.toml")),
+        ({"heading": -1.0, "turned": np.pi / 2}, ("counted from north",)),
+        ({"turned": 1.3}, ("from another zero",)),
+        ({"steering": 20.0}, ("steering reaches 20 rad", "in degrees")),
+    ],
+    ids=["degrees", "compass", "another zero", "steering in degrees"],
+)
+def test_angles_of_a_car_that_cannot_be_are_named(
+    bench: Bench, changes: dict[str, float], words: tuple[str, ...]
+) -> None:
+    wanted, right = car_log()
+    bench.robot.hand_out([wanted])
+    bench.drop("trial-001.csv", car_log(**changes)[1])
+    said = bench.look()
+    for word in words:
+        assert word in said
+    assert not bench.outcome()
+    bench.drop("trial-001.csv", right)
+    assert len(bench.robot.perform(wanted)) == 1
+
+
+def test_the_operator_is_told_what_is_left_and_how_a_log_was_understood(bench: Bench) -> None:
+    bench.robot.hand_out([trial(f"trial-00{k}") for k in (1, 2, 3, 4)])
+    assert "trial-001 ... 004" in "\n".join(bench.said)
+    bench.drop("trial-002.csv", log_text(seed=2))
+    assert "still to run: trial-001, trial-003, trial-004" in bench.look()
+    bench.drop("trial-001.csv", log_text(seed=1))
+    said = bench.look()
+    assert "still to run: trial-003, trial-004" in said
+    assert said.count("it was read so: ") == 1
+    assert "taken as rad" in said

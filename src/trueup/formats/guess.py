@@ -70,10 +70,10 @@ def guess(tables: Sequence[Table]) -> ChannelMap:
     }
     channels, notes = _with_units(channels, groups)
     said = [*_notes(channels, groups), *notes]
-    named, more = as_vehicle(channels)
+    named, more = as_vehicle(channels, tables)
     if more:
-        made = {note.split(":")[0] for note in more} | {"command"}
-        said = [note for note in said if note.split(":")[0] in set(named) - made]
+        made = set(named) - {note.split(":")[0] for note in more} - {"command"}
+        said = [note for note in said if note.split(":")[0] in made]
         named = dict(sorted(named.items(), key=lambda item: _order(item[0])))
     else:
         cells = {name: {m.name: m.table.columns[m.name] for m in group} for name, group in groups.items()}

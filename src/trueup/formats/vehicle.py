@@ -3,10 +3,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
 
 from trueup.formats.mapping import ChannelColumns
+from trueup.formats.table import Table
 from trueup.formats.vehicle_words import Said, said
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
@@ -23,6 +28,13 @@ _POSE_TOGETHER = frozenset(
     {"odom", "odometry", "vicon", "mocap", "optitrack", "pf", "gps", "gnss", "slam", "amcl", "pose"}
 )
 
+_DEGREE = math.pi / 180.0
+_MANY_TURNS = 50.0  # rad: a heading beyond is in degrees
+_FULL_LOCK = (1.6, 91.0)  # no wheel is steered beyond the first in rad, or beyond the second in degrees
+
+Numbers = Mapping[tuple[str, str], NDArray[np.float64]]
+"""(file or topic, column) -> its numbers."""
+
 
 @dataclass(frozen=True)
 class _Signal:
@@ -34,17 +46,19 @@ class _Signal:
     said: Said
 
 
-def as_vehicle(channels: Mapping[str, ChannelColumns]) -> tuple[dict[str, ChannelColumns], list[str]]:
+def as_vehicle(
+    channels: Mapping[str, ChannelColumns], tables: Sequence[Table] = ()
+) -> tuple[dict[str, ChannelColumns], list[str]]:
     """The channels with a vehicle's names (command, position, heading, speed, yaw_rate), and notes; unchanged for others.
 
     A vehicle is what is commanded by throttle, or speed, and steering, or, where nothing else has a position, by speed and
-    turn rate.
+    turn rate. Angles whose unit nobody says are degrees where their numbers in `tables` can be nothing else.
     """
     signals = _signals(channels)
     command = _command(signals, channels)
     if not command:
         return dict(channels), []
-    taken, notes = _Taken(dict(channels)), list[str]()
+    taken, notes = _Taken(dict(channels), _numbers(tables)), list[str]()
     if len({_clock(s.entry) for s in command.values()}) == 1:
         notes += taken.together("command", command)
     else:  # topics of their own: each keeps its time
@@ -59,6 +73,10 @@ def as_vehicle(channels: Mapping[str, ChannelColumns]) -> tuple[dict[str, Channe
         found = _best([s for s in rest if s.said.kind == name and not s.said.commanded and s not in place.values()])
         notes += taken.together(name, {name: found}) if found else []
     return taken.channels, notes
+
+
+def _numbers(tables: Sequence[Table]) -> Numbers:
+    return {(t.name if len(tables) > 1 else "", name): v for t in tables for name, v in t.columns.items()}
 
 
 def _signals(channels: Mapping[str, ChannelColumns]) -> list[_Signal]:
@@ -144,13 +162,15 @@ class _Taken:
     """Channels from which columns are taken and put together anew."""
 
     channels: dict[str, ChannelColumns]
+    numbers: Numbers = field(default_factory=dict)
 
     def together(self, name: str, signals: Mapping[str, _Signal]) -> list[str]:
         """Makes channel `name` of signals by label; says what they were taken for, unless they were that already."""
         before = self.channels.get(name)
         own = next(iter(signals))
         usual = "" if name.startswith("command") else _UNIT.get(own, "")
-        scale = tuple(_scale(s, usual) for s in signals.values())
+        degrees = [label for label, s in signals.items() if self._in_degrees(label, s, signals)]
+        scale = tuple(_DEGREE if label in degrees else _scale(s, usual) for label, s in signals.items())
         for signal in signals.values():
             self._without(signal)
         kept = self.channels.pop(name, None)
@@ -169,7 +189,24 @@ class _Taken:
             return []
         listed = " and ".join(s.column for s in signals.values())
         more = ", growing to the left" if name == "heading" else ""
-        return [f"{name}: {listed} taken as {', '.join(signals)}" + (f" in {usual}{more}" if usual else "")]
+        more += (
+            f"; the numbers of {' and '.join(signals[label].column for label in degrees)} are degrees"
+            if degrees
+            else ""
+        )
+        return [f"{name}: {listed} taken as {', '.join(signals)}" + (f" in {usual}{more}" if usual else more)]
+
+    def _in_degrees(self, label: str, signal: _Signal, beside: Mapping[str, _Signal]) -> bool:
+        """Whether an angle that has no unit, by name or by declaration, has numbers that only degrees have."""
+        values = self.numbers.get((signal.entry.file, signal.column))
+        told = signal.said.unit or signal.said.factor != 1.0 or signal.entry.unit
+        if values is None or told or not np.isfinite(values).any():
+            return False
+        known = values[np.isfinite(values)]
+        largest, jump = float(np.abs(known).max()), float(np.abs(np.diff(known)).max(initial=0.0))
+        if label == "heading":
+            return largest > _MANY_TURNS or (largest <= 361.0 and 300.0 < jump < 400.0)
+        return label == "steering" and "speed" in beside and _FULL_LOCK[0] < largest < _FULL_LOCK[1]
 
     def _without(self, signal: _Signal) -> None:
         """Takes a column out of the channel that holds it now, which may have got another name meanwhile."""

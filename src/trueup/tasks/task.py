@@ -76,7 +76,8 @@ def robot_trials(task: Task, candidate: Array, label: str = "") -> tuple[Trial, 
     """
     settings = dict(zip(task.parameters.names, (float(v) for v in candidate), strict=True))
     trials = task.planned(candidate) if isinstance(task, Plans) else task.trials
-    return tuple(dataclasses.replace(t, name=t.name + label, settings=settings) for t in trials)
+    tuned = task.parameters.parameters
+    return tuple(dataclasses.replace(t, name=t.name + label, settings=settings, tuned=tuned) for t in trials)
 
 
 def robot_scores(task: Task, recordings: Sequence[Sequence[Recording]]) -> Array:

@@ -57,11 +57,19 @@ class StanleySettings:
         )
 
 
-def gain_space(names: tuple[str, ...] = GAINS, **nominal: float) -> ParameterSpace:
-    """The parameters `names` of the controller, with other nominal values where given. Raises UnknownNameError."""
+def gain_space(
+    names: tuple[str, ...] = GAINS, edges: tuple[float, float] = (0.5, 0.8), **nominal: float
+) -> ParameterSpace:
+    """The parameters `names` of the controller, whose gain changes at the speeds `edges` in m/s, with other nominal values
+    where given. Raises UnknownNameError.
+    """
     everything = ParameterSpace(_OPTIONS)
+    low, high = (f"{edge:.4g}" for edge in edges)
+    ranges = {"k1": f"below {low}", "k2": f"from {low} to {high}", "k3": f"above {high}"}
+    means = {k: f"cross-track gain {speeds} m/s" for k, speeds in ranges.items()}
     return ParameterSpace(tuple(
-        p.replace(nominal=float(nominal.get(p.name, p.nominal))) for p in (everything[name] for name in names)
+        p.replace(nominal=float(nominal.get(p.name, p.nominal)), source=means.get(p.name, p.source))
+        for p in (everything[name] for name in names)
     ))  # fmt: skip
 
 

@@ -22,6 +22,8 @@ _COMPLETE, _ARRIVED = (
 _TOO_LONG = 1.6
 _SAME_COMMAND = 0.15  # root mean square difference from what was asked, as a share of its spread
 _ASTRAY = 0.25  # median distance from the path, as a share of its extent
+_FULL_LOCK = 1.6  # rad: no wheel is steered further
+_AWRY = 0.7  # rad, median angle between where a vehicle points and where it goes
 
 
 def mismatches(trial: Trial, recording: Recording) -> list[str]:
@@ -32,7 +34,7 @@ def mismatches(trial: Trial, recording: Recording) -> list[str]:
     found = _lasts(trial, recording)
     if found:
         return found
-    return _commands(trial, recording) + _follows(trial, recording)
+    return _commands(trial, recording) + _follows(trial, recording) + _steers(trial, recording)
 
 
 def _channels(trial: Trial, recording: Recording) -> list[str]:
@@ -195,6 +197,55 @@ def _follows(trial: Trial, recording: Recording) -> list[str]:
     ratio = float(np.ptp(driven, axis=0).max()) / max(extent, 1e-9)
     unit = " (its extent is about a thousand times the path's: in mm?)" if 300 < ratio < 3000 else ""
     return [f"its positions lie {np.median(away):.3g} m from the path{unit}: another run, frame or unit?"]
+
+
+def _steers(trial: Trial, recording: Recording) -> list[str]:
+    """Angles of a vehicle are in rad, and it goes where it points: a heading in degrees still has the right shape."""
+    asked = trial.observed.get("command")
+    if asked is None or "steering" not in asked.labels:
+        return []
+    found = []
+    largest = float(np.nanmax(np.abs(recording.channel("command").column("steering"))))
+    if largest > _FULL_LOCK:
+        found.append(
+            f"its steering reaches {largest:.3g} rad: in degrees? say in mapping.toml, [channels.command], what one of its "
+            "numbers is (scale, one for each label; a degree is 0.01745)"
+        )
+    if {"position", "heading"} <= set(trial.observed):
+        found += _points(recording)
+    return found
+
+
+def _points(recording: Recording) -> list[str]:
+    position, heading = recording.channel("position"), recording.channel("heading")
+    place = position.select(("x", "y")).values
+    known = np.isfinite(place).all(axis=1)
+    time, place = position.time[known], place[known]
+    gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
+    if len(time) < 2 or gone[-1] <= 0.0:
+        return []
+    legs = np.interp(
+        np.linspace(0.0, gone[-1], 41), gone + 1e-9 * np.arange(len(gone)), time
+    )  # a fortieth of the way each
+    ends = np.stack([np.interp(legs, time, column) for column in place.T], axis=1)
+    way = np.arctan2(*np.diff(ends, axis=0).T[::-1])
+    shown = heading.at(0.5 * (legs[1:] + legs[:-1]))[:, 0]
+    if _off(shown - way) <= _AWRY:
+        return []
+    others = {"in degrees (unit)": np.radians(shown), "growing to the right (sign = -1)": -shown,
+              "counted from north (sign = -1, offset = -1.5708)": np.pi / 2 - shown}  # fmt: skip
+    better = [words for words, angle in others.items() if _off(angle - way) < 0.5 * _AWRY]
+    mend = better[0] if better else "in degrees (unit), growing to the right (sign = -1) or from another zero (offset)"
+    return [
+        f"it does not go where its heading points ({_off(shown - way):.2g} rad off in the median): is the heading {mend}? "
+        "say it in mapping.toml, [channels.heading]"
+    ]
+
+
+def _off(angles: Array) -> float:
+    """Median size of angles, whole turns aside; 0 without any."""
+    known = angles[np.isfinite(angles)]
+    return float(np.median(np.abs(np.angle(np.exp(1j * known))))) if len(known) else 0.0
 
 
 def _correlation(a: Array, b: Array) -> float:

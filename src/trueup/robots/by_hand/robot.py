@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -47,6 +48,7 @@ class ByHand:
         self._watch = Inbox(self._inbox, rest)
         self._accepted = Accepted(folder / "accepted")
         self._trials: dict[str, Trial] = {}
+        self._told: set[str] = set()
         self._judged: dict[str, tuple[object, tuple[Trial, Recording, bool] | str]] = {}
 
     @property
@@ -64,9 +66,8 @@ class ByHand:
             if self._accepted.outcome(trial.name) is None:
                 waiting.append(write_sheet(trial, self._outbox, self._inbox).name)
         if waiting:
-            names = waiting[0] if len(waiting) == 1 else f"{waiting[0]} ... {waiting[-1].rpartition('-')[2]}"
             logs = "log" if len(waiting) == 1 else "logs"
-            self._say(f"run {self._outbox / names} on the robot, then put the {logs} into {self._inbox}/")
+            self._say(f"run {self._outbox / _listed(waiting)} on the robot, then put the {logs} into {self._inbox}/")
             self._say("waiting ... (Ctrl-C is fine: `trueup resume` goes on from here, next week if need be)")
 
     def perform(self, trial: Trial) -> list[Recording]:
@@ -87,6 +88,7 @@ class ByHand:
 
     def look(self) -> None:
         """Looks once at the inbox: takes what fits, says what does not."""
+        before = len(self._waiting())
         self._finish_interrupted()
         items = self._watch.rested()
         problems: dict[str, str] = {}
@@ -114,6 +116,9 @@ class ByHand:
         for name, found in fitting.items():
             problems |= self._take(self._trials[name], found)
         self._tell(problems, {i.path.name for i in items})
+        left = [t.name for t in self._waiting()]
+        if left and len(left) < before:
+            self._say(f"still to run: {_listed(left)}")
 
     def _finish_interrupted(self) -> None:
         """Settles trials whose last log was moved in right before an interruption."""
@@ -208,10 +213,22 @@ class ByHand:
             mapping = None if named else item.mapping(self._inbox) or self._mapping
             self._accepted.take(trial.name, item.path, mapping, named, _checksum(recording), item.note)
             self._say(f"{trial.name}: {item.path.name} accepted, {recording.duration:.1f} s, matches the request")
+            self._tell_guesses(recording)
             have += 1
         if have == trial.repeats:
             self._finish(trial)
         return {}
+
+    def _tell_guesses(self, recording: Recording) -> None:
+        """How a log without a mapping was understood, once: an operator sees at a glance what is not so."""
+        guesses = recording.provenance.get("guesses", "")
+        kind = re.sub(r"[\d.]+", "", guesses)  # the next log's largest value is another, its columns are the same
+        if guesses and kind not in self._told:
+            self._told.add(kind)
+            lines = "; ".join(guesses.splitlines())
+            self._say(
+                f"  as no mapping says, it was read so: {lines}. A wrong guess? Stop, and name a mapping in the plan"
+            )
 
     def _read(self, log: Path | list[Path], mapping: Path | None, trial: Trial) -> tuple[list[Recording], bool]:
         """The recordings in a log; by the names of log-header.csv where it has these and no mapping says otherwise."""
@@ -243,6 +260,14 @@ class ByHand:
         if text != known:
             with written_aside(path) as temporary:
                 temporary.write_text(text, encoding="utf-8")
+
+
+def _listed(names: Sequence[str]) -> str:
+    """'trial-002 ... 005' for a series, all names elsewhere."""
+    numbers = [int(n.rpartition("-")[2]) for n in names]
+    if len(names) > 2 and numbers == list(range(numbers[0], numbers[0] + len(numbers))):
+        return f"{names[0]} ... {names[-1].rpartition('-')[2]}"
+    return ", ".join(names)
 
 
 def _completed(trial: Trial, recording: Recording) -> Recording:

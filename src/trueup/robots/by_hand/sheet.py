@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from trueup.errors import OutputError
 from trueup.formats import ChannelColumns, ChannelMap, TimeColumn
-from trueup.trial import Limits, Trial
+from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
@@ -33,7 +33,9 @@ def write_sheet(trial: Trial, outbox: Path, inbox: Path) -> Path:
         shutil.rmtree(aside, ignore_errors=True)  # our own unfinished one
         aside.mkdir(parents=True)
         if trial.settings:
-            _csv(aside / "settings.csv", ("name", "value"), [(k, repr(float(v))) for k, v in trial.settings.items()])
+            units = {p.name: p.unit for p in trial.tuned}
+            rows = [(k, repr(float(v)), units.get(k, "")) for k, v in trial.settings.items()]
+            _csv(aside / "settings.csv", ("name", "value", "unit"), rows)
         if trial.command is not None:
             c = trial.command
             head = ("time_s", *(f"{label} [{c.unit}]" for label in c.labels))
@@ -73,8 +75,8 @@ def words(trial: Trial, inbox: Path) -> str:
     if trial.repeats > 1:
         lines[0] = f"{trial.name}: run this {trial.repeats} times, then put the {trial.repeats} logs into {inbox}/"
     lines += _to_set(trial)
-    lines += [f"The run lasts {trial.duration:.4g} s. Start the log when it starts.", ""]
-    lines += _limits(trial.limits)
+    lines += [f"The run lasts {trial.duration:.4g} s. Start the log when it starts.", *trial.notes, ""]
+    lines += _limits(trial)
     lines += ["Record, with the time of each sample in s:"]
     for channel, o in trial.observed.items():
         rate = (len(o.time) - 1) / (o.time[-1] - o.time[0]) if len(o.time) > 1 else math.nan
@@ -96,7 +98,13 @@ def _to_set(trial: Trial) -> list[str]:
     if trial.settings:
         width = max(map(len, trial.settings))
         lines += ["Set the controller to (settings.csv):"]
-        lines += [f"  {name:{width}}  {value:.6g}" for name, value in trial.settings.items()] + [""]
+        known = {p.name: p for p in trial.tuned}
+        for name, value in trial.settings.items():
+            unit = known[name].unit if name in known else ""
+            means = f"({known[name].source})" if name in known and known[name].source else ""
+            shown = f"{value:.6g} {'' if unit == '1' else unit}"
+            lines.append(f"  {name:{width}}  {shown:16} {means}".rstrip())
+        lines.append("")
     if trial.command is not None:
         c = trial.command
         lines += [
@@ -109,26 +117,49 @@ def _to_set(trial: Trial) -> list[str]:
         lines.append("")
     for name, r in trial.references.items():
         columns = ", ".join(f"{label} [{unit}]" for label, unit in zip(r.labels, r.units, strict=True))
-        lines += [f"Follow {name}.csv: {len(r.values)} rows of {columns}.", ""]
+        lines += [f"Follow {name}.csv: {len(r.values)} rows of {columns}."]
+        lines += [
+            f"  {label:14} {low:.4g} to {high:.4g} {unit}"
+            for label, unit, low, high in zip(
+                r.labels, r.units, r.values.min(axis=0), r.values.max(axis=0), strict=True
+            )
+        ] + [""]
     for name, channel in trial.initial.items():
         at = ", ".join(f"{label} {v:.4g}" for label, v in zip(channel.labels, channel.values[0], strict=True))
         lines.append(f"Start with {name}: {at} {channel.unit}")
     return [*lines, ""] if trial.initial else lines
 
 
-def _limits(limits: Limits | None) -> list[str]:
+def _limits(trial: Trial) -> list[str]:
+    limits = trial.limits
     if limits is None:
-        return []
+        return ["The plan sets no limits ([limits]): stop the run whenever you would.", ""]
     lines = ["Stop the run if it goes beyond:"]
     for k, label in enumerate(limits.labels):
-        parts = []
-        if np.isfinite([limits.lower[k], limits.upper[k]]).any():
-            parts.append(f"{limits.lower[k]:.4g} to {limits.upper[k]:.4g}")
-        parts += [f"speed {limits.speed[k]:.4g}"] if np.isfinite(limits.speed[k]) else []
-        parts += [f"effort {limits.effort[k]:.4g}"] if np.isfinite(limits.effort[k]) else []
+        unit = _unit_of(trial, label)
+        low, high, speed, effort = limits.lower[k], limits.upper[k], limits.speed[k], limits.effort[k]
+        parts = [_range(low, high, unit)] if np.isfinite([low, high]).any() else []
+        parts += [f"speed {speed:.4g}" + (f" {unit}/s" if unit else "")] if np.isfinite(speed) else []
+        parts += [f"effort {effort:.4g} {'N' if unit == 'm' else 'N m'}"] if np.isfinite(effort) else []
         lines.append(f"  {label:14} {', '.join(parts)}")
-    lines += [f"  {label:14} {low:.4g} to {high:.4g}" for label, (low, high) in limits.workspace.items()]
+    for label, (low, high) in limits.workspace.items():
+        lines.append(f"  {label:14} {_range(low, high, _unit_of(trial, label))}")
     return [*lines, ""]
+
+
+def _range(low: float, high: float, unit: str) -> str:
+    if np.isfinite(low) and np.isfinite(high):
+        return f"{low:.4g} to {high:.4g} {unit}".rstrip()
+    return (f"at least {low:.4g} {unit}" if np.isfinite(low) else f"at most {high:.4g} {unit}").rstrip()
+
+
+def _unit_of(trial: Trial, label: str) -> str:
+    """The unit that a label has in what is commanded, measured or followed; '' where nobody says."""
+    units = {x: unit for r in trial.references.values() for x, unit in zip(r.labels, r.units, strict=True)}
+    units |= {x: o.unit for o in trial.observed.values() if o.unit in ("rad", "m") for x in o.labels}
+    if trial.command is not None:
+        units |= {x: trial.command.unit_of(x) for x in trial.command.labels}
+    return units.get(label, "")
 
 
 def _plain(trial: Trial) -> dict[str, object]:
