@@ -7,6 +7,7 @@ import io
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -14,9 +15,9 @@ import pytest
 from rich.console import Console
 
 from trueup.campaign.campaign import Campaign
-from trueup.campaign.events import Event, Scored, TrialDone
+from trueup.campaign.events import Begun, Event, Scored, TrialDone, Validated
 from trueup.campaign.folder import Folder
-from trueup.campaign.history import History
+from trueup.campaign.history import History, astray
 from trueup.campaign.journal import Journal, read_journal
 from trueup.campaign.plan import Plan, read_plan
 from trueup.campaign.resolve import parts_of
@@ -96,3 +97,29 @@ def test_a_fall_and_a_note_are_told_and_no_text_becomes_markup(told: tuple[tuple
     assert "<script>" not in text
     assert "&amp; into the wall" in text
     assert ">fell<" in text
+
+
+def test_scores_and_settings_carry_their_units(told: tuple[tuple[Event, ...], Plan, Path]) -> None:
+    events, plan, _ = told
+    begun = events[0]
+    assert isinstance(begun, Begun)
+    assert set(begun.units) == {"proportional", "feed forward"}
+    history = History.of([replace(begun, unit="mm", units={"proportional": "1/s"}), *events[1:]])
+    shown = io.StringIO()
+    show_status(history, plan, Console(file=shown, width=200))
+    settings, score = history.best
+    assert f"best on the robot: {score:.4g} mm" in shown.getvalue()
+    assert f"proportional = {settings['proportional']:.5g} 1/s" in shown.getvalue()
+    text = campaign_html(history, plan, times={})
+    assert "on the robot, mm" in text
+    assert "proportional, 1/s" in text
+
+
+def test_a_robot_far_from_every_expectation_is_pointed_at(told: tuple[tuple[Event, ...], Plan, Path]) -> None:
+    events, plan, _ = told
+    seen = [e for e in events if isinstance(e, Validated)]
+    assert [astray(e) for e in seen] == [""] * len(seen)  # a calibrated toy is foretold well
+    far = replace(seen[0], measured=tuple(0.2 * x for x in seen[0].predicted))
+    assert "only 20 % of what was expected" in astray(far)
+    text = campaign_html(History.of([far if e is seen[0] else e for e in events]), plan, times={})
+    assert "do both runs begin alike" in text

@@ -13,7 +13,7 @@ from trueup.campaign.journal import JOURNAL, Journal, read_journal, read_times
 from trueup.errors import JournalError
 
 EVENTS: tuple[Event, ...] = (
-    Begun("abc", 3, "0.1"),
+    Begun("abc", 3, "0.1", "m", {"gain": "1/s"}),
     RoundBegun(1, (0.1 + 0.2, 1 / 3), 0.5),
     Generation(1, ((0.1, 1e-17), (2.0, 5e-324)), (1.5, math.nan), (1.0, math.nan), (0.5, math.nan)),
     TrialDone("trial-001", "done", ("trial-001.parquet",), ("ff",), "wind — 3 Bft"),

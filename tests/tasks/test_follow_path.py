@@ -6,13 +6,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from trueup.controllers.stanley import StanleySettings
 from trueup.errors import ParameterError, UnknownNameError
 from trueup.paths import Path
 from trueup.paths.courses import hairpin
 from trueup.recording import Channel, Recording
 from trueup.simulators.bicycle import BicycleSimulator, Vehicle, vehicle_space
 from trueup.tasks.follow_path import FollowPath
-from trueup.tasks.task import as_rollout, robot_scores, robot_trials, simulated_scores
+from trueup.tasks.task import as_rollout, robot_scores, robot_trials, simulated_scores, unit_of
 
 STRAIGHT = Path.from_points("straight", [[0.0, 0.0], [10.0, 0.0]], speed=0.5)
 
@@ -94,3 +95,14 @@ def test_no_path_rules_over_the_others() -> None:
     assert score(0.02, 0.2) == pytest.approx(np.sqrt(0.02 * 0.2), rel=1e-6)
     assert score(0.01, 0.2) == pytest.approx(score(0.02, 0.1), rel=1e-6)
     assert score(0.05, 0.05) == pytest.approx(0.05, rel=1e-6)
+
+
+def test_whoever_drives_is_told_the_frame_and_at_which_speeds_each_gain_acts() -> None:
+    task = FollowPath([STRAIGHT], StanleySettings(wheelbase=0.4, edges=(1.5, 3.0)), names=("k1", "k2", "lead"))
+    (trial,) = robot_trials(task, task.parameters.nominal)
+    assert [(p.name, p.unit, p.source) for p in trial.tuned][:2] == [
+        ("k1", "1/s", "cross-track gain below 1.5 m/s"), ("k2", "1/s", "cross-track gain from 1.5 to 3 m/s"),
+    ]  # fmt: skip
+    assert "rear axle" in " ".join(trial.notes)
+    assert "0.4 m" in " ".join(trial.notes)
+    assert unit_of(task) == "m"

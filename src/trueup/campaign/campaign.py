@@ -36,6 +36,7 @@ from trueup.loop.optimize import Optimum, TrustRegion, optimize
 from trueup.loop.plausible import plausible
 from trueup.loop.transfer import best_known, mean_score
 from trueup.parameters import ParameterSpace
+from trueup.tasks.task import Task, unit_of
 
 Array = NDArray[np.float64]
 E = TypeVar("E")
@@ -58,7 +59,7 @@ class Campaign:
         self._scores: list[Scored] = []
         self._belief: Belief | None = None
         self._expected: list[tuple[float, float]] = []
-        begun = self._once(Begun, lambda: Begun(checksum, plan.seed, version))
+        begun = self._once(Begun, lambda: _begun(checksum, plan.seed, version, parts.task))
         if begun.plan != checksum:
             raise JournalError(
                 f"{journal.folder}: this folder holds a campaign of another plan; name another with --out"
@@ -195,7 +196,8 @@ class Campaign:
     def _over(self, number: int, last: RoundEnded, stale: int) -> Ended | None:
         stop = self._plan.stop
         if last.score <= stop.success:
-            return Ended(f"success: {last.score:.4g} on the robot in round {number}", success=True)
+            unit = unit_of(self._parts.task)
+            return Ended(f"success: {f'{last.score:.4g} {unit}'.rstrip()} on the robot in round {number}", success=True)
         if stale >= stop.patience:
             return Ended(f"no improvement on the robot in {stale} rounds in a row", success=False)
         if self._room() < 1 + self._plan.transfer.incumbent:
@@ -223,6 +225,11 @@ class Campaign:
         event = self._journal.once(kind, make)
         self._listener.saw(event, fresh=fresh)  # type: ignore[arg-type]
         return event
+
+
+def _begun(checksum: str, seed: int, version: str, task: Task) -> Begun:
+    units = {p.name: "" if p.unit == "1" else p.unit for p in task.parameters.parameters}
+    return Begun(checksum, seed, version, unit_of(task), units)
 
 
 def _never() -> Generation:

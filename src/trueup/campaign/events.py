@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import MISSING, asdict, dataclass, field, fields
 from typing import Any
 
 from trueup.errors import JournalError
@@ -21,6 +21,10 @@ class Begun:
     """SHA-256 of the plan's text."""
     seed: int
     version: str
+    unit: str = ""
+    """Of the task's score."""
+    units: Mapping[str, str] = field(default_factory=dict)
+    """Of the task's parameters, by name."""
 
 
 @dataclass(frozen=True)
@@ -197,7 +201,8 @@ def from_plain(plain: Mapping[str, Any], where: str) -> Event:
     name = plain.get("event")
     kind = _KINDS.get(name) if isinstance(name, str) else None
     given = {k: v for k, v in plain.items() if k not in ("event", "number")}
-    if kind is None or {f.name for f in fields(kind)} != set(given):
+    known = {f.name: f.default is MISSING and f.default_factory is MISSING for f in fields(kind)} if kind else {}
+    if kind is None or not {n for n, needed in known.items() if needed} <= set(given) <= set(known):
         raise JournalError(f"{where}: '{name}' with {', '.join(given)} was written by another version of trueup")
     return kind(**{k: _with_nan(v) for k, v in given.items()})
 

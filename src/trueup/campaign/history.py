@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -136,6 +137,14 @@ class History:
         best = min(means, key=lambda u: means[u])
         return self.settings(best), means[best]
 
+    def score(self, value: float) -> str:
+        """A score with its unit."""
+        return f"{value:.4g} {self.begun.unit if self.begun else ''}".rstrip()
+
+    def setting(self, name: str, value: float) -> str:
+        """A setting with its unit."""
+        return f"{value:.5g} {self.begun.units.get(name, '') if self.begun else ''}".rstrip()
+
     def settings(self, unit: tuple[float, ...]) -> Mapping[str, float]:
         """The settings that a candidate was performed with; {} where it never was."""
         for r in self.rounds:
@@ -164,6 +173,24 @@ class History:
 
     def _trial(self, name: str) -> TrialStory:
         return next(t for t in reversed(self.rounds[-1].trials) if t.planned.trial == name)
+
+
+def astray(event: Validated) -> str:
+    """A sentence where the robot's scores are not near what was expected of any candidate; '' where they are.
+
+    A calibrated simulator may be wrong by some share. By more than a factor of two it mostly does not do the same run.
+    """
+    both = [(p, m) for p, m in zip(event.predicted, event.measured, strict=True) if p > 0.0 and m > 0.0]
+    if len(both) < 2:
+        return ""
+    ratio = statistics.median(m / p for p, m in both)
+    if 0.5 <= ratio <= 2.0:
+        return ""
+    words = f"{ratio:.2g} times" if ratio > 1.0 else f"only {100 * ratio:.2g} % of"
+    return (
+        f"the robot scored {words} what was expected: do both runs begin alike (the task's trials say with `initial` where), "
+        "end alike, and is the same observed?"
+    )
 
 
 def _mean(values: list[float]) -> float:

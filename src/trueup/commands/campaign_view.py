@@ -28,7 +28,7 @@ from trueup.campaign.events import (
     TrialStarted,
     Validated,
 )
-from trueup.campaign.history import History
+from trueup.campaign.history import History, astray
 from trueup.campaign.plan import Plan
 from trueup.commands.progress import Watcher
 from trueup.errors import TrialError
@@ -155,9 +155,11 @@ class CampaignView:
                     _line(head, "robot", f"{event.trial} {event.outcome}" + (f": {event.note}" if event.note else ""))
                 ]
             case Scored(step="experiment"):
-                return [_line(head, "experiment", f"settings {event.candidate + 1}: {_scores(event)} on the robot")]
+                return [
+                    _line(head, "experiment", f"settings {event.candidate + 1}: {self._scores(event)} on the robot")
+                ]
             case Scored(step="confirm"):
-                return [_line(head, "confirm", f"the best, once more: {_scores(event)} on the robot")]
+                return [_line(head, "confirm", f"the best, once more: {self._scores(event)} on the robot")]
             case Calibrated():
                 return [_line(head, "calibrate", line) for line in calibration_words(event)]
             case Chosen():
@@ -171,11 +173,17 @@ class CampaignView:
                 share = (
                     f" ({100 * (event.score / first - 1):+.0f} %)" if first > 0 and math.isfinite(event.score) else ""
                 )
-                words = f"{first:.4g} at first -> {event.score:.4g} on the robot{share}{self._left()}"
+                words = f"{first:.4g} at first -> {self.history.score(event.score)} on the robot{share}{self._left()}"
                 return [_line(head, "best so far", words)]
             case Ended():
                 return [f"[bold]{'[green]' if event.success else ''}{escape(event.reason)}[/]"]
         return []
+
+    def _scores(self, event: Scored) -> str:
+        known = [x for x in event.scores if math.isfinite(x)]
+        if not known:
+            return "fell" if event.fell else "no score"
+        return self.history.score(sum(known) / len(known)) + (f" (mean of {len(known)})" if len(known) > 1 else "")
 
     def _left(self) -> str:
         """About how long the rounds that are left will take, from those that this process has seen."""
@@ -189,14 +197,14 @@ class CampaignView:
         new = [p for k, p in enumerate(event.predicted) if k != event.incumbent]
         now = f", now {event.predicted[event.incumbent]:.4g}" if event.incumbent >= 0 else ""
         unsafe = f"; {event.unsafe} were beyond the limits" if event.unsafe else ""
-        best = f"best {min(new):.4g}{now}; " if new else ""
+        best = f"best {self.history.score(min(new))}{now}; " if new else ""
         return f"{tried} candidates simulated: {best}{len(new)} distinct ones go to the robot{unsafe}"
 
     def _transfer_words(self, event: Scored) -> str:
         picked = self.history.rounds[-1].chosen
         said = f"{picked.predicted[event.candidate]:.4g} expected, " if picked else ""
         which = "as before" if picked and event.candidate == picked.incumbent else f"candidate {event.candidate}"
-        return f"{which}: {said}{_scores(event)} on the robot"
+        return f"{which}: {said}{self._scores(event)} on the robot"
 
 
 def calibration_words(event: Calibrated) -> list[str]:
@@ -230,15 +238,8 @@ def validation_words(event: Validated) -> list[str]:
         lines.append(
             f"new recordings replayed to {event.replay_calibrated:.4g} {event.unit} (as shipped {event.replay_shipped:.4g})"
         )
-    return lines
+    return [*lines, *filter(None, [astray(event)])]
 
 
 def _line(head: str, step: str, words: str) -> str:
     return f"[dim]{head}[/]  [bold]{step:11}[/] {escape(words)}"
-
-
-def _scores(event: Scored) -> str:
-    known = [x for x in event.scores if math.isfinite(x)]
-    if not known:
-        return "fell" if event.fell else "no score"
-    return f"{sum(known) / len(known):.4g}" + (f" (mean of {len(known)})" if len(known) > 1 else "")

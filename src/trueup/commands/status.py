@@ -60,8 +60,11 @@ def show_status(history: History, plan: Plan, console: Console) -> None:
     if settings:
         first = history.first_score
         share = f", {100 * (1 - score / first):.1f} % less" if first > 0 and score < first else ""
-        console.print(f"best on the robot: {score:.4g} (at first {first:.4g}{share})", highlight=False)
-        console.print("  " + ", ".join(f"{escape(k)} = {v:.5g}" for k, v in settings.items()), highlight=False)
+        console.print(
+            f"best on the robot: {history.score(score)} (at first {history.score(first)}{share})", highlight=False
+        )
+        shown = ", ".join(f"{k} = {history.setting(k, v)}" for k, v in settings.items())
+        console.print(f"  {escape(shown)}", highlight=False, soft_wrap=True)
     if history.ended is not None:
         console.print(escape(history.ended.reason), highlight=False)
     elif history.waiting:

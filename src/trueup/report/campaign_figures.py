@@ -66,13 +66,14 @@ def parameter_figures(history: History) -> Markup:
     figures = []
     for name in names:
         rows = [(c.round, c.values[k], c.low[k], c.high[k], c.units[k]) for c in found for k in (c.names.index(name),)]
-        unit = "" if rows[0][4] == "1" else f", {rows[0][4]}"
-        plot = Plot(_round_range(history), span([x for row in rows for x in row[1:4]]), _ROUNDS,
-                    shortened(name, 30) + unit, width=420, height=210, x_marks=_round_numbers(history))  # fmt: skip
+        unit = "" if rows[0][4] in ("", "1", "-") else f", {rows[0][4]}"
+        plot = Plot(_round_range(history), span([x for row in rows for x in row[1:4]]), width=300, height=150,
+                    x_marks=_round_numbers(history))  # fmt: skip
         for r, value, low, high, _ in rows:
             plot.bar(r, low, high, AFTER)
             plot.dot((r, value), AFTER, title=f"{significant(value, 4)} ({significant(low)} to {significant(high)})")
-        figures.append(tag("div", plot.svg(f"{name} by round")))
+        words = tag("p", shortened(name, 30) + unit, title=name, class_="key")
+        figures.append(tag("div", words, plot.svg(f"{name} by round")))
     return join(figures)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from datetime import datetime
 
 from trueup.campaign.events import Scored
-from trueup.campaign.history import History, RoundStory, TrialStory
+from trueup.campaign.history import History, RoundStory, TrialStory, astray
 from trueup.campaign.plan import Plan
 from trueup.report.campaign_figures import gap_figure, parameter_figures, ranking_figure, score_figure, search_figure
 from trueup.report.campaign_tracks import Track, track_figure
@@ -41,14 +41,15 @@ def _better(history: History, tracks: Sequence[Track]) -> Markup:
     first, (settings, best) = history.first_score, history.best
     if not settings:
         return join(callout("warn", "No run has a score yet.", "The robot's runs are listed below as they come."))
+    unit = history.begun.unit if history.begun else ""
     numbers = tag(
         "div",
         tag("span", significant(first), class_="before"), tag("span", " → ", class_="arrow"),
-        tag("span", significant(best), class_="after"), class_="hero-numbers",
+        tag("span", significant(best), class_="after"), tag("small", f" {unit}") if unit else None, class_="hero-numbers",
     )  # fmt: skip
     label = tag("div", "the task's score on the robot (lower is better)", class_="hero-label")
     words = tag("p", _sentence(first, best), class_="verdict-sentence")
-    rows = [tag("div", tag("dt", name), tag("dd", significant(value, 4))) for name, value in settings.items()]
+    rows = [tag("div", tag("dt", name), tag("dd", history.setting(name, value))) for name, value in settings.items()]
     parts = [
         tag("div", tag("div", label, numbers), tag("div", words), class_="hero"),
         tag("h3", "The best settings"), tag("dl", rows, class_="facts"),
@@ -59,7 +60,11 @@ def _better(history: History, tracks: Sequence[Track]) -> Markup:
     if tracks:
         parts += [
             tag("h3", "What the robot did"),
-            _legend(("before", "with the first settings"), ("after", "with the best"), ("faint", "the path to follow")),
+            _legend(
+                ("before", "with the first settings"),
+                ("after", "with the best"),
+                *([("faint", "the path to follow")] if any(t.wanted is not None for t in tracks) else []),
+            ),
         ]
         parts += [track_figure(t) for t in tracks]
         parts.append(
@@ -83,12 +88,16 @@ def _rounds(history: History) -> Markup:
 
 
 def _round(history: History, story: RoundStory) -> Markup:
-    parts = [tag("h3", f"Round {story.begun.round}"), tag("p", _round_words(story))]
+    whole = f"round-{story.begun.round}/calibration.html"
+    link = tag("a", "The whole calibration.", href=whole) if story.calibrated is not None else None
+    parts = [tag("h3", f"Round {story.begun.round}"), tag("p", _round_words(story), " ", link)]
     rows = [_candidate(history, story, s) for s in story.scored]
     if rows:
         names = sorted({k for t in story.trials for k in t.planned.settings})
+        units = {n: f", {history.setting(n, 0.0)[2:]}".removesuffix(", ") for n in names}
+        of = f", {history.begun.unit}" if history.begun and history.begun.unit else ""
         head = [tag("th", x, class_="number" if k else None) for k, x in
-                enumerate(("tried", *names, "expected", "on the robot"))]  # fmt: skip
+                enumerate(("tried", *(n + units[n] for n in names), f"expected{of}", f"on the robot{of}"))]  # fmt: skip
         table = tag("table", tag("thead", tag("tr", head)), tag("tbody", rows), class_="rounds")
         parts.append(tag("div", table, class_="scroll"))
     return join(parts)
@@ -175,7 +184,13 @@ def _ranking(history: History) -> Markup:
         "under Mallows' model of rankings, and wide as long as few candidates were compared."
     )
     table = tag("table", tag("thead", head), tag("tbody", rows))
-    return join(ranking_figure(history), tag("div", table, class_="scroll"), tag("p", caption, class_="caption"))
+    doubts = [
+        callout("warn", f"Round {r.begun.round}", s[0].upper() + s[1:])
+        for r in history.rounds if r.validated is not None and (s := astray(r.validated))
+    ]  # fmt: skip
+    return join(
+        *doubts, ranking_figure(history), tag("div", table, class_="scroll"), tag("p", caption, class_="caption")
+    )
 
 
 def _interval(low: float, high: float) -> str:

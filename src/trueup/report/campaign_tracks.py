@@ -53,7 +53,7 @@ def track_figure(track: Track) -> Markup:
         picture = _map(track)
     else:
         picture = join(_over_time(track, channel.name, label) for label in labels[:3])
-    return tag("div", tag("h4", track.of), picture, class_="figure")
+    return tag("div", tag("h4", track.of), picture)
 
 
 def _map(track: Track) -> Markup:

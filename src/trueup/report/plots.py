@@ -29,19 +29,23 @@ class Plot:
     """Where to write what below the axis; round numbers if None."""
     equal: bool = False
     """One unit is as long on both axes: for maps."""
+    _left: int = 58
+    """Room for what is written beside the vertical axis, in pixels."""
     _parts: list[Markup] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        """Widens empty ranges, and the longer axis of a map."""
+        """Widens empty ranges, and the longer axis of a map; makes room for long numbers."""
         self.x, self.y = _wide(self.x), _wide(self.y)
+        longest = max((len(words) for words in mark_texts(nice_marks(*self.y, 5))), default=0)
+        self._left = max(self._left, 34 + 7 * longest) if self.y_title else 14 + 7 * longest
         if self.equal:
-            inner = self.width - 72
+            inner = self.width - 14 - self._left
             scale = max((self.x[1] - self.x[0]) / inner, (self.y[1] - self.y[0]) / (self.height - 58))
             self.x, self.y = _about(self.x, scale * inner), _about(self.y, scale * (self.height - 58))
 
     def at(self, point: Point) -> tuple[float, float]:
         """Where a point lies, in pixels."""
-        left, right, top, bottom = 58, self.width - 14, 14, self.height - 44
+        left, right, top, bottom = self._left, self.width - 14, 14, self.height - 44
         share_x = (point[0] - self.x[0]) / (self.x[1] - self.x[0])
         share_y = (point[1] - self.y[0]) / (self.y[1] - self.y[0])
         return left + share_x * (right - left), bottom - min(max(share_y, -0.5), 1.5) * (bottom - top)
@@ -106,7 +110,7 @@ class Plot:
             written = list(zip(places, mark_texts(places), strict=True))
         bottom = self.height - 44
         rows += [_word(self.at((place, self.y[0]))[0], bottom + 17, words, "middle") for place, words in written]
-        rows.append(_word((58 + self.width - 14) / 2, self.height - 6, self.x_title, "middle"))
+        rows.append(_word((self._left + self.width - 14) / 2, self.height - 6, self.x_title, "middle"))
         middle = (14 + bottom) / 2
         rows.append(tag("text", self.y_title, x=14, y=middle, text_anchor="middle", font_size="12",
                         style="fill:var(--soft)", transform=f"rotate(-90 14 {middle:.0f})"))  # fmt: skip

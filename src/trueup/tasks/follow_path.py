@@ -54,7 +54,7 @@ class FollowPath:
                 raise unknown_name(kind, value, known, "what a path-following task can judge by")
         self.paths = tuple(paths)
         self.settings = settings or StanleySettings()
-        self.parameters: ParameterSpace = gain_space(names, **(nominal or {}))
+        self.parameters: ParameterSpace = gain_space(names, self.settings.edges, **(nominal or {}))
         self.measure, self.point = measure, point
         self.trials = tuple(trial_of(p, self.settings, rate, duration) for p in self.paths)
 
@@ -62,6 +62,11 @@ class FollowPath:
     def name(self) -> str:
         """What is followed."""
         return "follow " + ", ".join(p.name for p in self.paths)
+
+    @property
+    def unit(self) -> str:
+        """Of the score."""
+        return "m"
 
     def controllers(self, values: Array) -> Stanley:
         """The controller of b copies with gains (b, m)."""
@@ -111,6 +116,10 @@ def trial_of(path: Path, settings: StanleySettings, rate: float = 20.0, duration
             "speed": Channel("speed", ("speed",), "m/s", start, np.zeros((1, 1))),
         },
         references={"path": path.reference()},
+        notes=(
+            "Position and heading are those of the middle of the rear axle; angles grow to the left (counter-clockwise).",
+            f"The run ends when the front axle, {settings.wheelbase:.4g} m ahead of it, has reached the path's last point.",
+        ),
     )  # fmt: skip
 
 

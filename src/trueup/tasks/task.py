@@ -48,12 +48,27 @@ class Task(Protocol):
 
 
 @runtime_checkable
+class ScoredIn(Protocol):
+    """A task whose score has a unit, for reports."""
+
+    @property
+    def unit(self) -> str:
+        """Of the score: 'm', 'rad', 's', ..."""
+        ...
+
+
+@runtime_checkable
 class Plans(Protocol):
     """A task whose candidates are motions: it says which commands a candidate means, for robots that play commands."""
 
     def planned(self, candidate: Array) -> tuple[Trial, ...]:
         """The task's trials, in their order, with the command channel of one candidate (m,)."""
         ...
+
+
+def unit_of(task: Task) -> str:
+    """The unit of a task's score; '' where it has none."""
+    return task.unit if isinstance(task, ScoredIn) else ""
 
 
 def simulated_scores(task: Task, simulator: Simulator, model: Array, candidates: Array) -> Array:

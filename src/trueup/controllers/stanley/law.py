@@ -58,7 +58,7 @@ class StanleySettings:
 
 
 def gain_space(
-    names: tuple[str, ...] = GAINS, edges: tuple[float, float] = (0.5, 0.8), **nominal: float
+    names: tuple[str, ...] = GAINS, edges: tuple[float, float] = (0.5, 0.8), /, **nominal: float
 ) -> ParameterSpace:
     """The parameters `names` of the controller, whose gain changes at the speeds `edges` in m/s, with other nominal values
     where given. Raises UnknownNameError.
