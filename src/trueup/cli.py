@@ -46,6 +46,9 @@ _COMMANDS = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line and returns the exit code: 0 done, 1 an error to mend, 2 wrong usage, 130 interrupted."""
     given = list(sys.argv[1:] if argv is None else argv)
+    # Matrices are small here: several threads for one only wait for each other, and make others wait.
+    if "OMP_NUM_THREADS" not in os.environ:
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         args = _parser(given).parse_args(given)
     except SystemExit as done:  # argparse has said why

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.csv as pacsv
 from numpy.typing import NDArray
 
@@ -200,10 +199,9 @@ def _column(column: pa.ChunkedArray, name: str, body: _Body, dialect: Dialect, p
     if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind):
         return _floats(column)
     if pa.types.is_timestamp(kind):
-        return _floats(pc.cast(pc.cast(column, pa.timestamp("ns", tz=kind.tz)), pa.int64())) * 1e-9
+        return _floats(column.cast(pa.timestamp("ns", tz=kind.tz)).cast(pa.int64())) * 1e-9
     if pa.types.is_time(kind):
-        wide = pc.cast(column, pa.time64("ns"))
-        return _floats(pc.cast(wide, pa.int64())) * 1e-9
+        return _floats(column.cast(pa.time64("ns")).cast(pa.int64())) * 1e-9
     cells = ["" if cell is None else str(cell) for cell in column.to_pylist()]
     return _from_words(cells, name, body, dialect, path)
 
@@ -235,8 +233,9 @@ def _from_words(cells: list[str], name: str, body: _Body, dialect: Dialect, path
 
 def _floats(column: pa.ChunkedArray) -> Array:
     """(T,) float64 with NaN where a cell is empty."""
-    chunks = pc.cast(column, pa.float64(), safe=False).chunks
-    return np.concatenate([_chunk(chunk) for chunk in chunks] or [np.empty(0)])
+    # Arrow's casts take a while to load, and most columns need none.
+    wide = column if column.type == pa.float64() else column.cast(pa.float64(), safe=False)
+    return np.concatenate([_chunk(chunk) for chunk in wide.chunks] or [np.empty(0)])
 
 
 def _chunk(chunk: pa.Array) -> Array:

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from trueup.errors import FormatError, OutputError
@@ -128,18 +127,18 @@ def _foreign(table: pa.Table, path: Path) -> Table:
 def _values(column: pa.ChunkedArray, where: str) -> Array | list[str] | None:
     kind = column.type
     if pa.types.is_dictionary(kind):
-        column = pc.cast(column, kind.value_type)
+        column = column.cast(kind.value_type)
         kind = column.type
     if pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
         exact = pa.timestamp("ns", tz=kind.tz) if pa.types.is_timestamp(kind) else pa.duration("ns")
-        return _floats(pc.cast(pc.cast(column, exact), pa.int64())) * 1e-9
+        return _floats(column.cast(exact).cast(pa.int64())) * 1e-9
     if (
         pa.types.is_boolean(kind)
         or pa.types.is_integer(kind)
         or pa.types.is_floating(kind)
         or pa.types.is_decimal(kind)
     ):
-        return _floats(pc.cast(column, pa.float64(), safe=False))
+        return _floats(column.cast(pa.float64(), safe=False))
     if pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind):
         return numbers(column.to_pylist(), where, "row")
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):
@@ -148,4 +147,4 @@ def _values(column: pa.ChunkedArray, where: str) -> Array | list[str] | None:
 
 
 def _floats(column: pa.ChunkedArray) -> Array:
-    return np.array(pc.cast(column, pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=np.float64)
+    return np.array(column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=np.float64)

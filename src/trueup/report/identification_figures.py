@@ -28,7 +28,11 @@ class Chart(Plot):
 
     def band(self, x: Array, low: Array, high: Array, colour: str = _BAND) -> None:
         """The area between two lines."""
-        points = [self.at(p) for p in [*zip(x, low, strict=True), *zip(x[::-1], high[::-1], strict=True)]]
+        there, back = (
+            zip(x.tolist(), low.tolist(), strict=True),
+            zip(x[::-1].tolist(), high[::-1].tolist(), strict=True),
+        )
+        points = [self.at(p) for p in [*there, *back]]
         outline = " ".join(f"{px:.1f},{py:.1f}" for px, py in points)
         self._parts.append(tag("polygon", points=outline, style=f"fill:{colour}"))
 
@@ -58,8 +62,8 @@ def torque_figures(found: Identification, prediction: Prediction, which: str) ->
             width=1040, height=220,
         )  # fmt: skip
         chart.band(t, low, high)
-        chart.line(zip(t, measured[kept], strict=True), INK, width=1.3)
-        chart.line(zip(t, model[kept], strict=True), AFTER, width=1.3)
+        chart.line(zip(t.tolist(), measured[kept].tolist(), strict=True), INK, width=1.3)
+        chart.line(zip(t.tolist(), model[kept].tolist(), strict=True), AFTER, width=1.3)
         words = f"RMSE {significant(float(np.sqrt(np.mean((measured - model) ** 2))))} {unit}"
         figures.append(
             join(tag("h4", joint, tag("span", f"   {words}", class_="detail")), chart.svg(f"torque of {joint}"))

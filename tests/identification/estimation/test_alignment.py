@@ -68,3 +68,20 @@ def test_friction_of_moves_with_pauses_is_not_taken_for_a_late_clock_and_a_late_
     if late:
         assert found.alignment.shift == pytest.approx(late, abs=0.0025)
     assert relative_error(found.held_out()) < 0.02
+
+
+def test_a_late_clock_is_found_in_a_log_with_gaps(arms: SimpleNamespace) -> None:
+    tree, rng = arms.arm(), np.random.default_rng(5)
+    runs = [_with_gaps(log(tree, arms, rng, name, 0.012)) for name in ("run", "other")]
+    found = identify(arms.without_file(tree), runs[:1], runs[1:], options=Options(consistent=False))
+    assert found.alignment is not None
+    assert found.alignment.shift == pytest.approx(0.012, abs=0.0025)
+    assert relative_error(found.held_out()) < 0.02
+
+
+def _with_gaps(recording: Recording) -> Recording:
+    """Without three stretches of one second, which a logger dropped."""
+    time = recording.channel("position").time
+    keep = np.all([(time < start) | (time > start + 1.0) for start in (11.0, 25.0, 44.0)], axis=0)
+    channels = {name: c.replace(time=c.time[keep], values=c.values[keep]) for name, c in recording.channels.items()}
+    return recording.replace(channels=channels)

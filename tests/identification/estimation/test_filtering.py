@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 
 from trueup.errors import IdentificationError
-from trueup.identification.estimation.filtering import Lowpass, between, grid
+from trueup.identification.estimation.filtering import Lowpass, grid, moved, stretches
 
 
 @pytest.mark.parametrize("cutoff", [2.0, 20.0, 45.0])
@@ -38,8 +38,13 @@ def test_a_cutoff_that_cannot_be_had_is_refused_with_the_range(cutoff: float) ->
 
 def test_a_signal_is_read_between_its_samples() -> None:
     t = np.arange(100.0)
-    place = np.linspace(5.0, 94.0, 333)
-    assert np.abs(between(np.sin(0.4 * t), place) - np.sin(0.4 * place)).max() < 1e-4
+    for by in (-7.3, -2.0, 0.4, 3.75):
+        assert np.abs(moved(np.sin(0.4 * t), by) - np.sin(0.4 * (t + by)))[15:-15].max() < 1e-4
+
+
+def test_a_gap_ends_a_stretch_of_even_time() -> None:
+    time = np.concatenate([np.arange(50), np.arange(80, 100)]) * 0.004
+    assert stretches(time) == [slice(0, 50), slice(50, 70)]
 
 
 def test_rates_are_round_numbers_where_stamps_are_printed_with_few_digits() -> None:

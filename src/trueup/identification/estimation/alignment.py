@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.identification.estimation.filtering import between
+from trueup.identification.estimation.filtering import moved, stretches
 from trueup.identification.estimation.moments import RIDGE, solve
 from trueup.identification.estimation.result import Alignment
 from trueup.identification.estimation.torque_model import Rows
@@ -32,9 +32,10 @@ def find_shift(rows: Sequence[Rows], active: Integers, weights: Array, log_rate:
     `rows` as filtered; they oversample the cut-off, so that torque can be read between samples. The squared error is
     looked at over a grid of shifts, each with its own fit, and its least value found by a parabola.
     """
-    step = (rows[0].time[-1] - rows[0].time[0]) / (rows[0].length - 1)
+    step = float(np.median(np.diff(rows[0].time)))
     reach = min(REACH, 0.1 * step * rows[0].length)
-    shifts = np.linspace(-reach, reach, 2 * max(round(reach / (0.5 * step)), 12) + 1)
+    middle = max(round(reach / (0.5 * step)), 12)
+    shifts = np.linspace(-reach, reach, 2 * middle + 1)
     loss = _losses(rows, active, weights, shifts)  # (blocks, shifts)
     coarse = shifts[int(np.argmin(loss.sum(axis=0)))]
     fine = coarse + np.linspace(-1.5, 1.5, 13) * (shifts[1] - shifts[0])
@@ -42,7 +43,7 @@ def find_shift(rows: Sequence[Rows], active: Integers, weights: Array, log_rate:
     best = _lowest(fine, around.sum(axis=0))
     each = np.array([_lowest(fine, around.sum(axis=0) - one) for one in around])
     deviation = float(np.sqrt((len(each) - 1) / len(each) * np.sum((each - each.mean()) ** 2)))
-    unshifted = float(_losses(rows, active, weights, np.zeros(1)).sum())
+    unshifted = float(loss[:, middle].sum())
     gain = 1.0 - float(around.sum(axis=0).min()) / max(unshifted, 1e-300)
     at_edge = abs(coarse) > 0.98 * reach
     sure = abs(best) > max(2.0 * deviation, _WORTH / log_rate) and gain > _PAYS and not at_edge
@@ -51,42 +52,40 @@ def find_shift(rows: Sequence[Rows], active: Integers, weights: Array, log_rate:
 
 def shifted(rows: Rows, shift: float) -> Rows:
     """Rows with their torque taken `shift` s later, so that torque that came late fits its position."""
-    return replace(
-        rows, torque=np.stack([_read(rows, j, rows.time + shift) for j in range(rows.torque.shape[1])], axis=1)
-    )
-
-
-def _read(rows: Rows, j: int, instants: Array) -> Array:
-    """The torque of a joint at instants (...) between its samples."""
-    place = (instants - rows.time[0]) * ((rows.length - 1) / (rows.time[-1] - rows.time[0]))
-    return between(rows.torque[:, j], place.ravel()).reshape(place.shape)
+    step = float(np.median(np.diff(rows.time)))
+    return replace(rows, torque=np.concatenate([moved(rows.torque[s], shift / step) for s in stretches(rows.time)]))
 
 
 def _losses(rows: Sequence[Rows], active: Integers, weights: Array, shifts: Array) -> Array:
     """(blocks, shifts) weighted squared errors, each shift with its own fit to all blocks."""
-    p, K = rows[0].p, len(shifts)
-    place = np.full(p, -1)
+    place = np.full(rows[0].p, -1)
     place[active] = np.arange(len(active))
-    m, blocks = len(active), []
-    for r in rows:
-        # Samples that a shift would read from beyond the ends are left out for all shifts alike.
-        margin = int(np.ceil(REACH / (r.time[1] - r.time[0]))) + 1
-        inside = np.arange(min(margin, r.length // 4), r.length - min(margin, r.length // 4))
-        share = max(1, round(_BLOCKS * r.length / sum(x.length for x in rows)))
-        for keep in np.array_split(inside, share):
-            G, h, t = np.zeros((m, m)), np.zeros((m, K)), np.zeros(K)
-            for j, (c, v) in enumerate(zip(r.columns, r.values, strict=True)):
-                own = place[c] >= 0
-                Y, at = v[own][:, keep], place[c[own]]
-                torque = _read(r, j, r.time[keep][:, None] + shifts)
-                G[np.ix_(at, at)] += weights[j] * Y @ Y.T
-                h[at] += weights[j] * Y @ torque
-                t += weights[j] * np.sum(torque**2, axis=0)
-            blocks.append((G, h, t))
+    m, total = len(active), sum(r.length for r in rows)
+    blocks = [b for r in rows for s in stretches(r.time) for b in _blocks(r.part(s), place, weights, shifts, total)]
     G, h = sum(b[0] for b in blocks), sum(b[1] for b in blocks)
     scale = np.sqrt(np.maximum(np.diag(G), 1e-300))
     x = solve(G / scale[:, None] / scale, (h / scale[:, None]).T, np.zeros(m), RIDGE) / scale  # (K, m)
     return np.array([t - 2.0 * np.einsum("mk,km->k", h, x) + np.einsum("km,mq,kq->k", x, G, x) for G, h, t in blocks])
+
+
+def _blocks(r: Rows, place: Integers, weights: Array, shifts: Array, total: int) -> list[tuple[Array, Array, Array]]:
+    """Normal matrix (m, m), right sides (m, K) and squares (K,) of the torque in blocks of an even stretch."""
+    m, K, made = int(place.max()) + 1, len(shifts), []
+    # Samples that a shift would read from beyond the ends are left out for all shifts alike.
+    step = float(np.median(np.diff(r.time))) if r.length > 1 else 1.0
+    margin = min(int(np.ceil(REACH / step)) + 1, r.length // 4)
+    torque = np.stack([moved(r.torque, shift / step) for shift in shifts], axis=-1)  # (S, n, K)
+    share = max(1, round(_BLOCKS * r.length / total))
+    for keep in np.array_split(np.arange(margin, r.length - margin), share):
+        G, h, t = np.zeros((m, m)), np.zeros((m, K)), np.zeros(K)
+        for j, (c, v) in enumerate(zip(r.columns, r.values, strict=True)):
+            own = place[c] >= 0
+            Y, at = v[own][:, keep], place[c[own]]
+            G[np.ix_(at, at)] += weights[j] * Y @ Y.T
+            h[at] += weights[j] * Y @ torque[keep, j]
+            t += weights[j] * np.sum(torque[keep, j] ** 2, axis=0)
+        made.append((G, h, t))
+    return made
 
 
 def _lowest(shifts: Array, loss: Array) -> float:

@@ -34,6 +34,8 @@ class _Trial:
     loss: float
     errors: Array
     """(K, n) squared errors of the blocks."""
+    whole: ConsistentFit
+    """To all blocks."""
     fits: tuple[ConsistentFit, ...]
     """K, each without one block."""
 
@@ -46,22 +48,22 @@ class _Folds:
         self.whole, self.others = normal.whole(), [normal.without(k) for k in range(len(normal.square))]
         self.model, self.moments, self.prior = model, moments, prior
 
-    def fit(self, columns: Integers, lagging: tuple[int, ...], pull: int) -> ConsistentFit:
-        """To all blocks."""
-        return consistent_fit(self.model, self.whole, columns, self.prior, pull=_PULLS[pull], lagging=lagging)
-
-    def trial(self, columns: Integers, lagging: tuple[int, ...], pull: int) -> _Trial:
-        """The errors of K fits on the block that each did not see."""
+    def trial(
+        self, columns: Integers, lagging: tuple[int, ...], pull: int, near: ConsistentFit | None = None
+    ) -> _Trial:  # fmt: skip
+        """The errors of K fits on the block that each did not see; `near` is a similar fit to all blocks."""
         K, scale, fits = len(self.others), self.moments.scale, []
         errors = np.ones((K, self.model.tree.n))
-        whole = self.fit(columns, lagging, pull)
+        whole = consistent_fit(
+            self.model, self.whole, columns, self.prior, pull=_PULLS[pull], lagging=lagging, near=near
+        )
         for k in range(K if K > 1 else 0):
             fit = consistent_fit(
                 self.model, self.others[k], columns, self.prior, pull=_PULLS[pull], lagging=lagging, near=whole
             )
             errors[k] = self.moments.take([k]).errors(fit.parameters * scale)[0]
             fits.append(fit)
-        return _Trial(columns, lagging, pull, loss_of(errors), errors, tuple(fits))
+        return _Trial(columns, lagging, pull, loss_of(errors), errors, whole, tuple(fits))
 
     def strict(self, active: Integers) -> _Trial:
         """With these effects alone."""
@@ -69,7 +71,8 @@ class _Folds:
 
     def widened(self, best: _Trial) -> _Trial:
         """With smooth friction and gains of all drives, where that surely predicts better."""
-        wide = self.trial(np.union1d(best.columns, columns_of(self.model, *_SMOOTH)), best.lagging, best.pull)
+        columns = np.union1d(best.columns, columns_of(self.model, *_SMOOTH))
+        wide = self.trial(columns, best.lagging, best.pull, best.whole)
         return wide if _pays(wide, best) else best
 
     def pulled(self, best: _Trial) -> _Trial:
@@ -79,7 +82,7 @@ class _Folds:
             while best.pull == start or (best.pull > start) == (step > 0):
                 if not 0 <= best.pull + step < len(_PULLS):
                     break
-                new = self.trial(best.columns, best.lagging, best.pull + step)
+                new = self.trial(best.columns, best.lagging, best.pull + step, best.whole)
                 if not _pays(new, best):
                     break
                 best = new
@@ -91,14 +94,14 @@ class _Folds:
         drives = [self.model.effects[int(k) - 10 * self.model.tree.n][0] for k in lags]
         if not drives or len(best.fits) < 2:
             return best
-        trial = self.trial(best.columns, tuple(drives), best.pull)
+        trial = self.trial(best.columns, tuple(drives), best.pull, best.whole)
         found = np.array([fit.parameters[lags] for fit in trial.fits])
         K = len(found)
         deviations = np.sqrt((K - 1) * found.var(axis=0))  # the jackknife's
         sure = tuple(d for d, m, s in zip(drives, found.mean(axis=0), deviations, strict=True) if m < -_SURE * s)
         if not sure:
             return best
-        trial = self.trial(best.columns, sure, best.pull)
+        trial = self.trial(best.columns, sure, best.pull, best.whole)
         return trial if _pays(trial, best) else best
 
 
@@ -127,11 +130,10 @@ def cross_validated_fit(
     folds = _Folds(model, moments, weights, prior)
     best = folds.released(folds.strict(active))
     best = folds.pulled(folds.widened(best))
-    return Bodies(folds.fit(best.columns, best.lagging, best.pull), _PULLS[best.pull], best.fits)
+    return Bodies(best.whole, _PULLS[best.pull], best.fits)
 
 
 def first_bodies(model: TorqueModel, moments: Moments, weights: Array, active: Integers, prior: Array) -> Array:
     """(p,) possible bodies with gains where they pay, at the usual pull: good enough for the loads that gears carry."""
     folds = _Folds(model, moments, weights, prior)
-    best = folds.widened(folds.strict(active))
-    return folds.fit(best.columns, (), best.pull).parameters
+    return folds.widened(folds.strict(active)).whole.parameters

@@ -25,7 +25,7 @@ _THIN = 0.01
 """The least second moment of a link in the model file, likewise: files give bodies without extent."""
 PULL = 1e-4
 """Towards the model file: its weight, as a share of the squared error that is left without constraints."""
-_FIRST, _COOLING, _ROUGH, _EXACT = 0.1, 0.1, 0.3, 1e-3
+_FIRST, _NEAR, _COOLING, _ROUGH, _EXACT = 0.1, 1e-3, 0.1, 0.3, 1e-3
 _LEAST_ERROR = 1e-6
 """Of the squared torque: exact logs have no error left to compare with."""
 _STEPS = 200
@@ -71,7 +71,7 @@ def consistent_fit(
     x = barrier.start if near is None else barrier.inside(_joined(model, near.parameters)[bodies])
     least = max(problem.least(), _LEAST_ERROR * float(normal.square))
     # From a weight at which the start is good down to the one wanted: each minimum is near the next one.
-    weight = max(_FIRST * (problem.at(x) - least), pull * least)
+    weight = max((_FIRST if near is None else _NEAR) * (problem.at(x) - least), pull * least)
     while weight > 2.0 * pull * least:
         x = barrier.minimised(problem, x, weight, _ROUGH)
         weight = max(_COOLING * weight, pull * least)

@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from trueup.errors import ParameterError, unknown_name
@@ -139,9 +140,12 @@ def stop_operator(q: Array, travel: float) -> Array:
 
     The elastic-plastic (Prandtl) element: Brokate & Sprekels, "Hysteresis and Phase Transitions", 1996, section 2.3.
     """
-    state, states = 0.0, [0.0]
-    for step in (np.diff(q) / travel).tolist():
-        state += step
-        state = 1.0 if state > 1.0 else -1.0 if state < -1.0 else state
-        states.append(state)
-    return np.array(states)
+    return _stopped(np.ascontiguousarray(q), travel)
+
+
+@njit(cache=True)
+def _stopped(q: Array, travel: float) -> Array:
+    states = np.zeros(len(q))
+    for i in range(1, len(q)):
+        states[i] = min(max(states[i - 1] + (q[i] - q[i - 1]) / travel, -1.0), 1.0)
+    return states

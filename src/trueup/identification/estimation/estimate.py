@@ -77,12 +77,16 @@ def weighted_least_squares(
     robust: bool | None = False, passes: int = 5,
 ) -> Estimate:  # fmt: skip
     """Least squares with each joint weighed by its own error variance, found by repetition."""
-    estimate = least_squares(rows, active, None, prior=prior, strength=strength)
-    for k in range(passes):
-        weights = np.maximum(estimate.noise, 1e-9 * estimate.noise.max()) ** -2.0
-        last = robust if k == passes - 1 else False
-        estimate = least_squares(rows, active, weights / weights.mean(), prior=prior, strength=strength, robust=last)
-    return estimate
+    act = np.asarray(active, dtype=np.int64)
+    moments = moments_of(rows).only(act)
+    start = (np.zeros(rows[0].p) if prior is None else prior)[act] * moments.scale
+    weights = np.ones(len(rows[0].values))
+    for _ in range(passes):
+        gram, cross = (x.sum(axis=0) for x in moments.weighted(weights))
+        squares = moments.errors(solve(gram, cross, start, moments.ridge(strength))).sum(axis=0)
+        weights = np.maximum(squares, 1e-18 * squares.max()) ** -1.0
+        weights /= weights.mean()
+    return least_squares(rows, act, weights, prior=prior, strength=strength, robust=robust)
 
 
 def instrumental(

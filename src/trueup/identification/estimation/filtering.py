@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -18,6 +19,7 @@ ORDER = 8
 """Of the filter as a whole: half of it runs forward, half of it backward."""
 _NYQUIST = 0.8
 """The highest cut-off, as a share of half the rate."""
+_TOGETHER = 8
 _PADDING = 3.0
 """Periods of the cut-off by which a signal is prolonged at both ends."""
 
@@ -73,27 +75,32 @@ def both_ways(rows: Array, padding: int, sections: Array) -> Array:
     """(N, T) rows through sections (k, 3) forward and backward, prolonged at both ends by their own mirror image."""
     N, T = rows.shape
     passed = np.empty_like(rows)
-    long = np.empty(T + 2 * padding)
-    for n in range(N):
-        row = rows[n]
-        for i in range(padding):
-            long[padding - 1 - i] = 2.0 * row[0] - row[i + 1]
-            long[padding + T + i] = 2.0 * row[T - 1] - row[T - 2 - i]
-        long[padding : padding + T] = row
+    # Each sample needs the one before it: rows side by side keep the processor busy meanwhile.
+    long = np.zeros((T + 2 * padding, _TOGETHER))
+    s1, s2 = np.empty(_TOGETHER), np.empty(_TOGETHER)
+    for n in range(0, N, _TOGETHER):
+        for r in range(min(_TOGETHER, N - n)):
+            row = rows[n + r]
+            for i in range(padding):
+                long[padding - 1 - i, r] = 2.0 * row[0] - row[i + 1]
+                long[padding + T + i, r] = 2.0 * row[T - 1] - row[T - 2 - i]
+            long[padding : padding + T, r] = row
         for _ in range(2):
             for k in range(len(sections)):
                 gain, a1, a2 = sections[k]
                 # At rest on the first value: no jump at the start.
-                x = long[0]
-                s1, s2 = x * (1.0 - gain), x * (gain - a2)
+                for r in range(_TOGETHER):
+                    s1[r], s2[r] = long[0, r] * (1.0 - gain), long[0, r] * (gain - a2)
                 for i in range(len(long)):
-                    x = long[i]
-                    y = gain * x + s1
-                    s1 = 2.0 * gain * x - a1 * y + s2
-                    s2 = gain * x - a2 * y
-                    long[i] = y
+                    for r in range(_TOGETHER):
+                        x = long[i, r]
+                        y = gain * x + s1[r]
+                        s1[r] = 2.0 * gain * x - a1 * y + s2[r]
+                        s2[r] = gain * x - a2 * y
+                        long[i, r] = y
             long = long[::-1].copy()
-        passed[n] = long[padding : padding + T]
+        for r in range(min(_TOGETHER, N - n)):
+            passed[n + r] = long[padding : padding + T, r]
     return passed
 
 
@@ -109,22 +116,27 @@ def even(time: Array, values: Array, instants: Array) -> Array:
     return np.stack([np.interp(instants, time, column) for column in values.T], axis=1)
 
 
-def between(values: Array, place: Array) -> Array:
-    """(M,) an even signal (T,) that oversamples what it holds, read at places (M,) counted in samples.
+def moved(values: Array, by: float) -> Array:
+    """(T, ...) even samples (T, ...) that oversample what they hold, read `by` samples later; between them too.
 
     Lagrange's polynomial through the six neighbours; beyond the ends the first and last value hold.
     """
-    padded = np.pad(values, 3, mode="edge")
-    at = np.clip(place, 0.0, len(values) - 1.0) + 3.0
-    first = np.clip(np.floor(at).astype(np.int64) - 2, 0, len(padded) - 6)
-    x, nodes = at - first, np.arange(6)
-    result = np.zeros(len(at))
+    whole = math.floor(by)
+    reach, x, nodes = abs(whole) + 3, by - whole + 2.0, range(6)
+    padded = np.pad(values, [(reach, reach), *[(0, 0)] * (values.ndim - 1)], mode="edge")
+    result = np.zeros(values.shape)
     for i in nodes:
-        weight = np.ones(len(at))
-        for k in nodes[nodes != i]:
-            weight *= (x - k) / (i - k)
-        result += weight * padded[first + i]
+        weight = math.prod((x - k) / (i - k) for k in nodes if k != i)
+        first = reach + whole - 2 + i
+        result += weight * padded[first : first + len(values)]
     return result
+
+
+def stretches(time: Array) -> list[slice]:
+    """Where instants (T,) go on evenly: the samples between two gaps."""
+    steps = np.diff(time)
+    edges = [0, *(np.flatnonzero(steps > 1.5 * np.median(steps)) + 1).tolist(), len(time)] if len(time) > 1 else [0, 1]
+    return [slice(a, b) for a, b in itertools.pairwise(edges)]
 
 
 def grid(time: Array) -> tuple[Array, float]:

@@ -80,10 +80,11 @@ class Moments:
 
     def weighted(self, weights: Array) -> tuple[Array, Array]:
         """(K, p, p) and (K, p): the normal equations of each block with weights (n,) for the joints."""
-        gram = np.tensordot(weights, self.gram, (0, 1))
+        K, n, p = self.cross.shape
+        gram = (weights @ self.gram.reshape(K, n, p * p)).reshape(K, p, p)
         diagonal = np.einsum("kpp->kp", gram)
         diagonal *= 1.0 + self.shrink
-        return gram, np.tensordot(weights, self.cross, (0, 1))
+        return gram, weights @ self.cross
 
     def ridge(self, strength: float) -> Array:
         """(p,) for solve: `strength` for bodies and rotors, no more than needed for what is drawn to zero anyway."""

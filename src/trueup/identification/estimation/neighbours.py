@@ -60,17 +60,14 @@ class Neighbours:
     def _errors(self, along: Array, step: Array, own: Integers | None) -> Array:
         """Errors of x + step along (K, m, C), and `step` at a new column `own` of each."""
         gram, cross, at = self.moments.gram, self.moments.cross, self.active
-        K, n = self.moments.square.shape
-        found = np.zeros((step.shape[1], K, n))
-        for k in range(K):
-            for j in range(n):
-                G = gram[k, j][np.ix_(at, at)]
-                back = G @ self.x[k]
-                error = self.moments.square[k, j] + self.x[k] @ (back - 2.0 * cross[k, j, at])
-                slope, bend = (back - cross[k, j, at]) @ along[k], np.sum((G @ along[k]) * along[k], axis=0)
-                if own is not None:
-                    beside = gram[k, j][np.ix_(at, own)]
-                    slope = slope + self.x[k] @ beside - cross[k, j, own]
-                    bend = bend + 2.0 * np.sum(beside * along[k], axis=0) + gram[k, j, own, own]
-                found[:, k, j] = error + step[k] * (2.0 * slope + step[k] * bend)
-        return np.maximum(found, 0.0)
+        G, h, x, along = gram[:, :, at[:, None], at], cross[:, :, at], self.x[:, None, :], along[:, None]
+        back = (G @ x[..., None])[..., 0]  # (K, n, m)
+        error = self.moments.square + np.sum(x * (back - 2.0 * h), axis=-1)
+        slope = ((back - h)[:, :, None] @ along)[:, :, 0]  # (K, n, C)
+        bend = np.sum((G @ along) * along, axis=2)
+        if own is not None:
+            beside = gram[:, :, at[:, None], own]
+            slope = slope + (x[:, :, None] @ beside)[:, :, 0] - cross[:, :, own]
+            bend = bend + 2.0 * np.sum(beside * along, axis=2) + gram[:, :, own, own]
+        found = error[..., None] + step[:, None] * (2.0 * slope + step[:, None] * bend)
+        return np.maximum(np.moveaxis(found, -1, 0), 0.0)
