@@ -98,6 +98,8 @@ class Stage:
     """In units of what chance alone gives."""
     most: int
     """Iterations."""
+    real: Problem | None = None
+    """The same recordings at the real step, where the problem has a coarser one."""
 
     def columns(self, space: ParameterSpace, candidates: Array) -> Array:
         """Residuals at the point and around it: differences from the cheaper problem, the level from the real one."""
@@ -189,6 +191,12 @@ class Descent:
         self.point, self._slopes = begun, None
         return self.descend(stage)
 
+    def leads_on(self, stage: Stage) -> bool:
+        """Whether slopes lead from here to where the recordings are explained at the real step; stays here."""
+        if stage.real is None:
+            return False
+        return explained(replace(self).polish(last_look(stage.real, stage.problem)).residual)
+
     def _level(self, cheap: Problem, fine: Array) -> Problem | None:
         """The cheaper problem with the residual (m,) of the real one at the point; None where a coarser step fails."""
         offset = fine - self._residual(cheap)
@@ -244,9 +252,9 @@ def descended(problem: Problem, fit: Fit, start: Array, robust: float) -> Fit:
     return replace(found, bend=fit.bend, loss=loss, weights=robust_weights(found.residual, fit.bend), near=None)
 
 
-def explained(residual: Array) -> bool:
+def explained(residual: Array | None) -> bool:
     """Whether the model replays the recordings to about their noise: elsewhere the last percent is not worth minutes."""
-    return float(np.mean(residual**2)) < _EXPLAINED**2
+    return residual is not None and float(np.mean(residual**2)) < _EXPLAINED**2
 
 
 def _patience(residual: Array) -> float:

@@ -123,9 +123,10 @@ def _stages(problem: Problem, coarse: Problem) -> list[Stage]:
     first = float(np.clip(long / 4.0, *_SHORT))
     if long > 2.0 * first:
         short = coarse.shortened(first)
-        stages.append(Stage("first seconds", short, short, 30.0, 15))
+        real = problem.shortened(first) if coarse is not problem else None
+        stages.append(Stage("first seconds", short, short, 30.0, 15, real))
     if coarse is not problem:
-        stages.append(Stage("all, coarse step", coarse, coarse, 5.0, 25))
+        stages.append(Stage("all, coarse step", coarse, coarse, 5.0, 25, problem))
     return [*stages, last_look(problem, coarse)]
 
 
@@ -169,7 +170,7 @@ def _look_wider(run: Descent, stage: Stage, first: Problem, seed: int, *, anywhe
     if other is not None:
         run.point = other
         found = run.descend(stage)
-    if not anywhere or found is None or found.residual is None or len(run.point) > _FEW or explained(found.residual):
+    if not anywhere or found is None or len(run.point) > _FEW or explained(found.residual) or run.leads_on(stage):
         return
     other = _wide(stage.problem, run.space, found, run.watch, seed)
     if other is not None:

@@ -14,6 +14,8 @@ from trueup.loop.problem import Problem
 _NOISE = 1.15  # mean square of the residuals, in noise units, up to which nothing better is to be hoped for
 _HOP = 0.05  # of the box, in every direction
 _TRIES = 4
+_BOWL = 2  # first tries that come back: what this leaves unexplained lies elsewhere than in the search
+_BACK = 2e-3  # share of the loss, and of the box: closer is the same place again
 _LOWER = 0.9  # share of the loss to fall to: what is lower by less replays these recordings better, and others not
 
 
@@ -24,10 +26,13 @@ def hopped(problem: Problem, fit: Fit, rng: np.random.Generator, robust: float =
     Only where the recordings are almost explained, so that noise alone is worth the way, and for no more simulations
     than it took to get here.
     """
-    spent = problem.evaluations
-    for _ in range(_TRIES):
+    spent, back = problem.evaluations, 0
+    for tried in range(_TRIES):
         if not explained(fit.residual) or float(np.mean(fit.residual**2)) < _NOISE or problem.evaluations > 2 * spent:
             break
         lower = descended(problem, fit, fit.unit + _HOP * rng.standard_normal(len(fit.unit)), robust)
+        back += abs(lower.loss - fit.loss) < _BACK * fit.loss and float(np.abs(lower.unit - fit.unit).max()) < _BACK
+        if back == _BOWL == tried + 1:
+            break
         fit = lower if lower.loss < _LOWER * fit.loss else fit
     return fit
