@@ -151,3 +151,9 @@ def test_act_is_actual_beside_a_word_for_commands_and_an_action_beside_none(tmp_
 def test_actions_and_observed_states_one_number_a_column_are_commands_and_positions(tmp_path: Path) -> None:
     found = guess(tmp_path, "time,action.0,action.1,observation.state.0,observation.state.1").channels
     assert found["command"].labels == found["position"].labels == ("joint_0", "joint_1")
+
+
+def test_raw_and_filtered_signals_of_one_file_are_channels_each(tmp_path: Path) -> None:
+    found = guess(tmp_path, "time,q_1,q_2,q_raw_1,q_raw_2").channels
+    assert found["position"].columns == ("q_1", "q_2")
+    assert found["position_raw"].columns == ("q_raw_1", "q_raw_2")

@@ -172,8 +172,8 @@ def _groups(columns: Sequence[_Column], *, several: bool) -> dict[str, list[_Col
 
 
 def _family(column: _Column) -> str:
-    """Signals of motors are kept apart from those of joints, where a file has both."""
-    return "motor" if "motor" in words(column.name) else ""
+    """Signals of motors are kept apart from those of joints, raw ones from filtered ones, where a file has both."""
+    return next((word for word in ("motor", "raw", "unfiltered", "filtered") if word in words(column.name)), "")
 
 
 def _weight(members: Sequence[_Column]) -> int:

@@ -12,6 +12,7 @@ from pathlib import Path
 from trueup.errors import FormatError
 from trueup.formats import csv, json, npz, parquet, rosbag
 from trueup.formats.episodes import described, episodes, is_description
+from trueup.formats.per_joint import joined
 from trueup.formats.table import Table, listing
 from trueup.formats.words import meaning
 from trueup.recording import Recording
@@ -96,6 +97,9 @@ def _folder(path: Path, together: bool) -> list[Source]:
         return below
     parts = [part for file in data for part in _file(file)]
     tables = tuple(table for part in parts for table in part.tables)
+    one = joined(tables) if len(tables) == len(parts) > 1 else None
+    if one is not None and not together:
+        return [_labelled(Source(path.name, tuple(files), (one,), reader=parts[0].reader), names.values())]
     alone = any(part.recording is not None or part.reader == "bag" for part in parts)
     if alone or len(parts) == 1 or not (together or _complement(tables)):
         return [_labelled(part, names.values()) for part in parts]

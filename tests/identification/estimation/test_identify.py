@@ -155,6 +155,24 @@ def test_a_wrong_sign_is_named(tree: KinematicTree, arms: SimpleNamespace) -> No
         identify(tree, [r.with_channel(r.channel("torque").replace(values=flipped))])
 
 
+def test_a_torque_without_a_unit_is_taken_as_newton_metres_and_that_is_said(
+    tree: KinematicTree, arms: SimpleNamespace
+) -> None:
+    r = arms.recording(tree, np.random.default_rng(9))
+    bare = [r.with_channel(r.channel("torque").replace(unit="")), r.replace(name="second")]
+    found = identify(tree, bare, options=Options(consistent=False))
+    assert sum("in which unit torque is" in said for said in found.warnings) == 1
+
+
+def test_wrong_signs_are_named_where_friction_is_most_of_the_torque(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    r = arms.recording(tree, np.random.default_rng(8), size=2.0)
+    v = np.gradient(r.channel("position").values, r.channel("position").time, axis=0)
+    heavy = r.channel("torque").values + 12.0 * arms.coulomb * np.tanh(v / 0.3)
+    flipped = r.with_channel(r.channel("torque").replace(values=heavy * [-1.0, 1.0, 1.0, -1.0]))
+    with pytest.raises(IdentificationError, match="of joint1, joint4 seems to have the wrong sign"):
+        identify(tree, [flipped])
+
+
 @pytest.mark.parametrize(
     ("channel", "sign", "said"),
     [

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +20,8 @@ DOUBTFUL, POOR = 0.1, 0.35
 """Relative errors of a fit from which on simple mistakes are looked for, and from which on it is said to be poor."""
 _BETTER = 0.5
 """Of the error that is left when a mistake is taken out, for it to be named."""
+_SLIGHTLY, _MUCH = 0.9, 0.1
+"""The same where friction would drive joints with more than this share of their torque: chance does not do that."""
 _AS_GOOD = 1.1
 _TURNS = 4.0 * np.pi
 _TORQUE_FACTOR = 30.0
@@ -95,10 +97,11 @@ def mistakes(motion: Motion, tree: KinematicTree, fit: Fit) -> Iterator[str]:
         yield f"{said}: the error would fall from {100 * relative:.0f} % to {100 * error:.0f} % of the torque"
 
 
-def signs(motion: Motion, tree: KinematicTree, driven: Sequence[int], fit: Fit) -> list[str]:
+def signs(motion: Motion, tree: KinematicTree, driven: Mapping[int, float], fit: Fit) -> list[str]:
     """What to say of joints that friction seems to drive: their torques, or else their positions, have the wrong sign.
 
-    Nothing where few of them do so and neither explains the torque better: sensors behind gears see little friction.
+    `driven` has the share of a joint's torque that seems to be such friction. Nothing where few of them do so and neither
+    explains the torque better, or far better where friction is small: sensors behind gears see little of it.
     """
     sign = np.ones(tree.n)
     sign[list(driven)] = -1.0
@@ -109,7 +112,8 @@ def signs(motion: Motion, tree: KinematicTree, driven: Sequence[int], fit: Fit) 
     if max(entry[1] for entry in tried) < _AS_GOOD * error:
         channel = "torque or the position"
     everywhere = len(driven) == tree.n and error < _AS_GOOD * before
-    if error > _BETTER * before and not everywhere:
+    enough = _SLIGHTLY if min(driven.values()) > _MUCH else _BETTER
+    if error > enough * before and not everywhere:
         return []
     names = ", ".join(tree.joints[j] for j in driven)
     return [

@@ -76,7 +76,7 @@ def identify(
     gears, rng = drives or Drives.direct(tree.joints), np.random.default_rng(wanted.seed)
     say("reading the logs", 0.0)
     logs, judged = ([log_of(r, tree, gears) for r in group] for group in (training, held_out))
-    warnings = [note for log in [*logs, *judged] for note in (*log.notes, *check_log(log, tree))]
+    warnings = list(dict.fromkeys(n for log in [*logs, *judged] for n in (*log.notes, *check_log(log, tree))))
     cutoff = wanted.cutoff or natural_cutoff(logs)
     measured = measured_speed(logs, tree, gears, cutoff, rng, wanted.hold_out)
     say("computing regressors", 0.1)

@@ -9,6 +9,7 @@ import numpy as np
 
 from trueup.errors import UnknownNameError, unknown_name
 from trueup.formats.joint_names import sure_names
+from trueup.identification.estimation.unnamed import named_by_motion
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.recording import Recording
 
@@ -20,12 +21,15 @@ Groups = tuple[list[Recording], list[Recording]]
 def matched(tree: KinematicTree, groups: Groups) -> tuple[KinematicTree, Groups, tuple[str, ...]]:
     """Recordings with the joints' names of the model, the tree with joints locked that no log has, and what was done.
 
-    Joints are found as `formats.joint_names.sure_names` does. Raises UnknownNameError where it finds none.
+    Joints are found as `formats.joint_names.sure_names` does, columns without names as `unnamed` does. Raises
+    UnknownNameError where no joint is found, IdentificationError where columns without names fit no joint.
     """
+    said = [[named_by_motion(tree, r) for r in group] for group in groups]
+    groups = ([r for r, _ in said[0]], [r for r, _ in said[1]])
     labels = list(
         dict.fromkeys(x for group in groups for r in group if r.has("position") for x in r.channel("position").labels)
     )
-    names, notes = _names(tree, labels), []
+    names, notes = _names(tree, labels), list(dict.fromkeys(note for group in said for _, note in group if note))
     changed = {old: new for old, new in names.items() if old != new}
     if changed and any(_plain(new) not in _plain(old) for old, new in changed.items()):
         said = ", ".join(f"{old} -> {new}" for old, new in changed.items())

@@ -103,7 +103,7 @@ def log_of(recording: Recording, tree: KinematicTree, drives: Drives) -> Log:
     velocity = recording.channels.get("velocity")
     usable = velocity is not None and all(j in velocity.labels for j in tree.joints)
     turning, said = _unwound(position, tree, recording.name)
-    notes = list(said)
+    notes = [*said, *_unitless(source, tree, drives)]
     speeds = _sound(velocity, tree, time, recording, notes) if usable and velocity is not None else None
     places, torques = (_sound(c, tree, time, recording, notes) for c in (turning, source))
     return Log(
@@ -133,6 +133,17 @@ def _units(source: Channel, tree: KinematicTree, drives: Drives) -> tuple[str, .
         ("N" if slides else "N m") if known or joint in drives.known_constants else logged
         for joint, slides in zip(tree.joints, np.asarray(tree.prismatic).tolist(), strict=True)
     )
+
+
+def _unitless(source: Channel, tree: KinematicTree, drives: Drives) -> list[str]:
+    """What to mind where nothing says in which unit the torque is."""
+    if source.name != "torque" or source.unit or all(joint in drives.known_constants for joint in tree.joints):
+        return []
+    return [
+        "nothing says in which unit torque is; it was taken as N m. If it is not (percent of a rated torque, counts), masses "
+        "are not in kg: say unit in the mapping, or how many N m one is as torque_constant of each joint in a drives file "
+        "(--drives)"
+    ]
 
 
 def _unwound(position: Channel, tree: KinematicTree, name: str) -> tuple[Channel, tuple[str, ...]]:

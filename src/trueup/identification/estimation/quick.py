@@ -121,16 +121,16 @@ def _hanging(
     ]
 
 
-def _driven(pool: Pool, rows: Sequence[Rows], estimate: Estimate) -> list[int]:
-    """Joints whose friction drives them, as none does: their torque or position has the wrong sign."""
-    found, x = list[int](), estimate.parameters
+def _driven(pool: Pool, rows: Sequence[Rows], estimate: Estimate) -> dict[int, float]:
+    """Joints whose friction drives them, as none does (their torque or position has the wrong sign), and its share."""
+    found, x = dict[int, float](), estimate.parameters
     for j, at in enumerate(zip(pool.groups["viscous"], pool.groups["saturating 0.01"], strict=True)):
         values = [np.concatenate([r.values[j][int(np.flatnonzero(r.columns[j] == k)[0])] for r in rows]) for k in at]
         friction, speed = x[list(at)] @ np.array(values), values[0]
         size = float(np.sqrt(np.mean(friction**2)))
         torque = float(np.sqrt(np.mean(np.concatenate([r.torque[:, j] for r in rows]) ** 2)))
         if size > _SMALL * torque and np.mean(friction * speed) < -_SURELY * size * float(np.sqrt(np.mean(speed**2))):
-            found.append(j)
+            found[j] = size / max(torque, 1e-300)
     return found
 
 

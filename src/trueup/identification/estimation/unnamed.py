@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Logs whose columns have no names: which are positions, speeds and torques of a tree's joints, told by what they do."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import IdentificationError
+from trueup.identification.estimation.diagnosis import POOR
+from trueup.identification.estimation.drives import Drives
+from trueup.identification.estimation.filtering import Lowpass, derivative, even, grid
+from trueup.identification.estimation.motion import log_of
+from trueup.identification.estimation.quick import quick_fit
+from trueup.identification.kinematic_tree import KinematicTree
+from trueup.recording import Channel, Recording
+
+Array = NDArray[np.float64]
+
+_SLOW, _LONGEST = 5.0, 20.0
+"""Hz: cut-off for the fits that tell layouts apart; s of the log that they look at."""
+_KINDS = 6
+"""The most signals of a joint that a log is taken to hold: position, speed, torque, and what was asked of each."""
+_ALIKE = 0.97
+"""Correlation from which one signal is another's rate of change."""
+_GAIN = 0.1
+"""Logarithm of the ratio of their sizes up to which that is a speed in the same unit."""
+_TURNS = 4.0 * np.pi
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Which columns (n,) of a block without names are what; `speed` is empty where none are."""
+
+    position: tuple[int, ...]
+    torque: tuple[int, ...]
+    speed: tuple[int, ...] = ()
+
+
+def named_by_motion(tree: KinematicTree, recording: Recording) -> tuple[Recording, str]:
+    """The recording with channels for the columns without names of its only channel, and a note; others as they are.
+
+    Signals follow each other (all positions, then all speeds, ...) or joints do; a rigid arm tells which are which: with
+    the right ones a rough model explains the torque. Raises IdentificationError where none of them does.
+    """
+    block = _block(recording)
+    if block is None:
+        return recording, ""
+    tried = [
+        (_error(arm, recording, _channels(arm, block, layout)), layout, arm)
+        for arm in _arms(tree, len(block.labels))
+        for layout in _layouts(block, arm.n)
+    ]
+    error, layout, arm = min(tried, key=lambda t: t[0], default=(np.inf, None, tree))
+    if layout is None or error > POOR:
+        raise IdentificationError(
+            f"recording '{recording.name}': its {len(block.labels)} columns have no names, and none of them are positions "
+            f"and torques of the {tree.n} joints of the model: say which columns are what in a mapping (`trueup inspect` "
+            "writes one to edit), or lock joints that the log does not hold (--lock)"
+        )
+    parts = (("position", layout.position), ("speed", layout.speed), ("torque", layout.torque))
+    said = ", ".join(f"{name} {_counted(block, columns)}" for name, columns in parts if columns)
+    note = f"columns have no names; by what they do they were taken as {said} of {', '.join(arm.joints)}"
+    return recording.replace(channels=_channels(arm, block, layout)), note
+
+
+def _block(recording: Recording) -> Channel | None:
+    """The channel of all columns, where none has a name."""
+    channels = list(recording.channels.values())
+    bare = len(channels) == 1 and len(channels[0].labels) > 1 and all(x.isdigit() for x in channels[0].labels)
+    return channels[0] if bare else None
+
+
+def _arms(tree: KinematicTree, width: int) -> Iterator[KinematicTree]:
+    """The tree, or its hinges alone (a gripper's fingers are rarely logged), if `width` columns can be of its joints."""
+    slides = [j for j, slides in zip(tree.joints, np.asarray(tree.prismatic).tolist(), strict=True) if slides]
+    for arm in (tree, tree.lock(slides)) if 0 < len(slides) < tree.n else (tree,):
+        if width % arm.n == 0 and 2 <= width // arm.n <= _KINDS:
+            yield arm
+
+
+def _layouts(block: Channel, n: int) -> Iterator[_Layout]:
+    """Pairs of a position and a torque that is no copy and no rate of change of it, signal by signal or joint by joint."""
+    time, rate = grid(block.time)
+    known = np.nan_to_num(np.array(block.values))
+    slow = Lowpass(rate, min(_SLOW, 0.08 * rate))(even(block.time, known, time))
+    width = slow.shape[1]
+    orders = np.arange(width).reshape(-1, n), np.arange(width).reshape(n, -1).T  # (kinds, n)
+    for order in orders if n > 1 else orders[:1]:
+        signals = [slow[:, columns] for columns in order]
+        rates = [derivative(x, rate) for x in signals]
+        speeds = {(i, j) for i, j in itertools.permutations(range(len(order)), 2) if _alike(rates[i], signals[j])}
+        for i, j in itertools.permutations(range(len(order)), 2):
+            copies = _alike(signals[i], signals[j]) or _alike(derivative(rates[i], rate), signals[j])
+            if copies or (i, j) in speeds or any(k == i for _, k in speeds):
+                continue
+            own = [k for k in range(len(order)) if (i, k) in speeds and _same_size(rates[i], signals[k])]
+            speed = tuple(order[own[0]].tolist()) if own else ()
+            yield _Layout(tuple(order[i].tolist()), tuple(order[j].tolist()), speed)
+
+
+def _alike(a: Array, b: Array) -> bool:
+    """Whether most columns (T, n) of one are those of the other, but for their size."""
+    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+    size = np.sqrt(np.sum(a**2, axis=0) * np.sum(b**2, axis=0))
+    return bool(np.median(np.sum(a * b, axis=0) / np.maximum(size, 1e-300)) > _ALIKE)
+
+
+def _same_size(a: Array, b: Array) -> bool:
+    return bool(abs(np.log(np.median(np.std(b, axis=0) / np.maximum(np.std(a, axis=0), 1e-300)))) < _GAIN)
+
+
+def _channels(arm: KinematicTree, block: Channel, layout: _Layout) -> dict[str, Channel]:
+    """Channels in SI; hinges that turn more than arms do are in degrees."""
+    place, turning = block.values[:, list(layout.position)], ~np.asarray(arm.prismatic)
+    degrees = turning.any() and float(np.nanmax(np.abs(place[:, turning]))) > _TURNS
+    unit = np.where(turning & degrees, np.pi / 180.0, 1.0)
+    made = {
+        "position": Channel("position", arm.joints, "rad", block.time, unit * place),
+        "torque": Channel("torque", arm.joints, "N m", block.time, block.values[:, list(layout.torque)]),
+    }
+    if layout.speed:
+        speed = unit * block.values[:, list(layout.speed)]
+        made["velocity"] = Channel("velocity", arm.joints, "rad/s", block.time, speed)
+    return made
+
+
+def _error(arm: KinematicTree, recording: Recording, channels: dict[str, Channel]) -> float:
+    """Relative error of a rough model; infinite where there is no motion to fit."""
+    start = float(channels["position"].time[0])
+    part = recording.replace(channels=channels).slice(start, start + _LONGEST)
+    drives = Drives.direct(arm.joints)
+    try:
+        log = log_of(part, arm, drives)
+        slow = min(_SLOW, 0.08 * log.rate)
+        motion = log.motion(slow, measured_speed=False)
+        return quick_fit(motion, arm, drives, slow, np.random.default_rng(0))(motion)
+    except IdentificationError:
+        return np.inf
+
+
+def _counted(block: Channel, columns: tuple[int, ...]) -> str:
+    """The columns' numbers: '2-8', or '2, 5, 8'."""
+    numbers = [int(block.labels[k]) for k in columns]
+    if numbers == list(range(numbers[0], numbers[-1] + 1)):
+        return f"{numbers[0]}-{numbers[-1]}"
+    return ", ".join(map(str, numbers))
