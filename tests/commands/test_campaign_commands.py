@@ -112,7 +112,7 @@ def test_hardware_does_not_move_unasked(here: Path, capsys: pytest.CaptureFixtur
     plan(here, 'type = "toy:Cart"\nforgetful = true\nfolder = "machine"')
     assert main(["run"]) == 1
     said = capsys.readouterr().err
-    assert "about to perform 1 trials" in said
+    assert "about to perform one trial, and the plan sets no limits" in said
     assert "trial-001: 4 s, proportional = 1, feed forward = 0.5, target of 101 rows" in said.replace("\n", " ")
     assert "--yes" in said
     assert not (here / "machine").exists()

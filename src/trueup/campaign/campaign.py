@@ -22,6 +22,7 @@ from trueup.campaign.events import (
     RoundBegun,
     RoundEnded,
     Scored,
+    TrialPlanned,
     Validated,
 )
 from trueup.campaign.hardware import Hardware
@@ -29,6 +30,7 @@ from trueup.campaign.journal import Journal
 from trueup.campaign.outcomes import belief_of, calibrated, chosen, generation, pairs, tried_in, validated
 from trueup.campaign.parts import Listener, Parts, Silent
 from trueup.campaign.plan import Plan
+from trueup.campaign.rehearsal import rehearse
 from trueup.errors import JournalError
 from trueup.loop.belief import Belief
 from trueup.loop.experiment import most_telling, spread_settings
@@ -70,6 +72,8 @@ class Campaign:
         last = self._journal.past[-1] if self._journal.past else None
         if isinstance(last, Ended):
             return last
+        if not any(isinstance(e, TrialPlanned) for e in self._journal.past):
+            self._listener.doubt(rehearse(self._parts))
         start = np.clip(self._space.to_unit(self._space.nominal), 0.0, 1.0)
         region = TrustRegion(start, self._plan.optimize.trust)
         score, stale = float("nan"), 0
@@ -136,10 +140,8 @@ class Campaign:
             if not self._scored() or self._room() < 1:
                 return
             best, _score = self._best()
-            runs = [
-                x for s in self._scores if np.allclose(s.unit, best, atol=1e-12) for x in s.scores if np.isfinite(x)
-            ]
-            if len(runs) > 1:
+            tries = [s for s in self._scores if np.allclose(s.unit, best, atol=1e-12)]
+            if sum(s.fell + int(np.isfinite(s.scores).sum()) for s in tries) > 1:
                 return
             self._scores += self._hardware.test(number, "confirm", best[None], plan.repeats, plan.again)
 
@@ -215,7 +217,8 @@ class Campaign:
         return any(np.isfinite(s.scores).any() for s in self._scores)
 
     def _best(self) -> tuple[Array, float]:
-        return best_known([np.array(s.unit) for s in self._scores], [np.array(s.scores) for s in self._scores])
+        units, scores = [np.array(s.unit) for s in self._scores], [np.array(s.scores) for s in self._scores]
+        return best_known(units, scores, [s.fell for s in self._scores])
 
     def _generator(self, number: int, purpose: int) -> np.random.Generator:
         return np.random.default_rng([self._plan.seed, number, purpose])

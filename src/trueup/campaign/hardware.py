@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from trueup.campaign.events import Scored, TrialDone, TrialPlanned, TrialStarted
 from trueup.campaign.journal import Journal
 from trueup.campaign.parts import Listener, Parts
+from trueup.campaign.rehearsal import blamed
 from trueup.campaign.store import Kept, Store
-from trueup.errors import JournalError, RobotFellError, TrialAbortedError
+from trueup.errors import JournalError, RobotFellError, TrialAbortedError, TrialError
 from trueup.loop.safety import require_safe
 from trueup.loop.transfer import prepared
 from trueup.recording import Recording
@@ -120,7 +121,8 @@ class Hardware:
         self._store.keep_references(trial, planned.of)
         outcome, note, recordings = "done", "", []
         try:
-            recordings = self._parts.robot.perform(trial)
+            with blamed(f"{trial.name}: the robot failed, and `trueup resume` goes on from here", TrialError):
+                recordings = self._parts.robot.perform(trial)
             outcome = _worst(recordings)
             note = "\n".join(dict.fromkeys(r.provenance["note"] for r in recordings if "note" in r.provenance))
         except RobotFellError as error:
@@ -131,6 +133,8 @@ class Hardware:
             raise JournalError(
                 f"'{trial.name}': the robot gave {len(recordings)} recordings for {trial.repeats} repeats"
             )
+        if outcome == "done":
+            _check_observed(trial, recordings)
         return self._store.keep(trial, planned.of, outcome, recordings, note)
 
     def _scored(
@@ -152,6 +156,20 @@ class Hardware:
         return self._read[file]
 
 
+def _check_observed(trial: Trial, recordings: Sequence[Recording]) -> None:
+    """Raises TrialError where a recording lacks what the trial observes: nothing could be scored by it, for ever."""
+    for recording in recordings:
+        for name, o in trial.observed.items():
+            has = recording.channel(name).labels if recording.has(name) else ()
+            lost = [label for label in o.labels if label not in has]
+            if lost:
+                there = ", ".join(f"{c.name} ({', '.join(c.labels)})" for c in recording.channels.values())
+                raise TrialError(
+                    f"{trial.name}: the robot's recording lacks {', '.join(lost)} of channel '{name}', which is observed; it "
+                    f"holds {there}. Mend the driver; `trueup resume` goes on from here"
+                )
+
+
 def _worst(recordings: Sequence[Recording]) -> str:
     """'done', unless a robot says of a recording that it fell or was aborted."""
     said = {r.provenance.get("outcome", "") for r in recordings}
@@ -161,13 +179,14 @@ def _worst(recordings: Sequence[Recording]) -> str:
 def _words(trial: Trial) -> str:
     """What a trial will do, for whoever is to allow it."""
     parts = [f"{trial.name}: {trial.duration:.4g} s" + (f", {trial.repeats} times" if trial.repeats > 1 else "")]
-    parts += [f"{k} = {v:.5g}" for k, v in trial.settings.items()]
+    units = {p.name: "" if p.unit == "1" else p.unit for p in trial.tuned}
+    parts += [f"{k} = {v:.5g} {units.get(k, '')}".rstrip() for k, v in trial.settings.items()]
     if trial.command is not None:
         c = trial.command
-        parts += [
-            f"{label} from {low:.4g} to {high:.4g} {c.unit}".rstrip()
-            for label, low, high in zip(c.labels, c.values.min(axis=0), c.values.max(axis=0), strict=True)
-        ]
+        alike: dict[str, list[str]] = {}
+        for label, low, high in zip(c.labels, c.values.min(axis=0), c.values.max(axis=0), strict=True):
+            alike.setdefault(f"from {low:.4g} to {high:.4g} {c.unit_of(label)}".rstrip(), []).append(label)
+        parts += [f"{' and '.join(labels)} {reach}" for reach, labels in alike.items()]
     for name, r in trial.references.items():
         parts.append(f"{name} of {len(r.values)} rows")
     return ", ".join(parts)

@@ -8,6 +8,8 @@ import statistics
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from trueup.campaign.events import (
     Begun,
     Calibrated,
@@ -23,6 +25,7 @@ from trueup.campaign.events import (
     TrialStarted,
     Validated,
 )
+from trueup.loop.transfer import best_known
 
 
 @dataclass
@@ -127,15 +130,21 @@ class History:
     @property
     def best(self) -> tuple[Mapping[str, float], float]:
         """Settings and score of the best on the robot so far; {} and NaN before any run was scored."""
-        found: dict[tuple[float, ...], list[float]] = {}
-        for r in self.rounds:
-            for s in r.scored:
-                found.setdefault(s.unit, []).extend(x for x in s.scores if math.isfinite(x))
-        means = {unit: _mean(scores) for unit, scores in found.items() if scores}
-        if not means:
+        scored = [s for r in self.rounds for s in r.scored]
+        if not any(math.isfinite(x) for s in scored for x in s.scores):
             return {}, math.nan
-        best = min(means, key=lambda u: means[u])
-        return self.settings(best), means[best]
+        unit, score = best_known(
+            [np.array(s.unit) for s in scored], [np.array(s.scores) for s in scored], [s.fell for s in scored]
+        )
+        return self.settings(tuple(unit.tolist())), score
+
+    @property
+    def falls_of_best(self) -> str:
+        """'fell in 2 of 5 tries' where the robot fell with the best settings; '' elsewhere."""
+        best = self.best[0]
+        tries = [s for r in self.rounds for s in r.scored if best and self.settings(s.unit) == best]
+        fell = sum(s.fell for s in tries)
+        return f"fell in {fell} of {len(tries)} tries with them" if fell else ""
 
     def score(self, value: float) -> str:
         """A score with its unit."""

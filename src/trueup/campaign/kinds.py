@@ -6,7 +6,7 @@ Concrete classes are imported inside functions only, so that a plan loads nothin
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from trueup.robots.stand_in_vehicle import StandInVehicle
     from trueup.simulators.bicycle import BicycleSimulator, Vehicle
     from trueup.tasks.follow_path import FollowPath
+
+Suited = Callable[[Sequence[Recording]], Sequence[Recording]]
+"""Makes recordings what a simulator can replay."""
 
 ROBOTS = {
     "by-hand": "trueup.robots.by_hand:ByHand",
@@ -45,19 +48,38 @@ _DRIVES = (
 )  # fmt: skip
 
 
-def mujoco(model: Path, recordings: Sequence[Recording] = (), parameters: Path | None = None) -> Simulator:
-    """A robot model with the parameters of a file, or those proposed for the plan's recordings.
+def mujoco(
+    model: Path, say: Callable[[str], None], recordings: Sequence[Recording] = (), parameters: Path | None = None
+) -> Simulator:
+    """A robot model with the parameters of a file, or those proposed for the plan's recordings; says what was done to both.
 
     Raises PlanError where there is neither, ModelError, ParameterError.
     """
-    from trueup.campaign.assemble import simulator_for
+    from trueup.campaign.assemble import recordings_for, simulator_for
 
+    if not model.is_file():
+        raise PlanError(f"[simulator], model: there is no file '{model}'; name your robot's MJCF or URDF")
     if parameters is None and not recordings:
         raise PlanError(
             f"{model}: what is to be calibrated? Name recordings in [calibrate], from which parameters are proposed, or a "
             "parameters file in [simulator]"
         )
-    return simulator_for(model, recordings, parameters)[0]
+    taken, _, notes = recordings_for(model, recordings)
+    simulator, more = simulator_for(model, taken, parameters)
+    for note in (*notes, *more):
+        say(f"note: {note}")
+    return simulator
+
+
+def suited(model: Path) -> Suited:
+    """Recordings as `trueup calibrate` takes them: a model's names and units, a free base begun again every half second."""
+
+    def taken(recordings: Sequence[Recording]) -> list[Recording]:
+        from trueup.campaign.assemble import recordings_for
+
+        return recordings_for(model, recordings)[0] if recordings else []
+
+    return taken
 
 
 def bicycle(

@@ -94,7 +94,9 @@ def validated(
     """How well the simulator foretold the runs that it had not seen; `earlier` are `pairs` of the rounds before."""
     rank = agreement(*zip(*pairs(picked, tested, incumbent=True), strict=True))
     every = agreement(*zip(*[*earlier, *pairs(picked, tested, incumbent=not earlier)], strict=True))
-    replayed = replay_error(parts.simulator, values, new, discrepancy=parts.discrepancy, channels=parts.channels)
+    replayed = replay_error(
+        parts.simulator, values, parts.suited(new), discrepancy=parts.discrepancy, channels=parts.channels
+    )
     measured = _row([mean_score(np.array(s.scores)) for s in tested])
     return Validated(
         number, picked.predicted, measured, rank.tau, rank.low, rank.high, rank.spearman, every.tau, every.low, every.high,

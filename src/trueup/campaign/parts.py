@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
@@ -43,7 +43,8 @@ class Parts:
     discrepancy: Discrepancy | None = None
     channels: tuple[str, ...] | None = None
     limits: Limits | None = None
-    notes: tuple[str, ...] = field(default=())
+    suited: Callable[[Sequence[Recording]], Sequence[Recording]] = tuple
+    """Makes the robot's recordings what the simulator can replay: names, units, pieces."""
 
 
 class Listener(Protocol):
@@ -51,6 +52,10 @@ class Listener(Protocol):
 
     def saw(self, event: Event, *, fresh: bool) -> None:
         """An event, in order; `fresh` is False for those of earlier runs, which are replayed."""
+        ...
+
+    def doubt(self, words: str) -> None:
+        """What looks wrong before anything has moved; '' where nothing does."""
         ...
 
     def fitting(self, point: TracePoint) -> None:
@@ -74,6 +79,9 @@ class Silent:
     """A Listener for notebooks and tests: hears nothing, allows hardware to move, never repeats a trial by itself."""
 
     def saw(self, event: Event, *, fresh: bool) -> None:
+        """Nothing."""
+
+    def doubt(self, words: str) -> None:
         """Nothing."""
 
     def fitting(self, point: TracePoint) -> None:

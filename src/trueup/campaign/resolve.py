@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import fnmatch
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.calibration import Calibration, TracePoint
-from trueup.campaign.kinds import CALIBRATIONS, DISCREPANCIES, ROBOTS, SEARCHES, SIMULATORS, TASKS
+from trueup.campaign.assemble import as_recorded
+from trueup.campaign.kinds import CALIBRATIONS, DISCREPANCIES, ROBOTS, SEARCHES, SIMULATORS, TASKS, Suited, suited
 from trueup.campaign.making import arguments, called, found, made
 from trueup.campaign.parts import Calibrator, Parts
 from trueup.campaign.plan import Calibrate, PlanFile
@@ -60,9 +62,11 @@ def parts_of(file: PlanFile, folder: Path, say: Callable[[str], None]) -> Parts:
     if plan.calibrate.discrepancy is not None:
         discrepancy = made(plan.calibrate.discrepancy, "discrepancy", DISCREPANCIES, given, base)
     given["discrepancy"] = discrepancy
+    model = plan.simulator.options.get("model")
+    given["suited"] = suits = suited(base / str(model)) if plan.simulator.type == "mujoco" else tuple
     return Parts(
         robot, simulator, task, _search(file, task.parameters), _calibrator(file, given, discrepancy), tuple(recordings),
-        tuple(held_out), discrepancy, plan.calibrate.channels or None, plan.limits.limits(),
+        tuple(held_out), discrepancy, plan.calibrate.channels or None, plan.limits.limits(), suits,
     )  # fmt: skip
 
 
@@ -115,7 +119,7 @@ def _calibrator(file: PlanFile, given: Mapping[str, Any], discrepancy: Discrepan
     if plan.calibrate.method.type == "none":
         return None
     if plan.calibrate.method.type == "fit":
-        return _fit(file, given["simulator"], discrepancy)
+        return _fit(file, given["simulator"], discrepancy, given["suited"])
     target = found(plan.calibrate.method, "calibration", CALIBRATIONS, base)
     before = {**given, "recordings": (), "held_out": (), "progress": None}
     arguments(plan.calibrate.method, target, before, base)  # what is wrong with the options is said now, not after runs
@@ -129,7 +133,7 @@ def _calibrator(file: PlanFile, given: Mapping[str, Any], discrepancy: Discrepan
     return own
 
 
-def _fit(file: PlanFile, simulator: Simulator, discrepancy: Discrepancy | None) -> Calibrator:
+def _fit(file: PlanFile, simulator: Simulator, discrepancy: Discrepancy | None, suits: Suited) -> Calibrator:
     plan = file.plan.calibrate
     if plan.method.options:
         raise PlanError(f"{plan.method.where}: 'fit' takes no options here; set search, robust, ... in [calibrate]")
@@ -141,6 +145,10 @@ def _fit(file: PlanFile, simulator: Simulator, discrepancy: Discrepancy | None) 
 
         options = Options(search=plan.search, select=plan.select, robust=plan.robust, channels=plan.channels or None,
                           seed=file.plan.seed)  # fmt: skip
-        return calibrate(simulator, recordings, held_out, options=options, discrepancy=discrepancy, progress=progress)
+        fitted, judged = suits(recordings), suits(held_out)
+        done = calibrate(simulator, fitted, judged, options=options, discrepancy=discrepancy, progress=progress)
+        if suits is tuple:
+            return done
+        return replace(done, replays=as_recorded(done.replays, [*fitted, *judged]))
 
     return fit

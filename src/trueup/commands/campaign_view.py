@@ -79,6 +79,11 @@ class CampaignView:
         for line in self._lines(event):
             self._console.print(line, soft_wrap=True, highlight=False)
 
+    def doubt(self, words: str) -> None:
+        """See Listener."""
+        if words and not self._quiet:
+            self._console.print(f"[yellow]note[/] {escape(words)}", soft_wrap=True, highlight=False)
+
     def fitting(self, point: TracePoint) -> None:
         """See Listener."""
         if self._quiet:
@@ -97,7 +102,11 @@ class CampaignView:
     def confirm(self, trials: Sequence[object], expected: Sequence[str]) -> None:
         """See Listener: shows what is about to move, and asks."""
         self._rest()
-        self._console.print(f"[bold]the robot is about to perform {len(trials)} trials[/], within their limits:")
+        count = "one trial" if len(trials) == 1 else f"{len(trials)} trials"
+        limited = (
+            "within the limits of the plan" if self._plan.limits.limits() else "and the plan sets no limits"
+        )
+        self._console.print(f"[bold]the robot is about to perform {count}[/], {limited}:", highlight=False)
         for line in expected:
             self._console.print(f"  {escape(line)}", highlight=False, soft_wrap=True)
         if self._yes:

@@ -65,6 +65,8 @@ def show_status(history: History, plan: Plan, console: Console) -> None:
         )
         shown = ", ".join(f"{k} = {history.setting(k, v)}" for k, v in settings.items())
         console.print(f"  {escape(shown)}", highlight=False, soft_wrap=True)
+        if history.falls_of_best:
+            console.print(f"  the robot {history.falls_of_best}", highlight=False)
     if history.ended is not None:
         console.print(escape(history.ended.reason), highlight=False)
     elif history.waiting:

@@ -81,7 +81,10 @@ class Optimum:
     def best(self) -> int:
         """Row of the lowest loss. Raises CalibrationError where all failed."""
         if not np.isfinite(self.losses).any():
-            raise CalibrationError(f"none of {len(self.losses)} candidates could be simulated to its end")
+            raise CalibrationError(
+                f"none of {len(self.losses)} candidates has a score in the simulator: their runs broke off, or the task's "
+                "score was NaN for all. Begin with settings that work there (nominal values), or search less far (trust)"
+            )
         return int(np.nanargmin(self.losses))
 
     def distinct(self, count: int, apart: float) -> tuple[int, ...]:

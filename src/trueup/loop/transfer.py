@@ -130,20 +130,25 @@ def compared(predicted: Array, measured: Array) -> Transferred:
     return Transferred(measured, best, agreement(predicted, measured))
 
 
-def best_known(units: Sequence[Array], scores: Sequence[Array]) -> tuple[Array, float]:
+def best_known(
+    units: Sequence[Array], scores: Sequence[Array], fell: Sequence[bool] | None = None
+) -> tuple[Array, float]:
     """The settings with the lowest mean score over all runs that the robot made with them.
 
-    Repeats of one candidate, in whatever round, are pooled, so that one lucky run does not keep a place for good.
+    Repeats of one candidate, in whatever round, are pooled, so that one lucky run does not keep a place for good. Settings
+    with which the robot `fell` at least every other time come after all others, however good their other runs were.
     Raises ValueError where no score is known.
     """
+    falls: dict[bytes, list[bool]] = {}
     runs: dict[bytes, list[float]] = {}
     points: dict[bytes, Array] = {}
-    for unit, known in zip(units, scores, strict=True):
+    for unit, known, down in zip(units, scores, fell or [False] * len(units), strict=True):
         key = np.round(np.asarray(unit, dtype=np.float64), 12).tobytes()
         points[key] = np.asarray(unit, dtype=np.float64)
         runs.setdefault(key, []).extend(float(s) for s in known if np.isfinite(s))
+        falls.setdefault(key, []).append(down)
     means = {key: float(np.mean(found)) for key, found in runs.items() if found}
     if not means:
         raise ValueError("no run on the robot has a score")
-    best = min(means, key=lambda k: means[k])
+    best = min(means, key=lambda k: (2 * sum(falls[k]) >= len(falls[k]), means[k]))
     return points[best], means[best]

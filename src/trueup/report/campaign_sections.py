@@ -48,7 +48,8 @@ def _better(history: History, tracks: Sequence[Track]) -> Markup:
         tag("span", significant(best), class_="after"), tag("small", f" {unit}") if unit else None, class_="hero-numbers",
     )  # fmt: skip
     label = tag("div", "the task's score on the robot (lower is better)", class_="hero-label")
-    words = tag("p", _sentence(first, best), class_="verdict-sentence")
+    falls = f" The robot {history.falls_of_best}." if history.falls_of_best else ""
+    words = tag("p", _sentence(first, best) + falls, class_="verdict-sentence")
     rows = [tag("div", tag("dt", name), tag("dd", history.setting(name, value))) for name, value in settings.items()]
     parts = [
         tag("div", tag("div", label, numbers), tag("div", words), class_="hero"),

@@ -91,13 +91,13 @@ def check_base(model: Model, recordings: Sequence[Recording]) -> list[str]:
 
 
 def held(model: Model, recordings: Sequence[Recording]) -> Model:
-    """A model whose base is free, fixed in the air where no recording tells where it was: most such robots hang.
+    """A model whose base is free, fixed in the air where none of the recordings tells where it was: most such robots hang.
 
     It stands as its first keyframe has it, or its reference pose, turned as an inertial unit saw it, and what stands
     around it touches nothing. Raises ModelError where it does not compile so.
     """
     joint = free_joint(model.compiled)
-    if joint < 0 or any(r.has(POSITION) and r.has(ORIENTATION) for r in recordings):
+    if joint < 0 or not recordings or any(r.has(POSITION) and r.has(ORIENTATION) for r in recordings):
         return model
     compiled, spec = model.compiled, model.spec.copy()
     start = int(compiled.jnt_qposadr[joint])

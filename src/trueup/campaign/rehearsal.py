@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The task simulated once before any robot moves: what does not fit together is said then, not after an hour of runs."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from trueup.campaign.parts import Parts
+from trueup.errors import PlanError, TrueupError, unknown_name
+from trueup.tasks.task import robot_trials
+from trueup.trial import Limits, Trial
+
+_ROWS = 2  # simulations side by side, so that a score of the wrong shape shows
+
+
+@contextmanager
+def blamed(what: str, kind: type[TrueupError]) -> Iterator[None]:
+    """Turns an error in a user's own code into one that names the place; trueup's own errors pass."""
+    try:
+        yield
+    except TrueupError:
+        raise
+    except Exception as error:
+        places = traceback.extract_tb(error.__traceback__)
+        at = places[-1]
+        said = f"{type(error).__name__}: {error}".rstrip(": ")
+        raise kind(f"{what}: {said} ({Path(at.filename).name}, line {at.lineno}; --debug shows more)") from error
+
+
+def rehearse(parts: Parts) -> str:
+    """Simulates the task's trials with the settings of today; returns a doubt about their score, '' without one.
+
+    Raises PlanError where task, simulator and limits do not fit together, and what the simulator raises.
+    """
+    task, simulator = parts.task, parts.simulator
+    with blamed(f"task '{task.name}', before anything moved", PlanError):
+        trials = robot_trials(task, task.parameters.nominal)
+        if len(trials) != len(task.trials):
+            raise PlanError(
+                f"task '{task.name}': `planned` gives {len(trials)} trials, `trials` has {len(task.trials)}"
+            )
+        row = np.concatenate([simulator.parameters.nominal, task.parameters.nominal])
+        rollouts = simulator.rollout(task.trials, np.repeat(row[None], _ROWS, axis=0), task.controllers)
+        scores = np.asarray(task.score(rollouts), dtype=np.float64)
+    if scores.shape != (_ROWS,):
+        raise PlanError(
+            f"task '{task.name}': `score` gave shape {scores.shape} for {_ROWS} simulations; it must be (b,)"
+        )
+    if parts.limits is not None:
+        _check_limits(parts.limits, trials)
+    if np.isfinite(scores).all():
+        return ""
+    why = next((w for r in rollouts for w in r.failures.values()), "the task gave it none")
+    return f"simulated with the settings of today, the task has no score: {why}"
+
+
+def _check_limits(limits: Limits, trials: tuple[Trial, ...]) -> None:
+    """Raises PlanError for a limit of something that is nowhere in the trials: it would limit nothing."""
+    known: dict[str, None] = {}
+    for t in trials:
+        known |= dict.fromkeys(t.command.labels if t.command is not None else ())
+        known |= {x: None for table in (*t.observed.values(), *t.references.values()) for x in table.labels}
+    for label in (*limits.labels, *limits.workspace):
+        if label not in known:
+            error = unknown_name("limit", label, list(known), "what the trials command, measure or follow")
+            raise PlanError(f"[limits]: {error}")

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A model in a plan is taken as `trueup calibrate` takes it: names, units, a base that is free."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trueup.campaign.kinds import mujoco, suited
+from trueup.errors import PlanError
+from trueup.recording import Channel, Recording
+from trueup.simulators.mujoco.rollout import MujocoSimulator
+
+HOPPER = """
+<mujoco><compiler angle="radian"/><worldbody><geom type="plane" size="2 2 .1"/>
+  <body name="trunk" pos="0 0 .5"><freejoint/><geom type="box" size=".1 .1 .05" mass="2"/>
+    <body pos="0 0 -.05"><joint name="hip" axis="0 1 0" range="-1 1"/><geom size=".02" fromto="0 0 0 0 0 -.2" type="capsule"/>
+      <body pos="0 0 -.2"><joint name="knee" axis="0 1 0" range="-2 .5"/>
+        <geom size=".02" fromto="0 0 0 0 0 -.2" type="capsule"/>
+  </body></body></body></worldbody>
+  <actuator><position name="hip" joint="hip" kp="40"/><position name="knee" joint="knee" kp="40"/></actuator></mujoco>
+"""
+PARAMETERS = '[[parameter]]\nquantity = "kp"\nof = "*"\n'
+TIME = np.arange(0.0, 3.0, 0.02)
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    (tmp_path / "parameters.toml").write_text(PARAMETERS)
+    (tmp_path / "hopper.xml").write_text(HOPPER)
+    return tmp_path / "hopper.xml"
+
+
+def log(labels: tuple[str, ...], posed: bool) -> Recording:
+    swing = np.stack([0.3 * np.sin(3 * TIME), 0.4 * np.sin(2 * TIME) - 0.5], axis=1)
+    base = {
+        "base_position": Channel("base_position", ("x", "y", "z"), "m", TIME, np.tile([0.0, 0.0, 0.45], (len(TIME), 1))),
+        "base_orientation": Channel("base_orientation", ("roll", "pitch", "yaw"), "rad", TIME, np.zeros((len(TIME), 3))),
+    }  # fmt: skip
+    return Recording("run", {
+        "command": Channel("command", labels, "rad", TIME, swing),
+        "position": Channel("position", labels, "rad", TIME, swing),
+        **(base if posed else {}),
+    })  # fmt: skip
+
+
+def test_a_base_is_free_unless_recordings_were_made_without_its_pose(model: Path) -> None:
+    said: list[str] = []
+    simulator = mujoco(model, said.append, (), model.with_name("parameters.toml"))
+    assert isinstance(simulator, MujocoSimulator)
+    assert simulator.model.compiled.nq == 9
+    assert said == []
+    hanging = mujoco(model, said.append, (log(("hip", "knee"), posed=False),), model.with_name("parameters.toml"))
+    assert isinstance(hanging, MujocoSimulator)
+    assert hanging.model.compiled.nq == 2
+    assert "held in the air" in "\n".join(said)
+
+
+def test_what_the_robot_did_is_named_and_cut_as_the_model_needs_it(model: Path) -> None:
+    pieces = suited(model)([log(("joint_1", "joint_2"), posed=True)])
+    assert len(pieces) > 3  # an unstable robot is replayed in windows
+    assert all(p.channel("position").labels == ("hip", "knee") for p in pieces)
+    assert suited(model)([]) == []
+
+
+def test_a_model_that_is_not_there_is_said_first(tmp_path: Path) -> None:
+    with pytest.raises(PlanError, match="there is no file"):
+        mujoco(tmp_path / "robot.xml", print)
