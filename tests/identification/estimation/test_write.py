@@ -115,6 +115,20 @@ def test_the_written_file_holds_what_was_identified(
     assert np.allclose(result.inertial[:, 0], np.asarray(_truth(tree).inertial)[:, 0], rtol=0.6)
 
 
+def test_what_hangs_on_a_link_gets_lighter_where_less_was_identified_than_its_file_says(
+    found: tuple[KinematicTree, Identification], model: Path, tmp_path: Path
+) -> None:
+    _, result = found
+    heavy, tool = tmp_path / f"heavy{model.suffix}", '<inertial pos="0 0 0" mass="30" diaginertia="1 1 1"/>'
+    text = model.read_text().replace('mass value="0.4"', 'mass value="30"')
+    text = text.replace('0.03 0.02"/>', f'0.03 0.02"/><body name="tool" pos="0 0 0.1">{tool}</body>')
+    heavy.write_text(text)
+    target = tmp_path / "out" / heavy.name
+    notes = write_identified(result, load_tree(heavy), heavy, target)
+    assert np.allclose(load_tree(target).inertial, result.inertial, rtol=1e-5, atol=1e-6)
+    assert any("hangs on it (tool)" in note for note in notes)
+
+
 def test_nothing_but_numbers_changes_in_the_text(
     found: tuple[KinematicTree, Identification], model: Path, tmp_path: Path
 ) -> None:

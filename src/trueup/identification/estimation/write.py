@@ -18,6 +18,8 @@ from trueup.identification.kinematic_tree import KinematicTree, about
 from trueup.identification.urdf import is_urdf
 
 if TYPE_CHECKING:
+    import mujoco
+
     from trueup.simulators.mujoco.reading.mjcf_text import Element, MjcfText
 
 Array = NDArray[np.float64]
@@ -50,13 +52,9 @@ def _write_urdf(found: Identification, tree: KinematicTree, source: Path, path: 
         element = links[name]
         file = np.nan_to_num(tree.inertial[j])
         attached = file - _own(element)
-        own, kept = _without(found.inertial[j], attached)
-        if not kept:
-            emptied = _empty_fixed(text, name, joints, links)
-            notes.append(
-                f"link '{name}': less was identified than hangs on it in the file ({', '.join(emptied) or 'locked joints'}); "
-                f"its mass stands for all of them{', which now carry none' if emptied else ', and theirs counts twice'}"
-            )
+        own, share = _without(found.inertial[j], attached)
+        if share < 1.0:
+            notes.append(_lightened(f"link '{name}'", _lighten(text, name, share, tree, joints, links), share))
         _set_inertial(text, element, own)
     for j, name in enumerate(tree.joints):
         coulomb, viscous = (f"{x:.6g}" for x in found.simple_friction[j])
@@ -96,11 +94,14 @@ def _write_mjcf(found: Identification, tree: KinematicTree, source: Path, path: 
         anchor = np.array(compiled.jnt_pos[model.index("joint", joint)])
         file = from_com(float(compiled.body_mass[at]), np.array(compiled.body_ipos[at]), body_inertia(compiled, at))
         here = moved(np.stack([found.inertial[j], np.nan_to_num(tree.inertial[j])]), np.eye(3), anchor)
-        own, kept = _without(here[0], here[1] - file)
-        if not kept:
-            notes.append(f"body '{name}': less was identified than hangs on it in the file, and theirs counts twice")
-        mass, com, inertia = _about_com(own)
-        bodies[name] = Body(mass, com, inertia)
+        own, share = _without(here[0], here[1] - file)
+        bodies[name] = Body(*_about_com(own))
+        if share < 1.0:
+            hanging = _hanging(compiled, at, {model.index("body", link) for link in tree.links})
+            for b in hanging:
+                mass, com = share * float(compiled.body_mass[b]), np.array(compiled.body_ipos[b])
+                bodies[compiled.body(b).name] = Body(mass, com, share * body_inertia(compiled, b))
+            notes.append(_lightened(f"body '{name}'", [compiled.body(b).name for b in hanging], share))
     joints = {
         name: JointFriction(
             float(found.simple_friction[j, 1]), float(found.simple_friction[j, 0]), float(found.armature[j])
@@ -110,15 +111,38 @@ def _write_mjcf(found: Identification, tree: KinematicTree, source: Path, path: 
     return (*notes, *write_bodies(model, bodies, joints, path))
 
 
-def _without(total: Array, attached: Array) -> tuple[Array, bool]:
-    """(10,) a body less what hangs on it in the file; False and the whole where nothing possible would be left."""
+def _hanging(compiled: mujoco.MjModel, at: int, links: set[int]) -> list[int]:
+    """Bodies with mass that hang on body `at` by joints that were not identified, or none."""
+    found, above = list[int](), {at}
+    for b in range(at + 1, compiled.nbody):  # parents come before children
+        if int(compiled.body_parentid[b]) in above and b not in links:
+            above.add(b)
+            found += [b] if compiled.body_mass[b] > 0.0 else []
+    return found
+
+
+def _lightened(where: str, below: list[str], share: float) -> str:
+    return (
+        f"{where}: less was identified than the file hangs on it ({', '.join(below)}), so that those have {share:.2g} "
+        "times their mass now; the sum is what was identified"
+    )
+
+
+def _without(total: Array, attached: Array) -> tuple[Array, float]:
+    """(10,) a body less what hangs on it in the file, and the share of that which hangs on it still.
+
+    The whole, where that leaves a body that can exist; else half of the most that does.
+    """
     own = total - attached
     size = max(float(np.abs(pseudo_inertia(total)).max()), 1e-12)
     if not np.abs(attached).max() > 1e-12 * size:
-        return total, True
+        return total, 1.0
     if np.linalg.eigvalsh(pseudo_inertia(own))[0] > 1e-9 * size:
-        return own, True
-    return total, False
+        return own, 1.0
+    root = np.linalg.inv(np.linalg.cholesky(pseudo_inertia(total)))
+    most = 1.0 / float(np.linalg.eigvalsh(root @ pseudo_inertia(attached) @ root.T)[-1])
+    share = 0.5 * min(most, 1.0)
+    return total - share * attached, share
 
 
 def _about_com(inertial: Array) -> tuple[float, Array, Array]:
@@ -166,25 +190,25 @@ def _set_inertial(text: MjcfText, link: Element, inertial: Array) -> None:
         text.change(parts["origin"], xyz=xyz, rpy="0 0 0")
 
 
-def _empty_fixed(text: MjcfText, link: str, joints: dict[str, Element], links: dict[str, Element]) -> list[str]:
-    """Takes the mass from all links that hang on `link` by fixed joints; returns their names."""
-    emptied = []
-    for joint in joints.values():
+def _lighten(
+    text: MjcfText, link: str, share: float, tree: KinematicTree, joints: dict[str, Element], links: dict[str, Element]
+) -> list[str]:  # fmt: skip
+    """Leaves a share of the mass of all links that hang on `link` by joints that were not identified; returns their names."""
+    lighter = []
+    for name, joint in joints.items():
         above, below = joint.child("parent"), joint.child("child")
-        if joint.attributes.get("type") != "fixed" or above is None or below is None:
-            continue
-        if above.attributes.get("link") != link:
+        if name in tree.joints or above is None or below is None or above.attributes.get("link") != link:
             continue
         child = below.attributes.get("link", "")
-        if np.any(_own(links[child])):
-            element = links[child].child("inertial")
-            mass, inertia = (element.child(tag) if element else None for tag in ("mass", "inertia"))
-            if mass is not None and inertia is not None:
-                text.change(mass, value="0")
-                text.change(inertia, **{key: "0" for key, _, _ in _TENSOR})
-                emptied.append(child)
-        emptied += _empty_fixed(text, child, joints, links)
-    return emptied
+        element = links[child].child("inertial")
+        mass, inertia = (element.child(tag) if element else None for tag in ("mass", "inertia"))
+        if mass is not None and inertia is not None:
+            text.change(mass, value=f"{share * float(mass.attributes.get('value', '0')):.9g}")
+            left = {key: f"{share * float(inertia.attributes.get(key, '0')):.9g}" for key, _, _ in _TENSOR}
+            text.change(inertia, **left)
+            lighter.append(child)
+        lighter += _lighten(text, child, share, tree, joints, links)
+    return lighter
 
 
 def _relocate_meshes(text: MjcfText, old: Path, new: Path) -> None:
