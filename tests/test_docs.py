@@ -4,10 +4,18 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
+import numpy as np
+import pytest
+
+from trueup.campaign.plan import read_plan
+from trueup.campaign.rehearsal import rehearse
+from trueup.campaign.resolve import parts_of
 from trueup.simulators.mujoco.declaration_file import read_declarations
 from trueup.simulators.mujoco.quantities import kinds
+from trueup.tasks.task import robot_trials, simulated_scores
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "calibrate.md"
 
@@ -23,3 +31,49 @@ def test_the_example_of_a_parameters_file_is_one(tmp_path: Path) -> None:
     lines = read_declarations(tmp_path / "parameters.toml")
     assert [line.quantity for line in lines] == ["kp", "friction", "friction_creep", "delay", "mass"]
     assert lines[-1].frozen
+
+
+ARM = """
+<mujoco model="arm"><compiler angle="radian"/><worldbody>
+  <body name="upper"><joint name="shoulder" axis="0 1 0" range="-2 2"/><geom type="capsule" fromto="0 0 0 0 0 .3" size=".02"/>
+    <body pos="0 0 .3"><joint name="elbow" axis="0 1 0" range="-2 2"/><geom type="capsule" fromto="0 0 0 0 0 .2" size=".02"/>
+  </body></body></worldbody>
+  <default><joint damping=".5" armature=".02"/></default>
+  <actuator><position joint="shoulder" kp="60"/><position joint="elbow" kp="40"/></actuator></mujoco>
+"""
+PLAN = """
+[robot]
+type = "by-hand"
+[simulator]
+type = "mujoco"
+model = "arm.xml"
+parameters = "parameters.toml"
+[task]
+type = "task:Move"
+[calibrate]
+method = "none"
+"""
+
+
+def test_the_task_of_the_page_on_campaigns_is_one_that_a_plan_can_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = (PAGE.parent / "campaigns.md").read_text("utf-8")
+    (code,) = (b for b in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if b.startswith("# task.py"))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "task", raising=False)
+    for name, text in (("task.py", code), ("arm.xml", ARM), ("campaign.toml", PLAN)):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    (tmp_path / "parameters.toml").write_text('[[parameter]]\nquantity = "kp"\nof = "*"\n')
+    parts = parts_of(read_plan(tmp_path / "campaign.toml"), tmp_path, lambda line: None)
+    assert rehearse(parts) == ""
+    task, simulator = parts.task, parts.simulator
+    values = np.array([0.05, 0.02])
+    by_controller = simulated_scores(task, simulator, simulator.parameters.nominal, values[None])[0, 0]
+    (run,) = simulator.rollout(robot_trials(task, values), simulator.parameters.nominal[None])
+    assert task.score([run])[0] == pytest.approx(
+        by_controller, rel=1e-3
+    )  # the motion sent is the one that was simulated
+    late = simulated_scores(task, simulator, simulator.parameters.nominal, np.zeros((1, 2)))[0, 0]
+    assert 0.0 < late < 0.05  # it begins where the model is put
+    assert abs(by_controller - late) > 1e-3

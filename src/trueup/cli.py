@@ -53,6 +53,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = _parser(given).parse_args(given)
     except SystemExit as done:  # argparse has said why
         return done.code if isinstance(done.code, int) else _USAGE
+    except KeyboardInterrupt:  # while the command is being loaded
+        return _INTERRUPTED
     args.command_line = given
     try:
         return _run(args)

@@ -133,6 +133,13 @@ def test_editing_the_plan_does_not_change_a_campaign_under_way(write_plan: Write
     opened = Folder.open(tmp_path / "out")
     assert opened.file.plan.stop.rounds == 2
     assert opened.checksum == begun.checksum
+    parts = parts_of(begun.file, begun.path, lambda line: None)
+    with Journal(begun.path) as journal:
+        Campaign(begun.file.plan, begun.checksum, "0", parts, journal)
+    anew = Folder.begin(read_plan(plan), tmp_path / "out", None)
+    assert anew.path == tmp_path / "out-2"
+    for words in ("campaign.toml was edited", f"trueup resume {tmp_path / 'out'}", '["out/recordings/*.parquet"]'):
+        assert words in anew.note
 
 
 def test_a_journal_of_another_plan_is_refused(write_plan: Write, tmp_path: Path) -> None:

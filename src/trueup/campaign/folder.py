@@ -46,7 +46,7 @@ class Folder:
             if state == "unfinished":
                 return cls(at, used, check, f"going on with the campaign in {at}")
             if state == "free":
-                note = f"{asked} holds another campaign, so this one goes to {at}" if number > 1 else ""
+                note = _elsewhere(asked, at, used) if number > 1 else ""
                 made = cls(at, used, check, note)
                 made._keep()
                 return made
@@ -69,6 +69,23 @@ class Folder:
         origin = os.path.relpath(self.file.path.resolve(), self.path.resolve())
         keep_text(self.path / PLAN, self.file.text)
         keep_text(self.path / _ORIGIN, json.dumps({"plan": origin, "seed": self.file.plan.seed}))
+
+
+def _elsewhere(asked: Path, at: Path, file: PlanFile) -> str:
+    """Why a campaign goes to another folder than the one that was asked for."""
+    try:
+        older = Folder.open(asked)
+        unfinished = not isinstance(read_journal(asked)[-1], Ended)
+    except (TrueupError, IndexError):
+        return f"{asked} holds another campaign, so this one goes to {at}"
+    same = older.file.path.resolve() == file.path.resolve() and older.file.text != file.text
+    if same and unfinished:
+        return (
+            f"{file.path.name} was edited since the campaign in {asked} began, so a new one begins in {at}; to go on "
+            f"with the plan as it was: trueup resume {asked}. Runs made there may be used here: [calibrate] recordings = "
+            f'["{os.path.relpath(asked / "recordings", file.path.parent)}/*.parquet"]'
+        )
+    return f"{asked} holds another campaign, so this one goes to {at}"
 
 
 def _numbered(path: Path, number: int) -> Path:
