@@ -6,7 +6,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from trueup.calibration import Calibration, Replay, by_unit
 from trueup.errors import ParameterError, unknown_name
@@ -14,6 +16,7 @@ from trueup.recording import Recording
 from trueup.simulators.simulator import Simulator
 
 if TYPE_CHECKING:
+    from trueup.campaign.cars import Told
     from trueup.loop.calibrate import Options
     from trueup.loop.fit import Checkpoint, Progress
     from trueup.simulators.car import CarSimulator
@@ -23,22 +26,34 @@ if TYPE_CHECKING:
     from trueup.simulators.mujoco.setup.floor import Stopped
 
 
+_UNEXPLAINED = 5.0  # noise units
+
+STEP = 0.002
+"""s: the step of MuJoCo models unless told otherwise."""
+
+
 def simulator_for(
     model_path: str | Path,
     recordings: Sequence[Recording],
     parameters_file: str | Path | None = None,
     *,
     replayed: Sequence[Recording] = (),
+    beyond_mjcf: bool = False,
+    step: float | None = None,
 ) -> tuple[MujocoSimulator | CarSimulator, tuple[str, ...]]:
     """The simulator of a model file with parameters from a file, or proposed from what moves in `recordings`.
 
     `replayed` are recordings that will be replayed too, but propose nothing: only their clocks are looked at.
+    `beyond_mjcf` proposes friction that MJCF has no place for too. `step` in s (None: `STEP`).
     A TOML file is a car (see `read_car`), whose search starts from a first look at `recordings`. A model without
     actuators gets position servos or motors for the joints that the recordings command; the notes say so, and what was
     lost on loading. Raises ModelError, ParameterError and UnknownNameError.
     """
     if Path(model_path).suffix.lower() == ".toml":
-        return _car(Path(model_path), recordings, parameters_file)
+        from trueup.campaign.cars import car_for
+
+        _check_of_cars(beyond_mjcf, step)
+        return car_for(Path(model_path), recordings, parameters_file)
     from trueup.discrepancies.alignment import clock_errors
     from trueup.simulators.mujoco.base import check_base
     from trueup.simulators.mujoco.declaration_file import read_declarations, read_gains
@@ -56,7 +71,7 @@ def simulator_for(
         lines = read_declarations(parameters_file)
     else:
         floor = stopped_by_floor(model, recordings)
-        lines = propose(model, recordings, clock_errors(everything), floor.height if floor else None)
+        lines = propose(model, recordings, clock_errors(everything), floor.height if floor else None, beyond_mjcf)
         notes = (*notes, *([_of_floor(floor)] if floor else []))
     names = {
         "recording": tuple(r.name for r in everything),
@@ -64,7 +79,12 @@ def simulator_for(
     }
     space, quantities = declare(model, lines, names)
     gains, named = Gains.named_by(everything, model.compiled, read_gains(parameters_file))
-    return MujocoSimulator(model, space, quantities, gains=gains), (*notes, *named)
+    return MujocoSimulator(model, space, quantities, gains=gains, step=step or STEP), (*notes, *named)
+
+
+def _check_of_cars(beyond_mjcf: bool, step: float | None) -> None:
+    for option in (*(["beyond-mjcf"] if beyond_mjcf else []), *(["step"] if step is not None else [])):
+        raise ParameterError(f"--{option} is for MJCF and URDF models; a car is simulated at a step of its own")
 
 
 def _model_for(path: str | Path, recordings: Sequence[Recording]) -> Model:
@@ -89,11 +109,13 @@ def as_recorded(replays: Sequence[Replay], recordings: Sequence[Recording]) -> t
     return joined(by_unit(replays, recordings))
 
 
-def shipped_for(model_path: str | Path, recordings: Sequence[Recording]) -> tuple[Simulator, tuple[str, ...]]:
+def shipped_for(
+    model_path: str | Path, recordings: Sequence[Recording], step: float | None = None
+) -> tuple[Simulator, tuple[str, ...]]:
     """The simulator of a model file as it is, and notes on what was done to it. Raises what `simulator_for` raises."""
     from trueup.simulators.mujoco.rollout import MujocoSimulator
 
-    simulator, _ = simulator_for(model_path, recordings)
+    simulator, _ = simulator_for(model_path, recordings, step=step)
     return simulator.shipped(), simulator.model.notes if isinstance(simulator, MujocoSimulator) else ()
 
 
@@ -109,31 +131,14 @@ def calibrated(
     from trueup.simulators.car import CarSimulator
     from trueup.simulators.mujoco.setup.windows import folded
 
-    told: _Told = {"progress": progress, "checkpoint": checkpoint, "resume": resume}
+    told: Told = {"progress": progress, "checkpoint": checkpoint, "resume": resume}
     if not isinstance(simulator, CarSimulator):
         done = calibrate(simulator, training, held_out, options=options, **told)
         every = [*training, *held_out]
         return replace(done, replays=as_recorded(done.replays, every), warnings=tuple(folded(done.warnings, every)))
-    from trueup.campaign.cars import said_once
-    from trueup.simulators.car.judging import Ahead
-    from trueup.simulators.car.prediction import foretold, lasting, spoken
-    from trueup.simulators.car.training import begun_apart, counted_once
+    from trueup.campaign.cars import calibrated_car
 
-    drives, others = ([simulator.prepared(r) for r in rs] for rs in (training, held_out))
-
-    def fitted(car: CarSimulator, more: _Told) -> Calibration:
-        return calibrate(car, begun_apart(drives, car.horizon), others, discrepancy=Ahead(car, drives),
-                         options=replace(options, cross_validate=False), **more)  # fmt: skip
-
-    found = fitted(simulator, told)
-    shares = lasting(simulator, found.values, drives)
-    if shares:
-        again = fitted(simulator.starting(shares), {"progress": progress, "checkpoint": None, "resume": None})
-        if foretold(simulator, again.values, drives) < foretold(simulator, found.values, drives):
-            simulator, found = simulator.starting(shares), again
-    once = counted_once(found, drives)
-    said = (*once.notes, *spoken(simulator, once.values, [*drives, *others]))
-    return replace(once, notes=said, warnings=said_once(once.warnings))
+    return calibrated_car(simulator, training, held_out, options, told)
 
 
 def write_outcome(
@@ -146,7 +151,9 @@ def write_outcome(
     from trueup.simulators.car import CarSimulator
 
     if isinstance(simulator, CarSimulator):
-        return _write_car(simulator, calibration, model)
+        from trueup.campaign.cars import write_calibrated_car
+
+        return write_calibrated_car(simulator, calibration, model)
     from trueup.simulators.mujoco.declaration_file import write_parameters
     from trueup.simulators.mujoco.writing.write import write_model
 
@@ -167,6 +174,38 @@ def kinds_of(simulator: MujocoSimulator | CarSimulator) -> tuple[tuple[str, str,
         if not parameter.frozen:
             counts[quantity.kind] = counts.get(quantity.kind, 0) + 1
     return tuple((name, kind(name).family, count) for name, count in counts.items())
+
+
+def about_step(simulator: Simulator) -> tuple[str, ...]:
+    """A note where the model takes smaller steps than it is simulated at."""
+    from trueup.simulators.mujoco.rollout import MujocoSimulator
+
+    own = float(simulator.model.compiled.opt.timestep) if isinstance(simulator, MujocoSimulator) else simulator.step
+    if own > 0.99 * simulator.step:
+        return ()
+    return (
+        f"the model steps by {1e3 * own:g} ms, here it is simulated at {1e3 * simulator.step:g} ms; with --step {own:g} the "
+        f"values are those of its own step, for about {simulator.step / own:.1f} times the time",
+    )
+
+
+def about_load(simulator: Simulator, calibration: Calibration) -> tuple[str, ...]:
+    """A note where servos stay far above the noise, and friction that grows with their load has not been tried."""
+    from trueup.simulators.mujoco.rollout import MujocoSimulator
+
+    if not isinstance(simulator, MujocoSimulator):
+        return ()
+    kinds = {q.kind for q in simulator.quantities}
+    seen = [r for r in calibration.training() if r.channel == "position"]
+    if "kp" not in kinds or "friction_load" in kinds or not seen or not all(r.noise.all() for r in seen):
+        return ()
+    times = float(np.sqrt(np.nanmean([np.nanmean(((r.after - r.measured) / r.noise) ** 2) for r in seen])))
+    if not times > _UNEXPLAINED:
+        return ()
+    return (
+        f"the replay error stays at {times:.0f} times the noise. Small geared servos have friction that grows with their "
+        "load: --beyond-mjcf fits it too, and `trueup replay --parameters` replays it",
+    )
 
 
 def clearance_for(model_path: str | Path, joints: Sequence[str], floor: float | str | None = "auto") -> MujocoClearance:
@@ -223,55 +262,6 @@ def drives_of(model_path: str | Path) -> dict[str, str]:
     from trueup.simulators.mujoco.model import load
 
     return load(model_path).drives()
-
-
-class _Told(TypedDict):
-    """What goes through to `calibrate` as it is."""
-
-    progress: Progress | None
-    checkpoint: Checkpoint | None
-    resume: dict[str, Any] | None
-
-
-def _car(
-    path: Path, recordings: Sequence[Recording], parameters_file: str | Path | None
-) -> tuple[CarSimulator, tuple[str, ...]]:
-    import numpy as np
-
-    from trueup.simulators.car import QUANTITIES, CarSimulator, car_space
-    from trueup.simulators.car.car_file import read_car
-    from trueup.simulators.car.commands import with_commands
-    from trueup.simulators.car.look import LATE, braked, first_look, unseen
-    from trueup.simulators.car.servo import servo_look
-
-    if parameters_file is not None:
-        raise ParameterError(f"{parameters_file}: a car has no parameters file; its own values are in [vehicle.values]")
-    car, taken = with_commands(read_car(path), recordings)
-    plain = CarSimulator(car)
-    drives = [plain.prepared(r) for r in recordings]
-    calm = unseen(drives)
-    servo = servo_look(drives)
-    late = servo["steering_delay"] + servo["steering_lag"] if servo else LATE
-    starts = {**first_look(car, drives, late), **servo}
-    still = {
-        *calm,
-        *(() if braked(drives) else ("braking",)),
-        *(() if "steering_rate" in starts else ("steering_rate",)),
-    }
-    steers = max((float(np.nanmax(np.abs(d.channel("command").column("steering")))) for d in drives), default=1.0)
-    space = car_space(car, starts, [q.name for q in QUANTITIES if q.free and q.name not in still], steers)
-    return CarSimulator(car, space), (*taken, *calm.values())
-
-
-def _write_car(simulator: CarSimulator, calibration: Calibration, path: Path) -> tuple[str, ...]:
-    from trueup.simulators.car.car_file import write_car
-
-    values = {e.name: e.value for e in calibration.estimates}
-    notes = {
-        e.name: f"{e.low:.4g} ... {e.high:.4g}, {e.verdict}" if e.fitted else e.verdict for e in calibration.estimates
-    }
-    write_car(replace(simulator.car, values=values), path, notes)
-    return ()
 
 
 def _of_floor(floor: Stopped) -> str:

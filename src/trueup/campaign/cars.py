@@ -1,21 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cars judged as they are: how far their predictions of recorded drives go astray, two cars side by side if wanted."""
+"""A car's file and drives into a simulator and back; cars judged as they are, two side by side if wanted."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.calibration import Replay
-from trueup.errors import ModelError, RecordingError
+from trueup.calibration import Calibration, Replay
+from trueup.errors import ModelError, ParameterError, RecordingError
 from trueup.recording import Recording
 
 if TYPE_CHECKING:
+    from trueup.loop.calibrate import Options
+    from trueup.loop.fit import Checkpoint, Progress
     from trueup.simulators.car import CarSimulator
 
 Array = NDArray[np.float64]
@@ -103,3 +105,84 @@ def _predicted(car: CarSimulator, other: CarSimulator | None, recording: Recordi
         None if other is None else prediction_errors(other, nothing, other.prepared(recording), HORIZONS),
         moved(car, clean, max(HORIZONS)), tuple(replace(r, noise=np.zeros(0)) for r in shown),
     )  # fmt: skip
+
+
+class Told(TypedDict):
+    """What goes through to `calibrate` as it is."""
+
+    progress: Progress | None
+    checkpoint: Checkpoint | None
+    resume: dict[str, Any] | None
+
+
+def car_for(
+    path: Path, recordings: Sequence[Recording], parameters_file: str | Path | None
+) -> tuple[CarSimulator, tuple[str, ...]]:
+    """The simulator of a car's file, started from a first look at `recordings`, and notes.
+
+    Raises ModelError and ParameterError.
+    """
+    from trueup.simulators.car import QUANTITIES, CarSimulator, car_space
+    from trueup.simulators.car.car_file import read_car
+    from trueup.simulators.car.commands import with_commands
+    from trueup.simulators.car.look import LATE, braked, first_look, unseen
+    from trueup.simulators.car.servo import servo_look
+
+    if parameters_file is not None:
+        raise ParameterError(f"{parameters_file}: a car has no parameters file; its own values are in [vehicle.values]")
+    car, taken = with_commands(read_car(path), recordings)
+    plain = CarSimulator(car)
+    drives = [plain.prepared(r) for r in recordings]
+    calm = unseen(drives)
+    servo = servo_look(drives)
+    late = servo["steering_delay"] + servo["steering_lag"] if servo else LATE
+    starts = {**first_look(car, drives, late), **servo}
+    still = {
+        *calm,
+        *(() if braked(drives) else ("braking",)),
+        *(() if "steering_rate" in starts else ("steering_rate",)),
+    }
+    steers = max((float(np.nanmax(np.abs(d.channel("command").column("steering")))) for d in drives), default=1.0)
+    space = car_space(car, starts, [q.name for q in QUANTITIES if q.free and q.name not in still], steers)
+    return CarSimulator(car, space), (*taken, *calm.values())
+
+
+def calibrated_car(
+    simulator: CarSimulator, training: Sequence[Recording], held_out: Sequence[Recording], options: Options, told: Told
+) -> Calibration:
+    """A car calibrated by how far its predictions go astray; twice where what it is like at the start of a drive lasts.
+
+    Raises what `trueup.loop.calibrate` raises, and RecordingError for drives without pose or command.
+    """
+    from trueup.loop.calibrate import calibrate
+    from trueup.simulators.car.judging import Ahead
+    from trueup.simulators.car.prediction import foretold, lasting, spoken
+    from trueup.simulators.car.training import begun_apart, counted_once
+
+    drives, others = ([simulator.prepared(r) for r in rs] for rs in (training, held_out))
+
+    def fitted(car: CarSimulator, more: Told) -> Calibration:
+        return calibrate(car, begun_apart(drives, car.horizon), others, discrepancy=Ahead(car, drives),
+                         options=replace(options, cross_validate=False), **more)  # fmt: skip
+
+    found = fitted(simulator, told)
+    shares = lasting(simulator, found.values, drives)
+    if shares:
+        again = fitted(simulator.starting(shares), {"progress": told["progress"], "checkpoint": None, "resume": None})
+        if foretold(simulator, again.values, drives) < foretold(simulator, found.values, drives):
+            simulator, found = simulator.starting(shares), again
+    once = counted_once(found, drives)
+    said = (*once.notes, *spoken(simulator, once.values, [*drives, *others]))
+    return replace(once, notes=said, warnings=said_once(once.warnings))
+
+
+def write_calibrated_car(simulator: CarSimulator, calibration: Calibration, path: Path) -> tuple[str, ...]:
+    """Writes the car's file; there is nothing that it cannot say. Raises OutputError."""
+    from trueup.simulators.car.car_file import write_car
+
+    values = {e.name: e.value for e in calibration.estimates}
+    notes = {
+        e.name: f"{e.low:.4g} ... {e.high:.4g}, {e.verdict}" if e.fitted else e.verdict for e in calibration.estimates
+    }
+    write_car(replace(simulator.car, values=values), path, notes)
+    return ()

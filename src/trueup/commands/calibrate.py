@@ -14,11 +14,20 @@ from rich.console import Console
 from rich.markup import escape
 
 from trueup.calibration import Calibration
-from trueup.campaign.assemble import calibrated, kinds_of, recordings_for, simulator_for, write_outcome
+from trueup.campaign.assemble import (
+    STEP,
+    about_load,
+    about_step,
+    calibrated,
+    kinds_of,
+    recordings_for,
+    simulator_for,
+    write_outcome,
+)
 from trueup.campaign.output import Output, fingerprint
 from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
-from trueup.commands.sources import mapping_for, readable, split, while_driven
+from trueup.commands.sources import mapping_for, readable, split, step_of, while_driven
 from trueup.errors import ModelError
 from trueup.formats import read
 from trueup.recording import Recording, is_command
@@ -69,6 +78,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--channels", metavar="LIST",
                         help="measured channels to fit, with commas (default: positions and sensors; velocity and torque "
                              "only if asked for, or if there is nothing else)")  # fmt: skip
+    parser.add_argument("--beyond-mjcf", action="store_true",
+                        help="propose friction that grows with the load too, as small geared servos have it; MJCF has no "
+                             "place for it, `trueup replay --parameters` has")  # fmt: skip
+    parser.add_argument("--step", type=step_of, metavar="S",
+                        help=f"integration step in s (default: {STEP}): the one that you will simulate with")  # fmt: skip
     parser.add_argument("--no-select", dest="select", action="store_false",
                         help="keep parameters that the recordings cannot support")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print the outcome as JSON, for scripts")
@@ -83,11 +97,14 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """
     training, held_out, notes = _recordings(args)
     model = Path(args.model)
-    simulator, more = simulator_for(model, training, args.parameters, replayed=held_out)
-    more = [*more, *(_unused(simulator, training) if model.suffix.lower() != ".toml" else ())]
+    simulator, more = simulator_for(
+        model, training, args.parameters, replayed=held_out, beyond_mjcf=args.beyond_mjcf, step=args.step
+    )
+    if model.suffix.lower() != ".toml":
+        more = (*more, *_unused(simulator, training), *about_step(simulator))
     parameters = Path(args.parameters) if args.parameters else None
     choices = {"held out": [r.name for r in held_out], "search": args.search, "seed": args.seed, "select": args.select,
-               "channels": args.channels}  # fmt: skip
+               "channels": args.channels, "beyond MJCF": args.beyond_mjcf, "step": args.step}  # fmt: skip
     print_of = fingerprint(model, parameters, [*training, *held_out], choices)
     output = Output.open(Path(args.out), model, print_of, force=args.force)
     if not args.quiet:
@@ -100,7 +117,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         console.print_json(output.outcome_file.read_text(encoding="utf-8"))
     else:
         show_outcome(calibration, console, quiet=args.quiet)
-        for note in said:
+        for note in (*said, *about_load(simulator, calibration)):
             console.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
         console.print("  " + "  ".join(escape(str(f)) for f in files), soft_wrap=True, highlight=False)
     return 0

@@ -16,10 +16,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from trueup.calibration import Replay, pooled_rmse
-from trueup.campaign.assemble import as_recorded, recordings_for, shipped_for, simulator_for
+from trueup.campaign.assemble import STEP, as_recorded, recordings_for, shipped_for, simulator_for
 from trueup.campaign.output import free_folder
 from trueup.commands.replay_drives import run_drives
-from trueup.commands.sources import mapping_for, readable, while_driven
+from trueup.commands.sources import mapping_for, readable, step_of, while_driven
 from trueup.formats import read
 from trueup.formats.plain import finite
 from trueup.report import replay_picture
@@ -53,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--mapping", metavar="FILE", help="how columns become channels (default: mapping.toml if here)")
     parser.add_argument("--channels", metavar="LIST", help="measured channels to compare, with commas (default: "
                         "position, or whatever there is)")  # fmt: skip
+    parser.add_argument("--step", type=step_of, metavar="S", help=f"integration step in s (default: {STEP})")
     parser.add_argument("--out", metavar="DIR", help="folder for a picture of each recording; the next run takes DIR-2")
     parser.add_argument("--json", action="store_true", help="print the errors as JSON, for scripts")
     parser.add_argument("-q", "--quiet", action="store_true", help="no notes")
@@ -92,12 +93,12 @@ def _replays(args: argparse.Namespace, recordings: list[Recording]) -> tuple[tup
     from trueup.loop.replay import replays
 
     of = (
-        simulator_for(args.model, recordings, args.parameters)
+        simulator_for(args.model, recordings, args.parameters, step=args.step)
         if args.parameters
-        else shipped_for(args.model, recordings)
+        else shipped_for(args.model, recordings, args.step)
     )
     simulator, notes = of
-    against = shipped_for(args.against, recordings)[0] if args.against else None
+    against = shipped_for(args.against, recordings, args.step)[0] if args.against else None
     seen = sorted({c for r in recordings for c in simulator.observable(r)})
     channels = [c.strip() for c in args.channels.split(",")] if args.channels else usual(seen)
     found = replays(simulator, simulator.parameters.nominal, (), recordings, channels=channels, against=against)

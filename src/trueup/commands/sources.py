@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import argparse
 import fnmatch
 from collections.abc import Sequence
 from pathlib import Path
@@ -84,6 +85,17 @@ def while_driven(recordings: Sequence[Recording]) -> tuple[list[Recording], list
         )
         kept.append(recording.slice(start, stop))
     return kept, notes
+
+
+def step_of(text: str) -> float:
+    """An integration step in s. Raises ArgumentTypeError for what is none."""
+    try:
+        step = float(text)
+    except ValueError:
+        step = float("nan")
+    if not 1e-5 <= step <= 0.02:
+        raise argparse.ArgumentTypeError(f"a step is a number from 0.00001 to 0.02 s (0.001 is 1 ms), not '{text}'")
+    return step
 
 
 def _comes_from(recording: Recording, path: Path) -> bool:

@@ -195,7 +195,8 @@ class Descent:
         """Whether slopes lead from here to where the recordings are explained at the real step; stays here."""
         if stage.real is None:
             return False
-        return explained(replace(self).polish(last_look(stage.real, stage.problem)).residual)
+        real = replace(last_look(stage.real, stage.problem), name=stage.name)
+        return explained(replace(self).polish(real).residual)
 
     def _level(self, cheap: Problem, fine: Array) -> Problem | None:
         """The cheaper problem with the residual (m,) of the real one at the point; None where a coarser step fails."""

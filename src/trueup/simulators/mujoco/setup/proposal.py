@@ -19,6 +19,7 @@ from trueup.trial import command_of
 
 _NEARLY = 0.5  # of the force limit: the stiffness is not known yet
 _STRONGER = 2.0  # than what steps show, which were slowed down by other things too: where the search begins
+_LOADED = 0.05  # of the actuator's force: at zero no slope leads away from sticking
 _MOVES = 5e-3  # rad or m: a joint that moves less teaches nothing
 
 
@@ -27,12 +28,13 @@ def propose(
     recordings: Sequence[Recording],
     clocks: Mapping[str, float] | None = None,
     floor: float | None = None,
+    beyond_mjcf: bool = False,
 ) -> list[Declaration]:
     """Declarations for the joints that move: servo stiffness, damping, friction, rotor inertia, servo zero, factors
     on motors' torques, one delay.
 
     All of it is part of MJCF, so the calibrated file replays the robot in any MuJoCo program, but for limits of commands
-    (`profiles`), where recordings show them. `clocks`: how late the commands of some recordings are stamped, in s
+    (`profiles`), where recordings show them, and for friction that grows with the load, if `beyond_mjcf`. `clocks`: how late the commands of some recordings are stamped, in s
     (`discrepancies.alignment.clock_errors`); searched from there. `floor`: the height in m of a floor that the model
     lacks (`floor.stopped_by_floor`).
     """
@@ -53,6 +55,8 @@ def propose(
         Declaration("armature", joints),
         Declaration("damping_quadratic", joints, optional="quadratic damping"),
     ]
+    if servos and beyond_mjcf:
+        lines.append(Declaration("friction_load", servos, nominal=_LOADED, optional="friction with load"))
     if motors:
         lines.append(Declaration("gain", motors, optional="factors on the motors' torques"))
     if servos:
