@@ -43,7 +43,7 @@ def test_a_signal_is_read_between_its_samples() -> None:
 
 
 def test_a_gap_ends_a_stretch_of_even_time() -> None:
-    time = np.concatenate([np.arange(50), np.arange(80, 100)]) * 0.004
+    time = np.asarray(np.concatenate([np.arange(50.0), np.arange(80.0, 100.0)]) * 0.004, dtype=np.float64)
     assert stretches(time) == [slice(0, 50), slice(50, 70)]
 
 

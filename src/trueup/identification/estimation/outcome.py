@@ -39,6 +39,8 @@ _MANY = 0.4
 """Share of combinations not seen from which on the whole is in doubt."""
 _FAR = 3.0
 """Times the fitted error: held-out motion of another kind."""
+_STANDING = 0.05
+"""Of a joint's top speed: what is slower hardly turns."""
 _COSTLY = 1.02
 """Of the unconstrained error: a consistent model that is worse than this is worth a word."""
 
@@ -191,8 +193,8 @@ def _thin(predictions: Sequence[Prediction], parameters: Sequence[Parameter]) ->
     inertial = [p for p in parameters if p.kind == "inertial"]
     unseen = sum(p.verdict == "not seen" for p in inertial)
     held = [p for p in predictions if p.held_out]
-    trained = relative_error([p for p in predictions if not p.held_out])
-    said = []
+    fitted = [p for p in predictions if not p.held_out]
+    trained, said = relative_error(fitted), []
     if unseen > _MANY * len(inertial):
         said.append(
             f"too little excitation: {unseen} of {len(inertial)} combinations of inertial parameters cannot be told from "
@@ -200,10 +202,33 @@ def _thin(predictions: Sequence[Prediction], parameters: Sequence[Parameter]) ->
         )
     if held and relative_error(held) > _FAR * trained:
         said.append(
-            f"held-out motion is predicted {relative_error(held) / trained:.0f} times worse than the fitted one: the logs "
-            "that were fitted are too short or too unlike it. Add motion of that kind"
+            f"held-out motion is predicted {relative_error(held) / trained:.0f} times worse than the fitted one: "
+            f"{unlike(fitted, held) or 'the logs that were fitted are too short or too unlike it. Add motion of that kind'}"
         )
     return said
+
+
+def unlike(fitted: Sequence[Prediction], held: Sequence[Prediction]) -> str:
+    """How held-out motion differs from the fitted one where most of the error is; nothing where it does not."""
+    known = (np.concatenate([p.position for p in fitted]), np.abs(np.concatenate([p.velocity for p in fitted])))
+    asked = (np.concatenate([p.position for p in held]), np.abs(np.concatenate([p.velocity for p in held])))
+    square = np.concatenate([p.measured - p.fitted for p in held]) ** 2
+    square = square / np.mean(np.concatenate([p.measured for p in held]) ** 2, axis=0)  # joints as far as they are off
+    low, high = np.quantile(known[0], [0.005, 0.995], axis=0)
+    slow, fast = np.quantile(known[1], 0.99, axis=0) * _STANDING, np.quantile(known[1], 0.995, axis=0)
+    kinds = (
+        ("where joints hardly turn", "slow moves with reversals and pauses", lambda q, v: v < slow),
+        ("where joints are faster than any fitted", "moves that fast", lambda q, v: v > fast),
+        ("in positions beyond those fitted", "motion that reaches there", lambda q, v: (q < low) | (q > high)),
+    )
+    found = []
+    for where, add, there in kinds:
+        now, before = there(*asked), there(*known)
+        share = float(square[now].sum() / square.sum())
+        if share > 0.5 and now.mean() > 2.0 * before.mean():
+            found.append((share, f"{100 * share:.0f} % of the error is {where}, which is {100 * now.mean():.0f} % of it and "
+                          f"{100 * before.mean():.0f} % of what was fitted. Add {add}"))  # fmt: skip
+    return max(found)[1] if found else ""
 
 
 def _notes(
