@@ -152,3 +152,16 @@ def test_gains_tuned_on_several_courses_hold_where_those_of_one_fail() -> None:
     assert held[-1] < 0.5 * held[0], "the robot is better everywhere"
     assert held[-1] < np.exp(np.log(held[1:-1]).mean())
     assert found.worst[-1] < found.worst[1:-1].mean()
+
+
+def test_a_late_pose_is_told_from_a_late_steering() -> None:
+    robot, task = chasi.robot(3), chasi.task()
+    drive = robot.perform(robot_trials(task, task.parameters.nominal, "")[0])[0]
+    simulator = chasi.simulator(threads=1)
+    found = dict(zip(simulator.parameters.names, calibrate_drives([drive], simulator).values, strict=True))
+    truth = robot.truth
+    assert found["localisation_latency"] == pytest.approx(truth.latency, abs=0.03)
+    late = truth.latency + truth.steering_delay + truth.steering_lag
+    assert sum(found[n] for n in ("localisation_latency", "steering_delay", "steering_lag")) == pytest.approx(
+        late, abs=0.06
+    )

@@ -133,6 +133,11 @@ class StandInVehicle:
                 last = np.searchsorted(drive.time, o.time - trial.start + 1e-9, side="right") - 1
                 columns = [COLUMNS[role][_LABELS[role].index(label)] for label in o.labels]
                 channels[role] = Channel(role, o.labels, o.unit, o.time, drive.seen[row][last][:, columns])
+                if (
+                    role == "heading" and "yaw_rate" not in trial.observed
+                ):  # its log holds the gyroscope, asked for or not
+                    turning = drive.seen[row][last][:, COLUMNS["yaw_rate"]]
+                    channels["yaw_rate"] = Channel("yaw_rate", ("yaw_rate",), "rad/s", o.time, turning)
         settings = " ".join(f"{k}={v:.6g}" for k, v in trial.settings.items())
         return Recording(name, channels, {"source": "stand-in vehicle", "settings": settings})
 

@@ -105,9 +105,9 @@ def keep(s: Array, out: Array) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def seen_pose(history: Array, at: float, last: int, column: int) -> float:
-    """A column of the history at a fraction of a step; the first state before the start."""
+    """A column of the history at a fraction of a step; before the start as in its first step, back in time."""
     if at <= 0.0:
-        return history[0, column]
+        return history[0, column] + at * (history[1, column] - history[0, column] if last > 0 else 0.0)
     if at >= last:
         return history[last, column]
     i = int(at)

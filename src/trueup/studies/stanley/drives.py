@@ -19,11 +19,13 @@ from trueup.simulators.simulator import Simulator
 
 Array = NDArray[np.float64]
 
-CHANNELS = ("position", "heading", "speed")
+CHANNELS = ("position", "heading", "speed", "yaw_rate")
+"""Those of them that were recorded. Speed and turn rate come at once and the pose late: together they tell the latency of
+the localisation from a delay of the command, which a controller that looks ahead in time would not forgive."""
 
 DOUBT = {
     "speed_delay": 0.03, "speed_lag": 0.03, "steering_delay": 0.03, "steering_lag": 0.03, "steering_scale": 0.02,
-    "steering_slack": 0.01, "understeer": 0.03,
+    "steering_slack": 0.01, "understeer": 0.03, "localisation_latency": 0.01,
 }  # fmt: skip
 """Least standard deviation that tuning reckons with, in the parameters' units: the vehicle is no bicycle. Least squares
 tells a parameter far better than this, but only as far as the model's structure is right."""
@@ -45,9 +47,10 @@ def calibrate_drives(
     pieces = [p for r in recordings for p in windows(r, length)]
     pieces = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, most).round().astype(int))]
     kept = [p for r in held_out for p in windows(r, length)]
+    channels = tuple(name for name in CHANNELS if all(p.has(name) for p in (*pieces, *kept)))
     return calibrate(
-        simulator, pieces, kept, options=Options(channels=CHANNELS, cross_validate=False),
-        discrepancy=RigidlyAligned.estimated(pieces, CHANNELS), progress=progress,
+        simulator, pieces, kept, options=Options(channels=channels, cross_validate=False),
+        discrepancy=RigidlyAligned.estimated(pieces, channels), progress=progress,
     )  # fmt: skip
 
 
