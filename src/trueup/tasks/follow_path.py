@@ -118,6 +118,7 @@ def trial_of(path: Path, settings: StanleySettings, rate: float = 20.0, duration
         references={"path": path.reference()},
         notes=(
             "Position and heading are those of the middle of the rear axle; angles grow to the left (counter-clockwise).",
+            "What is commanded: speed of the wheels in m/s, steering angle in rad.",
             f"The run ends when the front axle, {settings.wheelbase:.4g} m ahead of it, has reached the path's last point.",
         ),
     )  # fmt: skip
