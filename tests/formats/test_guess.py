@@ -157,3 +157,11 @@ def test_raw_and_filtered_signals_of_one_file_are_channels_each(tmp_path: Path) 
     found = guess(tmp_path, "time,q_1,q_2,q_raw_1,q_raw_2").channels
     assert found["position"].columns == ("q_1", "q_2")
     assert found["position_raw"].columns == ("q_raw_1", "q_raw_2")
+
+
+@pytest.mark.parametrize("speed", ["q_dot_{}", "qdot{}", "q{}_dot", "jv{}"])
+def test_a_dot_makes_a_speed_of_a_position(tmp_path: Path, speed: str) -> None:
+    names = [f"q{k}" for k in (1, 2)] + [speed.format(k) for k in (1, 2)]
+    found = guess(tmp_path, ",".join(["time", *names])).channels
+    assert found["position"].columns == ("q1", "q2")
+    assert found["velocity"].columns == tuple(names[2:])

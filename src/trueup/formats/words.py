@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from trueup.units import canonical
 
 _KINDS = {
-    "position": "position positions pos q qpos angle angles theta ang jointangle jointpos",
-    "velocity": "velocity velocities vel vels speed speeds qd dq qvel omega jointvel",
-    "acceleration": "acceleration accelerations acc accel qdd ddq qacc",
-    "torque": "torque torques tau taus effort efforts moment trq tq qfrc",
+    "position": "position positions pos q qpos angle angles theta ang jointangle jointpos jp jpos",
+    "velocity": "velocity velocities vel vels speed speeds qd dq qdot qvel omega jointvel jv jvel dot",
+    "acceleration": "acceleration accelerations acc accel qdd ddq qddot qacc ddot",
+    "torque": "torque torques tau taus effort efforts moment trq tq torq qfrc jt jtau jtrq",
     "current": "current currents cur curr amps amperage iq",
     "load": "load loads",
     "voltage": "voltage voltages volt volts",
@@ -31,6 +31,8 @@ _MEASURED = (
 )
 _PLAINLY_MEASURED = frozenset(["measured", "meas", "msr", "msd", "actual", "present", "feedback"])
 """Words that mean a position where nothing says of what."""
+_RATES = ("dot", "ddot")
+"""Words that make a rate of change of what stands before them: q_dot, theta_ddot."""
 _NEUTRAL = "controller controllers trajectory"
 _TIME = (
     "time timestamp timestamps t stamp stamps times clock elapsed ts sec secs seconds millis micros datetime msec usec "
@@ -123,6 +125,7 @@ def meaning(name: str) -> Meaning:
     kinds = [_kind(word) for word in plain]
     commands = [_is_command(i, plain) for i in range(len(plain))]
     kind = next((k for k in kinds if k), "")
+    kind = {"dot": "velocity", "ddot": "acceleration"}.get(next((w for w in plain if w in _RATES), ""), kind)
     told = any(commands) or bool(_PLAINLY_MEASURED & set(plain))
     suffix, where = ("", range(0)) if unit else _unit_suffix(bare, kind)
     if not kind and (told or not (VOCABULARY.axes | {"heading"}) & set(plain[:1])):

@@ -164,6 +164,17 @@ def test_a_torque_without_a_unit_is_taken_as_newton_metres_and_that_is_said(
     assert sum("in which unit torque is" in said for said in found.warnings) == 1
 
 
+def test_a_torque_without_gravity_is_named(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    r = arms.recording(tree, np.random.default_rng(6), size=2.0)
+    q = r.channel("position").values
+    held = inverse_dynamics(tree, np.asarray(tree.inertial), q, np.zeros_like(q), np.zeros_like(q))
+    without = r.with_channel(r.channel("torque").replace(values=r.channel("torque").values - held))
+    with pytest.raises(IdentificationError, match=r"no gravity.*--gravity 0 0 0"):
+        identify(tree, [without])
+    found = identify(tree.replace(gravity=np.zeros(3)), [without], options=Options(hold_out=0.3))
+    assert relative_error(found.held_out()) < 0.1
+
+
 def test_wrong_signs_are_named_where_friction_is_most_of_the_torque(tree: KinematicTree, arms: SimpleNamespace) -> None:
     r = arms.recording(tree, np.random.default_rng(8), size=2.0)
     v = np.gradient(r.channel("position").values, r.channel("position").time, axis=0)

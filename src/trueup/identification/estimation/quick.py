@@ -25,6 +25,8 @@ _SLOW = 5.0
 """Hz: cut-off for the quick fits that look for mistakes."""
 _TILTS = (0.4, 0.1, 0.03)
 """rad: steps in which the direction of gravity is sought."""
+_NO_GRAVITY = 0.7
+"""Of the error, below which a model without gravity is believed: it has no more to fit with."""
 _SMALL, _SURELY = 0.02, 0.5
 """Of a joint's torque, below which friction is not looked at; correlation with speed that is certain."""
 
@@ -112,6 +114,11 @@ def _hanging(
             turned = [np.cos(step) * gravity + sign * np.sin(step) * size * a for a in across for sign in (1.0, -1.0)]
             best, gravity = min([(best, gravity), *((error(g), g) for g in turned)], key=lambda entry: entry[0])
     best, gravity = min([(best, gravity), (error(-gravity), -gravity)], key=lambda entry: entry[0])
+    if (without := error(np.zeros(3))) < min(best, _NO_GRAVITY * relative):
+        return [
+            "the torque seems to hold no gravity, as where a controller takes it out: with --gravity 0 0 0 the error would "
+            f"fall from {100 * relative:.0f} % to {100 * without:.0f} % of the torque"
+        ]
     if best > 0.5 * relative:
         return []
     x, y, z = (round(float(g), 2) + 0.0 for g in gravity)
