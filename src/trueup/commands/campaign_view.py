@@ -228,7 +228,7 @@ def calibration_words(event: Calibrated) -> list[str]:
     shown = ", ".join(found[:6]) + (f", and {len(found) - 6} more" if len(found) > 6 else "")
     return [
         f"replay error {event.error_before:.4g} -> {event.error_after:.4g} {event.unit} "
-        f"on {len(event.recordings)} recordings",
+        f"on {len(event.recordings)} recording{'' if len(event.recordings) == 1 else 's'}",
         shown,
     ]
 

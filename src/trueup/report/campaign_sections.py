@@ -109,9 +109,9 @@ def _round_words(story: RoundStory) -> str:
     done, new = story.calibrated, story.validated
     if done is not None:
         before, after = (with_unit(significant(x), done.unit) for x in (done.error_before, done.error_after))
+        count = f"{len(done.recordings)} recording{'' if len(done.recordings) == 1 else 's'}"
         parts.append(
-            f"{sum(done.fitted)} parameters fitted to {len(done.recordings)} recordings: replay error {before} as shipped, "
-            f"{after} calibrated."
+            f"{sum(done.fitted)} parameters fitted to {count}: replay error {before} as shipped, {after} calibrated."
         )
     if story.generations:
         reach = significant(story.begun.radius, 2)

@@ -119,7 +119,7 @@ def _to_set(trial: Trial) -> list[str]:
         columns = ", ".join(f"{label} [{unit}]" for label, unit in zip(r.labels, r.units, strict=True))
         lines += [f"Follow {name}.csv: {len(r.values)} rows of {columns}."]
         lines += [
-            f"  {label:14} {low:.4g} to {high:.4g} {unit}"
+            f"  {label:14} {_range(low, high, unit)}"
             for label, unit, low, high in zip(
                 r.labels, r.units, r.values.min(axis=0), r.values.max(axis=0), strict=True
             )
@@ -149,6 +149,7 @@ def _limits(trial: Trial) -> list[str]:
 
 def _range(low: float, high: float, unit: str) -> str:
     if np.isfinite(low) and np.isfinite(high):
+        low, high = (0.0 if abs(x) < 1e-9 * max(abs(low), abs(high)) else x + 0.0 for x in (low, high))
         return f"{low:.4g} to {high:.4g} {unit}".rstrip()
     return (f"at least {low:.4g} {unit}" if np.isfinite(low) else f"at most {high:.4g} {unit}").rstrip()
 
