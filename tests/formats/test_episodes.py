@@ -71,3 +71,12 @@ def test_a_file_for_each_episode_keeps_its_name(tmp_path: Path) -> None:
     first, second = read(root)
     assert (first.name, second.name) == ("episode_000000", "episode_000001")
     assert first.channel("position").labels == tuple(JOINTS)
+
+
+def test_drives_in_one_file_are_told_apart_by_the_name_of_their_run(tmp_path: Path) -> None:
+    path = tmp_path / "drives.csv"
+    rows = "".join(f"{run},{k / 10},{k}\n" for run in ("north", "south") for k in range(8))
+    path.write_text("run_id,time,pos_a\n" + rows)
+    assert [r.name for r in read(path)] == ["drives_north", "drives_south"]
+    path.write_text("running,time,pos_a\n" + "".join(f"{int(k > 3)},{k / 10},{k}\n" for k in range(8)))
+    assert [r.name for r in read(path)] == ["drives"]

@@ -73,6 +73,9 @@ FULL_SIZE = (
     "time,cmd_v,cmd_w,x,y,theta",
     "timestamp,throttle,steering,pos_x,pos_y,pos_z,roll,pitch,yaw,speed",
     "time,cmd_vel.linear.x,cmd_vel.angular.z,pose_x,pose_y,pose_yaw_deg,odom_v,odom_w",
+    "sim_time,throttle,brake,steer,location_x,location_y,rotation_yaw,speed_kmh",
+    "timestamp,throttle_pwm_us,steering_pwm_us,rb_pos_x,rb_pos_y,rb_pos_z,rb_rot_x,rb_rot_y,rb_rot_z,rb_rot_w",
+    "t,cmd_vel_linear,cmd_vel_angular,north_m,east_m,yaw_ned_deg,wheel_odom_speed",
     "time,speed_percent,steering_deg,uwb_x,uwb_y,compass_deg,gyro_dps",
 )
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ INFO = Path("meta", "info.json")
 """Where a LeRobot data set says what its columns hold, from its root."""
 _ABOVE = 4  # folders between a data file and the root of its set
 _COUNTERS = frozenset(["index", "frame", "episode", "task", "id"])
+_RUNS = frozenset(["run", "trial", "trip", "session", "drive", "route", "segment"])
+_WHICH = frozenset(["id", "number", "nr", "no", "name", "index"])
 
 
 def is_description(folder: Path) -> bool:
@@ -37,28 +40,45 @@ def episodes(table: Table, stem: str) -> list[tuple[str, Table]]:
 
     Columns that only count frames, episodes or tasks are left out then: they are no signals.
     """
-    found = next((name for name in table.columns if _numbers_runs(name, table.columns[name])), None)
+    told = {**{name: _as_numbers(cells) for name, cells in table.text.items()}, **table.columns}
+    found = next((name for name, values in told.items() if _numbers_runs(name, values, name in table.text)), None)
     if found is None:
         return [(stem, table)]
-    numbers = table.columns[found]
-    columns = {name: values for name, values in table.columns.items() if not set(words(name)) <= _COUNTERS}
-    table = replace(table, columns=columns)
+    numbers = told[found]
+    columns = {
+        name: values for name, values in table.columns.items() if name != found and not set(words(name)) <= _COUNTERS
+    }
+    labels = table.text.get(found)
+    table = replace(table, columns=columns, text={name: cells for name, cells in table.text.items() if name != found})
     if len(np.unique(numbers)) == 1:
         return [(stem, table)]
     stem = "episode" if table.named else stem
+    firsts = np.unique(numbers, return_index=True)[1]
     return [
-        (f"{stem}_{int(number)}", _rows(table, np.flatnonzero(numbers == number)))
-        for number in dict.fromkeys(numbers.tolist())
+        (
+            f"{stem}_{str(labels[first]).strip() if labels is not None else int(numbers[first])}",
+            _rows(table, np.flatnonzero(numbers == numbers[first])),
+        )
+        for first in np.sort(firsts).tolist()
     ]
 
 
-def _numbers_runs(name: str, values: Array) -> bool:
-    """Whether a column says which run a row is of: whole numbers, each run in one piece."""
-    if "episode" not in words(name) or values.ndim != 1 or not set(words(name)) <= _COUNTERS:
+def _numbers_runs(name: str, values: Array, texts: bool) -> bool:
+    """Whether a column says which run a row is of: whole numbers or texts, each run in one piece."""
+    plain = set(words(name))
+    named = bool(plain & _RUNS) and plain <= _RUNS | _WHICH and (texts or bool(plain & _WHICH))
+    counted = "episode" in plain and plain <= _COUNTERS
+    if not (named or counted) or values.ndim != 1:
         return False
     if not len(values) or not np.all(np.isfinite(values)) or np.any(values != np.round(values)):
         return False
     return len(np.unique(values)) == 1 + np.count_nonzero(np.diff(values))
+
+
+def _as_numbers(cells: Sequence[str]) -> Array:
+    """(T,) the same number for the same text, NaN for none."""
+    seen: dict[str, int] = {}
+    return np.array([seen.setdefault(c.strip(), len(seen)) if c.strip() else np.nan for c in cells], dtype=np.float64)
 
 
 def _rows(table: Table, rows: Any) -> Table:

@@ -22,7 +22,7 @@ _CORES: Mapping[str, str] = MappingProxyType(
         "latitude": "lat, latitude",
         "longitude": "lon, lng, longitude",
         "heading": "heading, yaw, theta, psi, hdg, azimuth, orientation, orientation yaw, euler yaw, "
-        "rpy yaw, orientation theta, compass, compass heading, bearing, course",
+        "rpy yaw, rotation yaw, rot yaw, orientation theta, compass, compass heading, bearing, course",
         "qx": "qx, orientation x, quat x, quaternion x, q x, rotation x, rot x",
         "qy": "qy, orientation y, quat y, quaternion y, q y, rotation y, rot y",
         "qz": "qz, orientation z, quat z, quaternion z, q z, rotation z, rot z",
@@ -45,7 +45,8 @@ _ANYONES = (
     "actual real true ground truth gt est estimated estimate long longitudinal motor state states pwm actuation control "
     "ctrl sent norm normalized angle ratio value percentage data msg feedback fb stamped twist vesc sensors sensor core "
     "pf particle filter filtered amcl slam ekf ukf localization localisation fused utm local global enu current drive "
-    "csv npz topic inferred imu raw ego body fix navsat uwb apriltag tag aruco marker beacon lidar tracker tracked tracking"
+    "csv npz topic inferred imu raw body fix navsat uwb apriltag tag aruco marker beacon lidar tracker tracked tracking "
+    "field location ned rb rigid ego agent hero player"
 )
 _COMMANDED = frozenset(_ASKED.split())
 _WHOSE = _COMMANDED | frozenset(_ANYONES.split())
