@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trueup.campaign.kinds import mujoco, suited
+from trueup.campaign.kinds import in_windows, mujoco, suited
 from trueup.errors import PlanError
 from trueup.recording import Channel, Recording
 from trueup.simulators.mujoco.rollout import MujocoSimulator
@@ -68,3 +68,20 @@ def test_what_the_robot_did_is_named_and_cut_as_the_model_needs_it(model: Path) 
 def test_a_model_that_is_not_there_is_said_first(tmp_path: Path) -> None:
     with pytest.raises(PlanError, match="there is no file"):
         mujoco(tmp_path / "robot.xml", print)
+
+
+def test_a_drive_is_judged_in_windows_as_it_was_fitted_and_one_that_stood_still_not_at_all() -> None:
+    time = np.arange(0.0, 30.0, 0.05)
+    still = np.zeros((len(time), 2))
+    gone = np.stack([0.5 * time, np.zeros_like(time)], axis=1)
+    drives = [
+        Recording(name, {
+            "command": Channel("command", ("speed", "steering"), "", time, still + np.array([0.5, 0.0])),
+            "position": Channel("position", ("x", "y"), "m", time, places),
+            "heading": Channel("heading", ("heading",), "rad", time, still[:, :1]),
+        })
+        for name, places in (("gone", gone), ("still", still))
+    ]  # fmt: skip
+    pieces = in_windows(6.0)(drives)
+    assert len(pieces) == 5
+    assert all(p.name.startswith("gone") for p in pieces)

@@ -6,11 +6,12 @@ Concrete classes are imported inside functions only, so that a plan loads nothin
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from trueup.errors import PlanError, unknown_name
+from trueup.errors import PlanError, RecordingError, unknown_name
 from trueup.loop.restricted import Restricted
 from trueup.recording import Recording
 from trueup.simulators.simulator import Simulator
@@ -124,6 +125,21 @@ def stand_in_vehicle(task: FollowPath, number: int = 0, seed: int = 0, failing: 
     from trueup.robots.stand_in_vehicle import StandInVehicle
 
     return StandInVehicle(number, task.settings, seed=seed, failing=failing)
+
+
+def in_windows(length: float) -> Suited:
+    """Drives as the calibration by 'drives' takes them: in windows of `length` s, since a whole one drifts away."""
+
+    def taken(recordings: Sequence[Recording]) -> list[Recording]:
+        from trueup.simulators.bicycle.windows import windows
+
+        found: list[Recording] = []
+        for recording in recordings:
+            with contextlib.suppress(RecordingError):  # nothing moves in it
+                found += windows(recording, length)
+        return found
+
+    return taken
 
 
 def weighted(recordings: Sequence[Recording], channels: tuple[str, ...] = ("position",)) -> object:

@@ -14,10 +14,20 @@ from numpy.typing import NDArray
 
 from trueup.calibration import Calibration, TracePoint
 from trueup.campaign.assemble import as_recorded
-from trueup.campaign.kinds import CALIBRATIONS, DISCREPANCIES, ROBOTS, SEARCHES, SIMULATORS, TASKS, Suited, suited
+from trueup.campaign.kinds import (
+    CALIBRATIONS,
+    DISCREPANCIES,
+    ROBOTS,
+    SEARCHES,
+    SIMULATORS,
+    TASKS,
+    Suited,
+    in_windows,
+    suited,
+)
 from trueup.campaign.making import arguments, called, found, made
 from trueup.campaign.parts import Calibrator, Parts
-from trueup.campaign.plan import Calibrate, PlanFile
+from trueup.campaign.plan import Calibrate, Plan, PlanFile
 from trueup.campaign.typed_toml import Component
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.errors import PlanError
@@ -62,12 +72,20 @@ def parts_of(file: PlanFile, folder: Path, say: Callable[[str], None]) -> Parts:
     if plan.calibrate.discrepancy is not None:
         discrepancy = made(plan.calibrate.discrepancy, "discrepancy", DISCREPANCIES, given, base)
     given["discrepancy"] = discrepancy
-    model = plan.simulator.options.get("model")
-    given["suited"] = suits = suited(base / str(model)) if plan.simulator.type == "mujoco" else tuple
+    given["suited"] = suits = _suited(plan, base)
     return Parts(
         robot, simulator, task, _search(file, task.parameters), _calibrator(file, given, discrepancy), tuple(recordings),
         tuple(held_out), discrepancy, plan.calibrate.channels or None, plan.limits.limits(), suits,
     )  # fmt: skip
+
+
+def _suited(plan: Plan, base: Path) -> Suited:
+    """What makes recordings of the robot ready for the simulator that the plan names."""
+    if plan.simulator.type == "mujoco":
+        return suited(base / str(plan.simulator.options.get("model")))
+    if plan.calibrate.method.type == "drives":
+        return in_windows(float(plan.calibrate.method.options.get("length", 6.0)))
+    return tuple
 
 
 def _with(component: Component, part: Any, role: str) -> Any:
@@ -147,7 +165,7 @@ def _fit(file: PlanFile, simulator: Simulator, discrepancy: Discrepancy | None, 
                           seed=file.plan.seed)  # fmt: skip
         fitted, judged = suits(recordings), suits(held_out)
         done = calibrate(simulator, fitted, judged, options=options, discrepancy=discrepancy, progress=progress)
-        if suits is tuple:
+        if file.plan.simulator.type != "mujoco":
             return done
         return replace(done, replays=as_recorded(done.replays, [*fitted, *judged]))
 
