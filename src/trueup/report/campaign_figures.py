@@ -81,7 +81,7 @@ def ranking_figure(history: History) -> Markup:
     """What the simulator expected of each candidate against what the robot did; the diagonal is agreement."""
     pairs = [(r.begun.round, p, m) for r in history.rounds if r.validated is not None
              for p, m in zip(r.validated.predicted, r.validated.measured, strict=True) if math.isfinite(m)]  # fmt: skip
-    both = span([x for _, p, m in pairs for x in (p, m)], zero=True)
+    both = span([x for _, p, m in pairs for x in (p, m)], margin=0.15)
     plot = Plot(both, both, "expected by the simulator", "on the robot", width=560, height=380)
     plot.line([(both[0], both[0]), (both[1], both[1])], FAINT, dashed=True)
     last = max((r for r, _, _ in pairs), default=1)

@@ -45,7 +45,8 @@ def _better(history: History, tracks: Sequence[Track]) -> Markup:
     numbers = tag(
         "div",
         tag("span", significant(first), class_="before"), tag("span", " → ", class_="arrow"),
-        tag("span", significant(best), class_="after"), tag("small", f" {unit}") if unit else None, class_="hero-numbers",
+        tag("span", significant(best), class_="after"), tag("span", f" {unit}".rstrip(), class_="arrow"),
+        class_="hero-numbers",
     )  # fmt: skip
     label = tag("div", "the task's score on the robot (lower is better)", class_="hero-label")
     falls = f" The robot {history.falls_of_best}." if history.falls_of_best else ""
