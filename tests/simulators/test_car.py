@@ -316,3 +316,14 @@ def test_a_real_car_is_predicted_on_a_drive_that_was_not_fitted(real_data: Path,
     found = calibrated(simulator, recordings[1:], [], Options())
     errors = prediction_errors(simulator, found.values, simulator.prepared(recordings[0]))
     assert (errors.mean(axis=0) < [0.08, 0.25]).all()
+
+
+def test_a_noisy_tracker_tells_the_speed_better_by_the_last_seconds_than_by_the_last_samples() -> None:
+    drive = driven(6, noise=0.01)
+    at_once, kept = (
+        prediction_errors(
+            CarSimulator(replace(TRUTH, values={**HIDDEN, "speed_kept": share})), np.zeros(0), drive
+        ).mean(axis=0)
+        for share in (0.0, 1.0)
+    )
+    assert (kept < 0.9 * at_once).all()

@@ -74,6 +74,9 @@ QUANTITIES = (
                 "long drives", False),
     CarQuantity("trim_lasts", "", 0.6, 0.0, 1.0, "linear", "share of an unexplained wheel angle just before that goes on",
                 "long drives", False),
+    CarQuantity("speed_kept", "", 0.0, 0.0, 1.0, "linear",
+                "share of the last seconds, rather than the last samples, in the speed at the start of a prediction",
+                "long drives", False),
     CarQuantity("pose_turn", "rad", 0.0, -0.2, 0.2, "linear", "direction of the car from the tracked heading", _STRAIGHT),
 )  # fmt: skip
 """Everything that may be calibrated, in the order of the compiled model's columns after the wheelbase."""

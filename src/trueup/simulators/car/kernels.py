@@ -20,8 +20,8 @@ Indices = NDArray[np.int64]
     WHEELBASE, STEERING_DELAY, STEERING_LAG, STEERING_RATE, STEERING_PLAY, STEERING_LEFT, STEERING_RIGHT, STEERING_BEND,
     STEERING_OFFSET, RELAXATION, UNDERSTEER, GRIP, FRICTION_LIMIT, WEIGHT_IN_FRONT, YAW_INERTIA, THROTTLE_DELAY,
     THROTTLE_LAG, THROTTLE_DEAD, DRIVE, DRIVE_FADE, BRAKING, FRICTION, SPEED_LOSS, CURVE_LOSS, POSE_AHEAD,
-    PUSH_LASTS, TRIM_LASTS, POSE_TURN,
-) = range(28)  # fmt: skip
+    PUSH_LASTS, TRIM_LASTS, SPEED_KEPT, POSE_TURN,
+) = range(29)  # fmt: skip
 """Columns of a row: the car, then QUANTITIES in their order."""
 
 READ = 5
@@ -38,6 +38,8 @@ _SHORTEST = 1e-6  # m
 _SLOW = 0.05  # m/s: below, tyres are treated as at this speed
 _TRUST = 0.7  # share of the tracked heading's turn that the last seconds showed
 _TRIM_SEEN, _TRIM_FADES = 0.4, 1.2  # s: an unexplained wheel angle is seen, and changes, within a second
+_ONE_LOOK = 0.25  # s: speeds seen within this time come from the same samples
+_FORGETS = 1.0  # s
 _MOVES = 0.2  # m/s: slower, the direction of motion says nothing
 
 
@@ -134,21 +136,50 @@ def step_car(p: Array, dt: float, s: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def compare_speed(m: Array, dt: float, slows: float, faster: float) -> None:
+    """One more instant of weighted least squares for a steady push and an error of the speed at the start of the past.
+
+    m (7,): speed by now for a push of one (s), share that is left of a speed at the start, moments of these two, and of
+    them with `faster` (m/s), by how much the car is faster than the model. What was long ago is forgotten.
+    """
+    m[0] += dt * (1.0 - m[0] * slows)
+    m[1] -= dt * m[1] * slows
+    share = dt / _ONE_LOOK
+    m[2:] *= math.exp(-dt / _FORGETS)
+    m[2] += share * m[0] * m[0]
+    m[3] += share * m[0] * m[1]
+    m[4] += share * m[1] * m[1]
+    m[5] += share * m[0] * faster
+    m[6] += share * m[1] * faster
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def explained_speed(m: Array) -> tuple[float, float]:
+    """The push (m/s^2) that the moments of `compare_speed` tell, and by how much (m/s) the car is faster by now."""
+    determinant = max(m[2] * m[4] - m[3] * m[3], 1e-12)
+    push = (m[5] * m[4] - m[6] * m[3]) / determinant
+    return push, push * m[0] + (m[2] * m[6] - m[3] * m[5]) / determinant * m[1]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def begin(
     p: Array, dt: float, commands: Array, seen: Array, k0: int, past: int, settle: int, shares: Array, s: Array
 ) -> float:
     """The state at grid instant k0 from what was commanded and seen until then; returns the heading's misalignment.
 
     commands (G, 2) throttle, steering; seen (G, 6) x, y, heading, forward and sideways speed of the tracked point, yaw
-    rate. The model is run over the last `past` steps: how much slower or faster the car was tells PUSH, and in which
-    direction it went beside its heading tells how the tracked heading is turned. `settle` steps of commands come before.
+    rate. The model is run over the last `past` steps: how much slower or faster the car was tells PUSH (and, as far as
+    SPEED_KEPT says, the speed now: with less noise than the last samples, but later), and in which direction it went
+    beside its heading tells how the tracked heading is turned. `settle` steps of commands come before. The function is
+    longer than others because it is one pass over the past.
     """
     first = k0 - past
     s[:] = 0.0
     s[SERVO] = s[WHEEL] = delayed(commands[:, 1], first - settle - p[STEERING_DELAY] / dt)
     s[MOTOR] = delayed(commands[:, 0], first - settle - p[THROTTLE_DELAY] / dt)
     drift, bent, counted, share = 0.0, 0.0, 0, 1.0 - math.exp(-dt / _TRIM_SEEN)
-    response = 0.0  # speed by now for a push of one over the past, in s
+    moments, forward = np.zeros(7), seen[k0, 3]
+    moments[1] = moments[4] = 1.0
     for k in range(first - settle, k0):
         step_actuators(p, dt, delayed(commands[:, 0], k - p[THROTTLE_DELAY] / dt),
                        delayed(commands[:, 1], k - p[STEERING_DELAY] / dt), shares, s)  # fmt: skip
@@ -159,7 +190,7 @@ def begin(
             s[SIDEWAYS] = seen[k, 4] - p[POSE_AHEAD] * s[TURNING]
             s[ANGLE] = steered(p, s[WHEEL])
         step_car(p, dt, s)
-        response += dt * (1.0 - response * resistance(p, s))
+        compare_speed(moments, dt, resistance(p, s), seen[k + 1, 3] - s[FORWARD])
         if seen[k, 3] > _MOVES:
             curvature = seen[k + 1, 5] / max(seen[k + 1, 3], _MOVES) - s[TURNING] / max(s[FORWARD], _MOVES)
             bent += share * (p[WHEELBASE] * curvature - bent)
@@ -168,13 +199,16 @@ def begin(
     turned = p[POSE_TURN]
     if past * dt > 0.5 and counted > past // 2:
         turned += _TRUST * (drift / counted - p[POSE_TURN])
-        s[PUSH] = p[PUSH_LASTS] * (seen[k0, 3] - s[FORWARD]) / max(response, 0.1)
+        push, faster = explained_speed(moments)
+        at_once = (forward - s[FORWARD]) / max(moments[0], 0.1)
+        s[PUSH] = p[PUSH_LASTS] * (at_once + p[SPEED_KEPT] * (push - at_once))
+        forward += p[SPEED_KEPT] * (s[FORWARD] + faster - forward)
         s[TRIM] = min(max(p[TRIM_LASTS] * bent, -_MOST_TRIM), _MOST_TRIM)
     if past == 0:
         s[TURNING] = seen[k0, 5]
         s[ANGLE] = steered(p, s[WHEEL])
         s[SIDEWAYS] = seen[k0, 4] - p[POSE_AHEAD] * s[TURNING]
-    s[FORWARD] = max(seen[k0, 3], 0.0)
+    s[FORWARD] = max(forward, 0.0)
     s[HEADING] = seen[k0, 2] + turned
     s[X] = seen[k0, 0] - p[POSE_AHEAD] * math.cos(s[HEADING])
     s[Y] = seen[k0, 1] - p[POSE_AHEAD] * math.sin(s[HEADING])

@@ -16,7 +16,7 @@ from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
-_PUSHES, _TRIMS = (0.0, 0.25, 0.5, 0.75, 1.0), (0.0, 0.3, 0.6)
+_LASTS = {"push_lasts": (0.0, 0.25, 0.5, 0.75, 1.0), "trim_lasts": (0.0, 0.3, 0.6), "speed_kept": (0.0, 0.5, 1.0)}
 _CLEARLY = 0.95  # share of the error that must be left
 _MOVES = 0.2  # m/s: a prediction begins while the car drives
 
@@ -54,16 +54,17 @@ def lasting(simulator: CarSimulator, values: Array, drives: Sequence[Recording])
     By the mean error of the longest predictions on these prepared drives, at `values` (n,) otherwise; {} elsewhere.
     """
     names = simulator.parameters.names
-    if not {"push_lasts", "trim_lasts"} <= set(names):
+    if not set(_LASTS) <= set(names):
         return {}
-    errors: dict[tuple[float, float], float] = {}
-    usual = (float(values[names.index("push_lasts")]), float(values[names.index("trim_lasts")]))
-    for push, trim in dict.fromkeys([usual, *product(_PUSHES, _TRIMS)]):
+    columns = [names.index(name) for name in _LASTS]
+    errors: dict[tuple[float, ...], float] = {}
+    usual = tuple(float(values[column]) for column in columns)
+    for shares in dict.fromkeys([usual, *product(*_LASTS.values())]):
         row = np.array(values, dtype=np.float64)
-        row[[names.index("push_lasts"), names.index("trim_lasts")]] = push, trim
-        errors[push, trim] = foretold(simulator, row, drives)
+        row[columns] = shares
+        errors[shares] = foretold(simulator, row, drives)
     best = min(errors, key=lambda shares: errors[shares])
-    return {"push_lasts": best[0], "trim_lasts": best[1]} if errors[best] < _CLEARLY * errors[usual] else {}
+    return dict(zip(_LASTS, best, strict=True)) if errors[best] < _CLEARLY * errors[usual] else {}
 
 
 def foretold(simulator: CarSimulator, values: Array, drives: Sequence[Recording]) -> float:
