@@ -264,8 +264,9 @@ class ByHand:
 
 def _listed(names: Sequence[str]) -> str:
     """'trial-002 ... 005' for a series, all names elsewhere."""
-    numbers = [int(n.rpartition("-")[2]) for n in names]
-    if len(names) > 2 and numbers == list(range(numbers[0], numbers[0] + len(numbers))):
+    first = names[0].rpartition("-")[2]
+    series = [f"trial-{int(first) + k:03d}" for k in range(len(names))] if first.isdecimal() else []
+    if len(names) > 2 and list(names) == series:
         return f"{names[0]} ... {names[-1].rpartition('-')[2]}"
     return ", ".join(names)
 
