@@ -3,9 +3,9 @@
 
 Needs the recordings (folder `xl330_pendulum` of TRUEUP_DATA, or of ../shared/data); without them it says so and ends. The
 model is what the rig's description says: 0.49 kg at 0.1 m, a position servo. Once with the parameters that are proposed, all
-part of MJCF, and once with friction that grows with the load (`trueup calibrate --beyond-mjcf`). The peer's figure is cited: the parameters that the project BAM
-(Duclusaud et al. 2024) fitted itself replay these logs with a mean absolute error of 55.7 to 59.9 mrad, over all of them and
-with the stretches in which the servo was off, which are cut here.
+part of MJCF, and once with friction that grows with the load (`trueup calibrate --beyond-mjcf`). The peer's figure is cited:
+the parameters that the project BAM (Duclusaud et al. 2024) fitted itself replay these logs with a mean absolute error of 55.7
+to 59.9 mrad, over all of them and with the stretches in which the servo was off, which are cut here.
 """
 
 from __future__ import annotations

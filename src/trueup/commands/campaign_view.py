@@ -103,9 +103,7 @@ class CampaignView:
         """See Listener: shows what is about to move, and asks."""
         self._rest()
         count = "one trial" if len(trials) == 1 else f"{len(trials)} trials"
-        limited = (
-            "within the limits of the plan" if self._plan.limits.limits() else "and the plan sets no limits"
-        )
+        limited = "within the limits of the plan" if self._plan.limits.limits() else "and the plan sets no limits"
         self._console.print(f"[bold]the robot is about to perform {count}[/], {limited}:", highlight=False)
         for line in expected:
             self._console.print(f"  {escape(line)}", highlight=False, soft_wrap=True)

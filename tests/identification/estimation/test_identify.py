@@ -329,6 +329,15 @@ def test_noise_of_positions_is_not_taken_for_motion(tree: KinematicTree, arms: S
     assert found <= 1.3 * clean
 
 
+def test_accelerations_that_are_noise_are_cut_off_however_fast_the_ends_of_a_log_seem() -> None:
+    time = np.arange(800) / 100.0
+    slow = 0.4 * np.sin(2.0 * np.pi * np.array([0.17, 0.21, 0.23, 0.29]) * time[:, None])  # cut on the move
+    noise = np.random.default_rng(1).normal(size=slow.shape)
+    clean, found = (natural_cutoff([SimpleNamespace(position=slow + n * noise, rate=100.0)]) for n in (2e-5, 1e-3))
+    assert clean >= 10.0, "the jump from one end to the other counts as fast motion"
+    assert 5.0 <= found < 0.7 * clean
+
+
 @pytest.mark.parametrize("ratio", [0.8, 1.0])
 def test_the_ratio_of_a_coupled_wrist_is_found(arms: SimpleNamespace, ratio: float) -> None:
     rng = np.random.default_rng(3)

@@ -68,14 +68,14 @@ def consistent_fit(
     problem = _Squares.of(normal, bodies, rest)
     drives = [model.effects[int(k) - 10 * n][0] for k in rotors]
     barrier = _Barrier.of(model, prior, np.array([d not in lagging for d in drives], dtype=bool), rotors)
-    x = barrier.start if near is None else barrier.inside(_joined(model, near.parameters)[bodies])
     least = max(problem.least(), _LEAST_ERROR * float(normal.square))
-    # From a weight at which the start is good down to the one wanted: each minimum is near the next one.
-    weight = max((_FIRST if near is None else _NEAR) * (problem.at(x) - least), pull * least)
-    while weight > 2.0 * pull * least:
-        x = barrier.minimised(problem, x, weight, _ROUGH)
-        weight = max(_COOLING * weight, pull * least)
-    x = barrier.minimised(problem, x, pull * least, _EXACT)
+    starts = [(barrier.start, _FIRST)]
+    if near is not None:
+        starts.insert(0, (barrier.inside(_joined(model, near.parameters)[bodies]), _NEAR))
+    ends = (_followed(problem, barrier, x, first * (problem.at(x) - least), pull * least) for x, first in starts)
+    x = next((end for end in ends if end is not None), None)
+    if x is None:
+        raise IdentificationError("no physically consistent model was found: is the model file that of this arm?")
     parameters = np.zeros(model.p)
     parameters[bodies], parameters[rest] = x, problem.back @ np.append(x, 1.0)
     for k in (int(k) for k in columns_of(model, "lag")):
@@ -84,6 +84,15 @@ def consistent_fit(
             own = int(rotors[drives.index(drive)])
             parameters[k], parameters[own] = min(parameters[own], 0.0), max(parameters[own], 0.0)
     return ConsistentFit(parameters, tuple(barrier.boundary(x)), tuple(sorted(lagging)))
+
+
+def _followed(problem: _Squares, barrier: _Barrier, start: Array, weight: float, last: float) -> Array | None:
+    """The minimiser at the weight `last`, from a weight at which `start` is good: each is near the next. None: got lost."""
+    x: Array | None = start
+    while weight > 2.0 * last and x is not None:
+        x = barrier.minimised(problem, x, weight, _ROUGH)
+        weight = max(_COOLING * weight, last)
+    return None if x is None else barrier.minimised(problem, x, last, _EXACT)
 
 
 def columns_of(model: TorqueModel, *kinds: str) -> Integers:
@@ -176,10 +185,10 @@ class _Barrier:
         x[: 10 * len(links)] = np.where(np.repeat(bad, 10), self.start[: 10 * len(links)], x[: 10 * len(links)])
         return x
 
-    def minimised(self, squares: _Squares, x: Array, weight: float, exact: float) -> Array:
+    def minimised(self, squares: _Squares, x: Array, weight: float, exact: float) -> Array | None:
         """The minimiser of the squares + weight times this, from `x` inside, to `exact` of the weight (Newton).
 
-        Boyd & Vandenberghe, "Convex Optimization", 2004, section 9.5. Raises IdentificationError where it ends nowhere.
+        Boyd & Vandenberghe, "Convex Optimization", 2004, section 9.5. None where a step is not finite.
         """
         # Half of all, as derivatives like it.
         half = 0.5 * weight
@@ -192,7 +201,7 @@ class _Barrier:
             step = -scale * np.linalg.solve(H * scale[:, None] * scale, scale * g)
             gain, share = float(-g @ step), 1.0
             if not np.isfinite(gain):
-                break
+                return None
             if gain < max(exact * half, _RESOLUTION * abs(value)):
                 return x
             while (new := self._value(P, linear, x + share * step, half)) > value - 0.1 * share * gain:
@@ -200,7 +209,8 @@ class _Barrier:
                 if share < 1e-9:  # no number is left between here and there
                     return x
             x, value = x + share * step, new
-        raise IdentificationError("no physically consistent model was found: is the model file that of this arm?")
+        # Bodies that torque hardly tells of may move on for hundreds of steps; these are possible, and nearly as good.
+        return x
 
     def boundary(self, x: Array) -> list[int]:
         """Links (indices) close to what is impossible."""
