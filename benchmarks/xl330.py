@@ -25,9 +25,9 @@ import numpy as np
 from results import result
 
 from trueup import formats
-from trueup.campaign.assemble import recordings_for, simulator_for
+from trueup.campaign.assemble import calibrated, recordings_for, simulator_for
 from trueup.commands.sources import while_driven
-from trueup.loop.calibrate import Options, calibrate
+from trueup.loop.calibrate import Options
 from trueup.recording import Recording
 
 PENDULUM = """<mujoco model="pendulum"><worldbody><body><joint name="joint" axis="0 1 0"/>
@@ -59,7 +59,7 @@ def held_out_errors(
         [r for r in recordings if r.provenance["kp"] == gain],
     )
     simulator, _ = simulator_for(model, training, replayed=held_out, beyond_mjcf=beyond_mjcf)
-    found = calibrate(simulator, training, held_out, options=Options(cross_validate=False))
+    found = calibrated(simulator, training, held_out, Options(cross_validate=False))
     errors = [1e3 * float(np.nanmean(np.abs(r.after - r.measured))) for r in found.held_out()]
     return errors, time.process_time() - began
 

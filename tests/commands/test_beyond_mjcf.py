@@ -25,6 +25,10 @@ NOISE = 1e-4  # rad
 def geared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A folder with a pendulum's model, and a log of one whose gears are pressed together by what they carry."""
     monkeypatch.chdir(tmp_path)
+    write_log(SHARE)
+
+
+def write_log(share: float) -> None:
     Path("geared.xml").write_text(GEARED)
     model = mujoco.MjModel.from_xml_string(GEARED)
     data, rng, lines = mujoco.MjData(model), np.random.default_rng(0), ["time,cmd_hinge,pos_hinge"]
@@ -33,7 +37,7 @@ def geared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         data.ctrl[0] = 0.6 * np.sin(1.5 * t) + 0.2 * np.sin(4.1 * t)
         lines.append(f"{t:.6f},{data.ctrl[0]:.6f},{data.qpos[0] + NOISE * rng.standard_normal():.6f}")
         for _ in range(10):
-            model.dof_frictionloss[0] = 0.02 + SHARE * abs(data.qfrc_actuator[0])
+            model.dof_frictionloss[0] = 0.02 + share * abs(data.qfrc_actuator[0])
             mujoco.mj_step(model, data)
     Path("log.csv").write_text("\n".join(lines) + "\n")
 
@@ -51,7 +55,7 @@ def test_friction_that_grows_with_the_load_is_hinted_at_and_found_when_asked_for
     plain = said(capsys, "calibrate", "geared.xml", "log.csv", "--out", "plain")
     assert "with --step 0.001 the values are those of its own step" in plain
     assert "times the noise" in plain
-    assert "--beyond-mjcf fits it too" in plain
+    assert "--beyond-mjcf tries that too" in plain
     loaded = said(capsys, "calibrate", "geared.xml", "log.csv", "--beyond-mjcf", "--step", "0.001", "--out", "loaded")
     assert "friction that grows with load (hinge) is no part of MJCF" in loaded
     assert "times the noise" not in loaded
@@ -62,6 +66,16 @@ def test_friction_that_grows_with_the_load_is_hinted_at_and_found_when_asked_for
         replay = ("replay", "geared.xml", "log.csv", "--parameters", "loaded/parameters.toml", "--json", "-q")
         errors.append(json.loads(said(capsys, *replay, "--step", step))[0]["rmse"][0])
     assert errors[0] < 3 * NOISE < errors[1]
+
+
+@pytest.mark.usefixtures("geared")
+def test_friction_with_load_that_the_robot_does_not_have_is_left_at_zero(capsys: pytest.CaptureFixture[str]) -> None:
+    write_log(share=0.0)
+    words = ("calibrate", "geared.xml", "log.csv", "--beyond-mjcf", "--step", "0.001", "--out", "loaded")
+    assert "times that without it" in said(capsys, *words)
+    numbers = json.loads(Path("loaded/calibration.json").read_text())
+    assert {p["name"]: p["value"] for p in numbers["parameters"]}["hinge.friction_load"] == 0.0
+    assert numbers["replays"][0]["rmse_after"][0] < 1.5 * NOISE
 
 
 @pytest.mark.usefixtures("geared")

@@ -123,17 +123,19 @@ def calibrated(
     simulator: Simulator, training: Sequence[Recording], held_out: Sequence[Recording], options: Options, *,
     progress: Progress | None = None, checkpoint: Checkpoint | None = None, resume: dict[str, Any] | None = None,
 ) -> Calibration:  # fmt: skip
-    """Calibrates a simulator in the way that suits it: a car's drives are cleaned, cut and judged ahead of time.
+    """Calibrates a simulator in the way that suits it: a car's drives are cleaned, cut and judged ahead of
+    time; friction that grows with the load is tried from the fit without it.
 
     Raises what `trueup.loop.calibrate` raises, and RecordingError for drives without pose or command.
     """
-    from trueup.loop.calibrate import calibrate
+    from trueup.loop.stepwise import calibrate_stepwise
     from trueup.simulators.car import CarSimulator
+    from trueup.simulators.mujoco.setup.proposal import LOAD
     from trueup.simulators.mujoco.setup.windows import folded
 
     told: Told = {"progress": progress, "checkpoint": checkpoint, "resume": resume}
     if not isinstance(simulator, CarSimulator):
-        done = calibrate(simulator, training, held_out, options=options, **told)
+        done = calibrate_stepwise(simulator, training, held_out, LOAD, options, **told)
         every = [*training, *held_out]
         return replace(done, replays=as_recorded(done.replays, every), warnings=tuple(folded(done.warnings, every)))
     from trueup.campaign.cars import calibrated_car
@@ -203,8 +205,8 @@ def about_load(simulator: Simulator, calibration: Calibration) -> tuple[str, ...
     if not times > _UNEXPLAINED:
         return ()
     return (
-        f"the replay error stays at {times:.0f} times the noise. Small geared servos have friction that grows with their "
-        "load: --beyond-mjcf fits it too, and `trueup replay --parameters` replays it",
+        f"the replay error stays at {times:.0f} times the noise. Small geared servos may have friction that grows with their "
+        "load: --beyond-mjcf tries that too (in four times the time), and `trueup replay --parameters` replays it",
     )
 
 

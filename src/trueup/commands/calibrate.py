@@ -79,8 +79,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="measured channels to fit, with commas (default: positions and sensors; velocity and torque "
                              "only if asked for, or if there is nothing else)")  # fmt: skip
     parser.add_argument("--beyond-mjcf", action="store_true",
-                        help="propose friction that grows with the load too, as small geared servos have it; MJCF has no "
-                             "place for it, `trueup replay --parameters` has")  # fmt: skip
+                        help="try friction that grows with the load too, as small geared servos have it: about four times "
+                             "the time; MJCF has no place for it, `trueup replay --parameters` has")  # fmt: skip
     parser.add_argument("--step", type=step_of, metavar="S",
                         help=f"integration step in s (default: {STEP}): the one that you will simulate with")  # fmt: skip
     parser.add_argument("--no-select", dest="select", action="store_false",

@@ -56,28 +56,28 @@ def calibrate(
     simulator: Simulator, recordings: Sequence[Recording], hold_out: Sequence[Recording] = (), *,
     options: Options | None = None, discrepancy: Discrepancy | None = None, controllers: ControllerFactory | None = None,
     progress: Progress | None = None, checkpoint: Checkpoint | None = None, resume: dict[str, Any] | None = None,
+    space: ParameterSpace | None = None, start: Array | None = None,
 ) -> Calibration:  # fmt: skip
     """Fits the simulator's free parameters to `recordings`, and judges the result on `hold_out` too.
+
+    `space` may freeze more of them, `start` (n,) are values to search from (None: the nominal ones).
 
     Raises CalibrationError where nothing can be fitted and SimulationFailedError where the start values already fail.
     """
     chosen = options or Options()
     began, cpu = time.perf_counter(), time.process_time()
     warnings = check(recordings, hold_out)
-    space = simulator.parameters
-    if not space.free.any():
-        raise CalibrationError("all parameters are frozen: nothing to calibrate")
+    space, chosen_before = _searched(simulator.parameters if space is None else space, resume)
     channels = sorted({c for r in recordings for c in simulator.observable(r)})
     measure = discrepancy or Weighted.estimated(recordings, channels)
     fitted = chosen.channels or usual(channels)
     problem = Problem(simulator, recordings, measure, fitted, controllers=controllers)
     watch = Watch(progress, checkpoint)
-    if resume is not None:
-        space = space.freeze(resume.get("frozen", ()))
     chooser = _Chooser()
-    chosen_before = resume is not None and not np.array_equal(space.free, simulator.parameters.free)
     select = chooser if chosen.select and not chosen_before else None
-    found = fit(problem, space, space.nominal, watch, resume=resume, select=select, **_how(chosen))
+    found = fit(
+        problem, space, space.nominal if start is None else start, watch, resume=resume, select=select, **_how(chosen)
+    )
     rng = np.random.default_rng(chosen.seed)
     watch.saw("around the optimum", problem, found.loss, problem.rmse(found.residual))
     found = _looked_around(problem, found, chosen, rng)
@@ -95,6 +95,14 @@ def calibrate(
         evaluations=problem.evaluations,
         **_findings(problem, found, chooser.choices),
     )
+
+
+def _searched(space: ParameterSpace, resume: dict[str, Any] | None) -> tuple[ParameterSpace, bool]:
+    """What is searched, and whether an interrupted search had already chosen from it. Raises CalibrationError."""
+    if not space.free.any():
+        raise CalibrationError("all parameters are frozen: nothing to calibrate")
+    left = space if resume is None else space.freeze(resume.get("frozen", ()))
+    return left, not np.array_equal(left.free, space.free)
 
 
 def _looked_around(problem: Problem, found: Fit, chosen: Options, rng: np.random.Generator) -> Fit:

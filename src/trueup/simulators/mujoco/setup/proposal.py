@@ -17,6 +17,8 @@ from trueup.simulators.mujoco.setup.servos import loads
 from trueup.simulators.mujoco.wiring import is_motor
 from trueup.trial import command_of
 
+LOAD = "friction with load"
+"""The optional structure that `beyond_mjcf` proposes."""
 _NEARLY = 0.5  # of the force limit: the stiffness is not known yet
 _STRONGER = 2.0  # than what steps show, which were slowed down by other things too: where the search begins
 _LOADED = 0.05  # of the actuator's force: at zero no slope leads away from sticking
@@ -56,7 +58,7 @@ def propose(
         Declaration("damping_quadratic", joints, optional="quadratic damping"),
     ]
     if servos and beyond_mjcf:
-        lines.append(Declaration("friction_load", servos, nominal=_LOADED, optional="friction with load"))
+        lines.append(Declaration("friction_load", servos, nominal=_LOADED, optional=LOAD))
     if motors:
         lines.append(Declaration("gain", motors, optional="factors on the motors' torques"))
     if servos:
