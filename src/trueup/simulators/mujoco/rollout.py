@@ -239,8 +239,7 @@ class _Run:
 
     def _stepper(self, values: Array, controllers: ControllerFactory | None) -> Stepper:
         own = len(self.simulator.quantities)
-        # What is nothing in all copies need not be looked at in every step.
-        live = [(c, q) for c, q in enumerate(self.simulator.quantities) if q.kind in LIVE_KINDS and values[:, c].any()]
+        live = [(c, q) for c, q in enumerate(self.simulator.quantities) if q.kind in LIVE_KINDS]
         tiled = np.tile(values, (len(self.trials), 1))
         controller = controllers(tiled[:, own:]) if controllers is not None else None
         return stepper(self.batch, self.compiled, self.signals, live, tiled, controller, self.simulator.step)
