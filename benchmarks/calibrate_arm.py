@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from results import result
 
 from trueup.calibration import Calibration
+from trueup.engines.mujoco.declarations import Declaration, declare
+from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.loop.calibrate import Options, calibrate
-from trueup.simulators.mujoco.declarations import Declaration, declare
-from trueup.simulators.mujoco.model import load
-from trueup.simulators.mujoco.rollout import MujocoSimulator
 
 Array = NDArray[np.float64]
 

@@ -22,12 +22,12 @@ from results import result
 
 from trueup.campaign.assemble import clearance_for
 from trueup.errors import TrueupError
+from trueup.excitation.criteria import Criterion
+from trueup.excitation.design import Excitation, Options, design
+from trueup.excitation.excite import excite
+from trueup.excitation.periodic import Sines
+from trueup.excitation.problem import Asked, excitation_problem
 from trueup.identification.dynamic_model import DynamicModel
-from trueup.identification.excitation.criteria import Criterion
-from trueup.identification.excitation.design import Excitation, Options, design
-from trueup.identification.excitation.excite import excite
-from trueup.identification.excitation.periodic import Sines
-from trueup.identification.excitation.problem import Asked, excitation_problem
 
 _FIGAROH = 275.0  # s for one UR10 trajectory with its collision constraint, then rejected: measured once, not here
 

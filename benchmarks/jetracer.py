@@ -3,7 +3,7 @@
 
 Needs the recordings (folder `jetracer` of TRUEUP_DATA, or of ../shared/data); without them it says so and ends. A prediction
 starts every 0.25 s while the car drives, from what was measured until then, and goes on with the recorded throttle and
-steering alone (see trueup.simulators.car.prediction). Beside it two plain fits of four numbers (steering delay, gain, offset
+steering alone (see trueup.engines.car.prediction). Beside it two plain fits of four numbers (steering delay, gain, offset
 and speed scale) in a kinematic bicycle that is told the measured wheel speed of the seconds that it predicts.
 """
 
@@ -27,11 +27,11 @@ from scipy.optimize import least_squares
 
 from trueup import formats
 from trueup.campaign.assemble import calibrated, simulator_for
+from trueup.engines.car import CarSimulator
+from trueup.engines.car.past import Drive
+from trueup.engines.car.prediction import begun_at, prediction_errors
 from trueup.loop.calibrate import Options
 from trueup.recording import Recording
-from trueup.simulators.car import CarSimulator
-from trueup.simulators.car.past import Drive
-from trueup.simulators.car.prediction import begun_at, prediction_errors
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.controllers.controller import Observation
+from trueup.engines.mujoco.declarations import Declaration, declare
+from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
-from trueup.simulators.mujoco.declarations import Declaration, declare
-from trueup.simulators.mujoco.model import load
-from trueup.simulators.mujoco.rollout import MujocoSimulator
 
 Array = NDArray[np.float64]
 

@@ -31,11 +31,11 @@ from numpy.typing import NDArray
 from results import result
 from scipy.stats import t
 
+from trueup.engines.bicycle import BETAS, BicycleSimulator
 from trueup.loop.optimize import optimize
 from trueup.loop.transfer import try_on_robot
 from trueup.robots.stand_in_vehicle import StandInVehicle
 from trueup.search.cma_es import CmaEs
-from trueup.simulators.bicycle import BETAS, BicycleSimulator
 from trueup.studies.stanley import chasi
 from trueup.studies.stanley.courses import across_courses, true_errors
 from trueup.studies.stanley.drives import noise_of

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.identification.excitation.limits import JointLimits
+from trueup.excitation.limits import JointLimits
 from trueup.identification.kinematic_tree import KinematicTree, from_dh
 
 Array = NDArray[np.float64]

@@ -10,13 +10,13 @@ from pathlib import Path
 
 from trueup.calibration import pooled_rmse
 from trueup.demo import model_path, record
+from trueup.engines.mujoco.declarations import declare
+from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.engines.mujoco.setup.proposal import propose
 from trueup.formats import read
 from trueup.loop.calibrate import calibrate
 from trueup.report import write_report
-from trueup.simulators.mujoco.declarations import declare
-from trueup.simulators.mujoco.model import load
-from trueup.simulators.mujoco.rollout import MujocoSimulator
-from trueup.simulators.mujoco.setup.proposal import propose
 
 folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(tempfile.mkdtemp(prefix="arm-"))
 if len(sys.argv) == 1:

@@ -13,11 +13,11 @@ import numpy as np
 
 from trueup import Belief, TrustRegion, optimize, shortlist, transfer
 from trueup.controllers.stanley import StanleySettings
+from trueup.engines.bicycle import BicycleSimulator, Vehicle, vehicle_space
 from trueup.loop.transfer import try_on_robot
 from trueup.paths.courses import slalom
 from trueup.robots.stand_in_vehicle import StandInVehicle
 from trueup.search.cma_es import CmaEs
-from trueup.simulators.bicycle import BicycleSimulator, Vehicle, vehicle_space
 from trueup.studies.stanley.drives import calibrate_under_doubt
 from trueup.tasks.follow_path import FollowPath
 

@@ -13,8 +13,8 @@ import pytest
 from trueup.campaign.plan import read_plan
 from trueup.campaign.rehearsal import rehearse
 from trueup.campaign.resolve import parts_of
-from trueup.simulators.mujoco.declaration_file import read_declarations
-from trueup.simulators.mujoco.quantities import kinds
+from trueup.engines.mujoco.declaration_file import read_declarations
+from trueup.engines.mujoco.quantities import kinds
 from trueup.tasks.task import robot_trials, simulated_scores
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "calibrate.md"

@@ -24,14 +24,14 @@ SOURCE = ROOT / "src" / "trueup"
 NOUNS = ("parameters", "recording", "units", "noise", "trial", "paths", "calibration", "inspection", "formats")
 FAMILIES = {  # folder -> its base, the protocol that the others may know
     "robots": "robots.robot",
-    "simulators": "simulators.simulator",
+    "engines": "engines.simulator",
     "controllers": "controllers.controller",
     "tasks": "tasks.task",
     "discrepancies": "discrepancies.discrepancy",
     "search": "search.search",
     "evaluation": "evaluation.evaluator",
 }
-BASES = tuple(FAMILIES.values())
+BASES = (*FAMILIES.values(), "engines.restricted")
 ANYTHING = ("",)
 
 
@@ -50,34 +50,35 @@ RULES = (
     *(Rule(base, (*NOUNS, *BASES)) for base in BASES),
     # siblings of a family know its base and the nouns; another family or sibling only where it is the point:
     *(Rule(family, (base, *NOUNS)) for family, base in FAMILIES.items()),
-    Rule("robots", ("robots.robot", "controllers.controller", "simulators.simulator", *NOUNS)),  # stand-ins simulate
+    Rule("robots", ("robots.robot", "controllers.controller", "engines.simulator", *NOUNS)),  # stand-ins simulate
     Rule("search.least_squares", ("search.search", "search.bounded_step", "search.robust", *NOUNS)),  # its arithmetic
     Rule("search.filtering", ("search.search", "search.bounded_step", "search.robust", *NOUNS)),
     Rule("search.optuna", ("search.search", "search.study_file", *NOUNS)),  # the study for the dashboard
     Rule(
         "robots.stand_in_vehicle", ("robots.robot", "controllers.stanley", *NOUNS)
     ),  # its own controller is a Stanley too
-    Rule("tasks", ("tasks.task", "controllers", "simulators.simulator", *NOUNS)),
-    Rule("simulators", ("simulators.simulator", "controllers.controller", *NOUNS)),
+    Rule("tasks", ("tasks.task", "controllers", "engines.simulator", *NOUNS)),
+    Rule("engines", ("engines.simulator", "controllers.controller", *NOUNS)),
     # the bicycle runs the compiled Stanley law inside its own loop
-    Rule("simulators.bicycle", ("simulators.simulator", "controllers.controller", "controllers.stanley", *NOUNS)),
-    Rule("discrepancies", ("discrepancies.discrepancy", "simulators.simulator", *NOUNS)),  # they compare with a rollout
+    Rule("engines.bicycle", ("engines.simulator", "controllers.controller", "controllers.stanley", *NOUNS)),
+    Rule("discrepancies", ("discrepancies.discrepancy", "engines.simulator", *NOUNS)),  # they compare with a rollout
     Rule(
         "discrepancies.weighted",
-        ("discrepancies.discrepancy", "discrepancies.alignment", "simulators.simulator", *NOUNS),
+        ("discrepancies.discrepancy", "discrepancies.alignment", "engines.simulator", *NOUNS),
     ),
     # an MJCF is read as MuJoCo compiles it
     Rule(
         "discrepancies.path_shape",
-        ("discrepancies.discrepancy", "discrepancies.dtw", "discrepancies.weighted", "simulators.simulator", *NOUNS),
+        ("discrepancies.discrepancy", "discrepancies.dtw", "discrepancies.weighted", "engines.simulator", *NOUNS),
     ),
     *(  # they read the measured samples off as the weighted one does
-        Rule(name, ("discrepancies.discrepancy", "discrepancies.weighted", "simulators.simulator", *NOUNS))
+        Rule(name, ("discrepancies.discrepancy", "discrepancies.weighted", "engines.simulator", *NOUNS))
         for name in ("discrepancies.plain", "discrepancies.outcome", "discrepancies.rigid")
     ),
     # excitation is designed with the searches, which are arithmetic; MJCF is read and written as MuJoCo has it
-    Rule("identification", ("simulators.simulator", "controllers.playback", "search", *NOUNS), ("simulators.mujoco",)),
-    Rule("grounding", ("simulators.simulator", "controllers.playback", *NOUNS)),
+    Rule("identification", ("engines.simulator", "controllers.playback", "search", *NOUNS), ("engines.mujoco",)),
+    Rule("excitation", ("identification", "search", *NOUNS), ("engines.mujoco",)),
+    Rule("grounding", ("engines.simulator", "controllers.playback", *NOUNS)),
     # what the loop computes with when nobody gives it something else; never a concrete simulator or robot
     Rule("loop", (*BASES, "identification", "grounding", "discrepancies", "search", *NOUNS)),
     Rule("campaign", ("loop", "campaign", *BASES, *NOUNS)),
@@ -100,7 +101,7 @@ RULES = (
     Rule(
         "commands",
         ("report", "campaign", "identification.estimation.result", *NOUNS),
-        lazily=("demo", "loop", "identification", "studies", "simulators.simulator"),
+        lazily=("demo", "loop", "identification", "excitation", "studies", "engines.simulator"),
     ),
     Rule("cli", ("report", "campaign"), lazily=("commands", "demo", "loop", *NOUNS)),
     Rule("testing", (*BASES, *NOUNS)),  # contract checks, shipped to those who write a robot, simulator or search
@@ -325,10 +326,10 @@ PLANTED = [  # file, what it holds, what must be said
     ("recording.py", "from trueup import Recording", "recording imports trueup, but"),
     ("controllers/stanley.py", "from trueup.controllers.playback import P", "but controllers may only import errors,"),
     ("controllers/__init__.py", "from .playback import Playback", "controllers imports trueup.controllers.playback"),
-    ("loop/calibrate.py", "def f():\n    from trueup.simulators.mujoco.model import M", "loop may only import"),
+    ("loop/calibrate.py", "def f():\n    from trueup.engines.mujoco.model import M", "loop may only import"),
     ("report/report.py", "from trueup.campaign import assemble", "report may only import"),
-    ("campaign/assemble.py", "from trueup.simulators.mujoco import model", "inside functions also"),
-    ("cli.py", "def f():\n    from trueup.simulators.mujoco import model", "cli may only import"),
+    ("campaign/assemble.py", "from trueup.engines.mujoco import model", "inside functions also"),
+    ("cli.py", "def f():\n    from trueup.engines.mujoco import model", "cli may only import"),
     ("shortcuts.py", "", "no rule says what 'trueup.shortcuts' may import"),
 ]
 
@@ -337,10 +338,10 @@ PLANTED = [  # file, what it holds, what must be said
 def planted(tmp_path: Path) -> Path:
     """A small package that keeps all the rules."""
     files = ("__init__", "errors", "recording", "cli", "loop/__init__", "loop/calibrate", "controllers/playback")
-    for name in (*files, "simulators/mujoco/__init__", "simulators/mujoco/model", "campaign/assemble"):
+    for name in (*files, "engines/mujoco/__init__", "engines/mujoco/model", "campaign/assemble"):
         _plant(tmp_path / f"{name}.py", "from trueup.errors import E" if name != "errors" else "")
     _plant(tmp_path / "__init__.py", "def f():\n    from trueup.recording import R")
-    _plant(tmp_path / "campaign/assemble.py", "def f():\n    from trueup.simulators.mujoco import model")
+    _plant(tmp_path / "campaign/assemble.py", "def f():\n    from trueup.engines.mujoco import model")
     assert broken_imports(tmp_path) == broken_shapes(tmp_path) == []
     return tmp_path
 
@@ -359,11 +360,11 @@ def test_a_planted_import_is_caught(planted: Path, file: str, code: str, said: s
 
 
 def test_a_way_round_to_mujoco_is_caught(planted: Path) -> None:
-    _plant(planted / "recording.py", "from trueup.simulators.mujoco.model import M")
-    _plant(planted / "simulators/mujoco/__init__.py", "import mujoco.batch")
+    _plant(planted / "recording.py", "from trueup.engines.mujoco.model import M")
+    _plant(planted / "engines/mujoco/__init__.py", "import mujoco.batch")
     _plant(planted / "loop/calibrate.py", "def f():\n    from trueup import recording")
     (chain,) = chains_to(planted, "loop", "mujoco")
-    assert chain.endswith("loop.calibrate -> recording -> simulators.mujoco -> mujoco.batch")
+    assert chain.endswith("loop.calibrate -> recording -> engines.mujoco -> mujoco.batch")
 
 
 def test_a_file_or_function_that_is_too_long_is_caught_unless_it_says_why(planted: Path) -> None:

@@ -13,6 +13,13 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.calibration import Calibration as Calibration
     from trueup.campaign.assemble import simulator_for as simulator_for
+    from trueup.engines.bicycle import BicycleSimulator as BicycleSimulator
+    from trueup.engines.bicycle import Vehicle as Vehicle
+    from trueup.engines.mujoco.declarations import Declaration as Declaration
+    from trueup.engines.mujoco.declarations import declare as declare
+    from trueup.engines.mujoco.rollout import MujocoSimulator as MujocoSimulator
+    from trueup.engines.mujoco.setup.proposal import propose as propose
+    from trueup.engines.mujoco.writing.write import write_model as write_model
     from trueup.errors import TrueupError as TrueupError
     from trueup.formats import ChannelMap as ChannelMap
     from trueup.formats import read as read
@@ -35,28 +42,21 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.recording import Recording as Recording
     from trueup.report import write_report as write_report
     from trueup.robots.by_hand import ByHand as ByHand
-    from trueup.simulators.bicycle import BicycleSimulator as BicycleSimulator
-    from trueup.simulators.bicycle import Vehicle as Vehicle
-    from trueup.simulators.mujoco.declarations import Declaration as Declaration
-    from trueup.simulators.mujoco.declarations import declare as declare
-    from trueup.simulators.mujoco.rollout import MujocoSimulator as MujocoSimulator
-    from trueup.simulators.mujoco.setup.proposal import propose as propose
-    from trueup.simulators.mujoco.writing.write import write_model as write_model
     from trueup.tasks.follow_path import FollowPath as FollowPath
     from trueup.trial import Trial as Trial
 
 __version__ = "0.1.0"
 
 _HOME = {
-    "BicycleSimulator": "trueup.simulators.bicycle",
+    "BicycleSimulator": "trueup.engines.bicycle",
     "Belief": "trueup.loop.belief",
     "ByHand": "trueup.robots.by_hand",
     "Calibration": "trueup.calibration",
     "Channel": "trueup.recording",
     "ChannelMap": "trueup.formats",
-    "Declaration": "trueup.simulators.mujoco.declarations",
+    "Declaration": "trueup.engines.mujoco.declarations",
     "FollowPath": "trueup.tasks.follow_path",
-    "MujocoSimulator": "trueup.simulators.mujoco.rollout",
+    "MujocoSimulator": "trueup.engines.mujoco.rollout",
     "Options": "trueup.loop.calibrate",
     "Parameter": "trueup.parameters",
     "ParameterSpace": "trueup.parameters",
@@ -65,21 +65,21 @@ _HOME = {
     "Trial": "trueup.trial",
     "TrueupError": "trueup.errors",
     "TrustRegion": "trueup.loop.optimize",
-    "Vehicle": "trueup.simulators.bicycle",
+    "Vehicle": "trueup.engines.bicycle",
     "calibrate": "trueup.loop.calibrate",
-    "declare": "trueup.simulators.mujoco.declarations",
+    "declare": "trueup.engines.mujoco.declarations",
     "identify": "trueup.identification.estimation.identify",
     "inspect": "trueup.inspection",
     "load_tree": "trueup.identification.model_file",
     "most_telling": "trueup.loop.experiment",
     "optimize": "trueup.loop.optimize",
-    "propose": "trueup.simulators.mujoco.setup.proposal",
+    "propose": "trueup.engines.mujoco.setup.proposal",
     "read": "trueup.formats",
     "shortlist": "trueup.loop.transfer",
     "simulator_for": "trueup.campaign.assemble",
     "transfer": "trueup.loop.transfer",
     "write": "trueup.formats",
-    "write_model": "trueup.simulators.mujoco.writing.write",
+    "write_model": "trueup.engines.mujoco.writing.write",
     "write_report": "trueup.report",
 }
 """Public name -> module that defines it."""

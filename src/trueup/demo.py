@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.calibration import Calibration, TracePoint, pooled_rmse
+from trueup.engines.mujoco.declarations import declare
+from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.engines.mujoco.setup.proposal import propose
 from trueup.errors import OutputError
 from trueup.formats import read
 from trueup.loop.calibrate import calibrate
 from trueup.recording import Channel, Recording
 from trueup.report import write_report
 from trueup.robots.stand_in import StandInArm
-from trueup.simulators.mujoco.declarations import declare
-from trueup.simulators.mujoco.model import load
-from trueup.simulators.mujoco.rollout import MujocoSimulator
-from trueup.simulators.mujoco.setup.proposal import propose
 from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]

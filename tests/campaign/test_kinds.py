@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from trueup.campaign.kinds import in_windows, mujoco, suited
+from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.errors import PlanError
 from trueup.recording import Channel, Recording
-from trueup.simulators.mujoco.rollout import MujocoSimulator
 
 HOPPER = """
 <mujoco><compiler angle="radian"/><worldbody><geom type="plane" size="2 2 .1"/>

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from trueup.calibration import Calibration, Estimate, Replay
 from trueup.controllers.controller import ControllerFactory, Observation
+from trueup.engines.simulator import Rollout
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
-from trueup.simulators.simulator import Rollout
 from trueup.trial import Observed, Reference, Trial
 
 Array = NDArray[np.float64]

@@ -66,7 +66,7 @@ def test_the_same_seed_gives_the_same_motion_and_json_is_for_scripts(
 
 
 def test_via_points_keep_the_tool_in_its_box(arm: Path) -> None:
-    from trueup.identification.excitation.chain import Chain
+    from trueup.excitation.chain import Chain
     from trueup.identification.model_file import load_tree
 
     (arm.parent / "cell.toml").write_text(REGION)

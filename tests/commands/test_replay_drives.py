@@ -13,9 +13,9 @@ import pytest
 
 from trueup.campaign.cars import said_once
 from trueup.cli import main
+from trueup.engines.car import Car, CarSimulator
+from trueup.engines.car.car_file import write_car
 from trueup.recording import Channel
-from trueup.simulators.car import Car, CarSimulator
-from trueup.simulators.car.car_file import write_car
 from trueup.trial import Observed, Trial
 
 TRUTH = Car(

@@ -8,10 +8,10 @@ import pytest
 
 from trueup.controllers.controller import Observation
 from trueup.controllers.stanley import Stanley, StanleySettings
+from trueup.engines.bicycle import BicycleSimulator, Vehicle
 from trueup.errors import ParameterError, RecordingError
 from trueup.paths import Path
 from trueup.recording import Channel
-from trueup.simulators.bicycle import BicycleSimulator, Vehicle
 from trueup.tasks.follow_path import trial_of
 from trueup.trial import Trial
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from trueup.discrepancies.outcome import Feature, Outcome
 from trueup.discrepancies.path_shape import READINGS, PathShape, mean_distance, path_loss, resample_by_arc
 from trueup.discrepancies.plain import Plain, rmse
+from trueup.engines.simulator import Rollout
 from trueup.errors import RecordingError, UnknownNameError
 from trueup.recording import Channel, Recording
-from trueup.simulators.simulator import Rollout
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]

@@ -7,8 +7,8 @@ import numpy as np
 
 from trueup.discrepancies.rigid import RigidlyAligned
 from trueup.discrepancies.weighted import Weighted
+from trueup.engines.simulator import Rollout
 from trueup.recording import Channel, Recording
-from trueup.simulators.simulator import Rollout
 from trueup.trial import Trial
 
 TIME = np.arange(120) / 20.0

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.engines.simulator import Rollout, Simulator
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
-from trueup.simulators.simulator import Rollout, Simulator
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]

@@ -12,14 +12,14 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.discrepancies.weighted import Weighted
+from trueup.engines.mujoco.declarations import Declaration, declare
+from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.errors import CalibrationError
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.fit import Watch, fit
 from trueup.loop.problem import Problem
 from trueup.recording import Channel, Recording
-from trueup.simulators.mujoco.declarations import Declaration, declare
-from trueup.simulators.mujoco.model import load
-from trueup.simulators.mujoco.rollout import MujocoSimulator
 
 Array = NDArray[np.float64]
 JOINTS = ("shoulder", "elbow")

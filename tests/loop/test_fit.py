@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.discrepancies.weighted import Weighted
+from trueup.engines.simulator import Simulator
 from trueup.loop.descent import Descent, Stage, Watch, last_look
 from trueup.loop.fit import fit
 from trueup.loop.hopping import hopped
@@ -20,7 +21,6 @@ from trueup.loop.selection import choose
 from trueup.loop.uncertainty import unit_covariance
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
-from trueup.simulators.simulator import Simulator
 from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]

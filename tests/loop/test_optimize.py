@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.controllers.controller import Controller, ControllerFactory
+from trueup.engines.simulator import Rollout
 from trueup.errors import CalibrationError, TrialError
 from trueup.loop.belief import Belief
 from trueup.loop.experiment import most_telling, spread_settings
@@ -19,7 +20,6 @@ from trueup.loop.transfer import best_known, shortlist
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.search.search import SearchState
-from trueup.simulators.simulator import Rollout
 from trueup.trial import Limits, Observed, Reference, Trial
 
 Array = NDArray[np.float64]

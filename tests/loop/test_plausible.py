@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from trueup.engines.bicycle import BicycleSimulator, Vehicle, vehicle_space
 from trueup.loop.plausible import plausible
 from trueup.paths.courses import hairpin
-from trueup.simulators.bicycle import BicycleSimulator, Vehicle, vehicle_space
 from trueup.tasks.follow_path import FollowPath
 from trueup.tasks.task import simulated_scores
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.engines.simulator import Rollout
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.starts import with_start_scatter
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
-from trueup.simulators.simulator import Rollout
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]

@@ -11,11 +11,11 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.controllers.controller import Controller
+from trueup.engines.simulator import Rollout
 from trueup.errors import RobotFellError, TrialError
 from trueup.loop.transfer import Shortlist, transfer, try_on_robot
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
-from trueup.simulators.simulator import Rollout
 from trueup.trial import Limits, Observed, Trial
 
 Array = NDArray[np.float64]

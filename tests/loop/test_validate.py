@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.discrepancies.weighted import Weighted
+from trueup.engines.simulator import Simulator
 from trueup.loop.fit import Watch, fit
 from trueup.loop.problem import Problem
 from trueup.loop.validate import left_out_points
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording, part_of
-from trueup.simulators.simulator import Simulator
 
 Array = NDArray[np.float64]
 SPACE = ParameterSpace((Parameter("level", "rad", 0.5, -2.0, 2.0),))

@@ -8,14 +8,14 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.discrepancies.rigid import RigidlyAligned
+from trueup.engines.bicycle import BETAS, BicycleSimulator, Vehicle, vehicle_space
+from trueup.engines.bicycle.windows import windows
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.fit import Watch, fit
 from trueup.loop.problem import Problem
 from trueup.loop.wide import widened
 from trueup.recording import Channel, Recording
 from trueup.search.robust import robust_losses
-from trueup.simulators.bicycle import BETAS, BicycleSimulator, Vehicle, vehicle_space
-from trueup.simulators.bicycle.windows import windows
 from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]

@@ -10,11 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.errors import OutputError
+from trueup.excitation.periodic import Sines, at_rest
+from trueup.excitation.planner import joint_moves
+from trueup.excitation.trajectories import Trajectory
 from trueup.identification.estimation.couplings import proposed_couplings
 from trueup.identification.estimation.torque_model import Rows
-from trueup.identification.excitation.periodic import Sines, at_rest
-from trueup.identification.excitation.planner import joint_moves
-from trueup.identification.excitation.trajectories import Trajectory
 from trueup.identification.inertial import pseudo_inertia
 from trueup.studies.arm.comparison import ALGORITHMS, CASES, Errors, Example, Scale, interval, share_of_best
 from trueup.studies.arm.excitation import filled

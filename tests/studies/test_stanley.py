@@ -13,11 +13,11 @@ from rich.console import Console
 
 from trueup.campaign.plan import read_plan
 from trueup.commands.study_view import study_table
+from trueup.engines.bicycle import BETAS
 from trueup.errors import UnknownNameError
 from trueup.loop.transfer import try_on_robot
 from trueup.paths.courses import drawn_courses
 from trueup.recording import Recording
-from trueup.simulators.bicycle import BETAS
 from trueup.studies.stanley import chasi
 from trueup.studies.stanley.courses import across_courses, true_errors
 from trueup.studies.stanley.drives import calibrate_drives, doubted, noise_of

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from trueup.controllers.stanley import StanleySettings
+from trueup.engines.bicycle import BicycleSimulator, Vehicle, vehicle_space
 from trueup.errors import ParameterError, UnknownNameError
 from trueup.paths import Path
 from trueup.paths.courses import hairpin
 from trueup.recording import Channel, Recording
-from trueup.simulators.bicycle import BicycleSimulator, Vehicle, vehicle_space
 from trueup.tasks.follow_path import FollowPath
 from trueup.tasks.task import as_rollout, robot_scores, robot_trials, simulated_scores, unit_of
 

@@ -11,19 +11,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trueup.calibration import Calibration, Replay, by_unit
+from trueup.engines.simulator import Simulator
 from trueup.errors import ParameterError, unknown_name
 from trueup.recording import Recording
-from trueup.simulators.simulator import Simulator
 
 if TYPE_CHECKING:
     from trueup.campaign.cars import Told
+    from trueup.engines.car import CarSimulator
+    from trueup.engines.mujoco.clearance import MujocoClearance
+    from trueup.engines.mujoco.model import Model
+    from trueup.engines.mujoco.rollout import MujocoSimulator
+    from trueup.engines.mujoco.setup.floor import Stopped
     from trueup.loop.calibrate import Options
     from trueup.loop.fit import Checkpoint, Progress
-    from trueup.simulators.car import CarSimulator
-    from trueup.simulators.mujoco.clearance import MujocoClearance
-    from trueup.simulators.mujoco.model import Model
-    from trueup.simulators.mujoco.rollout import MujocoSimulator
-    from trueup.simulators.mujoco.setup.floor import Stopped
 
 
 _UNEXPLAINED = 5.0  # noise units
@@ -55,14 +55,14 @@ def simulator_for(
         _check_of_cars(beyond_mjcf, step)
         return car_for(Path(model_path), recordings, parameters_file)
     from trueup.discrepancies.alignment import clock_errors
-    from trueup.simulators.mujoco.base import check_base
-    from trueup.simulators.mujoco.declaration_file import read_declarations, read_gains
-    from trueup.simulators.mujoco.declarations import declare
-    from trueup.simulators.mujoco.gains import Gains
-    from trueup.simulators.mujoco.rollout import MujocoSimulator
-    from trueup.simulators.mujoco.setup.drives import undriven
-    from trueup.simulators.mujoco.setup.floor import stopped_by_floor
-    from trueup.simulators.mujoco.setup.proposal import propose
+    from trueup.engines.mujoco.base import check_base
+    from trueup.engines.mujoco.declaration_file import read_declarations, read_gains
+    from trueup.engines.mujoco.declarations import declare
+    from trueup.engines.mujoco.gains import Gains
+    from trueup.engines.mujoco.rollout import MujocoSimulator
+    from trueup.engines.mujoco.setup.drives import undriven
+    from trueup.engines.mujoco.setup.floor import stopped_by_floor
+    from trueup.engines.mujoco.setup.proposal import propose
 
     everything = (*recordings, *replayed)
     model = _model_for(model_path, everything)
@@ -89,11 +89,11 @@ def _check_of_cars(beyond_mjcf: bool, step: float | None) -> None:
 
 def _model_for(path: str | Path, recordings: Sequence[Recording]) -> Model:
     """The model of a file as the recordings need it: its base free or held, drives, no contacts within, idle joints held."""
-    from trueup.simulators.mujoco.base import floating, held
-    from trueup.simulators.mujoco.model import load
-    from trueup.simulators.mujoco.setup.drives import driven
-    from trueup.simulators.mujoco.setup.overlaps import passable
-    from trueup.simulators.mujoco.setup.still import with_still_joints
+    from trueup.engines.mujoco.base import floating, held
+    from trueup.engines.mujoco.model import load
+    from trueup.engines.mujoco.setup.drives import driven
+    from trueup.engines.mujoco.setup.overlaps import passable
+    from trueup.engines.mujoco.setup.still import with_still_joints
 
     model = load(path)
     _check_joints(model, recordings)
@@ -104,7 +104,7 @@ def _model_for(path: str | Path, recordings: Sequence[Recording]) -> Model:
 
 def as_recorded(replays: Sequence[Replay], recordings: Sequence[Recording]) -> tuple[Replay, ...]:
     """Replays of the recordings as they were: one unit each, windows of a free base put together again."""
-    from trueup.simulators.mujoco.setup.windows import joined
+    from trueup.engines.mujoco.setup.windows import joined
 
     return joined(by_unit(replays, recordings))
 
@@ -113,7 +113,7 @@ def shipped_for(
     model_path: str | Path, recordings: Sequence[Recording], step: float | None = None
 ) -> tuple[Simulator, tuple[str, ...]]:
     """The simulator of a model file as it is, and notes on what was done to it. Raises what `simulator_for` raises."""
-    from trueup.simulators.mujoco.rollout import MujocoSimulator
+    from trueup.engines.mujoco.rollout import MujocoSimulator
 
     simulator, _ = simulator_for(model_path, recordings, step=step)
     return simulator.shipped(), simulator.model.notes if isinstance(simulator, MujocoSimulator) else ()
@@ -128,10 +128,10 @@ def calibrated(
 
     Raises what `trueup.loop.calibrate` raises, and RecordingError for drives without pose or command.
     """
+    from trueup.engines.car import CarSimulator
+    from trueup.engines.mujoco.setup.proposal import LOAD
+    from trueup.engines.mujoco.setup.windows import folded
     from trueup.loop.stepwise import calibrate_stepwise
-    from trueup.simulators.car import CarSimulator
-    from trueup.simulators.mujoco.setup.proposal import LOAD
-    from trueup.simulators.mujoco.setup.windows import folded
 
     told: Told = {"progress": progress, "checkpoint": checkpoint, "resume": resume}
     if not isinstance(simulator, CarSimulator):
@@ -150,14 +150,14 @@ def write_outcome(
 
     Raises OutputError and ModelError; older files are untouched then.
     """
-    from trueup.simulators.car import CarSimulator
+    from trueup.engines.car import CarSimulator
 
     if isinstance(simulator, CarSimulator):
         from trueup.campaign.cars import write_calibrated_car
 
         return write_calibrated_car(simulator, calibration, model)
-    from trueup.simulators.mujoco.declaration_file import write_parameters
-    from trueup.simulators.mujoco.writing.write import write_model
+    from trueup.engines.mujoco.declaration_file import write_parameters
+    from trueup.engines.mujoco.writing.write import write_model
 
     write_parameters(calibration, simulator.parameters, simulator.quantities, parameters, simulator.gains.given_for)
     return write_model(simulator, calibration.values, model)
@@ -165,11 +165,11 @@ def write_outcome(
 
 def kinds_of(simulator: MujocoSimulator | CarSimulator) -> tuple[tuple[str, str, int], ...]:
     """(kind, family, number of elements) of the free parameters, in order: what a summary says of them."""
-    from trueup.simulators.car import CarSimulator
+    from trueup.engines.car import CarSimulator
 
     if isinstance(simulator, CarSimulator):
         return tuple((p.name, "car", 1) for p in simulator.parameters.parameters if not p.frozen)
-    from trueup.simulators.mujoco.quantities import kind
+    from trueup.engines.mujoco.quantities import kind
 
     counts: dict[str, int] = {}
     for parameter, quantity in zip(simulator.parameters.parameters, simulator.quantities, strict=True):
@@ -180,7 +180,7 @@ def kinds_of(simulator: MujocoSimulator | CarSimulator) -> tuple[tuple[str, str,
 
 def about_step(simulator: Simulator) -> tuple[str, ...]:
     """A note where the model takes smaller steps than it is simulated at."""
-    from trueup.simulators.mujoco.rollout import MujocoSimulator
+    from trueup.engines.mujoco.rollout import MujocoSimulator
 
     own = float(simulator.model.compiled.opt.timestep) if isinstance(simulator, MujocoSimulator) else simulator.step
     if own > 0.99 * simulator.step:
@@ -193,7 +193,7 @@ def about_step(simulator: Simulator) -> tuple[str, ...]:
 
 def about_load(simulator: Simulator, calibration: Calibration) -> tuple[str, ...]:
     """A note where servos stay far above the noise, and friction that grows with their load has not been tried."""
-    from trueup.simulators.mujoco.rollout import MujocoSimulator
+    from trueup.engines.mujoco.rollout import MujocoSimulator
 
     if not isinstance(simulator, MujocoSimulator):
         return ()
@@ -212,8 +212,8 @@ def about_load(simulator: Simulator, calibration: Calibration) -> tuple[str, ...
 
 def clearance_for(model_path: str | Path, joints: Sequence[str], floor: float | str | None = "auto") -> MujocoClearance:
     """What tells how far the parts of a model are from each other at postures of these joints. Raises ModelError."""
-    from trueup.simulators.mujoco.clearance import MujocoClearance
-    from trueup.simulators.mujoco.model import load
+    from trueup.engines.mujoco.clearance import MujocoClearance
+    from trueup.engines.mujoco.model import load
 
     return MujocoClearance.of(load(model_path), joints, floor=floor)
 
@@ -224,11 +224,11 @@ def recordings_for(
     """Both as the model of a file can take them, and notes: joints by its names, commands that its drives take, a free
     base in windows (see `named_as`, `drives.suited`, `windows.begun_again`). Raises ModelError.
     """
+    from trueup.engines.mujoco.model import load
+    from trueup.engines.mujoco.setup.drives import suited
+    from trueup.engines.mujoco.setup.windows import begun_again
     from trueup.formats.joint_names import named_as
     from trueup.formats.strangers import without_strangers
-    from trueup.simulators.mujoco.model import load
-    from trueup.simulators.mujoco.setup.drives import suited
-    from trueup.simulators.mujoco.setup.windows import begun_again
 
     model = load(model_path)
     drives = model.drives()
@@ -243,9 +243,9 @@ def recordings_for(
 
 def in_units_of(model_path: str | Path, recordings: Sequence[Recording]) -> list[Recording]:
     """Recordings with a model's names and units: metres where a joint slides. Raises ModelError."""
+    from trueup.engines.mujoco.model import load
+    from trueup.engines.mujoco.setup.scales import of_slides, with_units
     from trueup.formats.joint_names import named_as
-    from trueup.simulators.mujoco.model import load
-    from trueup.simulators.mujoco.setup.scales import of_slides, with_units
 
     model = load(model_path)
     named, _ = named_as(recordings, model.drives())
@@ -254,14 +254,14 @@ def in_units_of(model_path: str | Path, recordings: Sequence[Recording]) -> list
 
 def joints_of(model_path: str | Path) -> tuple[str, ...]:
     """Names of a model's hinge and slide joints. Raises ModelError."""
-    from trueup.simulators.mujoco.model import load
+    from trueup.engines.mujoco.model import load
 
     return load(model_path).scalar_joints()
 
 
 def drives_of(model_path: str | Path) -> dict[str, str]:
     """A model's joints and what drives them (see `Model.drives`). Raises ModelError."""
-    from trueup.simulators.mujoco.model import load
+    from trueup.engines.mujoco.model import load
 
     return load(model_path).drives()
 

@@ -16,9 +16,9 @@ from trueup.errors import ModelError, ParameterError, RecordingError
 from trueup.recording import Recording
 
 if TYPE_CHECKING:
+    from trueup.engines.car import CarSimulator
     from trueup.loop.calibrate import Options
     from trueup.loop.fit import Checkpoint, Progress
-    from trueup.simulators.car import CarSimulator
 
 Array = NDArray[np.float64]
 
@@ -76,9 +76,9 @@ def said_once(warnings: Sequence[str]) -> tuple[str, ...]:
 
 def as_it_is(model: Path, recordings: Sequence[Recording]) -> tuple[CarSimulator, tuple[str, ...]]:
     """The simulator of a car's file, nothing fitted; what a full command is may be told from the recordings."""
-    from trueup.simulators.car import CarSimulator
-    from trueup.simulators.car.car_file import read_car
-    from trueup.simulators.car.commands import with_commands
+    from trueup.engines.car import CarSimulator
+    from trueup.engines.car.car_file import read_car
+    from trueup.engines.car.commands import with_commands
 
     if model.suffix.lower() != ".toml":
         raise ModelError(f"{model}: a car is compared with another car's TOML file")
@@ -91,9 +91,9 @@ def as_it_is(model: Path, recordings: Sequence[Recording]) -> tuple[CarSimulator
 
 def _predicted(car: CarSimulator, other: CarSimulator | None, recording: Recording) -> Predicted | None:
     """None where the drive holds nothing that could be predicted."""
+    from trueup.engines.car.judging import Ahead
+    from trueup.engines.car.prediction import moved, prediction_errors
     from trueup.loop.replay import replays
-    from trueup.simulators.car.judging import Ahead
-    from trueup.simulators.car.prediction import moved, prediction_errors
 
     clean, nothing = car.prepared(recording), np.zeros(0)
     errors = prediction_errors(car, nothing, clean, HORIZONS)
@@ -122,11 +122,11 @@ def car_for(
 
     Raises ModelError and ParameterError.
     """
-    from trueup.simulators.car import QUANTITIES, CarSimulator, car_space
-    from trueup.simulators.car.car_file import read_car
-    from trueup.simulators.car.commands import with_commands
-    from trueup.simulators.car.look import LATE, braked, first_look, unseen
-    from trueup.simulators.car.servo import servo_look
+    from trueup.engines.car import QUANTITIES, CarSimulator, car_space
+    from trueup.engines.car.car_file import read_car
+    from trueup.engines.car.commands import with_commands
+    from trueup.engines.car.look import LATE, braked, first_look, unseen
+    from trueup.engines.car.servo import servo_look
 
     if parameters_file is not None:
         raise ParameterError(f"{parameters_file}: a car has no parameters file; its own values are in [vehicle.values]")
@@ -154,10 +154,10 @@ def calibrated_car(
 
     Raises what `trueup.loop.calibrate` raises, and RecordingError for drives without pose or command.
     """
+    from trueup.engines.car.judging import Ahead
+    from trueup.engines.car.prediction import foretold, lasting, spoken
+    from trueup.engines.car.training import begun_apart, counted_once
     from trueup.loop.calibrate import calibrate
-    from trueup.simulators.car.judging import Ahead
-    from trueup.simulators.car.prediction import foretold, lasting, spoken
-    from trueup.simulators.car.training import begun_apart, counted_once
 
     drives, others = ([simulator.prepared(r) for r in rs] for rs in (training, held_out))
 
@@ -178,7 +178,7 @@ def calibrated_car(
 
 def write_calibrated_car(simulator: CarSimulator, calibration: Calibration, path: Path) -> tuple[str, ...]:
     """Writes the car's file; there is nothing that it cannot say. Raises OutputError."""
-    from trueup.simulators.car.car_file import write_car
+    from trueup.engines.car.car_file import write_car
 
     values = {e.name: e.value for e in calibration.estimates}
     notes = {

@@ -11,14 +11,14 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from trueup.engines.restricted import Restricted
+from trueup.engines.simulator import Simulator
 from trueup.errors import PlanError, RecordingError, unknown_name
-from trueup.loop.restricted import Restricted
 from trueup.recording import Recording
-from trueup.simulators.simulator import Simulator
 
 if TYPE_CHECKING:
+    from trueup.engines.bicycle import BicycleSimulator, Vehicle
     from trueup.robots.stand_in_vehicle import StandInVehicle
-    from trueup.simulators.bicycle import BicycleSimulator, Vehicle
     from trueup.tasks.follow_path import FollowPath
 
 Suited = Callable[[Sequence[Recording]], Sequence[Recording]]
@@ -91,7 +91,7 @@ def bicycle(
 
     Raises ParameterError, and UnknownNameError for a parameter that a vehicle does not have.
     """
-    from trueup.simulators.bicycle import BicycleSimulator, Vehicle, vehicle_space
+    from trueup.engines.bicycle import BicycleSimulator, Vehicle, vehicle_space
 
     vehicle = Vehicle(name, wheelbase, max_steering, dict(values or {}))
     return BicycleSimulator(vehicle, vehicle_space(vehicle, parameters), step=step, seed=seed)
@@ -131,7 +131,7 @@ def in_windows(length: float) -> Suited:
     """Drives as the calibration by 'drives' takes them: in windows of `length` s, since a whole one drifts away."""
 
     def taken(recordings: Sequence[Recording]) -> list[Recording]:
-        from trueup.simulators.bicycle.windows import windows
+        from trueup.engines.bicycle.windows import windows
 
         found: list[Recording] = []
         for recording in recordings:
@@ -154,7 +154,7 @@ def weighted(recordings: Sequence[Recording], channels: tuple[str, ...] = ("posi
 
 
 def _vehicle(simulator: Simulator) -> Vehicle:
-    from trueup.simulators.bicycle import BicycleSimulator
+    from trueup.engines.bicycle import BicycleSimulator
 
     whole = simulator.whole if isinstance(simulator, Restricted) else simulator
     if not isinstance(whole, BicycleSimulator):

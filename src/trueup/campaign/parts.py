@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from trueup.calibration import Calibration, TracePoint
 from trueup.campaign.events import Event
 from trueup.discrepancies.discrepancy import Discrepancy
+from trueup.engines.simulator import Simulator
 from trueup.recording import Recording
 from trueup.robots.robot import Robot
 from trueup.search.search import Search
-from trueup.simulators.simulator import Simulator
 from trueup.tasks.task import Task
 from trueup.trial import Limits, Trial
 

@@ -30,12 +30,12 @@ from trueup.campaign.parts import Calibrator, Parts
 from trueup.campaign.plan import Calibrate, Plan, PlanFile
 from trueup.campaign.typed_toml import Component
 from trueup.discrepancies.discrepancy import Discrepancy
+from trueup.engines.restricted import Restricted
+from trueup.engines.simulator import Simulator
 from trueup.errors import PlanError
 from trueup.formats import read
-from trueup.loop.restricted import Restricted
 from trueup.recording import Recording
 from trueup.search.search import Search
-from trueup.simulators.simulator import Simulator
 
 Array = NDArray[np.float64]
 

@@ -35,8 +35,8 @@ from trueup.report import replay_picture, write_report
 from trueup.report.writing import write_aside
 
 if TYPE_CHECKING:
+    from trueup.engines.simulator import Simulator
     from trueup.loop.calibrate import Options
-    from trueup.simulators.simulator import Simulator
 
 
 ABOUT = """\

@@ -22,10 +22,10 @@ from trueup.report.trajectory_picture import trajectory_picture
 from trueup.report.writing import write_aside
 
 if TYPE_CHECKING:
-    from trueup.identification.excitation.design import Step
-    from trueup.identification.excitation.excite import Outcome
-    from trueup.identification.excitation.expectation import Expected
-    from trueup.identification.excitation.problem import ExcitationProblem
+    from trueup.excitation.design import Step
+    from trueup.excitation.excite import Outcome
+    from trueup.excitation.expectation import Expected
+    from trueup.excitation.problem import ExcitationProblem
 
 ABOUT = """\
 Designs the motion from which `trueup identify` learns an arm's dynamics: as informative as the joint limits allow, from
@@ -91,8 +91,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Designs, checks and writes a trajectory. Raises TrueupError. Returns the exit code."""
-    from trueup.identification.excitation.excite import excite
-    from trueup.identification.excitation.expectation import expectations
+    from trueup.excitation.excite import excite
+    from trueup.excitation.expectation import expectations
 
     problem = _problem(args)
     folder = free_folder(Path(args.out), lambda at: args.force or not any((at / f).exists() for f in _FILES))
@@ -121,7 +121,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
 
 def _problem(args: argparse.Namespace) -> ExcitationProblem:
     """The arm, its limits and what is asked for. Raises IdentificationError for arguments that do not go together."""
-    from trueup.identification.excitation.problem import Asked, excitation_problem
+    from trueup.excitation.problem import Asked, excitation_problem
 
     motion = args.motion or ("via-points" if args.via_points else "fourier")
     if motion == "via-points" and not args.region:

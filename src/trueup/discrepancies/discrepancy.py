@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.engines.simulator import Rollout
 from trueup.recording import Recording
-from trueup.simulators.simulator import Rollout
 
 Array = NDArray[np.float64]
 

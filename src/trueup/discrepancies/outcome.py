@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.discrepancies.weighted import measured_at
+from trueup.engines.simulator import Rollout
 from trueup.errors import RecordingError
 from trueup.recording import Recording
-from trueup.simulators.simulator import Rollout
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from trueup.discrepancies.dtw import dtw, dtw_path
 from trueup.discrepancies.weighted import measured_at
+from trueup.engines.simulator import Rollout
 from trueup.errors import RecordingError, unknown_name
 from trueup.recording import Recording
-from trueup.simulators.simulator import Rollout
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.engines.simulator import Rollout
 from trueup.noise import estimate_noise
 from trueup.recording import Recording
-from trueup.simulators.simulator import Rollout
 
 Array = NDArray[np.float64]
 

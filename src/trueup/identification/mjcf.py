@@ -24,7 +24,7 @@ def tree_from_mjcf(path: str | Path, *, fix_base: bool = False) -> KinematicTree
 
     Raises ModelError where it does not compile, for ball joints, and unless `fix_base` for free ones.
     """
-    from trueup.simulators.mujoco.model import load
+    from trueup.engines.mujoco.model import load
 
     model = load(path)
     return tree_of(model.compiled, model.name, fix_base=fix_base, notes=model.notes)

@@ -25,7 +25,7 @@ def is_urdf(path: str | Path) -> bool:
     file = Path(path)
     if not file.is_file():
         raise ModelError(f"model file '{file}' does not exist (looked in {file.absolute().parent})")
-    from trueup.simulators.mujoco.reading.urdf_text import root_tag
+    from trueup.engines.mujoco.reading.urdf_text import root_tag
 
     return root_tag(file) == "robot"
 
@@ -48,7 +48,7 @@ def tree_from_urdf(path: str | Path, *, fix_base: bool = False) -> KinematicTree
 
     Raises ModelError for loops, several roots, joints of other types, and unless `fix_base` for a floating base.
     """
-    from trueup.simulators.mujoco.reading.urdf_text import parsed
+    from trueup.engines.mujoco.reading.urdf_text import parsed
 
     file = Path(path)
     root = parsed(file)

@@ -15,6 +15,7 @@ from trueup.calibration import Calibration, CrossValidation, Estimate
 from trueup.controllers.controller import ControllerFactory
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.discrepancies.weighted import Weighted, measured_at
+from trueup.engines.simulator import Simulator
 from trueup.errors import CalibrationError
 from trueup.loop.checks import check
 from trueup.loop.fit import Checkpoint, Fit, Progress, Watch, fit
@@ -30,7 +31,6 @@ from trueup.loop.validate import left_out_errors
 from trueup.loop.wide import widened
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
-from trueup.simulators.simulator import Simulator
 
 Array = NDArray[np.float64]
 

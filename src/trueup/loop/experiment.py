@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import CalibrationError
 from trueup.loop.belief import Belief
 from trueup.loop.optimize import TrustRegion
 from trueup.recording import is_command
-from trueup.simulators.simulator import Rollout, Simulator
 from trueup.tasks.task import Task
 
 Array = NDArray[np.float64]

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.engines.simulator import Simulator
 from trueup.errors import CalibrationError
 from trueup.search.search import Search
-from trueup.simulators.simulator import Simulator
 from trueup.tasks.task import Task, simulated_scores
 
 Array = NDArray[np.float64]

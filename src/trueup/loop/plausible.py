@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.simulators.simulator import Simulator
+from trueup.engines.simulator import Simulator
 from trueup.tasks.task import Task, simulated_scores
 
 Array = NDArray[np.float64]

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from trueup.controllers.controller import ControllerFactory
 from trueup.discrepancies.discrepancy import Discrepancy
+from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import CalibrationError, SimulationFailedError
 from trueup.recording import Recording
-from trueup.simulators.simulator import Rollout, Simulator
 from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]

@@ -13,10 +13,10 @@ from trueup.calibration import Replay
 from trueup.controllers.controller import ControllerFactory
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.discrepancies.weighted import Weighted, measured_at
+from trueup.engines.simulator import Simulator
 from trueup.errors import SimulationFailedError, TrueupError
 from trueup.loop.problem import Problem
 from trueup.recording import Channel, Recording
-from trueup.simulators.simulator import Simulator
 from trueup.trial import Observed, command_of
 
 Array = NDArray[np.float64]

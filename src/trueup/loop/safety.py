@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.engines.simulator import Rollout
 from trueup.errors import TrialError
 from trueup.recording import is_command
-from trueup.simulators.simulator import Rollout
 from trueup.trial import Limits, Trial
 
 Array = NDArray[np.float64]

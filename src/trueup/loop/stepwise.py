@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from trueup.calibration import Calibration, pooled_rmse
+from trueup.engines.simulator import Simulator
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.fit import Checkpoint, Progress
 from trueup.recording import Recording
-from trueup.simulators.simulator import Simulator
 
 _CLEARLY = 0.95  # share of the replay error up to which the structure is taken
 

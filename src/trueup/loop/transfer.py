@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.engines.simulator import Simulator
 from trueup.errors import RobotFellError, TrialAbortedError
 from trueup.loop.optimize import Optimum, TrustRegion, judge
 from trueup.loop.ranking import Agreement, agreement
 from trueup.loop.safety import require_safe
 from trueup.recording import Recording
 from trueup.robots.robot import Robot
-from trueup.simulators.simulator import Simulator
 from trueup.tasks.task import Task, robot_scores, robot_trials
 from trueup.trial import Limits, Trial
 

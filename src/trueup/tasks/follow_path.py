@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from trueup.controllers.stanley.kernel import MEMORY, nearest, path_table
 from trueup.controllers.stanley.law import GAINS, Stanley, StanleySettings, gain_space
+from trueup.engines.simulator import Rollout
 from trueup.errors import ParameterError, unknown_name
 from trueup.parameters import ParameterSpace
 from trueup.paths import Path
 from trueup.recording import Channel
-from trueup.simulators.simulator import Rollout
 from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.controllers.controller import Controller
+from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import ParameterError, RecordingError
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
-from trueup.simulators.simulator import Rollout, Simulator
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]

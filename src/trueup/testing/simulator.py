@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from trueup.engines.simulator import Rollout, Simulator
 from trueup.recording import Recording
-from trueup.simulators.simulator import Rollout, Simulator
 from trueup.testing.broken import require
 from trueup.trial import Trial
 

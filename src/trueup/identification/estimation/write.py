@@ -20,7 +20,7 @@ from trueup.identification.urdf import is_urdf
 if TYPE_CHECKING:
     import mujoco
 
-    from trueup.simulators.mujoco.reading.mjcf_text import Element, MjcfText
+    from trueup.engines.mujoco.reading.mjcf_text import Element, MjcfText
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ def write_identified(
 
 
 def _write_urdf(found: Identification, tree: KinematicTree, source: Path, path: Path) -> tuple[str, ...]:
-    from trueup.simulators.mujoco.reading.mjcf_text import MjcfText
+    from trueup.engines.mujoco.reading.mjcf_text import MjcfText
 
     text = MjcfText(source.read_bytes())
     links = {e.attributes.get("name", ""): e for e in text.root.children if e.tag == "link"}
@@ -80,9 +80,9 @@ def _write_urdf(found: Identification, tree: KinematicTree, source: Path, path: 
 
 
 def _write_mjcf(found: Identification, tree: KinematicTree, source: Path, path: Path) -> tuple[str, ...]:
-    from trueup.simulators.mujoco.inertia import body_inertia
-    from trueup.simulators.mujoco.model import load
-    from trueup.simulators.mujoco.writing.bodies import Body, JointFriction, write_bodies
+    from trueup.engines.mujoco.inertia import body_inertia
+    from trueup.engines.mujoco.model import load
+    from trueup.engines.mujoco.writing.bodies import Body, JointFriction, write_bodies
 
     model = load(source)
     notes, bodies = [], {}

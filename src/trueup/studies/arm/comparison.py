@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.excitation.cell import Cell
+from trueup.excitation.trajectories import Trajectory
 from trueup.identification.estimation.torque_model import Rows, TorqueModel
-from trueup.identification.excitation.cell import Cell
-from trueup.identification.excitation.trajectories import Trajectory
 from trueup.studies.arm.excitation import FAST, SLOW, Workshop, filled
 from trueup.studies.arm.fitting import Fitted, our_fit, papers_fit
 from trueup.studies.arm.hidden import Effects, HiddenArm

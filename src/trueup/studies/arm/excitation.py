@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
+from trueup.excitation.cell import Cell, Settings
+from trueup.excitation.criteria import Criterion
+from trueup.excitation.design import Options, algorithm_a, algorithm_a_local, algorithm_b
+from trueup.excitation.limits import JointLimits
+from trueup.excitation.periodic import Sines, at_rest
+from trueup.excitation.planner import random_planner_motion
+from trueup.excitation.trajectories import Trajectory
 from trueup.identification.dynamic_model import DynamicModel
-from trueup.identification.excitation.cell import Cell, Settings
-from trueup.identification.excitation.criteria import Criterion
-from trueup.identification.excitation.design import Options, algorithm_a, algorithm_a_local, algorithm_b
-from trueup.identification.excitation.limits import JointLimits
-from trueup.identification.excitation.periodic import Sines, at_rest
-from trueup.identification.excitation.planner import random_planner_motion
-from trueup.identification.excitation.trajectories import Trajectory
 from trueup.studies.arm.hidden import RATE
 from trueup.studies.arm.robot import NOMINAL, limits, ns16
 

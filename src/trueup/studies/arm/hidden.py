@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import bilinear, lfilter, lfilter_zi
 
-from trueup.identification.excitation.trajectories import Trajectory
+from trueup.excitation.trajectories import Trajectory
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.regressors import inverse_dynamics
 from trueup.recording import Channel, Recording

@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.excitation.trajectories import Trajectory
 from trueup.identification.estimation.effects import Effect
 from trueup.identification.estimation.filtering import Lowpass, derivative
 from trueup.identification.estimation.torque_model import Rows, TorqueModel
-from trueup.identification.excitation.trajectories import Trajectory
 from trueup.studies.arm.hidden import RATE, HiddenArm
 from trueup.studies.arm.robot import NOMINAL, RATIOS, ns16
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata, spearmanr
 
-from trueup.identification.excitation.criteria import Criterion
-from trueup.identification.excitation.periodic import Sines, at_rest
-from trueup.identification.excitation.planner import ViaPoints
-from trueup.identification.excitation.trajectories import Motions, Trajectory
+from trueup.excitation.criteria import Criterion
+from trueup.excitation.periodic import Sines, at_rest
+from trueup.excitation.planner import ViaPoints
+from trueup.excitation.trajectories import Motions, Trajectory
 from trueup.studies.arm.comparison import CASES, Errors, Region
 from trueup.studies.arm.excitation import FAST, RATE, Workshop, filled
 from trueup.studies.arm.fitting import Fitted, papers_fit

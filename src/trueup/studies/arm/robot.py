@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.identification.excitation.limits import JointLimits
-from trueup.identification.excitation.regions import Region
+from trueup.excitation.limits import JointLimits
+from trueup.excitation.regions import Region
 from trueup.identification.inertial import from_com
 from trueup.identification.kinematic_tree import KinematicTree, from_dh
 

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.excitation.cell import Cell
 from trueup.formats.aside import written_aside
 from trueup.identification.estimation.torque_model import TorqueModel
-from trueup.identification.excitation.cell import Cell
 from trueup.studies.arm.comparison import DESIGNED, Errors, Region, Scale, compared, prepared, share_of_best
 from trueup.studies.arm.excitation import Workshop
 from trueup.studies.arm.fitting import our_fit, papers_fit

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from trueup.controllers.stanley import GAINS, StanleySettings
+from trueup.engines.bicycle import BETAS, BicycleSimulator, Vehicle, vehicle_space
 from trueup.errors import unknown_name
 from trueup.paths import Path
 from trueup.paths.courses import COURSES
 from trueup.robots.stand_in_vehicle import StandInVehicle
-from trueup.simulators.bicycle import BETAS, BicycleSimulator, Vehicle, vehicle_space
 from trueup.tasks.follow_path import FollowPath
 
 SETTINGS = StanleySettings()

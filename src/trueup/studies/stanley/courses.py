@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.engines.simulator import Simulator
 from trueup.loop.belief import Belief
 from trueup.loop.optimize import TrustRegion, optimize
 from trueup.loop.plausible import plausible
@@ -20,7 +21,6 @@ from trueup.paths import Path
 from trueup.paths.courses import drawn_courses
 from trueup.robots.stand_in_vehicle import StandInVehicle
 from trueup.search.cma_es import CmaEs
-from trueup.simulators.simulator import Simulator
 from trueup.studies.stanley import chasi
 from trueup.studies.stanley.drives import calibrate_drives, doubted, noise_of
 from trueup.studies.stanley.tuning import RISK

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from trueup.calibration import Calibration, TracePoint
 from trueup.discrepancies.rigid import RigidlyAligned
+from trueup.engines.bicycle.windows import windows
+from trueup.engines.simulator import Simulator
 from trueup.loop.calibrate import Options, calibrate
 from trueup.noise import estimate_noise
 from trueup.recording import Recording
-from trueup.simulators.bicycle.windows import windows
-from trueup.simulators.simulator import Simulator
 
 Array = NDArray[np.float64]
 

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from trueup.controllers.stanley import GAINS
 from trueup.discrepancies.path_shape import mean_distance, path_loss
+from trueup.engines.bicycle import BETAS, BicycleSimulator
+from trueup.engines.simulator import Rollout
 from trueup.noise import estimate_noise
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.robots.robot import Robot
 from trueup.search.optuna import OptunaSearch
-from trueup.simulators.bicycle import BETAS, BicycleSimulator
-from trueup.simulators.simulator import Rollout
 from trueup.studies.stanley import chasi
 from trueup.tasks.follow_path import FollowPath
 from trueup.tasks.task import as_rollout, robot_trials

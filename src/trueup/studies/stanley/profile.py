@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.discrepancies.path_shape import path_loss
+from trueup.engines.bicycle import BicycleSimulator
 from trueup.recording import Recording
-from trueup.simulators.bicycle import BicycleSimulator
 from trueup.studies.stanley.paper import BAND, SPACING
 from trueup.tasks.follow_path import FollowPath
 from trueup.tasks.task import as_rollout

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.engines.bicycle import BETAS
 from trueup.loop.transfer import try_on_robot
 from trueup.robots.stand_in_vehicle import StandInVehicle
-from trueup.simulators.bicycle import BETAS
 from trueup.studies.stanley import chasi
 from trueup.studies.stanley.courses import across_courses, true_errors
 from trueup.studies.stanley.drives import noise_of

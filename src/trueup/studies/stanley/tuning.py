@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.calibration import Calibration
+from trueup.engines.simulator import Simulator
 from trueup.loop.belief import Belief
 from trueup.loop.optimize import TrustRegion, optimize
 from trueup.loop.plausible import plausible
@@ -20,7 +21,6 @@ from trueup.recording import Recording
 from trueup.robots.robot import Robot
 from trueup.search.cma_es import CmaEs
 from trueup.search.search import Search
-from trueup.simulators.simulator import Simulator
 from trueup.studies.stanley.drives import calibrate_drives, doubted
 from trueup.tasks.task import Task
 

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A car as a TOML file, which a person writes with two lines and a calibration with all values."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+
+from trueup.engines.car.car import QUANTITIES, Car
+from trueup.errors import ModelError
+from trueup.formats.aside import written_aside
+
+_KEYS = ("name", "wheelbase", "drive", "enabled_by", "middle", "full", "values")
+
+
+def read_car(path: str | Path) -> Car:
+    """The car in a TOML file: [vehicle] with wheelbase in m, and [vehicle.values] where some are known.
+
+    Raises ModelError, naming file and key, for what is missing, unknown or of the wrong kind.
+    """
+    where = Path(path)
+    try:
+        data = tomllib.loads(where.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ModelError(f"vehicle '{where}' cannot be read: {error}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ModelError(f"vehicle '{where}' is not valid TOML: {error}") from None
+    table = data.get("vehicle")
+    if not isinstance(table, Mapping):
+        raise ModelError(f"vehicle '{where}' has no table [vehicle]; it needs at least: [vehicle] wheelbase = 0.17")
+    for key in table:
+        if key not in _KEYS:
+            raise ModelError(f"vehicle '{where}': unknown key '{key}' in [vehicle]; keys are: {', '.join(_KEYS)}")
+    if table.get("drive", "throttle") != "throttle":
+        raise ModelError(f"vehicle '{where}': drive is {table['drive']!r}; only 'throttle' is calibrated from a file")
+    values = table.get("values", {})
+    if not isinstance(values, Mapping):
+        raise ModelError(f"vehicle '{where}': [vehicle.values] must be a table of numbers")
+    return Car(
+        name=_text(where, table, "name", where.stem),
+        wheelbase=_number(where, "wheelbase", table.get("wheelbase")),
+        values={name: _number(where, name, value) for name, value in values.items()},
+        enabled_by=_text(where, table, "enabled_by", ""),
+        middle=_both(where, table, "middle") or (0.0, 0.0),
+        full=_both(where, table, "full"),
+    )
+
+
+def write_car(car: Car, path: Path, notes: Mapping[str, str] | None = None) -> None:
+    """Writes a car with all that is known of it; `notes` by quantity stand beside its value. Raises OutputError."""
+    about = {q.name: f"{q.unit + ', ' if q.unit else ''}{q.about}" for q in QUANTITIES}
+    lines = [
+        "[vehicle]",
+        f'name = "{car.name}"',
+        f"wheelbase = {car.wheelbase!r}  # m",
+        'drive = "throttle"  # commands: throttle and steering, without unit',
+    ]
+    if car.enabled_by:
+        lines.append(f'enabled_by = "{car.enabled_by}"')
+    if car.full:
+        lines.append(f"middle = {list(car.middle)}  # recorded throttle and steering that stand for zero")
+        lines.append(f"full = {list(car.full)}  # how far beyond they stand for one")
+    lines += ["", "[vehicle.values]"]
+    for name, value in car.values.items():
+        note = (notes or {}).get(name, "")
+        lines.append(f"{name} = {float(value)!r}  # {about[name]}{'; ' + note if note else ''}")
+    with written_aside(path) as temporary:
+        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _text(where: Path, table: Mapping[str, object], key: str, absent: str) -> str:
+    value = table.get(key, absent)
+    if not isinstance(value, str) or not value.replace(" ", "").isprintable() or '"' in value or "\\" in value:
+        raise ModelError(f"vehicle '{where}': {key} is {value!r}; it must be a plain text")
+    return value
+
+
+def _both(where: Path, table: Mapping[str, object], key: str) -> tuple[float, float] | None:
+    pair = table.get(key)
+    if pair is None:
+        return None
+    if not isinstance(pair, list) or len(pair) != 2:
+        raise ModelError(f"vehicle '{where}': {key} is {pair!r}; it must be two numbers, of throttle and steering")
+    return _number(where, key, pair[0]), _number(where, key, pair[1])
+
+
+def _number(where: Path, key: str, value: object) -> float:
+    if value is None:
+        raise ModelError(f"vehicle '{where}': {key} is missing; give it in m, from axle to axle")
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ModelError(f"vehicle '{where}': {key} is {value!r}; it must be a number")
+    return float(value)

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A car's commands as shares: throttle or commanded speed and steering in whatever numbers a log writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.engines.car.car import Car
+from trueup.engines.car.driving import COMMAND, driven_by
+from trueup.engines.car.look import first_look, straight_on
+from trueup.engines.car.tracking import cleaned
+from trueup.errors import CalibrationError, RecordingError
+from trueup.recording import Channel, Recording
+
+Array = NDArray[np.float64]
+
+_MOST = 2.0  # commands beyond are no shares of the full command
+_ASIDE = 0.25  # share of the full steering: a car that drives straight on so far from zero counts from elsewhere
+_PULSES = (500.0, 2500.0)  # us: of a servo's signal, whose middle is at 1500 and whose end 500 beside it
+
+
+def with_commands(car: Car, recordings: Sequence[Recording]) -> tuple[Car, tuple[str, ...]]:
+    """The car with `middle` and `full` of its commands as all the recordings suggest, and notes; as it is where it says.
+
+    Steering that turns the car to the right as it grows gets a full command below zero. Raises RecordingError for
+    recordings without pose or command.
+    """
+    if car.full is not None or not recordings:
+        return car, ()
+    commands = [driven_by(r, car.wheelbase) for r in recordings]
+    found = [_middle_and_full(commands, label) for label in COMMAND]
+    middle, full = (found[0][0], found[1][0]), (found[0][1], found[1][1])
+    notes = [
+        f"{label}: {f:g} {f'beside {m:g} ' if m else ''}counts as the full command"
+        for label, m, f in zip(COMMAND, middle, full, strict=True)
+        if (m, f) != (0.0, 1.0)
+    ]
+    scaled = replace(car, middle=middle, full=full)
+    drives = [cleaned(r, car.enabled_by, middle, full, car.wheelbase) for r in recordings]
+    straight = straight_on(drives)
+    if abs(straight) > _ASIDE:
+        off = np.concatenate([c.column("steering") for c in commands]) - (middle[1] + full[1] * straight)
+        scaled = replace(car, middle=(middle[0], middle[1] + full[1] * straight), full=(full[0], _rounded(off)))
+        notes.append(f"steering: the car drives straight on at {scaled.middle[1]:.3g}, which counts as its middle")
+        drives = [cleaned(r, car.enabled_by, scaled.middle, scaled.full, car.wheelbase) for r in recordings]
+    try:
+        first_look(scaled, drives)
+    except CalibrationError:
+        scaled = replace(scaled, full=(full[0], -(scaled.full or full)[1]))
+        notes.append("steering: grows to the right, taken as its opposite")
+    return (scaled, tuple(notes)) if notes else (car, ())
+
+
+def _middle_and_full(commands: Sequence[Channel], label: str) -> tuple[float, float]:
+    """What stands for zero and for one: 1500 and 500 of pulses, 0 and the next of 1, 2, 5, 10 ... of other numbers.
+
+    Raises RecordingError where no command is a number.
+    """
+    values = np.concatenate([c.column(label) for c in commands])
+    values = values[np.isfinite(values)]
+    if not len(values):
+        raise RecordingError(f"no recording holds a number for {label}")
+    moved = values[values != 0.0]  # zero: nothing sent yet
+    if len(moved) and _PULSES[0] <= moved.min() and moved.max() <= _PULSES[1]:
+        return float(np.mean(_PULSES)), 500.0
+    return 0.0, _rounded(values) if float(np.abs(values).max()) > _MOST else 1.0
+
+
+def _rounded(values: Array) -> float:
+    """The next of 1, 2, 5, 10 ... of the largest value."""
+    largest = max(float(np.nanmax(np.abs(values))), 1e-6)
+    ten = 10.0 ** np.floor(np.log10(largest))
+    return float(next(n * ten for n in (1.0, 2.0, 5.0, 10.0) if n * ten >= largest * (1.0 - 1e-9)))

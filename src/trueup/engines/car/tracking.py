@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Makes a tracked pose usable: what the tracker mistook for the car is taken out, the throttle is cut where it was."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.engines.car.driving import effective
+from trueup.engines.car.place import fresh, place_of
+from trueup.engines.car.pose import aligned, course, heading_of, turned_with
+from trueup.recording import Channel, Recording, with_warnings
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_NOISE, _TURN = 0.03, 0.15  # m, rad: more from one sample to the next, beyond what the speed explains, is a jump
+_FASTEST = 15.0  # m/s: nothing goes faster that does not do so often
+_CONTRADICTED = 0.2  # share of the poses; where wheels agree with fewer, their speed is not to be relied on
+_DISAGREES = 0.3  # m/s between tracked and wheel speed, of a whole piece
+
+
+def cleaned(
+    recording: Recording,
+    enabled_by: str = "",
+    middle: tuple[float, float] = (0.0, 0.0),
+    full: tuple[float, float] | None = None,
+    wheelbase: float = 1.0,
+) -> Recording:
+    """The recording with NaN where position and heading are not the car's, and no throttle where it was cut.
+
+    A tracker that loses the car shows something else: the pose jumps there and back. Pieces between jumps are kept where
+    their speed is that of the wheels, or, where no wheel speed was recorded, where they follow on the longest
+    one. A log without heading gets the direction of motion in its place, one without position the way that speed and
+    turn rate add up to (see `place_of`). Commands count from `middle` in units of `full`; `wheelbase` (m) makes angles of
+    turn rates. What was taken out is said in the provenance's warnings. Raises RecordingError without pose or command.
+    """
+    position, heading, notes = place_of(recording)
+    heading = heading or heading_of(recording)
+    position, heading = fresh(position), heading and fresh(heading)
+    if heading is not None and (
+        len(position.time) != len(heading.time) or np.abs(position.time - heading.time).max() > 1e-6
+    ):
+        heading = heading.replace(time=position.time, values=_turned(heading, position.time))
+    good = _of_the_car(recording, position, heading)
+    lost = float(np.mean(~good))
+    if lost:
+        notes.append(f"{100 * lost:.1f} % of the poses jump away or contradict the wheels and were left out")
+    if heading is None:
+        heading = turned_with(position, recording.channel("yaw_rate"), good) if recording.has("yaw_rate") else None
+        source = "the direction of motion stands" if heading is None else "turn rate and direction of motion stand"
+        notes.append(f"no heading was recorded: {source} for it")
+        heading = heading or course(position, good)
+        good &= np.isfinite(heading.values[:, 0])
+    else:
+        heading, turned = aligned(position, heading, good)
+        notes += turned
+    angle = np.full((len(good), 1), np.nan)
+    angle[good, 0] = np.unwrap(heading.values[good, 0])
+    kept = recording.with_channel(position.replace(values=np.where(good[:, None], position.values, np.nan)))
+    kept = kept.with_channel(heading.replace(values=angle, labels=("heading",)))
+    kept = kept.with_channel(effective(recording, enabled_by, middle, full, wheelbase))
+    return kept.replace(provenance=with_warnings(recording.provenance, notes))
+
+
+def _turned(heading: Channel, times: Array) -> Array:
+    """(T, 1) the heading at other times, interpolated on the circle."""
+    known = np.isfinite(heading.values[:, 0])
+    whole = heading.replace(time=heading.time[known], values=np.unwrap(heading.values[known], axis=0))
+    return whole.at(times)
+
+
+def _of_the_car(recording: Recording, position: Channel, heading: Channel | None) -> Mask:
+    """(T,) which poses are believed."""
+    angle = heading.values[:, 0] if heading is not None else np.zeros(len(position.time))
+    known = np.isfinite(position.values).all(axis=1) & np.isfinite(angle)
+    rows = np.flatnonzero(known)
+    good = np.zeros(len(known), dtype=bool)
+    if len(rows) < 10:
+        return good
+    time, points = position.time[rows], position.values[rows]
+    noise, fastest = _usual_motion(time, points)
+    pieces = _pieces(time, points, angle[rows], noise, fastest)
+    believed = _agreeing(recording, position, rows, pieces) if recording.has("speed") else []
+    if sum(b - a for a, b in believed) < _CONTRADICTED * len(rows):  # no wheel speed, or not in m/s
+        believed = _following(time, points, pieces, noise, fastest)
+    for start, stop in believed:
+        good[rows[start:stop]] = True
+    return good
+
+
+def usual_speed(position: Channel) -> float:
+    """The speed in m/s that the tracked point exceeds a seventh of the time; NaN where too little is known."""
+    good = np.isfinite(position.values).all(axis=1)
+    return _often(position.time[good], position.values[good])
+
+
+def _often(time: Array, points: Array) -> float:
+    if len(time) < 3:
+        return float("nan")
+    lag = max(1, round(0.3 / max(float(np.median(np.diff(time))), 1e-3)))
+    if len(time) <= 2 * lag:
+        return float("nan")
+    moved = np.linalg.norm(points[lag:] - points[:-lag], axis=1) / (time[lag:] - time[:-lag])
+    return float(np.percentile(moved, 85))
+
+
+def _usual_motion(time: Array, points: Array) -> tuple[float, float]:
+    """Noise of the points in m, and a speed in m/s beyond which they jump: well above those of the samples."""
+    bends = np.abs(np.diff(points, n=2, axis=0))
+    noise = max(_NOISE, 4.0 * float(np.median(bends)))
+    usual = np.linalg.norm(points[1:] - points[:-1], axis=1) / np.diff(time)
+    fastest = 3.0 + 4.0 * float(np.median(usual))
+    often = _often(time, points)  # also where the car stands most of the time
+    return noise, max(min(fastest, _FASTEST), 2.0 * often) if np.isfinite(often) else fastest
+
+
+def _pieces(time: Array, points: Array, angle: Array, noise: float, fastest: float) -> list[tuple[int, int]]:
+    """Where the pose goes on without a jump; pieces of fewer than 10 samples, or 0.2 s, are left out."""
+    gaps = np.diff(time)
+    way = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    turn = np.abs((np.diff(angle) + np.pi) % (2 * np.pi) - np.pi)
+    usual = float(np.median(gaps))
+    jump = (way > noise + fastest * gaps) | (turn > _TURN + 10.0 * np.maximum(gaps - usual, 0.0) + 4.0 * usual)
+    edges = [0, *(np.flatnonzero(jump) + 1).tolist(), len(time)]
+    least = min(10, max(2, round(0.2 / max(usual, 1e-3))))
+    return [(a, b) for a, b in pairwise(edges) if b - a >= least]
+
+
+def _agreeing(
+    recording: Recording, position: Channel, rows: NDArray[np.intp], pieces: list[tuple[int, int]]
+) -> list[tuple[int, int]]:
+    """Pieces whose speed is that of the wheels in the median."""
+    speed = recording.channel("speed")
+    time, points = position.time[rows], position.values[rows]
+    believed = []
+    for a, b in pieces:
+        ahead = max(1, min((b - a) // 2, round(0.2 / max(float(np.median(np.diff(time[a:b]))), 1e-3))))
+        shown = np.linalg.norm(points[a + ahead : b] - points[a : b - ahead], axis=1) / (
+            time[a + ahead : b] - time[a : b - ahead]
+        )
+        middle = 0.5 * (time[a + ahead : b] + time[a : b - ahead])
+        wheels = np.abs(np.interp(middle, speed.time, np.nan_to_num(speed.values[:, 0])))
+        if np.median(np.abs(shown - wheels)) < _DISAGREES + 0.15 * np.median(wheels):
+            believed.append((a, b))
+    return believed
+
+
+def _following(
+    time: Array, points: Array, pieces: list[tuple[int, int]], noise: float, fastest: float
+) -> list[tuple[int, int]]:
+    """The chain of pieces, each within reach of the one before, that holds most samples."""
+    best: list[tuple[int, int]] = []  # samples, piece before
+    for k, (a, b) in enumerate(pieces):
+        before = (0, -1)
+        for j, (_, stop) in enumerate(pieces[:k]):
+            reach = noise + max(5.0, 0.75 * fastest) * (time[a] - time[stop - 1])
+            if np.linalg.norm(points[a] - points[stop - 1]) < reach:
+                before = max(before, (best[j][0], j))
+        best.append((b - a + before[0], before[1]))
+    chain, k = [], int(np.argmax([count for count, _ in best])) if best else -1
+    while k >= 0:
+        chain.append(pieces[k])
+        k = best[k][1]
+    return chain[::-1]

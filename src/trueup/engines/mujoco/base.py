@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pose of a free base: where a recording has it, where the model has it, and how one becomes the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.engines.mujoco.floor_plane import add_floor, plane_of
+from trueup.engines.mujoco.model import Model
+from trueup.errors import ModelError
+from trueup.recording import Recording
+
+Array = NDArray[np.float64]
+
+POSITION, ORIENTATION = "base_position", "base_orientation"
+"""Channels: x, y, z in m; roll, pitch, yaw in rad (turned about the base's x first, then y, then z of the world)."""
+AXES, ANGLES, QUATERNION = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("w", "x", "y", "z")
+_MOVES = 0.01  # m: a base that moves further does not stand fixed
+
+
+def free_joint(compiled: mujoco.MjModel) -> int:
+    """The first free joint of a model that carries other joints, or the first at all; -1 if none is free."""
+    free = [j for j in range(compiled.njnt) if int(compiled.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_FREE)]
+    carried = [int(compiled.body_treeid[b]) for j, b in enumerate(compiled.jnt_bodyid) if j not in free]
+    carrying = [j for j in free if int(compiled.body_treeid[compiled.jnt_bodyid[j]]) in carried]
+    return next(iter([*carrying, *free]), -1)
+
+
+def in_angles(recording: Recording) -> Recording:
+    """The recording with its base's orientation as roll, pitch and yaw in rad that do not jump, whatever it was."""
+    if not recording.has(ORIENTATION):
+        return recording
+    channel = recording.channel(ORIENTATION)
+    if set(channel.labels) == set(QUATERNION):
+        values = angles_of(channel.select(QUATERNION).values)
+    elif set(channel.labels) == set(ANGLES):
+        values = channel.select(ANGLES).values
+    else:
+        return recording
+    return recording.with_channel(channel.replace(labels=ANGLES, unit="rad", values=_unwrapped(values)))
+
+
+def angles_of(quaternion: Array) -> Array:
+    """(..., 3) roll, pitch, yaw in rad of quaternions w, x, y, z (..., 4) of any length."""
+    w, x, y, z = np.moveaxis(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True), -1, 0)
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return np.stack([roll, pitch, yaw], axis=-1)
+
+
+def quaternion_of(angles: Array) -> Array:
+    """(4,) w, x, y, z of roll, pitch, yaw (3,) in rad."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(0.5 * angles), np.sin(0.5 * angles)
+    return np.array([
+        cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
+    ])  # fmt: skip
+
+
+def turning(angles: Array, rates: Array) -> Array:
+    """(3,) angular velocity about the base's own axes in rad/s, of roll, pitch, yaw (3,) and how fast they change."""
+    (sr, sp, _), (cr, cp, _) = np.sin(angles), np.cos(angles)
+    roll, pitch, yaw = rates
+    return np.array([roll - yaw * sp, pitch * cr + yaw * sr * cp, -pitch * sr + yaw * cr * cp])
+
+
+def near(angles: Array, measured: Array) -> Array:
+    """(b, T, 3) angles, each in the turn that is nearest to what was measured (T, 3); as they are where nothing was."""
+    away = np.where(np.isfinite(measured), measured, 0.0)
+    return np.where(np.isfinite(measured), away + (angles - away + np.pi) % (2.0 * np.pi) - np.pi, angles)
+
+
+def check_base(model: Model, recordings: Sequence[Recording]) -> list[str]:
+    """Notes on recordings that do not say where the base was. Raises ModelError where the model does not say it either."""
+    if free_joint(model.compiled) < 0:
+        return []
+    without = [r.name for r in recordings if not r.has(POSITION) or not r.has(ORIENTATION)]
+    if not without:
+        return []
+    where = f"the base of model '{model.path.name}' is free, but nothing tells where it was in {', '.join(without)}"
+    if not model.compiled.nkey:
+        raise ModelError(
+            f"{where}: log its pose ({POSITION}: x, y, z; {ORIENTATION}: w, x, y, z or roll, pitch, yaw) there too, give "
+            "the model a keyframe to start from, or leave these recordings out"
+        )
+    return [f"{where}: it starts as in the model's first keyframe"]
+
+
+def held(model: Model, recordings: Sequence[Recording]) -> Model:
+    """A model whose base is free, fixed in the air where none of the recordings tells where it was: most such robots hang.
+
+    It stands as its first keyframe has it, or its reference pose, turned as an inertial unit saw it, and what stands
+    around it touches nothing. Raises ModelError where it does not compile so.
+    """
+    joint = free_joint(model.compiled)
+    if joint < 0 or not recordings or any(r.has(POSITION) and r.has(ORIENTATION) for r in recordings):
+        return model
+    compiled, spec = model.compiled, model.spec.copy()
+    start = int(compiled.jnt_qposadr[joint])
+    pose = (compiled.key_qpos[0] if compiled.nkey else compiled.qpos0)[start : start + 7]
+    seen = _mean_angles(recordings)
+    body = spec.bodies[int(compiled.jnt_bodyid[joint])]
+    body.pos, body.quat = pose[:3], quaternion_of(seen) if seen is not None else pose[3:]
+    _untouched(spec, compiled)
+    # Keyframes have a place for the pose, which is gone.
+    for gone in (*spec.keys, body.joints[0]):
+        spec.delete(gone)
+    try:
+        fixed = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ModelError(f"model '{model.path}' does not compile with its base held: {error}") from None
+    turn = "as it was turned on average" if seen is not None else "as its first keyframe or reference pose has it"
+    note = (
+        f"the base of model '{model.path.name}' is free, but no recording tells where it was: it is held in the air, {turn}, "
+        f"touching nothing, as on a stand. If it stood or walked, log its pose ({POSITION}: x, y, z; {ORIENTATION}: w, x, y, "
+        "z or roll, pitch, yaw)"
+    )
+    return Model(model.path, spec, fixed, (*model.notes, note))
+
+
+def _mean_angles(recordings: Sequence[Recording]) -> Array | None:
+    """(3,) roll and pitch of the base on average, no yaw; None where no recording has them."""
+    seen = [r.channel(ORIENTATION) for r in map(in_angles, recordings) if r.has(ORIENTATION)]
+    rows = [c.values for c in seen if c.labels == ANGLES]
+    return np.append(np.nanmean(np.concatenate(rows), axis=0)[:2], 0.0) if rows else None
+
+
+def _untouched(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
+    """What stands in the world neither touches nor is touched."""
+    names = set()
+    for geom in spec.geoms:
+        if compiled.body_weldid[compiled.geom_bodyid[geom.id]] == 0:
+            geom.contype = geom.conaffinity = 0
+            names.add(geom.name)
+    for pair in [p for p in spec.pairs if {p.geomname1, p.geomname2} & names]:
+        spec.delete(pair)
+
+
+def floating(model: Model, recordings: Sequence[Recording]) -> Model:
+    """A model that stands fixed, set free and put on a floor where recordings show that its base moves (a URDF)."""
+    moved = [
+        r for r in recordings if r.has(POSITION) and np.nanmax(np.ptp(r.channel(POSITION).values, axis=0)) > _MOVES
+    ]
+    bodies = model.spec.worldbody.bodies
+    if not moved or model.is_mjcf or free_joint(model.compiled) >= 0 or len(bodies) != 1 or bodies[0].joints:
+        return model
+    spec = model.spec.copy()
+    root = spec.worldbody.bodies[0]
+    joint = root.add_freejoint()
+    joint.name = "floating_base"
+    if plane_of(model.compiled) < 0:
+        add_floor(spec)
+    try:
+        compiled = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ModelError(f"model '{model.path}' does not compile with a free base: {error}") from None
+    note = f"the recordings show that the base moves: '{root.name}' was set free, on a floor at the height 0"
+    return Model(model.path, spec, compiled, (*model.notes, note))
+
+
+def place(compiled: mujoco.MjModel, qpos: Array, qvel: Array, pose: tuple[Array, ...]) -> None:
+    """Writes a pose (position, its speed, angles, their rates; (3,) each) of the free base into a state."""
+    position, speed, angles, rates = pose
+    joint = free_joint(compiled)
+    if joint < 0:
+        return
+    q, v = int(compiled.jnt_qposadr[joint]), int(compiled.jnt_dofadr[joint])
+    qpos[q : q + 3], qvel[v : v + 3] = position, speed
+    qpos[q + 3 : q + 7], qvel[v + 3 : v + 6] = quaternion_of(angles), turning(angles, rates)
+
+
+def columns_of(compiled: mujoco.MjModel, name: str, labels: Sequence[str]) -> list[int] | None:
+    """Where a channel of the base stands in qpos: numbers of the position, or the four of the quaternion; None for others."""
+    joint = free_joint(compiled)
+    if joint < 0:
+        return None
+    start = int(compiled.jnt_qposadr[joint])
+    if name == POSITION and set(labels) <= set(AXES):
+        return [start + AXES.index(label) for label in labels]
+    return [start + 3 + i for i in range(4)] if name == ORIENTATION and tuple(labels) == ANGLES else None
+
+
+def _unwrapped(angles: Array) -> Array:
+    out = np.array(angles)
+    for column in out.T:
+        good = np.isfinite(column)
+        column[good] = np.unwrap(column[good])
+    return out

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Gains that recordings name (kp 100, 200, 400 in the servo's own unit): stiffness and damping follow them in proportion."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.engines.mujoco.fields import Fields
+from trueup.recording import Recording
+
+Array = NDArray[np.float64]
+
+_SAID = {
+    "kp": ("kp", "p_gain", "kp_gain", "position_p_gain", "p_coefficient"),
+    "kv": ("kd", "kv", "d_gain", "kd_gain", "position_d_gain", "d_coefficient"),
+}
+"""Quantity to the words under which a log names the servo's setting."""
+PREFIX = "trueup_"
+"""Of the <numeric> that says for which setting a calibrated file holds."""
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Settings of the servos that recordings name, by quantity ('kp', 'kv')."""
+
+    factors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Of each recording: its setting over that which the model stands for."""
+    given_for: Mapping[str, float] = field(default_factory=dict)
+    """The setting that the model stands for."""
+
+    @classmethod
+    def named_by(
+        cls, recordings: Sequence[Recording], compiled: mujoco.MjModel, said: Mapping[str, float] | None = None
+    ) -> tuple[Gains, list[str]]:
+        """Those of recordings, and notes in words.
+
+        A model stands for what is `said` of it, or it says itself (see `PREFIX`), else for the setting of most
+        recordings, the larger of two. Empty where not all recordings name a setting, or all name that of the model.
+        """
+        factors: dict[str, dict[str, float]] = {}
+        given_for: dict[str, float] = {}
+        notes: list[str] = []
+        for quantity in _SAID:
+            named = {r.name: value for r in recordings if (value := _setting(r, quantity)) > 0.0}
+            own = (said or {}).get(quantity) or _own(compiled, quantity)
+            if len(named) < len(recordings) or len({*named.values(), *([own] if own else [])}) < 2:
+                continue
+            counts = Counter(named.values())
+            given_for[quantity] = own or max(counts, key=lambda v: (counts[v], v))
+            factors[quantity] = {name: value / given_for[quantity] for name, value in named.items()}
+            notes.append(
+                f"the recordings name the gain of their servos ({', '.join(f'{v:g}' for v in sorted(counts))}), which "
+                f"'{quantity}' follows in proportion; it is given for {given_for[quantity]:g}"
+            )
+        return cls(factors, given_for), notes
+
+    def scale(self, compiled: mujoco.MjModel, fields: Fields, recordings: Sequence[str], rows: int) -> None:
+        """Multiplies stiffness and damping of the position servos; `rows` simulations for each of `recordings`."""
+        if not self.factors:
+            return
+        servos = (compiled.actuator_biastype == int(mujoco.mjtBias.mjBIAS_AFFINE)) & (
+            compiled.actuator_biasprm[:, 1] < 0.0
+        )
+        stiffness, damping = (
+            np.repeat([self.factors.get(q, {}).get(r, 1.0) for r in recordings], rows) for q in ("kp", "kv")
+        )
+        gain, bias = fields.expand("actuator_gainprm"), fields.expand("actuator_biasprm")
+        gain[:, servos, 0] *= stiffness[:, None]
+        bias[:, servos, :2] *= stiffness[:, None, None]  # both: the servo's zero stays where it is
+        bias[:, servos, 2] *= damping[:, None]
+
+
+def _own(compiled: mujoco.MjModel, quantity: str) -> float:
+    """The setting that a calibrated file says it holds for; 0 for none."""
+    i = int(mujoco.mj_name2id(compiled, mujoco.mjtObj.mjOBJ_NUMERIC, f"{PREFIX}{quantity}"))
+    return float(compiled.numeric_data[compiled.numeric_adr[i]]) if i >= 0 else 0.0
+
+
+def _setting(recording: Recording, quantity: str) -> float:
+    """What a recording says of the servos' gain, as a fact beside its signals or a column that never changes; 0 if not."""
+    facts = {key.lower().rsplit(".", 1)[-1]: value for key, value in recording.provenance.items()}
+    for word in _SAID[quantity]:
+        if word in facts:
+            try:
+                return float(facts[word])
+            except ValueError:
+                return 0.0
+        if recording.has(word) and (column := recording.channel(word)).values.shape[1] == 1:
+            values = column.values[np.isfinite(column.values)]
+            return float(values[0]) if len(values) and np.ptp(values) == 0.0 else 0.0
+    return 0.0

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Loads MJCF and URDF files, says what is in them, and prepares them for many fast simulations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from trueup.engines.mujoco.floor_plane import add_floor, plane_of
+from trueup.engines.mujoco.reading.mjcf_spec import mjcf_spec
+from trueup.engines.mujoco.reading.urdf_spec import urdf_spec
+from trueup.engines.mujoco.reading.urdf_text import root_tag
+from trueup.errors import ModelError, unknown_name
+
+# Sensors that look at geoms, those without contacts too.
+_SEEING = tuple(int(getattr(mujoco.mjtSensor, f"mjSENS_{n}")) for n in
+                ("RANGEFINDER", "GEOMDIST", "GEOMNORMAL", "GEOMFROMTO", "TACTILE", "PLUGIN"))  # fmt: skip
+_ITERATIONS, _LINE_SEARCH = 100, 50  # MuJoCo's own; a solver that has converged stops earlier
+_OBJECTS = {
+    "joint": mujoco.mjtObj.mjOBJ_JOINT,
+    "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
+    "body": mujoco.mjtObj.mjOBJ_BODY,
+    "geom": mujoco.mjtObj.mjOBJ_GEOM,
+    "sensor": mujoco.mjtObj.mjOBJ_SENSOR,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A compiled model, the spec it came from, and what had to be left out to load it."""
+
+    path: Path
+    spec: mujoco.MjSpec
+    compiled: mujoco.MjModel
+    notes: tuple[str, ...] = ()
+    """What was changed or lost on loading, in words."""
+    still: tuple[str, ...] = ()
+    """Joints that are held in simulations, though the file lets them move (see `still.with_still_joints`)."""
+
+    @property
+    def name(self) -> str:
+        """The file's name without its ending."""
+        return self.path.stem
+
+    @property
+    def is_mjcf(self) -> bool:
+        """True for MJCF, False for URDF."""
+        return root_tag(self.path) == "mujoco"
+
+    def names(self, kind: str) -> tuple[str, ...]:
+        """All names of one kind ('joint', 'actuator', 'body', 'geom', 'sensor'), '' where one has none."""
+        model = self.compiled
+        count = {"joint": model.njnt, "actuator": model.nactuator, "body": model.nbody, "geom": model.ngeom}
+        total = count.get(kind, model.nsensor)
+        return tuple(mujoco.mj_id2name(model, _OBJECTS[kind], i) or "" for i in range(total))
+
+    def index(self, kind: str, name: str) -> int:
+        """The id of a named element. Raises UnknownNameError, which lists the names of that kind."""
+        found = mujoco.mj_name2id(self.compiled, _OBJECTS[kind], name)
+        if found < 0:
+            raise unknown_name(kind, name, [n for n in self.names(kind) if n])
+        return int(found)
+
+    def scalar_joints(self) -> tuple[str, ...]:
+        """Names of the hinge and slide joints that move in simulations, in the model's order."""
+        kinds = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+        names = self.names("joint")
+        return tuple(
+            n for i, n in enumerate(names) if n and int(self.compiled.jnt_type[i]) in kinds and n not in self.still
+        )
+
+    def actuator_of_joint(self) -> dict[str, int]:
+        """Joint name to the first actuator that drives it."""
+        model = self.compiled
+        names = self.names("joint")
+        joint_kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+        found: dict[str, int] = {}
+        for i in range(model.nactuator):
+            if int(model.actuator_trntype[i]) in joint_kinds:
+                found.setdefault(names[int(model.actuator_trnid[i, 0])], i)
+        return found
+
+    def drives(self) -> dict[str, str]:
+        """Hinge and slide joints, each to the name of the actuator that drives it, '' where none does."""
+        driven, names = self.actuator_of_joint(), self.names("actuator")
+        return {joint: names[driven[joint]] if joint in driven else "" for joint in self.scalar_joints()}
+
+    def is_position_servo(self, actuator: int) -> bool:
+        """True where the actuator is a position servo: force = kp (command - position) - kv velocity."""
+        model = self.compiled
+        affine = int(model.actuator_biastype[actuator]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
+        gain, bias = model.actuator_gainprm[actuator, 0], model.actuator_biasprm[actuator, 1]
+        return bool(affine and gain != 0 and np.isclose(gain, -bias))
+
+
+def load(path: str | Path) -> Model:
+    """Loads an MJCF or URDF file. Meshes that are missing, or name packages, are left out and said.
+
+    Raises ModelError where the file does not exist or does not compile, with MuJoCo's reason.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise ModelError(f"model file '{file}' does not exist (looked in {file.absolute().parent})")
+    tag = root_tag(file)
+    if tag not in ("mujoco", "robot"):
+        part = "; this is a part that a whole model includes: give that one" if tag == "mujocoinclude" else ""
+        raise ModelError(f"model file '{file}' starts with <{tag}>; expected <mujoco> (MJCF) or <robot> (URDF){part}")
+    if tag == "mujoco":
+        spec, compiled, notes = mjcf_spec(file)
+    else:
+        spec, notes = urdf_spec(file)
+        compiled = spec.compile()
+    return Model(file, spec, compiled, tuple(notes))
+
+
+def prepared(
+    model: Model, *, step: float, slack: Sequence[str] = (), limited: Sequence[str] = (), floor: bool = False,
+    bare: bool = False,
+) -> mujoco.MjModel:  # fmt: skip
+    """A compiled copy for simulation: visual geoms and delays of commands dropped, a joint for each backlash.
+
+    `step` in s; `slack` joints get a second, free joint '<name>/slack'
+    with a range of its own (MuJoCo's documented way to model backlash); `limited` actuators get a force range; `floor`
+    adds a plane to a model without one. `bare` leaves out all shapes, for simulations in which nothing touches.
+    """
+    spec = model.spec.copy()
+    spec.option.timestep = step
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    # Files for MJX stop the solver after an iteration or two, with which contacts are soft or blow up.
+    spec.option.iterations = max(spec.option.iterations, _ITERATIONS)
+    spec.option.ls_iterations = max(spec.option.ls_iterations, _LINE_SEARCH)
+    _hold(spec, model)
+    if bare:
+        _unshape(spec)
+    if bare or not needs_shapes(model.compiled):
+        _drop_visuals(spec, model.compiled)
+    for actuator in spec.actuators:
+        # Signals delay commands, by fractions of a step too; the engine's own delay would come on top.
+        actuator.delay, actuator.nsample = 0.0, 0
+    for name in slack:
+        _add_slack(spec, name)
+    if floor and plane_of(model.compiled) < 0:
+        add_floor(spec)
+    for name in limited:
+        actuator = spec.actuator(name)
+        if actuator.forcelimited != mujoco.mjtLimited.mjLIMITED_TRUE and not np.any(actuator.forcerange):
+            actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+            actuator.forcerange = [-1e6, 1e6]
+    return spec.compile()
+
+
+def _hold(spec: mujoco.MjSpec, model: Model) -> None:
+    """Takes out the joints that are held; MuJoCo takes their places out of keyframes."""
+    for name in model.still:
+        spec.delete(spec.joint(name))
+
+
+def _add_slack(spec: mujoco.MjSpec, name: str) -> None:
+    """Backlash as a free joint of small inertia between the driven joint and its link, with stiff ends."""
+    joint = spec.joint(name)
+    spring = joint.parent.add_joint()
+    spring.name = f"{name}/slack"
+    spring.type, spring.axis, spring.pos = joint.type, joint.axis, joint.pos
+    spring.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+    spring.range = [-1e-6, 1e-6]
+    # The gap is small and the ends are gear teeth: contact within two steps, nearly rigid.
+    spring.solref_limit = [max(2.0 * spec.option.timestep, 0.004), 1.0]
+    spring.solimp_limit = [0.99, 0.999, 1e-4, 0.5, 2.0]
+    spring.damping = [0.005, 0.0, 0.0]
+    spring.armature = 1e-4
+    spring.frictionloss, spring.stiffness = 0.0, [0.0, 0.0, 0.0]
+
+
+def needs_shapes(compiled: mujoco.MjModel) -> bool:
+    """Whether shapes matter without any contact: sensors look at them, or a fluid flows around them."""
+    fluid = bool(compiled.opt.density or compiled.opt.viscosity)
+    return fluid or compiled.nflex > 0 or bool(np.isin(compiled.sensor_type, _SEEING).any())
+
+
+def _unshape(spec: mujoco.MjSpec) -> None:
+    """Makes everything visual."""
+    for pair in list(spec.pairs):
+        spec.delete(pair)
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0
+
+
+def _drop_visuals(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
+    """Leaves out geoms that touch nothing, and meshes and textures that only pictures need: every copy of the model
+    would carry them along. The bodies keep the inertia that the full model gave them.
+    """
+    spec.compiler.discardvisual = True
+    for body in spec.bodies[1:]:
+        i = body.id
+        body.explicitinertial = True
+        body.mass = compiled.body_mass[i]
+        body.ipos, body.iquat = compiled.body_ipos[i], compiled.body_iquat[i]
+        body.inertia = compiled.body_inertia[i]
+        body.fullinertia = np.full(6, np.nan)

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings and a model brought together: positions for servos, torques for motors, drives where it has none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+
+from trueup.engines.mujoco.base import in_angles
+from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.setup.scales import of_slides, with_units
+from trueup.engines.mujoco.setup.servos import add_servos
+from trueup.engines.mujoco.wiring import actuators_of, is_motor
+from trueup.errors import ModelError, TrueupError
+from trueup.recording import Channel, Recording
+from trueup.trial import COMMANDS, command_of
+
+_TORQUE = ("N m", "N")
+_POSITION = ("rad", "m")
+
+
+def driven(model: Model, recordings: Sequence[Recording]) -> Model:
+    """The model with a drive for each commanded joint: servos or motors where it has no actuator at all, and servos in
+    place of motors that are told positions, which the controller in the robot turned into torques.
+
+    Raises ModelError where it does not compile with them.
+    """
+    commands = [c for r in recordings for c in (command_of(r),) if c is not None and c.unit in (*_POSITION, *_TORQUE)]
+    if not commands:
+        return model
+    bare, torques = not model.compiled.nactuator, commands[0].unit in _TORQUE
+    if bare:
+        wanted = [j for j in model.scalar_joints() if any(j in c.labels for c in commands)]
+    else:
+        wanted = [] if torques else _motor_joints(model, commands)
+    if not wanted:
+        return model
+    spec = model.spec.copy()
+    if torques:
+        _add_motors(spec, wanted)
+    else:
+        add_servos(spec, model, wanted, recordings)
+    try:
+        compiled = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ModelError(f"model '{model.path}' does not compile with actuators added: {error}") from None
+    return Model(model.path, spec, compiled, (*model.notes, _said(wanted, bare=bare, torques=torques)))
+
+
+def _said(joints: Sequence[str], *, bare: bool, torques: bool) -> str:
+    where = f"({', '.join(joints)})"
+    if not bare:
+        return (
+            "the model has motors, the recordings command positions: position servos took their place, whose stiffness "
+            f"and damping stand for the controller in the robot {where}"
+        )
+    kind = "motors" if torques else "position servos (stiffness and damping to start from: 5 Hz, no overshoot)"
+    return f"the model has no actuators: {kind} were added for the commanded joints {where}"
+
+
+def _add_motors(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
+    for joint in joints:
+        actuator = spec.add_actuator()
+        actuator.name, actuator.target, actuator.trntype = joint, joint, mujoco.mjtTrn.mjTRN_JOINT
+        actuator.set_to_motor()
+
+
+def _motor_joints(model: Model, commands: Sequence[Channel]) -> list[str]:
+    """Joints with a motor that is commanded positions, under the joint's name or its own."""
+    names, told = model.names("actuator"), {label for c in commands for label in c.labels}
+    return [
+        joint
+        for joint, i in model.actuator_of_joint().items()
+        if is_motor(model.compiled, i) and (joint in told or names[i] in told)
+    ]
+
+
+def undriven(model: Model, recordings: Sequence[Recording]) -> list[str]:
+    """Notes on recordings without any command."""
+    silent = [r.name for r in recordings if command_of(r) is None]
+    if not silent or not model.compiled.nactuator:
+        return []
+    logged = any(r.has("torque") for r in recordings)
+    hint = "; if 'torque' is what drove the robot, name it 'command_torque' in the mapping" if logged else ""
+    return [f"no command in {', '.join(silent)}: servos hold the posture of the start and motors do nothing{hint}"]
+
+
+def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """Recordings as a model can take them, and notes on what was changed.
+
+    Where both have one joint only it gets the model's name. Of positions and torques that were commanded those stay that
+    the drives take: a model with motors knows nothing of the controller that positions go through. Give all recordings at
+    once: what units they are in is told from all of them.
+    Raises ModelError where servos would have to take torques.
+    """
+    named, notes = _by_the_only_joint(recordings, model.scalar_joints())
+    named, more = with_units(model, [in_angles(r) for r in named])
+    named, still_more = of_slides(model, named)
+    more += still_more
+    notes += more
+    kept, cut = [], []
+    for recording in named:
+        command = command_of(recording)
+        torques = [n for n in COMMANDS if recording.has(n) and recording.channel(n).unit in _TORQUE]
+        if torques and command is not None and command.name not in torques and _motors(model, command):
+            for name in COMMANDS:
+                if recording.has(name) and recording.channel(name).unit not in _TORQUE:
+                    recording = recording.without(name)
+            cut.append(recording.name)
+        _check(model, recording)
+        kept.append(recording)
+    if cut:
+        notes.append(
+            f"the model has motors: of what was commanded in {', '.join(cut)} the torques are used, not the positions"
+        )
+    return kept, notes
+
+
+def _by_the_only_joint(recordings: Sequence[Recording], joints: Sequence[str]) -> tuple[list[Recording], list[str]]:
+    logged = {label for r in recordings for c in ("position", *COMMANDS) if r.has(c) for label in r.channel(c).labels}
+    if len(joints) != 1 or len(logged) != 1 or logged == set(joints):
+        return list(recordings), []
+    (name,) = logged
+    note = f"'{name}' of the recordings is taken for '{joints[0]}', the only joint of the model"
+    return [r.rename({name: joints[0]}) for r in recordings], [note]
+
+
+def _actuators(model: Model, command: Channel) -> dict[str, int]:
+    """Label to actuator; empty where one has none, which the simulator tells with the names that there are."""
+    try:
+        return dict(zip(command.labels, actuators_of(model, command), strict=True))
+    except TrueupError:
+        return {}
+
+
+def _motors(model: Model, command: Channel) -> list[str]:
+    return [label for label, actuator in _actuators(model, command).items() if is_motor(model.compiled, actuator)]
+
+
+def _check(model: Model, recording: Recording) -> None:
+    command = command_of(recording)
+    if command is None:
+        return
+    where = f"recording '{recording.name}' commands {command.unit} (channel '{command.name}')"
+    if command.unit in _TORQUE:
+        drives = _actuators(model, command)
+        servos = [label for label, actuator in drives.items() if model.is_position_servo(actuator)]
+        if servos:
+            raise ModelError(
+                f"{where}, but model '{model.path.name}' has position servos at {', '.join(servos)}: give it <motor> "
+                "actuators, or log the commanded positions as 'command'"
+            )

@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which parameters to calibrate when nobody says: those of the drives that move in the recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from trueup.engines.mujoco.base import POSITION, free_joint
+from trueup.engines.mujoco.declarations import Declaration
+from trueup.engines.mujoco.floor_plane import plane_of
+from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.setup.profiles import accelerations, profiles
+from trueup.engines.mujoco.setup.servos import loads
+from trueup.engines.mujoco.wiring import is_motor
+from trueup.recording import Recording
+from trueup.trial import command_of
+
+LOAD = "friction with load"
+"""The optional structure that `beyond_mjcf` proposes."""
+_NEARLY = 0.5  # of the force limit: the stiffness is not known yet
+_STRONGER = 2.0  # than what steps show, which were slowed down by other things too: where the search begins
+_LOADED = 0.05  # of the actuator's force: at zero no slope leads away from sticking
+_MOVES = 5e-3  # rad or m: a joint that moves less teaches nothing
+
+
+def propose(
+    model: Model,
+    recordings: Sequence[Recording],
+    clocks: Mapping[str, float] | None = None,
+    floor: float | None = None,
+    beyond_mjcf: bool = False,
+) -> list[Declaration]:
+    """Declarations for the joints that move: servo stiffness, damping, friction, rotor inertia, servo zero, factors
+    on motors' torques, one delay.
+
+    All of it is part of MJCF, so the calibrated file replays the robot in any MuJoCo program, but for limits of commands
+    (`profiles`), where recordings show them, and for friction that grows with the load, if `beyond_mjcf`. `clocks`: how
+    late the commands of some recordings are stamped, in s (`discrepancies.alignment.clock_errors`); searched from there.
+    `floor`: the height in m of a floor that the model lacks (`floor.stopped_by_floor`).
+    """
+    clocks = clocks or {}
+    joints = moving_joints(model, recordings) or model.scalar_joints()
+    driven = model.actuator_of_joint()
+    servos = tuple(j for j in joints if j in driven and model.is_position_servo(driven[j]))
+    commanded = tuple(j for j in joints if j in driven)
+    motors = tuple(j for j in commanded if is_motor(model.compiled, driven[j]))
+    lines = []
+    if stiff := (*servos, *_of_several_joints(model, recordings)):
+        lines.append(Declaration("kp", stiff))
+    lines += _limits(model, recordings, joints, {j: driven[j] for j in servos})
+    lines += [
+        Declaration("friction", joints),
+        # Real gears stick: starting at MuJoCo's own creep would let every friction estimate leak away.
+        Declaration("friction_creep", joints, tie="all", name="friction_creep", nominal=1e-3),
+        Declaration("armature", joints),
+        Declaration("damping_quadratic", joints, optional="quadratic damping"),
+    ]
+    if servos and beyond_mjcf:
+        lines.append(Declaration("friction_load", servos, nominal=_LOADED, optional=LOAD))
+    if motors:
+        lines.append(Declaration("gain", motors, optional="factors on the motors' torques"))
+    if servos:
+        lines.append(Declaration("zero", servos, optional="servo zero"))
+    # A delay and the clocks of all recordings are the same thing.
+    if commanded and not all(r.name in clocks for r in recordings):
+        lines.append(Declaration("delay", commanded, tie="all", name="delay"))
+    if floor is not None:
+        lines.append(Declaration("floor_height", nominal=floor))
+        lines += [Declaration(kind) for kind in ("floor_roll", "floor_pitch", "floor_friction")]
+    lines += _of_the_base(model, recordings)
+    lines += [Declaration("clock", (name,), nominal=late) for name, late in clocks.items()]
+    return lines
+
+
+def _of_several_joints(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Position servos that are commanded and pull at a tendon, not at one joint."""
+    told = {label for r in recordings for c in (command_of(r),) if c is not None for label in c.labels}
+    single = set(model.actuator_of_joint().values())
+    names = enumerate(model.names("actuator"))
+    return tuple(n for i, n in names if n in told and i not in single and model.is_position_servo(i))
+
+
+def _of_the_base(model: Model, recordings: Sequence[Recording]) -> list[Declaration]:
+    """What a base that was tracked tells beyond its joints: what it carries, and the floor that it stands on."""
+    compiled = model.compiled
+    joint = free_joint(compiled)
+    if joint < 0 or not any(r.has(POSITION) for r in recordings):
+        return []
+    body = compiled.body(compiled.jnt_bodyid[joint]).name
+    lines = [Declaration(kind, (body,)) for kind in ("mass", "com_x", "com_y")] if body else []
+    if plane_of(compiled) >= 0:
+        lines += [Declaration("floor_height"), Declaration("floor_friction")]
+    return lines
+
+
+def _limits(
+    model: Model, recordings: Sequence[Recording], joints: Sequence[str], servos: Mapping[str, int]
+) -> list[Declaration]:
+    """Damping, and what the servos cannot do: limits of force, and of the commands' speed and acceleration."""
+    limited = tuple(j for j, servo in servos.items() if _limited(model, j, servo))
+    strengths = _strengths(model, recordings, tuple(j for j in servos if j not in limited))
+    strained = tuple(j for j in limited if _strained(model, recordings, j, servos[j]))
+    return [
+        *_dampings(model, joints, servos, (*limited, *strengths)),
+        *_settling(model, recordings, {j: s for j, s in servos.items() if j in (*strained, *strengths)}),
+        *([Declaration("force_limit", strained)] if strained else []),
+        *(Declaration("force_limit", (j,), nominal=force) for j, force in strengths.items()),
+        *_profiles(model, recordings, tuple(servos), strained),
+    ]
+
+
+def _dampings(
+    model: Model, joints: Sequence[str], servos: Mapping[str, int], limited: Sequence[str]
+) -> list[Declaration]:
+    """Damping of the servo and of its joint are one thing, until the servo's force is limited: then both count."""
+    damped = tuple(j for j, servo in servos.items() if _damps(model, j, servo))
+    rest = tuple(j for j in joints if j not in damped or j in limited)
+    return [Declaration(kind, which) for kind, which in (("kv", damped), ("damping", rest)) if which]
+
+
+def _settling(model: Model, recordings: Sequence[Recording], saturated: Mapping[str, int]) -> list[Declaration]:
+    """Damping of servos that saturate and have none in the file, searched from half of what is critical."""
+    bare = {j: servo for j, servo in saturated.items() if not _damps(model, j, servo)}
+    inertia, _ = loads(model, tuple(bare), recordings)
+    stiffness = [float(model.compiled.actuator_gainprm[servo, 0]) for servo in bare.values()]
+    return [
+        Declaration("kv", (j,), nominal=float(np.sqrt(k * i))) for j, k, i in zip(bare, stiffness, inertia, strict=True)
+    ]
+
+
+def _strengths(model: Model, recordings: Sequence[Recording], unlimited: Sequence[str]) -> dict[str, float]:
+    """Limits of the force of servos whose file gives none, where they are told to step: no drive follows that as told."""
+    stepped = {j: a for j in unlimited if len(a := accelerations(model, recordings, j))}
+    inertia, weight = loads(model, tuple(stepped), recordings)
+    return {
+        j: _STRONGER * float(i * np.max(a) + w) for (j, a), i, w in zip(stepped.items(), inertia, weight, strict=True)
+    }
+
+
+def _profiles(
+    model: Model, recordings: Sequence[Recording], servos: Sequence[str], strained: Sequence[str]
+) -> list[Declaration]:
+    """Limits of the commands' speed and acceleration, for servos whose steps show them and are not short of force."""
+    speeds, accelerations = profiles(model, recordings)
+    fast = [Declaration("speed_limit", (j,), nominal=v) for j, v in speeds.items() if j in servos]
+    return fast + [
+        Declaration("acceleration_limit", (j,), nominal=a)
+        for j, a in accelerations.items()
+        if j in servos and (j in speeds or j not in strained)
+    ]
+
+
+def _strained(model: Model, recordings: Sequence[Recording], joint: str, servo: int) -> bool:
+    """Whether a servo with a force limit is told to go so far ahead of its joint that it may reach it (steps)."""
+    compiled = model.compiled
+    limit, stiffness = float(compiled.actuator_forcerange[servo, 1]), float(compiled.actuator_gainprm[servo, 0])
+    if not compiled.actuator_forcelimited[servo] or limit <= 0.0:
+        return False
+    names = {joint, model.names("actuator")[servo]}
+    for recording in recordings:
+        command = command_of(recording)
+        label = next((x for x in command.labels if x in names), "") if command is not None else ""
+        if command is None or not label or not recording.has("position"):
+            continue
+        position = recording.channel("position")
+        if joint in position.labels:
+            ahead = np.abs(command.select([label]).at(position.time, hold=True)[:, 0] - position.column(joint))
+            if stiffness * np.nanmax(ahead, initial=0.0) > _NEARLY * limit:
+                return True
+    return False
+
+
+def _damps(model: Model, joint: str, servo: int) -> bool:
+    """Whether a servo damps more than its joint does."""
+    compiled = model.compiled
+    in_joint = float(compiled.dof_damping[compiled.jnt_dofadr[model.index("joint", joint)]])
+    return float(-compiled.actuator_biasprm[servo, 2]) > in_joint
+
+
+def _limited(model: Model, joint: str, servo: int) -> bool:
+    compiled = model.compiled
+    return bool(compiled.actuator_forcelimited[servo] or compiled.jnt_actfrclimited[model.index("joint", joint)])
+
+
+def moving_joints(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Joints of the model that move in at least one recording, in the model's order."""
+    moved: set[str] = set()
+    for recording in recordings:
+        if recording.has("position"):
+            channel = recording.channel("position")
+            for label, column in zip(channel.labels, channel.values.T, strict=True):
+                finite = column[np.isfinite(column)]
+                if len(finite) and float(np.ptp(finite)) > _MOVES:
+                    moved.add(label)
+    return tuple(j for j in model.scalar_joints() if j in moved)

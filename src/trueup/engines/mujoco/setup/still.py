@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Joints of which nothing is known: neither measured nor driven, they would dangle; they are held as the model has them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.wiring import joint_id
+from trueup.recording import Recording
+
+_SHOWN = 8  # names in a note
+
+
+def with_still_joints(model: Model, recordings: Sequence[Recording]) -> Model:
+    """The model with those joints held in simulations that the recordings neither name nor the model drives or ties.
+
+    The legs of a humanoid whose arms were logged, the fingers of a hand that was not: in truth something holds them.
+    Springs, tendons, closed chains and whatever a sensor looks at keep their joints.
+    """
+    compiled = model.compiled
+    logged = {label for r in recordings for c in r.channels.values() for label in c.labels}
+    if not any(joint in logged for joint in model.scalar_joints()):
+        return model
+    tied = _tied(compiled)
+    still = tuple(
+        joint for joint in model.scalar_joints()
+        if joint not in logged and joint not in model.actuator_of_joint() and joint_id(compiled, joint) not in tied
+        and not compiled.jnt_stiffness[joint_id(compiled, joint)] and _as_drawn(compiled, joint)
+    )  # fmt: skip
+    if not still:
+        return model
+    more = f" and {len(still) - _SHOWN} more" if len(still) > _SHOWN else ""
+    note = (
+        f"neither measured nor driven, and so held as the model has them: {', '.join(still[:_SHOWN])}{more}"
+    )  # fmt: skip
+    return replace(model, notes=(*model.notes, note), still=still)
+
+
+def _as_drawn(compiled: mujoco.MjModel, joint: str) -> bool:
+    """Whether a joint starts where the bodies are drawn, in every keyframe too: there it can be taken out."""
+    address = int(compiled.jnt_qposadr[joint_id(compiled, joint)])
+    return bool(np.all(compiled.key_qpos[:, address] == compiled.qpos0[address]))
+
+
+def _tied(compiled: mujoco.MjModel) -> set[int]:
+    """Joints that tendons, actuators of other kinds or sensors name, or any at all where bodies are tied together."""
+    tied = {int(j) for j in compiled.wrap_objid[compiled.wrap_type == int(mujoco.mjtWrap.mjWRAP_JOINT)]}
+    of_joints = compiled.sensor_objtype == int(mujoco.mjtObj.mjOBJ_JOINT)
+    tied |= {int(j) for j in compiled.sensor_objid[of_joints]}
+    by_joint = compiled.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)
+    tied |= {int(j) for ids in (compiled.eq_obj1id, compiled.eq_obj2id) for j in ids[by_joint]}
+    return set(range(compiled.njnt)) if bool(np.any(~by_joint)) else tied

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writes masses, inertias, friction and rotor inertias into an MJCF file and leaves the rest of its text as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.engines.mujoco.inertia import principal
+from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.reading.mjcf_text import MjcfText
+from trueup.engines.mujoco.writing.edits import Edits
+from trueup.engines.mujoco.writing.write import relocate
+from trueup.errors import ModelError
+from trueup.formats.aside import written_aside
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A rigid body in its own frame: kg, m, kg m^2 about its centre of mass."""
+
+    mass: float
+    com: Array
+    inertia: Array
+    """(3, 3)."""
+
+
+@dataclass(frozen=True)
+class JointFriction:
+    """What MJCF knows of a joint's drive: N m s/rad, N m, kg m^2."""
+
+    damping: float
+    friction: float
+    armature: float
+
+
+def write_bodies(
+    model: Model, bodies: Mapping[str, Body], joints: Mapping[str, JointFriction], path: Path
+) -> tuple[str, ...]:
+    """Writes the MJCF `model` with these bodies and joints changed to `path`; the result is loaded before it counts.
+
+    Returns notes: where elements come from included files, MuJoCo writes the model anew and comments are lost. Raises
+    ModelError for a result that does not compile, OutputError where the folder does not take it.
+    """
+    spec = model.spec.copy()
+    for name, body in bodies.items():
+        element = spec.body(name)
+        element.explicitinertial = True
+        moments, turn = principal(body.inertia[None])
+        element.mass, element.ipos, element.iquat, element.inertia = body.mass, body.com, turn[0], moments[0]
+        element.fullinertia = np.full(6, np.nan)
+    for name, joint in joints.items():
+        element = spec.joint(name)
+        element.damping = [joint.damping, 0.0, 0.0]
+        element.frictionloss, element.armature = joint.friction, joint.armature
+    wanted = _compiled(spec)
+    try:
+        content, notes = _edited(model, wanted, bodies, joints, path), ()
+    except ModelError as error:
+        content = spec.to_xml().encode()
+        notes = (f"MuJoCo wrote the model anew, without its comments: {error}",)
+    with written_aside(path) as temporary:
+        temporary.write_bytes(content)
+    return notes
+
+
+def _edited(
+    model: Model, wanted: mujoco.MjModel, bodies: Mapping[str, Body], joints: Mapping[str, JointFriction], path: Path
+) -> bytes:
+    text = MjcfText(model.path.read_bytes())
+    compiler = model.spec.compiler
+    edits = Edits(text, model.compiled, wanted, degrees=bool(compiler.degree), autolimits=bool(compiler.autolimits))
+    for name in bodies:
+        edits.write("mass", name)
+    for name in joints:
+        for kind in ("damping", "friction", "armature"):
+            edits.write(kind, name)
+    relocate(text, model.path.absolute().parent, path.absolute().parent)
+    return text.render()
+
+
+def _compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    try:
+        return spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ModelError(f"the identified model does not compile: {' '.join(str(error).split())}") from None

@@ -1,0 +1,279 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which attributes of an MJCF say what each quantity has become: edits of the text, and what to compare afterwards."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from xml.sax.saxutils import quoteattr
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.engines.mujoco.floor_plane import FLOOR_KINDS, plane_of
+from trueup.engines.mujoco.gains import PREFIX
+from trueup.engines.mujoco.inertia import body_inertia
+from trueup.engines.mujoco.reading.mjcf_text import Element, MjcfText
+from trueup.errors import ModelError
+
+Array = NDArray[np.float64]
+
+_ROTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
+_TAGS = {"joint": ("joint", "hinge"), "actuator": (), "body": ("body",), "geom": ("geom",)}
+_TYPES = {
+    "joint": mujoco.mjtObj.mjOBJ_JOINT,
+    "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
+    "body": mujoco.mjtObj.mjOBJ_BODY,
+    "geom": mujoco.mjtObj.mjOBJ_GEOM,
+}
+
+
+class Edits:
+    """Writes what `wanted` (the model as simulated) says into a text that compiles to `shipped`."""
+
+    def __init__(
+        self, text: MjcfText, shipped: mujoco.MjModel, wanted: mujoco.MjModel, *, degrees: bool, autolimits: bool
+    ) -> None:
+        self._text, self._shipped, self._wanted = text, shipped, wanted
+        self._degrees, self._autolimits = degrees, autolimits
+        self._done: set[tuple[object, str]] = set()
+
+    def write(self, kind: str, target: str) -> None:
+        """The attributes of one quantity of one element. Raises ModelError where this text does not hold it."""
+        writer = _WRITERS.get("inertia" if kind.startswith("inertia_") else kind)
+        if writer is not None and (writer, target) not in self._done:
+            self._done.add((writer, target))
+            writer(self, target)
+
+    def delay(self, actuator: str, seconds: float, step: float) -> None:
+        """A delay of the command, linear between steps, which is exact for commands held over a step."""
+        element = self._element("actuator", actuator)
+        samples = math.ceil(seconds / step) + 2 if seconds > 0.0 else 0
+        self._text.change(element, nsample=str(samples), interp="linear", delay=number(seconds))
+
+    def excludes(self) -> None:
+        """Pairs of bodies that do not touch each other, as far as the text does not say so."""
+        there = {frozenset((e.attributes.get("body1"), e.attributes.get("body2"))) for e in self._text.all("exclude")}
+        bodies = [self._wanted.body(i).name for i in range(self._wanted.nbody)]
+        pairs = [(bodies[s >> 16], bodies[s & 0xFFFF]) for s in self._wanted.exclude_signature.tolist()]
+        new = [
+            f"<exclude body1={quoteattr(a)} body2={quoteattr(b)}/>" for a, b in pairs if frozenset((a, b)) not in there
+        ]
+        if new:
+            self._text.insert_first(self._text.root, f"<contact>{''.join(new)}</contact>")
+
+    def gravity(self) -> None:
+        """The direction of gravity."""
+        if np.allclose(self._wanted.opt.gravity, self._shipped.opt.gravity, rtol=1e-12, atol=0.0):
+            return
+        self.option("gravity", numbers(self._wanted.opt.gravity))
+
+    def option(self, name: str, value: str) -> None:
+        """One attribute of <option>; the last one in a file counts."""
+        options = [e for e in self._text.root.children if e.tag == "option"]
+        if options:
+            self._text.change(options[-1], **{name: value})
+        else:
+            self._text.insert_first(self._text.root, f'<option {name}="{value}"/>')
+
+    def gains(self, given_for: Mapping[str, float]) -> None:
+        """For which setting of its servos the file holds, where recordings name several."""
+        for quantity, value in given_for.items():
+            name = f"{PREFIX}{quantity}"
+            there = [e for e in self._text.all("numeric") if e.attributes.get("name") == name]
+            if there:
+                self._text.change(there[-1], data=number(value))
+            else:
+                self._text.insert_first(
+                    self._text.root, f'<custom><numeric name="{name}" data="{number(value)}"/></custom>'
+                )
+
+    def kp(self, actuator: str) -> None:
+        """Gain and bias of an actuator, by the attributes that its tag has."""
+        if self._same("actuator", actuator, "actuator_gainprm", "actuator_biasprm"):
+            return
+        element, i = self._element("actuator", actuator), self._id("actuator", actuator)
+        gain, bias = self._wanted.actuator_gainprm[i], self._wanted.actuator_biasprm[i]
+        if element.tag == "position" and bias[0]:
+            # <position> has no constant term; <general> is the same servo with one.
+            if {"inheritrange", "timeconst"} & set(element.attributes):
+                raise ModelError(f"'{actuator}' has attributes that only <position> knows")
+            element.renamed = "general"
+            self._text.change(
+                element, kp=None, kv=None, dampratio=None, biastype="affine", gainprm=number(gain[0]),
+                biasprm=numbers(bias[:3]),
+            )  # fmt: skip
+        elif element.tag == "position":
+            self._text.change(element, kp=number(gain[0]))
+            damped = not np.isclose(bias[2], self._shipped.actuator_biasprm[i, 2], rtol=1e-9, atol=1e-15)
+            if damped or "dampratio" in element.attributes:
+                # The ratio that the file gave is no longer the one that was found.
+                self._text.change(element, kv=number(-bias[2]), dampratio=None)
+        elif element.tag == "velocity":
+            self._text.change(element, kv=number(gain[0]))
+        elif element.tag == "general" or (element.tag == "motor" and not np.any(bias)):
+            element.renamed = "general" if element.tag == "motor" else ""
+            self._text.change(element, gainprm=numbers(gain[:3]))
+            if np.any(bias):
+                self._text.change(element, biasprm=numbers(bias[:3]))
+        else:
+            raise ModelError(f"<{element.tag}> has no attribute for the gain of '{actuator}'")
+
+    def force_limit(self, actuator: str) -> None:
+        """The force range, the same on both sides."""
+        if self._same("actuator", actuator, "actuator_forcerange"):
+            return
+        element, i = self._element("actuator", actuator), self._id("actuator", actuator)
+        self._text.change(element, forcerange=numbers(self._wanted.actuator_forcerange[i]))
+        if not self._shipped.actuator_forcelimited[i] and not self._autolimits:
+            self._text.change(element, forcelimited="true")
+
+    def damping(self, joint: str) -> None:
+        """Viscous damping, with its quadratic part where there is one."""
+        if self._same("joint", joint, "dof_damping", "dof_dampingpoly"):
+            return
+        dof = self._dof(self._wanted, joint)
+        bent = self._wanted.dof_dampingpoly[dof]
+        values = [self._wanted.dof_damping[dof]]
+        if np.any(bent) or np.any(self._shipped.dof_dampingpoly[self._dof(self._shipped, joint)]):
+            values += list(bent)
+        self._text.change(self._element("joint", joint), damping=numbers(values))
+
+    def friction(self, joint: str) -> None:
+        """Coulomb friction."""
+        if not self._same("joint", joint, "dof_frictionloss"):
+            value = self._wanted.dof_frictionloss[self._dof(self._wanted, joint)]
+            self._text.change(self._element("joint", joint), frictionloss=number(value))
+
+    def creep(self, joint: str) -> None:
+        """How firmly friction holds."""
+        if not self._same("joint", joint, "dof_solimp"):
+            value = self._wanted.dof_solimp[self._dof(self._wanted, joint)]
+            self._text.change(self._element("joint", joint), solimpfriction=numbers(value))
+
+    def armature(self, joint: str) -> None:
+        """Rotor inertia."""
+        if not self._same("joint", joint, "dof_armature"):
+            value = self._wanted.dof_armature[self._dof(self._wanted, joint)]
+            self._text.change(self._element("joint", joint), armature=number(value))
+
+    def backlash(self, joint: str) -> None:
+        """A second, free joint between the drive and the link, as it was simulated."""
+        m, name = self._wanted, f"{joint}/slack"
+        element, j = self._element("joint", joint), mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_JOINT, name)
+        body, dof = element.parent, int(m.jnt_dofadr[j])
+        if body is None or body.tag != "body" or m.nkey:
+            raise ModelError(f"the backlash of '{joint}' needs a joint directly in its body, and no keyframes")
+        hinge = int(m.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_HINGE)
+        limit = np.degrees(m.jnt_range[j]) if hinge and self._degrees else m.jnt_range[j]
+        attributes = {
+            "name": name, "type": "hinge" if hinge else "slide", "axis": numbers(m.jnt_axis[j]),
+            "pos": numbers(m.jnt_pos[j]), "ref": "0", "stiffness": number(m.jnt_stiffness[j]), "limited": "true",
+            "range": numbers(limit), "solreflimit": numbers(m.jnt_solref[j]), "solimplimit": numbers(m.jnt_solimp[j]),
+            "margin": number(m.jnt_margin[j]), "damping": numbers([m.dof_damping[dof], *m.dof_dampingpoly[dof]]),
+            "frictionloss": number(m.dof_frictionloss[dof]), "armature": number(m.dof_armature[dof]),
+        }  # fmt: skip
+        line = "<joint " + " ".join(f'{k}="{v}"' for k, v in attributes.items()) + "/>"
+        last = [c for c in body.children if c.tag == "joint"][-1]
+        self._text.insert_after(last, line)
+
+    def inertial(self, body: str) -> None:
+        """Mass, centre of mass and inertia of a body; one without <inertial> gets it."""
+        if self._same("body", body, "body_mass", "body_ipos", "body_inertia", "body_iquat"):
+            return
+        element, i = self._element("body", body), self._id("body", body)
+        m = self._wanted
+        tensor = body_inertia(m, i)
+        full = [tensor[0, 0], tensor[1, 1], tensor[2, 2], tensor[0, 1], tensor[0, 2], tensor[1, 2]]
+        new: dict[str, str | None] = {"pos": numbers(m.body_ipos[i]), "mass": number(m.body_mass[i])}
+        present = element.child("inertial")
+        turned = not self._same("body", body, "body_inertia", "body_iquat")
+        if present is None or turned:
+            new["fullinertia"] = numbers(full, 12)
+        if present is None:
+            self._text.insert_first(element, "<inertial " + " ".join(f'{k}="{v}"' for k, v in new.items()) + "/>")
+            return
+        if turned:
+            new |= dict.fromkeys(("diaginertia", *_ROTATIONS))
+        unchanged = [k for k, f in (("pos", "body_ipos"), ("mass", "body_mass")) if self._same("body", body, f)]
+        self._text.change(present, **{k: v for k, v in new.items() if k not in unchanged})
+
+    def floor(self, _: str) -> None:
+        """The plane that the robot stands on: moved where the file has it, added where it has none."""
+        m, g = self._wanted, plane_of(self._wanted)
+        name = mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_GEOM, g) or ""
+        lies = {"pos": numbers(m.geom_pos[g]), "quat": numbers(m.geom_quat[g]), "friction": numbers(m.geom_friction[g])}
+        if plane_of(self._shipped) < 0:
+            new = {"name": name, "type": "plane", "size": "0 0 0.1", "priority": str(m.geom_priority[g]), "condim": "3",
+                   "contype": "1", "conaffinity": "1", **lies}  # fmt: skip
+            line = "<geom " + " ".join(f'{k}="{v}"' for k, v in new.items()) + "/>"
+            self._text.insert_first(self._text.all("worldbody")[0], line)
+        elif not name:
+            raise ModelError("the floor of this model is a plane without a name; give it one to have it calibrated")
+        elif not self._same("geom", name, "geom_pos", "geom_quat", "geom_friction"):
+            self._text.change(self._element("geom", name), **{**dict.fromkeys(_ROTATIONS), **lies})
+
+    def contact_friction(self, geom: str) -> None:
+        """Friction of a geom's contacts."""
+        if not self._same("geom", geom, "geom_friction"):
+            value = self._wanted.geom_friction[self._id("geom", geom)]
+            self._text.change(self._element("geom", geom), friction=numbers(value))
+
+    def contact_softness(self, geom: str) -> None:
+        """Time constant of a geom's contacts."""
+        if not self._same("geom", geom, "geom_solref"):
+            value = self._wanted.geom_solref[self._id("geom", geom)]
+            self._text.change(self._element("geom", geom), solref=numbers(value))
+
+    def _element(self, family: str, name: str) -> Element:
+        section = "actuator" if family == "actuator" else "worldbody"
+        found = self._text.named(section, name, _TAGS[family])
+        if found is None:
+            raise ModelError(f"{family} '{name}' is not written in this file itself")
+        return found
+
+    def _same(self, family: str, name: str, *fields: str) -> bool:
+        return all(
+            np.allclose(
+                read(self._wanted, family, name, f), read(self._shipped, family, name, f), rtol=1e-9, atol=1e-15
+            )
+            for f in fields
+        )
+
+    def _id(self, family: str, name: str) -> int:
+        return int(mujoco.mj_name2id(self._wanted, _TYPES[family], name))
+
+    @staticmethod
+    def _dof(model: mujoco.MjModel, joint: str) -> int:
+        return int(model.jnt_dofadr[mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)])
+
+
+_WRITERS: Mapping[str, Callable[[Edits, str], None]] = {
+    "kp": Edits.kp, "kv": Edits.kp, "gain": Edits.kp, "zero": Edits.kp,
+    "force_limit": Edits.force_limit, "damping": Edits.damping,
+    "damping_quadratic": Edits.damping, "friction": Edits.friction, "friction_creep": Edits.creep,
+    "armature": Edits.armature, "backlash": Edits.backlash, "mass": Edits.inertial, "com_x": Edits.inertial,
+    "com_y": Edits.inertial, "com_z": Edits.inertial, "inertia": Edits.inertial,
+    **dict.fromkeys(FLOOR_KINDS, Edits.floor),
+    "contact_friction": Edits.contact_friction, "contact_softness": Edits.contact_softness,
+}  # fmt: skip
+
+
+def read(model: mujoco.MjModel, family: str, name: str, field: str) -> Array:
+    """A field of a named element; fields of a joint's dof by the joint's name."""
+    i = int(mujoco.mj_name2id(model, _TYPES[family], name))
+    if i < 0:
+        return np.array([np.nan])
+    at = int(model.jnt_dofadr[i]) if field.startswith("dof_") else i
+    return np.atleast_1d(np.array(getattr(model, field)[at], dtype=np.float64))
+
+
+def number(value: float, digits: int = 9) -> str:
+    """A value as MJCF holds it."""
+    return format(float(value), f".{digits}g")
+
+
+def numbers(values: Sequence[float] | Array, digits: int = 9) -> str:
+    """Values as MJCF holds them."""
+    return " ".join(number(v, digits) for v in values)

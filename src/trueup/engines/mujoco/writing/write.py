@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Writes a calibrated MJCF: the same file with other values in it, loaded again and compared before it counts."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trueup.engines.mujoco.fields import SingleModel, write_fields
+from trueup.engines.mujoco.floor_plane import FLOOR_KINDS, plane_of
+from trueup.engines.mujoco.inertia import body_inertia
+from trueup.engines.mujoco.quantities import kind
+from trueup.engines.mujoco.reading.mjcf_spec import name_in_text
+from trueup.engines.mujoco.reading.mjcf_text import MjcfText
+from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.engines.mujoco.writing.edits import Edits, numbers, read
+from trueup.errors import ModelError, OutputError
+
+Array = NDArray[np.float64]
+
+_TOLERANCE = 1e-6
+_NOT_MJCF = {
+    "dead_band": "the servo's dead band",
+    "speed_limit": "the speed limit of the command",
+    "acceleration_limit": "the acceleration limit of the command",
+    "friction_static": "breakaway friction",
+    "stribeck_speed": "the Stribeck speed",
+    "friction_load": "friction that grows with load",
+    "bias": "the error of the position sensor",
+    "offset": "the zero error shared by sensor and command",
+    "sensor_delay": "the delay of a measured channel",
+    "clock": "the error of a recording's clocks",
+    "start_position": "corrections of start positions",
+    "start_velocity": "corrections of start speeds",
+}
+_FIELDS = {
+    "zero": ("actuator_gainprm", "actuator_biasprm"),
+    "kp": ("actuator_gainprm", "actuator_biasprm"),
+    "kv": ("actuator_gainprm", "actuator_biasprm"),
+    "gain": ("actuator_gainprm", "actuator_biasprm"),
+    "force_limit": ("actuator_forcerange",),
+    "damping": ("dof_damping",),
+    "damping_quadratic": ("dof_dampingpoly",),
+    "friction": ("dof_frictionloss",),
+    "friction_creep": ("dof_solimp",),
+    "armature": ("dof_armature",),
+    "mass": ("body_mass", "body_ipos"),
+    "contact_friction": ("geom_friction",),
+    "contact_softness": ("geom_solref",),
+}
+_SLACK = (
+    "jnt_range",
+    "jnt_axis",
+    "jnt_pos",
+    "jnt_solref",
+    "jnt_solimp",
+    "dof_damping",
+    "dof_armature",
+    "dof_frictionloss",
+)
+
+
+def write_model(simulator: MujocoSimulator, values: ArrayLike, path: str | Path) -> tuple[str, ...]:
+    """Writes the model with parameter values (n,) as MJCF to `path`; returns notes on what MJCF cannot say.
+
+    The file that was loaded is kept byte for byte but for the attributes that changed; what came from a default class
+    is written at the element itself. Where that cannot be (URDF, elements in included files) MuJoCo writes the model
+    anew, and a note says so. The result is loaded and compared with what was simulated before it takes its place.
+
+    Raises ModelError where the written model would not be the simulated one, and OutputError where the disk or folder
+    does not take it; what was at `path` before is then untouched.
+    """
+    target = Path(path)
+    given = np.asarray(values, dtype=np.float64)
+    if given.shape != (len(simulator.quantities),):
+        raise ModelError(f"expected {len(simulator.quantities)} values, one for each parameter, got {given.shape}")
+    wanted = simulated_model(simulator, given)
+    notes = _notes(simulator, given)
+    reason = "the model came as URDF"
+    if simulator.model.is_mjcf:
+        try:
+            content = simulator.model.path.read_bytes()
+            degrees = bool(simulator.model.spec.compiler.degree)
+            _write(simulator, given, wanted, content, target, degrees=degrees)
+            return tuple(notes)
+        except ModelError as error:
+            reason = str(error)
+    content = _possible(simulator.model.spec.to_xml().encode())
+    _write(simulator, given, wanted, content, target, degrees=_in_degrees(content))
+    return (*notes, f"comments and layout of the model file could not be kept: {reason}")
+
+
+def simulated_model(simulator: MujocoSimulator, values: ArrayLike) -> mujoco.MjModel:
+    """The compiled model as the simulator runs it with values (n,): the fields that are part of a model."""
+    wanted = simulator.compiled.__copy__()
+    given = np.asarray(values, dtype=np.float64)[None]
+    write_fields(simulator.compiled, SingleModel(wanted), simulator.quantities, given)
+    return wanted
+
+
+def _write(
+    simulator: MujocoSimulator, values: Array, wanted: mujoco.MjModel, content: bytes, path: Path, *, degrees: bool
+) -> None:
+    """One attempt: edit the text, write it aside, load it, compare, rename."""
+    model = simulator.model
+    text = MjcfText(content)
+    name_in_text(text, model.spec)
+    edits = Edits(text, model.compiled, wanted, degrees=degrees, autolimits=bool(model.spec.compiler.autolimits))
+    for quantity in simulator.quantities:
+        for target in quantity.targets:
+            edits.write(quantity.kind, target)
+    step = min(float(model.compiled.opt.timestep), simulator.step)
+    delays = _delays(simulator, values)
+    for actuator, seconds in delays.items():
+        edits.delay(actuator, seconds, step)
+    edits.gravity()
+    edits.excludes()
+    edits.gains(simulator.gains.given_for)
+    if model.compiled.opt.integrator != wanted.opt.integrator:
+        edits.option("integrator", "implicitfast")
+    relocate(text, model.path.absolute().parent, path.absolute().parent)
+    aside = path.with_name(f".{path.stem}.{os.getpid()}.part.xml")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with aside.open("wb") as file:
+            file.write(text.render())
+            file.flush()
+            os.fsync(file.fileno())
+        _compare(simulator, wanted, _loaded(aside), delays)
+        os.replace(aside, path)
+    except OSError as error:
+        raise OutputError(
+            f"cannot write '{path}': {error.strerror or error}; what was there before is untouched"
+        ) from error
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+def _loaded(path: Path) -> mujoco.MjModel:
+    try:
+        return mujoco.MjModel.from_xml_path(str(path))
+    except (ValueError, mujoco.FatalError) as error:
+        raise ModelError(f"the calibrated model does not compile: {' '.join(str(error).split())}") from None
+
+
+def _compare(
+    simulator: MujocoSimulator, wanted: mujoco.MjModel, written: mujoco.MjModel, delays: dict[str, float]
+) -> None:
+    """Every calibrated field of the written model against the simulated one. Raises ModelError, naming the first."""
+    for quantity in simulator.quantities:
+        family = kind(quantity.kind).family
+        for target in quantity.targets:
+            if quantity.kind.startswith(("inertia_", "com_", "mass")):
+                _close(target, "inertia", _inertia(written, target), _inertia(wanted, target))
+            name = "mass" if quantity.kind.startswith(("inertia_", "com_")) else quantity.kind
+            for field in _FIELDS.get(name, ()):
+                _close(target, field, read(written, family, target, field), read(wanted, family, target, field))
+            for field in _SLACK if quantity.kind == "backlash" else ():
+                slack = f"{target}/slack"
+                _close(slack, field, read(written, "joint", slack, field), read(wanted, "joint", slack, field))
+    if any(q.kind in FLOOR_KINDS for q in simulator.quantities):
+        planes = plane_of(written), plane_of(wanted)
+        for field in ("geom_pos", "geom_quat", "geom_friction", "geom_priority", "geom_contype", "geom_conaffinity"):
+            there, here = (np.atleast_1d(getattr(m, field)[g]) for m, g in zip((written, wanted), planes, strict=True))
+            _close("floor", field, there, here)
+    if written.nexclude != wanted.nexclude:
+        raise ModelError(
+            f"the written model spares {written.nexclude} pairs of bodies from contact, not {wanted.nexclude}"
+        )
+    for actuator, seconds in delays.items():
+        _close(actuator, "delay", read(written, "actuator", actuator, "actuator_delay"), np.array([seconds]))
+    if any(q.kind.startswith("tilt_") for q in simulator.quantities):
+        _close("world", "gravity", np.asarray(written.opt.gravity), np.asarray(wanted.opt.gravity))
+
+
+def _close(name: str, field: str, written: Array, wanted: Array) -> None:
+    size = float(np.max(np.abs(wanted), initial=0.0))
+    if written.shape != wanted.shape or not np.all(np.abs(written - wanted) <= _TOLERANCE * size + 1e-12):
+        raise ModelError(
+            f"the written model differs from the simulated one: {field} of '{name}' is {written}, not {wanted}"
+        )
+
+
+def _inertia(model: mujoco.MjModel, body: str) -> Array:
+    found = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body))
+    return body_inertia(model, found) if found >= 0 else np.full((3, 3), np.nan)
+
+
+def _delays(simulator: MujocoSimulator, values: Array) -> dict[str, float]:
+    return {
+        target: float(value)
+        for quantity, value in zip(simulator.quantities, values, strict=True)
+        for target in quantity.targets
+        if quantity.kind == "delay" and (value > 0.0 or kind("delay").nominal(simulator.model, target) > 0.0)
+    }
+
+
+def _notes(simulator: MujocoSimulator, values: Array) -> list[str]:
+    model = simulator.model
+    notes: list[str] = []
+    for name, title in _NOT_MJCF.items():
+        there = [
+            t for q, v in zip(simulator.quantities, values, strict=True) if q.kind == name and v for t in q.targets
+        ]
+        if there:
+            notes.append(f"{title} ({', '.join(there[:12])}) is no part of MJCF: take it from parameters.toml")
+    delays = {actuator: seconds for actuator, seconds in _delays(simulator, values).items() if seconds > 0.0}
+    step = float(model.compiled.opt.timestep)
+    if delays:
+        notes.append("delayed actuators start with commands of zero: call mj_initCtrlHistory after a reset")
+        short = [a for a, seconds in delays.items() if seconds < step]
+        if short:
+            notes.append(f"MuJoCo delays by a step ({1e3 * step:g} ms) at least; shorter ones: {', '.join(short)}")
+    if model.compiled.opt.integrator != simulator.compiled.opt.integrator:
+        notes.append("the integrator is now implicitfast, with which the values were found")
+    if model.compiled.opt.iterations < simulator.compiled.opt.iterations:
+        notes.append(
+            f"the model's solver stops after {model.compiled.opt.iterations} iterations: the values were found with one that "
+            "converges"
+        )
+    if step > 1.01 * simulator.step:
+        notes.append(
+            f"the model steps by {1e3 * step:g} ms, the values were found at {1e3 * simulator.step:g} ms: "
+            "set the smaller step for the same motion"
+        )
+    return notes
+
+
+def relocate(text: MjcfText, old: Path, new: Path) -> None:
+    """Makes references to files resolve from another folder."""
+    if old.resolve() == new.resolve():
+        return
+
+    def moved(value: str) -> str:
+        return value if Path(value).is_absolute() else Path(os.path.relpath(old / value, new)).as_posix()
+
+    given: set[str] = set()
+    for compiler in text.all("compiler"):
+        for name in ("assetdir", "meshdir", "texturedir"):
+            if name in compiler.attributes:
+                text.change(compiler, **{name: moved(compiler.attributes[name])})
+                given |= {"meshdir", "texturedir"} if name == "assetdir" else {name}
+    for element in (*text.all("include"), *text.all("model")):
+        if "file" in element.attributes:
+            text.change(element, file=moved(element.attributes["file"]))
+    needed = {"meshdir": ("mesh", "hfield", "skin", "flexcomp"), "texturedir": ("texture",)}
+    for name, tags in needed.items():
+        files = [e.attributes.get("file", "") for tag in tags for e in text.all(tag)]
+        if name not in given and any(f and not Path(f).is_absolute() for f in files):
+            _compiler(text, name, moved("."))
+
+
+def _compiler(text: MjcfText, name: str, value: str) -> None:
+    compilers = [e for e in text.root.children if e.tag == "compiler"]
+    if compilers:
+        text.change(compilers[-1], **{name: value})
+    else:
+        text.insert_first(text.root, f'<compiler {name}="{value}"/>')
+
+
+def _possible(content: bytes) -> bytes:
+    """MuJoCo's own text with the largest moment of thin bodies taken back by what rounding to six digits added to it."""
+    text = MjcfText(content)
+    for element in text.all("inertial"):
+        moments = [float(v) for v in element.attributes.get("diaginertia", "").split()]
+        if len(moments) == 3 and 2.0 * max(moments) > sum(moments):
+            moments[moments.index(max(moments))] = (sum(moments) - max(moments)) * (1.0 - 1e-8)
+            text.change(element, diaginertia=numbers(moments, 12))
+    return text.render()
+
+
+def _in_degrees(content: bytes) -> bool:
+    return not any(e.attributes.get("angle") == "radian" for e in MjcfText(content).all("compiler"))

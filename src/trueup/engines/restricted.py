@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulator of which only some parameters are calibrated; the others stay as they are, and are still applied."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.controllers.controller import ControllerFactory
+from trueup.engines.simulator import Rollout, Simulator
+from trueup.errors import unknown_name
+from trueup.parameters import ParameterSpace
+from trueup.recording import Recording
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Restricted:
+    """A Simulator with another one's behaviour and a parameter space of its own: the same names, other ones frozen."""
+
+    whole: Simulator
+    parameters: ParameterSpace
+
+    @classmethod
+    def to(cls, simulator: Simulator, patterns: Sequence[str]) -> Restricted:
+        """Only parameters that match a pattern stay free. Raises UnknownNameError for a pattern that matches none."""
+        names = simulator.parameters.names
+        for pattern in patterns:
+            if not fnmatch.filter(names, pattern):
+                raise unknown_name("parameter", pattern, names, f"simulator '{simulator.name}'")
+        frozen = [n for n in names if not any(fnmatch.fnmatchcase(n, p) for p in patterns)]
+        return cls(simulator, simulator.parameters.freeze(frozen))
+
+    @property
+    def name(self) -> str:
+        """The model's name."""
+        return self.whole.name
+
+    @property
+    def step(self) -> float:
+        """Integration step, in s."""
+        return self.whole.step
+
+    def at_step(self, step: float) -> Restricted:
+        """The same with another step."""
+        return Restricted(self.whole.at_step(step), self.parameters)
+
+    def shipped(self) -> Simulator:
+        """The simulator as it came."""
+        return self.whole.shipped()
+
+    def observable(self, recording: Recording) -> tuple[str, ...]:
+        """The channels of a recording that the simulator can reproduce."""
+        return self.whole.observable(recording)
+
+    def rollout(
+        self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None = None
+    ) -> list[Rollout]:
+        """See Simulator; values (b, n) of all parameters."""
+        return self.whole.rollout(trials, values, controllers)

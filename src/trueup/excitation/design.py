@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Designs excitations: a class of motion, a criterion, a search; the papers' algorithms A, A_local and B among them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import IdentificationError
+from trueup.excitation.cell import Cell, Settings
+from trueup.excitation.criteria import Criterion
+from trueup.excitation.limits import JointLimits
+from trueup.excitation.periodic import MotionClass, Sines, at_rest, joint_box
+from trueup.excitation.planner import ViaPoints
+from trueup.excitation.trajectories import Motions, Trajectory
+from trueup.search.evolution import Evolution
+from trueup.search.genetic import Genetic
+from trueup.search.quasi_newton import QuasiNewton
+from trueup.search.search import Search
+
+Array = NDArray[np.float64]
+
+Method = Literal["genetic", "cma-es", "quick"]
+Penalty = Callable[[Motions, int], Array]
+"""(B,) what is added to the losses of motions, 0 where they do nothing forbidden; the number is of threads."""
+Told = Callable[["Step"], None]
+
+
+@dataclass(frozen=True)
+class Step:
+    """How far a search is."""
+
+    loss: float
+    evaluations: int
+    seconds: float
+    share: float
+    """Of the whole, about."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How an excitation is looked for."""
+
+    method: Method = "quick"
+    """'genetic' as in the papers, 'cma-es', or 'quick': the same on coarse samples, with slopes for the last steps."""
+    samples: int = 2000
+    """Samples at which the result is judged; the genetic search and CMA-ES judge each candidate so."""
+    population: int = 150
+    generations: int = 150
+    coarse: int = 0
+    """Samples at which 'quick' judges; 0: enough for the model, four rows a column."""
+    starts: int = 300
+    """Random motions among which 'quick' chooses where to begin."""
+    candidates: int = 20000
+    """Motions that 'quick' judges at most."""
+    budget: float = np.inf
+    """s after which 'quick' ends with what it has."""
+    target: float = -np.inf
+    """A loss that is good enough to stop at."""
+    seed: int = 0
+    threads: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Excitation:
+    """A designed motion, how good it is, and how it was found."""
+
+    trajectory: Trajectory
+    genes: Array
+    loss: float
+    """By the criterion, at `Options.samples` samples."""
+    printed: float
+    """log10 det [H^t H] as the papers print it, summed over that many samples."""
+    trace: tuple[Step, ...]
+    evaluations: int
+    seconds: float
+    cpu_seconds: float
+
+
+@dataclass
+class _Run:
+    """What a search has found so far: the best genes that are allowed, and the trace."""
+
+    kind: MotionClass
+    criterion: Criterion
+    options: Options
+    told: Told | None
+    penalty: Penalty | None
+    began: float = field(default_factory=time.perf_counter)
+    trace: list[Step] = field(default_factory=list)
+    evaluations: int = 0
+    leading: list[tuple[float, Array]] = field(default_factory=list)
+    """All that were the best when they were judged, the best last."""
+
+    @property
+    def seconds(self) -> float:
+        return time.perf_counter() - self.began
+
+    def losses(self, genes: Array, samples: int) -> Array:
+        """(B,) of genes (B, size); NaN for impossible motions."""
+        self.evaluations += len(genes)
+        threads = self.options.threads
+        motions = self.kind.motions(genes, samples, threads=threads)
+        losses = self.criterion.losses(motions, threads, as_of=self.options.samples)
+        if self.penalty is not None:
+            losses = losses + self.penalty(motions, threads)
+        if np.isfinite(losses).any():
+            k = int(np.nanargmin(losses))
+            if not self.leading or losses[k] < self.leading[-1][0]:
+                self.leading.append((float(losses[k]), genes[k].copy()))
+        return losses
+
+    def note(self, loss: float, share: float) -> None:
+        step = Step(loss, self.evaluations, self.seconds, min(1.0, share))
+        self.trace.append(step)
+        if self.told is not None:
+            self.told(step)
+
+    @property
+    def over(self) -> bool:
+        return self.seconds > self.options.budget
+
+
+def design(
+    kind: MotionClass, criterion: Criterion, options: Options | None = None, *, penalty: Penalty | None = None,
+    starts: Array | None = None, told: Told | None = None, name: str = "excitation", rate: float = 500.0,
+) -> Excitation:  # fmt: skip
+    """The motion of a class that is best by a criterion, sampled at `rate` Hz.
+
+    `penalty` is added to the criterion; `starts` (m, size) are genes among which 'quick' begins, instead of random ones.
+    Raises IdentificationError where no motion of the class is possible.
+    """
+    chosen = options or Options()
+    judge = criterion.smooth() if chosen.method == "quick" else criterion
+    run, cpu = _Run(kind, judge, chosen, told, penalty), time.process_time()
+    best = _quick(run, starts) if chosen.method == "quick" else _generations(run)
+    genes, final, fine = _first_possible(kind, [best, *(g for _, g in reversed(run.leading))], chosen.samples, rate)
+    loss, printed = float(criterion.losses(final)[0]), float(criterion.printed(final)[0])
+    if not np.isfinite(loss) or not fine.possible[0]:
+        raise IdentificationError(_nothing(kind, final))
+    trajectory = fine.single(0, criterion.model.tree.joints, name)
+    return Excitation(
+        trajectory, genes, loss, printed, tuple(run.trace), run.evaluations, run.seconds, time.process_time() - cpu
+    )
+
+
+def _first_possible(
+    kind: MotionClass, ranked: list[Array], samples: int, rate: float
+) -> tuple[Array, Motions, Motions]:
+    """The first genes whose motion is possible at all samples too (or the first of all), with it at both rates.
+
+    Between the coarse samples of a search a motion may leave what is possible; then the best before it counts.
+    """
+    tried: tuple[Array, Motions, Motions] | None = None
+    for genes in ranked:
+        final = kind.motions(genes[None], samples)
+        fine = kind.motions(genes[None], max(2, int(np.ceil(float(final.duration[0]) * rate)) + 1))
+        if final.possible[0] and fine.possible[0]:
+            return genes, final, fine
+        tried = tried or (genes, final, fine)
+    if tried is None:
+        raise IdentificationError("no motion was tried")
+    return tried
+
+
+def algorithm_a(
+    criterion: Criterion, limits: JointLimits, options: Options | None = None, *, terms: int = 5, longest: float = 20.0,
+    rest: bool = True, told: Told | None = None, rate: float = 500.0,
+) -> Excitation:  # fmt: skip
+    """Sums of sines over the whole range (Local identification, section II-1); `rest` adds a start and a stop."""
+    found = design(Sines(limits, terms, longest=longest), criterion, options, told=told, name="A", rate=rate)
+    return _rested(found, limits) if rest else found
+
+
+def algorithm_a_local(
+    criterion: Criterion, cell: Cell, options: Options | None = None, *, terms: int = 5, longest: float = 20.0,
+    rest: bool = True, told: Told | None = None, rate: float = 500.0,
+) -> Excitation:  # fmt: skip
+    """The same sums of sines bounded to the joint positions of a region (section II-3)."""
+    middle, reach = joint_box(cell)
+    kind = Sines(cell.limits, terms, middle, reach, longest=longest)
+    found = design(kind, criterion, options, told=told, name="A_local", rate=rate)
+    return _rested(found, cell.limits) if rest else found
+
+
+def algorithm_b(
+    criterion: Criterion, cell: Cell, options: Options | None = None, *, via_points: int = 6,
+    settings: Settings | None = None, slowest: float = 0.2, told: Told | None = None, rate: float = 500.0,
+) -> Excitation:  # fmt: skip
+    """Via points in a region and one speed, through the motion planner (section II-2)."""
+    kind = ViaPoints(cell, via_points, settings or Settings(), slowest)
+    return design(kind, criterion, options, told=told, name="B", rate=rate)
+
+
+def _rested(found: Excitation, limits: JointLimits) -> Excitation:
+    return replace(found, trajectory=at_rest(found.trajectory, limits))
+
+
+def _generations(run: _Run) -> Array:
+    """A search over generations, each candidate judged at all samples."""
+    options = run.options
+    start = np.random.default_rng(options.seed).uniform(size=run.kind.size)
+    search: Search
+    if options.method == "genetic":
+        search = Genetic(start, seed=options.seed, population=options.population, generations=options.generations)
+    else:
+        most = options.population * options.generations
+        search = Evolution(start, seed=options.seed, population=40, most=most)
+    while not search.done and not run.over and search.best[1] > options.target:
+        candidates = search.ask()
+        search.tell(candidates, run.losses(candidates, options.samples))
+        run.note(search.best[1], run.evaluations / (options.population * options.generations))
+    return search.best[0]
+
+
+def _quick(run: _Run, given: Array | None) -> Array:
+    """CMA-ES on coarse samples from the best of many starts, then quasi-Newton on finer ones.
+
+    The determinant of a smooth motion needs far fewer samples than its torque does: with a few rows a column it is known
+    to a few tenths, and a candidate costs a twentieth.
+    """
+    options = run.options
+    columns, n = len(run.criterion.independent), run.criterion.model.tree.n
+    coarse = options.coarse or max(60, 4 * columns // n + 20)
+    starts = given
+    if starts is None:
+        starts = np.random.default_rng(options.seed).uniform(size=(options.starts, run.kind.size))
+    losses = run.losses(starts, coarse)
+    if not np.isfinite(losses).any():
+        raise IdentificationError(_nothing(run.kind, run.kind.motions(starts[:20], coarse)))
+    begin = starts[int(np.nanargmin(losses))]
+    run.note(float(np.nanmin(losses)), 0.02)
+    sigma, most = (0.3, options.candidates) if given is None else (0.05, options.candidates // 4)
+    search = Evolution(begin, seed=options.seed, sigma=sigma, population=40, most=most)
+    while not search.done and not run.over and search.best[1] > options.target:
+        candidates = search.ask()
+        search.tell(candidates, run.losses(candidates, coarse))
+        run.note(search.best[1], 0.9 * run.evaluations / options.candidates)
+    return _climb(run, search.best[0], min(2 * coarse, options.samples), 40, 0.95)[1]
+
+
+def _climb(run: _Run, genes: Array, samples: int, most: int, share: float) -> tuple[float, Array]:
+    search = QuasiNewton(genes, most=most, tolerance=1e-5)
+    while not search.done and not run.over and (search.best[1] > run.options.target):
+        candidates = search.ask()
+        search.tell(candidates, run.losses(candidates, samples))
+        run.note(search.best[1], share)
+    return search.best[1], search.best[0]
+
+
+def _nothing(kind: MotionClass, motions: Motions) -> str:
+    reasons = sorted({reason for reason in motions.failure if reason})
+    why = f" ({'; '.join(reasons)})" if reasons else ""
+    return (
+        f"no motion of the class {type(kind).__name__} can be performed and excites all columns{why}; "
+        "make the region smaller or move it, keep away from singular postures, or lower the margin to obstacles"
+    )

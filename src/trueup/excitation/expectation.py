@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How well a trajectory will identify each parameter combination, before it is run, and which motion would help.
+
+From the information matrix and an assumed torque noise. It holds for what the model describes; friction that follows
+other laws, elasticity and ripple come on top.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import ModelError
+from trueup.excitation.criteria import Criterion
+from trueup.excitation.limits import JointLimits
+from trueup.excitation.periodic import Fourier
+from trueup.excitation.trajectories import Motions, Trajectory
+from trueup.identification.dynamic_model import Column, DynamicModel
+
+Array = NDArray[np.float64]
+
+_COULOMB, _VISCOUS = 0.05, 0.05
+"""Shares of nominal torque that friction of an industrial arm takes (at top speed, where it grows with speed)."""
+_MOST_SAMPLES = 3000
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Torque noise that is assumed: a share of nominal torque, white up to half of `rate` Hz."""
+
+    share: float = 0.01
+    rate: float = 20.0
+
+
+@dataclass(frozen=True)
+class Expected:
+    """One parameter combination: the standard deviation that its estimate will have."""
+
+    name: str
+    """The combination as a sum of parameters."""
+    leading: str
+    """The parameter that stands for it."""
+    unit: str
+    value: float
+    """By the model file; NaN where that is not known."""
+    deviation: float
+    size: float
+    """What the deviation is compared with: the value, or a typical one of its kind where that is larger or unknown."""
+    advice: str = ""
+    """What would help, where it is seen worse than asked."""
+
+    @property
+    def percent(self) -> float:
+        """The deviation in % of the size."""
+        return 100.0 * self.deviation / self.size
+
+
+def expectations(
+    criterion: Criterion,
+    trajectory: Trajectory,
+    limits: JointLimits,
+    noise: Noise | None = None,
+    *,
+    percent: float = 5.0,
+) -> tuple[Expected, ...]:
+    """What will be known of each base combination after one run of a trajectory, the worst first.
+
+    `percent`: combinations that are seen worse get advice, from what wide motions of the same length would see.
+    """
+    assumed, model = noise or Noise(), criterion.model
+    deviation = _deviations(criterion, _as_motions(trajectory), trajectory.duration, assumed)
+    base = model.base()
+    place = {int(k): i for i, k in enumerate(base.independent)}
+    grouping = base.grouping[[place[int(k)] for k in criterion.independent]]
+    try:
+        values = grouping @ np.where(np.isnan(known := model.nominal()), 0.0, known)
+    except ModelError:
+        values = np.full(len(grouping), np.nan)
+    typical, names = _typical(model, criterion.torque, limits), base.names
+    wide = _wide(criterion, limits, trajectory.duration, assumed)
+    found = []
+    for i, k in enumerate(criterion.independent.tolist()):
+        column = model.columns[k]
+        value = float("nan") if column.kind == "friction" else float(values[i])
+        size = max(abs(value) if np.isfinite(value) else 0.0, float(typical[k]))
+        told = 100.0 * deviation[i] / size > percent
+        advice = (
+            _advice(column, model, float(deviation[i] / wide[i]), float(100.0 * wide[i] / size), percent)
+            if told
+            else ""
+        )
+        found.append(Expected(names[place[k]], column.name, column.unit, value, float(deviation[i]), size, advice))
+    return tuple(sorted(found, key=lambda e: -e.percent))
+
+
+def _deviations(criterion: Criterion, motions: Motions, seconds: float, noise: Noise) -> Array:
+    """(c,) standard deviations of the base parameters, from the mean information of some motions over `seconds`."""
+    grams = criterion.model.grams(motions.q, motions.qd, motions.qdd, columns=criterion.independent).mean(axis=0)
+    M = np.einsum("i,ijk->jk", 1.0 / (noise.share * criterion.torque) ** 2, grams)
+    M *= seconds * noise.rate / motions.q.shape[1]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(M), 1e-300))
+    values, vectors = np.linalg.eigh(M * scale[:, None] * scale)
+    # A direction that is not seen at all has no finite deviation; this floor is far beyond any use.
+    return scale * np.sqrt(((vectors**2) / np.maximum(values, 1e-14)).sum(axis=1))
+
+
+def _wide(criterion: Criterion, limits: JointLimits, seconds: float, noise: Noise) -> Array:
+    """(c,) the deviations after random motions over the whole range, of the same length."""
+    kind = Fourier(limits.within(range_share=0.9), max(8.0, min(seconds, 20.0)), 6)
+    motions = kind.motions(np.random.default_rng(0).uniform(size=(12, kind.size)), 300)
+    return _deviations(criterion, motions, seconds, noise)
+
+
+def _as_motions(trajectory: Trajectory) -> Motions:
+    step = max(1, len(trajectory.time) // _MOST_SAMPLES)
+    t = trajectory
+    return Motions(t.time[None, ::step], t.q[None, ::step], t.qd[None, ::step], t.qdd[None, ::step])
+
+
+def _typical(model: DynamicModel, torque: Array, limits: JointLimits) -> Array:
+    """(p,) sizes of the parameters one by one, from masses and extents of the links and from nominal torques.
+
+    A product of inertia of zero cannot be known to 5 % of itself; to 5 % of the moments beside it is what counts.
+    """
+    size = np.ones(model.p)
+    inertial = np.nan_to_num(model.tree.inertial)
+    for k, column in enumerate(model.columns):
+        j = column.joint
+        if column.kind == "inertial":
+            mass, moment = abs(inertial[j, 0]), float(np.abs(inertial[j, [4, 6, 9]]).max())
+            size[k] = (mass, np.sqrt(mass * moment), moment)[0 if k % 10 == 0 else 1 if k % 10 < 4 else 2]
+        elif column.term is not None:
+            power = {"s/": 1, "s^2": 2, "s^3": 3}
+            order = next((n for mark, n in reversed(power.items()) if mark in column.unit), 0)
+            size[k] = (_COULOMB if order == 0 else _VISCOUS) * torque[j] / limits.speed[j] ** order
+        else:  # a rotor that takes a fifth of the nominal torque at the acceleration limit
+            size[k] = 0.2 * torque[j] / limits.acceleration[j]
+    return np.maximum(size, 1e-9)
+
+
+def _advice(column: Column, model: DynamicModel, gain: float, wide_percent: float, percent: float) -> str:
+    """What would bring a combination nearer to what was asked; `gain`: how much better wide motions see it."""
+    joint = model.tree.joints[column.joint]
+    if gain > 2.0 and wide_percent <= 2.0 * percent:
+        return "wide motions over the whole range see it several times better"
+    if column.kind == "friction":
+        return "add runs of the same path at other speeds, or longer ones: that parts the terms of friction"
+    if column.joint >= model.tree.n - 2 or column.name.startswith(f"I{column.joint + 1}"):
+        if column.joint >= model.tree.n - 3:
+            return "carry a payload to see it: without one it makes hardly any torque"
+        return f"accelerate {joint} and its neighbours harder"
+    return f"hold {joint} in more postures, so that gravity tells it"

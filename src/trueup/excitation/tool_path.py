@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the tool is along straight moves that blend into each other, as compiled kernels.
+
+Blending is what industrial controllers call fly-by: the next move starts while the last one slows down, and both add
+up. The tool leaves the straight line only there, its speed hardly falls, and position, speed and (with rounded ramps)
+acceleration stay continuous.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from trueup.excitation.chain import rotation_between, turned
+from trueup.excitation.profiles import law, ramps, time_of_share
+
+Array = NDArray[np.float64]
+
+
+class Pace(NamedTuple):
+    """How fast a program of tool moves is driven; one number each, the same for all its moves."""
+
+    speed: float
+    """m/s along a straight move."""
+    turn: float
+    """rad/s of the orientation; joints asked for by value go at this speed too."""
+    ramp: float
+    """s from rest to full speed: the smaller, the more abrupt."""
+    rounding: float
+    """s in which an acceleration builds up; 0 for trapezoidal profiles."""
+    fly: float
+    """Share of the ramp during which a move is blended with the next; 0 stops at each via point."""
+    zone: float
+    """m: blending does not begin further than this from a via point; may be infinite."""
+
+
+@njit(cache=True, nogil=True)
+def move_lengths(P: Array, R: Array, X: Array, turns: Array) -> None:
+    """Turns (K - 1, 3): rotation from each via point to the next, in the frame of the first."""
+    turn = np.empty(3)
+    for k in range(len(P) - 1):
+        rotation_between(R[k], R[k + 1], turn)
+        turns[k] = R[k].T @ turn
+
+
+@njit(cache=True, nogil=True)
+def tool_laws(P: Array, turns: Array, X: Array, pace: Pace, slow: Array, T: Array) -> None:
+    """T (K - 1, 3): rectangles of the law of each move; `slow` (K - 1, 2) as in `law_of`."""
+    for k in range(len(turns)):
+        seconds = np.sqrt(np.sum((P[k + 1] - P[k]) ** 2)) / pace.speed
+        seconds = max(seconds, np.sqrt(np.sum(turns[k] ** 2)) / pace.turn)
+        for i in range(X.shape[1]):
+            seconds = max(seconds, abs(X[k + 1, i] - X[k, i]) / pace.turn)
+        law_of(seconds, pace.ramp, pace.rounding, slow[k], T[k])
+
+
+@njit(cache=True, nogil=True)
+def law_of(seconds: float, ramp: float, rounding: float, slow: Array, T: Array) -> None:
+    """T (3,): rectangles of a move of `seconds` at full speed; slow (2,) >= 1 divides its speed and its acceleration."""
+    acceleration = 1.0 / (ramp * slow[0] * slow[1])
+    jerk = np.inf if rounding <= 0.0 else acceleration / (rounding * slow[0] * np.sqrt(slow[1]))
+    T[0], T[1], T[2] = ramps(seconds, 1.0 / slow[0], acceleration, jerk)
+
+
+@njit(cache=True, nogil=True)
+def slow_down(need: Array, turn: int, slow: Array) -> float:
+    """Slows moves (K, 2) by what was exceeded: need (K, 2) by speed and by acceleration. Returns the largest excess.
+
+    Accelerations are first taken out of the ramps; what then remains comes from the way itself, and speed must fall.
+    """
+    most = 1.0
+    for k in range(len(slow)):
+        most = max(most, need[k, 0], np.sqrt(need[k, 1]))
+        slow[k, 0] *= need[k, 0] if turn < 2 else max(need[k, 0], np.sqrt(need[k, 1]))
+        if turn < 2:
+            slow[k, 1] *= need[k, 1]
+    return most
+
+
+@njit(cache=True, nogil=True)
+def starts(T: Array, reach: Array, fly: float, begin: Array) -> float:
+    """Begin (K - 1,): when each move starts [s]. Returns when the last one ends.
+
+    `reach` (K - 1,): share of each move from which on, or up to which, it may be blended (at least a half).
+    """
+    end = 0.0
+    before = 0.0  # how long the last move may blend
+    for k in range(len(T)):
+        total = T[k, 0] + T[k, 1] + T[k, 2]
+        mine = min(T[k, 1] + T[k, 2], 0.5 * total)
+        if reach[k] > 0.5 and total > 0.0:
+            mine = min(mine, total - time_of_share(reach[k], T[k, 0], T[k, 1], T[k, 2]))
+        begin[k] = end - (fly * min(before, mine) if k > 0 else 0.0)
+        end, before = begin[k] + total, mine
+    return end
+
+
+@njit(cache=True, nogil=True)
+def tool_state(
+    t: float,
+    begin: Array,
+    T: Array,
+    P: Array,
+    R: Array,
+    turns: Array,
+    X: Array,
+    R_: Array,
+    p: Array,
+    v: Array,
+    a: Array,
+) -> int:
+    """Pose R_ (3, 3), p (3,) and rates v, a (6 + own,) of the program at t; own joint values go to v, a's tail and p's.
+
+    p has 3 + own entries. Returns the move that is under way (the later one where two blend).
+    Longer than 40 lines because each component of position, turn and own joints is written out for the compiler.
+    """
+    own = X.shape[1]
+    p[:3] = P[0]
+    p[3:] = X[0]
+    v[:] = 0.0
+    a[:] = 0.0
+    R_[:] = R[0]
+    now = 0
+    axis, spin, next_ = np.empty(3), np.empty(3), np.empty((3, 3))
+    for k in range(len(T)):
+        if t <= begin[k]:
+            break
+        now = k
+        s, rate, bend = law(t - begin[k], T[k, 0], T[k, 1], T[k, 2])
+        if s >= 1.0:
+            p[:3] = P[k + 1]
+            p[3:] = X[k + 1]
+            R_[:] = R[k + 1]
+            continue
+        for i in range(3):
+            step = P[k + 1, i] - P[k, i]
+            p[i] += step * s
+            v[i] += step * rate
+            a[i] += step * bend
+        for i in range(own):
+            step = X[k + 1, i] - X[k, i]
+            p[3 + i] += step * s
+            v[6 + i] += step * rate
+            a[6 + i] += step * bend
+        axis[:] = R_ @ turns[k]  # in the base frame, carried by what still turns of the move before
+        spin[:] = v[3:6]
+        a[3] += axis[0] * bend + (spin[1] * axis[2] - spin[2] * axis[1]) * rate
+        a[4] += axis[1] * bend + (spin[2] * axis[0] - spin[0] * axis[2]) * rate
+        a[5] += axis[2] * bend + (spin[0] * axis[1] - spin[1] * axis[0]) * rate
+        v[3:6] = spin + axis * rate
+        turned(R_, turns[k], s, next_)
+        R_[:] = next_
+    return now

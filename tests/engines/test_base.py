@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A free base starts where it was measured to be, its pose is compared, and what it carries is found."""
+
+from __future__ import annotations
+
+import re
+from argparse import Namespace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trueup.calibration import Replay
+from trueup.campaign.assemble import recordings_for, shipped_for, simulator_for
+from trueup.commands.calibrate import _recordings as recordings_of
+from trueup.engines.mujoco.base import angles_of, near, quaternion_of, turning
+from trueup.engines.mujoco.declarations import Declaration, declare
+from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.engines.mujoco.setup.drives import suited
+from trueup.engines.mujoco.setup.windows import folded, joined
+from trueup.errors import ModelError
+from trueup.formats import write
+from trueup.loop.calibrate import Options, calibrate
+from trueup.recording import Channel, Recording
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+
+_LEG = '<body name="{0}" pos="{1} 0"><joint name="{0}_hip" axis="0 1 0" damping=".1"/><geom type="capsule" size=".02" \
+fromto="0 0 0 .08 0 -.12" mass=".15"/><body pos=".08 0 -.12"><joint name="{0}_knee" axis="0 1 0" damping=".1"/>\
+<geom type="capsule" size=".02" fromto="0 0 0 -.08 0 -.12" mass=".1"/></body></body>'
+_LEGS = "".join(
+    _LEG.format(n, p) for n, p in (("fl", ".15 .1"), ("fr", ".15 -.1"), ("rl", "-.15 .1"), ("rr", "-.15 -.1"))
+)
+_JOINTS = tuple(f"{leg}_{joint}" for leg in ("fl", "fr", "rl", "rr") for joint in ("hip", "knee"))
+_DRIVES = "".join(f'<position name="{j}" joint="{j}" kp="{{kp}}" kv=".4"/>' for j in _JOINTS)
+_DOG = f"""<mujoco><option timestep=".002" integrator="implicitfast"/><worldbody><geom type="plane" size="5 5 .1"/>
+<body name="trunk" pos="0 0 .3"><freejoint name="root"/><geom type="box" size=".2 .08 .04" mass="{{mass}}" contype="0"
+conaffinity="0"/>{_LEGS}</body></worldbody><actuator>{_DRIVES}</actuator></mujoco>"""
+
+
+def _squats(mass: float = 4.0, kp: float = 40.0) -> Recording:
+    """A small quadruped that squats and rolls, tracked by motion capture at 100 Hz; its pose with noise."""
+    model = mujoco.MjModel.from_xml_string(_DOG.format(mass=mass, kp=kp))
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    mujoco.mj_step(model, data, 700)
+    rows, time = [], np.arange(0.0, 2.0, 0.01)
+    for t in time:
+        bend = 0.25 * (1.0 - np.cos(5.0 * t)) + 0.1 * np.repeat([1, -1, 1, -1], 2) * np.sin(8.0 * t) * min(1.0, t)
+        data.ctrl[:] = np.tile([0.6, -1.0], 4) * bend
+        rows.append(np.concatenate([data.ctrl, data.qpos[7:], data.qpos[:7]]))
+        mujoco.mj_step(model, data, 5)
+    values = np.array(rows)
+    values[:, 8:] += rng.normal(0.0, 3e-4, values[:, 8:].shape)
+    channels = (
+        Channel("command", _JOINTS, "rad", time, values[:, :8]),
+        Channel("position", _JOINTS, "rad", time, values[:, 8:16]),
+        Channel("base_position", ("x", "y", "z"), "m", time, values[:, 16:19]),
+        Channel("base_orientation", ("w", "x", "y", "z"), "", time, values[:, 19:]),
+    )
+    return Recording("squats", {c.name: c for c in channels})
+
+
+def _written(folder: Path, text: str = _DOG.format(mass=4.0, kp=40.0)) -> Path:
+    (folder / "dog.xml").write_text(text)
+    return folder / "dog.xml"
+
+
+def _taken(path: Path, recording: Recording) -> tuple[list[Recording], list[str]]:
+    windows, _, notes = recordings_for(path, [recording])
+    return windows, notes
+
+
+def test_angles_are_those_of_the_quaternion_and_rates_turn_it() -> None:
+    rng = np.random.default_rng(1)
+    for angles in rng.uniform(-1.4, 1.4, (20, 3)):
+        np.testing.assert_allclose(angles_of(quaternion_of(angles)), angles, atol=1e-12)
+        rates, h = rng.normal(0.0, 1.0, 3), 1e-6
+        spin, ahead = np.zeros(3), quaternion_of(angles + h * rates)
+        mujoco.mju_subQuat(spin, ahead, quaternion_of(angles))
+        np.testing.assert_allclose(turning(angles, rates), spin / h, atol=1e-5)
+    turns = near(np.array([[[0.1, 0.0, -3.1]]]), np.array([[0.1, np.nan, 3.15]]))
+    np.testing.assert_allclose(turns[0, 0], [0.1, 0.0, 2.0 * np.pi - 3.1])
+
+
+def test_the_robot_that_was_recorded_replays_its_pose(tmp_path: Path) -> None:
+    windows, notes = _taken(_written(tmp_path), _squats())
+    assert len(windows) == 4
+    assert "windows of 0.5 s" in notes[0]
+    simulator, _ = simulator_for(tmp_path / "dog.xml", windows)
+    shipped = simulator.shipped()
+    runs = shipped.rollout([Trial.of(w) for w in windows], np.zeros((1, 0)))
+    for window, run in zip(windows, runs, strict=True):
+        for name, limit in (("base_position", 2e-3), ("base_orientation", 1e-2)):
+            error = run.channels[name][0] - window.channel(name).values
+            assert np.sqrt(np.mean(error**2)) < limit
+    assert "trunk.mass" in simulator.parameters.names
+
+
+def test_what_the_trunk_carries_is_found_from_its_pose(tmp_path: Path) -> None:
+    windows, _ = _taken(_written(tmp_path), _squats(mass=5.0, kp=48.0))
+    model = load(tmp_path / "dog.xml")
+    space, quantities = declare(
+        model, [Declaration("kp", ("*",), tie="all", name="kp"), Declaration("mass", ("trunk",))]
+    )
+    found = calibrate(
+        MujocoSimulator(model, space, quantities), windows, options=Options(cross_validate=False, select=False)
+    )
+    mass, kp = (next(e for e in found.estimates if e.name == name) for name in ("trunk.mass", "kp"))
+    assert mass.low < 5.0 < mass.high
+    assert mass.value == pytest.approx(5.0, rel=0.12)
+    assert kp.value == pytest.approx(48.0, rel=0.05)
+
+
+def test_a_base_that_one_recording_does_not_show_is_refused_or_starts_at_the_keyframe(tmp_path: Path) -> None:
+    seen, blind = _squats(), _squats().without("base_position").replace(name="blind")
+    path = _written(tmp_path)
+    with pytest.raises(ModelError, match=r"base of model 'dog\.xml' is free, but nothing tells where it was in blind"):
+        simulator_for(path, [seen, blind])
+    key = '<keyframe><key qpos="0 0 .3 1 0 0 0 0 0 0 0 0 0 0 0"/></keyframe></mujoco>'
+    _, notes = simulator_for(_written(tmp_path, path.read_text().replace("</mujoco>", key)), [seen, blind])
+    assert any("starts as in the model's first keyframe" in note for note in notes)
+
+
+@pytest.mark.parametrize("keyframe", ["", '<keyframe><key qpos="0 0 .1 1 0 0 0 0 0 0 0 0 0 0 0"/></keyframe>'])
+def test_a_dog_on_a_stand_is_replayed_by_its_free_model_though_nobody_saw_its_base(
+    tmp_path: Path, keyframe: str
+) -> None:
+    """In the keyframe the feet are in the floor; on its stand, pitched by 0.2 rad, the dog touches nothing."""
+    text = _DOG.format(mass=4.0, kp=40.0).replace("</mujoco>", f"{keyframe}</mujoco>")
+    hung = text.replace('pos="0 0 .3"', 'pos="0 0 2" euler="0 11.459 0"').replace('<freejoint name="root"/>', "")
+    truth = mujoco.MjModel.from_xml_string(hung.replace(keyframe, ""))
+    data, time, rows = mujoco.MjData(truth), np.arange(0.0, 2.0, 0.01), []
+    for t in time:
+        rows.append((data.ctrl.copy(), data.qpos.copy()))
+        data.ctrl[:] = 0.4 * np.sin(6.0 * t)
+        mujoco.mj_step(truth, data, 5)
+    told, seen = (np.array(column) for column in zip(*rows, strict=True))
+    turned = np.tile([0.0, 0.2, 1.0], (len(time), 1))
+    channels = (
+        Channel("command", _JOINTS, "rad", time, np.roll(told, -1, axis=0)),
+        Channel("position", _JOINTS, "rad", time, seen),
+        Channel("base_orientation", ("roll", "pitch", "yaw"), "rad", time, turned),
+    )
+    log = Recording("stand", {c.name: c for c in channels})
+    simulator, notes = simulator_for(_written(tmp_path, text), [log])
+    assert any("held in the air, as it was turned" in note for note in notes)
+    (run,) = simulator.shipped().rollout([Trial.of(log, ["position"])], np.zeros((1, 0)))
+    assert np.std(run.channels["position"][0] - seen) < 2e-3
+
+
+def test_a_urdf_whose_base_was_seen_to_move_is_set_free(tmp_path: Path) -> None:
+    inertial = (
+        '<inertial><mass value="{0}"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    ball = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
+    (tmp_path / "ball.urdf").write_text(
+        f'<robot name="b"><link name="trunk">{inertial.format(2)}{ball}</link>'
+        f'<link name="wheel">{inertial.format(0.1)}</link>'
+        '<joint name="spin" type="continuous"><parent link="trunk"/><child link="wheel"/><axis xyz="0 0 1"/></joint></robot>'
+    )
+    time = np.arange(0.0, 0.4, 0.01)
+    still, fall = np.zeros((len(time), 3)), np.zeros((len(time), 3))
+    fall[:, 2] = 2.0 - 0.5 * 9.81 * time**2
+    channels = (Channel("position", ("spin",), "rad", time, 0.1 * np.sin(time)[:, None]),
+                Channel("base_position", ("x", "y", "z"), "m", time, fall),
+                Channel("base_orientation", ("roll", "pitch", "yaw"), "rad", time, still))  # fmt: skip
+    taken, _ = suited(load(tmp_path / "ball.urdf"), [Recording("fall", {c.name: c for c in channels})])
+    simulator, notes = simulator_for(tmp_path / "ball.urdf", taken)
+    assert any("'trunk' was set free" in note for note in notes)
+    (run,) = simulator.shipped().rollout([Trial.of(taken[0])], np.zeros((1, 0)))
+    np.testing.assert_allclose(run.channels["base_position"][0][:, 2], fall[:, 2], atol=5e-3)
+
+
+def test_windows_stay_on_the_side_of_their_recording_and_share_its_warnings(tmp_path: Path) -> None:
+    squats, path = _squats(), _written(tmp_path)
+    for name in ("fit", "judge"):
+        write(squats.replace(name=name), tmp_path / f"{name}.parquet")
+    files = [str(tmp_path / f"{name}.parquet") for name in ("fit", "judge")]
+    training, held_out, _ = recordings_of(
+        Namespace(model=str(path), recordings=files, mapping=None, hold_out=[["judge"]])
+    )
+    assert [r.name for r in training] == [f"fit at {0.5 * k:.1f} s" for k in range(4)]
+    assert [r.name for r in held_out] == [f"judge at {0.5 * k:.1f} s" for k in range(4)]
+    parts = [Replay(w.name, False, "position", ("j",), "rad", np.arange(5.0) / 10, *np.full((3, 5, 1), k))
+             for k, w in enumerate(training)]  # fmt: skip
+    (whole,) = joined(parts)
+    assert whole.recording == "fit"
+    np.testing.assert_allclose(whole.time, np.arange(20) / 10)
+    np.testing.assert_array_equal(whole.after[:, 0], np.repeat(np.arange(4), 5))
+    once = [f"'fit at {0.5 * k:.1f} s': knee is odd" for k in range(3)] + ["'fit at 0.5 s': hip is odd"]
+    assert folded(once, training) == ["'fit': knee is odd (3 of 4 windows)"]
+
+
+def test_servos_that_legs_lack_carry_the_robot(tmp_path: Path) -> None:
+    bare = re.sub("<actuator>.*</actuator>", "", _DOG.format(mass=4.0, kp=40.0))
+    windows, _ = _taken(_written(tmp_path, bare), _squats())
+    shipped, notes = shipped_for(tmp_path / "dog.xml", windows)
+    assert any("position servos" in note for note in notes)
+    for window, run in zip(windows, shipped.rollout([Trial.of(w) for w in windows], np.zeros((1, 0))), strict=True):
+        height = run.channels["base_position"][0][:, 2] - window.channel("base_position").column("z")
+        assert np.abs(height).max() < 0.02

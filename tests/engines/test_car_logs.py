@@ -1,0 +1,300 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cars whose logs are written otherwise: other sizes, speeds, units and signs of commands, no heading, a slow receiver."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trueup.campaign.assemble import calibrated, simulator_for
+from trueup.engines.car import Car, car_space
+from trueup.engines.car.car_file import read_car, write_car
+from trueup.engines.car.commands import with_commands
+from trueup.engines.car.driving import driven_by
+from trueup.engines.car.judging import Ahead
+from trueup.engines.car.past import Drive
+from trueup.engines.car.prediction import foretold, lasting, prediction_errors
+from trueup.engines.car.rollout import CarSimulator
+from trueup.engines.car.servo import servo_look
+from trueup.engines.car.tracking import cleaned
+from trueup.loop.calibrate import Options
+from trueup.loop.transfer import try_on_robot
+from trueup.recording import Channel, Recording
+from trueup.studies.stanley import chasi
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+
+
+def winding(speed: float, wheelbase: float, angle: float, rate: float, noise: float, seed: int = 0) -> Recording:
+    """A car at a steady speed on a winding way, steered in rad up to `angle`, its pose logged at `rate` Hz."""
+    rng = np.random.default_rng(seed)
+    fine = np.arange(0.0, 80.0, 0.01)
+    steering = angle * np.sin(0.5 * fine)
+    late = np.interp(fine - 0.12, fine, steering)
+    heading = np.cumsum(speed * np.tan(late) / wheelbase * 0.01)
+    way = np.cumsum(speed * 0.01 * np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)
+    kept = slice(None, None, round(100.0 / rate))
+    time = fine[kept]
+    command = np.stack([0.3 + 0.1 * np.sin(fine), steering], axis=1)[kept]
+    points = way[kept] + rng.normal(0.0, noise, (len(time), 2))
+    return Recording("winding", {
+        "command": Channel("command", ("throttle", "steering"), "", time, command),
+        "position": Channel("position", ("x", "y"), "m", time, points),
+        "heading": Channel("heading", ("heading",), "rad", time, heading[kept, None]),
+    })  # fmt: skip
+
+
+def with_values(recording: Recording, name: str, values: Array) -> Recording:
+    return recording.with_channel(recording.channel(name).replace(values=values))
+
+
+@pytest.fixture(scope="module")
+def full_size() -> Recording:
+    return winding(20.0, 2.7, 0.05, 10.0, 0.03)
+
+
+def test_a_full_size_cars_receiver_may_jump_now_and_then(full_size: Recording) -> None:
+    rng = np.random.default_rng(1)
+    points = np.array(full_size.channel("position").values)
+    off = rng.choice(len(points), len(points) // 33, replace=False)
+    points[off] += 8.0
+    known = np.isfinite(cleaned(with_values(full_size, "position", points)).channel("position").values[:, 0])
+    assert not known[off].any()
+    assert known.sum() >= 0.99 * (len(points) - len(off))
+
+
+def test_a_slow_receiver_in_frequent_rows_is_read_at_its_own_rate() -> None:
+    """Rows at 50 Hz that repeat a 5 Hz position until the next: a car neither stands and jumps, nor is any fix lost."""
+    often = winding(7.0, 1.0, 0.1, 50.0, 0.01)
+    points, row = often.channel("position").values, np.arange(len(often.channel("position").time))
+    gone = np.where(row < 2000, row, np.maximum(row - 400, 2000)) // 10 * 10  # it stands for 8 s
+    seen = cleaned(with_values(often, "position", points[gone]).without("heading")).channel("position")
+    assert np.median(np.diff(seen.time)) == pytest.approx(0.2)
+    assert np.diff(seen.time).max() == pytest.approx(0.2)
+    assert np.isfinite(seen.values).all(axis=1).mean() > 0.95
+
+
+def test_the_way_driven_stands_for_a_heading_and_never_looks_ahead(full_size: Recording) -> None:
+    bare = full_size.without("heading")
+    found, truth = cleaned(bare).channel("heading").values[:, 0], full_size.channel("heading").values[:, 0]
+    assert np.abs((found - truth + np.pi) % (2 * np.pi) - np.pi)[20:].mean() < 0.03
+    points = np.array(bare.channel("position").values)
+    points[401:] = points[400] + 1.5 * (points[401:] - points[400])
+    again = cleaned(with_values(bare, "position", points)).channel("heading").values[:, 0]
+    assert again[:401] == pytest.approx(found[:401], abs=1e-9)
+
+
+def test_a_gyroscope_and_a_slow_receiver_give_the_heading_of_the_moment() -> None:
+    """Its zero drifts and its sign may be the other one; alone, the way from fix to fix would tell the heading late."""
+    plain = winding(7.0, 1.0, 0.15, 5.0, 0.02)
+    fast = winding(7.0, 1.0, 0.15, 50.0, 0.0).channel("heading")
+    rate = np.gradient(fast.values[:, 0], fast.time)[:, None] + 0.01
+    truth = plain.channel("heading").values[:, 0]
+    off = []
+    for gyro in (rate, -rate, None):
+        bare = plain.without("heading")
+        given = (
+            bare if gyro is None else bare.with_channel(Channel("yaw_rate", ("yaw_rate",), "rad/s", fast.time, gyro))
+        )
+        found = cleaned(given).channel("heading").values[:, 0]
+        off.append(float(np.nanstd((found - truth + np.pi)[20:] % (2 * np.pi) - np.pi)))
+    assert max(off[:2]) < 0.03 < 0.3 * off[2]
+    noise = np.random.default_rng(0).normal(0.0, 1.0, rate.shape)
+    odd = plain.without("heading").with_channel(Channel("yaw_rate", ("yaw_rate",), "rad/s", fast.time, noise))
+    assert "the direction of motion stands" in cleaned(odd).provenance["warnings"], (
+        "what contradicts the way is not used"
+    )
+
+
+def test_what_a_slow_receiver_saw_is_no_older_than_it_need_be() -> None:
+    """At 5 Hz few fixes are enough where they are exact, since a car bends its way meanwhile; noisy ones need more."""
+    errors = []
+    for noise in (0.0, 0.2):
+        plain = winding(3.0, 1.0, 0.3, 5.0, 0.01)
+        angle = plain.channel("heading").values
+        rng = np.random.default_rng(0)
+        given = cleaned(with_values(plain, "heading", angle + rng.normal(0.0, noise, angle.shape)))
+        drive = Drive.of(Trial.of(given, ["position", "heading"]), 0.01)
+        grid = drive.begin + 0.01 * np.arange(len(drive.seen))
+        truth = np.interp(grid, plain.channel("heading").time, np.gradient(angle[:, 0], 0.2))
+        known = drive.known & (grid > 5.0)
+        errors.append(float(np.std((drive.seen[:, 5] - truth)[known]) / np.std(truth[known])))
+    assert errors[0] < 0.15
+    two_fixes = np.sqrt(2.0) * 0.2 / 0.2 / float(np.std(truth[known]))
+    assert errors[1] < 0.5 * two_fixes
+
+
+def test_a_quaternion_or_a_compass_gives_the_heading(full_size: Recording) -> None:
+    truth = full_size.channel("heading")
+    yaw, zero = truth.values[:, 0], np.zeros(len(truth.time))
+    turned = Channel("orientation", ("qx", "qy", "qz", "qw"), "", truth.time,
+                     np.stack([zero, zero, np.sin(yaw / 2), np.cos(yaw / 2)], axis=1))  # fmt: skip
+    compass = with_values(full_size, "heading", 0.5 * np.pi - truth.values)
+    for given in (full_size.without("heading").with_channel(turned), compass):
+        off = cleaned(given).channel("heading").values[:, 0] - yaw
+        assert np.abs((off + np.pi) % (2 * np.pi) - np.pi).max() < 1e-6
+
+
+def test_commands_in_degrees_pulses_or_to_the_right_count_as_shares() -> None:
+    """Every way of writing the same commands gives the same shares up to a constant, and a left turn counts above zero."""
+    plain = winding(1.2, 0.2, 0.3, 50.0, 0.001)
+    throttle, steering = plain.channel("command").values.T
+    written = {
+        "degrees": ([0.0, 0.0], [1.0, 20.0], [throttle, np.degrees(steering)]),
+        "pulses": ([1500.0, 1500.0], [500.0, -500.0], [1500 + 500 * throttle, 1500 - 900 * steering]),
+        "speed": ([0.0, 0.0], [5.0, 1.0], [10 * throttle, steering]),
+    }
+    for name, (middle, full, values) in written.items():
+        given = with_values(plain, "command", np.stack(values, axis=1))
+        car, notes = with_commands(Car("car", 0.2), [given])
+        assert list(car.middle) == middle, name
+        assert car.full is not None
+        assert list(car.full) == full, name
+        assert notes
+        shares = CarSimulator(car).prepared(given).channel("command").values
+        assert np.corrcoef(shares[:, 1], steering)[0, 1] > 0.999
+        assert np.abs(shares).max() <= 1.0
+    assert with_commands(Car("car", 0.2), [plain]) == (Car("car", 0.2), ())
+
+
+def test_a_car_file_says_what_its_commands_mean(tmp_path: Path) -> None:
+    car = Car("car", 0.2, middle=(1500.0, 1500.0), full=(500.0, -500.0))
+    write_car(car, tmp_path / "car.toml")
+    assert read_car(tmp_path / "car.toml") == car
+
+
+def test_a_fast_cars_metres_count_less_than_a_slow_ones(full_size: Recording) -> None:
+    simulator = CarSimulator(Car("car", 2.7))
+    slow = winding(1.2, 0.2, 0.3, 50.0, 0.001)
+    unit = [float(Ahead(simulator, [cleaned(r)]).scale("position", ("x",))[0]) for r in (slow, full_size)]
+    assert unit == pytest.approx([0.02, 0.02 * 20.0 / 1.5], rel=0.05)
+
+
+def test_a_place_on_earth_is_metres_from_the_first_fix(full_size: Recording) -> None:
+    """Against the length of a degree at 48 degrees north, from tables of the WGS 84: 111.2 km north, 74.6 km east."""
+    way = full_size.channel("position").values
+    degrees = np.radians(np.stack([48.0 + way[:, 1] / 111_200.0, 11.0 + way[:, 0] / 74_630.0], axis=1))
+    position = full_size.channel("position").replace(labels=("latitude", "longitude"), unit="rad", values=degrees)
+    found = cleaned(full_size.with_channel(position)).channel("position").values
+    assert found - found[0] == pytest.approx(way - way[0], abs=2e-3 * np.ptp(way))
+
+
+def test_without_a_pose_speed_and_turn_rate_add_up_to_one(full_size: Recording) -> None:
+    heading = full_size.channel("heading")
+    turning = np.gradient(heading.values[:, 0], heading.time)
+    bare = full_size.without("position").without("heading")
+    bare = bare.with_channel(Channel("yaw_rate", ("yaw_rate",), "rad/s", heading.time, turning[:, None]))
+    bare = bare.with_channel(Channel("speed", ("speed",), "m/s", heading.time, np.full((len(heading.time), 1), 20.0)))
+    run = cleaned(bare)
+    way, truth = run.channel("position").values, full_size.channel("position").values
+    length = np.linalg.norm(np.diff(truth, axis=0), axis=1).sum()
+    turned = np.array([[np.cos(a), -np.sin(a)] for a in [heading.values[0, 0]]])
+    assert np.linalg.norm(way[-1]) == pytest.approx(np.linalg.norm(truth[-1] - truth[0]), abs=0.01 * length)
+    assert (turned[0] * way[5]).sum() == pytest.approx(truth[5, 0] - truth[0, 0], abs=0.3)
+    assert "add up" in run.provenance["warnings"]
+
+
+def test_pedals_topics_of_their_own_and_turn_rates_drive_a_car_too() -> None:
+    plain = winding(1.2, 0.2, 0.3, 50.0, 0.001)
+    command = plain.channel("command")
+    throttle, steering = command.values.T
+    zero = 0 * throttle
+    brake = np.maximum(-np.sin(command.time), 0.0)
+    pedals = command.replace(
+        labels=("throttle", "steering", "brake"), values=np.stack([throttle, steering, brake], axis=1)
+    )
+    assert driven_by(plain.with_channel(pedals)).values == pytest.approx(np.stack([throttle - brake, steering], axis=1))
+    apart = plain.without("command")
+    apart = apart.with_channel(Channel("command_speed", ("speed",), "", command.time[::5], throttle[::5, None]))
+    apart = apart.with_channel(Channel("command_steering", ("steering",), "", command.time, steering[:, None]))
+    assert driven_by(apart).column("steering") == pytest.approx(steering)
+    assert np.abs(driven_by(apart).column("throttle") - throttle).max() < 0.02
+    turning = np.stack([zero + 1.2, 1.2 * np.tan(steering) / 0.2], axis=1)
+    wheels = command.replace(labels=("speed", "turn"), values=turning)
+    assert driven_by(plain.with_channel(wheels), 0.2).column("steering") == pytest.approx(steering)
+
+
+def test_a_first_look_tells_a_slow_servo_from_a_late_one() -> None:
+    """A wheel that turns no faster than it can is not the same as one that turns late: only the former has a limit."""
+    plain = winding(1.2, 0.2, 0.3, 50.0, 0.0005)
+    time = plain.channel("command").time
+    asked = 0.6 * np.sign(np.sin(0.9 * time)) * np.abs(np.sin(0.23 * time))
+    for rate, late in ((0.5, 0.0), (np.inf, 0.3)):
+        wheel, reached = np.zeros(len(time)), 0.0
+        for k in range(len(time)):
+            reached += float(np.clip(asked[max(k - round(late / 0.02), 0)] - reached, -0.02 * rate, 0.02 * rate))
+            wheel[k] = reached
+        heading = np.cumsum(1.2 * np.tan(0.4 * wheel) / 0.2 * 0.02)
+        way = np.cumsum(1.2 * 0.02 * np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)
+        given = with_values(plain, "command", np.stack([0 * time + 0.3, asked], axis=1))
+        given = with_values(with_values(given, "position", way), "heading", heading[:, None])
+        found = servo_look([cleaned(given)])
+        if np.isfinite(rate):
+            assert found["steering_rate"] == pytest.approx(rate, rel=0.4)
+        else:
+            assert "steering_rate" not in found
+            assert found["steering_delay"] + found["steering_lag"] == pytest.approx(late, abs=0.06)
+
+
+def test_a_servo_that_counts_from_its_end_has_its_middle_where_the_car_drives_straight_on() -> None:
+    plain = winding(1.2, 0.2, 0.3, 50.0, 0.001)
+    throttle, steering = plain.channel("command").values.T
+    given = with_values(plain, "command", np.stack([throttle, 0.53 - 1.2 * steering], axis=1))
+    car, notes = with_commands(Car("car", 0.2), [given])
+    assert car.middle[1] == pytest.approx(0.53, abs=0.03)
+    assert any("straight on" in note for note in notes)
+    shares = CarSimulator(car).prepared(given).channel("command").column("steering")
+    assert np.corrcoef(shares, steering)[0, 1] > 0.999
+
+
+def test_a_robot_of_another_structure_is_predicted_on_a_course_that_was_not_fitted(tmp_path: Path) -> None:
+    """The stand-in's tyres, steering and drive are others than the car's model; it is commanded by speed and angle."""
+    robot, task = chasi.robot(3), chasi.task(("figure_eight", "slalom"))
+    fitted, unseen = (runs[0] for runs in try_on_robot(robot, task, task.parameters.nominal).recordings)
+    fitted = fitted.slice(fitted.start, fitted.start + 60.0)
+    (tmp_path / "robot.toml").write_text("[vehicle]\nwheelbase = 0.55\n")
+    simulator, _ = simulator_for(tmp_path / "robot.toml", [fitted])
+    assert isinstance(simulator, CarSimulator)
+    found = calibrated(simulator, [fitted], [], Options())
+    errors = prediction_errors(simulator, found.values, simulator.prepared(unseen))
+    assert len(errors) > 100
+    assert (errors.mean(axis=0) < [0.05, 0.10]).all()
+
+
+def test_what_goes_on_is_told_from_what_comes_and_goes() -> None:
+    """Gusts that push a car to and fro every few seconds are best not expected to last."""
+    plain = winding(1.2, 0.2, 0.3, 50.0, 0.0005)
+    time = plain.channel("command").time
+    steering = plain.channel("command").column("steering")
+    speed = 1.2 + 0.3 * np.sin(2.0 * np.pi * time / 4.0)
+    heading = np.cumsum(speed * np.tan(np.interp(time - 0.12, time, steering)) / 0.2 * 0.02)
+    way = np.cumsum(speed[:, None] * 0.02 * np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)
+    given = with_values(with_values(plain, "position", way), "heading", heading[:, None])
+    values = {"steering_left": 1.0, "steering_right": 1.0, "steering_delay": 0.12, "steering_lag": 0.0, "drive": 1.2,
+              "throttle_dead": 0.0, "drive_fade": 0.0, "friction": 0.0, "speed_loss": 0.3, "curve_loss": 0.0,
+              "understeer": 0.0}  # fmt: skip
+    car = Car("car", 0.2, values)
+    simulator = CarSimulator(car, car_space(car))
+    nominal, drives = simulator.parameters.nominal, [simulator.prepared(given)]
+    found = lasting(simulator, nominal, drives)
+    assert found["push_lasts"] == 0.0
+    assert foretold(simulator, simulator.starting(found).parameters.nominal, drives) < foretold(
+        simulator, nominal, drives
+    )
+
+
+def test_wheels_of_both_axles_may_turn_a_car_further_than_it_is_told() -> None:
+    """Steering in rad up to 0.4, both axles steered: per command the car turns as if its front wheels went twice as far."""
+    assert car_space(Car("car", 0.8), steers=0.4).parameters[4].name == "steering_left"
+    assert car_space(Car("car", 0.8), steers=0.4).parameters[4].upper == pytest.approx(3.0)
+    assert car_space(Car("car", 0.8), steers=1.0).parameters[4].upper == pytest.approx(1.2)
+
+
+def test_a_limit_that_was_seen_stays_within_reach() -> None:
+    space = car_space(Car("car", 2.7), {"steering_rate": 0.5})
+    assert space.parameters[space.names.index("steering_rate")].upper == pytest.approx(2.0)
+    assert space.parameters[space.names.index("pose_ahead")].upper == pytest.approx(2.7)

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Commands reach the drives that can take them: torques motors, positions servos; whatever cannot is said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from trueup.campaign.assemble import recordings_for, simulator_for
+from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.setup.drives import suited
+from trueup.errors import ModelError
+from trueup.loop.calibrate import Options, calibrate
+from trueup.recording import Channel, Recording
+from trueup.trial import Trial
+
+_ARM = """<mujoco><worldbody><body><joint name="j" axis="0 1 0" damping="{damping}"/>
+<geom size=".05" mass="1" pos="0 0 -.2"/></body></worldbody>{drive}</mujoco>"""
+_MOTOR = '<actuator><motor name="m" joint="j" gear="5"/></actuator>'
+_SERVO = '<actuator><position name="m" joint="j" kp="20"/></actuator>'
+
+
+def _model(folder: Path, drive: str) -> Path:
+    path = folder / "arm.xml"
+    path.write_text(_ARM.format(damping=0.3, drive=drive))
+    return path
+
+
+def _swing() -> Recording:
+    """A pendulum with damping 0.5 that torques of 0.3 N m at the joint swing."""
+    model = mujoco.MjModel.from_xml_string(_ARM.format(damping=0.5, drive=_MOTOR))
+    data, time = mujoco.MjData(model), np.arange(0.0, 4.0, 0.01)
+    torque, noise, seen = 0.3 * np.sin(2.0 * time), np.random.default_rng(0).normal(0.0, 1e-4, len(time)), []
+    for wanted in torque:
+        seen.append(data.qpos[0])
+        data.ctrl[0] = wanted / 5.0
+        mujoco.mj_step(model, data, 5)
+    channels = (
+        Channel("position", ("j",), "rad", time, (np.array(seen) + noise)[:, None]),
+        Channel("command_torque", ("j",), "N m", time, torque[:, None]),
+    )
+    return Recording("swing", {c.name: c for c in channels}, {})
+
+
+@pytest.mark.parametrize("drive", [_MOTOR, ""], ids=["a geared motor", "no actuator"])
+def test_commanded_torques_drive_the_model(tmp_path: Path, drive: str) -> None:
+    simulator, notes = simulator_for(_model(tmp_path, drive), [_swing()])
+    assert any("motors were added" in n for n in notes) == (not drive)
+    found = calibrate(simulator, [_swing()], options=Options(cross_validate=False))
+    (damping,) = [e for e in found.estimates if e.name == "j.damping"]
+    assert damping.low < 0.5 < damping.high
+    assert damping.value == pytest.approx(0.5, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    "servo", ['position name="m" joint="j" kp="20" timeconst="0.1"', 'intvelocity name="m" joint="j" kp="20"']
+)
+def test_a_drive_with_a_state_of_its_own_starts_settled(tmp_path: Path, servo: str) -> None:
+    """A servo that smooths its command, and one that integrates a speed, hold the arm up from the first sample on."""
+    path = _model(tmp_path, f"<actuator><{servo}/></actuator>")
+    speed = servo.startswith("intvelocity")
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.timestep = 5e-4
+    data, time, seen = mujoco.MjData(model), np.arange(0.0, 2.0, 0.01), []
+    told = 0.3 * np.cos(3.0 * time) if speed else 0.8 + 0.3 * np.sin(3.0 * time)
+    data.qpos[0] = data.act[0] = 0.8
+    data.ctrl[0] = 0.0 if speed else 0.8
+    mujoco.mj_step(model, data, 4000)  # hangs a little below
+    for wanted in told:
+        seen.append(data.qpos[0])
+        data.ctrl[0] = wanted
+        mujoco.mj_step(model, data, 20)
+    name, unit = ("command_velocity", "rad/s") if speed else ("command", "rad")
+    log = Recording("log", {
+        name: Channel(name, ("j",), unit, time, told),
+        "position": Channel("position", ("j",), "rad", time, np.array(seen)),
+    })  # fmt: skip
+    simulator, _ = simulator_for(path, [log])
+    (run,) = simulator.shipped().rollout([Trial.of(log, ["position"])], np.zeros((1, 0)))
+    off = np.abs(run.channels["position"][0, :, 0] - seen).max()
+    assert off < (0.1 if speed else 3e-3)  # how far an integrator's set point is above the arm is not known
+
+
+def test_of_positions_and_torques_a_model_with_motors_takes_the_torques(tmp_path: Path) -> None:
+    swing = _swing()
+    both = swing.with_channel(swing.channel("position").replace(name="command"))
+    (kept,), notes = suited(load(_model(tmp_path, _MOTOR)), [both])
+    assert not kept.has("command")
+    assert "torques are used" in notes[0]
+    (kept,), notes = suited(load(_model(tmp_path, _SERVO)), [both])
+    assert kept.has("command")
+    assert not notes
+
+
+def test_commands_that_the_drives_cannot_take_are_refused(tmp_path: Path) -> None:
+    swing = _swing()
+    with pytest.raises(ModelError, match=r"'swing' commands N m .* has position servos at j"):
+        suited(load(_model(tmp_path, _SERVO)), [swing])
+
+
+def _steps(servo: str) -> Recording:
+    """A pendulum with damping 0.3 whose `servo` is told to jump by 1 rad every 1.6 s."""
+    arm = _ARM.format(damping=0.3, drive=servo).replace("<joint", '<joint armature=".01"')
+    truth = mujoco.MjModel.from_xml_string(arm)
+    truth.opt.timestep = 5e-4
+    data, time = mujoco.MjData(truth), np.arange(0.0, 6.0, 0.01)
+    wanted, seen = 0.5 * np.sign(np.sin(2.0 * time)) * (time > 0.5), []
+    for target in wanted:
+        seen.append(data.qpos[0])
+        data.ctrl[0] = target
+        mujoco.mj_step(truth, data, 20)
+    measured = np.array(seen) + np.random.default_rng(0).normal(0.0, 1e-3, len(time))
+    channels = [Channel("position", ("j",), "rad", time, measured[:, None]),
+                Channel("command", ("j",), "rad", time, wanted[:, None])]  # fmt: skip
+    return Recording("steps", {c.name: c for c in channels})
+
+
+def _found(path: Path, recording: Recording, kinds: tuple[str, ...]) -> list[float]:
+    """What a calibration that proposes its parameters itself finds for these."""
+    (taken,), _ = suited(load(path), [recording])
+    simulator, _ = simulator_for(path, [taken])
+    found = {e.name: e.value for e in calibrate(simulator, [taken], options=Options(cross_validate=False)).estimates}
+    return [next(value for name, value in found.items() if name.endswith(f".{kind}")) for kind in kinds]
+
+
+@pytest.mark.parametrize("drive", [_MOTOR, ""], ids=["a geared motor", "no actuator"])
+def test_the_controller_in_the_robot_is_found_where_the_model_has_none(tmp_path: Path, drive: str) -> None:
+    steps = _steps('<actuator><position joint="j" kp="35" kv="1.1"/></actuator>')
+    _, notes = simulator_for(_model(tmp_path, drive), [steps])
+    assert any("position servos" in n for n in notes)
+    stiffness, of_servo, of_joint = _found(_model(tmp_path, drive), steps, ("kp", "kv", "damping"))
+    assert stiffness == pytest.approx(35.0, rel=0.1)
+    assert of_servo + of_joint == pytest.approx(1.4, rel=0.1)
+
+
+def test_steps_show_the_force_limit_of_a_motor(tmp_path: Path) -> None:
+    steps = _steps('<actuator><position joint="j" kp="35" kv="1.1" forcerange="-6 6"/></actuator>')
+    limited = _model(tmp_path, _MOTOR.replace("/>", ' ctrlrange="-2 2"/>', 1))  # 10 N m by the gear
+    (force,) = _found(limited, steps, ("force_limit",))
+    assert force == pytest.approx(6.0, rel=0.1)
+
+
+def test_a_log_without_commands_is_said_to_drive_nothing(tmp_path: Path) -> None:
+    _, notes = simulator_for(_model(tmp_path, _MOTOR), [_swing().without("command_torque")])
+    assert any(n.startswith("no command in swing: servos hold") for n in notes)
+
+
+_TENDON = """<mujoco><option timestep=".002" integrator="implicitfast"/><worldbody>
+<body><joint name="a" axis="0 1 0" damping=".3" armature=".01"/><geom size=".03" mass=".3" pos="0 0 -.1"/>
+<body pos="0 0 -.1"><joint name="b" axis="0 1 0" damping=".1" armature=".002"/><geom size=".02" mass=".1" pos="0 0 -.1"/>
+</body></body></worldbody><tendon><fixed name="t"><joint joint="a" coef="1"/><joint joint="b" coef="1"/></fixed></tendon>
+<actuator><position name="pull" tendon="t" kp="{kp}"/></actuator></mujoco>"""
+
+
+def test_a_servo_that_pulls_two_joints_by_a_tendon_is_commanded_by_its_name_and_calibrated(tmp_path: Path) -> None:
+    path = tmp_path / "finger.xml"
+    path.write_text(_TENDON.format(kp=6))
+    truth = mujoco.MjModel.from_xml_string(_TENDON.format(kp=9))
+    data, time, seen, told = mujoco.MjData(truth), np.arange(0.0, 6.0, 0.01), [], []
+    for t in time:
+        told.append(0.6 * np.sin(2.0 * t))
+        seen.append(data.qpos.copy())
+        data.ctrl[0] = told[-1]
+        mujoco.mj_step(truth, data, 5)
+    log = Recording("log", {
+        "command": Channel("command", ("pull",), "rad", time, np.array(told)),
+        "position": Channel("position", ("a", "b"), "rad", time, np.array(seen)),
+    })  # fmt: skip
+    (taken,), _, notes = recordings_for(path, [log])
+    assert taken.channel("command").labels == ("pull",)
+    assert not notes
+    (kp,) = _found(path, taken, ("kp",))
+    assert kp == pytest.approx(9.0, rel=0.05)
+
+
+def test_steps_show_the_force_limit_of_a_servo_whose_file_gives_none(tmp_path: Path) -> None:
+    steps = _steps('<actuator><position joint="j" kp="35" kv="1.1" forcerange="-4 4"/></actuator>')
+    force, stiffness = _found(_model(tmp_path, _SERVO), steps, ("force_limit", "kp"))
+    assert force == pytest.approx(4.0, rel=0.1)
+    assert stiffness == pytest.approx(35.0, rel=0.05)

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A table that stops the robot and that the model lacks is noticed, found and written; none is invented."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trueup.campaign.assemble import simulator_for
+from trueup.engines.mujoco.floor_plane import plane_of
+from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.engines.mujoco.setup.floor import stopped_by_floor
+from trueup.engines.mujoco.writing.write import write_model
+from trueup.loop.calibrate import Options, calibrate
+from trueup.recording import Channel, Recording
+
+Array = NDArray[np.float64]
+
+STEP, EVERY = 5e-4, 40
+JOINTS = ("shoulder", "elbow")
+ARM = """
+<mujoco>
+  <compiler angle="radian"/>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <default>
+    <joint axis="0 1 0" damping="{damping}" frictionloss="0.1" armature="0.02" solimpfriction="0.999 0.999 0.001"/>
+    <geom type="capsule" size="0.02" mass="0.3" contype="0" conaffinity="0"/>
+    <position kp="{kp}"/>
+  </default>
+  <worldbody>{table}
+    <body name="upper" pos="0 0 0.1">
+      <joint name="shoulder"/>
+      <geom fromto="0 0 0 0.2 0 0"/>
+      <body name="lower" pos="0.2 0 0">
+        <joint name="elbow"/>
+        <geom fromto="0 0 0 0.2 0 0" contype="1" conaffinity="1"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><position name="shoulder" joint="shoulder"/><position name="elbow" joint="elbow"/></actuator>
+</mujoco>
+"""
+TABLE = '<geom name="table" type="plane" size="0 0 0.1" pos="0 0 {z}" friction="0.2" contype="1" conaffinity="1"/>'
+
+
+def record(name: str, seed: int, table: float | None) -> Recording:
+    """An arm (kp 40, damping 0.8) told to go to postures of which some are below the table, if there is one."""
+    xml = ARM.format(kp=40, damping=0.8, table="" if table is None else TABLE.format(z=table))
+    model, rng = mujoco.MjModel.from_xml_string(xml), np.random.default_rng(seed)
+    model.opt.timestep = STEP
+    data = mujoco.MjData(model)
+    goals = np.stack([rng.uniform(-0.3, 0.35, 9), rng.uniform(-0.2, 0.5, 9)], axis=1)
+    goals[0], goals[4] = 0.0, (0.35, 0.45)
+    time = STEP * EVERY * np.arange(round(9.0 / (STEP * EVERY)), dtype=np.float64)
+    command = np.stack([np.interp(time, np.arange(9) + 0.3, g) for g in goals.T], axis=1)
+    angles = np.empty((len(time), 2))
+    for _ in range(2000):
+        mujoco.mj_step(model, data)
+    for k in range(len(time) * EVERY):
+        if k % EVERY == 0:
+            angles[k // EVERY] = data.qpos
+        data.ctrl[:] = command[k // EVERY]
+        mujoco.mj_step(model, data)
+    angles += 3e-4 * rng.standard_normal(angles.shape)
+    return Recording(name, {"command": Channel("command", JOINTS, "rad", time, command),
+                            "position": Channel("position", JOINTS, "rad", time, angles)})  # fmt: skip
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.format(kp=20, damping=0.4, table=""), encoding="utf-8")
+    return path
+
+
+def test_a_table_is_noticed_found_and_written(arm: Path) -> None:
+    recordings = [record(f"r{i}", i, table=-0.08) for i in range(3)]
+    simulator, notes = simulator_for(arm, recordings)
+    assert any("stopped above where its commands" in n for n in notes)
+    found = calibrate(simulator, recordings[:2], recordings[2:], options=Options(cross_validate=False))
+    values = {e.name: e.value for e in found.estimates}
+    assert values["floor_height"] == pytest.approx(-0.08, abs=2e-3)
+    assert values["shoulder.kp"] == pytest.approx(40.0, rel=0.1)
+    for replay in found.held_out():
+        assert replay.rmse_after().max() < 3e-3
+    path = arm.with_name("found.xml")
+    assert isinstance(simulator, MujocoSimulator)
+    write_model(simulator, found.values, path)
+    written = mujoco.MjModel.from_xml_path(str(path))
+    assert written.geom_pos[plane_of(written), 2] == pytest.approx(values["floor_height"], abs=1e-6)
+
+
+def test_no_table_is_invented_where_nothing_was_in_the_way(arm: Path) -> None:
+    assert stopped_by_floor(load(arm), [record(f"r{i}", i, table=None) for i in range(2)]) is None
+
+
+def test_a_model_that_has_a_floor_keeps_its_own(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.format(kp=20, damping=0.4, table=TABLE.format(z=-0.05)), encoding="utf-8")
+    recordings = [record("r0", 0, table=-0.08)]
+    assert stopped_by_floor(load(path), recordings) is None
+    parameters = tmp_path / "p.toml"
+    parameters.write_text('[[parameter]]\nquantity = "floor_height"\n[[parameter]]\nquantity = "kp"\n'
+                          '[[parameter]]\nquantity = "damping"\n', encoding="utf-8")  # fmt: skip
+    simulator, _ = simulator_for(path, recordings, parameters)
+    found = calibrate(simulator, recordings, options=Options(select=False))
+    assert found.values[0] == pytest.approx(-0.08, abs=3e-3)
+    assert isinstance(simulator, MujocoSimulator)
+    write_model(simulator, found.values, tmp_path / "found.xml")
+    assert 'name="table"' in (tmp_path / "found.xml").read_text(encoding="utf-8")

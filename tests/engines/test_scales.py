@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Positions without a unit are degrees where only that fits the joints' ranges; slides are in metres beside hinges."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trueup.calibration import Replay, by_unit
+from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.setup.drives import suited
+from trueup.recording import Channel, Recording
+
+_ARM = """<mujoco><worldbody><body><joint name="j" axis="0 1 0" range="-100 100"/><geom size=".05"/></body></worldbody>
+<actuator><position joint="j"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(("largest", "unit"), [(90.0, "rad"), (400.0, "")])
+def test_numbers_within_the_range_in_degrees_are_degrees(tmp_path: Path, largest: float, unit: str) -> None:
+    (tmp_path / "arm.xml").write_text(_ARM)
+    time = np.arange(0.0, 2.0, 0.02)
+    swing = largest * np.sin(3.0 * time)[:, None]
+    channels = [Channel("position", ("j",), "", time, swing), Channel("command", ("j",), "", time, swing),
+                Channel("velocity", ("j",), "", time, 3.0 * swing)]  # fmt: skip
+    (found,), notes = suited(load(tmp_path / "arm.xml"), [Recording("run", {c.name: c for c in channels})])
+    assert found.channel("position").unit == found.channel("command").unit == unit
+    assert bool(notes) == bool(unit)
+    if unit:
+        np.testing.assert_allclose(found.channel("command").values, np.radians(swing))
+        np.testing.assert_allclose(found.channel("velocity").values, np.radians(3.0 * swing))
+
+
+def test_errors_of_hinges_and_slides_are_never_pooled(tmp_path: Path) -> None:
+    slide = '<body><joint name="s" type="slide"/><geom size=".05"/></body></worldbody>'
+    (tmp_path / "arm.xml").write_text(_ARM.replace("</worldbody>", slide))
+    time = np.arange(0.0, 1.0, 0.01)
+    values = np.stack([np.sin(time), 0.01 * time], axis=1)
+    channel = Channel("position", ("j", "s"), "rad", time, values)
+    (run,), _ = suited(load(tmp_path / "arm.xml"), [Recording("run", {"position": channel})])
+    assert [run.channel("position").unit_of(label) for label in ("j", "s")] == ["rad", "m"]
+    assert run.channel("position").select(["s"]).units == ("m",)
+    whole = Replay("run", False, "position", ("j", "s"), "rad", time, values, values + 0.2, values + np.array((0.1, 1e-3)),
+                   noise=np.array([0.1, 0.001]))  # fmt: skip
+    hinge, slide_only = by_unit([whole], [run])
+    assert (hinge.labels, hinge.unit, slide_only.labels, slide_only.unit) == (("j",), "rad", ("s",), "m")
+    assert slide_only.rmse_after() == pytest.approx(0.001)
+    assert slide_only.noise == pytest.approx(0.001)
+
+
+@pytest.mark.parametrize(("whole", "unit"), [(1.0, "rad"), (100.0, "rad"), (100.0, "")])
+def test_openings_of_a_gripper_in_shares_become_lengths(tmp_path: Path, whole: float, unit: str) -> None:
+    finger = '<body><joint name="s" type="slide" range=".002 .037"/><geom size=".05"/></body></worldbody>'
+    (tmp_path / "arm.xml").write_text(_ARM.replace("</worldbody>", finger))
+    time = np.arange(0.0, 1.0, 0.01)
+    channel = Channel("position", ("j", "s"), unit, time, np.stack([time, whole * time], axis=1))
+    barely = channel.replace(values=channel.values * [1.0, 0.01])
+    (run, other), notes = suited(load(tmp_path / "arm.xml"), [Recording(n, {"position": c}) for n, c in
+                                                        (("opens", channel), ("barely", barely))])  # fmt: skip
+    np.testing.assert_allclose(run.channel("position").column("s"), 0.002 + 0.035 * time)
+    np.testing.assert_allclose(other.channel("position").column("s"), 0.002 + 0.00035 * time)
+    np.testing.assert_allclose(run.channel("position").column("j"), time)
+    assert "shares of their joints' ranges" in notes[0]

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A robot of which only some joints were logged: the rest is held, as it was in truth, and is in the calibrated file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from trueup.campaign.assemble import simulator_for
+from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.engines.mujoco.writing.write import write_model
+from trueup.recording import Channel, Recording
+from trueup.trial import Trial
+
+_FINGER = """<body pos="0 0 -.3"><joint name="finger" axis="0 1 0" {finger}/>
+<geom size=".03" mass=".5" pos=".1 0 0"/></body>"""
+_ROBOT = """<mujoco><option timestep=".002" integrator="implicitfast"/><worldbody>
+<body><joint name="arm" axis="0 1 0" damping=".4" armature=".01"/><geom size=".05" mass="1" pos="0 0 -.2"/>
+{hand}</body></worldbody>{more}<actuator><position name="arm" joint="arm" kp="60"/></actuator>{keys}</mujoco>"""
+_KEY = '<keyframe><key qpos="{} {}"/></keyframe>'
+
+
+def _text(finger: str = "", more: str = "", keys: str = "") -> str:
+    return _ROBOT.format(hand=_FINGER.format(finger=finger), more=more, keys=keys)
+
+
+def _log() -> Recording:
+    """Only the arm is logged; its finger is clamped."""
+    clamped = _text().replace('<joint name="finger" axis="0 1 0" />', "")
+    data = mujoco.MjData(model := mujoco.MjModel.from_xml_string(clamped))
+    time, seen = np.arange(0.0, 2.0, 0.01), []
+    told = 0.5 * np.sin(4.0 * time)
+    for wanted in told:
+        seen.append(float(data.qpos[0]))
+        data.ctrl[0] = wanted
+        mujoco.mj_step(model, data, 5)
+    return Recording("log", {
+        n: Channel(n, ("arm",), "rad", time, np.asarray(v)) for n, v in (("command", told), ("position", seen))
+    })  # fmt: skip
+
+
+def _simulator(folder: Path, text: str) -> tuple[MujocoSimulator, tuple[str, ...]]:
+    (folder / "robot.xml").write_text(text)
+    simulator, notes = simulator_for(folder / "robot.xml", [_log()])
+    assert isinstance(simulator, MujocoSimulator)
+    return simulator, notes
+
+
+@pytest.mark.parametrize("keys", ["", _KEY.format(0.3, 0)], ids=["no keyframe", "a keyframe"])
+def test_a_joint_that_nobody_saw_and_nothing_drives_is_held(tmp_path: Path, keys: str) -> None:
+    simulator, notes = _simulator(tmp_path, _text(keys=keys))
+    assert any("held as the model has them: finger" in note for note in notes)
+    (run,) = simulator.shipped().rollout([Trial.of(_log(), ["position"])], np.zeros((1, 0)))
+    off = np.abs(run.channels["position"][0] - _log().channel("position").values)
+    assert off[100:].max() < 1e-3  # the speed at the start is known roughly
+    write_model(simulator, simulator.parameters.nominal, tmp_path / "fit.xml")
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "fit.xml")).joint("finger").id == 1
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        _text(finger='stiffness="1"'),
+        _text(more='<tendon><fixed name="t"><joint joint="finger" coef="1"/></fixed></tendon>'),
+        _text(more='<equality><joint joint1="finger" joint2="arm"/></equality>'),
+        _text(more='<sensor><jointpos joint="finger"/></sensor>'),
+        _text(keys=_KEY.format(0, 0.4)),
+    ],
+    ids=["a spring", "a tendon", "coupled", "a sensor", "bent in the keyframe"],
+)
+def test_what_is_tied_or_sprung_keeps_its_joint(tmp_path: Path, text: str) -> None:
+    simulator, _ = _simulator(tmp_path, text)
+    assert simulator.compiled.nv == 2
