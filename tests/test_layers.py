@@ -21,7 +21,18 @@ SOURCE = ROOT / "src" / "trueup"
 
 # ---- the rules; names are modules or folders below trueup/, a folder stands for all in it, "" for everything ----
 
-NOUNS = ("parameters", "recording", "units", "noise", "trial", "paths", "calibration", "inspection", "formats")
+NOUNS = (
+    "evidence",
+    "parameters",
+    "recording",
+    "units",
+    "noise",
+    "trial",
+    "paths",
+    "calibration",
+    "inspection",
+    "formats",
+)
 FAMILIES = {  # folder -> its base, the protocol that the others may know
     "robots": "robots.robot",
     "engines": "engines.simulator",
