@@ -15,6 +15,7 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 from results import result
+from yardstick import PINOCCHIO, pinocchio_seconds
 
 from trueup.identification.estimation import identify as module
 from trueup.identification.estimation.drives import Drives
@@ -102,4 +103,5 @@ def consistent_lines(name: str, found: Identification, free: Identification, sec
     possible, without = relative_error(found.held_out(), "consistent"), relative_error(free.held_out())
     print(f"unconstrained: held out {100 * without:.3f} %, possible bodies {100 * possible:.3f} %")
     result(f"{name}_consistent_over_unconstrained", possible / without, "", 1.02)
-    result(f"{name}_consistent_seconds", seconds, "s", 0.5)
+    result(f"{name}_consistent_seconds", seconds, "s", 1.0, peer=f"{PINOCCHIO}, a hundred thousand samples",
+           peer_value=pinocchio_seconds(1e5), ratio_goal=True)  # fmt: skip

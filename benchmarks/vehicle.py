@@ -60,6 +60,19 @@ def numpy_loop(trial: Trial, betas: Array, controller: object) -> Array:
     return path
 
 
+def loop_seconds(drives: int) -> float:
+    """CPU seconds that so many drives of the study take in the plain loop, 64 of them in one array, the best of two."""
+    task = chasi.task(gains=GAINS)
+    rows = 64
+    betas = np.random.default_rng(0).uniform([0.0, 0.0, 0.4, 0.9, 1.0], [0.4, 0.25, 1.0, 1.5, 4.0], (rows, 5))
+    times = []
+    for _ in range(2):
+        begun = time.process_time()
+        numpy_loop(task.trials[0], betas, task.controllers(np.ones((rows, 3))))
+        times.append(time.process_time() - begun)
+    return min(times) * drives / rows
+
+
 def main() -> None:
     """Prints rates and how far the two drive apart."""
     parser = argparse.ArgumentParser(description=__doc__)
