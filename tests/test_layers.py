@@ -69,7 +69,9 @@ RULES = (
         "robots.stand_in_vehicle", ("robots.robot", "controllers.stanley", *NOUNS)
     ),  # its own controller is a Stanley too
     Rule("tasks", ("tasks.task", "controllers", "engines.simulator", *NOUNS)),
-    Rule("engines", ("engines.simulator", "controllers.controller", *NOUNS)),
+    # what bodies, joints and drives have in common whatever simulates them
+    Rule("articulated", ("engines.simulator", "controllers.controller", *NOUNS)),
+    Rule("engines", ("engines.simulator", "articulated", "controllers.controller", *NOUNS)),
     # the bicycle runs the compiled Stanley law inside its own loop
     Rule("engines.bicycle", ("engines.simulator", "controllers.controller", "controllers.stanley", *NOUNS)),
     Rule("discrepancies", ("discrepancies.discrepancy", "engines.simulator", *NOUNS)),  # they compare with a rollout
@@ -115,10 +117,13 @@ RULES = (
         lazily=("demo", "loop", "identification", "excitation", "studies", "engines.simulator"),
     ),
     Rule("cli", ("report", "campaign"), lazily=("commands", "demo", "loop", *NOUNS)),
-    Rule("testing", (*BASES, *NOUNS)),  # contract checks, shipped to those who write a robot, simulator or search
+    Rule("testing", ("articulated", *BASES, *NOUNS)),  # contract checks, for those who extend it
     Rule("__init__", (), lazily=ANYTHING),  # public names, imported when used
 )
-NEVER_REACHES = {"loop": ("mujoco",)}  # not by way of another module either, and not inside a function
+NEVER_REACHES = {
+    "loop": ("mujoco",),
+    "articulated": ("mujoco",),
+}  # not by way of another module either, and not inside a function
 HEAVY = ("mujoco", "numba", "cma", "plotly", "pyarrow", "rosbags", "scipy", "numpy")  # never by `import trueup`
 LONGEST_FILE, LONGEST_FUNCTION = 300, 40
 EXCUSE = re.compile(r"\blong(er)?\b.*\bbecause\b", re.IGNORECASE | re.DOTALL)  # "Longer than 40 lines because ..."
@@ -321,8 +326,9 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
     assert done.stdout.split() == []
 
 
-def test_importing_the_loop_loads_no_mujoco() -> None:
-    names = [f"trueup.{name}" for name in modules_of(SOURCE) if within(name, ("loop",))]
+@pytest.mark.parametrize("layer", NEVER_REACHES)
+def test_importing_what_knows_no_engine_loads_no_mujoco(layer: str) -> None:
+    names = [f"trueup.{name}" for name in modules_of(SOURCE) if within(name, (layer,))]
     code = f"import importlib, sys; [importlib.import_module(n) for n in {names}]; print('mujoco' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout.strip()) == (0, "False"), done.stderr

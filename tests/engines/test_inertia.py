@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from trueup.engines.mujoco.inertia import from_log_cholesky, log_cholesky, principal, pseudo_inertia
+from trueup.articulated.inertia import from_log_cholesky, log_cholesky, principal, pseudo_inertia
 
 anything = arrays(np.float64, 10, elements=st.floats(-2.0, 2.0))
 

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trueup.engines.mujoco.kernels import dead_band_command, delayed_commands, held_integral, own_delayed_command
+from trueup.articulated.kernels import dead_band_command, delayed_commands, held_integral, own_delayed_command
 
 
 def held(times: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:

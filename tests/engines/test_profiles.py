@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.articulated.kernels import limited_commands
 from trueup.campaign.assemble import calibrated, simulator_for
-from trueup.engines.mujoco.kernels import limited_commands
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.loop.calibrate import Options
 from trueup.recording import Channel, Recording

@@ -10,8 +10,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.articulated.inertia import COMPONENTS, from_log_cholesky, principal
 from trueup.engines.mujoco.floor_plane import FLOOR_KINDS, plane_of, turned
-from trueup.engines.mujoco.inertia import COMPONENTS, from_log_cholesky, log_cholesky_of_body, principal
+from trueup.engines.mujoco.inertia import log_cholesky_of_body
 from trueup.engines.mujoco.quantities import Quantity
 
 Array = NDArray[np.float64]

@@ -13,8 +13,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.articulated.inertia import COMPONENTS
 from trueup.engines.mujoco.floor_plane import FLOOR_FRICTION, plane_of
-from trueup.engines.mujoco.inertia import COMPONENTS, log_cholesky_of_body
+from trueup.engines.mujoco.inertia import log_cholesky_of_body
 from trueup.engines.mujoco.model import Model
 from trueup.errors import ModelError, unknown_name
 

@@ -12,14 +12,14 @@ import numpy as np
 from mujoco.batch import SimulationError
 from numpy.typing import NDArray
 
+from trueup.articulated.kernels import read_off
+from trueup.articulated.pose import angles_of, near
 from trueup.controllers.controller import ControllerFactory
-from trueup.engines.mujoco.base import angles_of, near
 from trueup.engines.mujoco.batches import Batches
 from trueup.engines.mujoco.engine_log import unlogged
 from trueup.engines.mujoco.fields import LIVE_KINDS, FromNominal, write_fields
 from trueup.engines.mujoco.floor_plane import FLOOR_KINDS
 from trueup.engines.mujoco.gains import Gains
-from trueup.engines.mujoco.kernels import read_off
 from trueup.engines.mujoco.model import Model, needs_shapes, prepared
 from trueup.engines.mujoco.quantities import Quantity, kind
 from trueup.engines.mujoco.signals import Signals

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.engines.mujoco.kernels import delayed_commands, held_integral, limited_commands
+from trueup.articulated.kernels import delayed_commands, held_integral, limited_commands
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.quantities import Quantity
 from trueup.engines.mujoco.wiring import actuators_of, control_of, joint_id, start_state

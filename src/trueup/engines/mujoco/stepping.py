@@ -10,14 +10,21 @@ from typing import Protocol
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
+from numba import cfunc
 from numpy.typing import NDArray
 
+from trueup.articulated.kernels import dead_band_command, own_delayed_command, stribeck_friction
 from trueup.controllers.controller import Controller, Observation
-from trueup.engines.mujoco.kernels import dead_band_command, own_delayed_command, stopped_clock, stribeck_friction
 from trueup.engines.mujoco.quantities import Quantity
 from trueup.engines.mujoco.signals import Signals
 
 Array = NDArray[np.float64]
+
+
+@cfunc("float64()", cache=True)
+def stopped_clock() -> float:
+    """Handed to MuJoCo in place of its profiling clock (see `unclocked`)."""
+    return 0.0
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import mujoco
 
-from trueup.engines.mujoco.base import in_angles
+from trueup.articulated.pose import in_angles
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.scales import of_slides, with_units
 from trueup.engines.mujoco.setup.servos import add_servos

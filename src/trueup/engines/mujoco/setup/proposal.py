@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from trueup.engines.mujoco.base import POSITION, free_joint
+from trueup.articulated.pose import POSITION
+from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.declarations import Declaration
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import Model

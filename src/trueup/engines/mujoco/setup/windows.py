@@ -10,8 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from trueup.articulated.pose import ANGLES, ORIENTATION, POSITION
 from trueup.calibration import Replay
-from trueup.engines.mujoco.base import ANGLES, ORIENTATION, POSITION, floating, free_joint
+from trueup.engines.mujoco.base import floating, free_joint
 from trueup.engines.mujoco.model import Model
 from trueup.recording import Channel, Recording, is_command, part_of
 

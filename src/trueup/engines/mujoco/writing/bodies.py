@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.engines.mujoco.inertia import principal
+from trueup.articulated.inertia import principal
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.reading.mjcf_text import MjcfText
 from trueup.engines.mujoco.writing.edits import Edits

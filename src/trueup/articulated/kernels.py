@@ -4,16 +4,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import cfunc, njit
+from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-
-
-@cfunc("float64()", cache=True)
-def stopped_clock() -> float:
-    """Handed to MuJoCo in place of its profiling clock (see `stepping.unclocked`)."""
-    return 0.0
 
 
 @njit(cache=True, nogil=True)

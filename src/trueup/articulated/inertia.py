@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Inertias that stay physical: log-Cholesky coordinates of the pseudo-inertia matrix.
+
+After C. Rucker and P. Wensing, "Smooth parameterization of rigid-body inertia", IEEE RA-L 7(2), 2022.
+J = U U^T with U upper triangular; every real vector of ten numbers is a body that can exist.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+COMPONENTS = ("alpha", "d1", "d2", "d3", "s12", "s23", "s13", "t1", "t2", "t3")
+"""alpha = ln(mass) / 2; t = centre of mass [m]; d and s shape the spread of mass about it."""
+
+
+def pseudo_inertia(mass: Array, com: Array, inertia: Array) -> Array:
+    """(..., 4, 4) from mass (...), CoM (..., 3) [m] and rotational inertia about the CoM (..., 3, 3) [kg m2]."""
+    trace = np.trace(inertia, axis1=-2, axis2=-1)[..., None, None]
+    spread = 0.5 * trace * np.eye(3) - inertia
+    moment = mass[..., None] * com
+    pseudo = np.zeros((*np.shape(mass), 4, 4))
+    pseudo[..., :3, :3] = spread + moment[..., :, None] * com[..., None, :]
+    pseudo[..., :3, 3] = pseudo[..., 3, :3] = moment
+    pseudo[..., 3, 3] = mass
+    return pseudo
+
+
+def log_cholesky(mass: float, com: Array, inertia: Array) -> Array:
+    """(10,) coordinates of a body, in the order of COMPONENTS. Inertia is about the CoM, (3, 3)."""
+    spread = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    # A rod or plate has no spread across: a millionth of the largest keeps the logarithms finite.
+    spread = spread + np.eye(3) * max(1e-6 * np.trace(spread), 1e-12)
+    flip = np.eye(3)[::-1]
+    upper = flip @ np.linalg.cholesky(flip @ spread @ flip) @ flip / np.sqrt(mass)
+    d = np.log(np.diag(upper))
+    scaled = (upper[0, 1], upper[1, 2], upper[0, 2])
+    return np.array([0.5 * np.log(mass), *d, *scaled, *com])
+
+
+def from_log_cholesky(theta: Array) -> tuple[Array, Array, Array]:
+    """Mass (...), CoM (..., 3) [m] and inertia about the CoM (..., 3, 3) [kg m2] of coordinates (..., 10)."""
+    mass = np.exp(2.0 * theta[..., 0])
+    upper = np.zeros((*theta.shape[:-1], 3, 3))
+    for i in range(3):
+        upper[..., i, i] = np.exp(theta[..., 1 + i])
+    upper[..., 0, 1], upper[..., 1, 2], upper[..., 0, 2] = theta[..., 4], theta[..., 5], theta[..., 6]
+    spread = mass[..., None, None] * (upper @ np.swapaxes(upper, -1, -2))
+    trace = np.trace(spread, axis1=-2, axis2=-1)[..., None, None]
+    return mass, theta[..., 7:10], trace * np.eye(3) - spread
+
+
+def principal(inertia: Array) -> tuple[Array, Array]:
+    """Principal moments (..., 3), largest first, and the rotation to them as quaternions w-x-y-z (..., 4)."""
+    moments, axes = np.linalg.eigh(inertia)
+    moments, axes = moments[..., ::-1], axes[..., ::-1]
+    axes = axes * np.where(np.linalg.det(axes) < 0, -1.0, 1.0)[..., None, None]
+    return moments, _quaternion(axes)
+
+
+def _quaternion(rotation: Array) -> Array:
+    """(..., 4) w-x-y-z of rotation matrices (..., 3, 3).
+
+    Four q q^T is linear in the matrix; of its rows the one with the largest diagonal divides by nothing small (Shepperd,
+    "Quaternion from rotation matrix", J. Guidance and Control 1(3), 1978).
+    """
+    m = np.moveaxis(rotation, (-2, -1), (0, 1))
+    outer = np.array([
+        [1 + m[0, 0] + m[1, 1] + m[2, 2], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
+        [m[2, 1] - m[1, 2], 1 + m[0, 0] - m[1, 1] - m[2, 2], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]],
+        [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], 1 - m[0, 0] + m[1, 1] - m[2, 2], m[1, 2] + m[2, 1]],
+        [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], 1 - m[0, 0] - m[1, 1] + m[2, 2]],
+    ])  # fmt: skip
+    rows = np.moveaxis(outer, (0, 1), (-2, -1))
+    largest = np.argmax(np.diagonal(rows, axis1=-2, axis2=-1), axis=-1)
+    row = np.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :]
+    return row / np.linalg.norm(row, axis=-1, keepdims=True)

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pose of a free base in recordings: its channels, and angles of quaternions and back."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.recording import Recording
+
+Array = NDArray[np.float64]
+
+POSITION, ORIENTATION = "base_position", "base_orientation"
+"""Channels: x, y, z in m; roll, pitch, yaw in rad (turned about the base's x first, then y, then z of the world)."""
+AXES, ANGLES, QUATERNION = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("w", "x", "y", "z")
+
+
+def in_angles(recording: Recording) -> Recording:
+    """The recording with its base's orientation as roll, pitch and yaw in rad that do not jump, whatever it was."""
+    if not recording.has(ORIENTATION):
+        return recording
+    channel = recording.channel(ORIENTATION)
+    if set(channel.labels) == set(QUATERNION):
+        values = angles_of(channel.select(QUATERNION).values)
+    elif set(channel.labels) == set(ANGLES):
+        values = channel.select(ANGLES).values
+    else:
+        return recording
+    return recording.with_channel(channel.replace(labels=ANGLES, unit="rad", values=_unwrapped(values)))
+
+
+def angles_of(quaternion: Array) -> Array:
+    """(..., 3) roll, pitch, yaw in rad of quaternions w, x, y, z (..., 4) of any length."""
+    w, x, y, z = np.moveaxis(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True), -1, 0)
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return np.stack([roll, pitch, yaw], axis=-1)
+
+
+def quaternion_of(angles: Array) -> Array:
+    """(4,) w, x, y, z of roll, pitch, yaw (3,) in rad."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(0.5 * angles), np.sin(0.5 * angles)
+    return np.array([
+        cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
+    ])  # fmt: skip
+
+
+def turning(angles: Array, rates: Array) -> Array:
+    """(3,) angular velocity about the base's own axes in rad/s, of roll, pitch, yaw (3,) and how fast they change."""
+    (sr, sp, _), (cr, cp, _) = np.sin(angles), np.cos(angles)
+    roll, pitch, yaw = rates
+    return np.array([roll - yaw * sp, pitch * cr + yaw * sr * cp, -pitch * sr + yaw * cr * cp])
+
+
+def near(angles: Array, measured: Array) -> Array:
+    """(b, T, 3) angles, each in the turn that is nearest to what was measured (T, 3); as they are where nothing was."""
+    away = np.where(np.isfinite(measured), measured, 0.0)
+    return np.where(np.isfinite(measured), away + (angles - away + np.pi) % (2.0 * np.pi) - np.pi, angles)
+
+
+def _unwrapped(angles: Array) -> Array:
+    out = np.array(angles)
+    for column in out.T:
+        good = np.isfinite(column)
+        column[good] = np.unwrap(column[good])
+    return out
