@@ -21,7 +21,7 @@ def pinocchio_seconds(samples: float) -> float:
     """CPU seconds of pinocchio's joint-torque regressor of a 6-joint arm, called for each of `samples`: what FIGAROH and
     FloBaRoID do for a log or an individual. Measured on `_SAMPLES` of them, the best of three.
     """
-    import pinocchio as pin
+    import pinocchio as pin  # pyright: ignore[reportMissingImports]
 
     model = in_pinocchio(arm())
     data, rng = model.createData(), np.random.default_rng(0)
