@@ -9,7 +9,6 @@ import tempfile
 from pathlib import Path
 
 from trueup.calibration import pooled_rmse
-from trueup.demo import model_path, record
 from trueup.engines.mujoco.declarations import declare
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
@@ -17,6 +16,7 @@ from trueup.engines.mujoco.setup.proposal import propose
 from trueup.formats import read
 from trueup.loop.calibrate import calibrate
 from trueup.report import write_report
+from trueup.studies.servo_arm.demo import model_path, record
 
 folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(tempfile.mkdtemp(prefix="arm-"))
 if len(sys.argv) == 1:

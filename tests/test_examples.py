@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from trueup.demo import record
+from trueup.studies.servo_arm.demo import record
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))

@@ -110,13 +110,12 @@ RULES = (
         ),
     ),
     Rule("studies", ANYTHING),  # an experiment put together by hand
-    Rule("demo", ANYTHING),  # one run of the whole, put together by hand
     Rule(
         "commands",
         ("report", "campaign", "identification.estimation.result", *NOUNS),
-        lazily=("demo", "loop", "identification", "excitation", "studies", "engines.simulator"),
+        lazily=("loop", "identification", "excitation", "studies", "engines.simulator"),
     ),
-    Rule("cli", ("report", "campaign"), lazily=("commands", "demo", "loop", *NOUNS)),
+    Rule("cli", ("report", "campaign"), lazily=("commands", "loop", *NOUNS)),
     Rule("testing", ("articulated", *BASES, *NOUNS)),  # contract checks, for those who extend it
     Rule("__init__", (), lazily=ANYTHING),  # public names, imported when used
 )

@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.controllers.playback import Playback
-from trueup.demo import model_path, motions
 from trueup.engines.mujoco.declarations import Declaration, declare
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.errors import UnknownNameError
 from trueup.recording import Channel, Recording
+from trueup.studies.servo_arm.demo import model_path, motions
 from trueup.testing import check_simulator
 from trueup.trial import Trial
 

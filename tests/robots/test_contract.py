@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trueup.demo import model_path
 from trueup.recording import Channel, Recording
 from trueup.robots.by_hand import ByHand
 from trueup.robots.stand_in import StandInArm
+from trueup.studies.servo_arm.demo import model_path
 from trueup.testing import check_robot
 from trueup.testing.broken import ContractBrokenError
 from trueup.trial import Observed, Trial

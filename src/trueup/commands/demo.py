@@ -43,7 +43,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
             console.print(escape(line), soft_wrap=True, highlight=False)
 
     if args.robot == "arm":
-        from trueup import demo
+        from trueup.studies.servo_arm import demo
 
         with Watcher(told, "rad", quiet=False) as watcher:
             calibration = demo.run(Path(args.out), say, watcher)

@@ -10,6 +10,16 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_SERIES = {
+    "forward": (0.24, 0.31), "mass": (40.0, 60.0), "yaw_inertia": (3.0, 5.0), "front_stiffness": (600.0, 1400.0),
+    "rear_stiffness": (800.0, 1600.0), "friction": (0.5, 0.8), "steering_delay": (0.08, 0.22),
+    "steering_lag": (0.05, 0.15), "steering_rate": (0.8, 2.0), "steering_slack": (0.01, 0.05),
+    "steering_scale": (0.88, 1.02), "steering_offset": (-0.03, 0.03), "speed_delay": (0.05, 0.25),
+    "speed_lag": (0.08, 0.25), "acceleration": (0.5, 1.0), "wheel_scale": (0.92, 0.98), "latency": (0.02, 0.08),
+    "position_noise": (0.003, 0.010), "heading_noise": (0.002, 0.008), "drift": (0.002, 0.010),
+}  # fmt: skip
+"""Between which ends the robots of the series differ, each in the unit of its field below; drawn in this order."""
+
 
 @dataclass(frozen=True)
 class VehicleTruth:
@@ -63,15 +73,8 @@ class VehicleTruth:
     @classmethod
     def drawn(cls, seed: int) -> VehicleTruth:
         """A robot of the series: one of as many as there are seeds."""
-        u = np.random.default_rng([seed, 20240711]).uniform
-        return cls(
-            forward=u(0.24, 0.31), mass=u(40.0, 60.0), yaw_inertia=u(3.0, 5.0), front_stiffness=u(600.0, 1400.0),
-            rear_stiffness=u(800.0, 1600.0), friction=u(0.5, 0.8), steering_delay=u(0.08, 0.22),
-            steering_lag=u(0.05, 0.15), steering_rate=u(0.8, 2.0), steering_slack=u(0.01, 0.05),
-            steering_scale=u(0.88, 1.02), steering_offset=u(-0.03, 0.03), speed_delay=u(0.05, 0.25),
-            speed_lag=u(0.08, 0.25), acceleration=u(0.5, 1.0), wheel_scale=u(0.92, 0.98), latency=u(0.02, 0.08),
-            position_noise=u(0.003, 0.010), heading_noise=u(0.002, 0.008), drift=u(0.002, 0.010),
-        )  # fmt: skip
+        uniform = np.random.default_rng([seed, 20240711]).uniform
+        return cls(**{name: uniform(*ends) for name, ends in _SERIES.items()})
 
     @property
     def row(self) -> Array:
