@@ -12,6 +12,10 @@ from trueup.errors import unknown_name
 _DEGREE = math.pi / 180.0
 _TURN = 2.0 * math.pi
 
+FURTHEST_TURN = 2.0 * _TURN
+"""rad. Joints of arms and legs stay within two turns of their zero, while 12.6 degrees are a small motion: angles that
+reach further are in degrees, or those of a motor before its gear."""
+
 _UNITS: Mapping[str, tuple[str, float, float]] = MappingProxyType(
     {
         "": ("", 1.0, 0.0),
@@ -37,10 +41,12 @@ _UNITS: Mapping[str, tuple[str, float, float]] = MappingProxyType(
         "cm": ("m", 1e-2, 0.0),
         "mm": ("m", 1e-3, 0.0),
         "um": ("m", 1e-6, 0.0),
+        "km": ("m", 1e3, 0.0),
         "m/s": ("m/s", 1.0, 0.0),
         "mm/s": ("m/s", 1e-3, 0.0),
         "cm/s": ("m/s", 1e-2, 0.0),
         "km/h": ("m/s", 1.0 / 3.6, 0.0),
+        "mph": ("m/s", 0.44704, 0.0),
         "m/s^2": ("m/s^2", 1.0, 0.0),
         "g0": ("m/s^2", 9.80665, 0.0),
         "kg": ("kg", 1.0, 0.0),
@@ -105,6 +111,8 @@ _SPELLINGS: Mapping[str, str] = MappingProxyType(
         "metre": "m",
         "meters": "m",
         "m/sec": "m/s",
+        "kmh": "km/h",
+        "kph": "km/h",
         "nm": "N m",
         "n·m": "N m",
         "n*m": "N m",
@@ -137,6 +145,11 @@ def to_si(unit: str) -> tuple[str, float, float]:
     if plain is None:
         raise unknown_name("unit", unit, [u for u in _UNITS if u], "the units known (for ticks or counts give a scale)")
     return _UNITS[plain]
+
+
+def hardly_radians(largest: float, reach: float = FURTHEST_TURN) -> bool:
+    """Whether angles are too large to be in rad: the `largest` of them is beyond the `reach` [rad] of what turns."""
+    return largest > reach
 
 
 def canonical(unit: str) -> str | None:

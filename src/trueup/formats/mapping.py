@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How columns become channels: a typed mapping that reads and writes a commented TOML file."""
+"""Which columns of files become which channels of a recording, as a commented TOML file that one reads and edits."""
 
 from __future__ import annotations
 
-import dataclasses
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,28 +10,70 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
-from trueup.errors import MappingError, TrueupError
-from trueup.formats.table import listing
-from trueup.units import to_si
+from trueup.errors import MappingError
+from trueup.formats import keys
+from trueup.formats.aside import written_aside
+from trueup.formats.keys import key
 
 Repair = Literal["", "sort", "drop"]
+
+_TITLE = """\
+# How the columns of your files become channels. Edit what is wrong, then pass it on: --mapping FILE
+# Units are those of the numbers in the file (rad, deg, rev, rad/s, deg/s, rpm, N m, A, mA, m, mm, V, ...);
+# everything is converted to SI. Keys that may be added to a channel:
+#   file = "state.csv"         the file or topic, where there are several
+#   labels = ["hip", "knee"]   one for each column, or for each number of a list
+#   scale = 0.00153            or one for each label; likewise offset = 0.0 and sign = -1
+#                              value = sign * (number * scale + offset), in unit
+#   width = 7                  a file with one number a line, 7 lines a sample
+#   time = "t2"                a second clock; with time_unit, and time_offset = seconds or "rows"
+#   rate = 1000.0              samples per second, where no column holds time
+"""
+_NO_TIME = "# rate = 1000.0  # Hz: no column of time was found; say how often samples were taken"
+_NO_REPAIR = '# repair = "sort"  # or "drop": rows that go back in time or repeat it'
+
+
+def _repair(value: Any, where: str) -> Repair:
+    if value not in ("", "sort", "drop"):
+        raise MappingError(f"{where}: '{value}' is unknown; choices are: 'sort', 'drop'")
+    return value
+
+
+def _signs(value: Any, where: str) -> tuple[float, ...]:
+    signs = keys.numbers(value, where)
+    if any(sign not in (1.0, -1.0) for sign in signs):
+        raise MappingError(
+            f"{where.rpartition(', ')[0]}: sign is {list(signs)}; each must be 1 or -1 (use scale for other factors)"
+        )
+    return signs
+
+
+def _columns(value: Any, where: str) -> tuple[str, ...]:
+    columns = keys.texts(value, where)
+    if not columns:
+        raise MappingError(f"{where.rpartition(', ')[0]}: 'columns' is empty; name the columns that hold this channel")
+    return columns
+
+
+def _offset(value: Any, where: str) -> float | Literal["rows"]:
+    return "rows" if value == "rows" else keys.number(value, where)
 
 
 @dataclass(frozen=True)
 class TimeColumn:
     """Where the time of the samples is: a column, or a constant rate."""
 
-    column: str = ""
-    """Name of the column that holds time; '' where there is none and `rate` counts."""
-    nanoseconds: str = ""
-    """A second column to add, for clocks written as seconds and nanoseconds."""
-    unit: str = ""
-    """s, ms, us, ns or min; '' lets name and size of the numbers decide."""
-    rate: float | None = None
-    """Samples per second, in Hz, where no column holds time."""
-    file: str = ""
+    file: str = key("", keys.text, comment="holds the time of all files")
     """The file that holds the time of all others; '' means that each has its own column of that name."""
-    repair: Repair = ""
+    column: str = key("", keys.text)
+    """Name of the column that holds time; '' where there is none and `rate` counts."""
+    nanoseconds: str = key("", keys.text, comment="added to the seconds")
+    """A second column to add, for clocks written as seconds and nanoseconds."""
+    rate: float | None = key(None, keys.rate, comment="Hz")
+    """Samples per second, in Hz, where no column holds time."""
+    unit: str = key("", keys.time_unit)
+    """s, ms, us, ns or min; '' lets name and size of the numbers decide."""
+    repair: Repair = key("", _repair, unset=_NO_REPAIR)  # noqa: RUF009 - a field
     """'sort' orders the rows by time, 'drop' leaves out the rows that go back; both drop repeated times."""
 
 
@@ -40,26 +81,28 @@ class TimeColumn:
 class ChannelColumns:
     """The columns of one channel: value = sign * (number * scale + offset), in `unit`, then converted to SI."""
 
-    columns: tuple[str, ...]
+    columns: tuple[str, ...] = field(metadata={"read": _columns, "comment": "", "unset": ""})
     """Names, patterns with * and ?, or one column whose cells are lists."""
-    file: str = ""
+    file: str = key("", keys.text)
     """File name or topic (* and ? allowed), where there are several."""
-    labels: tuple[str, ...] = ()
+    labels: tuple[str, ...] = key((), keys.texts)
     """One for each number of a sample, usually joints; () takes them from the names of the columns."""
-    unit: str = ""
+    unit: str = key("", keys.unit, unset='unit = ""  # unknown')
     """Unit of the numbers in the file, after scale and offset."""
-    scale: tuple[float, ...] = (1.0,)
+    scale: tuple[float, ...] = key((1.0,), keys.numbers)
     """One for all, or one for each label."""
-    offset: tuple[float, ...] = (0.0,)
-    sign: tuple[float, ...] = (1.0,)
-    width: int = 0
+    offset: tuple[float, ...] = key((0.0,), keys.numbers)
+    sign: tuple[float, ...] = key((1.0,), _signs)
+    width: int = key(0, keys.count, comment="one number a line")
     """Numbers per sample where a file has one number a line; 0 means that each line is a sample."""
-    time: str = ""
+    time: str = key("", keys.text, comment="its own clock")
     """A time column of this channel's own, for a second clock."""
-    time_unit: str = ""
-    time_offset: float | Literal["rows"] = 0.0
+    time_unit: str = key("", keys.time_unit)
+    time_offset: float | Literal["rows"] = key(
+        0.0, _offset, comment='s, added to the time; "rows": what stands in one row was written at one moment'
+    )
     """Added to that time, in s; "rows" estimates it, taking what stands in one row as written at one moment."""
-    rate: float | None = None
+    rate: float | None = key(None, keys.rate, comment="Hz")
     """Samples per second, in Hz, where this channel has no time column and not the rate of [time]."""
 
 
@@ -94,149 +137,40 @@ class ChannelMap:
     @staticmethod
     def from_dict(data: Mapping[str, Any], where: str = "mapping") -> ChannelMap:
         """The mapping in nested dicts, as TOML gives them. Raises MappingError for unknown keys and wrong kinds."""
-        _known(data, ("time", "channels", "joints"), where)
-        channels = _section(data.get("channels", {}), f"{where}, [channels]")
+        keys.known(data, ("time", "channels", "joints"), where)
+        channels = keys.section(data.get("channels", {}), f"{where}, [channels]")
         if not channels:
             raise MappingError(f'{where}: no channel is named; add [channels.position] with columns = ["..."]')
+        time = keys.from_table(TimeColumn, data.get("time", {}), f"{where}, [time]")
+        if time.column and time.rate is not None:
+            raise MappingError(f"{where}, [time]: both column and rate are given; keep one of them")
+        joints = keys.section(data.get("joints", {}), f"{where}, [joints]")
         return ChannelMap(
-            channels={name: _channel(entry, f"{where}, [channels.{name}]") for name, entry in channels.items()},
-            time=_time(data.get("time", {}), f"{where}, [time]"),
-            joints={
-                old: _text(new, f"{where}, [joints], {old}")
-                for old, new in _section(data.get("joints", {}), f"{where}, [joints]").items()
+            channels={
+                name: keys.from_table(ChannelColumns, entry, f"{where}, [channels.{name}]")
+                for name, entry in channels.items()
             },
+            time=time,
+            joints={old: keys.text(new, f"{where}, [joints], {old}") for old, new in joints.items()},
         )
 
     def to_toml(self) -> str:
-        """The mapping as commented TOML, for a user to edit."""
-        from trueup.formats.mapping_text import to_toml
-
-        return to_toml(self)
+        """The mapping as commented TOML, for a user to edit; `load` reads it back."""
+        lines = [_TITLE, *(f"# note: {_one_line(note)}" for note in self.notes), *([""] if self.notes else [])]
+        untimed = not (self.time.column or self.time.file) and self.time.rate is None
+        lines += ["[time]", *([_NO_TIME] if untimed else []), *keys.to_lines(self.time)]
+        for name, channel in self.channels.items():
+            lines += ["", f"[channels.{keys.name(name)}]", *keys.to_lines(channel)]
+        lines += ["", "# As in the file = as in the model:"]
+        lines += ["[joints]"] if self.joints else ["# [joints]", '# Rotation = "shoulder_pan"']
+        lines += [f"{keys.name(old)} = {keys.quoted(new)}" for old, new in self.joints.items()]
+        return "\n".join(lines) + "\n"
 
     def save(self, path: str | Path) -> None:
         """Writes the mapping as commented TOML. Raises OutputError where that fails."""
-        from trueup.formats.aside import written_aside
-
         with written_aside(Path(path)) as temporary:
             temporary.write_text(self.to_toml(), encoding="utf-8")
 
 
-def _channel(entry: Any, where: str) -> ChannelColumns:
-    data = _section(entry, where)
-    _known(data, [f.name for f in dataclasses.fields(ChannelColumns)], where)
-    if "columns" not in data:
-        raise MappingError(f"{where}: 'columns' is missing; name the columns that hold this channel")
-    result = ChannelColumns(
-        columns=_texts(data["columns"], f"{where}, columns"),
-        file=_text(data.get("file", ""), f"{where}, file"),
-        labels=_texts(data.get("labels", []), f"{where}, labels"),
-        unit=_unit(data.get("unit", ""), f"{where}, unit"),
-        scale=_numbers(data.get("scale", 1.0), f"{where}, scale"),
-        offset=_numbers(data.get("offset", 0.0), f"{where}, offset"),
-        sign=_numbers(data.get("sign", 1.0), f"{where}, sign"),
-        width=_width(data.get("width", 0), f"{where}, width"),
-        time=_text(data.get("time", ""), f"{where}, time"),
-        time_unit=_time_unit(data.get("time_unit", ""), f"{where}, time_unit"),
-        time_offset=_time_offset(data.get("time_offset", 0.0), f"{where}, time_offset"),
-        rate=_rate(data.get("rate"), f"{where}, rate"),
-    )
-    if not result.columns:
-        raise MappingError(f"{where}: 'columns' is empty; name the columns that hold this channel")
-    if any(sign not in (1.0, -1.0) for sign in result.sign):
-        raise MappingError(f"{where}: sign is {list(result.sign)}; each must be 1 or -1 (use scale for other factors)")
-    return result
-
-
-def _time(entry: Any, where: str) -> TimeColumn:
-    data = _section(entry, where)
-    _known(data, [f.name for f in dataclasses.fields(TimeColumn)], where)
-    result = TimeColumn(
-        column=_text(data.get("column", ""), f"{where}, column"),
-        nanoseconds=_text(data.get("nanoseconds", ""), f"{where}, nanoseconds"),
-        unit=_time_unit(data.get("unit", ""), f"{where}, unit"),
-        rate=_rate(data.get("rate"), f"{where}, rate"),
-        file=_text(data.get("file", ""), f"{where}, file"),
-        repair=_repair(data.get("repair", ""), f"{where}, repair"),
-    )
-    if result.column and result.rate is not None:
-        raise MappingError(f"{where}: both column and rate are given; keep one of them")
-    return result
-
-
-def _known(data: Mapping[str, Any], known: list[str] | tuple[str, ...], where: str) -> None:
-    for key in data:
-        if key not in known:
-            raise MappingError(f"{where}: unknown key '{key}'; keys are: {listing(sorted(known))}")
-
-
-def _section(value: Any, where: str) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise MappingError(f"{where}: {value!r} is not a table of keys")
-    return value
-
-
-def _text(value: Any, where: str) -> str:
-    if not isinstance(value, str):
-        raise MappingError(f"{where}: {value!r} is not a text in quotes")
-    return value
-
-
-def _texts(value: Any, where: str) -> tuple[str, ...]:
-    entries = [value] if isinstance(value, str) else value
-    if not isinstance(entries, (list, tuple)):
-        raise MappingError(f"{where}: {value!r} is not a list of texts")
-    return tuple(_text(entry, where) for entry in entries)
-
-
-def _number(value: Any, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e300:
-        raise MappingError(f"{where}: {value!r} is not a finite number")
-    return float(value)
-
-
-def _numbers(value: Any, where: str) -> tuple[float, ...]:
-    entries = value if isinstance(value, (list, tuple)) else [value]
-    if not entries:
-        raise MappingError(f"{where}: the list is empty; give one number, or one for each label")
-    return tuple(_number(entry, where) for entry in entries)
-
-
-def _width(value: Any, where: str) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise MappingError(f"{where}: {value!r} is not a number of columns (1, 2, ...)")
-    return value
-
-
-def _rate(value: Any, where: str) -> float | None:
-    if value is None:
-        return None
-    rate = _number(value, where)
-    if rate <= 0.0:
-        raise MappingError(f"{where}: {rate:g} Hz is not a positive rate")
-    return rate
-
-
-def _unit(value: Any, where: str) -> str:
-    unit = _text(value, where)
-    try:
-        to_si(unit)
-    except TrueupError as error:
-        raise MappingError(f"{where}: {error}") from None
-    return unit
-
-
-def _time_unit(value: Any, where: str) -> str:
-    unit = _unit(value, where)
-    if unit and to_si(unit)[0] != "s":
-        raise MappingError(f"{where}: '{unit}' is not a unit of time; give s, ms, us, ns or min")
-    return unit
-
-
-def _time_offset(value: Any, where: str) -> float | Literal["rows"]:
-    return "rows" if value == "rows" else _number(value, where)
-
-
-def _repair(value: Any, where: str) -> Repair:
-    if value not in ("", "sort", "drop"):
-        raise MappingError(f"{where}: '{value}' is unknown; choices are: 'sort', 'drop'")
-    return value
+def _one_line(text: str) -> str:
+    return "".join(c if c.isprintable() else " " for c in text)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from trueup.noise import estimate_noise
 from trueup.recording import Channel, Recording
+from trueup.units import FURTHEST_TURN
 
 Array = NDArray[np.float64]
 
-_LARGEST_ANGLE = 4.0 * math.pi  # rad; a joint beyond two turns is rare, 12.6 degrees are not
 _LARGEST_SPEED = 60.0  # rad/s, of a joint
 _LARGEST_CURRENT = 60.0  # A
 _LARGEST_TORQUE = 5e3  # N m
@@ -42,9 +42,9 @@ def suspicions(recording: Recording) -> Iterator[str]:
 
 def _too_large(recording: Recording) -> Iterator[str]:
     limits = {
-        "position": ("rad", _LARGEST_ANGLE, "degrees", "deg"),
-        "command": ("rad", _LARGEST_ANGLE, "degrees", "deg"),
-        "command_sent": ("rad", _LARGEST_ANGLE, "degrees", "deg"),
+        "position": ("rad", FURTHEST_TURN, "degrees", "deg"),
+        "command": ("rad", FURTHEST_TURN, "degrees", "deg"),
+        "command_sent": ("rad", FURTHEST_TURN, "degrees", "deg"),
         "velocity": ("rad/s", _LARGEST_SPEED, "degrees per second (or rpm)", "deg/s"),
         "current": ("A", _LARGEST_CURRENT, "milliamperes", "mA"),
         "torque": ("N m", _LARGEST_TORQUE, "thousandths of a newton metre", "mN m"),

@@ -11,8 +11,7 @@ from trueup.discrepancies.alignment import clock_errors
 from trueup.errors import CalibrationError
 from trueup.recording import Channel, Recording
 from trueup.trial import command_of
-
-_DEGREES = 6.5  # rad: beyond a full turn from zero a joint angle is more likely in degrees
+from trueup.units import hardly_radians
 
 
 def check(training: Sequence[Recording], held_out: Sequence[Recording]) -> list[str]:
@@ -58,11 +57,13 @@ def _units(recording: str, channel: Channel) -> list[str]:
     if channel.unit != "rad":
         return []
     largest = np.nanmax(np.abs(channel.values), axis=0, initial=0.0)
-    big = [f"{label} reaches {v:.4g}" for label, v in zip(channel.labels, largest, strict=True) if v > _DEGREES]
+    big = [
+        f"{label} reaches {v:.4g}" for label, v in zip(channel.labels, largest, strict=True) if hardly_radians(float(v))
+    ]
     if not big:
         return []
     return [
-        f"'{recording}', channel '{channel.name}': {', '.join(big)} rad, more than a full turn: are these degrees? "
+        f"'{recording}', channel '{channel.name}': {', '.join(big)} rad, more than two turns: are these degrees? "
         'then say unit = "deg" in the mapping'
     ]
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.motion import Log, Motion
 from trueup.identification.kinematic_tree import KinematicTree
+from trueup.units import FURTHEST_TURN
 
 Array = NDArray[np.float64]
 
@@ -23,7 +24,6 @@ _BETTER = 0.5
 _SLIGHTLY, _MUCH = 0.9, 0.1
 """The same where friction would drive joints with more than this share of their torque: chance does not do that."""
 _AS_GOOD = 1.1
-_TURNS = 4.0 * np.pi
 _TORQUE_FACTOR = 30.0
 """Times the torque limit of the model file that no drive delivers."""
 _STILL = 0.02
@@ -62,7 +62,7 @@ def _check_angles(log: Log, tree: KinematicTree) -> None:
     reached = np.where(turning, np.abs(log.position).max(axis=0), 0.0)
     allowed = np.fmax(np.fmax(np.abs(tree.lower), np.abs(tree.upper)), np.pi)
     worst = int(np.argmax(reached / np.fmax(allowed, np.pi)))
-    if reached[worst] > max(_TURNS, 1.5 * float(np.nan_to_num(allowed[worst], nan=_TURNS))):
+    if reached[worst] > max(FURTHEST_TURN, 1.5 * float(np.nan_to_num(allowed[worst], nan=FURTHEST_TURN))):
         raise IdentificationError(
             f"recording '{log.name}': {tree.joints[worst]} reaches {reached[worst]:.4g} rad. If these are degrees, say "
             'unit = "deg" for position in the mapping; if they are angles of motors before their gears, say so in a '

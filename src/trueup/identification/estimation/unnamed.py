@@ -18,6 +18,7 @@ from trueup.identification.estimation.motion import log_of
 from trueup.identification.estimation.quick import quick_fit
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.recording import Channel, Recording
+from trueup.units import hardly_radians
 
 Array = NDArray[np.float64]
 
@@ -29,7 +30,6 @@ _ALIKE = 0.97
 """Correlation from which one signal is another's rate of change."""
 _GAIN = 0.1
 """Logarithm of the ratio of their sizes up to which that is a speed in the same unit."""
-_TURNS = 4.0 * np.pi
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def _same_size(a: Array, b: Array) -> bool:
 def _channels(arm: KinematicTree, block: Channel, layout: _Layout) -> dict[str, Channel]:
     """Channels in SI; hinges that turn more than arms do are in degrees."""
     place, turning = block.values[:, list(layout.position)], ~np.asarray(arm.prismatic)
-    degrees = turning.any() and float(np.nanmax(np.abs(place[:, turning]))) > _TURNS
+    degrees = turning.any() and hardly_radians(float(np.nanmax(np.abs(place[:, turning]))))
     unit = np.where(turning & degrees, np.pi / 180.0, 1.0)
     made = {
         "position": Channel("position", arm.joints, "rad", block.time, unit * place),

@@ -13,12 +13,11 @@ from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.wiring import joint_id
 from trueup.recording import Channel, Recording
 from trueup.trial import COMMANDS
-from trueup.units import to_si
+from trueup.units import hardly_radians, to_si
 
 Array = NDArray[np.float64]
 
 _BEYOND = 0.2  # rad that a joint may be found beyond its range: zeros and ranges of models are not exact
-_RADIANS = 4.0 * np.pi  # as far as joints turn; larger numbers are no radians
 _LINEAR = {"rad": "m", "rad/s": "m/s", "N m": "N"}
 _FREE = 2.0 * np.pi  # rad: as far as joints without a range are taken to turn
 
@@ -32,7 +31,8 @@ def with_units(model: Model, recordings: Sequence[Recording]) -> tuple[list[Reco
     if not without:
         return list(recordings), []
     turned = [np.abs(_hinges(model, r.channel("position"))).ravel() for r in without]
-    if np.nanmax(np.concatenate(turned), initial=0.0) <= _RADIANS:  # only slides reach further: openings, travels
+    # Beyond that only slides reach: openings, travels.
+    if not hardly_radians(float(np.nanmax(np.concatenate(turned), initial=0.0))):
         return [_in_rad(model, r, 1.0) if r in without else r for r in recordings], []
     if not all(_within(model, r.channel("position")) for r in without):
         return list(recordings), []
