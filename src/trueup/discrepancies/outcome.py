@@ -10,10 +10,11 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.discrepancies.weighted import measured_at
+from trueup.discrepancies.discrepancy import Mask, measured_at
 from trueup.engines.simulator import Rollout
 from trueup.errors import RecordingError
 from trueup.recording import Recording
+from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
@@ -46,7 +47,7 @@ class Feature:
 
 
 class Outcome:
-    """A Discrepancy: differences of features over their units, at the front of the channel's residuals, then zeros."""
+    """A Discrepancy: differences of features over their units, at the front of the channel's residuals."""
 
     def __init__(self, features: Sequence[Feature]) -> None:
         """Raises RecordingError for a feature that does not exist."""
@@ -75,6 +76,15 @@ class Outcome:
             part[~np.isfinite(values).all(axis=(1, 2))] = np.nan
             parts.append(part)
         return np.concatenate(parts, axis=1)
+
+    def compared(self, real: Recording, trial: Trial) -> Mask:
+        """See Masked."""
+        parts = []
+        for name, o in trial.observed.items():
+            kinds = [f for f in self._features if f.channel == name]
+            each = (1 if f.kind == "length" else len(f.labels or o.labels) for f in kinds)
+            parts.append(np.arange(len(o.time) * len(o.labels)) < sum(each))
+        return np.concatenate(parts)
 
     def _differences(self, name: str, labels: tuple[str, ...], time: Array, measured: Array, simulated: Array) -> Array:
         """(b, f) simulated minus measured, in units."""

@@ -13,11 +13,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from trueup.discrepancies.discrepancy import Mask, measured_at
 from trueup.discrepancies.dtw import dtw, dtw_path
-from trueup.discrepancies.weighted import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.errors import RecordingError, unknown_name
 from trueup.recording import Recording
+from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
@@ -101,6 +102,18 @@ class PathShape:
             parts.append(part.reshape(len(values), -1))
         return np.concatenate(parts, axis=1)
 
+    def compared(self, real: Recording, trial: Trial) -> Mask:
+        """See Masked."""
+        parts = []
+        for name, o in trial.observed.items():
+            part = np.zeros((len(o.time), len(o.labels)), dtype=bool)
+            if name == "position":
+                columns = _plane(o.labels)
+                _, rows = self._points(measured_at(real, name, o.labels, o.time)[:, columns])
+                part[rows[:, None], columns] = True
+            parts.append(part.ravel())
+        return np.concatenate(parts)
+
     def losses(self, real: Array, simulated: Array) -> Array:
         """(b,) `path_loss` of simulated paths (b, T, 2) from a real one (n, 2); NaN where one is not finite."""
         losses = np.full(len(simulated), np.nan)
@@ -109,14 +122,16 @@ class PathShape:
                 losses[row] = path_loss(real, path, reading=self._reading, spacing=self._spacing, band=self._band)
         return losses
 
-    def _of_paths(self, measured: Array, simulated: Array) -> Array:
-        """(b, T, 2) with the residuals of the K points of the real path spread over T rows, zeros in between."""
-        known = measured[np.isfinite(measured).all(axis=1)]
-        p = _prepared(known, self._spacing)
-        samples = simulated.shape[1]
+    def _points(self, measured: Array) -> tuple[Array, NDArray[np.intp]]:
+        """(K, 2) points of the real path, and in which of the T rows of `measured` (T, 2) their residuals stand."""
+        p, samples = _prepared(measured[np.isfinite(measured).all(axis=1)], self._spacing), len(measured)
         if len(p) > samples:  # a coarse recording of a long path
             p = p[np.linspace(0, len(p) - 1, samples).round().astype(int)]
-        rows = np.linspace(0, samples - 1, len(p)).round().astype(int)
+        return p, np.linspace(0, samples - 1, len(p)).round().astype(int)
+
+    def _of_paths(self, measured: Array, simulated: Array) -> Array:
+        """(b, T, 2) with the residuals of the K points of the real path spread over T rows, nothing in between."""
+        p, rows = self._points(measured)
         found = np.zeros(simulated.shape)
         for row, path in enumerate(simulated):
             if not np.isfinite(path).all():

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.discrepancies.weighted import measured_at
+from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.recording import Recording
 
@@ -33,7 +33,6 @@ class Plain:
             observed = simulated.trial.observed[name]
             measured = measured_at(real, name, observed.labels, observed.time)
             difference = (values - measured) / self.scale(name, observed.labels)
-            difference[:, ~np.isfinite(measured)] = 0.0
             parts.append(difference.reshape(len(values), -1))
         return np.concatenate(parts, axis=1)
 

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.discrepancies.weighted import Weighted, measured_at
+from trueup.discrepancies.discrepancy import measured_at
+from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Rollout
 from trueup.recording import Recording
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.noise import estimate_noise
 from trueup.recording import Recording
@@ -57,12 +58,4 @@ class Weighted:
             observed = simulated.trial.observed[name]
             measured = measured_at(real, name, observed.labels, observed.time)
             parts.append(((values - measured) / self.scale(name, observed.labels)).reshape(len(values), -1))
-            parts[-1][:, ~np.isfinite(measured).ravel()] = 0.0
         return np.concatenate(parts, axis=1)
-
-
-def measured_at(real: Recording, channel: str, labels: tuple[str, ...], time: Array) -> Array:
-    """(T, k) measured samples at instants that are a subset of the channel's own; no interpolation."""
-    selected = real.channel(channel).select(labels)
-    where = np.searchsorted(selected.time, time - 1e-9)
-    return selected.values[np.minimum(where, len(selected.time) - 1)]

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from trueup.calibration import Calibration, CrossValidation, Estimate
 from trueup.controllers.controller import ControllerFactory
-from trueup.discrepancies.discrepancy import Discrepancy
-from trueup.discrepancies.weighted import Weighted, measured_at
+from trueup.discrepancies.discrepancy import Discrepancy, measured_at
+from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Simulator
 from trueup.errors import CalibrationError
 from trueup.loop.checks import check

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.controllers.controller import ControllerFactory
-from trueup.discrepancies.discrepancy import Discrepancy
+from trueup.discrepancies.discrepancy import Discrepancy, Mask, compared
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import CalibrationError, SimulationFailedError
 from trueup.recording import Recording
@@ -24,7 +24,7 @@ _MOST_RESIDUALS = 600_000
 
 @dataclass(frozen=True)
 class Segment:
-    """Where one channel of one recording lies in the residual vector: (T, k) flattened from `first` on."""
+    """Where one channel of one recording lies in the residual vector: what is compared of (T, k), flattened."""
 
     recording: int
     channel: str
@@ -34,20 +34,44 @@ class Segment:
     samples: int
     scale: Array
     """(k,) one unit of residual in `unit`."""
+    compared: Mask | None = None
+    """(T, k) which samples are compared; the others have no residual. None: all are."""
+
+    @property
+    def mask(self) -> Mask:
+        """(T, k) which samples are compared."""
+        return np.ones((self.samples, len(self.labels)), dtype=bool) if self.compared is None else self.compared
+
+    @property
+    def count(self) -> int:
+        """How many residuals it has."""
+        return self.samples * len(self.labels) if self.compared is None else int(self.compared.sum())
 
     @property
     def columns(self) -> slice:
         """Its part of the residual vector."""
-        return slice(self.first, self.first + self.samples * len(self.labels))
+        return slice(self.first, self.first + self.count)
+
+    @property
+    def units(self) -> Array:
+        """(count,) one unit of each residual, in `unit`."""
+        return np.broadcast_to(self.scale, (self.samples, len(self.labels)))[self.mask]
 
     def shaped(self, residual: Array) -> Array:
-        """(..., T, k) of a residual vector (..., m)."""
-        part = residual[..., self.columns]
-        return part.reshape(*part.shape[:-1], self.samples, len(self.labels))
+        """(..., T, k) of a residual vector (..., m), 0 at samples that are not compared (`mask` says which)."""
+        part, shape = residual[..., self.columns], (self.samples, len(self.labels))
+        if self.compared is None:
+            return part.reshape(*part.shape[:-1], *shape)
+        out = np.zeros((*part.shape[:-1], *shape))
+        out[..., self.compared] = part
+        return out
 
 
 class Problem:
-    """Residuals (b, m) of values (b, n): all candidates on all recordings in one rollout."""
+    """Residuals (b, m) of values (b, n): all candidates on all recordings in one rollout.
+
+    The m residuals are those of samples that were measured, as `segments` lay them out: a gap in a recording has none.
+    """
 
     def __init__(
         self, simulator: Simulator, recordings: Sequence[Recording], discrepancy: Discrepancy,
@@ -60,6 +84,7 @@ class Problem:
         self._wanted = channels
         self._offset: Array | None = None
         self.trials = _thinned([_trial(simulator, r, channels, longest) for r in recordings])
+        self._masks = [compared(discrepancy, r, t) for r, t in zip(self.recordings, self.trials, strict=True)]
         self.segments = self._segments()
 
     @property
@@ -86,6 +111,7 @@ class Problem:
         twin = object.__new__(Problem)
         twin.__dict__.update(self.__dict__)
         twin.trials, twin.recordings = [t for own in starts for t in own], self.recordings * len(starts)
+        twin._masks = self._masks * len(starts)
         twin.segments, twin._offset = twin._segments(), None
         return twin
 
@@ -111,9 +137,7 @@ class Problem:
     def residuals(self, values: Array, only: Sequence[int] | None = None) -> Array:
         """(b, m) noise-weighted residuals; a row is NaN where its simulation failed."""
         done = self.rollouts(np.atleast_2d(values), only)
-        which = range(len(self.trials)) if only is None else only
-        parts = [self.discrepancy.residual(self.recordings[k], r) for k, r in zip(which, done, strict=True)]
-        residuals = np.concatenate(parts, axis=1)
+        residuals = self._compared(done, range(len(self.trials)) if only is None else only)
         for rollout in done:
             residuals[list(rollout.failures)] = np.nan
         return residuals if self._offset is None or only is not None else residuals + self._offset
@@ -124,8 +148,14 @@ class Problem:
         reasons = [f"'{r.trial.name}': {why}" for r in done for why in r.failures.values()]
         if reasons:
             raise SimulationFailedError("the simulation fails at the start values: " + "; ".join(reasons))
-        parts = [self.discrepancy.residual(k, r) for k, r in zip(self.recordings, done, strict=True)]
-        return np.concatenate(parts, axis=1)[0]
+        return self._compared(done, range(len(self.trials)))[0]
+
+    def _compared(self, done: Sequence[Rollout], which: Sequence[int]) -> Array:
+        parts = []
+        for k, rollout in zip(which, done, strict=True):
+            part, mask = self.discrepancy.residual(self.recordings[k], rollout), self._masks[k]
+            parts.append(part if mask.all() else part[:, mask])
+        return np.concatenate(parts, axis=1)
 
     @property
     def main(self) -> tuple[str, str]:
@@ -140,9 +170,8 @@ class Problem:
         squares, count = 0.0, 0
         for segment in self.segments:
             if segment.channel == name and recording in (None, segment.recording):
-                part = segment.shaped(residual) * segment.scale
-                squares += float(np.sum(part**2))
-                count += int(np.count_nonzero(part))
+                squares += float(np.sum((residual[segment.columns] * segment.units) ** 2))
+                count += segment.count
         return float(np.sqrt(squares / max(count, 1)))
 
     def chance(self, residual: Array) -> float:
@@ -151,21 +180,27 @@ class Problem:
         """
         variances, lasting = [], []
         for segment in self.segments:
-            series = segment.shaped(residual)
-            variance = np.mean(series**2, axis=0)
-            alike = np.mean(series[1:] * series[:-1], axis=0) / np.maximum(variance, 1e-300)
-            variances += variance.tolist()
-            lasting += ((1.0 + np.clip(alike, 0.0, 0.99)) / (1.0 - np.clip(alike, 0.0, 0.99))).tolist()
+            series, mask = segment.shaped(residual), segment.mask
+            variance = np.sum(series**2, axis=0) / np.maximum(mask.sum(axis=0), 1)
+            both = np.maximum((mask[1:] & mask[:-1]).sum(axis=0), 1)
+            alike = np.sum(series[1:] * series[:-1], axis=0) / both / np.maximum(variance, 1e-300)
+            some = mask.any(axis=0)
+            variances += variance[some].tolist()
+            lasting += ((1.0 + np.clip(alike, 0.0, 0.99)) / (1.0 - np.clip(alike, 0.0, 0.99)))[some].tolist()
         return 0.5 * float(np.mean(variances)) * float(np.median(lasting))
 
     def _segments(self) -> tuple[Segment, ...]:
-        found, first = [], 0
+        segments, first = [], 0
         for k, trial in enumerate(self.trials):
+            at = 0
             for name, o in trial.observed.items():
+                size = len(o.time) * len(o.labels)
+                mask = self._masks[k][at : at + size].reshape(len(o.time), -1)
                 scale = self.discrepancy.scale(name, o.labels)
-                found.append(Segment(k, name, o.labels, o.unit, first, len(o.time), scale))
-                first += len(o.time) * len(o.labels)
-        return tuple(found)
+                given = None if mask.all() else mask
+                segments.append(Segment(k, name, o.labels, o.unit, first, len(o.time), scale, given))
+                first, at = segments[-1].columns.stop, at + size
+        return tuple(segments)
 
 
 def _trial(simulator: Simulator, recording: Recording, channels: Sequence[str] | None, longest: float | None) -> Trial:

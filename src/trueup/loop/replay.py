@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from trueup.calibration import Replay
 from trueup.controllers.controller import ControllerFactory
-from trueup.discrepancies.discrepancy import Discrepancy
-from trueup.discrepancies.weighted import Weighted, measured_at
+from trueup.discrepancies.discrepancy import Discrepancy, measured_at
+from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Simulator
 from trueup.errors import SimulationFailedError, TrueupError
 from trueup.loop.problem import Problem

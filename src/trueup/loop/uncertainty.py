@@ -27,11 +27,11 @@ def unit_covariance(problem: Problem, fit: Fit) -> Array:
     curvature = fit.jacobian.T @ jacobian
     spread = np.zeros_like(curvature)
     for segment in problem.segments:
-        slopes = jacobian[segment.columns].reshape(segment.samples, len(segment.labels), -1)
+        slopes = segment.shaped(jacobian.T)
         errors = segment.shaped(fit.residual)
         counts = segment.shaped(fit.weights)
         for j in range(len(segment.labels)):
-            spread += _series(slopes[:, j], errors[:, j], counts[:, j])
+            spread += _series(slopes[:, :, j].T, errors[:, j], counts[:, j], segment.mask[:, j])
     size = max(float(np.trace(spread)) / max(float(np.trace(curvature)), 1e-300), 1e-12)
     inverse = np.linalg.inv(curvature + size * PRIOR * np.eye(len(curvature)))
     covariance = inverse @ (spread + size**2 * PRIOR * np.eye(len(curvature))) @ inverse
@@ -54,13 +54,14 @@ def intervals(fit: Fit, covariance: Array) -> tuple[Array, Array]:
     return low, high
 
 
-def _series(slopes: Array, errors: Array, weights: Array) -> Array:
-    """(n, n) variance of sum(slopes * errors) for one series (T, n), (T,), with the errors' own autocorrelation."""
-    given = errors != 0.0
+def _series(slopes: Array, errors: Array, weights: Array, given: NDArray[np.bool_]) -> Array:
+    """(n, n) variance of sum(slopes * errors) for one series (T, n), (T,), with the errors' own autocorrelation.
+
+    Where nothing was measured (not `given`, (T,)) slopes and errors are 0.
+    """
     if int(given.sum()) < 3:
         return np.zeros((slopes.shape[1], slopes.shape[1]))
-    shown = errors * weights
-    autocovariance = _autocovariance(shown[given] if given.all() else shown)
+    autocovariance = _autocovariance(errors * weights, given)
     autocovariance /= max(float(np.mean(weights[given] ** 2)), 1e-12)
     if len(autocovariance) == 1:
         return autocovariance[0] * (slopes.T @ slopes)
@@ -72,13 +73,18 @@ def _series(slopes: Array, errors: Array, weights: Array) -> Array:
     return 0.5 * (found + found.T)
 
 
-def _autocovariance(errors: Array) -> Array:
-    """(lags,) autocovariance until it is lost in its own noise, tapered so that it stays a covariance."""
+def _autocovariance(errors: Array, given: NDArray[np.bool_]) -> Array:
+    """(lags,) autocovariance until it is lost in its own noise, tapered so that it stays a covariance.
+
+    Each lag is the mean over the pairs of samples that were measured (E. Parzen, Sankhya A 25, 1963), of which there are
+    at most n - lag.
+    """
     n = len(errors)
-    size = 1 << int(np.ceil(np.log2(2 * n)))
-    spectrum = np.abs(np.fft.rfft(errors, size)) ** 2
-    full = np.fft.irfft(spectrum, size)[: max(n // 4, 1)] / n
-    noise = 2.0 * full[0] / np.sqrt(n)
+    lags = max(n // 4, 1)
+    full = _lagged(errors, lags) / n
+    if not given.all():
+        full *= (n - np.arange(lags)) / np.maximum(_lagged(given.astype(np.float64), lags), 0.5)
+    noise = 2.0 * full[0] / np.sqrt(given.sum())
     # The first lag that is lost in noise ends it: white residuals keep lag zero only.
     below = np.flatnonzero(np.abs(full) < noise)
     lags = int(below[0]) if len(below) else len(full)
@@ -86,3 +92,9 @@ def _autocovariance(errors: Array) -> Array:
         return full[:1]
     reach = min(2 * lags, len(full))
     return full[:reach] * (1.0 - np.arange(reach) / reach)
+
+
+def _lagged(series: Array, lags: int) -> Array:
+    """(lags,) sums of products of a series (n,) with itself, shifted."""
+    size = 1 << int(np.ceil(np.log2(2 * len(series))))
+    return np.fft.irfft(np.abs(np.fft.rfft(series, size)) ** 2, size)[:lags]

@@ -64,10 +64,9 @@ def left_out_errors(problem: Problem, fit: Fit, variants: list[Array | None]) ->
         scales, offset = [], 0
         for segment in problem.segments:
             if segment.recording == r:
-                stop = offset + segment.samples * len(segment.labels)
-                if segment.channel == problem.main[0]:
-                    part = residuals[:, offset:stop].reshape(len(rows), segment.samples, -1) * segment.scale
-                    scales.append(np.mean(part**2, axis=(1, 2)))
+                stop = offset + segment.count
+                if segment.channel == problem.main[0] and segment.count:
+                    scales.append(np.mean((residuals[:, offset:stop] * segment.units) ** 2, axis=1))
                 offset = stop
         if scales:
             errors[:, r] = np.sqrt(np.mean(scales, axis=0))

@@ -173,7 +173,7 @@ class LeastSquares:
 
     def _bend_and_lowest(self, base: Array) -> None:
         """Sets the robust loss by the residuals at hand, and what is lowest by that loss."""
-        scale = 1.4826 * float(np.median(np.abs(base[base != 0]))) if np.any(base) else 1.0
+        scale = 1.4826 * float(np.median(np.abs(base)))
         self.delta = self.robust * max(scale, 1.0)
         self.loss = float(robust_losses(base[None], self.delta)[0])
         if self._lowest is not None:

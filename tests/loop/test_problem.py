@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Residuals are those of samples that were measured: a gap in a recording has none, a perfect replay has zeros."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trueup.discrepancies.outcome import Feature, Outcome
+from trueup.discrepancies.path_shape import PathShape
+from trueup.discrepancies.plain import Plain
+from trueup.engines.simulator import Rollout, Simulator
+from trueup.loop.descent import Fit
+from trueup.loop.problem import Problem
+from trueup.loop.uncertainty import unit_covariance
+from trueup.parameters import Parameter, ParameterSpace
+from trueup.recording import Channel, Recording
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+Formula = Callable[[Callable[[Array, Array, float], Array], ParameterSpace], Simulator]
+SPACE = ParameterSpace((Parameter("a", "", 1.0, 0.0, 2.0), Parameter("b", "", 0.0, -1.0, 1.0)))
+TIME = np.linspace(0.0, 4.0, 401)
+
+
+def line(time: Array, values: Array, step: float) -> Array:
+    return values[0] * time + values[1]
+
+
+def recording(values: Array, name: str = "r") -> Recording:
+    return Recording(name, {"position": Channel("position", ("x",), "m", TIME, values[:, None])})
+
+
+def test_an_error_is_that_of_the_samples_that_were_measured(formula: Formula) -> None:
+    values = TIME + 0.1
+    values[100:300] = np.nan
+    problem = Problem(formula(line, SPACE), [recording(values)], Plain())
+    residual = problem.residuals(SPACE.nominal[None])[0]
+    assert residual.shape == (201,)
+    assert problem.rmse(residual) == pytest.approx(0.1)
+
+
+def test_samples_that_are_replayed_exactly_count(formula: Formula) -> None:
+    values = np.where(np.arange(len(TIME)) % 2 == 0, TIME, TIME + 0.1)
+    problem = Problem(formula(line, SPACE), [recording(values)], Plain())
+    residual = problem.residuals(SPACE.nominal[None])[0]
+    assert problem.rmse(residual) == pytest.approx(0.1 / np.sqrt(2.0), rel=1e-2)
+    assert problem.rmse(np.zeros_like(residual)) == 0.0
+
+
+def test_a_gap_changes_intervals_by_what_is_missing_and_not_by_how_it_is_kept(formula: Formula) -> None:
+    """Half of the samples gone from white noise: variances double, whether the gap is in the file or not."""
+    noise = np.random.default_rng(0).standard_normal(len(TIME))
+    simulator = formula(line, SPACE)
+    spread = []
+    for missing in ([], np.arange(0, len(TIME), 2)):
+        values = TIME + noise
+        values[missing] = np.nan
+        problem = Problem(simulator, [recording(values)], Plain())
+        rows = SPACE.nominal + np.array([[0.0, 0.0], [2e-3, 0.0], [0.0, 2e-3]])
+        residuals = problem.residuals(rows)
+        slopes = (residuals[1:] - residuals[0]).T / 1e-3
+        fit = Fit(SPACE, np.full(2, 0.5), residuals[0], slopes, np.ones(len(slopes)), "")
+        spread.append(np.sqrt(np.diag(unit_covariance(problem, fit))))
+    assert np.allclose(spread[1] / spread[0], np.sqrt(2.0), rtol=0.15)
+
+
+def test_a_channel_without_a_single_sample_says_nothing(formula: Formula) -> None:
+    simulator, full = formula(line, SPACE), recording(TIME + 0.1)
+    problem = Problem(simulator, [full, recording(np.full(len(TIME), np.nan), "empty")], Plain())
+    alone = Problem(simulator, [full], Plain())
+    residual = problem.residuals(SPACE.nominal[None])[0]
+    assert np.array_equal(residual, alone.residuals(SPACE.nominal[None])[0])
+    assert problem.chance(residual) == alone.chance(residual)
+
+
+@pytest.mark.parametrize(
+    "measure", [Outcome([Feature("position", "last"), Feature("position", "length")]), PathShape(spacing=0.1)]
+)
+def test_discrepancies_that_do_not_compare_sample_by_sample_say_what_they_compare(measure: Outcome | PathShape) -> None:
+    path = np.stack([TIME, 0.1 * TIME], axis=1)
+    real = Recording("r", {"position": Channel("position", ("x", "y"), "m", TIME, path)})
+    trial = Trial.of(real)
+    mask = measure.compared(real, trial)
+    residual = measure.residual(real, Rollout(trial, {"position": path[None] + [0.3, 0.2]}, {}))
+    assert mask.shape == residual.shape[1:]
+    assert 0 < mask.sum() < mask.size
+    assert not residual[0, ~mask].any()
+    assert np.abs(residual[0, mask]).max() > 0.0
