@@ -25,9 +25,12 @@ from trueup.loop.calibrate import Options, calibrate
 Array = NDArray[np.float64]
 
 
-def fit(problem: ArmProblem, start: Array | None = None) -> tuple[Calibration, float, float]:
-    """Our calibration, its CPU seconds and wall seconds, model loading included; `start` (30,) instead of nominal."""
-    wall, cpu = time.perf_counter(), time.process_time()
+OPTIONS = Options(select=False, cross_validate=False, robust=float("inf"), channels=("position", "velocity", "torque"))
+"""All parameters are wanted, from all that was measured."""
+
+
+def declared(problem: ArmProblem, start: Array | None = None) -> MujocoSimulator:
+    """The arm's simulator; `start` (30,) in place of the nominal values."""
     model = load(problem.model)
     given = problem.nominal if start is None else start
     lines = [
@@ -35,12 +38,13 @@ def fit(problem: ArmProblem, start: Array | None = None) -> tuple[Calibration, f
                     lower=p.lower, upper=p.upper)
         for p, v in zip(problem.parameters, given, strict=True)
     ]  # fmt: skip
-    space, quantities = declare(model, lines)
-    simulator = MujocoSimulator(model, space, quantities)
-    options = Options(
-        select=False, cross_validate=False, robust=float("inf"), channels=("position", "velocity", "torque")
-    )
-    found = calibrate(simulator, problem.training, options=options)
+    return MujocoSimulator(model, *declare(model, lines))
+
+
+def fit(problem: ArmProblem, start: Array | None = None) -> tuple[Calibration, float, float]:
+    """Our calibration, its CPU seconds and wall seconds, model loading included; `start` (30,) instead of nominal."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    found = calibrate(declared(problem, start), problem.training, options=OPTIONS)
     return found, time.process_time() - cpu, time.perf_counter() - wall
 
 

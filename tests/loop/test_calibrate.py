@@ -17,7 +17,7 @@ from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.errors import CalibrationError
 from trueup.loop.calibrate import Options, calibrate
-from trueup.loop.fit import Watch, fit
+from trueup.loop.fit import DESCENT, Watch, fit
 from trueup.loop.problem import Problem
 from trueup.recording import Channel, Recording
 
@@ -107,7 +107,7 @@ def test_starts_on_bounds_and_far_off_reach_the_optimum(
     for i in range(8):
         far = truth * 10.0 ** rng.choice([-1, 1], 8) if i % 2 else space.from_unit(rng.integers(0, 2, 8).astype(float))
         start = space.from_unit(np.clip(space.to_unit(far), 0.0, 1.0))
-        found = fit(problem, space, start, Watch(), search="gradient")
+        found = fit(problem, space, start, Watch(), stages=DESCENT)
         reached += bool(np.allclose(found.values, truth, rtol=0.05))
     assert reached >= 7
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Simulator
-from trueup.loop.descent import Descent, Stage, Watch, last_look
-from trueup.loop.fit import fit
+from trueup.loop.descent import Descent, Look, Watch, last_look
+from trueup.loop.fit import DESCENT, SEARCHES, fit
 from trueup.loop.hopping import hopped
 from trueup.loop.problem import Problem
 from trueup.loop.selection import choose
@@ -52,7 +52,7 @@ def ridge(time: Array, values: Array, step: float) -> Array:
 
 def test_a_valley_that_ends_at_a_bound_is_left_for_the_one_behind_the_ridge(formula: Make) -> None:
     problem = problem_of(formula(ridge, SPACE))
-    stuck = fit(problem, SPACE, SPACE.nominal, Watch(), search="gradient")
+    stuck = fit(problem, SPACE, SPACE.nominal, Watch(), stages=DESCENT)
     assert stuck.values[1] == pytest.approx(0.1, abs=1e-3)
     found = fit(problem, SPACE, SPACE.nominal, Watch())
     np.testing.assert_allclose(found.values, TRUTH, rtol=0.02)
@@ -67,21 +67,21 @@ def cracked(time: Array, values: Array, step: float) -> Array:
 
 def test_a_crack_that_only_the_coarse_step_has_does_not_end_the_search(formula: Make) -> None:
     problem = problem_of(formula(cracked, SPACE))
-    stage = Stage("all", problem, problem.at_step(0.025), 0.05, 20)
+    look = Look("all", problem, problem.at_step(0.025), 0.05, 20)
     run = Descent(SPACE, np.clip(SPACE.to_unit([2.0, 0.2193]), 0, 1), Watch(), 3.0)
-    run.polish(stage)
-    np.testing.assert_allclose(run.finished(stage).values, TRUTH, rtol=1e-3)
+    run.polish(look)
+    np.testing.assert_allclose(run.finished(look).values, TRUTH, rtol=1e-3)
 
 
 @pytest.mark.parametrize("search", ["cma-es", "hybrid"])
 def test_an_interrupted_evolution_goes_on_without_simulating_anew_what_it_had(search: str, formula: Make) -> None:
     states: list[dict[str, Any]] = []
     whole = problem_of(formula(ridge, SPACE))
-    found = fit(whole, SPACE, SPACE.nominal, Watch(checkpoint=states.append), search=search)
+    found = fit(whole, SPACE, SPACE.nominal, Watch(checkpoint=states.append), stages=SEARCHES[search])
     evolving = [s for s in states if s["stage"] == "cma-es"]
     half = json.loads(json.dumps(evolving[len(evolving) // 2]))
     rest = problem_of(formula(ridge, SPACE))
-    again = fit(rest, SPACE, SPACE.nominal, Watch(), search=search, resume=half)
+    again = fit(rest, SPACE, SPACE.nominal, Watch(), stages=SEARCHES[search], resume=half)
     np.testing.assert_array_equal(again.values, found.values)
     assert rest.evaluations == whole.evaluations - sum(len(told) for told in half["search"]["told"])
 
@@ -113,7 +113,7 @@ def test_a_narrow_valley_in_a_plateau_is_found_where_parameters_are_few(formula:
     ))  # fmt: skip
     truth = np.array([1.3, 0.478])
     problem = problem_of(formula(sticks, space), truth)
-    assert fit(problem, space, space.nominal, Watch(), search="gradient").values[1] > 1.0
+    assert fit(problem, space, space.nominal, Watch(), stages=DESCENT).values[1] > 1.0
     np.testing.assert_allclose(fit(problem, space, space.nominal, Watch()).values, truth, rtol=0.02)
 
 

@@ -11,7 +11,7 @@ from trueup.discrepancies.rigid import RigidlyAligned
 from trueup.engines.bicycle import BETAS, BicycleSimulator, Vehicle, vehicle_space
 from trueup.engines.bicycle.windows import windows
 from trueup.loop.calibrate import Options, calibrate
-from trueup.loop.fit import Watch, fit
+from trueup.loop.fit import DESCENT, Watch, fit
 from trueup.loop.problem import Problem
 from trueup.loop.wide import widened
 from trueup.recording import Channel, Recording
@@ -61,7 +61,7 @@ def test_looking_wider_never_leads_up() -> None:
     pieces, _ = driven(1)
     problem = Problem(SIMULATOR, pieces, RigidlyAligned.estimated(pieces, CHANNELS), CHANNELS)
     space = SIMULATOR.parameters
-    before = fit(problem, space, space.nominal, Watch(), search="gradient")
+    before = fit(problem, space, space.nominal, Watch(), stages=DESCENT)
     after = widened(problem, before)
     seen = problem.residuals(np.stack([before.values, after.values]))
     old, new = robust_losses(seen, before.bend)

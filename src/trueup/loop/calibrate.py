@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,19 +18,16 @@ from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Simulator
 from trueup.errors import CalibrationError
 from trueup.loop.checks import check
-from trueup.loop.fit import Checkpoint, Fit, Progress, Watch, fit
-from trueup.loop.hopping import hopped
+from trueup.loop.fit import Checkpoint, Fit, Progress, Stage, Watch, fit, searched_by
 from trueup.loop.identifiability import unseen_directions, verdicts
-from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
 from trueup.loop.replay import replays
 from trueup.loop.selection import Choice, choose
-from trueup.loop.starts import with_start_scatter
 from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.validate import left_out_errors
-from trueup.loop.wide import widened
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
+from trueup.search.least_squares import LeastSquares
 
 Array = NDArray[np.float64]
 
@@ -50,6 +47,10 @@ class Options:
     velocities repeat positions, and torques are often currents of unknown scale, so both wait to be asked for."""
     seed: int = 0
     cross_validate: bool = True
+    stages: tuple[Stage, ...] | None = None
+    """What the search does, one thing after the other (`trueup.loop.fit.STAGES`), in place of `search`."""
+    solver: Callable[..., LeastSquares] = LeastSquares
+    """Makes the least squares that every look at the recordings is solved by."""
 
 
 def calibrate(
@@ -78,9 +79,6 @@ def calibrate(
     found = fit(
         problem, space, space.nominal if start is None else start, watch, resume=resume, select=select, **_how(chosen)
     )
-    rng = np.random.default_rng(chosen.seed)
-    watch.saw("around the optimum", problem, found.loss, problem.rmse(found.residual))
-    found = _looked_around(problem, found, chosen, rng)
     watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
     cross = chosen.cross_validate and len(recordings) > 1
     return Calibration(
@@ -105,17 +103,9 @@ def _searched(space: ParameterSpace, resume: dict[str, Any] | None) -> tuple[Par
     return left, not np.array_equal(left.free, space.free)
 
 
-def _looked_around(problem: Problem, found: Fit, chosen: Options, rng: np.random.Generator) -> Fit:
-    """The fit, or a lower one that slopes do not lead to, and how unsure it is where slopes do not tell."""
-    found = widened(problem, found, chosen.seed, chosen.robust)
-    other = hopped(problem, found, rng, chosen.robust)
-    if other is not found:
-        found = widened(problem, other, chosen.seed, chosen.robust)
-    return with_start_scatter(problem, probed(problem, found, rng), rng)
-
-
 def _how(options: Options) -> dict[str, Any]:
-    return {"search": options.search, "robust": options.robust, "seed": options.seed}
+    stages = options.stages or searched_by(options.search)
+    return {"stages": stages, "robust": options.robust, "seed": options.seed, "solver": options.solver}
 
 
 def usual(channels: Sequence[str]) -> tuple[str, ...]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Least squares through stages, from a first look at the recordings to all of them at the full step."""
+"""Least squares through looks, from a first look at the recordings to all of them at the full step."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class Watch:
 
 
 @dataclass(frozen=True)
-class Stage:
+class Look:
     """One look at the recordings. A first look may end early, the last must not."""
 
     name: str
@@ -112,47 +112,48 @@ class Stage:
         return residuals
 
 
-def last_look(problem: Problem, cheap: Problem) -> Stage:
+def last_look(problem: Problem, cheap: Problem) -> Look:
     """At everything, to the end."""
-    return Stage("all, full step", problem, cheap, 0.05, 20)
+    return Look("all, full step", problem, cheap, 0.05, 20)
 
 
 @dataclass
 class Descent:
-    """Goes through the stages with least squares; what one stage has learned starts the next."""
+    """Goes through the looks with least squares; what one has learned starts the next."""
 
     space: ParameterSpace
     point: Array
     watch: Watch
     robust: float
     search: LeastSquares | None = None
+    solver: Callable[..., LeastSquares] = LeastSquares
     near: Problem | None = None
-    """What the last stage solved: cheaper than its problem, at the level of it."""
+    """What the last look solved: cheaper than its problem, at the level of it."""
     _slopes: Array | None = None
-    """(m, n_free) already taken at the point for the next stage."""
+    """(m, n_free) already taken at the point for the next look."""
 
     def descend(
-        self, stage: Stage, nudge: float = 0.0, saved: dict[str, Any] | None = None, *, confirm: bool = True,
+        self, look: Look, nudge: float = 0.0, saved: dict[str, Any] | None = None, *, confirm: bool = True,
         impatient: bool = False,
     ) -> LeastSquares:  # fmt: skip
-        """Least squares on one stage, to its end; the last one takes slopes there, to `confirm`."""
-        search, self.near = self._begun(stage, nudge, confirm), None
+        """Least squares on one look, to its end; the last one takes slopes there, to `confirm`."""
+        search, self.near = self._begun(look, nudge, confirm), None
         search.impatient = impatient
         if saved is not None:
             search.resume(saved)
         elif self._slopes is not None:
-            search.adopt(self._slopes, self._residual(stage.problem))
+            search.adopt(self._slopes, self._residual(look.problem))
         self._slopes = None
         while not search.done:
             candidates = search.ask()
             if search.jacobian is None:
-                search.tell(candidates, stage.columns(self.space, candidates))
+                search.tell(candidates, look.columns(self.space, candidates))
             else:
-                search.tell(candidates, stage.problem.residuals(self.space.from_unit(candidates)))
+                search.tell(candidates, look.problem.residuals(self.space.from_unit(candidates)))
             if search.jacobian is not None and search.residual is not None:
-                self.watch.saw(stage.name, stage.problem, search.loss, stage.problem.rmse(search.residual))
+                self.watch.saw(look.name, look.problem, search.loss, look.problem.rmse(search.residual))
             else:
-                self.watch.save(stage.name, self.space, search.state())
+                self.watch.save(look.name, self.space, search.state())
         self.search, self.point = search, search.point
         return search
 
@@ -160,18 +161,18 @@ class Descent:
         """Forgets all that was learned, and goes on from `point` (n_free,)."""
         self.point, self.search, self.near, self._slopes = point, None, None, None
 
-    def polish(self, stage: Stage) -> LeastSquares:
-        """The last stage where slopes come from a cheaper problem. The cheaper one is solved at the level of the real one,
+    def polish(self, look: Look) -> LeastSquares:
+        """The last look where slopes come from a cheaper problem. The cheaper one is solved at the level of the real one,
         which is looked at again where that ends: one simulation of the real problem each time round.
         """
-        begun, fine = self.point, self._residual(stage.problem)
+        begun, fine = self.point, self._residual(look.problem)
         for left in reversed(range(_ROUNDS)):
             confirm = left == _ROUNDS - 1
-            near = self._level(stage.cheap, fine)
+            near = self._level(look.cheap, fine)
             if near is None:
-                return self.descend(replace(stage, cheap=stage.problem))
-            search = self.descend(replace(stage, problem=near, cheap=near), confirm=confirm, impatient=True)
-            before, fine = fine, self._residual(stage.problem)
+                return self.descend(replace(look, cheap=look.problem))
+            search = self.descend(replace(look, problem=near, cheap=near), confirm=confirm, impatient=True)
+            before, fine = fine, self._residual(look.problem)
             old, new = robust_losses(np.stack([before, fine]), search.delta)
             if not new < old and confirm:
                 break
@@ -180,22 +181,22 @@ class Descent:
                 self.point, self._slopes = begun, None
                 return search
             search.residual, search.loss, self._slopes = fine, float(new), search.jacobian
-            self.near = self._level(stage.cheap, fine)
+            self.near = self._level(look.cheap, fine)
             if search.stuck and explained(fine):
                 # A crack in the cheaper problem need not be one in the real one: its slopes lead on there.
-                return self.descend(stage)
+                return self.descend(look)
             if old - new < _SETTLED * old or (left == 0 and not explained(fine)):
                 self._slopes = None
                 return search
             begun = self.point
         self.point, self._slopes = begun, None
-        return self.descend(stage)
+        return self.descend(look)
 
-    def leads_on(self, stage: Stage) -> bool:
+    def leads_on(self, look: Look) -> bool:
         """Whether slopes lead from here to where the recordings are explained at the real step; stays here."""
-        if stage.real is None:
+        if look.real is None:
             return False
-        real = replace(last_look(stage.real, stage.problem), name=stage.name)
+        real = replace(last_look(look.real, look.problem), name=look.name)
         return explained(replace(self).polish(real).residual)
 
     def _level(self, cheap: Problem, fine: Array) -> Problem | None:
@@ -206,28 +207,28 @@ class Descent:
     def _residual(self, problem: Problem) -> Array:
         return problem.residuals(self.space.from_unit(self.point[None]))[0]
 
-    def _begun(self, stage: Stage, nudge: float, confirm: bool) -> LeastSquares:
+    def _begun(self, look: Look, nudge: float, confirm: bool) -> LeastSquares:
         free = [p for p in self.space.parameters if not p.frozen]
         ranges = np.array([np.log(p.upper / p.lower) if p.scale == "log" else 0.0 for p in free])
-        last = stage.tolerance < 1.0
-        return LeastSquares(
+        last = look.tolerance < 1.0
+        return self.solver(
             self.point, ranges, least_damping=1e-9 if last else _HELD, share=2e-2 if last else 3e-2, robust=self.robust,
-            tolerance=stage.tolerance, max_iterations=stage.most, nudge=nudge, confirm=confirm and last,
+            tolerance=look.tolerance, max_iterations=look.most, nudge=nudge, confirm=confirm and last,
             difference=careful_difference(None if self.search is None else self.search.residual, LeastSquares.difference),
-            worth=lambda residual: stage.problem.chance(residual) * len(free) * _patience(residual),
+            worth=lambda residual: look.problem.chance(residual) * len(free) * _patience(residual),
         )  # fmt: skip
 
-    def choose(self, stage: Stage, select: Select) -> bool:
+    def choose(self, look: Look, select: Select) -> bool:
         """Asks which parameters to keep; True if some were frozen."""
-        found = self.finished(stage, again=True)
-        space = select(stage.problem, found)
+        found = self.finished(look, again=True)
+        space = select(look.problem, found)
         kept = [not p.frozen for p in space.parameters if not self.space[p.name].frozen]
         values = np.where(space.free, found.values, space.nominal)
         self.space, self.point = space, np.clip(space.to_unit(values), 0.0, 1.0)
         self._slopes = found.jacobian[:, kept]
         return not all(kept)
 
-    def finished(self, stage: Stage, again: bool = False) -> Fit:
+    def finished(self, look: Look, again: bool = False) -> Fit:
         """Where the search ended. Slopes are taken if it has none, or `again` where they are not of this very place."""
         search = self.search
         if search is None:
@@ -235,7 +236,7 @@ class Descent:
         if search.jacobian is None or (again and not search.fresh):
             search.jacobian = None
             candidates = search.ask()
-            search.tell(candidates, stage.columns(self.space, candidates))
+            search.tell(candidates, look.columns(self.space, candidates))
         if search.jacobian is None or search.residual is None:
             raise CalibrationError("the search ended without slopes")
         return Fit(

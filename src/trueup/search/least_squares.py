@@ -19,10 +19,7 @@ from trueup.search.search import SearchState
 
 Array = NDArray[np.float64]
 
-# Damping factors tried side by side: one batch of steps instead of one step after the other.
-_LADDER = (0.03, 1.0, 30.0)
 _ALIKE = 0.02  # steps nearer to one another than this share of the promised gain, and of the box, are one
-_CREDIT = 2  # steps uphill in a row, each on the promise that the next one comes down below everything before
 _WORN = 0.7  # new slopes are taken once a step leaves more than this share of what was promised: they cost ten steps
 _SHORTER = 1e-4  # least damping after steps that led nowhere: below, they would all be the same step again
 _TIE = 0.01  # hopes that differ by less of the gain are told apart by what is seen, or ever shorter steps win by a hair
@@ -35,8 +32,7 @@ _CROSSING = 1e-4  # damping of the imagined step across the valley that candidat
 class LeastSquares:
     """Minimises the robust sum of squared residuals over the unit box.
 
-    `log_range` (n,) is ln(upper / lower) of parameters on a log scale, 0 for the others: such parameters mostly act in
-    proportion to their value, so a step may also be taken in the value instead of its logarithm.
+    `log_range` (n,) is ln(upper / lower) of parameters on a log scale, 0 for others: steps may also be taken in their value.
     """
 
     start: Array
@@ -49,8 +45,7 @@ class LeastSquares:
     tolerance: float = 1e-3
     """Ends when a step lowers the loss by less than this many times `worth`, or than this share if `worth` is None."""
     worth: Callable[[Array], float] | None = None
-    """Of residuals (m,): by how much noise alone changes the loss when all parameters are fitted. A step that gains
-    far less than that moves the estimates by far less than their uncertainty."""
+    """Of residuals (m,): by how much noise alone changes the loss; a step that gains far less moves nothing that is known."""
     max_iterations: int = 30
     patience: int = 3
     """Batches of steps in a row without any descent after which it ends."""
@@ -75,7 +70,11 @@ class LeastSquares:
     delta: float = field(init=False, default=np.inf)
     """Present bend of the robust loss, in residual units."""
     reuse: int = 5
-    """How many steps in a row may be taken with slopes that are only corrected by what the last step showed."""
+    """Steps in a row that may be taken with slopes that are only corrected by what the last step showed."""
+    ladder: tuple[float, ...] = (0.03, 1.0, 30.0)
+    """Factors on the damping that are tried side by side, in one batch."""
+    climbs: int = 2
+    """Steps uphill in a row, each on the promise that the next one comes down below everything before."""
     _fresh: bool = field(init=False, default=True)
     _reused: int = field(init=False, default=0)
     _short: int = field(init=False, default=0)
@@ -84,7 +83,7 @@ class LeastSquares:
     _damping: float = field(init=False, default=1e-2)
     _stale: int = field(init=False, default=0)
     _done: str = field(init=False, default="")
-    _credit: int = field(init=False, default=_CREDIT)
+    _credit: int = field(init=False)
     _lowest: tuple[Array, float, Array] | None = field(init=False, default=None)
     """Point, loss and residual of the lowest place so far."""
     _normal: tuple[Array, Array] | None = field(init=False, default=None)
@@ -93,6 +92,7 @@ class LeastSquares:
 
     def __post_init__(self) -> None:
         """Moves the start off the bounds."""
+        self._credit = self.climbs
         self.start = np.asarray(self.start, dtype=np.float64)
         self.point = np.clip(self.start, self.nudge, 1.0 - self.nudge)
 
@@ -222,7 +222,7 @@ class LeastSquares:
         if climbs and not (self._credit > 0 and hoped[k] < below - self._negligible(below, residuals[lowest])):
             k, climbs = lowest, False
         if climbs or losses[k] < below:
-            self._credit = self._credit - 1 if climbs else _CREDIT
+            self._credit = self._credit - 1 if climbs else self.climbs
             self._accept(candidates[k], float(losses[k]), residuals[k], float(losses[k] - hoped[k]), self._factors[k])
         else:
             self._reject()
@@ -293,8 +293,8 @@ class LeastSquares:
     def _trial_points(self) -> Array:
         """Steps of several lengths that differ; the factor on the damping that made each is kept beside it."""
         curvature, slope = self._normal_equations()
-        dampings = [max(self._damping * factor, self.least_damping) for factor in _LADDER]
+        dampings = [max(self._damping * factor, self.least_damping) for factor in self.ladder]
         least = _ALIKE * self._promise()
         points, rungs = steps_apart(curvature, slope, dampings, self.point, self.log_range, least, _ALIKE)
-        self._factors = [_LADDER[k] for k in rungs]
+        self._factors = [self.ladder[k] for k in rungs]
         return points

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What each stage of the search earns: several families calibrated with all stages, and with each one left out in turn."""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+import leg_problem
+import numpy as np
+import servo_problem
+from arm_problem import make_problem
+from calibrate_arm import OPTIONS, declared
+from numpy.typing import NDArray
+from results import result
+from starts import bad_start
+
+from trueup.calibration import Calibration
+from trueup.discrepancies.discrepancy import Discrepancy
+from trueup.discrepancies.rigid import RigidlyAligned
+from trueup.engines.bicycle import BETAS, BicycleSimulator, Vehicle, vehicle_space
+from trueup.engines.bicycle.windows import windows
+from trueup.engines.simulator import Simulator
+from trueup.loop.calibrate import Options, calibrate
+from trueup.loop.fit import STAGES
+from trueup.recording import Channel, Recording
+from trueup.search.least_squares import LeastSquares
+from trueup.trial import Observed, Trial
+
+Array = NDArray[np.float64]
+
+_LOSS, _CPU = 0.01, 0.1  # shares of which a stage must earn one on some family
+_DRIVEN = {
+    "position": (("x", "y"), "m"), "heading": (("heading",), "rad"), "speed": (("speed",), "m/s"),
+    "yaw_rate": (("yaw_rate",), "rad/s"),
+}  # fmt: skip
+NEEDED = ("all, full step", "selection")
+SOLVERS: Mapping[str, Callable[..., LeastSquares]] = {
+    "slopes used again": partial(LeastSquares, reuse=0),
+    "steps side by side": partial(LeastSquares, ladder=(1.0,)),
+    "steps uphill": partial(LeastSquares, climbs=0),
+}
+"""Parts of the least squares, and how it is without each."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One problem with its truth."""
+
+    simulator: Simulator
+    recordings: tuple[Recording, ...]
+    truth: Mapping[str, float]
+    options: Options = field(default_factory=partial(Options, cross_validate=False))
+    discrepancy: Discrepancy | None = None
+
+    def solved(self, options: Options) -> tuple[Calibration, float]:
+        """The calibration, and the median error of its estimates in percent of the truth."""
+        done = calibrate(self.simulator, self.recordings, options=options, discrepancy=self.discrepancy)
+        values = {e.name: e.value for e in done.estimates}
+        return done, 100.0 * float(np.median([abs(values[n] / t - 1.0) for n, t in self.truth.items()]))
+
+
+def leg(seed: int, folder: Path) -> Case:
+    """Contacts: the leg of `leg.py`."""
+    rng = np.random.default_rng([seed, 2026])
+    truth = leg_problem.Truth.drawn(rng)
+    known = {"floor.contact_friction": truth.friction, "controller.kp": truth.kp, "controller.kd": truth.kd}
+    return Case(leg_problem.simulator(folder), tuple(leg_problem.recordings(truth, rng)), known)
+
+
+def servos(seed: int, folder: Path) -> Case:
+    """Two joints with servos whose gains, friction, inertia and delay are to be found."""
+    rng = np.random.default_rng([seed, 2026])
+    truth = servo_problem.drawn(rng)
+    made = servo_problem.simulator(folder)
+    return Case(made, tuple(servo_problem.recordings(truth, rng)), servo_problem.known(truth))
+
+
+def far(seed: int, folder: Path) -> Case:
+    """The 30-parameter arm from one of the starts of `starts.py`."""
+    problem = make_problem(seed % 4, folder=folder)
+    simulator = declared(problem, bad_start(problem, np.random.default_rng(seed)))
+    names = [p.name for p in simulator.parameters.parameters]
+    return Case(simulator, problem.training, dict(zip(names, problem.truth, strict=True)), options=OPTIONS)
+
+
+def vehicle(seed: int, folder: Path) -> Case:
+    """Rate limits and delays make a loss of stairs: a minute of jumps and waves of a bicycle, in windows of 8 s."""
+    bare = Vehicle("bare", wheelbase=0.55, max_steering=0.698)
+    made = BicycleSimulator(bare, vehicle_space(bare, BETAS))
+    rng = np.random.default_rng(seed)
+    truth = rng.uniform([0.05, 0.05, 0.3, 0.45, 0.6], [0.4, 0.4, 0.6, 0.6, 1.0])
+    time = np.arange(3001) / 50.0
+    steering = 0.45 * np.sin(0.9 * time) + 0.2 * np.sign(np.sin(0.37 * time))
+    speed = 0.55 + 0.25 * np.sign(np.sin(0.21 * time)) + 0.1 * np.sin(1.1 * time)
+    command = Channel("command", ("speed", "steering"), "", time, np.stack([speed, steering], axis=1))
+    begin = {"speed": Channel("speed", ("speed",), "m/s", np.zeros(1), np.full((1, 1), 0.8))}
+    observed = {name: Observed(labels, unit, time) for name, (labels, unit) in _DRIVEN.items()}
+    clean = made.rollout([Trial("drive", 0.0, 60.0, command, observed, begin)], truth[None])[0].recording()
+    noisy = {
+        name: c if name == "command" else c.replace(values=c.values + 0.003 * rng.standard_normal(c.values.shape))
+        for name, c in clean.channels.items()
+    }
+    pieces = tuple(windows(Recording("drive", noisy), 8.0))
+    options = Options(channels=tuple(_DRIVEN), cross_validate=False)
+    return Case(made, pieces, dict(zip(made.parameters.names, truth, strict=True)), options=options,
+                discrepancy=RigidlyAligned.estimated(pieces, tuple(_DRIVEN)))  # fmt: skip
+
+
+FAMILIES: Mapping[str, Callable[[int, Path], Case]] = {
+    "servos": servos, "leg": leg, "far starts": far, "vehicle": vehicle,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Row:
+    """What came of one family without one stage, over its seeds."""
+
+    loss: Array
+    error: Array
+    evaluations: Array
+    cpu: Array
+
+    def against(self, whole: Row) -> tuple[float, float, float]:
+        """Shares by which leaving the stage out changed loss (worst seed), evaluations and CPU seconds."""
+        return (
+            float(np.max(self.loss / whole.loss)) - 1.0,
+            float(self.evaluations.sum() / whole.evaluations.sum()) - 1.0,
+            float(self.cpu.sum() / whole.cpu.sum()) - 1.0,
+        )
+
+
+def measured(family: str, seeds: int, without: str) -> Row:
+    """One family with a stage left out, or with all for ''."""
+    rows = []
+    for seed in range(seeds):
+        with tempfile.TemporaryDirectory() as folder:
+            case = FAMILIES[family](seed, Path(folder))
+            stages = tuple(s for s in STAGES if s.name != without)
+            solver = SOLVERS.get(without, LeastSquares)
+            done, error = case.solved(replace(case.options, stages=stages, solver=solver))
+        # The last of the trace is the loss of what is reported.
+        rows.append((done.trace[-1].loss, error, done.evaluations, done.cpu_seconds))
+    return Row(*np.array(rows, dtype=np.float64).T)
+
+
+def main() -> None:
+    """Prints a table, one line a family and stage, and the RESULT lines."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="one seed of the servos and the vehicle")
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--families", nargs="*", choices=FAMILIES, default=list(FAMILIES))
+    names = list(dict.fromkeys(s.name for s in STAGES if s.name not in NEEDED))
+    parser.add_argument("--stages", nargs="*", choices=[*names, *SOLVERS], default=[*names, *SOLVERS])
+    options = parser.parse_args()
+    families, seeds = (["servos", "vehicle"], 1) if options.quick else (options.families, options.seeds)
+    print(f"{'family':12s} {'without':20s} {'loss':>9s} {'error %':>9s} {'evaluations':>12s} {'CPU s':>8s}")
+    earned = dict.fromkeys(options.stages, (0.0, 0.0))
+    for family in families:
+        whole = measured(family, seeds, "")
+        _line(family, "nothing", whole, whole)
+        for name in options.stages:
+            row = measured(family, seeds, name)
+            _line(family, name, row, whole)
+            loss, _, cpu = row.against(whole)
+            earned[name] = max(earned[name][0], loss), max(earned[name][1], cpu)
+    for name, (loss, cpu) in earned.items():
+        result(f"without_{name.replace(', ', '_').replace(' ', '_')}", 100.0 * max(loss / _LOSS, cpu / _CPU),
+               "% of what a stage must earn", 100.0, at_most=False)  # fmt: skip
+
+
+def _line(family: str, name: str, row: Row, whole: Row) -> None:
+    loss, evaluations, cpu = row.against(whole)
+    print(f"{family:12s} {name:20s} {100 * loss:+8.2f}% {np.mean(row.error):9.2f} {100 * evaluations:+11.0f}% "
+          f"{100 * cpu:+7.0f}%   {np.sum(row.evaluations):.0f} evaluations, {np.sum(row.cpu):.1f} s",
+          flush=True)  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a search may do, one thing a stage: least squares on more and more, and looks where slopes do not lead."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.loop.descent import Descent, Fit, Look, Select, explained, last_look
+from trueup.loop.elsewhere import EDGE, FEW, LOOKED_AT, along_axes, anywhere, evolved
+from trueup.loop.hopping import hopped
+from trueup.loop.probe import probed
+from trueup.loop.problem import Problem
+from trueup.loop.starts import with_start_scatter
+from trueup.loop.wide import widened
+from trueup.search.least_squares import LeastSquares
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class Run:
+    """A search under way: what its stages read and change."""
+
+    problem: Problem
+    coarse: Problem
+    """The problem at a coarser step; the problem itself where none is faithful."""
+    values: Array
+    """(n,) to search from."""
+    descent: Descent
+    select: Select | None
+    rng: np.random.Generator
+    seed: int
+    first: Problem
+    """The cheapest look at the recordings."""
+    saved: dict[str, Any] | None = None
+    """State of an interrupted search, for the stage that it was in."""
+    resumed: bool = False
+    looks: int = 0
+    """Looks gone through so far."""
+    look: Look = field(init=False)
+    """The last of them."""
+    ended: Fit | None = None
+
+    @property
+    def start(self) -> Array:
+        """(n_free,) where the search begins, in the unit box."""
+        return np.clip(self.descent.space.to_unit(self.values), 0.0, 1.0)
+
+    def go(self, look: Look) -> LeastSquares:
+        """Least squares on one look, as the next."""
+        run = self.descent
+        if self.looks and not np.isfinite(look.problem.residuals(run.space.from_unit(run.point[None]))).all():
+            # What replays with a coarser step may blow up with the real one: back to the start, without the coarser one.
+            run.restart(self.start)
+            look = replace(look, cheap=look.problem)
+        self.look, self.looks = look, self.looks + 1
+        saved, self.saved = self.saved, None
+        if saved is None and look.cheap.simulator is not look.problem.simulator:
+            return run.polish(look)
+        return run.descend(look, nudge=0.05 if self.looks == 1 and not self.resumed else 0.0, saved=saved)
+
+    def from_there(self, point: Array | None) -> None:
+        """Goes through the last look once more, from another place."""
+        if point is not None:
+            self.descent.point = point
+            self.descent.descend(self.look)
+
+    @property
+    def found(self) -> Fit:
+        """Where slopes have led, or what later stages made of it."""
+        if self.ended is None:
+            self.ended = self.descent.finished(self.look)
+        return self.ended
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One thing that a search does, by name; a search is a sequence of these."""
+
+    name: str
+    act: Callable[[Run], None]
+
+
+def first_seconds(run: Run) -> None:
+    """The first quarter of the recordings, loosely."""
+    if run.first is not run.coarse:
+        longest = max(t.duration for t in run.first.trials)
+        real = run.problem.shortened(longest) if run.coarse is not run.problem else None
+        run.go(Look("first seconds", run.first, run.first, 30.0, 15, real))
+
+
+def coarse_step(run: Run) -> None:
+    """All recordings at a coarser step."""
+    if run.coarse is not run.problem:
+        run.go(Look("all, coarse step", run.coarse, run.coarse, 5.0, 25, run.problem))
+
+
+def full_step(run: Run) -> None:
+    """All recordings as they are."""
+    run.go(last_look(run.problem, run.coarse))
+
+
+def selection(run: Run) -> None:
+    """Freezes what all recordings do not support, before the last look and after it, whichever is the first to see them."""
+    if run.select is None or not run.looks or run.look.problem.trials is not run.problem.trials:
+        return
+    select, run.select = run.select, None
+    if run.descent.choose(run.look, select) and run.look.problem is run.problem:
+        run.descent.descend(run.look)
+
+
+def hybrid(run: Run) -> None:
+    """CMA-ES where no slope leads down from the start: the residuals are rough (contacts, falls)."""
+    found = run.descent.search
+    if run.looks == 1 and not run.resumed and found is not None and found.iteration == 0:
+        run.from_there(evolved(run.look.problem, run.descent.space, run.start, run.descent.watch, run.seed, short=True))
+
+
+def lines(run: Run) -> None:
+    """Looks along the axes of single parameters."""
+    found = run.descent.search
+    if run.looks and found is not None:
+        run.from_there(along_axes(run.look.problem, run.descent.space, found, run.first))
+
+
+def evolution(run: Run) -> None:
+    """Looks everywhere, after the first look, where parameters are few and slopes end far above the noise."""
+    run_, found = run.descent, run.descent.search
+    if run.looks != 1 or found is None or len(run_.point) > FEW or explained(found.residual) or run_.leads_on(run.look):
+        return
+    run.from_there(anywhere(run.look.problem, run_.space, found, run_.watch, run.seed))
+
+
+def evolve_first(run: Run) -> None:
+    """CMA-ES before anything else, briefly."""
+    run.descent.point = evolved(
+        run.first, run.descent.space, run.start, run.descent.watch, run.seed, short=True, saved=_taken(run)
+    )
+
+
+def evolve_long(run: Run) -> None:
+    """CMA-ES before anything else, to its end."""
+    run.descent.point = evolved(
+        run.first, run.descent.space, run.start, run.descent.watch, run.seed, short=False, saved=_taken(run)
+    )
+
+
+def off_bounds(run: Run) -> None:
+    """Searches again from the middle of the range of parameters that ended at a bound, and stays where it is lower.
+
+    A body's mass and lever arm trade: the valley along which they do has an end at a bound of either, with a low ridge
+    before the optimum. Not for parameters at zero, where structures end that the robot does not have, and only where
+    the model replays the recordings to about their noise: elsewhere a bound is the least of what is wrong.
+    """
+    descent, look = run.descent, run.look
+    found = descent.search
+    if found is None or found.residual is None or not explained(found.residual):
+        return
+    free = [p for p in descent.space.parameters if not p.frozen]
+    low, high = found.point < EDGE, found.point > 1.0 - EDGE
+    none = np.array([p.scale == "log" or p.lower == 0.0 for p in free])
+    worth = look.problem.chance(found.residual) * len(free)
+    for k in np.flatnonzero((low & ~none) | high)[:LOOKED_AT]:
+        before, name = (descent.point, descent.search, descent.near), free[k].name
+        values = descent.space.from_unit(np.where(np.arange(len(free)) == k, 0.5, descent.point))
+        middle = values[descent.space.index(name)]
+        # First the others settle around the new place: all at once would slide back the way it came.
+        others = replace(
+            descent, space=descent.space.freeze([name], {name: middle}), point=np.delete(descent.point, k), search=None
+        )
+        others.descend(replace(look, tolerance=1.0), confirm=False)
+        descent.point = np.insert(others.point, k, 0.5)
+        if descent.descend(look).loss < found.loss - worth:
+            return
+        descent.point, descent.search, descent.near = before
+
+
+def implicit_filtering(run: Run) -> None:
+    """Wide differences lead further down where the loss has stairs."""
+    run.descent.watch.saw("around the optimum", run.problem, run.found.loss, run.problem.rmse(run.found.residual))
+    run.ended = widened(run.problem, run.found, run.seed, run.descent.robust)
+
+
+def hopping(run: Run) -> None:
+    """Jumps to where slopes lead lower, and wide differences there."""
+    run.ended, before = hopped(run.problem, run.found, run.rng, run.descent.robust), run.found
+    if run.ended is not before:
+        run.ended = widened(run.problem, run.ended, run.seed, run.descent.robust)
+
+
+def probing(run: Run) -> None:
+    """What jumps around the optimum add to its uncertainty, and lower places beyond them."""
+    run.ended = probed(run.problem, run.found, run.rng)
+
+
+def start_noise(run: Run) -> None:
+    """What noise at the starts adds to the uncertainty."""
+    run.ended = with_start_scatter(run.problem, run.found, run.rng)
+
+
+def _taken(run: Run) -> dict[str, Any] | None:
+    saved, run.saved = run.saved, None
+    return saved
