@@ -15,7 +15,7 @@ from trueup.campaign.campaign import Campaign
 from trueup.campaign.events import Begun, Calibrated, Chosen, Ended, Event, Generation, Scored, TrialDone, TrialPlanned
 from trueup.campaign.folder import Folder
 from trueup.campaign.history import History
-from trueup.campaign.journal import JOURNAL, Journal, read_journal
+from trueup.campaign.journal import JOURNAL, Journal, read_journal, set_back
 from trueup.campaign.parts import Listener, Parts, Silent
 from trueup.campaign.plan import read_plan
 from trueup.campaign.resolve import parts_of
@@ -90,11 +90,10 @@ def test_stopped_after_any_event_it_goes_on_to_the_same_journal(write_plan: Writ
     plan = write_plan(('"ramps"', '"steps"'), ("rounds = 2", "rounds = 1"))
     whole = run(plan, tmp_path / "a")
     wanted = (tmp_path / "a" / JOURNAL).read_bytes()
-    lines = wanted.splitlines(keepends=True)
     for count in range(1, len(whole), 3):
         out = tmp_path / "b"
         shutil.copytree(tmp_path / "a", out)
-        (out / JOURNAL).write_bytes(b"".join(lines[:count]))
+        set_back(out, count + 1)
         run(plan, out)
         assert (out / JOURNAL).read_bytes() == wanted
         shutil.rmtree(out)
@@ -107,12 +106,11 @@ def test_every_search_goes_on_with_the_same_candidates(write_plan: Write, tmp_pa
         ('"toy:Nearby"', f'{{ type = "{search}"{more} }}\nevaluations = 24'), ("rounds = 2", "rounds = 1")
     )
     whole = run(plan, tmp_path / "a")
-    lines = (tmp_path / "a" / JOURNAL).read_bytes().splitlines(keepends=True)
     middle = [k for k, e in enumerate(whole) if isinstance(e, Generation)]
     shutil.copytree(tmp_path / "a", tmp_path / "b")
-    (tmp_path / "b" / JOURNAL).write_bytes(b"".join(lines[: middle[len(middle) // 2]]))
+    set_back(tmp_path / "b", middle[len(middle) // 2] + 1)
     run(plan, tmp_path / "b")
-    assert (tmp_path / "b" / JOURNAL).read_bytes() == b"".join(lines)
+    assert (tmp_path / "b" / JOURNAL).read_bytes() == (tmp_path / "a" / JOURNAL).read_bytes()
 
 
 def test_a_finished_campaign_is_not_overwritten_and_another_one_gets_another_folder(
@@ -311,3 +309,12 @@ def test_without_calibration_the_simulator_is_as_unsure_as_its_ranges(write_plan
     assert not only(events, Calibrated)
     calibrated = run(write_plan(("rounds = 2", "rounds = 1")), tmp_path / "with")
     assert only(events, Chosen)[0].spreads[1] > 3 * only(calibrated, Chosen)[0].spreads[1]
+
+
+def test_a_damaged_journal_is_not_begun_anew_elsewhere(write_plan: Write, tmp_path: Path) -> None:
+    plan = write_plan(("rounds = 2", "rounds = 1"))
+    run(plan, tmp_path / "out")
+    journal = tmp_path / "out" / JOURNAL
+    journal.write_bytes(journal.read_bytes().replace(b'"round":1', b'"round":2', 1))
+    with pytest.raises(JournalError, match=r"line \d+: altered.*--from-line"):
+        Folder.begin(read_plan(plan), tmp_path / "out", None)

@@ -108,6 +108,8 @@ class Hardware:
 
     def _done(self, planned: TrialPlanned, trial: Trial, *, interrupted: bool) -> TrialDone:
         kept = self._store.kept(trial.name)  # there already if the end came between keeping and journaling
+        if kept is not None:
+            self._store.check_settings(trial, kept)
         if kept is None and interrupted and not self._parts.robot.repeatable and self._left_unknown(trial):
             kept = self._store.keep(trial, planned.of, "unknown", (), "interrupted; nobody could say what became of it")
         if kept is None:

@@ -75,6 +75,16 @@ class Store:
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise JournalError(f"{path}: damaged ({error}); restore it from a copy") from None
 
+    def check_settings(self, trial: Trial, kept: Kept) -> None:
+        """Raises JournalError where what lies there was performed with other settings than the trial asks for."""
+        for file, expected in zip(kept.files, kept.checksums, strict=True):
+            performed = json.loads(self.read(file, expected).provenance.get("settings", "{}"))
+            if performed != dict(trial.settings):
+                raise JournalError(
+                    f"{self._folder / file}: performed with {performed}, where '{trial.name}' asks for "
+                    f"{dict(trial.settings)}; move {trial.name}* out of {self._folder} to have it performed"
+                )
+
     def read(self, file: str, expected: str) -> Recording:
         """A recording kept before. Raises JournalError where it is gone or no longer what was recorded."""
         path = self._folder / file

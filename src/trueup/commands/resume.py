@@ -7,8 +7,10 @@ import argparse
 from pathlib import Path
 
 from rich.console import Console
+from rich.markup import escape
 
 from trueup.campaign.folder import Folder
+from trueup.campaign.journal import set_back
 from trueup.commands.run import add_common, go_on
 
 ABOUT = """\
@@ -17,6 +19,8 @@ silently repeated. If a trial was under way on hardware when it was stopped, you
 
   trueup resume DIR
   trueup resume DIR --unknown leave     a script's answer: go on without that trial
+  trueup resume DIR --from-line 57      where line 57 of its journal is damaged: go on from the lines before it; the
+                                        damaged journal is kept beside it, and so is all that was recorded
 """
 
 
@@ -25,9 +29,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "folder", nargs="?", default=".", metavar="DIR", help="the campaign's folder (default: this one)"
     )
+    parser.add_argument("--from-line", type=int, metavar="N", help="forget line N of the journal and all after it")
     add_common(parser)
 
 
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Goes on. Raises TrueupError, and KeyboardInterrupt after saying how to go on. Returns the exit code."""
-    return go_on(Folder.open(Path(args.folder)), args, console, told)
+    folder = Folder.open(Path(args.folder))
+    if args.from_line is not None:
+        aside = set_back(folder.path, args.from_line)
+        told.print(
+            f"[yellow]note[/] the journal as it was is kept in {escape(str(aside))}", soft_wrap=True, highlight=False
+        )
+    return go_on(folder, args, console, told)
