@@ -62,6 +62,22 @@ def own_delayed_command(
 
 
 @njit(cache=True, nogil=True)
+def set_point(command: float, place: float, pace: float, top: float, most: float, step: float) -> tuple[float, float]:
+    """Place and pace one step on of a set point that follows a command within a limit of speed, and `most` change of it."""
+    left = command - place
+    if np.isinf(most):
+        pace = min(max(left / step, -top), top)
+    else:
+        # The speed from which it can still stop there, a step ahead: sqrt(2 a d) made for steps.
+        brake = most * (np.sqrt(0.25 + 2.0 * abs(left) / (most * step)) - 0.5)
+        wanted = np.sign(left) * min(brake, top)
+        pace += min(max(wanted - pace, -most), most)
+        if abs(left) <= most * step and abs(pace) <= 1.001 * most:
+            pace = left / step
+    return place + pace * step, pace
+
+
+@njit(cache=True, nogil=True)
 def limited_commands(
     command: Array, speed: Array, acceleration: Array, step: float, place: Array, pace: Array, out: Array
 ) -> None:
@@ -74,17 +90,7 @@ def limited_commands(
         for j in range(command.shape[2]):
             x, v, top, most = place[i, j], pace[i, j], speed[i, j], acceleration[i, j] * step
             for s in range(command.shape[1]):
-                left = command[i, s, j] - x
-                if np.isinf(most):
-                    v = min(max(left / step, -top), top)
-                else:
-                    # The speed from which it can still stop there, a step ahead: sqrt(2 a d) made for steps.
-                    brake = most * (np.sqrt(0.25 + 2.0 * abs(left) / (most * step)) - 0.5)
-                    wanted = np.sign(left) * min(brake, top)
-                    v += min(max(wanted - v, -most), most)
-                    if abs(left) <= most * step and abs(v) <= 1.001 * most:
-                        v = left / step
-                x += v * step
+                x, v = set_point(command[i, s, j], x, v, top, most, step)
                 out[i, s, j] = x
             place[i, j], pace[i, j] = x, v
 

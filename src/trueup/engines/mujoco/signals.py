@@ -114,6 +114,42 @@ class Signals:
                 out[:, :, self._compiled.actuator_ctrladr[actuator]] -= value[:, None]
         return out
 
+    def trial(self, k: int) -> Trial:
+        """One of the trials."""
+        return self._trials[k]
+
+    def measured_start(self, k: int) -> tuple[Array, Array]:
+        """(nq,), (nv,) where a trial begins by its measurements alone."""
+        return self._measured_starts[k]
+
+    def held(self, trial: int, actuator: int) -> tuple[Array, Array, Array]:
+        """(n,) instants, values and running integral of the command that an actuator (-1: none) holds in between."""
+        held, address = self._commands[trial], self._address(actuator)
+        if held is not None and address in held[0]:
+            columns, times, values, integral = held
+            column = int(np.flatnonzero(columns == address)[0])
+            return times, np.ascontiguousarray(values[:, column]), np.ascontiguousarray(integral[:, column])
+        rest = self.hold(trial)[address] if address >= 0 else 0.0
+        return np.zeros(1), np.full(1, rest), np.zeros(1)
+
+    def shaping(self, trial: int, actuator: int) -> dict[str, Array]:
+        """(b,) what becomes of the command of an actuator (-1: none): its delay, zero error and limits."""
+        rows, address = len(self._values), self._address(actuator)
+        limits = self._limits if address >= 0 else None
+        free = np.full(rows, np.inf)
+        joint = next((j for j, a in self._model.actuator_of_joint().items() if a == actuator), "")
+        servo = bool(joint) and self._model.is_position_servo(actuator)
+        commanded = self._commands[trial] is not None
+        return {
+            "delay": self.delay[:, address] - self._clock(self._trials[trial].name) if address >= 0 else np.zeros(rows),
+            "offset": self._offsets[joint] if servo and commanded and joint in self._offsets else np.zeros(rows),
+            "speed_limit": limits[0][:, address] if limits is not None else free,
+            "acceleration_limit": limits[1][:, address] if limits is not None else free,
+        }
+
+    def _address(self, actuator: int) -> int:
+        return int(self._compiled.actuator_ctrladr[actuator]) if actuator >= 0 else -1
+
     def _profile_limits(self) -> tuple[Array, Array] | None:
         """(b, nu) limits of speed and acceleration of the commands, infinite for none; None where no command has any."""
         kinds, names = ("speed_limit", "acceleration_limit"), self._model.names("actuator")

@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What each joint has to carry along a measured motion: inverse dynamics, without its own friction, armature and drive."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from trueup.engines.mujoco.fields import SingleModel, write_fields
+from trueup.engines.mujoco.quantities import Quantity, kind
+from trueup.engines.mujoco.wiring import joint_id
+from trueup.recording import Channel
+
+Array = NDArray[np.float64]
+
+_SMOOTHED = 0.08  # s that a cubic is laid through for speed and acceleration: five samples of a servo bus at 50 Hz
+_CUBIC = 3
+_MOVED = 1e-4  # rad or m: by which a joint is moved to see what that changes in its load
+_SEEN_WRONG = ("bias", "offset")  # kinds by which a joint is not where it was measured
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A measured motion of a model's degrees of freedom, all (L, nv), at (L,) evenly spaced instants in s."""
+
+    time: Array
+    position: Array
+    speed: Array
+    acceleration: Array
+
+
+@dataclass(frozen=True)
+class Loads:
+    """What the joints carry along a motion, all (L, nv): the inertia of each by itself, without armature, and the torque
+    that all else asks of it.
+    """
+
+    position: Array
+    inertia: Array
+    torque: Array
+
+
+class InverseDynamics:
+    """A model whose joints, all hinges or slides, are moved as they were measured. What was computed is kept."""
+
+    def __init__(self, compiled: mujoco.MjModel, quantities: Sequence[Quantity]) -> None:
+        self._compiled = compiled
+        self._columns = [i for i, q in enumerate(quantities) if carried(q)]
+        self._quantities = [quantities[i] for i in self._columns]
+        self._motions: dict[int, tuple[Channel, Motion, Array]] = {}
+        self._loads: dict[tuple[int, bytes], Loads] = {}
+        self._references: dict[bytes, Array] = {}
+
+    def sets(self, values: Array) -> tuple[Array, NDArray[np.int64]]:
+        """(g, k) values that load the joints differently, and (b,) which of them each row of values (b, n) has.
+
+        Forgets what other sets gave.
+        """
+        sets, which = np.unique(values[:, self._columns], axis=0, return_inverse=True)
+        known = {own.tobytes() for own in sets}
+        self._loads = {key: loads for key, loads in self._loads.items() if key[1] in known}
+        self._references = {key: inertia for key, inertia in self._references.items() if key in known}
+        return sets, which.reshape(-1)
+
+    def motion(self, measured: Channel, rest: Array) -> tuple[Motion, Array]:
+        """A channel of positions as a motion, joints that it lacks at `rest` (nv,), and (L, nv) by how much the load of each
+        joint grows with its own position.
+        """
+        if id(measured) not in self._motions:
+            motion = _motion(self._compiled, measured, rest)
+            model = self._rigid(self._compiled.__copy__())
+            # the channel is kept with it, so that its id stays its own
+            self._motions[id(measured)] = measured, motion, _stiffness(model, motion)
+        return self._motions[id(measured)][1:]
+
+    def loads(self, measured: Channel, own: Array) -> Loads:
+        """Along a channel whose `motion` is known, with one of the `sets` of values (k,)."""
+        key = id(measured), own.tobytes()
+        if key not in self._loads:
+            motion = self._motions[id(measured)][1]
+            position = motion.position - self._errors(own)
+            inertia, torque = _inverse(self._written(own), position, motion.speed, motion.acceleration)
+            self._loads[key] = Loads(position, inertia, torque - inertia * motion.acceleration)
+        return self._loads[key]
+
+    def reference(self, own: Array) -> Array:
+        """(nv, nv) inertia matrix in the reference pose, without armature, with one of the `sets` of values (k,)."""
+        if own.tobytes() not in self._references:
+            model = self._written(own)
+            data, inertia = mujoco.MjData(model), np.empty((model.nv, model.nv))
+            mujoco.mj_forward(model, data)
+            mujoco.mj_fullM(model, data, inertia)
+            self._references[own.tobytes()] = inertia
+        return self._references[own.tobytes()]
+
+    def _written(self, own: Array) -> mujoco.MjModel:
+        model = self._compiled.__copy__()
+        if self._quantities:
+            write_fields(model, SingleModel(model), self._quantities, own[None])
+        return self._rigid(model)
+
+    def _rigid(self, model: mujoco.MjModel) -> mujoco.MjModel:
+        """Without what the drives add."""
+        model.dof_armature[:] = 0.0
+        off = mujoco.mjtDisableBit
+        model.opt.disableflags |= int(off.mjDSBL_CONSTRAINT | off.mjDSBL_CONTACT | off.mjDSBL_DAMPER)
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        return model
+
+    def _errors(self, own: Array) -> Array:
+        """(nv,) by how much each joint is measured too far."""
+        errors = np.zeros(self._compiled.nv)
+        for quantity, value in zip(self._quantities, own, strict=True):
+            if quantity.kind in _SEEN_WRONG:
+                for i, target in enumerate(quantity.targets):
+                    errors[joint_id(self._compiled, target)] += value * quantity.sign(i)
+        return errors
+
+
+def carried(quantity: Quantity) -> bool:
+    """Whether a quantity changes what joints carry."""
+    turned = quantity.kind.startswith("tilt_")
+    return turned or quantity.kind in _SEEN_WRONG or kind(quantity.kind).family == "body"
+
+
+def _motion(compiled: mujoco.MjModel, measured: Channel, rest: Array) -> Motion:
+    """A moving cubic through the samples: A. Savitzky, M. Golay, Analytical Chemistry 36(8), 1964."""
+    dt = float(np.median(np.diff(measured.time)))
+    count = int(np.floor((measured.time[-1] - measured.time[0]) / dt + 0.5)) + 1
+    time = measured.time[0] + dt * np.arange(count)
+    half = max(round(0.5 * _SMOOTHED / dt), (_CUBIC + 1) // 2)
+    window = min(2 * half + 1, count - 1 + count % 2)
+    states = np.zeros((3, count, compiled.nv))
+    states[0] = rest
+    for label, column in zip(measured.labels, measured.values.T, strict=True):
+        joint, good = joint_id(compiled, label), np.isfinite(column)
+        if joint >= 0 and good.any():
+            values = np.interp(time, measured.time[good], column[good])
+            for order in range(3):
+                states[order, :, joint] = savgol_filter(values, window, min(_CUBIC, window - 1), deriv=order, delta=dt)
+    return Motion(time, *states)
+
+
+def _inverse(model: mujoco.MjModel, places: Array, speeds: Array, rates: Array) -> tuple[Array, Array]:
+    """(L, nv) diagonal of the inertia matrix, and torque."""
+    data = mujoco.MjData(model)
+    inertia, torque = np.empty((2, len(places), model.nv))
+    diagonal = model.M_rowadr + model.M_rownnz - 1
+    for s in range(len(places)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = places[s], speeds[s], rates[s]
+        mujoco.mj_inverse(model, data)
+        torque[s], inertia[s] = data.qfrc_inverse, data.M[diagonal]
+    return inertia, torque
+
+
+def _stiffness(model: mujoco.MjModel, motion: Motion) -> Array:
+    """(L, nv) by how much the torque of each joint grows with its own position."""
+    _, torque = _inverse(model, motion.position, motion.speed, motion.acceleration)
+    grown = np.empty_like(torque)
+    for dof in range(model.nv):
+        moved = motion.position.copy()
+        moved[:, dof] += _MOVED
+        grown[:, dof] = _inverse(model, moved, motion.speed, motion.acceleration)[1][:, dof] - torque[:, dof]
+    return grown / _MOVED

@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Joints replayed one by one move as the engine moves them all, where gears make them stiff; where not, it can be seen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trueup.engines.mujoco.declarations import Declaration, declare
+from trueup.engines.mujoco.lone.lone_joints import LoneJoints
+from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.quantities import kind
+from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.recording import Channel, Recording
+from trueup.testing import check_simulator
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+
+JOINTS = ("base", "shoulder", "elbow")
+ARM = """
+<mujoco>
+  <compiler angle="radian" autolimits="true"/>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <default>
+    <joint damping="0.4" frictionloss="0.1" armature="{armature}" solimpfriction="0.99 0.999 0.001"/>
+    <position kp="{kp}" kv="0.3" forcerange="-4 4"/>
+  </default>
+  <worldbody>
+    <body name="turret">
+      <joint name="base" axis="0 0 1"/><inertial pos="0 0 0.05" mass="0.2" diaginertia="2e-4 2e-4 2e-4"/>
+      <body name="upper" pos="0 0 0.1">
+        <joint name="shoulder" axis="0 1 0"/><inertial pos="0.06 0.01 0" mass="0.15" diaginertia="4e-5 2e-4 2e-4"/>
+        <body name="lower" pos="0.12 0 0">
+          <joint name="elbow" axis="0 1 0"/><inertial pos="0.08 0 0.01" mass="0.12" diaginertia="3e-5 2e-4 2e-4"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <position name="base_servo" joint="base"/>
+    <position name="shoulder_servo" joint="shoulder" ctrlrange="-1.2 1.2"/>
+    <{elbow} name="elbow_servo" joint="elbow"/>
+  </actuator>
+</mujoco>
+"""
+GEARED = {"armature": "0.02", "kp": "25", "elbow": "position"}
+LINES = [
+    Declaration("kp"), Declaration("kv"), Declaration("force_limit"), Declaration("gain"), Declaration("zero"),
+    Declaration("delay", tie="all"), Declaration("damping"), Declaration("damping_quadratic"), Declaration("friction"),
+    Declaration("friction_creep", tie="all"), Declaration("armature"), Declaration("bias"), Declaration("offset"),
+    Declaration("mass", ("lower",)), Declaration("com_x", ("lower",)), Declaration("inertia_d2", ("upper",)),
+    Declaration("tilt_roll"), Declaration("sensor_delay", ("position",)), Declaration("clock", ("r",)),
+    Declaration("speed_limit", nominal=4.0), Declaration("acceleration_limit", nominal=60.0),
+]  # fmt: skip
+LIVE = [
+    Declaration("dead_band", nominal=0.02), Declaration("friction_static", nominal=0.1),
+    Declaration("stribeck_speed", nominal=0.2), Declaration("friction_load", nominal=0.1),
+]  # fmt: skip
+
+
+def arm(folder: Path, lines: list[Declaration], **design: str) -> MujocoSimulator:
+    path = folder / "arm.xml"
+    path.write_text(ARM.format(**{**GEARED, **design}), encoding="utf-8")
+    model = load(path)
+    names = {"recording": ("r",), "channel": ("position",)}
+    return MujocoSimulator(model, *declare(model, lines, names))
+
+
+def commands(duration: float) -> Channel:
+    """Multisines on steps at 50 Hz, from rest, with the time stamps of a real clock."""
+    rng = np.random.default_rng(1)
+    time = 0.02 * np.arange(round(50 * duration))
+    frequency, phase = rng.uniform(0.2, 2.0, (2, 5, len(JOINTS))) * [[[1.0]], [[3.0]]]
+    waves = 0.12 * np.sin(2.0 * np.pi * frequency * time[:, None, None] + phase).sum(axis=1)
+    steps = rng.uniform(-0.5, 0.5, (int(duration) + 1, len(JOINTS)))[time.astype(int)]
+    return Channel("command", JOINTS, "rad", time, np.where(time[:, None] < 0.4, 0.0, waves + steps))
+
+
+def recorded(simulator: MujocoSimulator, duration: float = 6.0) -> Recording:
+    """What the nominal arm does, as an encoder of 12 bits sees it."""
+    command = commands(duration)
+    still = Channel("position", JOINTS, "rad", command.time, np.zeros_like(command.values))
+    trial = Trial.of(Recording("r", {"command": command, "position": still}))
+    (done,) = simulator.rollout([trial], simulator.parameters.nominal[None])
+    grid = 2.0 * np.pi / 4096.0
+    seen = grid * np.round(done.channels["position"][0] / grid)
+    return Recording("r", {"command": command, "position": still.replace(values=seen)})
+
+
+def moved(simulator: MujocoSimulator, share: float) -> Array:
+    """(n + 1, n) the nominal values, and each parameter moved by a share of its range."""
+    space = simulator.parameters
+    nominal = np.clip(space.to_unit(space.nominal), 0.05, 0.95)
+    return space.from_unit(np.concatenate([nominal[None], nominal + share * np.eye(len(nominal))]))
+
+
+def positions(simulator: MujocoSimulator | LoneJoints, trial: Trial, values: Array) -> Array:
+    (done,) = simulator.rollout([trial], values)
+    assert not done.failures
+    return done.channels["position"]
+
+
+def alone(simulator: MujocoSimulator, trial: Trial) -> LoneJoints:
+    made = LoneJoints.of(simulator, [trial])
+    assert made is not None
+    return made
+
+
+def test_a_geared_arm_moves_as_in_the_engine_within_a_milliradian(tmp_path: Path) -> None:
+    simulator = arm(tmp_path, LINES)
+    trial = Trial.of(recorded(simulator))
+    values = simulator.parameters.nominal[None]
+    apart = positions(alone(simulator, trial), trial, values) - positions(simulator, trial, values)
+    assert np.abs(apart).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("lines", "drives", "bodies"), [(LINES, 0.05, 0.2), ([Declaration("kp"), *LIVE], 0.1, 0.2)], ids=["fields", "live"]
+)
+def test_every_quantity_changes_a_lone_joint_as_it_changes_the_arm(
+    tmp_path: Path, lines: list[Declaration], drives: float, bodies: float
+) -> None:
+    """A body's mass moves all joints a little, each of which moves the others: only this is missed."""
+    simulator = arm(tmp_path, lines)
+    trial = Trial.of(recorded(simulator))
+    values = moved(simulator, 0.02)
+    exact, lone = (p[1:] - p[0] for p in (positions(s, trial, values) for s in (simulator, alone(simulator, trial))))
+    size, error = (np.sqrt(np.mean(change**2, axis=(1, 2))) for change in (exact, lone - exact))
+    for quantity, name, a, b in zip(simulator.quantities, simulator.parameters.names, error, size, strict=True):
+        share = bodies if kind(quantity.kind).family == "body" else drives
+        assert a < share * b + 1e-5, f"{name}: changes {a:.2g} rad apart, of {b:.2g}"
+
+
+def test_it_is_a_simulator_like_others(tmp_path: Path) -> None:
+    simulator = arm(tmp_path, [Declaration("kp"), Declaration("mass", ("lower",)), Declaration("delay", tie="all")])
+    recording = recorded(simulator, 2.0)
+    check_simulator(alone(simulator, Trial.of(recording)), recording)
+
+
+def test_a_joint_that_only_its_torque_holds_is_seen_to_be_coupled(tmp_path: Path) -> None:
+    """A light elbow without gear swings with the arm: what it does to the shoulder and the shoulder to it is no load."""
+    simulator = arm(tmp_path, [Declaration("damping")], armature="1e-4", elbow="motor")
+    trial = Trial.of(recorded(simulator))
+    values = moved(simulator, 0.3)[[1, 3]]
+    apart = positions(alone(simulator, trial), trial, values) - positions(simulator, trial, values)
+    assert np.abs(apart[..., 2]).max() > 0.05
+
+
+def test_what_cannot_be_taken_joint_by_joint_is_left_to_the_engine(tmp_path: Path) -> None:
+    simulator = arm(tmp_path, [Declaration("backlash", ("elbow",))])
+    recording = recorded(arm(tmp_path, []), 2.0)
+    assert LoneJoints.of(simulator, [Trial.of(recording)]) is None
+    planned = Trial("planned", 0.0, 1.0, recording.channel("command"), Trial.of(recording).observed)
+    assert LoneJoints.of(arm(tmp_path, []), [planned]) is None
