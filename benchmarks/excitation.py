@@ -22,13 +22,12 @@ from ns16 import NOMINAL, arm
 from results import result
 from yardstick import PINOCCHIO, pinocchio_seconds
 
-from trueup.campaign.assemble import clearance_for
 from trueup.errors import TrueupError
 from trueup.excitation.criteria import Criterion
 from trueup.excitation.design import Excitation, Options, design
 from trueup.excitation.excite import excite
 from trueup.excitation.periodic import Sines
-from trueup.excitation.problem import Asked, excitation_problem
+from trueup.excitation.problem import Asked, clearance_for, excitation_problem
 from trueup.identification.dynamic_model import DynamicModel
 
 

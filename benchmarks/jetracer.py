@@ -26,11 +26,10 @@ from results import result
 from scipy.optimize import least_squares
 
 from trueup import formats
-from trueup.campaign.assemble import calibrated, simulator_for
 from trueup.engines.car import CarSimulator
 from trueup.engines.car.past import Drive
 from trueup.engines.car.prediction import begun_at, prediction_errors
-from trueup.loop.calibrate import Options
+from trueup.loop.prepare import prepare
 from trueup.recording import Recording
 from trueup.trial import Trial
 
@@ -57,9 +56,9 @@ def calibrated_errors(car: Path, drives: list[Recording], left_out: int) -> tupl
     """(S, 2) prediction errors in m on the drive left out, and CPU seconds of the calibration on the others."""
     training = [d for k, d in enumerate(drives) if k != left_out]
     began = time.process_time()
-    simulator, _ = simulator_for(car, training)
+    ready = prepare(car, training)
+    simulator, found = ready.simulator, ready.calibrate()
     assert isinstance(simulator, CarSimulator)
-    found = calibrated(simulator, training, [], Options())
     spent = time.process_time() - began
     return prediction_errors(simulator, found.values, simulator.prepared(drives[left_out]), HORIZONS), spent
 
@@ -131,7 +130,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         car = Path(folder) / "car.toml"
         car.write_text(CAR, encoding="utf-8")
-        simulator, _ = simulator_for(car, given)
+        simulator = prepare(car, given).simulator
         assert isinstance(simulator, CarSimulator)
         plains = [Plain(simulator, d) for d in given]
         for k in range(1 if options.quick else len(given)):

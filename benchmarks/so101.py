@@ -23,8 +23,7 @@ from results import result
 
 from trueup import formats
 from trueup.calibration import Calibration, TracePoint, pooled_rmse
-from trueup.campaign.assemble import simulator_for
-from trueup.loop.calibrate import calibrate
+from trueup.loop.prepare import prepare
 from trueup.recording import Recording
 
 Array = NDArray[np.float64]
@@ -60,8 +59,7 @@ def recordings(names: Sequence[str], cut: float | None = None) -> list[Recording
 
 def fit(training: Sequence[Recording], held_out: Sequence[Recording]) -> Calibration:
     """Our calibration with what trueup proposes by itself."""
-    simulator, _ = simulator_for(folder() / "model" / "so101_new_calib.xml", training, replayed=held_out)
-    return calibrate(simulator, training, held_out, progress=_progress)
+    return prepare(folder() / "model" / "so101_new_calib.xml", training, held_out).calibrate(progress=_progress)
 
 
 def _progress(point: TracePoint) -> None:

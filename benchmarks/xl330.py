@@ -25,9 +25,9 @@ import numpy as np
 from results import result
 
 from trueup import formats
-from trueup.campaign.assemble import calibrated, recordings_for, simulator_for
 from trueup.commands.sources import while_driven
 from trueup.loop.calibrate import Options
+from trueup.loop.prepare import prepare
 from trueup.recording import Recording
 
 PENDULUM = """<mujoco model="pendulum"><worldbody><body><joint name="joint" axis="0 1 0"/>
@@ -53,13 +53,10 @@ def held_out_errors(
     model = folder / "pendulum.xml"
     model.write_text(PENDULUM)
     began = time.process_time()
-    training, held_out, _ = recordings_for(
-        model,
-        [r for r in recordings if r.provenance["kp"] != gain],
-        [r for r in recordings if r.provenance["kp"] == gain],
-    )
-    simulator, _ = simulator_for(model, training, replayed=held_out, beyond_mjcf=beyond_mjcf)
-    found = calibrated(simulator, training, held_out, Options(cross_validate=False))
+    training = [r for r in recordings if r.provenance["kp"] != gain]
+    held_out = [r for r in recordings if r.provenance["kp"] == gain]
+    ready = prepare(model, training, held_out, beyond_mjcf=beyond_mjcf)
+    found = ready.calibrate(Options(cross_validate=False))
     errors = [1e3 * float(np.nanmean(np.abs(r.after - r.measured))) for r in found.held_out()]
     return errors, time.process_time() - began
 

@@ -312,7 +312,7 @@ def test_a_model_that_cannot_be_written_does_not_cost_the_rest(call: Call, monke
     def refused(*_: object) -> None:
         raise ModelError("inertia must satisfy A + B >= C")
 
-    monkeypatch.setattr("trueup.engines.mujoco.writing.write.write_model", refused)
+    monkeypatch.setattr("trueup.engines.mujoco.family.write_model", refused)
     code, said = call(*CALIBRATE, "--out", "fit")
     assert code == 0
     assert "could not be written: inertia must satisfy" in said

@@ -42,7 +42,7 @@ FAMILIES = {  # folder -> its base, the protocol that the others may know
     "search": "search.search",
     "evaluation": "evaluation.evaluator",
 }
-BASES = (*FAMILIES.values(), "engines.restricted")
+BASES = (*FAMILIES.values(), "engines.restricted", "engines.family")
 ANYTHING = ("",)
 
 
@@ -71,7 +71,7 @@ RULES = (
     Rule("tasks", ("tasks.task", "controllers", "engines.simulator", *NOUNS)),
     # what bodies, joints and drives have in common whatever simulates them
     Rule("articulated", ("engines.simulator", "controllers.controller", *NOUNS)),
-    Rule("engines", ("engines.simulator", "articulated", "controllers.controller", *NOUNS)),
+    Rule("engines", ("engines.simulator", "engines.family", "articulated", "controllers.controller", *NOUNS)),
     # the bicycle runs the compiled Stanley law inside its own loop
     Rule("engines.bicycle", ("engines.simulator", "controllers.controller", "controllers.stanley", *NOUNS)),
     Rule("discrepancies", ("discrepancies.discrepancy", "engines.simulator", *NOUNS)),  # they compare with a rollout
@@ -95,9 +95,8 @@ RULES = (
     # what the loop computes with when nobody gives it something else; never a concrete simulator or robot
     Rule("loop", (*BASES, "identification", "grounding", "discrepancies", "search", *NOUNS)),
     Rule("campaign", ("loop", "campaign", *BASES, *NOUNS)),
-    Rule("campaign.assemble", ("loop", *BASES, *NOUNS), lazily=ANYTHING),  # alone turns names into concrete classes,
-    Rule("campaign.cars", ("loop", *BASES, *NOUNS), lazily=ANYTHING),  # and cars,
-    Rule("campaign.kinds", ("loop", *BASES, *NOUNS), lazily=ANYTHING),  # and these are the names that a plan may use
+    # the names that a plan may use, and what is behind them; `engines.family` leads from model files to engines
+    Rule("campaign.kinds", ("loop", *BASES, *NOUNS), lazily=ANYTHING),
     Rule(
         "report",
         (
@@ -113,7 +112,7 @@ RULES = (
     Rule(
         "commands",
         ("report", "campaign", "identification.estimation.result", *NOUNS),
-        lazily=("loop", "identification", "excitation", "studies", "engines.simulator"),
+        lazily=("loop", "identification", "excitation", "studies", "engines.simulator", "engines.family"),
     ),
     Rule("cli", ("report", "campaign"), lazily=("commands", "loop", *NOUNS)),
     Rule("testing", ("articulated", *BASES, *NOUNS)),  # contract checks, for those who extend it
@@ -343,8 +342,8 @@ PLANTED = [  # file, what it holds, what must be said
     ("controllers/stanley.py", "from trueup.controllers.playback import P", "but controllers may only import errors,"),
     ("controllers/__init__.py", "from .playback import Playback", "controllers imports trueup.controllers.playback"),
     ("loop/calibrate.py", "def f():\n    from trueup.engines.mujoco.model import M", "loop may only import"),
-    ("report/report.py", "from trueup.campaign import assemble", "report may only import"),
-    ("campaign/assemble.py", "from trueup.engines.mujoco import model", "inside functions also"),
+    ("report/report.py", "from trueup.campaign import kinds", "report may only import"),
+    ("campaign/kinds.py", "from trueup.engines.mujoco import model", "inside functions also"),
     ("cli.py", "def f():\n    from trueup.engines.mujoco import model", "cli may only import"),
     ("shortcuts.py", "", "no rule says what 'trueup.shortcuts' may import"),
 ]
@@ -354,10 +353,10 @@ PLANTED = [  # file, what it holds, what must be said
 def planted(tmp_path: Path) -> Path:
     """A small package that keeps all the rules."""
     files = ("__init__", "errors", "recording", "cli", "loop/__init__", "loop/calibrate", "controllers/playback")
-    for name in (*files, "engines/mujoco/__init__", "engines/mujoco/model", "campaign/assemble"):
+    for name in (*files, "engines/mujoco/__init__", "engines/mujoco/model", "campaign/kinds"):
         _plant(tmp_path / f"{name}.py", "from trueup.errors import E" if name != "errors" else "")
     _plant(tmp_path / "__init__.py", "def f():\n    from trueup.recording import R")
-    _plant(tmp_path / "campaign/assemble.py", "def f():\n    from trueup.engines.mujoco import model")
+    _plant(tmp_path / "campaign/kinds.py", "def f():\n    from trueup.engines.mujoco import model")
     assert broken_imports(tmp_path) == broken_shapes(tmp_path) == []
     return tmp_path
 

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.calibration import Calibration as Calibration
-    from trueup.campaign.assemble import simulator_for as simulator_for
     from trueup.engines.bicycle import BicycleSimulator as BicycleSimulator
     from trueup.engines.bicycle import Vehicle as Vehicle
     from trueup.engines.mujoco.declarations import Declaration as Declaration
@@ -33,6 +32,9 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.loop.experiment import most_telling as most_telling
     from trueup.loop.optimize import TrustRegion as TrustRegion
     from trueup.loop.optimize import optimize as optimize
+    from trueup.loop.prepare import Preparation as Preparation
+    from trueup.loop.prepare import prepare as prepare
+    from trueup.loop.prepare import simulator_for as simulator_for
     from trueup.loop.transfer import shortlist as shortlist
     from trueup.loop.transfer import transfer as transfer
     from trueup.parameters import Parameter as Parameter
@@ -61,6 +63,7 @@ _HOME = {
     "Parameter": "trueup.parameters",
     "ParameterSpace": "trueup.parameters",
     "Path": "trueup.paths",
+    "Preparation": "trueup.loop.prepare",
     "Recording": "trueup.recording",
     "Trial": "trueup.trial",
     "TrueupError": "trueup.errors",
@@ -73,10 +76,11 @@ _HOME = {
     "load_tree": "trueup.identification.model_file",
     "most_telling": "trueup.loop.experiment",
     "optimize": "trueup.loop.optimize",
+    "prepare": "trueup.loop.prepare",
     "propose": "trueup.engines.mujoco.setup.proposal",
     "read": "trueup.formats",
     "shortlist": "trueup.loop.transfer",
-    "simulator_for": "trueup.campaign.assemble",
+    "simulator_for": "trueup.loop.prepare",
     "transfer": "trueup.loop.transfer",
     "write": "trueup.formats",
     "write_model": "trueup.engines.mujoco.writing.write",

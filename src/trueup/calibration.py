@@ -62,6 +62,21 @@ class Replay:
         return _rmse(self.measured, self.after)
 
 
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """One recording, predicted again and again from what was measured until then, under its commands alone."""
+
+    recording: str
+    horizons: tuple[float, ...]
+    """How far ahead, in s."""
+    errors: Array
+    """(S, len(horizons)) distance of the predicted position from the tracked one, in m."""
+    against: Array | None
+    """The same of another model."""
+    moved: float
+    """How far the robot went within the longest horizon, in m, in the mean."""
+
+
 @dataclass(frozen=True)
 class TracePoint:
     """One step of the search, for the report's search trace."""

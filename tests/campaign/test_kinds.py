@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trueup.campaign.kinds import in_windows, mujoco, suited
+from trueup.campaign.kinds import in_windows, mujoco
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.errors import PlanError
 from trueup.recording import Channel, Recording
@@ -48,21 +48,23 @@ def log(labels: tuple[str, ...], posed: bool) -> Recording:
 
 def test_a_base_is_free_unless_recordings_were_made_without_its_pose(model: Path) -> None:
     said: list[str] = []
-    simulator = mujoco(model, said.append, (), model.with_name("parameters.toml"))
+    simulator = mujoco(model, said.append, (), model.with_name("parameters.toml")).simulator
     assert isinstance(simulator, MujocoSimulator)
     assert simulator.model.compiled.nq == 9
     assert said == []
-    hanging = mujoco(model, said.append, (log(("hip", "knee"), posed=False),), model.with_name("parameters.toml"))
+    log_on_stand = log(("hip", "knee"), posed=False)
+    hanging = mujoco(model, said.append, (log_on_stand,), model.with_name("parameters.toml")).simulator
     assert isinstance(hanging, MujocoSimulator)
     assert hanging.model.compiled.nq == 2
     assert "held in the air" in "\n".join(said)
 
 
 def test_what_the_robot_did_is_named_and_cut_as_the_model_needs_it(model: Path) -> None:
-    pieces = suited(model)([log(("joint_1", "joint_2"), posed=True)])
+    ready = mujoco(model, print, (), model.with_name("parameters.toml"))
+    pieces = ready.suited([log(("joint_1", "joint_2"), posed=True)])
     assert len(pieces) > 3  # an unstable robot is replayed in windows
     assert all(p.channel("position").labels == ("hip", "knee") for p in pieces)
-    assert suited(model)([]) == []
+    assert ready.suited([]) == ()
 
 
 def test_a_model_that_is_not_there_is_said_first(tmp_path: Path) -> None:

@@ -11,10 +11,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from trueup.campaign.cars import said_once
 from trueup.cli import main
 from trueup.engines.car import Car, CarSimulator
 from trueup.engines.car.car_file import write_car
+from trueup.engines.car.family import said_once
 from trueup.recording import Channel
 from trueup.trial import Observed, Trial
 

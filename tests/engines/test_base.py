@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from trueup.articulated.pose import angles_of, near, quaternion_of, turning
 from trueup.calibration import Replay
-from trueup.campaign.assemble import recordings_for, shipped_for, simulator_for
 from trueup.commands.calibrate import _recordings as recordings_of
 from trueup.engines.mujoco.declarations import Declaration, declare
 from trueup.engines.mujoco.model import load
@@ -24,6 +23,7 @@ from trueup.engines.mujoco.setup.windows import folded, joined
 from trueup.errors import ModelError
 from trueup.formats import write
 from trueup.loop.calibrate import Options, calibrate
+from trueup.loop.prepare import prepare, simulator_for
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
 
@@ -70,8 +70,8 @@ def _written(folder: Path, text: str = _DOG.format(mass=4.0, kp=40.0)) -> Path:
 
 
 def _taken(path: Path, recording: Recording) -> tuple[list[Recording], list[str]]:
-    windows, _, notes = recordings_for(path, [recording])
-    return windows, notes
+    ready = prepare(path, [recording], propose=False)
+    return list(ready.recordings), list(ready.notes)
 
 
 def test_angles_are_those_of_the_quaternion_and_rates_turn_it() -> None:
@@ -180,9 +180,9 @@ def test_windows_stay_on_the_side_of_their_recording_and_share_its_warnings(tmp_
     for name in ("fit", "judge"):
         write(squats.replace(name=name), tmp_path / f"{name}.parquet")
     files = [str(tmp_path / f"{name}.parquet") for name in ("fit", "judge")]
-    training, held_out, _ = recordings_of(
-        Namespace(model=str(path), recordings=files, mapping=None, hold_out=[["judge"]])
-    )
+    given, judge, _ = recordings_of(Namespace(model=str(path), recordings=files, mapping=None, hold_out=[["judge"]]))
+    ready = prepare(path, given, judge)
+    training, held_out = ready.recordings, ready.hold_out
     assert [r.name for r in training] == [f"fit at {0.5 * k:.1f} s" for k in range(4)]
     assert [r.name for r in held_out] == [f"judge at {0.5 * k:.1f} s" for k in range(4)]
     parts = [Replay(w.name, False, "position", ("j",), "rad", np.arange(5.0) / 10, *np.full((3, 5, 1), k))
@@ -197,9 +197,9 @@ def test_windows_stay_on_the_side_of_their_recording_and_share_its_warnings(tmp_
 
 def test_servos_that_legs_lack_carry_the_robot(tmp_path: Path) -> None:
     bare = re.sub("<actuator>.*</actuator>", "", _DOG.format(mass=4.0, kp=40.0))
-    windows, _ = _taken(_written(tmp_path, bare), _squats())
-    shipped, notes = shipped_for(tmp_path / "dog.xml", windows)
-    assert any("position servos" in note for note in notes)
+    ready = prepare(_written(tmp_path, bare), [_squats()], propose=False)
+    windows, shipped = ready.recordings, ready.simulator
+    assert any("position servos" in note for note in ready.notes)
     for window, run in zip(windows, shipped.rollout([Trial.of(w) for w in windows], np.zeros((1, 0))), strict=True):
         height = run.channels["base_position"][0][:, 2] - window.channel("base_position").column("z")
         assert np.abs(height).max() < 0.02

@@ -13,7 +13,6 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup import formats
-from trueup.campaign.assemble import calibrated, simulator_for
 from trueup.cli import main
 from trueup.engines.car import QUANTITIES, Car, CarSimulator, car_space
 from trueup.engines.car.car_file import read_car, write_car
@@ -22,7 +21,7 @@ from trueup.engines.car.look import first_look, unseen
 from trueup.engines.car.prediction import prediction_errors
 from trueup.engines.car.tracking import cleaned
 from trueup.errors import CalibrationError, ModelError, RecordingError, UnknownNameError
-from trueup.loop.calibrate import Options
+from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 from trueup.trial import Observed, Trial
 
@@ -108,9 +107,9 @@ def drive() -> Recording:
 
 def test_hidden_parameters_come_back_from_logs_with_two_clocks_and_outliers(logs: list[Path]) -> None:
     recordings = [formats.read([log])[0] for log in logs]
-    simulator, _ = simulator_for(logs[0].with_name("car.toml"), recordings[:1])
+    ready = prepare(logs[0].with_name("car.toml"), recordings[:1], recordings[1:])
+    simulator, found = ready.simulator, ready.calibrate()
     assert isinstance(simulator, CarSimulator)
-    found = calibrated(simulator, recordings[:1], recordings[1:], Options())
     values = {e.name: e.value for e in found.estimates}
     for name, within in (("steering_left", 0.1), ("steering_right", 0.1), ("friction_limit", 0.1), ("curve_loss", 0.2)):
         assert values[name] == pytest.approx(HIDDEN[name], rel=within), name
@@ -311,9 +310,9 @@ def test_a_real_car_is_predicted_on_a_drive_that_was_not_fitted(real_data: Path,
     files = sorted((real_data / "jetracer").glob("[679]*/*.csv"))
     (tmp_path / "car.toml").write_text("[vehicle]\nwheelbase = 0.1735\n")
     recordings = [formats.read([file])[0] for file in files]
-    simulator, _ = simulator_for(tmp_path / "car.toml", recordings[1:])
+    ready = prepare(tmp_path / "car.toml", recordings[1:])
+    simulator, found = ready.simulator, ready.calibrate()
     assert isinstance(simulator, CarSimulator)
-    found = calibrated(simulator, recordings[1:], [], Options())
     errors = prediction_errors(simulator, found.values, simulator.prepared(recordings[0]))
     assert (errors.mean(axis=0) < [0.08, 0.25]).all()
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.campaign.assemble import calibrated, simulator_for
 from trueup.engines.car import Car, car_space
 from trueup.engines.car.car_file import read_car, write_car
 from trueup.engines.car.commands import with_commands
@@ -20,7 +19,7 @@ from trueup.engines.car.prediction import foretold, lasting, prediction_errors
 from trueup.engines.car.rollout import CarSimulator
 from trueup.engines.car.servo import servo_look
 from trueup.engines.car.tracking import cleaned
-from trueup.loop.calibrate import Options
+from trueup.loop.prepare import prepare
 from trueup.loop.transfer import try_on_robot
 from trueup.recording import Channel, Recording
 from trueup.studies.stanley import chasi
@@ -257,9 +256,9 @@ def test_a_robot_of_another_structure_is_predicted_on_a_course_that_was_not_fitt
     fitted, unseen = (runs[0] for runs in try_on_robot(robot, task, task.parameters.nominal).recordings)
     fitted = fitted.slice(fitted.start, fitted.start + 60.0)
     (tmp_path / "robot.toml").write_text("[vehicle]\nwheelbase = 0.55\n")
-    simulator, _ = simulator_for(tmp_path / "robot.toml", [fitted])
+    ready = prepare(tmp_path / "robot.toml", [fitted])
+    simulator, found = ready.simulator, ready.calibrate()
     assert isinstance(simulator, CarSimulator)
-    found = calibrated(simulator, [fitted], [], Options())
     errors = prediction_errors(simulator, found.values, simulator.prepared(unseen))
     assert len(errors) > 100
     assert (errors.mean(axis=0) < [0.05, 0.10]).all()

@@ -9,11 +9,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from trueup.campaign.assemble import recordings_for, simulator_for
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.setup.drives import suited
 from trueup.errors import ModelError
 from trueup.loop.calibrate import Options, calibrate
+from trueup.loop.prepare import prepare, simulator_for
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
 
@@ -169,9 +169,10 @@ def test_a_servo_that_pulls_two_joints_by_a_tendon_is_commanded_by_its_name_and_
         "command": Channel("command", ("pull",), "rad", time, np.array(told)),
         "position": Channel("position", ("a", "b"), "rad", time, np.array(seen)),
     })  # fmt: skip
-    (taken,), _, notes = recordings_for(path, [log])
+    ready = prepare(path, [log])
+    (taken,) = ready.recordings
     assert taken.channel("command").labels == ("pull",)
-    assert not notes
+    assert not ready.notes
     (kp,) = _found(path, taken, ("kp",))
     assert kp == pytest.approx(9.0, rel=0.05)
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.campaign.assemble import simulator_for
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.floor import stopped_by_floor
 from trueup.engines.mujoco.writing.write import write_model
 from trueup.loop.calibrate import Options, calibrate
+from trueup.loop.prepare import simulator_for
 from trueup.recording import Channel, Recording
 
 Array = NDArray[np.float64]

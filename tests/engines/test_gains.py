@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from trueup.calibration import Calibration
-from trueup.campaign.assemble import calibrated, recordings_for, simulator_for, write_outcome
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.loop.calibrate import Options
+from trueup.loop.prepare import Preparation, prepare, simulator_for
 from trueup.recording import Channel, Recording
 
 _PENDULUM = """
@@ -48,25 +48,21 @@ def model(tmp_path: Path) -> Path:
     return path
 
 
-def _fitted(
-    model: Path, logs: Sequence[Recording], held: Sequence[Recording]
-) -> tuple[MujocoSimulator, Calibration, tuple[str, ...]]:
-    training, held_out, _ = recordings_for(model, logs, held)
-    simulator, notes = simulator_for(model, training, replayed=held_out)
-    assert isinstance(simulator, MujocoSimulator)
-    return simulator, calibrated(simulator, training, held_out, Options(cross_validate=False)), notes
+def _fitted(model: Path, logs: Sequence[Recording], held: Sequence[Recording]) -> tuple[Preparation, Calibration]:
+    ready = prepare(model, logs, held)
+    return ready, ready.calibrate(Options(cross_validate=False))
 
 
 def test_a_gain_that_was_never_fitted_is_replayed_nearly_to_the_noise(model: Path, tmp_path: Path) -> None:
     logs = [_log(100.0, "sine", "soft"), _log(400.0, "steps", "stiff")]
-    simulator, found, notes = _fitted(model, logs, [_log(200.0, "steps", "between")])
+    ready, found = _fitted(model, logs, [_log(200.0, "steps", "between")])
     (between,) = found.held_out()
     assert np.std(between.after - between.measured) < 3e-3
-    assert any("100, 200, 400" in note for note in notes)
+    assert any("100, 200, 400" in note for note in ready.notes)
     (kp,) = [e for e in found.estimates if e.name == "arm.kp"]
     assert kp.value == pytest.approx(400.0 * _PER_UNIT, rel=0.03)
     # The file says for which gain it holds: alone with a log at another one it still replays it.
-    write_outcome(simulator, found, tmp_path / "fit.xml", tmp_path / "parameters.toml")
+    ready.family.write(ready.simulator, found, tmp_path / "fit.xml", tmp_path / "parameters.toml")
     again, _ = simulator_for(tmp_path / "fit.xml", [_log(200.0, "sine", "soft alone")])
     assert isinstance(again, MujocoSimulator)
     assert again.gains.factors["kp"] == {"soft alone": pytest.approx(0.5)}

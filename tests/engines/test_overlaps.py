@@ -8,11 +8,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from trueup.campaign.assemble import simulator_for
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.overlaps import passable
 from trueup.engines.mujoco.writing.write import write_model
+from trueup.loop.prepare import simulator_for
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
 

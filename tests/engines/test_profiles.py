@@ -11,9 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.articulated.kernels import limited_commands
-from trueup.campaign.assemble import calibrated, simulator_for
-from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.loop.calibrate import Options
+from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 
 Array = NDArray[np.float64]
@@ -58,9 +57,7 @@ def _found(folder: Path, speed: float, acceleration: float) -> tuple[dict[str, f
     path.write_text(_ARM.replace('kp="60" kv="2"', 'kp="40" kv="1"').replace("5e-4", "2e-3"))
     log = _steps("log", (0.0, 0.3, -0.2, 0.8, 0.0, 0.6, 0.5, -0.6), speed, acceleration)
     other = _steps("other", (0.0, -0.4, 0.7, 0.6, -0.1), speed, acceleration)
-    simulator, _ = simulator_for(path, [log], replayed=[other])
-    assert isinstance(simulator, MujocoSimulator)
-    done = calibrated(simulator, [log], [other], Options(cross_validate=False))
+    done = prepare(path, [log], [other]).calibrate(Options(cross_validate=False))
     (replay,) = done.held_out()
     return {e.name: e.value for e in done.estimates}, float(np.std(replay.after - replay.measured))
 

@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from trueup.campaign.assemble import simulator_for
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.writing.write import write_model
+from trueup.loop.prepare import simulator_for
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
 

@@ -18,6 +18,7 @@ from trueup.recording import Recording
 
 if TYPE_CHECKING:
     from trueup.engines.bicycle import BicycleSimulator, Vehicle
+    from trueup.loop.prepare import Preparation
     from trueup.robots.stand_in_vehicle import StandInVehicle
     from trueup.tasks.follow_path import FollowPath
 
@@ -51,12 +52,12 @@ _DRIVES = (
 
 def mujoco(
     model: Path, say: Callable[[str], None], recordings: Sequence[Recording] = (), parameters: Path | None = None
-) -> Simulator:
+) -> Preparation:
     """A robot model with the parameters of a file, or those proposed for the plan's recordings; says what was done to both.
 
     Raises PlanError where there is neither, ModelError, ParameterError.
     """
-    from trueup.campaign.assemble import recordings_for, simulator_for
+    from trueup.loop.prepare import prepare
 
     if not model.is_file():
         raise PlanError(f"[simulator], model: there is no file '{model}'; name your robot's MJCF or URDF")
@@ -65,22 +66,10 @@ def mujoco(
             f"{model}: what is to be calibrated? Name recordings in [calibrate], from which parameters are proposed, or a "
             "parameters file in [simulator]"
         )
-    taken, _, notes = recordings_for(model, recordings)
-    simulator, more = simulator_for(model, taken, parameters)
-    for note in (*notes, *more):
+    ready = prepare(model, recordings, parameters=parameters)
+    for note in ready.notes:
         say(f"note: {note}")
-    return simulator
-
-
-def suited(model: Path) -> Suited:
-    """Recordings as `trueup calibrate` takes them: a model's names and units, a free base begun again every half second."""
-
-    def taken(recordings: Sequence[Recording]) -> list[Recording]:
-        from trueup.campaign.assemble import recordings_for
-
-        return recordings_for(model, recordings)[0] if recordings else []
-
-    return taken
+    return ready
 
 
 def bicycle(

@@ -34,12 +34,13 @@ class Output:
     """Why this folder, where it is not simply the one that was asked for."""
 
     @classmethod
-    def open(cls, folder: Path, model: Path, fingerprint: str, *, force: bool = False) -> Output:
+    def open(cls, folder: Path, model: Path, fingerprint: str, *, suffix: str = ".xml", force: bool = False) -> Output:
         """The folder, or the first of folder-2, folder-3 ... that holds no other results; `force` takes it as it is.
 
-        Raises OutputError where it cannot be made, and where the calibrated model would overwrite the one given.
+        `suffix` is that of the calibrated model's file. Raises OutputError where it cannot be made, and where the
+        calibrated model would overwrite the one given.
         """
-        name = f"{model.stem}{'.toml' if model.suffix.lower() == '.toml' else '.xml'}"
+        name = f"{model.stem}{suffix}"
         for number in range(1, 1000):
             at = folder if number == 1 else folder.with_name(f"{folder.name}-{number}")
             if (at / name).resolve() == model.resolve():

@@ -162,7 +162,7 @@ class Safety:
 
 @dataclass(frozen=True)
 class Plan:
-    """campaign.toml. Names are resolved by campaign/assemble.py."""
+    """campaign.toml. Names are resolved by campaign/resolve.py."""
 
     robot: Component
     simulator: Component

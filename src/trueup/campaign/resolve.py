@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.calibration import Calibration, TracePoint
-from trueup.campaign.assemble import as_recorded
 from trueup.campaign.kinds import (
     CALIBRATIONS,
     DISCREPANCIES,
@@ -23,17 +22,18 @@ from trueup.campaign.kinds import (
     TASKS,
     Suited,
     in_windows,
-    suited,
 )
 from trueup.campaign.making import arguments, called, found, made
 from trueup.campaign.parts import Calibrator, Parts
 from trueup.campaign.plan import Calibrate, Plan, PlanFile
 from trueup.campaign.typed_toml import Component
 from trueup.discrepancies.discrepancy import Discrepancy
+from trueup.engines.family import Family
 from trueup.engines.restricted import Restricted
-from trueup.engines.simulator import Simulator
 from trueup.errors import PlanError
 from trueup.formats import read
+from trueup.loop.calibrate import Options
+from trueup.loop.prepare import Preparation
 from trueup.recording import Recording
 from trueup.search.search import Search
 
@@ -58,12 +58,8 @@ def parts_of(file: PlanFile, folder: Path, say: Callable[[str], None]) -> Parts:
     given: dict[str, Any] = {
         "folder": folder, "folder_of_plan": base, "say": say, "seed": plan.seed, "recordings": (*recordings, *held_out)
     }  # fmt: skip
-    simulator: Simulator = _with(
-        plan.simulator, made(plan.simulator, "simulator", SIMULATORS, given, base), "simulator"
-    )
-    if plan.calibrate.parameters:
-        simulator = Restricted.to(simulator, plan.calibrate.parameters)
-    given["simulator"] = simulator
+    ready = _prepared(plan, given, base)
+    given["simulator"] = simulator = ready.simulator
     given["task"] = task = _with(plan.task, made(plan.task, "task", TASKS, given, base), "task")
     if not task.parameters.free.any():
         raise PlanError(f"{plan.task.where}: task '{task.name}' has no free parameter: nothing to tune")
@@ -72,20 +68,29 @@ def parts_of(file: PlanFile, folder: Path, say: Callable[[str], None]) -> Parts:
     if plan.calibrate.discrepancy is not None:
         discrepancy = made(plan.calibrate.discrepancy, "discrepancy", DISCREPANCIES, given, base)
     given["discrepancy"] = discrepancy
-    given["suited"] = suits = _suited(plan, base)
+    suits = _suited(plan, ready)
     return Parts(
-        robot, simulator, task, _search(file, task.parameters), _calibrator(file, given, discrepancy), tuple(recordings),
+        robot, simulator, task, _search(file, task.parameters), _calibrator(file, given, ready), tuple(recordings),
         tuple(held_out), discrepancy, plan.calibrate.channels or None, plan.limits.limits(), suits,
     )  # fmt: skip
 
 
-def _suited(plan: Plan, base: Path) -> Suited:
+def _prepared(plan: Plan, given: Mapping[str, Any], base: Path) -> Preparation:
+    """The plan's simulator, prepared: one with a model file is so already, another takes recordings as they are."""
+    part = made(plan.simulator, "simulator", SIMULATORS, given, base)
+    ready = (
+        part if isinstance(part, Preparation) else Preparation(Family(), _with(plan.simulator, part, "simulator"), ())
+    )
+    if not plan.calibrate.parameters:
+        return ready
+    return replace(ready, simulator=Restricted.to(ready.simulator, plan.calibrate.parameters))
+
+
+def _suited(plan: Plan, ready: Preparation) -> Suited:
     """What makes recordings of the robot ready for the simulator that the plan names."""
-    if plan.simulator.type == "mujoco":
-        return suited(base / str(plan.simulator.options.get("model")))
     if plan.calibrate.method.type == "drives":
         return in_windows(float(plan.calibrate.method.options.get("length", 6.0)))
-    return tuple
+    return ready.suited
 
 
 def _with(component: Component, part: Any, role: str) -> Any:
@@ -132,12 +137,12 @@ def _search(file: PlanFile, space: Any) -> Callable[[Array, int], Search]:
     return new
 
 
-def _calibrator(file: PlanFile, given: Mapping[str, Any], discrepancy: Discrepancy | None) -> Calibrator | None:
+def _calibrator(file: PlanFile, given: Mapping[str, Any], ready: Preparation) -> Calibrator | None:
     plan, base = file.plan, file.path.parent
     if plan.calibrate.method.type == "none":
         return None
     if plan.calibrate.method.type == "fit":
-        return _fit(file, given["simulator"], discrepancy, given["suited"])
+        return _fit(file, ready, given["discrepancy"])
     target = found(plan.calibrate.method, "calibration", CALIBRATIONS, base)
     before = {**given, "recordings": (), "held_out": (), "progress": None}
     arguments(plan.calibrate.method, target, before, base)  # what is wrong with the options is said now, not after runs
@@ -151,22 +156,17 @@ def _calibrator(file: PlanFile, given: Mapping[str, Any], discrepancy: Discrepan
     return own
 
 
-def _fit(file: PlanFile, simulator: Simulator, discrepancy: Discrepancy | None, suits: Suited) -> Calibrator:
+def _fit(file: PlanFile, ready: Preparation, discrepancy: Discrepancy | None) -> Calibrator:
     plan = file.plan.calibrate
     if plan.method.options:
         raise PlanError(f"{plan.method.where}: 'fit' takes no options here; set search, robust, ... in [calibrate]")
+    options = Options(search=plan.search, select=plan.select, robust=plan.robust, channels=plan.channels or None,
+                      seed=file.plan.seed)  # fmt: skip
 
     def fit(
         recordings: Sequence[Recording], held_out: Sequence[Recording], progress: Callable[[TracePoint], None]
     ) -> Calibration:
-        from trueup.loop.calibrate import Options, calibrate
-
-        options = Options(search=plan.search, select=plan.select, robust=plan.robust, channels=plan.channels or None,
-                          seed=file.plan.seed)  # fmt: skip
-        fitted, judged = suits(recordings), suits(held_out)
-        done = calibrate(simulator, fitted, judged, options=options, discrepancy=discrepancy, progress=progress)
-        if file.plan.simulator.type != "mujoco":
-            return done
-        return replace(done, replays=as_recorded(done.replays, [*fitted, *judged]))
+        now = ready.with_recordings(recordings, held_out)
+        return now.calibrate(options, discrepancy=discrepancy, progress=progress)
 
     return fit

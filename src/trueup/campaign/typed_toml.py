@@ -31,7 +31,7 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class Component:
-    """Something that the plan names and campaign/assemble.py makes: a short name or `module:attribute`, and options."""
+    """Something that the plan names and campaign/resolve.py makes: a short name or `module:attribute`, and options."""
 
     type: str
     options: Mapping[str, Value] = field(default_factory=dict)

@@ -14,29 +14,19 @@ from rich.console import Console
 from rich.markup import escape
 
 from trueup.calibration import Calibration
-from trueup.campaign.assemble import (
-    STEP,
-    about_load,
-    about_step,
-    calibrated,
-    kinds_of,
-    recordings_for,
-    simulator_for,
-    write_outcome,
-)
 from trueup.campaign.output import Output, fingerprint
 from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
-from trueup.commands.sources import mapping_for, readable, split, step_of, while_driven
+from trueup.commands.sources import STEP, mapping_for, readable, split, step_of, while_driven
 from trueup.errors import ModelError
 from trueup.formats import read
-from trueup.recording import Recording, is_command
+from trueup.recording import Recording
 from trueup.report import replay_picture, write_report
 from trueup.report.writing import write_aside
 
 if TYPE_CHECKING:
-    from trueup.engines.simulator import Simulator
     from trueup.loop.calibrate import Options
+    from trueup.loop.prepare import Preparation
 
 
 ABOUT = """\
@@ -95,29 +85,25 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
 
     Raises TrueupError, and KeyboardInterrupt after saying how to go on. Returns the exit code.
     """
+    from trueup.loop.prepare import prepare
+
     training, held_out, notes = _recordings(args)
-    model = Path(args.model)
-    simulator, more = simulator_for(
-        model, training, args.parameters, replayed=held_out, beyond_mjcf=args.beyond_mjcf, step=args.step
-    )
-    if model.suffix.lower() != ".toml":
-        more = (*more, *_unused(simulator, training), *about_step(simulator))
-    parameters = Path(args.parameters) if args.parameters else None
-    choices = {"held out": [r.name for r in held_out], "search": args.search, "seed": args.seed, "select": args.select,
-               "channels": args.channels, "beyond MJCF": args.beyond_mjcf, "step": args.step}  # fmt: skip
-    print_of = fingerprint(model, parameters, [*training, *held_out], choices)
-    output = Output.open(Path(args.out), model, print_of, force=args.force)
+    ready = prepare(args.model, training, held_out, parameters=args.parameters, beyond_mjcf=args.beyond_mjcf,
+                    step=args.step)  # fmt: skip
+    family, simulator = ready.family, ready.simulator
+    output = _output(args, ready)
     if not args.quiet:
-        for note in (*notes, *more, *([output.note] if output.note else [])):
+        more = (*ready.notes, *ready.unused(), *family.advice(simulator), *([output.note] if output.note else []))
+        for note in (*notes, *more):
             told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
-        told.print(escape(proposal_line(kinds_of(simulator), given=args.parameters is not None)), soft_wrap=True)
-    calibration = _calibrated(args, simulator, training, held_out, output, told)
-    files, said = _write(args, output, simulator, calibration)
+        told.print(escape(proposal_line(family.kinds(simulator), given=args.parameters is not None)), soft_wrap=True)
+    calibration = _calibrated(args, ready, output, told)
+    files, said = _write(args, output, ready, calibration)
     if args.json:
         console.print_json(output.outcome_file.read_text(encoding="utf-8"))
     else:
         show_outcome(calibration, console, quiet=args.quiet)
-        for note in (*said, *about_load(simulator, calibration)):
+        for note in (*said, *family.advice(simulator, calibration)):
             console.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
         console.print("  " + "  ".join(escape(str(f)) for f in files), soft_wrap=True, highlight=False)
     return 0
@@ -129,19 +115,17 @@ def _recordings(args: argparse.Namespace) -> tuple[list[Recording], list[Recordi
     recordings = [r for path in paths for r in read([path], mapping)]
     recordings, cut = while_driven(recordings)
     training, held_out = split(recordings, [h for group in args.hold_out for h in group], mapping)
-    said: list[str] = []
-    if Path(args.model).suffix.lower() != ".toml":
-        training, held_out, said = recordings_for(args.model, training, held_out)
-    return training, held_out, [*notes, *more, *cut, *said]
+    return training, held_out, [*notes, *more, *cut]
 
 
-def _unused(simulator: Simulator, recordings: Sequence[Recording]) -> list[str]:
-    """A note on measured channels that the model has nothing to compare with, such as the pose of a free base."""
-    measured = {name for r in recordings for name in r.channels if not is_command(name)}
-    unused = measured.difference(*(simulator.observable(r) for r in recordings))
-    if not unused:
-        return []
-    return [f"not used, since it is no joint and no sensor of the model: {', '.join(sorted(unused))}"]
+def _output(args: argparse.Namespace, ready: Preparation) -> Output:
+    """The folder for the results of this calibration and no other."""
+    model, parameters = Path(args.model), Path(args.parameters) if args.parameters else None
+    choices = {"held out": [r.name for r in ready.hold_out], "search": args.search, "seed": args.seed,
+               "select": args.select, "channels": args.channels, "beyond MJCF": args.beyond_mjcf,
+               "step": args.step}  # fmt: skip
+    print_of = fingerprint(model, parameters, [*ready.recordings, *ready.hold_out], choices)
+    return Output.open(Path(args.out), model, print_of, suffix=ready.family.suffix, force=args.force)
 
 
 def _options(args: argparse.Namespace) -> Options:
@@ -151,22 +135,11 @@ def _options(args: argparse.Namespace) -> Options:
     return Options(search=args.search, select=args.select, seed=args.seed, channels=channels)
 
 
-def _calibrated(
-    args: argparse.Namespace, simulator: Simulator, training: Sequence[Recording], held_out: Sequence[Recording],
-    output: Output, told: Console,
-) -> Calibration:  # fmt: skip
+def _calibrated(args: argparse.Namespace, ready: Preparation, output: Output, told: Console) -> Calibration:
     resume: dict[str, Any] | None = dict(output.resume) if output.resume is not None else None
     try:
-        with Watcher(told, _main_unit(training), quiet=args.quiet) as watcher:
-            return calibrated(
-                simulator,
-                training,
-                held_out,
-                _options(args),
-                progress=watcher,
-                checkpoint=output.save,
-                resume=resume,
-            )
+        with Watcher(told, _main_unit(ready.recordings), quiet=args.quiet) as watcher:
+            return ready.calibrate(_options(args), progress=watcher, checkpoint=output.save, resume=resume)
     except KeyboardInterrupt:
         again = shlex.join(["trueup", *args.command_line])
         kept = output.state_file.is_file()
@@ -188,12 +161,12 @@ def _main_unit(training: Sequence[Recording]) -> str:
 
 
 def _write(
-    args: argparse.Namespace, output: Output, simulator: Any, calibration: Calibration
+    args: argparse.Namespace, output: Output, ready: Preparation, calibration: Calibration
 ) -> tuple[list[Path], tuple[str, ...]]:
     """All result files; the plain numbers last, since they mark the folder as finished."""
     parameters, report = output.folder / "parameters.toml", output.folder / "report.html"
     try:
-        notes = write_outcome(simulator, calibration, output.model_file, parameters)
+        notes = ready.family.write(ready.simulator, calibration, output.model_file, parameters)
     except ModelError as error:  # minutes of search are in the rest
         notes = (f"the calibrated model could not be written: {error}. Its values are in {parameters}",)
     context = {"command": shlex.join(["trueup", *args.command_line]), "python": sys.version.split()[0]}

@@ -14,7 +14,6 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from trueup.campaign.assemble import clearance_for
 from trueup.campaign.output import free_folder
 from trueup.errors import IdentificationError, MissingExtraError
 from trueup.formats.trajectory import write_bag, write_csv, write_json
@@ -121,7 +120,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
 
 def _problem(args: argparse.Namespace) -> ExcitationProblem:
     """The arm, its limits and what is asked for. Raises IdentificationError for arguments that do not go together."""
-    from trueup.excitation.problem import Asked, excitation_problem
+    from trueup.excitation.problem import Asked, clearance_for, excitation_problem
 
     motion = args.motion or ("via-points" if args.via_points else "fourier")
     if motion == "via-points" and not args.region:

@@ -14,7 +14,6 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from trueup.campaign.assemble import drives_of, in_units_of, joints_of
 from trueup.commands.sources import MAPPING, mapping_for, readable
 from trueup.errors import MappingError
 from trueup.formats import ChannelMap, TimeColumn, guess_mapping, read
@@ -55,12 +54,12 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     recordings = _read(paths, mapping, args.rate, target)
     if args.model is not None:
         notes += _unknown(recordings, args.model) if mapping is not None else []
-    found = [inspect(r) for r in (in_units_of(args.model, recordings) if args.model is not None else recordings)]
+    found = [inspect(r) for r in (_in_units_of(args.model, recordings) if args.model is not None else recordings)]
     written = None
     if mapping is None and any("reader" in r.provenance for r in recordings):
         guess = _with_rate(guess_mapping(paths), args.rate)
         if args.model is not None:
-            guess, said = _renamed(guess, recordings, drives_of(args.model))
+            guess, said = _renamed(guess, recordings, _drives_of(args.model))
             notes += said
         guess.save(target)
         written = target
@@ -118,8 +117,24 @@ def _labels(recordings: Sequence[Recording]) -> list[str]:
     return list(dict.fromkeys(x for r in recordings for n in names if r.has(n) for x in r.channel(n).labels))
 
 
+def _drives_of(model: str) -> Mapping[str, str]:
+    """A model's joints and what drives them."""
+    from trueup.engines.family import family_of
+
+    family = family_of(model)
+    return family.drives(family.load(Path(model)))
+
+
+def _in_units_of(model: str, recordings: Sequence[Recording]) -> Sequence[Recording]:
+    """Recordings with a model's names and units: metres where a joint slides."""
+    from trueup.engines.family import family_of
+
+    family = family_of(model)
+    return family.in_units(family.load(Path(model)), recordings)
+
+
 def _unknown(recordings: Sequence[Recording], model: str) -> list[str]:
-    joints = joints_of(model)
+    joints = list(_drives_of(model))
     strange = [label for label in _labels(recordings) if label not in joints]
     return (
         [f"{Path(model).name} has no joint {', '.join(strange)}; its joints are: {', '.join(joints)}"]

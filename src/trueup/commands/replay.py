@@ -16,10 +16,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from trueup.calibration import Replay, pooled_rmse
-from trueup.campaign.assemble import STEP, as_recorded, recordings_for, shipped_for, simulator_for
 from trueup.campaign.output import free_folder
-from trueup.commands.replay_drives import run_drives
-from trueup.commands.sources import mapping_for, readable, step_of, while_driven
+from trueup.commands.replay_drives import drive_table, plain_drive, write_drives
+from trueup.commands.sources import STEP, mapping_for, readable, step_of, while_driven
 from trueup.formats import read
 from trueup.formats.plain import finite
 from trueup.report import replay_picture
@@ -27,6 +26,7 @@ from trueup.report.numbers import ratio_text, scale_for
 from trueup.report.writing import write_aside
 
 if TYPE_CHECKING:
+    from trueup.loop.prepare import Comparison
     from trueup.recording import Recording
 
 ABOUT = """\
@@ -64,46 +64,45 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     paths, notes = readable(args.recordings)
     mapping, more = mapping_for(args.mapping)
     recordings, cut = while_driven([r for path in paths for r in read([path], mapping)])
-    if Path(args.model).suffix.lower() == ".toml":
-        return run_drives(args, recordings, (*notes, *more, *cut), console, told)
-    recordings, _, taken = recordings_for(args.model, recordings)
-    found, said = _replays(args, recordings)
+    compared, taken = _compared(args, recordings)
     if not args.quiet:
-        for note in (*notes, *more, *cut, *taken, *said):
+        for note in (*notes, *more, *cut, *taken):
             told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
-    compared = bool(args.against or args.parameters)
-    if args.json:
-        console.print_json(json.dumps([_plain(r, compared) for r in found]))
+    beside = bool(args.against or args.parameters)
+    found = compared.replays
+    if args.json and compared.predictions:
+        console.print_json(json.dumps([plain_drive(p) for p in compared.predictions]))
+    elif args.json:
+        console.print_json(json.dumps([_plain(r, beside) for r in found]))
+    elif compared.predictions:
+        console.print(drive_table(compared.predictions))
     else:
         for kind in dict.fromkeys((r.channel, r.unit) for r in found):
-            console.print(_table([r for r in found if (r.channel, r.unit) == kind], compared))
+            console.print(_table([r for r in found if (r.channel, r.unit) == kind], beside))
     if args.out:
         folder = free_folder(Path(args.out), lambda at: not at.exists() or not any(at.iterdir()))
-        for replay in found:
-            same = replay.channel == found[0].channel
-            kind = "" if same and replay.unit == found[0].unit else f"-{replay.unit if same else replay.channel}"
-            name = replay.recording + kind.replace("/", " per ")
-            write_aside(replay_picture(replay), folder / f"{name}.svg")
+        (write_drives if compared.predictions else _write)(compared, folder)
         (told if args.json else console).print(f"  pictures in {escape(str(folder))}", soft_wrap=True, highlight=False)
     return 0
 
 
-def _replays(args: argparse.Namespace, recordings: list[Recording]) -> tuple[tuple[Replay, ...], tuple[str, ...]]:
-    from trueup.loop.calibrate import usual
-    from trueup.loop.replay import replays
+def _compared(args: argparse.Namespace, recordings: list[Recording]) -> tuple[Comparison, tuple[str, ...]]:
+    """The model on all recordings, another one beside it if asked, and notes on what was done to both."""
+    from trueup.loop.prepare import prepare
 
-    of = (
-        simulator_for(args.model, recordings, args.parameters, step=args.step)
-        if args.parameters
-        else shipped_for(args.model, recordings, args.step)
-    )
-    simulator, notes = of
-    against = shipped_for(args.against, recordings, args.step)[0] if args.against else None
-    seen = sorted({c for r in recordings for c in simulator.observable(r)})
-    channels = [c.strip() for c in args.channels.split(",")] if args.channels else usual(seen)
-    found = replays(simulator, simulator.parameters.nominal, (), recordings, channels=channels, against=against)
-    found = as_recorded(found, recordings)
-    return found, notes
+    ready = prepare(args.model, (), recordings, parameters=args.parameters, propose=False, step=args.step)
+    channels = [c.strip() for c in args.channels.split(",")] if args.channels else None
+    compared = ready.compare(args.against, channels=channels, step=args.step)
+    return compared, (*ready.notes, *compared.notes)
+
+
+def _write(compared: Comparison, folder: Path) -> None:
+    """A picture of each recording, and of each further channel."""
+    first = compared.replays[0]
+    for replay in compared.replays:
+        same = replay.channel == first.channel
+        kind = "" if same and replay.unit == first.unit else f"-{replay.unit if same else replay.channel}"
+        write_aside(replay_picture(replay), folder / f"{replay.recording}{kind.replace('/', ' per ')}.svg")
 
 
 def _table(found: list[Replay], compared: bool) -> Table:

@@ -16,6 +16,8 @@ from trueup.recording import Recording
 
 ENABLED = "torque_enable"
 """Channel that is zero while a drive is off."""
+STEP = 0.002
+"""s: the step of MuJoCo models unless told otherwise."""
 MAPPING = Path("mapping.toml")
 """The mapping that is used when none is named, in the current folder."""
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -64,10 +64,18 @@ class ExcitationProblem:
     notes: tuple[str, ...]
 
 
+def clearance_for(model: str | Path, joints: Sequence[str], floor: float | str | None = "auto") -> Clearance:
+    """What tells how far the parts of a model are from each other at postures of these joints. Raises ModelError."""
+    from trueup.engines.mujoco.clearance import MujocoClearance
+    from trueup.engines.mujoco.model import load
+
+    return MujocoClearance.of(load(Path(model)), joints, floor=floor)
+
+
 def excitation_problem(
-    path: str | Path, asked: Asked, clearance_for: Callable[[tuple[str, ...]], Clearance] | None = None
+    path: str | Path, asked: Asked, clearance: Callable[[tuple[str, ...]], Clearance] | None = None
 ) -> ExcitationProblem:
-    """Reads the model, the region and the limits; `clearance_for` makes what measures distances for named joints.
+    """Reads the model, the region and the limits; `clearance` makes what measures distances for named joints.
 
     Raises ModelError and UnknownNameError.
     """
@@ -76,8 +84,8 @@ def excitation_problem(
     if asked.limits:
         limits = limits.from_file(asked.limits)
     region = Region.load(asked.region) if asked.region else None
-    clearance = clearance_for(tree.joints) if clearance_for is not None else None
-    apart = None if clearance is None else clearance.distances
+    distance = clearance(tree.joints) if clearance is not None else None
+    apart = None if distance is None else distance.distances
     cell = None
     if region is not None:
         cell = Cell.of(tree, region, limits, seed=asked.seed, apart=apart, margin=asked.margin)
@@ -96,13 +104,13 @@ def excitation_problem(
         kind = Fourier(limits, 10.0) if cell is None else ViaPoints(cell)
         genes = np.random.default_rng(asked.seed).uniform(size=(40, kind.size))
         criterion = criterion.for_motions(kind.motions(genes, 200))
-    feasibility = Feasibility(limits, clearance, asked.margin, model, parameters, cell, 0.0)
+    feasibility = Feasibility(limits, distance, asked.margin, model, parameters, cell, 0.0)
     settings = Settings(speed=asked.speed, turn=2.0 * asked.speed)
     wish = Wish(asked.motion, asked.duration, asked.via_points, settings, asked.rate)
     options = Options(
         samples=1000, seed=asked.seed, budget=asked.budget, candidates=12000, threads=min(4, os.cpu_count() or 1)
     )
-    more = (*(() if cell is None else cell.notes), *(() if clearance is None else clearance.notes))
+    more = (*(() if cell is None else cell.notes), *(() if distance is None else distance.notes))
     return ExcitationProblem(
         criterion, feasibility, wish, options, chain, (*notes, *tree.notes, *limits.notes, *said, *more)
     )

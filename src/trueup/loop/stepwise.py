@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from trueup.calibration import Calibration, pooled_rmse
+from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.engines.simulator import Simulator
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.fit import Checkpoint, Progress
@@ -20,7 +21,8 @@ _CLEARLY = 0.95  # share of the replay error up to which the structure is taken
 
 def calibrate_stepwise(
     simulator: Simulator, recordings: Sequence[Recording], hold_out: Sequence[Recording], later: str, options: Options, *,
-    progress: Progress | None = None, checkpoint: Checkpoint | None = None, resume: dict[str, Any] | None = None,
+    discrepancy: Discrepancy | None = None, progress: Progress | None = None, checkpoint: Checkpoint | None = None,
+    resume: dict[str, Any] | None = None,
 ) -> Calibration:  # fmt: skip
     """Like `calibrate`, but the optional structure `later` (`Parameter.optional`) is at zero first.
 
@@ -31,15 +33,18 @@ def calibrate_stepwise(
     space = simulator.parameters
     names = [p.name for p in space.parameters if p.optional == later and not p.frozen]
     if not names or len(names) == int(space.free.sum()):
-        return calibrate(simulator, recordings, hold_out, options=options, progress=progress, checkpoint=checkpoint,
-                         resume=resume)  # fmt: skip
+        return calibrate(simulator, recordings, hold_out, options=options, discrepancy=discrepancy, progress=progress,
+                         checkpoint=checkpoint, resume=resume)  # fmt: skip
     without = calibrate(
-        simulator, recordings, hold_out, options=options, progress=progress, checkpoint=checkpoint, resume=resume,
+        simulator, recordings, hold_out, options=options, discrepancy=discrepancy, progress=progress,
+        checkpoint=checkpoint, resume=resume,
         space=space.freeze(names, dict.fromkeys(names, 0.0)),
     )  # fmt: skip
     from_there = np.where([name in names for name in space.names], space.nominal, without.values)
     found = [
-        calibrate(simulator, recordings, hold_out, options=options, progress=progress, start=start)
+        calibrate(
+            simulator, recordings, hold_out, options=options, discrepancy=discrepancy, progress=progress, start=start
+        )
         for start in (from_there, space.nominal)
     ]
     best = min(found, key=_error)

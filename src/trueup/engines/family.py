@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How robots of one family are prepared, calibrated, compared, written and described; which family a model file is of.
+
+`FAMILIES` is the only place where the ending of a file says anything. Other packages add a family by an entry point of the
+group 'trueup.families', named by the ending of its files ('.sdf') and leading to a class.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from trueup.calibration import Calibration, Prediction, Replay, by_unit
+from trueup.discrepancies.discrepancy import Discrepancy
+from trueup.engines.simulator import Simulator
+from trueup.errors import ModelError
+from trueup.recording import Recording
+
+FAMILIES = {"": "trueup.engines.mujoco.family:Articulated", ".toml": "trueup.engines.car.family:Cars"}
+"""Ending of a model file -> class of its family; '' for all others."""
+GROUP = "trueup.families"
+
+
+class Fit(Protocol):
+    """`trueup.loop.calibrate` with the options that a user gave: what a family calibrates with, in its own way."""
+
+    def __call__(
+        self, simulator: Simulator, recordings: Sequence[Recording], hold_out: Sequence[Recording] = (), *,
+        discrepancy: Discrepancy | None = None, cross_validate: bool = True, again: bool = False,
+    ) -> Calibration:  # fmt: skip
+        """See `calibrate`. `again`: a fit after the first, which is neither kept for an interruption nor resumed."""
+        ...
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked of a simulator beside its model file."""
+
+    parameters: Path | None = None
+    """Declares what is calibrated; None: what the recordings propose."""
+    propose: bool = True
+    """False: the model as it is, without parameters, unless a file declares some."""
+    beyond_mjcf: bool = False
+    """Propose friction that MJCF has no place for too."""
+    step: float | None = None
+    """Integration step in s; None: the family's own."""
+    clocks: Mapping[str, float] = field(default_factory=dict)
+    """How late the commands of some recordings are stamped, in s."""
+
+
+@dataclass(frozen=True)
+class Suited:
+    """Recordings as a model can take them, and what was changed in them, in words."""
+
+    training: tuple[Recording, ...]
+    held_out: tuple[Recording, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+class Family:
+    """What may differ from family to family; these are the answers for a simulator of which nothing more is known."""
+
+    suffix = ".xml"
+    """Of the file that holds a calibrated model."""
+    describes = "a model file of the same kind"
+    """What such a file is, in words."""
+    later = ""
+    """Optional structure (`Parameter.optional`) that is tried only after a fit without it."""
+
+    def load(self, path: Path) -> Any:
+        """The model in a file, in whatever form the other methods take it. Raises ModelError."""
+        raise ModelError(f"{path}: this family has no model files")
+
+    def drives(self, model: Any) -> Mapping[str, str]:
+        """A model's joints, each to the name of what drives it, '' where nothing does."""
+        return {}
+
+    def in_units(self, model: Any, recordings: Sequence[Recording]) -> Sequence[Recording]:
+        """Recordings with a model's names and units, not yet made ready to be replayed: for those who look at them."""
+        return recordings
+
+    def suited(self, model: Any, training: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Suited:
+        """Recordings with the model's names and units. Raises ModelError, RecordingError."""
+        return Suited(tuple(training), tuple(held_out))
+
+    def simulator(
+        self, model: Any, training: Sequence[Recording], replayed: Sequence[Recording], request: Request
+    ) -> tuple[Simulator, tuple[str, ...]]:
+        """The simulator of a model with its parameters, as recordings (`suited`) need it, and what was done, in words.
+
+        `replayed` will be replayed too, but propose nothing. Raises ModelError, ParameterError, UnknownNameError.
+        """
+        raise ModelError("this family has no model files")
+
+    def calibrate(
+        self, simulator: Any, training: Sequence[Recording], held_out: Sequence[Recording], fit: Fit
+    ) -> Calibration:
+        """Calibrates a simulator in the family's way. Raises what `calibrate` raises."""
+        return fit(simulator, training, held_out)
+
+    def as_recorded(self, replays: Sequence[Replay], recordings: Sequence[Recording]) -> tuple[Replay, ...]:
+        """Replays of `suited` recordings as the recordings were: one unit each."""
+        return by_unit(replays, recordings)
+
+    def judged(self, simulator: Any, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+        """Recordings without what a simulator as it is should not be judged by."""
+        return tuple(recordings)
+
+    def predictions(
+        self, simulator: Any, against: Any, recordings: Sequence[Recording]
+    ) -> tuple[tuple[Prediction, ...], tuple[str, ...]]:
+        """How a family that is judged some seconds ahead does on `recordings`, and notes; () where replays judge."""
+        return (), ()
+
+    def write(
+        self, simulator: Any, calibration: Calibration, model: Path, parameters: Path
+    ) -> tuple[str, ...]:  # fmt: skip
+        """Writes the calibrated model, and its parameters where the model cannot hold them all; notes on what is lost.
+
+        Raises OutputError and ModelError; older files are untouched then.
+        """
+        raise ModelError(f"the calibrated model of '{simulator.name}' has no file")
+
+    def kinds(self, simulator: Any) -> tuple[tuple[str, str, int], ...]:
+        """(quantity, kind of element, number of elements) of the free parameters, in order: what a summary says of them."""
+        return tuple((p.name, simulator.name, 1) for p in simulator.parameters.parameters if not p.frozen)
+
+    def advice(self, simulator: Any, calibration: Calibration | None = None) -> tuple[str, ...]:
+        """What to mind before a calibration (None), or what might be tried after it."""
+        return ()
+
+
+def family_of(model: str | Path) -> Family:
+    """The family of a model file, by its ending."""
+    others = {e.name.lower(): e.value for e in importlib.metadata.entry_points(group=GROUP)}
+    address = {**others, **FAMILIES}.get(Path(model).suffix.lower(), FAMILIES[""])
+    module, _, name = address.partition(":")
+    return getattr(importlib.import_module(module), name)()

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From a model file and recordings to what can be calibrated, compared and written: the same for everyone who asks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from trueup.calibration import Calibration, Prediction, Replay
+from trueup.discrepancies.alignment import clock_errors
+from trueup.discrepancies.discrepancy import Discrepancy
+from trueup.engines.family import Family, Request, family_of
+from trueup.engines.simulator import Simulator
+from trueup.errors import ModelError
+from trueup.loop.calibrate import Options, calibrate, usual
+from trueup.loop.fit import Checkpoint, Progress
+from trueup.loop.replay import replays
+from trueup.loop.stepwise import calibrate_stepwise
+from trueup.recording import Recording, is_command
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How a model does as it is on recordings, another one beside it if wanted (`before` and `against`)."""
+
+    replays: tuple[Replay, ...] = ()
+    predictions: tuple[Prediction, ...] = ()
+    """For families that are judged some seconds ahead."""
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Preparation:
+    """A simulator and recordings that fit together, ready to be calibrated or compared."""
+
+    family: Family
+    simulator: Simulator
+    recordings: tuple[Recording, ...]
+    """To fit, with the model's names and units."""
+    hold_out: tuple[Recording, ...] = ()
+    """To judge by."""
+    notes: tuple[str, ...] = ()
+    """What was changed in model and recordings, and what to mind, in words."""
+    model: Any = None
+    """The model as it was read from its file; None where there is no file."""
+
+    def calibrate(
+        self, options: Options | None = None, *, discrepancy: Discrepancy | None = None, progress: Progress | None = None,
+        checkpoint: Checkpoint | None = None, resume: dict[str, Any] | None = None,
+    ) -> Calibration:  # fmt: skip
+        """Finds the parameters with which the simulator replays the recordings. Raises what `calibrate` raises."""
+        chosen, measure = options or Options(), discrepancy
+
+        def fit(
+            simulator: Simulator, recordings: Sequence[Recording], hold_out: Sequence[Recording] = (), *,
+            discrepancy: Discrepancy | None = None, cross_validate: bool = True, again: bool = False,
+        ) -> Calibration:  # fmt: skip
+            how: dict[str, Any] = {
+                "options": replace(chosen, cross_validate=chosen.cross_validate and cross_validate),
+                "discrepancy": discrepancy or measure, "progress": progress,
+                "checkpoint": None if again else checkpoint, "resume": None if again else resume,
+            }  # fmt: skip
+            if self.family.later:
+                return calibrate_stepwise(simulator, recordings, hold_out, self.family.later, **how)
+            return calibrate(simulator, recordings, hold_out, **how)
+
+        done = self.family.calibrate(self.simulator, self.recordings, self.hold_out, fit)
+        return replace(done, replays=self.family.as_recorded(done.replays, (*self.recordings, *self.hold_out)))
+
+    def compare(
+        self, against: str | Path | None = None, *, channels: Sequence[str] | None = None, step: float | None = None
+    ) -> Comparison:
+        """The simulator with its nominal values on all recordings, beside the model file `against` as it is.
+
+        Without one, beside the model as it came. `step` in s is that of `against`. Raises ModelError for a file of
+        another family, and SimulationFailedError.
+        """
+        every = (*self.recordings, *self.hold_out)
+        other = None if against is None else self._other(Path(against), every, step)
+        predictions, notes = self.family.predictions(self.simulator, other, every)
+        every = self.family.judged(self.simulator, every)
+        seen = sorted({c for r in every for c in self.simulator.observable(r)})
+        found = replays(self.simulator, self.simulator.parameters.nominal, (), every,
+                        channels=channels or usual(seen), against=other)  # fmt: skip
+        return Comparison(self.family.as_recorded(found, every), predictions, notes)
+
+    def _other(self, path: Path, recordings: Sequence[Recording], step: float | None) -> Simulator:
+        family = family_of(path)
+        if type(family) is not type(self.family):
+            raise ModelError(f"{path}: '{self.simulator.name}' is compared with {self.family.describes}")
+        simulator, _ = family.simulator(family.load(path), recordings, (), Request(propose=False, step=step))
+        return simulator
+
+    def suited(self, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+        """Other recordings of the same robot, as this model can take them."""
+        if self.model is None or not recordings:
+            return tuple(recordings)
+        return self.family.suited(self.model, recordings).training
+
+    def with_recordings(self, recordings: Sequence[Recording], hold_out: Sequence[Recording] = ()) -> Preparation:
+        """The same simulator with other recordings of the same robot, as this model can take them."""
+        if self.model is None:
+            return replace(self, recordings=tuple(recordings), hold_out=tuple(hold_out))
+        suited = self.family.suited(self.model, recordings, hold_out)
+        return replace(self, recordings=suited.training, hold_out=suited.held_out)
+
+    def unused(self) -> tuple[str, ...]:
+        """A note on measured channels that the model has nothing to compare with, such as the pose of a free base."""
+        measured = {name for r in self.recordings for name in r.channels if not is_command(name)}
+        left = measured.difference(*(self.simulator.observable(r) for r in self.recordings))
+        return (
+            (f"not used, since it is no joint and no sensor of the model: {', '.join(sorted(left))}",) if left else ()
+        )
+
+
+def prepare(
+    model: str | Path, recordings: Sequence[Recording], hold_out: Sequence[Recording] = (), *,
+    parameters: str | Path | None = None, propose: bool = True, beyond_mjcf: bool = False, step: float | None = None,
+) -> Preparation:  # fmt: skip
+    """A model file (MJCF, URDF, a car's TOML file, or one of another family) made ready for recordings, and they for it.
+
+    `recordings` are to be fitted, `hold_out` to judge by. What is calibrated stands in the file `parameters`, or is
+    proposed from what moves in `recordings`; `propose=False` takes the model as it is. `beyond_mjcf` proposes friction
+    that MJCF has no place for too. `step` in s (None: the family's own).
+    Raises ModelError, ParameterError, RecordingError and UnknownNameError.
+    """
+    family = family_of(model)
+    loaded = family.load(Path(model))
+    suited = family.suited(loaded, recordings, hold_out)
+    every = (*suited.training, *suited.held_out)
+    request = Request(None if parameters is None else Path(parameters), propose, beyond_mjcf, step, clock_errors(every))
+    simulator, notes = family.simulator(loaded, suited.training, suited.held_out, request)
+    return Preparation(family, simulator, suited.training, suited.held_out, (*suited.notes, *notes), loaded)
+
+
+def simulator_for(
+    model_path: str | Path, recordings: Sequence[Recording], parameters_file: str | Path | None = None, *,
+    replayed: Sequence[Recording] = (), beyond_mjcf: bool = False, step: float | None = None,
+) -> tuple[Any, tuple[str, ...]]:  # fmt: skip
+    """The simulator alone of what `prepare` makes, for recordings that have the model's names and units; and notes."""
+    family = family_of(model_path)
+    request = Request(
+        None if parameters_file is None else Path(parameters_file), True, beyond_mjcf, step,
+        clock_errors((*recordings, *replayed)),
+    )  # fmt: skip
+    return family.simulator(family.load(Path(model_path)), recordings, replayed, request)
