@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from trueup.campaign.assemble import simulator_for
 from trueup.campaign.events import Calibrated, Ended, Scored
 from trueup.campaign.folder import Folder
 from trueup.campaign.history import History
@@ -24,6 +23,7 @@ from trueup.campaign.plan import read_plan
 from trueup.cli import main
 from trueup.commands.status import show_status
 from trueup.formats import ChannelMap
+from trueup.loop.prepare import simulator_for
 
 FILES = Path(__file__).parent / "files"
 ARM = Path(str(resources.files("trueup") / "studies" / "servo_arm" / "arm.xml"))
