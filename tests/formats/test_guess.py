@@ -165,3 +165,55 @@ def test_a_dot_makes_a_speed_of_a_position(tmp_path: Path, speed: str) -> None:
     found = guess(tmp_path, ",".join(["time", *names])).channels
     assert found["position"].columns == ("q1", "q2")
     assert found["velocity"].columns == tuple(names[2:])
+
+
+def swing(folder: Path, names: str, *factors: float) -> ChannelMap:
+    """The mapping guessed for a joint that swings: position, then its speed, then a command, each times a factor."""
+    time = np.arange(400) / 100.0
+    signals = (np.sin(3.0 * time), 3.0 * np.cos(3.0 * time), np.sin(3.0 * time + 0.05))
+    table = [time, *(factor * signal for factor, signal in zip(factors, signals, strict=False))]
+    np.savetxt(folder / "log.csv", np.column_stack(table), delimiter=",", header=names, comments="", fmt="%.9g")
+    return formats.guess_mapping(folder / "log.csv")
+
+
+@pytest.mark.parametrize(
+    ("names", "factors", "units"),
+    [
+        # Small motions in degrees look like radians; what goes with them tells.
+        ("t,q_hip,dq_hip_rad_s", (9.0, 9.0 * np.pi / 180), {"position": "deg", "velocity": "rad/s"}),
+        ("t,q_hip,dq_hip", (0.2, 0.2 * 180 / np.pi), {"position": "rad", "velocity": "deg/s"}),
+        ("t,q_hip,dq_hip,q_des_hip", (0.2, 0.2, 0.2 * 180 / np.pi), {"position": "rad", "command": "deg"}),
+        ("t,q_hip_deg,dq_hip,q_des_hip", (9.0, 9.0, 9.0), {"velocity": "deg/s", "command": "deg"}),
+        ("t,q_hip,dq_hip", (0.2, 0.2 * 60 / (2 * np.pi)), {"velocity": "rpm"}),
+        ("t,q_hip,dq_hip", (0.2, 0.16), {"velocity": "rad/s"}),  # filtered
+        ("t,q_hip,dq_hip", (0.2, 40.0), {"velocity": ""}),  # no unit makes this of it: it is asked about
+    ],
+)
+def test_units_that_nobody_says_are_told_by_what_goes_with_what(
+    tmp_path: Path, names: str, factors: tuple[float, ...], units: dict[str, str]
+) -> None:
+    mapping = swing(tmp_path, names, *factors)
+    assert {name: mapping.channels[name].unit for name in units} == units
+    assert ("velocity: unit unknown; it is 200 times" in " ".join(mapping.notes)) == ("" in units.values())
+
+
+def test_a_column_named_as_its_command_is_its_position_unless_it_moves_against_it(tmp_path: Path) -> None:
+    rows = "".join(f"{0.01 * k},{k},{-k},{k + 1},{k}\n" for k in range(20))
+    (tmp_path / "log.csv").write_text("t,goal_pan,goal_tilt,pan,tilt\n" + rows)
+    channels = formats.guess_mapping(tmp_path / "log.csv").channels
+    assert (channels["position"].labels, set(channels) - {"command", "position"}) == (("pan",), {"tilt"})
+
+
+def test_a_sensors_axes_are_no_joints(tmp_path: Path) -> None:
+    found = guess(tmp_path, "time,q1,q2,accel_x,accel_y,accel_z,gyro_x,torque_z").channels
+    assert set(found) == {"position", "accel", "gyro", "torque"}
+    assert found["torque"].labels == ("z",)
+    assert found["torque"].unit == ""
+
+
+def test_whole_numbers_of_an_unknown_encoder_are_asked_about(tmp_path: Path) -> None:
+    rows = "".join(f"{0.01 * k},{8000 + 30 * k},{8000 + 30 * k}\n" for k in range(50))
+    (tmp_path / "log.csv").write_text("t,hip_goal,hip_counts\n" + rows)
+    mapping = formats.guess_mapping(tmp_path / "log.csv")
+    assert mapping.channels["position"].unit == ""
+    assert any("scale = 6.2832 / counts of a turn" in note for note in mapping.notes)

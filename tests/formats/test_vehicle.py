@@ -87,12 +87,13 @@ def test_logs_of_golf_carts_racing_cars_and_two_wheelers_are_recognised(names: s
     signals = {
         "time": t, "throttle": throttle, "brake": 0 * t, "steer": steering, "servo": 0.5 - steering, "erpm": 4000 * speed,
         "lat": 48.0 + x * 1e-5, "lon": 11.0 + y * 1e-5, "easting": 7e5 + x, "northing": 5e6 + y,
-        "orientation.z": np.sin(heading / 2), "orientation.w": np.cos(heading / 2), "yaw": heading, "theta": heading,
+        "orientation.z": np.sin(heading / 2), "orientation.w": np.cos(heading / 2), "rot_x": 0 * t, "rot_y": 0 * t,
+        "rot_z": np.sin(heading / 2), "rot_w": np.cos(heading / 2), "yaw": heading, "theta": heading,
         "heading": np.degrees(heading), "x": x, "y": y, "kmh": 3.6 * speed, "speed": speed, "v": speed, "w": steering,
     }  # fmt: skip
-    order = ("orientation.z", "orientation.w", "orientation", "steer", "servo", "erpm", "throttle", "brake", "theta", "yaw",
-             "heading", "lat", "lon", "easting", "northing", "kmh", "time", "stamp", "angular", "linear",
-             "speed")  # fmt: skip
+    order = ("rot_x", "rot_y", "rot_z", "rot_w", "orientation.z", "orientation.w", "orientation", "steer", "servo", "erpm",
+             "throttle", "brake", "theta", "yaw", "heading", "lat", "lon", "easting", "northing", "kmh", "time", "stamp",
+             "angular", "linear", "speed")  # fmt: skip
 
     def signal(name: str) -> Array:
         key = next((k for k in order if k in name), name.split("_")[-1].split(".")[-1])

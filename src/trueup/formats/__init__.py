@@ -9,8 +9,8 @@ from pathlib import Path
 from trueup.errors import FormatError
 from trueup.formats import parquet
 from trueup.formats.assembly import assemble
-from trueup.formats.guess import guess
 from trueup.formats.mapping import ChannelColumns, ChannelMap, TimeColumn
+from trueup.formats.rules.engine import guess
 from trueup.formats.source import Source, checksums, is_recording, sources
 from trueup.recording import Recording
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from trueup.errors import FormatError, MappingError, unknown_name
 from trueup.formats.clock import Samples, guess_unit, increasing, row_offset, seconds
 from trueup.formats.mapping import ChannelColumns, ChannelMap, TimeColumn
+from trueup.formats.rules.joints import joint_labels
 from trueup.formats.table import Table, listing, shown
-from trueup.formats.words import joint_labels
 from trueup.recording import Channel, Recording, with_warnings
 from trueup.units import to_si
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from trueup.formats.rules.names import words
 from trueup.formats.table import Array, Table
-from trueup.formats.words import words
 
 INFO = Path("meta", "info.json")
 """Where a LeRobot data set says what its columns hold, from its root."""

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import FormatError
+from trueup.formats.rules.names import is_time
 from trueup.formats.table import Array, Table
-from trueup.formats.words import is_time
 
 
 def read(path: Path) -> Table:

@@ -13,8 +13,9 @@ from trueup.errors import FormatError
 from trueup.formats import csv, json, npz, parquet, rosbag
 from trueup.formats.episodes import described, episodes, is_description
 from trueup.formats.per_joint import joined
+from trueup.formats.rules.joints import read as reading_of
+from trueup.formats.rules.names import stem, taken_apart
 from trueup.formats.table import Table, listing
-from trueup.formats.words import meaning
 from trueup.recording import Recording
 
 _TEXT = (".csv", ".tsv", ".txt", ".dat", ".log", ".asc")
@@ -127,7 +128,7 @@ def _names_in(path: Path) -> tuple[str, ...]:
 
 def _complement(tables: Sequence[Table]) -> bool:
     """Whether files are parts of one recording rather than runs: other columns, or other roles in their names."""
-    said = [meaning(table.name.rsplit(".", 1)[0]) for table in tables]
+    said = [reading_of(taken_apart(stem(table.name))) for table in tables]
     kinds = {(tuple(t.columns), tuple(t.text), one.kind, one.command) for t, one in zip(tables, said, strict=True)}
     return len(kinds) == len(tables)
 

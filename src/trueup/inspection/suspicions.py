@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.noise import estimate_noise
+from trueup.inspection.relations import factor, nearest, rate
 from trueup.recording import Channel, Recording
 from trueup.units import FURTHEST_TURN
 
@@ -18,19 +18,17 @@ Array = NDArray[np.float64]
 _LARGEST_SPEED = 60.0  # rad/s, of a joint
 _LARGEST_CURRENT = 60.0  # A
 _LARGEST_TORQUE = 5e3  # N m
-_RATIOS = (
-    (180.0 / math.pi, "{a} is in degrees and {b} in radians"),
-    (math.pi / 180.0, "{a} is in radians and {b} in degrees"),
-    (60.0 / (2.0 * math.pi), "{a} is in revolutions per minute and {b} in radians"),
-    (1.0 / (2.0 * math.pi), "{a} is in revolutions and {b} in radians"),
-    (2.0 * math.pi, "{a} is in radians and {b} in revolutions"),
-    (1000.0, "{a} is in thousandths of the unit of {b}"),
-    (0.001, "{b} is in thousandths of the unit of {a}"),
-    (-1.0, "{a} has the other sign than {b}"),
-)
+_RATIOS = {
+    "{a} is in degrees and {b} in radians": 180.0 / math.pi,
+    "{a} is in radians and {b} in degrees": math.pi / 180.0,
+    "{a} is in revolutions per minute and {b} in radians": 60.0 / (2.0 * math.pi),
+    "{a} is in revolutions and {b} in radians": 1.0 / (2.0 * math.pi),
+    "{a} is in radians and {b} in revolutions": 2.0 * math.pi,
+    "{a} is in thousandths of the unit of {b}": 1000.0,
+    "{b} is in thousandths of the unit of {a}": 0.001,
+    "{a} has the other sign than {b}": -1.0,
+}
 _VEHICLES = frozenset({"throttle", "speed", "steering", "turn", "x", "latitude"})  # commands and places are no angles
-_TOLERANCE = 0.12  # of a ratio
-_CORRELATED = 0.9
 
 
 def suspicions(recording: Recording) -> Iterator[str]:
@@ -102,44 +100,19 @@ def _compare(channel: Channel, position: Channel, a: str, b: str, derive: bool) 
     """Whether one channel is a known multiple of the other, joint by joint; sentences name the joints together."""
     found: dict[str, list[str]] = {}
     for label in channel.labels:
-        if label in position.labels:
-            ratio = _ratio(channel, position, label, derive)
-            for known, sentence in _RATIOS:
-                if ratio is not None and abs(ratio / known - 1.0) < _TOLERANCE:
-                    found.setdefault(f"{known:.3g} times {b}: {sentence.format(a=a, b=b)}", []).append(label)
+        ratio = _ratio(channel, position, label, derive) if label in position.labels else None
+        sentence = nearest(ratio, _RATIOS) if ratio is not None else ""
+        if sentence:
+            found.setdefault(f"{_RATIOS[sentence]:.3g} times {b}: {sentence.format(a=a, b=b)}", []).append(label)
     for sentence, labels in found.items():
         yield f"{a} of {', '.join(labels)} is about {sentence}? Correct unit or sign in the mapping"
 
 
 def _ratio(channel: Channel, position: Channel, label: str, derive: bool) -> float | None:
-    """Slope of `channel` over position (or its derivative); None where they do not go together."""
+    """How many times the position (or its derivative) `channel` is; None where they do not go together."""
     reference, time = position.column(label), position.time
     if derive:
-        if len(time) < 20:
+        if len(time) < 3:
             return None
-        # Differences over several samples, so that noise and encoder steps do not drown the speed.
-        span = _span(position, label)
-        time, reference = (
-            0.5 * (time[span:] + time[:-span]),
-            (reference[span:] - reference[:-span]) / (time[span:] - time[:-span]),
-        )
-    values = channel.select([label]).at(time, hold=not derive)[:, 0]
-    good = np.isfinite(values) & np.isfinite(reference)
-    if np.count_nonzero(good) < 20:
-        return None
-    x, y = reference[good] - reference[good].mean(), values[good] - values[good].mean()
-    sizes = float(np.sqrt(np.sum(x**2) * np.sum(y**2)))
-    if sizes == 0.0 or abs(float(np.sum(x * y))) / sizes < _CORRELATED:
-        return None
-    # The geometric mean of both regressions is not pulled to zero by noise in one of them.
-    return float(np.sign(np.sum(x * y)) * np.sqrt(np.sum(y**2) / np.sum(x**2)))
-
-
-def _span(position: Channel, label: str) -> int:
-    """Samples over which the position usually changes by ten times its noise."""
-    noise = float(estimate_noise(position.column(label), position.time)[0])
-    steps = np.diff(position.column(label))
-    steps = steps[np.isfinite(steps)]
-    usual = float(np.sqrt(np.mean(steps**2))) if steps.size else 0.0
-    wanted = 10.0 * noise / usual if usual > 0.0 and math.isfinite(noise) else 1.0
-    return int(np.clip(math.ceil(wanted), 1, max(1, len(steps) // 20)))
+        time, reference = rate(reference, time)
+    return factor(channel.select([label]).at(time, hold=not derive)[:, 0], reference)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from trueup.formats.clock import guess_unit
 from trueup.formats.mapping import TimeColumn
+from trueup.formats.rules.names import is_time, names_its_clock, stem, words
 from trueup.formats.table import Table, listing
-from trueup.formats.words import VOCABULARY, is_time, words
 from trueup.units import to_si
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ class Clocks:
         main = self.mains[table.name]
         others = [name for name in self.columns[table.name] if name not in (main, self.main.nanoseconds)]
         for other in others:
-            if _shares_word(column, other, main) or _is_held_with(table.columns[column], table.columns[other]):
+            if names_its_clock(column, other, main) or _is_held_with(table.columns[column], table.columns[other]):
                 return other
         return ""
 
@@ -101,7 +101,7 @@ def _main(table: Table, clocks: Sequence[str]) -> str:
 
 def _time_file(tables: Sequence[Table]) -> Table | None:
     """A file that holds nothing but the time of the others."""
-    alone = [t for t in tables if len(t.columns) == 1 and is_time(_stem(t.name))]
+    alone = [t for t in tables if len(t.columns) == 1 and is_time(stem(t.name))]
     if len(alone) != 1 or len(tables) < 2 or not _runs(next(iter(alone[0].columns.values()))):
         return None
     return alone[0]
@@ -115,7 +115,7 @@ def _with_time_file(clock: Table, tables: Sequence[Table], found: Mapping[str, t
         for table in others
         if len(table.columns) == 1 and table.length > clock.length and table.length % clock.length == 0
     }
-    main = TimeColumn(column=column, unit=guess_unit(_stem(clock.name), clock.columns[column]), file=clock.name)
+    main = TimeColumn(column=column, unit=guess_unit(stem(clock.name), clock.columns[column]), file=clock.name)
     notes = tuple(f"{name}: one number a line, {width} a sample" for name, width in widths.items())
     return Clocks(main, {**found, clock.name: (column,)}, {t.name: "" for t in tables}, widths, notes)
 
@@ -168,12 +168,6 @@ def _unit_note(column: str, unit: str, values: Array) -> str:
     return f"time: column '{column}' taken as {unit}{rate}"
 
 
-def _shares_word(column: str, clock: str, main: str) -> bool:
-    """Whether a column and a second clock share a word that the main clock lacks ("cmd_pos" and "cmd_time")."""
-    own = set(words(clock)) - VOCABULARY.time - set(words(main))
-    return bool(own & set(words(column)))
-
-
 def _is_held_with(values: Array, clock: Array) -> bool:
     """Whether a column changes only when a slow clock does, and does change."""
     if len(clock) < 2:
@@ -190,7 +184,3 @@ def _offset(table: Table, main: str, own: str, main_unit: str) -> float | str:
     second = table.columns[own] * to_si(guess_unit(own, table.columns[own]))[1]
     apart = float(np.nanmedian(np.abs(first - second)))
     return 0.0 if apart < 0.5 else "rows"
-
-
-def _stem(name: str) -> str:
-    return name.rsplit(".", 1)[0] if "." in name and not name.startswith("/") else name

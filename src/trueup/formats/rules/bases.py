@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The pose of a robot's free base among the columns of a log, whoever named it: position and orientation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from trueup.formats.rules.names import listed, words
+from trueup.formats.rules.rule import Array, Column, Example, Rule
+from trueup.units import hardly_radians, to_si
+
+POSITION, ORIENTATION = "base_position", "base_orientation"
+_PLACES = ("x", "y", "z")
+_QUATERNION = ("w", "x", "y", "z")
+_ANGLES = ("roll", "pitch", "yaw")
+_ROOM = 30.0
+"""m: rooms with motion capture are smaller, so larger numbers are millimetres."""
+_UNIT_NORM = 0.1
+"""How far the length of a quaternion may be from 1, in the median: logs are rounded, other four numbers are further off."""
+
+
+def is_unit(values: Array) -> bool:
+    """Whether rows (T, 4) are quaternions: their length is 1."""
+    return bool(len(values)) and abs(float(np.median(np.linalg.norm(values, axis=1))) - 1.0) < _UNIT_NORM
+
+
+_JOINT = "t,q_hip,q_des_hip,"
+RULES = (
+    Rule(
+        POSITION, "x, y, z",
+        (
+            Example(_JOINT + "base_x,base_y,base_z,base_qw,base_qx,base_qy,base_qz",
+                    "0 .1 .1 1 2 .5 1 0 0 0|.1 .2 .1 1 2 .5 .8 .6 0 0|.2 .1 .2 1 2 .5 1 0 0 0",
+                    "position[rad] hip; base_position[m] x y z; base_orientation[] w x y z"),
+            Example(_JOINT + "vicon_x,vicon_y,vicon_z,vicon_roll,vicon_pitch,vicon_yaw",
+                    "0 .1 .1 900 200 500 0 0 0|.1 .2 .1 900 200 500 .1 0 0|.2 .1 .2 900 210 500 0 0 0",
+                    "base_position[mm] x y z; base_orientation[rad] roll pitch yaw"),
+        ),
+        unit="m",
+    ),
+    Rule(
+        ORIENTATION, "quat, quaternion, orientation, rotation, rot, attitude",
+        (
+            Example(_JOINT + "base_pos_0,base_pos_1,base_pos_2,base_quat_0,base_quat_1,base_quat_2,base_quat_3",
+                    "0 .1 .1 1 2 .5 0 0 0 1|.1 .2 .1 1 2 .5 .6 0 0 .8|.2 .1 .2 1 2 .5 0 0 0 1",
+                    "base_position[m] x y z; base_orientation[] w x y z"),
+            # Four numbers whose squares do not add up to 1 are no orientation.
+            Example(_JOINT + "base_x,base_y,base_z,base_qw,base_qx,base_qy,base_qz",
+                    "0 .1 .1 1 2 .5 9 3 0 0|.1 .2 .1 1 2 .5 8 6 0 0|.2 .1 .2 1 2 .5 9 4 0 0", "position[rad] hip"),
+        ),
+        possible=is_unit,
+    ),
+    Rule(
+        ORIENTATION, "rpy, euler",
+        (
+            Example(_JOINT + "base_pos_0,base_pos_1,base_pos_2,base_rpy_0,base_rpy_1,base_rpy_2",
+                    "0 .1 .1 1 2 .5 0 0 90|.1 .2 .1 1 2 .5 1 0 91|.2 .1 .2 1 2 .5 0 0 92",
+                    "base_position[m] x y z; base_orientation[deg] roll pitch yaw"),
+        ),
+        unit="rad",
+    ),
+)  # fmt: skip
+_TURNS, _EULER = (frozenset(rule.names.split(", ")) for rule in RULES[1:])
+
+_SOURCES = tuple(
+    frozenset(group.split())
+    for group in (
+        "mocap vicon optitrack qualisys vrpn motive motion capture",
+        "ground truth",
+        "base trunk torso body root pelvis floating pose robot world",
+        "odom odometry",
+    )
+)
+"""Words for whose pose it is or who measured it, the better sources first."""
+_OTHERS = listed(
+    "imu command commanded cmd desired des target goal ref reference foot feet hand ee tcp camera velocity vel twist "
+    "linear angular lin acc accel acceleration speed gyro omega"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """One number of a pose: the group of columns that it is in, and which of its numbers."""
+
+    group: str
+    at: int
+    component: str
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """One channel of a pose."""
+
+    columns: tuple[Column, ...]
+    labels: tuple[str, ...]
+    unit: str
+    said: bool
+    """Whether the log itself says the unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """The channels of a base's pose, which groups of columns they were, and what to say of it."""
+
+    channels: Mapping[str, _Found]
+    groups: frozenset[str]
+    notes: tuple[str, ...]
+
+
+def pose(groups: Mapping[str, Sequence[Column]]) -> Pose:
+    """The pose of a base in groups of columns, by name; without channels where there is none.
+
+    Taken are x, y, z, quaternions and roll, pitch, yaw of a base, trunk or motion capture, in columns or lists, from the
+    best source that has a whole pose; nothing where a number is not there, stands there twice, or cannot be one.
+    """
+    every = [part for name, group in groups.items() if _may_be(name) for part in _parts(name, group)]
+    wholes = [_whole_pose([p for p in every if _source(p.group) == k]) for k in range(len(_SOURCES) + 1)]
+    notes: list[str] = []
+    for places, turn in (w for w in [*wholes, _whole_pose(every)] if w is not None):
+        labels = _QUATERNION if turn[0].component == "qw" else _ANGLES
+        values = np.stack([_numbers(groups, part) for part in turn], axis=1)
+        used = frozenset(part.group for part in (*places, *turn))
+        if labels == _QUATERNION and not is_unit(values[np.isfinite(values).all(axis=1)]):
+            notes.append(
+                f"{', '.join(sorted(used))}: no pose of a base, as the quaternion's length is not 1: is it one?"
+            )
+            continue
+        found = {POSITION: _found(groups, places, _PLACES), ORIENTATION: _found(groups, turn, labels)}
+        notes += [f"{n}: taken as {f.unit}; say so if it is anything else" for n, f in found.items() if not f.said]
+        return Pose(found, used, tuple(dict.fromkeys(notes)))
+    return Pose({}, frozenset(), tuple(dict.fromkeys(notes)))
+
+
+def _numbers(groups: Mapping[str, Sequence[Column]], part: _Part) -> Array:
+    """(T,)."""
+    group = groups[part.group]
+    return np.hstack([c.values if c.values.ndim > 1 else c.values[:, None] for c in group])[:, part.at]
+
+
+def _whole_pose(parts: Sequence[_Part]) -> tuple[list[_Part], list[_Part]] | None:
+    """Position, and quaternion or angles, if these parts are a whole pose."""
+    places = _whole(parts, _PLACES)
+    turn = _whole(parts, tuple(f"q{c}" for c in _QUATERNION)) or _whole(parts, _ANGLES)
+    return (places, turn) if places and turn else None
+
+
+def _whole(parts: Sequence[_Part], wanted: Sequence[str]) -> list[_Part] | None:
+    """One part for each component; None where one is missing or there twice."""
+    found = [[p for p in parts if p.component == component] for component in wanted]
+    return [p for (p,) in found] if all(len(each) == 1 for each in found) else None
+
+
+def _source(name: str) -> int:
+    """How good the source of a group is, by its name: 0 the best, the last for none."""
+    found = [k for k, group in enumerate(_SOURCES) if group & set(words(name))]
+    # An odometry's pose of the base drifts, whatever else its name says.
+    return max(found) if len(_SOURCES) - 1 in found else min(found, default=len(_SOURCES))
+
+
+def _may_be(name: str) -> bool:
+    bare = name in (*_PLACES, *_ANGLES, *(f"q{c}" for c in _QUATERNION))
+    return bare or (_source(name) < len(_SOURCES) and not _OTHERS & set(words(name)))
+
+
+def _parts(name: str, group: Sequence[Column]) -> list[_Part]:
+    """The numbers of a group as parts of a pose; none where one of them is no part."""
+    plain, count = set(words(name)), sum(column.width for column in group)
+    ends = [(column.parts.bare or [""])[-1] for column in group] if all(c.width == 1 for c in group) else ["0"] * count
+    numbered = all(end.isdigit() for end in ends)
+    if numbered and count == 3:
+        ends = list(_ANGLES if plain & _EULER else _PLACES)
+    elif numbered and count == 4:
+        ends = [f"q{c}" for c in _order(group)]
+    elif numbered and count == len(group) == 7:  # a mapping cannot take a list in pieces
+        ends = [*_PLACES, *(f"q{c}" for c in _QUATERNION)]
+    if plain & _TURNS and set(ends) == set(_QUATERNION):
+        ends = [f"q{end}" for end in ends]
+    known = {*_PLACES, *_ANGLES, *(f"q{c}" for c in _QUATERNION)}
+    return [_Part(name, i, end) for i, end in enumerate(ends)] if known.issuperset(ends) else []
+
+
+def _order(group: Sequence[Column]) -> str:
+    """Whether the real part of four numbers stands first or last: robots mostly stand upright, so it is the larger."""
+    sizes = [np.nanmedian(np.abs(np.atleast_2d(c.values.T)), axis=1) for c in (group[0], group[-1])]
+    return "wxyz" if sizes[0][0] >= sizes[1][-1] else "xyzw"
+
+
+def _found(groups: Mapping[str, Sequence[Column]], parts: Sequence[_Part], labels: tuple[str, ...]) -> _Found:
+    """The channel of these parts: single columns in the order of `labels`, or one list-valued column with labels."""
+    group = groups[parts[0].group]
+    if all(column.width == 1 for column in group):
+        columns = tuple(groups[part.group][part.at] for part in parts)
+    else:
+        columns, bare = tuple(group), {part.at: label for part, label in zip(parts, labels, strict=True)}
+        labels = tuple(bare[i] for i in range(len(bare)))
+    return _Found(columns, labels, *_unit(columns, set(labels)))
+
+
+def _unit(columns: Sequence[Column], labels: set[str]) -> tuple[str, bool]:
+    """The unit of these columns, and whether the log says it."""
+    if labels == set(_QUATERNION):
+        return "", True
+    said = columns[0].declared or columns[0].parts.tail
+    si = "m" if labels == set(_PLACES) else "rad"
+    if said and to_si(said)[0] == si:
+        return said, True
+    largest = max(column.largest for column in columns)
+    if si == "m":
+        return ("mm" if largest > _ROOM else "m"), False
+    return ("deg" if hardly_radians(largest) else "rad"), False

@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The log of a vehicle put together from its signals: command, position, heading, speed and turn rate in SI units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from trueup.formats.mapping import TimeColumn
+from trueup.formats.rules import joints, vehicles
+from trueup.formats.rules.bases import is_unit
+from trueup.formats.rules.names import listed
+from trueup.formats.rules.rule import Column
+from trueup.formats.rules.sizes import rate_factor
+from trueup.formats.rules.vehicles import Signal
+from trueup.inspection.relations import nearest
+from trueup.units import hardly_radians, to_si
+
+_QUATERNION = ("qx", "qy", "qz", "qw")
+_POSE_TOGETHER = listed("odom odometry vicon mocap optitrack pf gps gnss slam amcl pose")
+_DEGREE = to_si("deg")[1]
+_MANY_TURNS = 50.0
+"""rad: a heading that grows on and on is beyond this after eight turns, one in degrees at once."""
+_FULL_LOCK = math.radians(91.0)
+"""rad: no wheel is steered further."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One channel of a vehicle."""
+
+    channel: str
+    columns: tuple[Column, ...]
+    labels: tuple[str, ...]
+    unit: str
+    scale: tuple[float, ...]
+    notes: tuple[str, ...]
+
+
+def drive(columns: Sequence[Column], time: TimeColumn) -> list[Part]:
+    """The channels of a vehicle (command, position, heading, speed, yaw_rate) in a log; none where it is of something else.
+
+    A vehicle is what is commanded by throttle, or speed, and steering, or, where nothing else has a position, by speed and
+    turn rate. Units that nobody says are those of which numbers speak, else SI.
+    """
+    signals = [signal for column in columns if (signal := vehicles.read(column)) is not None]
+    command = _command(signals, columns)
+    if not command:
+        return []
+    if len({_source_file(s) for s in command.values()}) == 1:
+        parts = [_part("command", command, time, ())]
+    else:  # topics of their own: each keeps its time
+        parts = [_part(f"command_{label}", {label: signal}, time, ()) for label, signal in command.items()]
+    rest = [s for s in signals if s not in command.values()]
+    place = _place(rest)
+    parts += [_part("position", place, time, ())] if place else []
+    parts += _direction(rest, next(iter(place.values())).source if place else frozenset(), time)
+    for name in ("speed", "yaw_rate"):
+        best = _best([s for s in rest if s.kind == name and not s.commanded and s not in place.values()])
+        parts += [_part(name, {name: best}, time, parts)] if best else []
+    return parts
+
+
+def _command(signals: list[Signal], columns: Sequence[Column]) -> dict[str, Signal]:
+    """What drives it, by label; nothing where this is no vehicle."""
+    kinds = {kind: [s for s in signals if s.kind == kind] for kind in ("throttle", "brake", "steering", "erpm")}
+    speeds = [s for s in signals if s.kind == "speed" and s.commanded]
+    turns = [s for s in signals if s.kind == "yaw_rate" and s.commanded]
+    steering, throttle = _best(kinds["steering"]), _best(kinds["throttle"])
+    speed = _best(speeds) or _best([s for s in kinds["erpm"] if s.commanded])
+    ahead = {"throttle": throttle} if throttle else {"speed": speed} if speed else {}
+    if steering and ahead:
+        brake = _best(kinds["brake"]) if throttle else None
+        return {**ahead, "steering": steering, **({"brake": brake} if brake else {})}
+    known = {s.column for s in signals}
+    readings = [joints.read(column.parts) for column in columns if column not in known]
+    others = any(r.joint and r.kind == "position" and not r.command for r in readings)
+    if speeds and turns and not others and _place(signals):
+        return {"speed": speeds[0], "turn": turns[0]}
+    return {}
+
+
+def _place(signals: list[Signal]) -> dict[str, Signal]:
+    """X and y, or latitude and longitude, of one source, the most exact one."""
+    options = [
+        (first.rank, order, {one: first, other: second})
+        for order, (one, other) in enumerate((("x", "y"), ("latitude", "longitude")))
+        for first in signals
+        if first.kind == one and not first.commanded
+        for second in signals
+        if second.kind == other and second.source == first.source and _source_file(second) == _source_file(first)
+    ]
+    return min(options, key=lambda option: option[:2])[2] if options else {}
+
+
+def _direction(signals: list[Signal], beside: frozenset[str], time: TimeColumn) -> list[Part]:
+    """The heading, or the quaternion, of the source of the position where it has one."""
+    angles = [s for s in signals if s.kind == "heading" and not s.commanded]
+    wholes = [w for s in signals if s.kind == "qz" and not s.commanded and (w := _turn_of(s, signals))]
+    turns = [whole["qz"] for whole in wholes]
+    same = [s for s in (*angles, *turns) if not (s.source ^ beside) & _POSE_TOGETHER]
+    best = _best(same) or _best(angles) or _best(turns)
+    if best is None:
+        return []
+    if best.kind == "heading":
+        return [_part("heading", {"heading": best}, time, ())]
+    part = _part("orientation", wholes[turns.index(best)], time, ())
+    note = f"orientation: {', '.join(c.name for c in part.columns)}; the heading is its turn about the vertical"
+    return [Part(part.channel, part.columns, part.labels, "", (1.0,), (note,))]
+
+
+def _turn_of(signal: Signal, signals: list[Signal]) -> dict[str, Signal]:
+    """The four parts of the quaternion that a signal is the third of; nothing where they are no quaternion."""
+    parts = {
+        kind: s
+        for kind in _QUATERNION
+        for s in signals
+        if s.kind == kind and _source_file(s) == _source_file(signal) and s.source == signal.source
+    }
+    if len(parts) < len(_QUATERNION):
+        return {}
+    values = np.stack([s.column.values for s in parts.values()], axis=1)
+    return parts if is_unit(values[np.isfinite(values).all(axis=1)]) else {}
+
+
+def _best(signals: list[Signal]) -> Signal | None:
+    """The most trusted, of these the first."""
+    return min(signals, key=lambda s: s.rank, default=None)
+
+
+def _source_file(signal: Signal) -> tuple[str, str]:
+    return signal.column.file, signal.column.clock
+
+
+def _part(channel: str, signals: Mapping[str, Signal], time: TimeColumn, parts: Sequence[Part]) -> Part:
+    """The channel of signals by label, and what they were taken for."""
+    own = next(iter(signals))
+    usual = "" if channel.startswith("command") else vehicles.BY_KIND[own].unit
+    columns = tuple(s.column for s in signals.values())
+    degrees = [c.name for (label, s), c in zip(signals.items(), columns, strict=True) if _in_degrees(label, s, signals)]
+    scale = tuple(_DEGREE if s.column.name in degrees else _scale(s, usual) for s in signals.values())
+    more = ", growing to the left" if channel == "heading" else ""
+    more += f"; the numbers of {' and '.join(degrees)} are degrees" if degrees else ""
+    if channel == "yaw_rate" and not _says(signals[own]) and _turns_in_degrees(columns[0], parts, time):
+        scale, more = (_DEGREE,), "; by the heading its numbers are degrees per second"
+    note = f"{channel}: {' and '.join(c.name for c in columns)} taken as {', '.join(signals)}"
+    note += f" in {usual}{more}" if usual else more
+    plain = channel == "command" and not degrees and [c.name for c in columns] == list(signals)
+    notes = () if plain else (note,)
+    return Part(channel, columns, tuple(signals), usual, scale if len(set(scale)) > 1 else scale[:1], notes)
+
+
+def _says(signal: Signal) -> bool:
+    """Whether the log itself says a unit."""
+    return signal.factor is not None or bool(signal.column.declared)
+
+
+def _in_degrees(label: str, signal: Signal, beside: Mapping[str, Signal]) -> bool:
+    """Whether an angle that has no unit, by name or by declaration, has numbers that only degrees have."""
+    known = signal.column.known
+    if not len(known) or _says(signal):
+        return False
+    largest, jump = signal.column.largest, float(np.abs(np.diff(known)).max(initial=0.0))
+    if label == "heading":  # a compass jumps by a whole turn where it passes its zero
+        turns_by = nearest(jump, {"deg": 360.0, "rad": 2.0 * math.pi})
+        return hardly_radians(largest, _MANY_TURNS) or (turns_by == "deg" and largest <= 361.0)
+    inside = not hardly_radians(largest * _DEGREE, _FULL_LOCK)
+    return label == "steering" and "speed" in beside and hardly_radians(largest, _FULL_LOCK) and inside
+
+
+def _turns_in_degrees(column: Column, parts: Sequence[Part], time: TimeColumn) -> bool:
+    """Whether a turn rate is that of the heading in degrees per second."""
+    heading = next(
+        (part for part in parts if part.channel == "heading" and part.columns[0].table is column.table), None
+    )
+    if heading is None:
+        return False
+    times = rate_factor(column, heading.columns[0], time)
+    return times is not None and nearest(abs(times) / heading.scale[0], {"deg": 1.0 / _DEGREE, "rad": 1.0}) == "deg"
+
+
+def _scale(signal: Signal, unit: str) -> float:
+    """What one of the file's numbers is in the channel's unit: as the name says, else as the file declares it."""
+    if unit == "deg":
+        return 1.0
+    if signal.factor is not None:
+        return signal.factor
+    name, factor, _ = to_si(signal.column.declared)
+    return factor if name == unit or (not unit and name in ("rad", "m/s", "")) else 1.0

@@ -1,0 +1,295 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Chooses what the columns of a log are: rules propose by their names, numbers check, and what is not sure is said."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from trueup.errors import MappingError
+from trueup.formats.mapping import ChannelColumns, ChannelMap
+from trueup.formats.rules import bases, joints
+from trueup.formats.rules.clocks import Clocks, find_clocks
+from trueup.formats.rules.drive import Part, drive
+from trueup.formats.rules.names import AXES, stem, taken_apart, with_actual, words
+from trueup.formats.rules.rule import Array, Column
+from trueup.formats.rules.sizes import Sizes
+from trueup.formats.table import Table, listing
+from trueup.recording import is_command
+from trueup.units import to_si
+
+_FAMILIES = ("motor", "raw", "unfiltered", "filtered")
+"""Signals of motors are kept apart from those of joints, raw ones from filtered ones, where a file has both."""
+_OF_VEHICLES = ("position", "velocity", "acceleration", "command")
+"""Kinds that a vehicle's log has under its own names: what is left of them there is no joint's."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Proposal:
+    """What a column is taken for: a role and a label; '' for the role where no rule knows."""
+
+    column: Column
+    role: str
+    label: str
+    unit: str
+
+
+def guess(tables: Sequence[Table]) -> ChannelMap:
+    """A mapping for these tables (files or topics of one recording), with notes on what is not sure.
+
+    Raises MappingError, saying what was found, where no column but time holds numbers.
+    """
+    clocks = find_clocks(tables)
+    columns = _columns(tables, clocks)
+    if not columns:
+        found = "; ".join(f"{t.name}: {listing(t.columns)}" for t in tables)
+        raise MappingError(f"no column but time holds numbers, so there is no channel; found {found}")
+    parts = drive(columns, clocks.main)
+    used = {column for part in parts for column in part.columns}
+    proposals = _proposals([c for c in columns if c not in used], driven=bool(parts), several=len(tables) > 1)
+    groups = _groups(proposals, several=len(tables) > 1)
+    channels = {name: _channel(group, clocks, tables) for name, group in groups.items()}
+    sizes = Sizes(channels, {name: [p.column for p in group] for name, group in groups.items()}, clocks.main)
+    notes = _notes(channels, groups) if not parts else []
+    sizes.settle()
+    more = _with_vehicle(channels, parts, clocks) if parts else _with_base(channels, sizes.groups, clocks)
+    return ChannelMap(channels=channels, time=clocks.main, notes=(*clocks.notes, *notes, *sizes.notes, *more))
+
+
+def _columns(tables: Sequence[Table], clocks: Clocks) -> list[Column]:
+    """The columns with numbers, without clocks and without those that only number the rows."""
+    read_as = with_actual([name for table in tables for name in table.columns])
+    return [
+        Column(table, name, read_as[name], clocks.clock_of(table, name), table.name if len(tables) > 1 else "")
+        for table in tables
+        for name, values in table.columns.items()
+        if name not in clocks.columns.get(table.name, ())
+        and np.any(np.isfinite(values))
+        and not _counts_rows(name, values)
+    ]
+
+
+def _counts_rows(name: str, values: Array) -> bool:
+    """Whether a column without a name only numbers the rows, as pandas writes it."""
+    if not name.startswith("column_") or values.ndim != 1 or len(values) < 2 or values[0] not in (0.0, 1.0):
+        return False
+    return bool(np.all(np.diff(values) == 1.0))
+
+
+def _proposals(columns: Sequence[Column], *, driven: bool, several: bool) -> list[_Proposal]:
+    """What each column is taken for; in the log of a vehicle nothing is a joint's position, speed or command."""
+    proposals = [_proposal(column, several) for column in columns]
+    if driven:
+        return [_own(p.column) if p.role.split("_")[0] in _OF_VEHICLES else p for p in proposals]
+    proposals = _without_sensors(proposals)
+    return _with_twins(proposals) if not any(p.role == "position" for p in proposals) else proposals
+
+
+def _proposal(column: Column, several: bool) -> _Proposal:
+    """What a column's name and its file's say of a joint."""
+    reading = joints.read(column.parts)
+    context = joints.read(taken_apart(stem(column.table.name))) if several else None
+    plain = column.parts.words
+    if not reading.joint or (context is not None and not context.joint) or _of_floating_base(column):
+        return _own(column)
+    kind, command, sent = reading.kind, reading.command, reading.sent
+    if context is not None:
+        kind, sent = kind or context.kind, sent or context.sent
+        command = command or (context.command and not context.measured)
+    listed = column.values.ndim == 2 or ("observation" in plain and plain[-1].isdigit())
+    if not kind and not command and listed and "state" in plain:
+        kind = "position"  # LeRobot's observation.state, also one number a column
+    role = kind
+    if command:
+        base = "command_sent" if sent else "command"
+        role = base if kind in ("", "position") else f"{base}_{kind}"
+    if not role:
+        return _own(column)
+    # Voltages and temperatures are more often of the supply than of a joint.
+    label = kind if kind in ("voltage", "temperature") and not reading.label else joints.label_of(reading.label)
+    return _Proposal(column, role, label, reading.unit or column.declared)
+
+
+def _of_floating_base(column: Column) -> bool:
+    """Whether "base" means a trunk with a pose of several numbers, and not an arm's first joint."""
+    plain = column.parts.words
+    return "base" in plain and (column.values.ndim > 1 or any(word in AXES or word.isdigit() for word in plain))
+
+
+def _own(column: Column) -> _Proposal:
+    """A column under its own name; those that differ by an axis or an index go together."""
+    plain = column.parts.words
+    tail = [word for word in plain if word in AXES or word.isdigit()]
+    head = [word for word in plain if word not in tail]
+    own = "_".join(plain) or column.name
+    reading = joints.read(column.parts)
+    return _Proposal(column, "", "_".join(tail) if head and tail else own, reading.unit or column.declared)
+
+
+def _own_name(column: Column) -> str:
+    """The channel of a column under its own name."""
+    plain = column.parts.words
+    head = [word for word in plain if word not in AXES and not word.isdigit()]
+    prefix = "_".join(words(stem(column.file))) + "_" if column.file else ""
+    return prefix + ("_".join(head or plain) or column.name)
+
+
+def _without_sensors(proposals: Sequence[_Proposal]) -> list[_Proposal]:
+    """Speeds, accelerations and torques along axes of which no position or command speaks are those of a sensor.
+
+    Likewise an angle without a name beside a place x, y is where a vehicle heads, and no joint's.
+    """
+    labels = {p.label for p in proposals if p.role in ("position", "command", "command_sent")}
+    names = {p.column.name.lower() for p in proposals}
+    found = []
+    for p in proposals:
+        sensor = p.role in ("velocity", "acceleration", "torque") and p.label in AXES - labels
+        heads = p.role == "position" and p.column.name.lower() == "theta" and {"x", "y"} <= names
+        found.append(_own(p.column) if sensor or heads else p)
+    return found
+
+
+def _with_twins(proposals: Sequence[_Proposal]) -> list[_Proposal]:
+    """Where no word tells a position, columns named as the commands are, but for the word that commands, are positions.
+
+    "joint1" beside "joint1_cmd", unless it moves against it.
+    """
+    commands = {p.label: p.column for p in proposals if p.role == "command"}
+    found = []
+    for p in proposals:
+        reading = joints.read(p.column.parts)
+        command = commands.get(joints.label_of(reading.label)) if not p.role and reading.joint else None
+        twin = command is not None and _go_together(p.column, command)
+        found.append(replace(p, role="position", label=joints.label_of(reading.label)) if twin else p)
+    return found
+
+
+def _go_together(column: Column, command: Column) -> bool:
+    """Whether a column may be what a command moved: rows of one table that are not of opposite sense."""
+    if column.table is not command.table or column.values.ndim > 1 or command.values.ndim > 1:
+        return column.width == command.width
+    good = np.isfinite(column.values) & np.isfinite(command.values)
+    spread = np.cov(column.values[good], command.values[good]) if np.count_nonzero(good) > 1 else np.zeros((2, 2))
+    return bool(spread[0, 1] >= 0.0)
+
+
+def _groups(proposals: Sequence[_Proposal], *, several: bool) -> dict[str, list[_Proposal]]:
+    """Columns by channel. A second family for a role already taken gets a name of its own."""
+    families: dict[tuple[str, str, str, str, bool], list[_Proposal]] = {}
+    for p in proposals:
+        column = p.column
+        family = next((word for word in _FAMILIES if word in column.parts.words), "")
+        key = (p.role or _own_name(column), column.table.name, column.clock, family, column.values.ndim > 1)
+        families.setdefault(key, []).append(p)
+    groups: dict[str, list[_Proposal]] = {}
+    for (role, table, _, family, _), members in sorted(families.items(), key=lambda f: -_weight(f[1])):
+        name = role
+        if name in groups:
+            first = groups[role][0].column.table.name
+            extra = stem(table) if several and table != first else family or members[0].column.name
+            name = "_".join([role, *words(extra)])
+        while name in groups:
+            name += "_2"
+        groups[name] = _distinct(members)
+    return dict(sorted(groups.items(), key=lambda group: _order(group[0])))
+
+
+def _weight(members: Sequence[_Proposal]) -> int:
+    return sum(member.column.width for member in members)
+
+
+def _distinct(members: Sequence[_Proposal]) -> list[_Proposal]:
+    """Members with distinct labels; where two would have the same, the columns' names are the labels."""
+    if len({member.label for member in members}) == len(members):
+        return list(members)
+    return [replace(member, label=member.column.name) for member in members]
+
+
+def _channel(group: Sequence[_Proposal], clocks: Clocks, tables: Sequence[Table]) -> ChannelColumns:
+    first = group[0].column
+    width = clocks.widths.get(first.table.name, 0)
+    units = {member.unit for member in group}
+    mixed = len(units) > 1 and all(u and to_si(u)[0] in ("rad", "m") for u in units)
+    return ChannelColumns(
+        columns=tuple(member.column.name for member in group),
+        file=first.file,
+        labels=_labels(group, width),
+        width=width,
+        unit=group[0].unit if len(units) == 1 else "rad" if mixed else "",
+        # Hinges in degrees beside a slide in millimetres: each number to rad or m by itself.
+        scale=tuple(to_si(m.unit)[1] for m in group for _ in range(m.column.width)) if mixed else (1.0,),
+        **clocks.keys_of(first.table, first.clock),
+    )
+
+
+def _labels(group: Sequence[_Proposal], width: int) -> tuple[str, ...]:
+    if width > 1:
+        return tuple(f"joint_{i + 1}" for i in range(width))
+    if all(member.column.width == 1 for member in group):
+        return tuple(member.label for member in group)
+    total, first = _weight(group), group[0].column
+    if len(group) == 1 and first.name in first.table.named:
+        return joints.joint_labels(first.table.named[first.name])
+    known = first.table.labels
+    return known if len(known) == total else tuple(f"joint_{i + 1}" for i in range(total))
+
+
+def _with_vehicle(channels: dict[str, ChannelColumns], parts: Sequence[Part], clocks: Clocks) -> list[str]:
+    """Adds the channels of a vehicle; returns what to say of them."""
+    for part in parts:
+        channels[part.channel] = _plain(part.columns, part.labels, part.unit, clocks, part.scale)
+    ordered = sorted(channels.items(), key=lambda item: _order(item[0]))
+    channels.clear()
+    channels.update(ordered)
+    return [note for part in parts for note in part.notes]
+
+
+def _with_base(
+    channels: dict[str, ChannelColumns], groups: Mapping[str, Sequence[Column]], clocks: Clocks
+) -> list[str]:
+    """Puts the channels of a base's pose in place of the groups that they were; returns what to say of them."""
+    found = bases.pose(groups)
+    for name in found.groups:
+        del channels[name]
+    for name, base in found.channels.items():
+        channels[name] = _plain(base.columns, base.labels, base.unit, clocks)
+    return list(found.notes)
+
+
+def _plain(
+    columns: Sequence[Column], labels: tuple[str, ...], unit: str, clocks: Clocks, scale: tuple[float, ...] = (1.0,)
+) -> ChannelColumns:
+    first, names = columns[0], tuple(column.name for column in columns)
+    keys = clocks.keys_of(first.table, first.clock)
+    return ChannelColumns(columns=names, file=first.file, labels=labels, unit=unit, scale=scale, **keys)
+
+
+def _notes(channels: Mapping[str, ChannelColumns], groups: Mapping[str, Sequence[_Proposal]]) -> list[str]:
+    notes = []
+    if not any(name.split("_")[0] in ("command", *joints.BY_KIND) for name in channels):
+        found = listing(member.column.name for group in groups.values() for member in group)
+        notes.append(f"no column's name says command, position, velocity, torque or current; columns are: {found}")
+    if "command" in channels and "position" in channels:
+        command, position = channels["command"].labels, channels["position"].labels
+        if not set(command) & set(position):
+            notes.append(
+                f"command: its joints ({listing(command, 6)}) are none of position ({listing(position, 6)}): "
+                "give labels that say which is which"
+            )
+    for name, channel in channels.items():
+        mixed = sorted({to_si(member.unit)[0] for member in groups[name]})
+        if len(mixed) > 1 and channel.unit:
+            notes.append(f"{name}: its columns have different units; `scale` makes rad of angles and m of lengths")
+        elif len(mixed) > 1:
+            notes.append(f"{name}: its columns have different units ({listing(mixed)}); split it: {channel.columns}")
+    return notes
+
+
+def _order(name: str) -> tuple[int, str]:
+    """Commands first, then what was measured, then the rest."""
+    usual = ("position", "velocity", "acceleration", "torque", "current")
+    if is_command(name):
+        return (0, name)
+    return (1 + usual.index(name), name) if name in usual else (10, name)

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The words of a column's name, the unit that it ends with, and what marks a command or a measurement in any dialect."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from trueup.units import canonical
+
+
+def listed(text: str) -> frozenset[str]:
+    """The words of a text."""
+    return frozenset(text.split())
+
+
+COMMANDED = listed(
+    "command commands commanded cmd cmds goal goals target targets tgt desired des setpoint setpoints sp control controls "
+    "ctrl action actions act ref reference references requested request req demand set u soll ff feedforward"
+)
+"""Words that make a command of what stands beside them."""
+SENT = listed("sent written applied")
+PLAINLY_MEASURED = listed("measured meas msr msd actual present feedback fb fbk ist")
+"""Words that mean a position where nothing says of what."""
+MEASURED = PLAINLY_MEASURED | listed(
+    "observation observed obs state states read sensor sensed data motor motors joint joints field est estimate "
+    "estimated"
+)
+AXES = listed("x y z w roll pitch yaw qx qy qz qw rx ry rz")
+_TIME = listed(
+    "time timestamp timestamps t stamp stamps times clock elapsed ts sec secs seconds millis micros datetime msec usec "
+    "nsec nanosec timestep date received zeit tiempo tempo"
+)
+_NOT_TIME = listed("index frame episode step steps count counter id seq")
+_TAILS: Mapping[tuple[str, ...], str] = MappingProxyType(
+    {
+        **{tuple(u.lower().split("/")): u for u in ("km/h", "m/s", "cm/s", "mm/s", "rad/s", "deg/s")},
+        **{(w,): w for w in ("rpm", "mph", "m", "cm", "mm", "km", "rad", "mrad", "deg", "rev")},
+        **dict.fromkeys((("kmh",), ("kph",), ("kmph",)), "km/h"), ("mps",): "m/s", ("ms",): "ms",
+        **dict.fromkeys((("rads",), ("radps",)), "rad/s"), **dict.fromkeys((("dps",), ("degs",), ("degps",)), "deg/s"),
+        **dict.fromkeys((("degrees",), ("degree",)), "deg"), **dict.fromkeys((("radians",), ("radian",)), "rad"),
+        **dict.fromkeys((("percent",), ("pct",)), "%"), ("us",): "1", ("nm",): "N m", ("mnm",): "mN m", ("a",): "A",
+        ("ma",): "mA", ("v",): "V", ("mv",): "mV", ("c",): "degC", ("degc",): "degC", ("k",): "K",
+    }
+)  # fmt: skip
+"""Words at the end of a name: the unit; "1" for the microseconds of a pulse, which is a number as good as any."""
+
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+_PIECE = re.compile(r"[^_\s./\-]+")
+_BRACKETED_UNIT = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]\s*$")
+_ACT = re.compile(r"(?<![A-Za-z])[Aa][Cc][Tt](?![A-Za-z])|(?<![A-Za-z])[Aa]ct(?=[A-Z])")
+
+
+@dataclass(frozen=True)
+class Name:
+    """A column's name taken apart."""
+
+    text: str
+    """Without a unit in brackets."""
+    bracketed: str
+    """The unit in brackets, as `units` writes it; '' for none."""
+    spans: tuple[tuple[str, int, int], ...]
+    """Its words in lower case, and where each begins and ends in `text`."""
+    tail: str
+    """The unit that the words end with (before an index): one of `units`, "1" for none but a number; '' for no unit."""
+    tail_words: range
+    """Which words say that."""
+
+    @property
+    def words(self) -> list[str]:
+        """All words."""
+        return [word for word, _, _ in self.spans]
+
+    @property
+    def bare(self) -> list[str]:
+        """The words without the unit at the end."""
+        return [word for i, word in enumerate(self.words) if i not in self.tail_words]
+
+    def cut_out(self, keep: Sequence[bool]) -> str:
+        """The kept words with what stands between them."""
+        pieces: list[str] = []
+        for i, (_, start, end) in enumerate(self.spans):
+            if keep[i]:
+                joined = bool(pieces) and i > 0 and keep[i - 1]
+                between = self.text[self.spans[i - 1][2] : start] if joined else ("_" if pieces else "")
+                pieces.append(between + self.text[start:end])
+        return "".join(pieces)
+
+
+def taken_apart(name: str) -> Name:
+    """The name in its parts."""
+    match = _BRACKETED_UNIT.search(name)
+    unit = canonical(match[1]) if match and match[1] else None
+    text = name[: match.start()].rstrip(" _") if match is not None and unit else name
+    spans = tuple((word[0].lower(), word.start(), word.end()) for word in _WORD.finditer(text))
+    tail, where = ("", range(0)) if unit else _tail(text, spans)
+    return Name(text, unit or "", spans, tail, where)
+
+
+def _tail(text: str, spans: Sequence[tuple[str, int, int]]) -> tuple[str, range]:
+    """The unit at the end of a name, in pieces of their own ("pos_hip_deg", "speed m/s"); a name is more than its unit."""
+    pieces = [(match[0].lower(), match.start()) for match in _PIECE.finditer(text)]
+    pieces = pieces[:-1] if len(pieces) > 1 and pieces[-1][0].isdigit() else pieces
+    last = len(spans) - 1 if spans and spans[-1][0].isdigit() else len(spans)
+    for count in (2, 1):
+        unit = _TAILS.get(tuple(piece for piece, _ in pieces[-count:]), "")
+        if unit and len(pieces) > count:
+            return unit, range(next(i for i, span in enumerate(spans) if span[1] >= pieces[-count][1]), last)
+    camel = spans[last - 1][0] if last > 1 else ""
+    unit = _TAILS.get((camel,), "") if len(camel) > 2 else ""  # jointAngleDeg
+    return unit, range(last - 1, last) if unit else range(0)
+
+
+def words(name: str) -> list[str]:
+    """The words and numbers of a name, in lower case: "jointPos_1" -> joint, pos, 1."""
+    return [match[0].lower() for match in _WORD.finditer(name)]
+
+
+def with_actual(names: Sequence[str]) -> dict[str, str]:
+    """Each name as it is to be read: "act" is "actual", and no action, beside names with a plain word for a command."""
+    plain = (COMMANDED | {"throttle", "steering"}) - {"act"}
+    if not any(plain & set(words(name)) for name in names):
+        return {name: name for name in names}
+    return {name: _ACT.sub("actual", name) for name in names}
+
+
+def is_time(name: str) -> bool:
+    """Whether a name sounds like a clock."""
+    plain = set(words(name))
+    return bool(plain & _TIME) and not plain & _NOT_TIME
+
+
+def names_its_clock(column: str, clock: str, main: str) -> bool:
+    """Whether a column and a second clock share a word that the main clock lacks ("cmd_pos" and "cmd_time")."""
+    return bool((set(words(clock)) - _TIME - set(words(main))) & set(words(column)))
+
+
+def stem(name: str) -> str:
+    """The name of a file without its ending; topics have none."""
+    return name.rsplit(".", 1)[0] if "." in name and not name.startswith("/") else name

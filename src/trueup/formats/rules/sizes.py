@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Units that nobody says, told from numbers: by how signals go with one another, else by their size, else asked for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from trueup.formats.clock import guess_unit, seconds
+from trueup.formats.mapping import ChannelColumns, TimeColumn
+from trueup.formats.rules.joints import BY_KIND
+from trueup.formats.rules.rule import Column
+from trueup.inspection.relations import factor, nearest, rate
+from trueup.units import hardly_radians, to_si
+
+_TURN = 4096
+"""Counts of a turn, of the magnetic encoders in Feetech STS and Dynamixel X servos."""
+_FILTERED = 0.5
+"""Speeds between this share of the positions' rate and its inverse are in SI, filtered or late: other units are beyond."""
+_TICKS = frozenset(["counts", "ticks"])
+_POSITIONS = ("position", "command", "command_sent")
+_ANGLES = ("rad", "deg", "rev")
+_SPEEDS = ("rad/s", "deg/s", "rpm", "rev/s")
+COUNTS_NOTE = (
+    "taken as counts of servos, 4096 a turn and 2048 at zero; say so for joints that are zero elsewhere (offset) or turn "
+    "the other way (sign)"
+)
+
+
+@dataclass
+class Sizes:
+    """Channels that get their units, one after the other; `notes` says what was taken for what, and what is open."""
+
+    channels: dict[str, ChannelColumns]
+    groups: Mapping[str, Sequence[Column]]
+    time: TimeColumn
+    notes: list[str] = field(default_factory=list)
+
+    def settle(self) -> None:
+        """Gives units where numbers tell one; else says that it is unknown."""
+        counts = self._open("position") and _are_counts(self.groups["position"])
+        for name in _POSITIONS:
+            if self._open(name):
+                self._position(name, counts)
+        for name in ("velocity", "torque", "command_velocity", "command_torque"):
+            if self._open(name):
+                self._of_joints(name, BY_KIND[name.removeprefix("command_")].unit)
+        if self._open("current"):
+            self.notes.append("current: unit unknown: say A or mA")
+
+    def _open(self, name: str) -> bool:
+        return name in self.channels and not self.channels[name].unit
+
+    def _position(self, name: str, counts: bool) -> None:
+        largest = max(column.largest for column in self.groups[name])
+        ticks = any(_TICKS & set(column.parts.words) for column in self.groups[name])
+        related = self._beside_speed(name) or self._beside_positions(name)
+        if related:
+            self._take(name, *related)
+        elif counts:
+            scale, offset = (2.0 * math.pi / _TURN,), (-math.pi,)
+            self.channels[name] = replace(self.channels[name], scale=scale, offset=offset, unit="rad")
+            self.notes.append(f"{name}: {COUNTS_NOTE}")
+        elif name == "command" and "position" not in self.channels:
+            self.notes.append("command: unit unknown (there is no position to compare with)")
+        elif not hardly_radians(largest) and not ticks:
+            self._take(name, "rad", f"largest value {largest:.3g}")
+        elif ticks or all(_whole(column) for column in self.groups[name]):
+            self.notes.append(
+                f"{name}: unit unknown; whole numbers that reach {largest:.4g}: counts of an encoder or degrees are "
+                'suspected; for counts give unit = "rad" and scale = 6.2832 / counts of a turn'
+            )
+        else:
+            self.notes.append(
+                f"{name}: unit unknown; values reach {largest:.4g}: degrees are suspected, or motors before their gears"
+            )
+
+    def _take(self, name: str, unit: str, why: str) -> None:
+        self.channels[name] = replace(self.channels[name], unit=unit)
+        self.notes.append(f"{name}: taken as {unit} ({why}); say so if it is m or anything else")
+
+    def _beside_speed(self, name: str) -> tuple[str, str] | None:
+        """The unit of positions of which a measured speed, whose unit is known, is the rate."""
+        speed = self.channels.get("velocity")
+        if name != "position" or speed is None or to_si(speed.unit)[0] != "rad/s":
+            return None
+        times = self._common("velocity", name, derive=True)
+        unit = nearest(times * to_si(speed.unit)[1], {u: to_si(u)[1] for u in _ANGLES}) if times else ""
+        return (unit, f"the speeds in {speed.unit} are its rate") if unit else None
+
+    def _beside_positions(self, name: str) -> tuple[str, str] | None:
+        """The unit of positions or commands that go with others, whose unit is known."""
+        for other in _POSITIONS:
+            known = self.channels.get(other)
+            if other != name and known is not None and known.unit in _ANGLES and known.scale == (1.0,):
+                times = self._common(name, other, derive=False)
+                unit = nearest(to_si(known.unit)[1] / times, {u: to_si(u)[1] for u in _ANGLES}) if times else ""
+                if unit:
+                    return unit, f"it goes with {other} in {known.unit}"
+        return None
+
+    def _of_joints(self, name: str, usual: str) -> None:
+        """Speeds and torques of joints whose positions are in rad are in SI, unless the positions' rate says otherwise."""
+        channel, position = self.channels[name], self.channels.get("position")
+        angles = position is not None and to_si(position.unit)[0] == "rad" and len(position.scale) == 1
+        times = self._common(name, "position", derive=True) if angles and name == "velocity" else None
+        of_known = any(channel.labels == self.channels[p].labels for p in _POSITIONS if p in self.channels
+                       and self.channels[p].unit in ("rad", "deg"))  # fmt: skip
+        if times is not None and position is not None:
+            per_si = times / (to_si(position.unit)[1] * position.scale[0])
+            unit = nearest(per_si, {u: 1.0 / to_si(u)[1] for u in _SPEEDS})
+            why = "" if unit else f"{per_si:.3g} times "
+            unit = unit or (usual if _FILTERED < per_si < 1.0 / _FILTERED else "")
+            if unit:
+                self.channels[name] = replace(channel, unit=unit)
+                self.notes.append(
+                    f"{name}: taken as {unit}, {why}the rate of the positions; say so if it is anything else"
+                )
+            else:
+                self.notes.append(f"{name}: unit unknown; it is {per_si:.3g} times the rate of the positions in rad/s")
+        elif of_known and position is not None and position.unit == "rad":
+            self.channels[name] = replace(channel, unit=usual)
+            self.notes.append(f"{name}: taken as {usual}; say so if it is anything else")
+        else:
+            self.notes.append(f"{name}: unit unknown")
+
+    def _common(self, name: str, other: str, *, derive: bool) -> float | None:
+        """How many times the other channel (or its rate) one is: the median over their joints; None where few agree."""
+        factors = [
+            f for pair in self._pairs(name, other) if (f := _factor(*pair, self.time, derive=derive)) is not None
+        ]
+        pairs = len(list(self._pairs(name, other)))
+        return float(np.median(factors)) if factors and 2 * len(factors) > pairs else None
+
+    def _pairs(self, name: str, other: str) -> Iterator[tuple[Column, Column]]:
+        """Columns of one number that are of one joint, in one table and on its main clock."""
+        columns = dict(zip(self.channels[other].labels, self.groups[other], strict=False))
+        for label, column in zip(self.channels[name].labels, self.groups[name], strict=False):
+            beside = columns.get(label)
+            if beside is not None and beside.table is column.table and column.width == beside.width == 1:
+                yield column, beside
+
+
+def _are_counts(measured: Sequence[Column]) -> bool:
+    """Whether positions are whole numbers within one turn of counts, and beyond two turns of degrees."""
+    if not all(_whole(column) for column in measured):
+        return False
+    lowest = min(float(column.known.min()) for column in measured)
+    return lowest >= 0.0 and 2.0 * 360.0 < max(column.largest for column in measured) < _TURN
+
+
+def _whole(column: Column) -> bool:
+    return bool(column.known.size) and bool(np.all(column.known == np.round(column.known)))
+
+
+def _factor(column: Column, beside: Column, time: TimeColumn, *, derive: bool) -> float | None:
+    """How many times the values of another column, or their rate, one is."""
+    values, reference = column.values, beside.values
+    if not derive:
+        return factor(values, reference)
+    clock = beside.table.columns.get(time.column)
+    if clock is None or beside.clock or column.clock or len(clock) < 3:
+        return None
+    instants = seconds(clock, time.unit or guess_unit(time.column, clock))
+    good = np.isfinite(instants) & np.isfinite(reference) & np.isfinite(values)
+    good[1:] &= np.diff(np.fmax.accumulate(np.where(np.isfinite(instants), instants, -np.inf))) > 0.0
+    if np.count_nonzero(good) < 3:
+        return None
+    at, slope = rate(reference[good], instants[good])
+    return factor(np.asarray(np.interp(at, instants[good], values[good]), dtype=np.float64), slope)
+
+
+def rate_factor(column: Column, beside: Column, time: TimeColumn) -> float | None:
+    """How many times the rate of change of another column of its table one is; None where that is not to be told."""
+    return _factor(column, beside, time, derive=True)

@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Signals of vehicles: throttle, steering, place, heading, speed and turn rate, and what each name says of its source."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from trueup.formats.rules.names import COMMANDED, listed, words
+from trueup.formats.rules.rule import Array, Column, Example, Rule
+from trueup.units import canonical, to_si
+
+
+def _on_a_globe(values: Array) -> bool:
+    """Degrees of latitude or longitude."""
+    return bool(np.abs(values).max(initial=0.0) <= 180.0)
+
+
+def _quaternion(axis: str) -> str:
+    """The names of one of its four parts."""
+    return ", ".join(f"{whose} {axis}" for whose in ("orientation", "quat", "quaternion", "q", "rotation", "rot"))
+
+
+RULES = (
+    Rule(
+        "throttle",
+        "throttle, gas, accelerator, esc, drive, duty, duty cycle, accel pedal, accelerator pedal, gas pedal, "
+        "throttle pedal, pedal",
+        (Example("t,gas_percent,steer,x,y,yaw", "0 10 .1 1 2 .1|.1 20 .1 1.1 2 .1|.2 30 .2 1.2 2 .2",
+                 "command[] throttle steering; position[m] x y; heading[rad] heading"),),
+    ),
+    Rule("brake", "brake, braking, brake pedal",
+         (Example("t,throttle,brake,steering", "0 .1 0 .1|.1 .2 0 .1|.2 0 1 .2", "command[] throttle steering brake"),)),
+    Rule("steering", "steer, steering, delta, swa, servo",
+         (Example("t,v_cmd,delta_cmd_deg", "0 1 20|.1 2 21|.2 1 22", "command[] speed steering"),), also=("rad",)),
+    Rule("erpm", "erpm, rpm", (Example("t,erpm_cmd,servo_cmd", "0 900 .5|.1 950 .6|.2 960 .5",
+                                       "command[] speed steering"),)),
+    Rule("x", "x, px, easting, east", (Example("t,throttle,steer,odom_x,odom_y,vicon_x,vicon_y",
+                                           "0 0 0 1 2 3 4|.1 1 0 1 3 3 4", "command[] throttle steering; position[m] x y"),),
+         unit="m"),
+    Rule("y", "y, py, northing, north", (Example("t,throttle,steer,north_m,east_m", "0 0 0 1 2|.1 1 0 1 2|.2 1 0 2 2",
+                                            "command[] throttle steering; position[m] x y"),), unit="m"),
+    Rule("latitude", "lat, latitude", (Example("t,throttle,steer,gps_lat,gps_lon", "0 0 0 48 11|.1 1 0 48 11|.2 1 0 49 11",
+                                       "command[] throttle steering; position[deg] latitude longitude"),),
+         unit="deg", possible=_on_a_globe),
+    Rule("longitude", "lon, lng, longitude", (Example("t,throttle,steer,gps_lat,gps_long", "0 0 0 48 11|.1 1 0 48 12",
+                                              "command[] throttle steering; position[deg] latitude longitude"),),
+         unit="deg", possible=_on_a_globe),
+    Rule(
+        "heading",
+        "heading, yaw, theta, psi, hdg, azimuth, orientation, orientation yaw, euler yaw, rpy yaw, rotation yaw, rot yaw, "
+        "orientation theta, compass, compass heading, bearing, course",
+        (Example("t,throttle,steer,compass", "0 0 0 350|.1 1 0 355|.2 1 0 2|.3 1 0 5",
+                 "command[] throttle steering; heading[rad] heading"),),
+        unit="rad",
+    ),
+    *(
+        Rule(f"q{axis}", f"q{axis}, {_quaternion(axis)}",
+             (Example("t,throttle,steer,rb_rot_x,rb_rot_y,rb_rot_z,rb_rot_w", "0 0 0 0 0 0 1|.1 1 0 0 0 .6 .8|.2 1 0 0 0 1 0",
+                      "command[] throttle steering; orientation[] qx qy qz qw"),))
+        for axis in ("x", "y", "z", "w")
+    ),
+    Rule(
+        "speed",
+        "v, vx, vel, velocity, speed, vel x, velocity x, linear x, linear, linear velocity, linear velocity x, "
+        "groundspeed, forward speed, forward velocity, v x",
+        (Example("t,throttle,steer,wheel_speed_kmh", "0 0 0 36|.1 1 0 36|.2 1 0 72",
+                 "command[] throttle steering; speed[m/s] speed"),),
+        unit="m/s",
+    ),
+    Rule(
+        "yaw_rate",
+        "w, wz, wimu, omega, omega z, yaw rate, yawrate, yaw vel, yaw velocity, yaw speed, yawvel, yawspeed, gyro z, gyroz, "
+        "angular, angular z, angular velocity, angular velocity z, omegaz, angularvelocityz, turn rate, turnrate, turn, "
+        "heading rate, gyro",
+        (Example("t,throttle,steer,gyro_dps", "0 0 0 36|.1 1 0 36|.2 1 0 72",
+                 "command[] throttle steering; yaw_rate[rad/s] yaw_rate"),),
+        unit="rad/s", rate_of="heading",
+    ),
+)  # fmt: skip
+BY_KIND: Mapping[str, Rule] = MappingProxyType({rule.kind: rule for rule in RULES})
+_CORES: Mapping[frozenset[str], str] = MappingProxyType(
+    {frozenset(core.split()): rule.kind for rule in RULES for core in rule.names.split(", ")}
+)
+
+_ASKED = COMMANDED | listed("input ackermann teleop nav")
+_WHOSE = _ASKED | listed(
+    "pos position pose vicon mocap optitrack qualisys odom odometry gps gnss rtk ins car vehicle robot rover cart truck "
+    "world map base link center centre cg cog rear front axle wheel wheels road tire tyre hand encoder measured meas "
+    "actual real true ground truth gt est estimated estimate long longitudinal motor state states pwm actuation "
+    "sent norm normalized angle ratio value percentage data msg feedback fb stamped twist vesc sensors sensor core "
+    "pf particle filter filtered amcl slam ekf ukf localization localisation fused utm local global enu current drive "
+    "csv npz topic inferred imu raw body fix navsat uwb apriltag tag aruco marker beacon lidar tracker tracked tracking "
+    "field location ned rb rigid ego agent hero player"
+)
+"""Words beside a signal's own that do not change what it is."""
+_OF_AN_IMU = frozenset(("imu", "acc", "accel", "acceleration", "gyro", "mag"))
+_OF_WHEELS = frozenset(("wheel", "encoder", "imu", "gyro"))
+_TRUSTED: tuple[frozenset[str], ...] = tuple(
+    frozenset(group.split())
+    for group in (
+        "vicon mocap optitrack qualisys truth gt",
+        "pf amcl slam ekf ukf localization localisation fused filtered rtk ins",
+        "",
+        "odom odometry encoder wheel imu",
+    )
+)
+"""Where a pose may come from, the most exact first."""
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """A column as a signal of a vehicle."""
+
+    column: Column
+    kind: str
+    """Of one of the rules."""
+    factor: float | None
+    """What one of its numbers is in SI, as its name says; None where it does not."""
+    commanded: bool
+    rank: int
+    """Lower is to be trusted more, among those of one kind."""
+    source: frozenset[str]
+    """The words that say where it comes from."""
+
+
+def read(column: Column) -> Signal | None:
+    """What a column says of a vehicle; None where it is something else, by its words or by its numbers."""
+    factor, plain = _unit(column)
+    everything = [*words(column.file), *plain]
+    there = set(everything)
+    kind = _kind(plain, everything)
+    if not kind or column.values.ndim > 1 or (kind in ("x", "y") and _OF_AN_IMU & there):
+        return None
+    possible = BY_KIND[kind].possible
+    if possible is not None and not possible(column.known):
+        return None
+    commanded = bool(_ASKED & there) or ("drive" in there and kind in ("speed", "steering"))
+    commanded = commanded or (kind == "speed" and factor == to_si("%")[1])  # nobody measures a speed in percent
+    rank = next((i for i, group in enumerate(_TRUSTED) if group & there), 2)
+    if kind in ("speed", "yaw_rate"):  # the wheels know the speed and gyroscopes the turn rate, not the tracker
+        rank = 0 if _OF_WHEELS & there else 1
+    elif kind in ("steering", "throttle"):
+        rank = (0 if commanded else 1) + 2 * (kind == "steering" and "servo" in plain)
+    return Signal(column, kind, factor, commanded, rank, frozenset(there & _WHOSE - {"long"}))
+
+
+def _kind(plain: list[str], everything: list[str]) -> str:
+    """What its words name, those left out that only say whose it is."""
+    core = frozenset(w for w in plain if w not in _WHOSE) or frozenset(w for w in everything if w not in _WHOSE)
+    kind = _CORES.get(core, "")
+    if not kind:  # cmd_vel.linear.x says twice that it is a velocity
+        once = _CORES.get(core - {"vel", "velocity"}, "")
+        kind = once if once in ("speed", "yaw_rate") else ""
+    if not core:  # only words that say whose it is
+        kind = "throttle" if "drive" in plain and len(plain) < 3 else ""
+        kind = "longitude" if "long" in plain and {"gps", "gnss"} & set(everything) else kind
+    return kind
+
+
+def _unit(column: Column) -> tuple[float | None, list[str]]:
+    """What one of its numbers is in SI as its name says it, and the words without the unit; single letters are signals."""
+    name = column.parts
+    if name.bracketed:
+        return to_si(name.bracketed)[1], name.words
+    unit = {"ms": "m/s"}.get(name.tail, name.tail)
+    if not unit or canonical(unit) is None or name.words[-1] in ("a", "c", "k", "v") or name.words[-1].isdigit():
+        return None, name.words
+    return to_si(unit)[1], name.bare

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How one signal goes with another: as a multiple of it, or of its rate of change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.noise import estimate_noise
+
+Array = NDArray[np.float64]
+
+_CORRELATED = 0.9
+"""Correlation from which one signal is called a multiple of another: a fifth of its variance may be something else."""
+_TOLERANCE = 0.12
+"""Relative, of a factor: units differ by more (rpm and rev/s beside rad/s by 1.5), delays and filters make less."""
+_FEWEST = 20
+"""Samples from which a correlation says something."""
+
+
+def factor(values: Array, reference: Array) -> float | None:
+    """How many times `reference` (T,) `values` (T,) are, offsets aside; None where they do not go together.
+
+    The geometric mean of both regressions, which noise in one of them does not pull to zero.
+    """
+    good = np.isfinite(values) & np.isfinite(reference)
+    if np.count_nonzero(good) < _FEWEST:
+        return None
+    x, y = reference[good] - reference[good].mean(), values[good] - values[good].mean()
+    sizes, together = float(np.sqrt(np.sum(x**2) * np.sum(y**2))), float(np.sum(x * y))
+    if sizes == 0.0 or abs(together) / sizes < _CORRELATED:
+        return None
+    return float(np.sign(together) * np.sqrt(np.sum(y**2) / np.sum(x**2)))
+
+
+def rate(values: Array, time: Array) -> tuple[Array, Array]:
+    """Time (m,) and rate of change (m,) of `values` (T,) at `time` (T,) in s.
+
+    Differences are taken over as many samples as the values usually need to change by ten times their noise, so that noise
+    and encoder steps do not drown the rate.
+    """
+    noise = float(estimate_noise(values, time)[0])
+    steps = np.diff(values)
+    steps = steps[np.isfinite(steps)]
+    usual = float(np.sqrt(np.mean(steps**2))) if steps.size else 0.0
+    wanted = 10.0 * noise / usual if usual > 0.0 and math.isfinite(noise) else 1.0
+    span = int(np.clip(math.ceil(wanted), 1, max(1, len(steps) // 20)))
+    return 0.5 * (time[span:] + time[:-span]), (values[span:] - values[:-span]) / (time[span:] - time[:-span])
+
+
+def nearest(value: float, known: Mapping[str, float]) -> str:
+    """The name of the factor that a measured one is, within its tolerance; '' for none of them."""
+    near = {name: abs(math.log(value / size)) for name, size in known.items() if value * size > 0.0}
+    best = min(near, key=lambda name: near[name], default="")
+    return best if best and near[best] < _TOLERANCE else ""
