@@ -16,8 +16,8 @@ from arm_problem import ArmProblem, held_out_over_truth, make_problem, worst_com
 from numpy.typing import NDArray
 from results import result
 
+from trueup.articulated.declarations import Declaration, declare
 from trueup.calibration import Calibration
-from trueup.engines.mujoco.declarations import Declaration, declare
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.loop.calibrate import Options, calibrate

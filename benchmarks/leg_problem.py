@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.articulated.declarations import Declaration, declare
 from trueup.controllers.controller import Observation
-from trueup.engines.mujoco.declarations import Declaration, declare
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.parameters import Parameter, ParameterSpace

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.engines.mujoco.declarations import Declaration, declare
+from trueup.articulated.declarations import Declaration, declare
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.recording import Channel, Recording

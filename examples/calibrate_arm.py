@@ -8,8 +8,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from trueup.articulated.declarations import declare
 from trueup.calibration import pooled_rmse
-from trueup.engines.mujoco.declarations import declare
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.proposal import propose

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from trueup.articulated.declaration_file import read_declarations
+from trueup.articulated.quantities.known import quantities
 from trueup.campaign.plan import read_plan
 from trueup.campaign.rehearsal import rehearse
 from trueup.campaign.resolve import parts_of
-from trueup.engines.mujoco.declaration_file import read_declarations
-from trueup.engines.mujoco.quantities import kinds
 from trueup.tasks.task import robot_trials, simulated_scores
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "calibrate.md"
@@ -22,7 +22,7 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "calibrate.md"
 
 def test_the_table_of_quantities_is_complete() -> None:
     rows = re.findall(r"^\| `(\w+)` \| (\w+) \| ([^|]+) \| ([^|]+) \|$", PAGE.read_text("utf-8"), re.MULTILINE)
-    assert rows == [(k.name, k.family, k.unit or "-", k.title) for k in kinds().values()]
+    assert rows == [(k.name, k.family, k.unit or "-", k.title) for k in quantities().values()]
 
 
 def test_the_example_of_a_parameters_file_is_one(tmp_path: Path) -> None:

@@ -11,11 +11,11 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
+    from trueup.articulated.declarations import Declaration as Declaration
+    from trueup.articulated.declarations import declare as declare
     from trueup.calibration import Calibration as Calibration
     from trueup.engines.bicycle import BicycleSimulator as BicycleSimulator
     from trueup.engines.bicycle import Vehicle as Vehicle
-    from trueup.engines.mujoco.declarations import Declaration as Declaration
-    from trueup.engines.mujoco.declarations import declare as declare
     from trueup.engines.mujoco.rollout import MujocoSimulator as MujocoSimulator
     from trueup.engines.mujoco.setup.proposal import propose as propose
     from trueup.engines.mujoco.writing.write import write_model as write_model
@@ -56,7 +56,7 @@ _HOME = {
     "Calibration": "trueup.calibration",
     "Channel": "trueup.recording",
     "ChannelMap": "trueup.formats",
-    "Declaration": "trueup.engines.mujoco.declarations",
+    "Declaration": "trueup.articulated.declarations",
     "FollowPath": "trueup.tasks.follow_path",
     "MujocoSimulator": "trueup.engines.mujoco.rollout",
     "Options": "trueup.loop.calibrate",
@@ -70,7 +70,7 @@ _HOME = {
     "TrustRegion": "trueup.loop.optimize",
     "Vehicle": "trueup.engines.bicycle",
     "calibrate": "trueup.loop.calibrate",
-    "declare": "trueup.engines.mujoco.declarations",
+    "declare": "trueup.articulated.declarations",
     "identify": "trueup.identification.estimation.identify",
     "inspect": "trueup.inspection",
     "load_tree": "trueup.identification.model_file",

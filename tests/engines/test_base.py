@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.articulated.declarations import Declaration, declare
 from trueup.articulated.pose import angles_of, near, quaternion_of, turning
 from trueup.calibration import Replay
 from trueup.commands.calibrate import _recordings as recordings_of
-from trueup.engines.mujoco.declarations import Declaration, declare
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.drives import suited

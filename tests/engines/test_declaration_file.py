@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from trueup.articulated.declaration_file import read_declarations, write_parameters
+from trueup.articulated.declarations import Declaration, declare
 from trueup.calibration import Calibration, Estimate
-from trueup.engines.mujoco.declaration_file import read_declarations, write_parameters
-from trueup.engines.mujoco.declarations import Declaration, declare
 from trueup.engines.mujoco.model import Model, load
 from trueup.errors import OutputError, ParameterError, UnknownNameError
 

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.engines.mujoco.declarations import Declaration, declare
+from trueup.articulated.declarations import Declaration, declare
 from trueup.engines.mujoco.lone.lone_joints import LoneJoints
 from trueup.engines.mujoco.model import load
-from trueup.engines.mujoco.quantities import kind
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.recording import Channel, Recording
 from trueup.testing import check_simulator
@@ -131,7 +130,7 @@ def test_every_quantity_changes_a_lone_joint_as_it_changes_the_arm(
     exact, lone = (p[1:] - p[0] for p in (positions(s, trial, values) for s in (simulator, alone(simulator, trial))))
     size, error = (np.sqrt(np.mean(change**2, axis=(1, 2))) for change in (exact, lone - exact))
     for quantity, name, a, b in zip(simulator.quantities, simulator.parameters.names, error, size, strict=True):
-        share = bodies if kind(quantity.kind).family == "body" else drives
+        share = bodies if quantity.quantity.family == "body" else drives
         assert a < share * b + 1e-5, f"{name}: changes {a:.2g} rad apart, of {b:.2g}"
 
 

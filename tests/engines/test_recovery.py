@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.articulated.declarations import Declaration, declare
 from trueup.calibration import Calibration
 from trueup.discrepancies.alignment import clock_errors
-from trueup.engines.mujoco.declarations import Declaration, declare
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.loop.calibrate import Options, calibrate

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.articulated.declarations import Declaration, declare
 from trueup.controllers.playback import Playback
-from trueup.engines.mujoco.declarations import Declaration, declare
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.errors import UnknownNameError

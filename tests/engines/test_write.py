@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.engines.mujoco.declarations import Declaration, declare
+from trueup.articulated.declarations import Declaration, declare
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.writing.write import simulated_model, write_model

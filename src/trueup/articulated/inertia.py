@@ -28,16 +28,17 @@ def pseudo_inertia(mass: Array, com: Array, inertia: Array) -> Array:
     return pseudo
 
 
-def log_cholesky(mass: float, com: Array, inertia: Array) -> Array:
-    """(10,) coordinates of a body, in the order of COMPONENTS. Inertia is about the CoM, (3, 3)."""
-    spread = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+def log_cholesky(mass: Array, com: Array, inertia: Array) -> Array:
+    """(..., 10) coordinates in the order of COMPONENTS, from mass (...), CoM (..., 3) and inertia about it (..., 3, 3)."""
+    mass = np.asarray(mass, dtype=np.float64)
+    spread = 0.5 * np.trace(inertia, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - inertia
     # A rod or plate has no spread across: a millionth of the largest keeps the logarithms finite.
-    spread = spread + np.eye(3) * max(1e-6 * np.trace(spread), 1e-12)
-    flip = np.eye(3)[::-1]
-    upper = flip @ np.linalg.cholesky(flip @ spread @ flip) @ flip / np.sqrt(mass)
-    d = np.log(np.diag(upper))
-    scaled = (upper[0, 1], upper[1, 2], upper[0, 2])
-    return np.array([0.5 * np.log(mass), *d, *scaled, *com])
+    least = np.maximum(1e-6 * np.trace(spread, axis1=-2, axis2=-1), 1e-12)[..., None, None]
+    reverse = (spread + least * np.eye(3))[..., ::-1, ::-1]
+    upper = np.linalg.cholesky(reverse)[..., ::-1, ::-1] / np.sqrt(mass)[..., None, None]
+    d = np.log(np.diagonal(upper, axis1=-2, axis2=-1))
+    scaled = np.stack([upper[..., 0, 1], upper[..., 1, 2], upper[..., 0, 2]], axis=-1)
+    return np.concatenate([0.5 * np.log(mass)[..., None], d, scaled, com], axis=-1)
 
 
 def from_log_cholesky(theta: Array) -> tuple[Array, Array, Array]:

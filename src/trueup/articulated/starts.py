@@ -3,17 +3,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.articulated.model import Model
 from trueup.recording import Channel
+from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
 _WINDOW = 0.06  # s of samples from which a start state is estimated
 
 
-def slope_knows_better(position: Channel | None, velocity: Channel, label: str, start: float) -> bool:
+def at_rest(model: Model) -> tuple[Array, Array]:
+    """(k,), (k,) positions and velocities of the joints of `model.drives()` where the model begins."""
+    place, pace = ([model.get(f"joint.{a}", j)[0] for j in model.drives()] for a in ("start", "start_velocity"))
+    return np.array(place, dtype=np.float64), np.array(pace, dtype=np.float64)
+
+
+def measured_start(rest: tuple[Array, Array], trial: Trial, joints: Sequence[str]) -> tuple[Array, Array]:
+    """(k,), (k,) positions and velocities of `joints` at the trial's start, from its recording; else those of `rest`."""
+    place, pace = (np.array(r) for r in rest)
+    position, velocity = trial.initial.get("position"), trial.initial.get("velocity")
+    if position is not None:
+        value, slope = starting_point(position, trial.start)
+        for label, q, v in zip(position.labels, value, slope, strict=True):
+            if label in joints and np.isfinite(q):
+                place[joints.index(label)] = q
+                pace[joints.index(label)] = v if np.isfinite(v) else 0.0
+    if velocity is not None and velocity.unit:
+        value, _ = starting_point(velocity, trial.start)
+        for label, v in zip(velocity.labels, value, strict=True):
+            known = not np.isfinite(v) or _slope_knows_better(position, velocity, label, trial.start)
+            if label in joints and not known:
+                pace[joints.index(label)] = v
+    return place, pace
+
+
+def _slope_knows_better(position: Channel | None, velocity: Channel, label: str, start: float) -> bool:
     """Whether the slope of the measured positions tells the start speed more exactly than a noisy speed channel."""
     if position is None or label not in position.labels:
         return False

@@ -3,10 +3,7 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.metadata
 import inspect
-import sys
 import types
 import typing
 from collections.abc import Callable, Mapping
@@ -15,6 +12,7 @@ from typing import Any
 
 from trueup.campaign.typed_toml import Component, check_keys, convert
 from trueup.errors import PlanError, TrueupError, unknown_name
+from trueup.extensions import addressed, registered
 
 
 def made(component: Component, kind: str, known: Mapping[str, str], given: Mapping[str, Any], base: Path) -> Any:
@@ -32,19 +30,12 @@ def found(component: Component, kind: str, known: Mapping[str, str], base: Path)
     """The class or function that `component` names. Raises PlanError."""
     address = component.type
     if ":" not in address:
-        names = {**{e.name: e.value for e in importlib.metadata.entry_points(group=f"trueup.{kind}s")}, **known}
+        names = {**registered(f"trueup.{kind}s"), **known}
         if address not in names:
             error = unknown_name(kind, address, names, "what trueup knows")
             raise PlanError(f'{component.where}: {error}; or name your own as "module:attribute"')
         address = names[address]
-    module_name, _, attribute = address.partition(":")
-    target = _module(module_name, component.where, base)
-    for part in attribute.split("."):
-        if not hasattr(target, part):
-            raise PlanError(
-                f"{component.where}: module '{module_name}' ({getattr(target, '__file__', '?')}) has no '{attribute}'"
-            )
-        target = getattr(target, part)
+    target = addressed(address, base, lambda text: PlanError(f"{component.where}: {text}"))
     if not callable(target):
         raise PlanError(f"{component.where}: '{address}' is a {type(target).__name__}, not a class or function")
     return target
@@ -76,19 +67,6 @@ def arguments(component: Component, target: Callable[..., Any], given: Mapping[s
         if parameters[name].default is inspect.Parameter.empty and name not in options and name not in offered:
             raise PlanError(f"{component.where}: '{component.type}' needs '{name}'; it takes: {', '.join(names)}")
     return {**offered, **options}
-
-
-def _module(name: str, where: str, base: Path) -> Any:
-    """A module, also one that lies beside the plan."""
-    folder = str(base.resolve())
-    if folder not in sys.path:
-        sys.path.insert(0, folder)
-    try:
-        return importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        if error.name not in (name, name.partition(".")[0]):
-            raise PlanError(f"{where}: module '{name}' needs '{error.name}', which is not installed") from error
-        raise PlanError(f"{where}: there is no module '{name}', neither installed nor in {base}") from None
 
 
 def _hints(target: Callable[..., Any]) -> dict[str, Any]:

@@ -3,20 +3,20 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from trueup.articulated.declaration_file import read_declarations, read_gains, write_parameters
+from trueup.articulated.declarations import declare
 from trueup.calibration import Calibration, Replay, by_unit
 from trueup.engines.family import Family, Fit, Request, Suited
 from trueup.engines.mujoco.base import check_base, floating, held
-from trueup.engines.mujoco.declaration_file import read_declarations, read_gains, write_parameters
-from trueup.engines.mujoco.declarations import declare
 from trueup.engines.mujoco.gains import Gains
 from trueup.engines.mujoco.model import Model, load
-from trueup.engines.mujoco.quantities import kind
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.drives import driven, suited, undriven
 from trueup.engines.mujoco.setup.floor import Stopped, stopped_by_floor
@@ -113,11 +113,9 @@ class Articulated(Family):
 
     def kinds(self, simulator: MujocoSimulator) -> tuple[tuple[str, str, int], ...]:
         """See Family."""
-        counts: dict[str, int] = {}
-        for parameter, quantity in zip(simulator.parameters.parameters, simulator.quantities, strict=True):
-            if not parameter.frozen:
-                counts[quantity.kind] = counts.get(quantity.kind, 0) + 1
-        return tuple((name, kind(name).family, count) for name, count in counts.items())
+        free = [a for a, p in zip(simulator.quantities, simulator.parameters.parameters, strict=True) if not p.frozen]
+        counts = Counter((a.kind, a.quantity.family) for a in free)
+        return tuple((name, family, count) for (name, family), count in counts.items())
 
     def advice(self, simulator: MujocoSimulator, calibration: Calibration | None = None) -> tuple[str, ...]:
         """See Family: smaller steps before a calibration, friction with load after it."""

@@ -11,7 +11,6 @@ Array = NDArray[np.float64]
 
 FLOOR = "calibrated_floor"
 """Name of the plane that is added to a model without one."""
-FLOOR_KINDS = ("floor_height", "floor_roll", "floor_pitch", "floor_friction")
 FLOOR_FRICTION = 0.3
 """Sliding friction of an added floor before it is calibrated: plastic on wood or lacquer."""
 

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.engines.mujoco.fields import Fields
+from trueup.articulated.model import Model, Writable, servos
 from trueup.recording import Recording
 
 Array = NDArray[np.float64]
@@ -60,20 +60,18 @@ class Gains:
             )
         return cls(factors, given_for), notes
 
-    def scale(self, compiled: mujoco.MjModel, fields: Fields, recordings: Sequence[str], rows: int) -> None:
+    def scale(self, model: Model, copies: Writable, recordings: Sequence[str], rows: int) -> None:
         """Multiplies stiffness and damping of the position servos; `rows` simulations for each of `recordings`."""
         if not self.factors:
             return
-        servos = (compiled.actuator_biastype == int(mujoco.mjtBias.mjBIAS_AFFINE)) & (
-            compiled.actuator_biasprm[:, 1] < 0.0
-        )
         stiffness, damping = (
             np.repeat([self.factors.get(q, {}).get(r, 1.0) for r in recordings], rows) for q in ("kp", "kv")
         )
-        gain, bias = fields.expand("actuator_gainprm"), fields.expand("actuator_biasprm")
-        gain[:, servos, 0] *= stiffness[:, None]
-        bias[:, servos, :2] *= stiffness[:, None, None]  # both: the servo's zero stays where it is
-        bias[:, servos, 2] *= damping[:, None]
+        for servo in servos(model):
+            zero = copies.get("actuator.zero", servo)
+            copies.set("actuator.kp", servo, stiffness * copies.get("actuator.kp", servo))
+            copies.set("actuator.kv", servo, damping * copies.get("actuator.kv", servo))
+            copies.set("actuator.zero", servo, zero)
 
 
 def _own(compiled: mujoco.MjModel, quantity: str) -> float:

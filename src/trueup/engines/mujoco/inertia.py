@@ -7,8 +7,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.articulated.inertia import log_cholesky
-
 Array = NDArray[np.float64]
 
 
@@ -18,8 +16,3 @@ def body_inertia(model: mujoco.MjModel, body: int) -> Array:
     mujoco.mju_quat2Mat(rotation, model.body_iquat[body])
     turn = rotation.reshape(3, 3)
     return turn @ np.diag(model.body_inertia[body]) @ turn.T
-
-
-def log_cholesky_of_body(model: mujoco.MjModel, body: int) -> Array:
-    """(10,) log-Cholesky coordinates of a body of a compiled model."""
-    return log_cholesky(float(model.body_mass[body]), model.body_ipos[body], body_inertia(model, body))

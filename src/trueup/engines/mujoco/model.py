@@ -9,12 +9,17 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
+from trueup.engines.mujoco.attributes import SLACK, MujocoAttributes, is_position_servo
+from trueup.engines.mujoco.fields import SingleModel
 from trueup.engines.mujoco.floor_plane import add_floor, plane_of
 from trueup.engines.mujoco.reading.mjcf_spec import mjcf_spec
 from trueup.engines.mujoco.reading.urdf_spec import urdf_spec
 from trueup.engines.mujoco.reading.urdf_text import root_tag
 from trueup.errors import ModelError, unknown_name
+
+Array = NDArray[np.float64]
 
 # Sensors that look at geoms, those without contacts too.
 _SEEING = tuple(int(getattr(mujoco.mjtSensor, f"mjSENS_{n}")) for n in
@@ -89,12 +94,22 @@ class Model:
         driven, names = self.actuator_of_joint(), self.names("actuator")
         return {joint: names[driven[joint]] if joint in driven else "" for joint in self.scalar_joints()}
 
+    def columns(self) -> dict[str, int]:
+        """Actuators, each to its column in the controls."""
+        return {name: int(self.compiled.actuator_ctrladr[i]) for i, name in enumerate(self.names("actuator"))}
+
+    @property
+    def width(self) -> int:
+        """Number of controls."""
+        return int(self.compiled.nu)
+
+    def get(self, attribute: str, name: str) -> Array:
+        """(1, ...) an attribute of a named element (see `articulated.model`). Raises UnknownNameError."""
+        return MujocoAttributes(self.compiled, SingleModel(self.compiled)).get(attribute, name)
+
     def is_position_servo(self, actuator: int) -> bool:
         """True where the actuator is a position servo: force = kp (command - position) - kv velocity."""
-        model = self.compiled
-        affine = int(model.actuator_biastype[actuator]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
-        gain, bias = model.actuator_gainprm[actuator, 0], model.actuator_biasprm[actuator, 1]
-        return bool(affine and gain != 0 and np.isclose(gain, -bias))
+        return is_position_servo(self.compiled, actuator)
 
 
 def load(path: str | Path) -> Model:
@@ -164,7 +179,7 @@ def _add_slack(spec: mujoco.MjSpec, name: str) -> None:
     """Backlash as a free joint of small inertia between the driven joint and its link, with stiff ends."""
     joint = spec.joint(name)
     spring = joint.parent.add_joint()
-    spring.name = f"{name}/slack"
+    spring.name = name + SLACK
     spring.type, spring.axis, spring.pos = joint.type, joint.axis, joint.pos
     spring.limited = mujoco.mjtLimited.mjLIMITED_TRUE
     spring.range = [-1e-6, 1e-6]

@@ -12,19 +12,18 @@ import numpy as np
 from mujoco.batch import SimulationError
 from numpy.typing import NDArray
 
+from trueup.articulated.assignments import Assignment, laws, needs, write
 from trueup.articulated.kernels import read_off
 from trueup.articulated.pose import angles_of, near
+from trueup.articulated.signals import Signals
 from trueup.controllers.controller import ControllerFactory
+from trueup.engines.mujoco.attributes import MujocoCopies
 from trueup.engines.mujoco.batches import Batches
 from trueup.engines.mujoco.engine_log import unlogged
-from trueup.engines.mujoco.fields import LIVE_KINDS, FromNominal, write_fields
-from trueup.engines.mujoco.floor_plane import FLOOR_KINDS
 from trueup.engines.mujoco.gains import Gains
 from trueup.engines.mujoco.model import Model, needs_shapes, prepared
-from trueup.engines.mujoco.quantities import Quantity, kind
-from trueup.engines.mujoco.signals import Signals
 from trueup.engines.mujoco.stepping import Stepper, stepper, unclocked
-from trueup.engines.mujoco.wiring import Source, actuators_of, source_of
+from trueup.engines.mujoco.wiring import Source, activations, actuators_of, source_of, start_state
 from trueup.engines.simulator import Rollout
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
@@ -40,13 +39,13 @@ _CHUNK = 256
 class MujocoSimulator:
     """A robot model whose parameters can be written into every simulation of a batch (see `simulator.Simulator`).
 
-    `quantities[i]` says what parameter i writes. With a `controller`, the parameters of `controller_parameters` follow
+    `quantities[i]` says what parameter i sets. With a `controller`, the parameters of `controller_parameters` follow
     those of the model and are handed to it. `step` in s; `threads` native threads (None: all this process may use).
     `gains`: what the recordings say of the servos' settings.
     """
 
     def __init__(
-        self, model: Model, space: ParameterSpace | None = None, quantities: Sequence[Quantity] = (), *,
+        self, model: Model, space: ParameterSpace | None = None, quantities: Sequence[Assignment] = (), *,
         step: float = 0.002, threads: int | None = None, controller: ControllerFactory | None = None,
         controller_parameters: ParameterSpace | None = None, gains: Gains | None = None,
     ) -> None:  # fmt: skip
@@ -123,7 +122,7 @@ class MujocoSimulator:
     @property
     def _has_floor(self) -> bool:
         """Whether a floor may come up to the robot, though nothing touches it as things stand."""
-        return any(q.kind in FLOOR_KINDS for q in self.quantities)
+        return bool(needs(self.quantities, "floor"))
 
     @property
     def compiled(self) -> mujoco.MjModel:
@@ -131,18 +130,16 @@ class MujocoSimulator:
         return self.batches.whole
 
     def _prepare(self) -> Batches:
-        targets = {k: [t for q in self.quantities if q.kind == k for t in q.targets] for k in
-                   ("backlash", "force_limit")}  # fmt: skip
         prepare = partial(
             prepared,
             self.model,
             step=self.step,
-            slack=tuple(dict.fromkeys(targets["backlash"])),
-            limited=tuple(targets["force_limit"]),
+            slack=needs(self.quantities, "slack"),
+            limited=needs(self.quantities, "limit"),
             floor=self._has_floor,
         )
         whole = prepare()
-        shaped = needs_shapes(whole) or any(kind(q.kind).family == "geom" for q in self.quantities)
+        shaped = needs_shapes(whole) or bool(needs(self.quantities, "shapes"))
         return Batches(whole, whole if shaped or self._has_floor else prepare(bare=True), self._threads)
 
     def _can_touch(self) -> bool:
@@ -161,7 +158,7 @@ class _Run:
         self.candidates = len(values)
         self.contacts = contacts
         self.compiled = simulator.compiled
-        self.signals = Signals(simulator.model, self.compiled, simulator.quantities, trials, values)
+        self.signals = Signals(simulator.model, simulator.quantities, trials, values[:, : len(simulator.quantities)])
         self.failures: list[dict[int, str]] = [{} for _ in trials]
         self.out: list[dict[str, Array]] = []
         self.sources: list[dict[str, Source]] = []
@@ -170,6 +167,7 @@ class _Run:
         self.batch = simulator.batches.get(
             len(trials) * self.candidates, contacts=contacts, sensors=controllers is not None or read
         )
+        self.copies = MujocoCopies(self.compiled, self.batch)
         self._write_model(values)
         self.stepper = self._stepper(values, controllers)
 
@@ -225,24 +223,26 @@ class _Run:
     def _write_model(self, values: Array) -> None:
         own = values[:, : len(self.simulator.quantities)]
         self.batch.reset(stage=int(mujoco.mjtStage.mjSTAGE_NONE))
-        fields = FromNominal(self.batch, self.compiled)
         if self.simulator.quantities:
-            write_fields(self.compiled, fields, self.simulator.quantities, np.tile(own, (len(self.trials), 1)))
+            write(self.simulator.quantities, np.tile(own, (len(self.trials), 1)), self.copies)
             self.batch.set_const()
-        self.simulator.gains.scale(self.compiled, fields, [t.name for t in self.trials], self.candidates)
-        qpos, qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
+        model = self.simulator.model
+        self.simulator.gains.scale(model, self.copies, [t.name for t in self.trials], self.candidates)
+        qpos, qvel, joints = self.batch.bind("qpos"), self.batch.bind("qvel"), list(model.drives())
         for k, (q, v) in enumerate(self.signals.starts()):
             rows = slice(k * self.candidates, (k + 1) * self.candidates)
-            qpos[rows], qvel[rows] = q, v
+            qpos[rows], qvel[rows], places, speeds = start_state(self.compiled, self.trials[k], joints)
+            qpos[rows, places], qvel[rows, speeds] = q, v
             if self.compiled.na:
-                self.batch.bind("act")[rows] = self.signals.activations(k, self.simulator.step)
+                first = self.signals.commands(k, 0, 1, self.simulator.step)[:, 0]
+                self.batch.bind("act")[rows] = activations(model, first, q)
 
     def _stepper(self, values: Array, controllers: ControllerFactory | None) -> Stepper:
         own = len(self.simulator.quantities)
-        live = [(c, q) for c, q in enumerate(self.simulator.quantities) if q.kind in LIVE_KINDS]
         tiled = np.tile(values, (len(self.trials), 1))
         controller = controllers(tiled[:, own:]) if controllers is not None else None
-        return stepper(self.batch, self.compiled, self.signals, live, tiled, controller, self.simulator.step)
+        acting = laws(self.simulator.quantities, tiled[:, :own], self.simulator.model, self.copies)
+        return stepper(self.batch, self.compiled, self.signals, acting, controller, self.simulator.step)
 
     def _advance(self, at: int, count: int, active: int, record: tuple[str, ...]) -> dict[str, Array]:
         clock = np.array(self.batch.bind("time")[:active])

@@ -13,10 +13,10 @@ from mujoco.batch import Batch
 from numba import cfunc
 from numpy.typing import NDArray
 
-from trueup.articulated.kernels import dead_band_command, own_delayed_command, stribeck_friction
+from trueup.articulated.kernels import own_delayed_command
+from trueup.articulated.laws import Law
+from trueup.articulated.signals import Signals
 from trueup.controllers.controller import Controller, Observation
-from trueup.engines.mujoco.quantities import Quantity
-from trueup.engines.mujoco.signals import Signals
 
 Array = NDArray[np.float64]
 
@@ -56,14 +56,14 @@ class Stepper(Protocol):
 
 
 def stepper(
-    batch: Batch, compiled: mujoco.MjModel, signals: Signals, live: Sequence[tuple[int, Quantity]], values: Array,
-    controller: Controller | None, step: float,
+    batch: Batch, compiled: mujoco.MjModel, signals: Signals, laws: Sequence[Law], controller: Controller | None,
+    step: float,
 ) -> Stepper:  # fmt: skip
-    """The faster of the two that will do. `values` (rows, n) are the parameters of each row of the batch."""
+    """The faster of the two that will do. `laws` act before each step."""
     candidates = len(signals.delay)
-    if controller is None and not live:
+    if controller is None and not laws:
         return Native(batch, signals, candidates, step)
-    return Lockstep(batch, compiled, signals, live, values, controller, step)
+    return Lockstep(batch, compiled, signals, laws, controller, step)
 
 
 class Native:
@@ -95,19 +95,17 @@ class Lockstep:
     """One step at a time: controllers at their own rate, dead bands, friction that depends on speed and load."""
 
     def __init__(
-        self, batch: Batch, compiled: mujoco.MjModel, signals: Signals, live: Sequence[tuple[int, Quantity]],
-        values: Array, controller: Controller | None, step: float,
+        self, batch: Batch, compiled: mujoco.MjModel, signals: Signals, laws: Sequence[Law],
+        controller: Controller | None, step: float,
     ) -> None:  # fmt: skip
         self._batch, self._compiled, self._signals, self._step = batch, compiled, signals, step
         self._controller = controller
         self._candidates = len(signals.delay)
         self._qpos, self._qvel, self._ctrl = batch.bind("qpos"), batch.bind("qvel"), batch.bind("ctrl")
-        self._force = batch.bind("qfrc_actuator")
-        self._delay = np.ascontiguousarray(np.tile(signals.delay, (len(values) // self._candidates, 1)))
-        self._band = self._dead_bands(live, values)
-        self._friction = self._frictions(live, values)
+        self._laws = laws
+        self._delay = np.ascontiguousarray(np.tile(signals.delay, (batch.nsim // self._candidates, 1)))
         self._issued: list[float] = []
-        self._orders = np.zeros((0, len(values), compiled.nu))
+        self._orders = np.zeros((0, batch.nsim, compiled.nu))
         self._out: dict[str, Array] = {}
 
     def advance(self, at: int, count: int, active: int, record: Sequence[str]) -> dict[str, Array]:
@@ -134,23 +132,10 @@ class Lockstep:
         return self._out
 
     def _act(self, wanted: Array, active: int) -> None:
-        self._ctrl[:active] = wanted
-        if self._band is not None:
-            addresses, columns, band = self._band
-            shaped = np.empty((active, len(columns)))
-            dead_band_command(
-                np.ascontiguousarray(wanted[:, columns]), np.ascontiguousarray(self._qpos[:active, addresses]),
-                band[:active], shaped,
-            )  # fmt: skip
-            self._ctrl[:active, columns] = shaped
-        if self._friction is not None:
-            dofs, coulomb, static, speed, load, live = self._friction
-            shaped = np.empty((active, len(dofs)))
-            stribeck_friction(
-                np.ascontiguousarray(self._qvel[:active, dofs]), np.ascontiguousarray(self._force[:active, dofs]),
-                coulomb[:active], static[:active], speed[:active], load[:active], shaped,
-            )  # fmt: skip
-            live[:active, dofs] = shaped
+        command = np.array(wanted)
+        for law in self._laws:
+            law.act(command)
+        self._ctrl[:active] = command
 
     def _closed_loop(self, now: float, active: int) -> Array:
         """Asks the controller when its next command is due; applies its orders after each actuator's delay."""
@@ -189,42 +174,3 @@ class Lockstep:
         data = self._batch.bind("sensordata")
         names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_SENSOR, i) or str(i) for i in range(model.nsensor)]
         return {n: data[:, a : a + d] for n, a, d in zip(names, model.sensor_adr, model.sensor_dim, strict=True)}
-
-    def _dead_bands(
-        self, live: Sequence[tuple[int, Quantity]], values: Array
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], Array] | None:
-        """Qpos addresses, ctrl columns and (rows, k) half widths of the servos with a dead band."""
-        found = [(t, values[:, c]) for c, q in live if q.kind == "dead_band" for t in q.targets]
-        if not found:
-            return None
-        m = self._compiled
-        ids = [mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_ACTUATOR, t) for t, _ in found]
-        addresses = np.array([m.jnt_qposadr[m.actuator_trnid[i, 0]] for i in ids], dtype=np.int64)
-        columns = np.array([m.actuator_ctrladr[i] for i in ids], dtype=np.int64)
-        # A dead band is given end to end; the error may grow to half of it on either side.
-        return addresses, columns, np.ascontiguousarray(np.stack([0.5 * v for _, v in found], axis=1))
-
-    def _frictions(
-        self, live: Sequence[tuple[int, Quantity]], values: Array
-    ) -> tuple[NDArray[np.int64], Array, Array, Array, Array, Array] | None:
-        """Dofs, then (rows, k) Coulomb, breakaway, Stribeck speed and load share, and the live friction field."""
-        joints = list(dict.fromkeys(t for _, q in live if q.kind != "dead_band" for t in q.targets))
-        if not joints:
-            return None
-        m = self._compiled
-        dofs = np.array(
-            [m.jnt_dofadr[mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_JOINT, j)] for j in joints], dtype=np.int64
-        )
-        friction = self._batch.expand("dof_frictionloss")
-        coulomb = np.ascontiguousarray(friction[:, dofs])
-        shape = coulomb.shape
-        parts = {
-            "friction_static": np.zeros(shape),
-            "stribeck_speed": np.full(shape, 0.05),
-            "friction_load": np.zeros(shape),
-        }
-        for column, quantity in live:
-            for target in quantity.targets:
-                if quantity.kind in parts:
-                    parts[quantity.kind][:, joints.index(target)] = values[:, column]
-        return dofs, coulomb, parts["friction_static"], parts["stribeck_speed"], parts["friction_load"], friction

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which command drives which actuator, and which channel is read from where: a trial's names tied to a model's."""
+"""Which channel is read from where, and where runs start: a trial's names tied to a compiled model."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -10,10 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION
-from trueup.articulated.starts import slope_knows_better, starting_point
+from trueup.articulated.starts import starting_point
+from trueup.articulated.wiring import commanded
+from trueup.engines.mujoco.attributes import SLACK
+from trueup.engines.mujoco.attributes import is_motor as is_motor
 from trueup.engines.mujoco.base import columns_of, place
 from trueup.engines.mujoco.model import Model
-from trueup.errors import ModelError, unknown_name
+from trueup.errors import unknown_name
 from trueup.recording import Channel
 from trueup.trial import Trial
 
@@ -21,6 +25,7 @@ Array = NDArray[np.float64]
 
 JOINT_CHANNELS = {"position": "qpos", "velocity": "qvel", "torque": "qfrc_actuator"}
 """Channels whose labels are joints, and the field that holds them."""
+_SETTLES = (int(mujoco.mjtDyn.mjDYN_FILTER), int(mujoco.mjtDyn.mjDYN_FILTEREXACT))
 _AXES = {"x": 0, "y": 1, "z": 2, "0": 0, "1": 1, "2": 2, "3": 3, "w": 0}
 
 
@@ -60,7 +65,7 @@ def source_of(model: Model, compiled: mujoco.MjModel, channel: str, labels: tupl
         field = JOINT_CHANNELS[channel]
         address = compiled.jnt_qposadr if field == "qpos" else compiled.jnt_dofadr
         columns = np.array([address[j] for j in joints], dtype=np.int64)
-        slack = [joint_id(compiled, f"{label}/slack") for label in labels]
+        slack = [joint_id(compiled, label + SLACK) for label in labels]
         second = np.array([address[j] if j >= 0 else -1 for j in slack], dtype=np.int64)
         with_slack = bool((second >= 0).any()) and field != "qfrc_actuator"
         return Source(field, columns, second if with_slack else None, derived=field == "qfrc_actuator")
@@ -98,67 +103,37 @@ def _sensor_column(compiled: mujoco.MjModel, label: str) -> int | None:
 
 def actuators_of(model: Model, command: Channel) -> list[int]:
     """The actuator of each command label: its own name, or the joint that it drives. Raises UnknownNameError."""
-    by_joint = model.actuator_of_joint()
-    names = model.names("actuator")
-    if not any(names) and not by_joint:
-        raise ModelError(
-            f"model '{model.path.name}' has no actuators, so the commands of '{', '.join(command.labels)}' drive "
-            "nothing; add <position> or <motor> actuators to it"
-        )
-    found = []
-    for label in command.labels:
-        if label in by_joint:
-            found.append(by_joint[label])
-        elif label in names:
-            found.append(names.index(label))
-        else:
-            raise unknown_name(
-                "actuator", label, {*(n for n in names if n), *by_joint},
-                "the model (rename the recording's joints in the mapping's [joints] table)",
-            )  # fmt: skip
-    return found
+    return [model.index("actuator", name) for name in commanded(model, command)]
 
 
-def is_motor(compiled: mujoco.MjModel, actuator: int) -> bool:
-    """True where the actuator's force is a constant times its control: a torque command, by its gear and gain."""
-    plain = int(compiled.actuator_biastype[actuator]) == int(mujoco.mjtBias.mjBIAS_NONE)
-    fixed = int(compiled.actuator_gaintype[actuator]) == int(mujoco.mjtGain.mjGAIN_FIXED)
-    return plain and fixed and int(compiled.actuator_dyntype[actuator]) == int(mujoco.mjtDyn.mjDYN_NONE)
+def rest(compiled: mujoco.MjModel) -> tuple[Array, Array]:
+    """(nq,), (nv,) from which a run begins where nothing was measured: the first keyframe, or the reference pose."""
+    if compiled.nkey:
+        return np.array(compiled.key_qpos[0], dtype=np.float64), np.array(compiled.key_qvel[0], dtype=np.float64)
+    return np.array(compiled.qpos0, dtype=np.float64), np.zeros(compiled.nv)
 
 
-def control_of(compiled: mujoco.MjModel, actuator: int, unit: str) -> float:
-    """What a command in `unit` is multiplied by to become the control of an actuator: a motor's gear and gain taken out
-    of a torque, 1 for anything else.
-    """
-    if unit not in ("N m", "N") or not is_motor(compiled, actuator):
-        return 1.0
-    whole = float(compiled.actuator_gear[actuator, 0] * compiled.actuator_gainprm[actuator, 0])
-    return 1.0 / whole if whole else 1.0
-
-
-def start_state(model: Model, compiled: mujoco.MjModel, trial: Trial) -> tuple[Array, Array]:
-    """(nq,), (nv,) at the trial's start.
-
-    Measured joints come from the recording, the rest from the model's first keyframe (or its reference pose).
-    """
-    qpos = np.array(compiled.key_qpos[0] if compiled.nkey else compiled.qpos0, dtype=np.float64)
-    qvel = np.array(compiled.key_qvel[0] if compiled.nkey else np.zeros(compiled.nv), dtype=np.float64)
+def start_state(compiled: mujoco.MjModel, trial: Trial, joints: Sequence[str]) -> tuple[Array, Array, Array, Array]:
+    """(nq,), (nv,) at the trial's start but for its joints, and where these have their position and their speed."""
+    qpos, qvel = rest(compiled)
     _place_base(compiled, qpos, qvel, trial)
-    position, velocity = trial.initial.get("position"), trial.initial.get("velocity")
-    if position is not None:
-        value, slope = starting_point(position, trial.start)
-        for label, q, v in zip(position.labels, value, slope, strict=True):
-            joint = joint_id(compiled, label)
-            if joint >= 0 and np.isfinite(q):
-                qpos[compiled.jnt_qposadr[joint]] = q
-                qvel[compiled.jnt_dofadr[joint]] = v if np.isfinite(v) else 0.0
-    if velocity is not None and velocity.unit:
-        value, _ = starting_point(velocity, trial.start)
-        for label, v in zip(velocity.labels, value, strict=True):
-            joint = joint_id(compiled, label)
-            if joint >= 0 and np.isfinite(v) and not slope_knows_better(position, velocity, label, trial.start):
-                qvel[compiled.jnt_dofadr[joint]] = v
-    return qpos, qvel
+    ids = [joint_id(compiled, j) for j in joints]
+    return qpos, qvel, compiled.jnt_qposadr[ids], compiled.jnt_dofadr[ids]
+
+
+def activations(model: Model, first: Array, start: Array) -> Array:
+    """(b, na) at the start: filters have settled at the first command (b, nu), integrators where the joint is (b, k)."""
+    m, act = model.compiled, np.zeros((len(first), model.compiled.na))
+    actuators = model.actuator_of_joint()
+    for k, joint in enumerate(model.drives()):
+        i = actuators.get(joint, -1)
+        if i < 0 or m.actuator_actnum[i] != 1:
+            continue
+        if int(m.actuator_dyntype[i]) in _SETTLES:
+            act[:, m.actuator_actadr[i]] = first[:, m.actuator_ctrladr[i]]
+        elif int(m.actuator_dyntype[i]) == int(mujoco.mjtDyn.mjDYN_INTEGRATOR):
+            act[:, m.actuator_actadr[i]] = start[:, k]
+    return act
 
 
 def _place_base(compiled: mujoco.MjModel, qpos: Array, qvel: Array, trial: Trial) -> None:

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.articulated.declarations import declare
 from trueup.calibration import Calibration, TracePoint, pooled_rmse
-from trueup.engines.mujoco.declarations import declare
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.proposal import propose

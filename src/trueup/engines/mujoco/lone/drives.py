@@ -9,22 +9,22 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.articulated.assignments import Assignment, needs, write
+from trueup.articulated.laws import STRIBECK_SPEED
 from trueup.articulated.lone_joint import Command, Drives
-from trueup.engines.mujoco.fields import write_fields
-from trueup.engines.mujoco.quantities import Quantity
+from trueup.articulated.signals import Signals
+from trueup.engines.mujoco.attributes import MujocoAttributes
 from trueup.engines.mujoco.rollout import MujocoSimulator
-from trueup.engines.mujoco.signals import Signals
 
 Array = NDArray[np.float64]
 
 _LIVE = {"dead_band": 0.5, "friction_static": 1.0, "stribeck_speed": 1.0, "friction_load": 1.0}
 """Kinds that act in every step, to the factor on their value: a dead band is given end to end."""
-_STRIBECK = 0.05  # rad/s, where nothing says otherwise, as in `stepping.Lockstep`
 
 
-def alone(compiled: mujoco.MjModel, quantities: Sequence[Quantity]) -> bool:
+def alone(compiled: mujoco.MjModel, quantities: Sequence[Assignment]) -> bool:
     """Whether every joint of a model is a hinge or a slide with at most one drive, which has no memory, and no backlash."""
-    if compiled.nq != compiled.nv or compiled.na or any(q.kind == "backlash" for q in quantities):
+    if compiled.nq != compiled.nv or compiled.na or needs(quantities, "slack"):
         return False
     affine = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
     simple = (compiled.actuator_gaintype == int(mujoco.mjtGain.mjGAIN_FIXED)) & np.isin(
@@ -64,8 +64,9 @@ class Driven:
         self._compiled, self._signals, self._trial, self._loads = whole.compiled, signals, trial, loads
         self._step, self.rows = step, len(values)
         self._fields = _Fields(whole.compiled, len(values))
-        write_fields(whole.compiled, self._fields, whole.quantities, values)
-        whole.gains.scale(whole.compiled, self._fields, [signals.trial(trial).name], len(values))
+        copies = MujocoAttributes(whole.compiled, self._fields)
+        write(whole.quantities, values, copies)
+        whole.gains.scale(whole.model, copies, [signals.trial(trial).name], len(values))
         self._live = [(q.kind, q.targets, values[:, c]) for c, q in enumerate(whole.quantities) if q.kind in _LIVE]
         self._start = signals.starts()[trial]
         armature = self._fields.expand("dof_armature")
@@ -82,7 +83,7 @@ class Driven:
 
     def command(self, joint: int) -> Command:
         """What a joint's drive is told."""
-        return Command(*self._signals.held(self._trial, self._actuator(joint)))
+        return Command(*self._signals.held(self._trial, self._name("ACTUATOR", self._actuator(joint))))
 
     def _actuator(self, joint: int) -> int:
         driven = np.flatnonzero(self._compiled.actuator_trnid[:, 0] == joint)
@@ -106,7 +107,7 @@ class Driven:
             "position": self._start[0][:, joint],
             "speed": self._start[1][:, joint],
             "static": self._living("friction_static", joint, 0.0),
-            "stribeck_speed": self._living("stribeck_speed", joint, _STRIBECK),
+            "stribeck_speed": self._living("stribeck_speed", joint, STRIBECK_SPEED),
             "friction_load": self._living("friction_load", joint, 0.0),
         }
 
@@ -131,7 +132,7 @@ class Driven:
     def _signal(self, joint: int) -> dict[str, Array]:
         """What becomes of the command before it reaches the actuator of a joint."""
         i = self._actuator(joint)
-        shaped = self._signals.shaping(self._trial, i)
+        shaped = self._signals.shaping(self._trial, self._name("ACTUATOR", i))
         band = self._living("dead_band", self._name("ACTUATOR", i), 0.0) if i >= 0 else np.zeros(len(self._loads))
         return {"dead_band": band, **shaped}
 
@@ -145,7 +146,9 @@ class Driven:
         return found
 
     def _name(self, what: str, number: int) -> str:
-        return mujoco.mj_id2name(self._compiled, getattr(mujoco.mjtObj, f"mjOBJ_{what}"), number) or ""
+        return (
+            number >= 0 and mujoco.mj_id2name(self._compiled, getattr(mujoco.mjtObj, f"mjOBJ_{what}"), number)
+        ) or ""
 
 
 def _limit(bound: Array, limited: bool, otherwise: float) -> Array:

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-from trueup.engines.mujoco.fields import SingleModel, write_fields
-from trueup.engines.mujoco.quantities import Quantity, kind
+from trueup.articulated.assignments import Assignment, changes, write
+from trueup.engines.mujoco.attributes import MujocoAttributes
+from trueup.engines.mujoco.fields import SingleModel
 from trueup.engines.mujoco.wiring import joint_id
 from trueup.recording import Channel
 
@@ -21,7 +22,6 @@ Array = NDArray[np.float64]
 _SMOOTHED = 0.08  # s that a cubic is laid through for speed and acceleration: five samples of a servo bus at 50 Hz
 _CUBIC = 3
 _MOVED = 1e-4  # rad or m: by which a joint is moved to see what that changes in its load
-_SEEN_WRONG = ("bias", "offset")  # kinds by which a joint is not where it was measured
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Loads:
 class InverseDynamics:
     """A model whose joints, all hinges or slides, are moved as they were measured. What was computed is kept."""
 
-    def __init__(self, compiled: mujoco.MjModel, quantities: Sequence[Quantity]) -> None:
+    def __init__(self, compiled: mujoco.MjModel, quantities: Sequence[Assignment]) -> None:
         self._compiled = compiled
         self._columns = [i for i, q in enumerate(quantities) if carried(q)]
         self._quantities = [quantities[i] for i in self._columns]
@@ -101,7 +101,7 @@ class InverseDynamics:
     def _written(self, own: Array) -> mujoco.MjModel:
         model = self._compiled.__copy__()
         if self._quantities:
-            write_fields(model, SingleModel(model), self._quantities, own[None])
+            write(self._quantities, own[None], MujocoAttributes(model, SingleModel(model)))
         return self._rigid(model)
 
     def _rigid(self, model: mujoco.MjModel) -> mujoco.MjModel:
@@ -115,17 +115,15 @@ class InverseDynamics:
     def _errors(self, own: Array) -> Array:
         """(nv,) by how much each joint is measured too far."""
         errors = np.zeros(self._compiled.nv)
-        for quantity, value in zip(self._quantities, own, strict=True):
-            if quantity.kind in _SEEN_WRONG:
-                for i, target in enumerate(quantity.targets):
-                    errors[joint_id(self._compiled, target)] += value * quantity.sign(i)
+        for joint, (error,) in changes(self._quantities, own[None]).of("sensor").items():
+            errors[joint_id(self._compiled, joint)] = error
         return errors
 
 
-def carried(quantity: Quantity) -> bool:
-    """Whether a quantity changes what joints carry."""
-    turned = quantity.kind.startswith("tilt_")
-    return turned or quantity.kind in _SEEN_WRONG or kind(quantity.kind).family == "body"
+def carried(assignment: Assignment) -> bool:
+    """Whether a parameter changes what joints carry: bodies, gravity, and where the joints are held to be."""
+    quantity = assignment.quantity
+    return "sensor" in quantity.signals or any(a.startswith(("body.", "world.gravity")) for a in quantity.attributes)
 
 
 def _motion(compiled: mujoco.MjModel, measured: Channel, rest: Array) -> Motion:

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from trueup.articulated.kernels import read_off
 from trueup.articulated.lone_joint import Load, replay
+from trueup.articulated.signals import Signals
 from trueup.controllers.controller import ControllerFactory
 from trueup.engines.mujoco.lone.drives import Driven, alone
 from trueup.engines.mujoco.lone.loads import InverseDynamics
 from trueup.engines.mujoco.rollout import MujocoSimulator
-from trueup.engines.mujoco.signals import Signals
 from trueup.engines.mujoco.wiring import joint_id, source_of
 from trueup.engines.simulator import Rollout
 from trueup.errors import ModelError
@@ -85,7 +85,7 @@ class LoneJoints:
         if controllers is not None:
             raise ValueError("joints are replayed one by one from recorded commands, not with controllers")
         values = np.atleast_2d(np.asarray(values, dtype=np.float64))
-        signals = Signals(self.whole.model, self.whole.compiled, self.whole.quantities, trials, values)
+        signals = Signals(self.whole.model, self.whole.quantities, trials, values)
         sets, which = self._dynamics.sets(values)
         rigid = np.stack([self._dynamics.reference(own) for own in sets])
         done = []

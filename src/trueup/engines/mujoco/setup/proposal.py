@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from trueup.articulated.declarations import Declaration
 from trueup.articulated.pose import POSITION
 from trueup.engines.mujoco.base import free_joint
-from trueup.engines.mujoco.declarations import Declaration
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.profiles import accelerations, profiles

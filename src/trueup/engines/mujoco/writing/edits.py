@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Which attributes of an MJCF say what each quantity has become: edits of the text, and what to compare afterwards."""
+"""Where an MJCF says what each attribute has become: edits of the text, and what to compare afterwards."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.engines.mujoco.floor_plane import FLOOR_KINDS, plane_of
+from trueup.engines.mujoco.attributes import SLACK
+from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.gains import PREFIX
 from trueup.engines.mujoco.inertia import body_inertia
 from trueup.engines.mujoco.reading.mjcf_text import Element, MjcfText
@@ -39,9 +40,9 @@ class Edits:
         self._degrees, self._autolimits = degrees, autolimits
         self._done: set[tuple[object, str]] = set()
 
-    def write(self, kind: str, target: str) -> None:
-        """The attributes of one quantity of one element. Raises ModelError where this text does not hold it."""
-        writer = _WRITERS.get("inertia" if kind.startswith("inertia_") else kind)
+    def write(self, attribute: str, target: str) -> None:
+        """What MJCF calls one attribute of one element. Raises ModelError where this text does not hold it."""
+        writer = _WRITERS.get(attribute)
         if writer is not None and (writer, target) not in self._done:
             self._done.add((writer, target))
             writer(self, target)
@@ -160,7 +161,7 @@ class Edits:
 
     def backlash(self, joint: str) -> None:
         """A second, free joint between the drive and the link, as it was simulated."""
-        m, name = self._wanted, f"{joint}/slack"
+        m, name = self._wanted, joint + SLACK
         element, j = self._element("joint", joint), mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_JOINT, name)
         body, dof = element.parent, int(m.jnt_dofadr[j])
         if body is None or body.tag != "body" or m.nkey:
@@ -250,13 +251,14 @@ class Edits:
 
 
 _WRITERS: Mapping[str, Callable[[Edits, str], None]] = {
-    "kp": Edits.kp, "kv": Edits.kp, "gain": Edits.kp, "zero": Edits.kp,
-    "force_limit": Edits.force_limit, "damping": Edits.damping,
-    "damping_quadratic": Edits.damping, "friction": Edits.friction, "friction_creep": Edits.creep,
-    "armature": Edits.armature, "backlash": Edits.backlash, "mass": Edits.inertial, "com_x": Edits.inertial,
-    "com_y": Edits.inertial, "com_z": Edits.inertial, "inertia": Edits.inertial,
-    **dict.fromkeys(FLOOR_KINDS, Edits.floor),
-    "contact_friction": Edits.contact_friction, "contact_softness": Edits.contact_softness,
+    **dict.fromkeys(("actuator.kp", "actuator.kv", "actuator.gain", "actuator.zero"), Edits.kp),
+    "actuator.force_limit": Edits.force_limit,
+    **dict.fromkeys(("joint.damping", "joint.damping_quadratic"), Edits.damping),
+    "joint.friction": Edits.friction, "joint.creep": Edits.creep, "joint.armature": Edits.armature,
+    "joint.backlash": Edits.backlash,
+    **dict.fromkeys(("body.mass", "body.com", "body.inertia"), Edits.inertial),
+    **dict.fromkeys(("world.floor_height", "world.floor_tilt", "world.floor_friction"), Edits.floor),
+    "geom.friction": Edits.contact_friction, "geom.softness": Edits.contact_softness,
 }  # fmt: skip
 
 

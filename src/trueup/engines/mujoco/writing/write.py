@@ -10,10 +10,12 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trueup.engines.mujoco.fields import SingleModel, write_fields
-from trueup.engines.mujoco.floor_plane import FLOOR_KINDS, plane_of
+from trueup.articulated.assignments import needs, write
+from trueup.articulated.model import WORLD
+from trueup.engines.mujoco.attributes import SLACK, MujocoAttributes
+from trueup.engines.mujoco.fields import SingleModel
+from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.inertia import body_inertia
-from trueup.engines.mujoco.quantities import kind
 from trueup.engines.mujoco.reading.mjcf_spec import name_in_text
 from trueup.engines.mujoco.reading.mjcf_text import MjcfText
 from trueup.engines.mujoco.rollout import MujocoSimulator
@@ -23,35 +25,22 @@ from trueup.errors import ModelError, OutputError
 Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-6
-_NOT_MJCF = {
-    "dead_band": "the servo's dead band",
-    "speed_limit": "the speed limit of the command",
-    "acceleration_limit": "the acceleration limit of the command",
-    "friction_static": "breakaway friction",
-    "stribeck_speed": "the Stribeck speed",
-    "friction_load": "friction that grows with load",
-    "bias": "the error of the position sensor",
-    "offset": "the zero error shared by sensor and command",
-    "sensor_delay": "the delay of a measured channel",
-    "clock": "the error of a recording's clocks",
-    "start_position": "corrections of start positions",
-    "start_velocity": "corrections of start speeds",
-}
+DELAY = "actuator.delay"
 _FIELDS = {
-    "zero": ("actuator_gainprm", "actuator_biasprm"),
-    "kp": ("actuator_gainprm", "actuator_biasprm"),
-    "kv": ("actuator_gainprm", "actuator_biasprm"),
-    "gain": ("actuator_gainprm", "actuator_biasprm"),
-    "force_limit": ("actuator_forcerange",),
-    "damping": ("dof_damping",),
-    "damping_quadratic": ("dof_dampingpoly",),
-    "friction": ("dof_frictionloss",),
-    "friction_creep": ("dof_solimp",),
-    "armature": ("dof_armature",),
-    "mass": ("body_mass", "body_ipos"),
-    "contact_friction": ("geom_friction",),
-    "contact_softness": ("geom_solref",),
-}
+    **dict.fromkeys(("actuator.kp", "actuator.kv", "actuator.gain", "actuator.zero"),
+                    ("actuator_gainprm", "actuator_biasprm")),
+    "actuator.force_limit": ("actuator_forcerange",),
+    "joint.damping": ("dof_damping",),
+    "joint.damping_quadratic": ("dof_dampingpoly",),
+    "joint.friction": ("dof_frictionloss",),
+    "joint.creep": ("dof_solimp",),
+    "joint.armature": ("dof_armature",),
+    "body.mass": ("body_mass", "body_ipos"),
+    "body.com": ("body_mass", "body_ipos"),
+    "geom.friction": ("geom_friction",),
+    "geom.softness": ("geom_solref",),
+}  # fmt: skip
+"""Fields that must be the same in the written file, by the attribute that was calibrated."""
 _SLACK = (
     "jnt_range",
     "jnt_axis",
@@ -98,7 +87,7 @@ def simulated_model(simulator: MujocoSimulator, values: ArrayLike) -> mujoco.MjM
     """The compiled model as the simulator runs it with values (n,): the fields that are part of a model."""
     wanted = simulator.compiled.__copy__()
     given = np.asarray(values, dtype=np.float64)[None]
-    write_fields(simulator.compiled, SingleModel(wanted), simulator.quantities, given)
+    write(simulator.quantities, given, MujocoAttributes(wanted, SingleModel(wanted)))
     return wanted
 
 
@@ -110,9 +99,8 @@ def _write(
     text = MjcfText(content)
     name_in_text(text, model.spec)
     edits = Edits(text, model.compiled, wanted, degrees=degrees, autolimits=bool(model.spec.compiler.autolimits))
-    for quantity in simulator.quantities:
-        for target in quantity.targets:
-            edits.write(quantity.kind, target)
+    for attribute, target in _written(simulator):
+        edits.write(attribute, target)
     step = min(float(model.compiled.opt.timestep), simulator.step)
     delays = _delays(simulator, values)
     for actuator, seconds in delays.items():
@@ -151,18 +139,16 @@ def _compare(
     simulator: MujocoSimulator, wanted: mujoco.MjModel, written: mujoco.MjModel, delays: dict[str, float]
 ) -> None:
     """Every calibrated field of the written model against the simulated one. Raises ModelError, naming the first."""
-    for quantity in simulator.quantities:
-        family = kind(quantity.kind).family
-        for target in quantity.targets:
-            if quantity.kind.startswith(("inertia_", "com_", "mass")):
-                _close(target, "inertia", _inertia(written, target), _inertia(wanted, target))
-            name = "mass" if quantity.kind.startswith(("inertia_", "com_")) else quantity.kind
-            for field in _FIELDS.get(name, ()):
-                _close(target, field, read(written, family, target, field), read(wanted, family, target, field))
-            for field in _SLACK if quantity.kind == "backlash" else ():
-                slack = f"{target}/slack"
-                _close(slack, field, read(written, "joint", slack, field), read(wanted, "joint", slack, field))
-    if any(q.kind in FLOOR_KINDS for q in simulator.quantities):
+    for attribute, target in _written(simulator):
+        family = attribute.partition(".")[0]
+        if family == "body":
+            _close(target, "inertia", _inertia(written, target), _inertia(wanted, target))
+        for field in _FIELDS.get(attribute, ()):
+            _close(target, field, read(written, family, target, field), read(wanted, family, target, field))
+        for field in _SLACK if attribute == "joint.backlash" else ():
+            slack = target + SLACK
+            _close(slack, field, read(written, "joint", slack, field), read(wanted, "joint", slack, field))
+    if needs(simulator.quantities, "floor"):
         planes = plane_of(written), plane_of(wanted)
         for field in ("geom_pos", "geom_quat", "geom_friction", "geom_priority", "geom_contype", "geom_conaffinity"):
             there, here = (np.atleast_1d(getattr(m, field)[g]) for m, g in zip((written, wanted), planes, strict=True))
@@ -173,8 +159,19 @@ def _compare(
         )
     for actuator, seconds in delays.items():
         _close(actuator, "delay", read(written, "actuator", actuator, "actuator_delay"), np.array([seconds]))
-    if any(q.kind.startswith("tilt_") for q in simulator.quantities):
+    if ("world.gravity", WORLD) in _written(simulator):
         _close("world", "gravity", np.asarray(written.opt.gravity), np.asarray(wanted.opt.gravity))
+
+
+def _written(simulator: MujocoSimulator) -> list[tuple[str, str]]:
+    """(attribute, element) of all that the parameters write into the model, in their order."""
+    return [
+        (attribute, target)
+        for assignment in simulator.quantities
+        if assignment.quantity.written
+        for target in assignment.targets
+        for attribute in assignment.quantity.attributes
+    ]
 
 
 def _close(name: str, field: str, written: Array, wanted: Array) -> None:
@@ -195,19 +192,19 @@ def _delays(simulator: MujocoSimulator, values: Array) -> dict[str, float]:
         target: float(value)
         for quantity, value in zip(simulator.quantities, values, strict=True)
         for target in quantity.targets
-        if quantity.kind == "delay" and (value > 0.0 or kind("delay").nominal(simulator.model, target) > 0.0)
+        if DELAY in quantity.quantity.attributes and (value > 0.0 or simulator.model.get(DELAY, target)[0] > 0.0)
     }
 
 
 def _notes(simulator: MujocoSimulator, values: Array) -> list[str]:
     model = simulator.model
     notes: list[str] = []
-    for name, title in _NOT_MJCF.items():
-        there = [
-            t for q, v in zip(simulator.quantities, values, strict=True) if q.kind == name and v for t in q.targets
-        ]
-        if there:
-            notes.append(f"{title} ({', '.join(there[:12])}) is no part of MJCF: take it from parameters.toml")
+    outside: dict[str, list[str]] = {}
+    for assignment, value in zip(simulator.quantities, values, strict=True):
+        if value and not assignment.quantity.attributes:
+            outside.setdefault(assignment.quantity.title, []).extend(assignment.targets)
+    for title, there in outside.items():
+        notes.append(f"{title} ({', '.join(there[:12])}) is no part of MJCF: take it from parameters.toml")
     delays = {actuator: seconds for actuator, seconds in _delays(simulator, values).items() if seconds > 0.0}
     step = float(model.compiled.opt.timestep)
     if delays:

@@ -10,15 +10,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from trueup.articulated.assignments import Assignment
+from trueup.articulated.declarations import Declaration
+from trueup.articulated.model import WORLD
+from trueup.articulated.quantities.known import quantity
 from trueup.calibration import Calibration, Estimate
-from trueup.engines.mujoco.declarations import Declaration
-from trueup.engines.mujoco.quantities import Quantity, kind, units_of
 from trueup.errors import ParameterError
 from trueup.formats.aside import written_aside
 from trueup.parameters import Parameter, ParameterSpace
 
 _DECLARED = ("quantity", "of", "tie", "nominal", "lower", "upper", "scale", "frozen", "name", "optional")
-_TOLD = ("unit", "start", "low", "high", "verdict", "note")
+_OF_RESULTS = ("unit", "start", "low", "high", "verdict", "note")
 """Keys that a result adds; they are read over."""
 
 _TITLE = """\
@@ -40,7 +42,8 @@ def read_declarations(path: str | Path) -> list[Declaration]:
     tables = data.get("parameter")
     if not isinstance(tables, list) or not tables:
         raise ParameterError(f'{path}: no [[parameter]] is declared; add one with quantity = "friction", of = "*"')
-    return [_declaration(table, f"{path}, [[parameter]] {i}") for i, table in enumerate(tables, 1)]
+    base = Path(path).parent
+    return [_declaration(table, f"{path}, [[parameter]] {i}", base) for i, table in enumerate(tables, 1)]
 
 
 def read_gains(path: str | Path | None) -> dict[str, float]:
@@ -65,29 +68,30 @@ def _read(path: str | Path) -> dict[str, Any]:
 
 
 def write_parameters(
-    calibration: Calibration, space: ParameterSpace, quantities: Sequence[Quantity], path: str | Path,
+    calibration: Calibration, space: ParameterSpace, assignments: Sequence[Assignment], path: str | Path,
     gains: Mapping[str, float] | None = None,
 ) -> None:  # fmt: skip
     """Writes every parameter with its value, interval, verdict and bounds, such that `read_declarations` reads it.
 
-    `space` and `quantities` are those of the simulator that was calibrated, in the order of the estimates; `gains` the
+    `space` and `assignments` are those of the simulator that was calibrated, in the order of the estimates; `gains` the
     settings of the servos for which they hold. Written
     aside and renamed; raises OutputError, and what was there before is untouched.
     """
     lines = [_TITLE.format(model=calibration.model_name)]
     if gains:
         lines += ["[gains] # of the servos, as recordings name them", *(f"{k} = {v!r}" for k, v in gains.items()), ""]
-    for estimate, parameter, quantity in zip(calibration.estimates, space.parameters, quantities, strict=True):
-        lines += ["[[parameter]]", *_table(estimate, parameter, quantity), ""]
+    for estimate, parameter, assignment in zip(calibration.estimates, space.parameters, assignments, strict=True):
+        lines += ["[[parameter]]", *_table(estimate, parameter, assignment), ""]
     with written_aside(Path(path)) as temporary:
         temporary.write_text("\n".join(lines), encoding="utf-8")
 
 
-def _table(estimate: Estimate, parameter: Parameter, quantity: Quantity) -> list[str]:
-    label = estimate.name.removesuffix(f".{quantity.kind}")
-    targets = ["*"] if "world" in quantity.targets else list(quantity.targets)
-    tie = "mirror" if quantity.signs else "all" if len(targets) > 1 else ""
-    rows: dict[str, Any] = {"quantity": quantity.kind, "of": targets if len(targets) > 1 else targets[0]}
+def _table(estimate: Estimate, parameter: Parameter, assignment: Assignment) -> list[str]:
+    label = estimate.name.removesuffix(f".{assignment.kind}")
+    targets = ["*"] if WORLD in assignment.targets else list(assignment.targets)
+    tie = "mirror" if assignment.signs else "all" if len(targets) > 1 else ""
+    name = assignment.quantity.origin or assignment.kind
+    rows: dict[str, Any] = {"quantity": name, "of": targets if len(targets) > 1 else targets[0]}
     if tie:
         rows["tie"] = tie
     if label != targets[0]:
@@ -112,22 +116,22 @@ def _toml(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def _declaration(table: Any, where: str) -> Declaration:
+def _declaration(table: Any, where: str, base: Path) -> Declaration:
     if not isinstance(table, Mapping):
         raise ParameterError(f"{where}: {table!r} is not a table of keys")
     for key in table:
-        if key not in (*_DECLARED, *_TOLD):
-            raise ParameterError(f"{where}: unknown key '{key}'; keys are: {', '.join((*_DECLARED, *_TOLD))}")
+        if key not in (*_DECLARED, *_OF_RESULTS):
+            raise ParameterError(f"{where}: unknown key '{key}'; keys are: {', '.join((*_DECLARED, *_OF_RESULTS))}")
     if "quantity" not in table:
         raise ParameterError(f"{where}: 'quantity' is missing; for example quantity = \"friction\"")
-    known = kind(_text(table, "quantity", where))
+    known = quantity(_text(table, "quantity", where), base)
     unit = table.get("unit", known.unit)
-    if unit not in units_of(known):
+    if unit not in known.units():
         raise ParameterError(
             f"{where}: unit '{unit}' is given, but {known.name} is in '{known.unit}'; convert the numbers"
         )
     return Declaration(
-        quantity=known.name,
+        quantity=known if known.origin else known.name,
         of=_texts(table.get("of", "*"), where),
         tie=_text(table, "tie", where, "each"),
         nominal=_number(table, "nominal", where),

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Turns a few declared lines ("kp of every joint, friction mirrored left and right") into parameters."""
+
+from __future__ import annotations
+
+import fnmatch
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from trueup.articulated.assignments import Assignment
+from trueup.articulated.model import WORLD, Model
+from trueup.articulated.quantities.known import quantity
+from trueup.articulated.quantities.quantity import Quantity
+from trueup.errors import ParameterError, unknown_name
+from trueup.parameters import Parameter, ParameterSpace
+
+TIES = ("each", "all", "mirror")
+
+
+@dataclass(frozen=True)
+class Declaration:
+    """One line of a parameters file: a quantity of some elements, each for itself, all tied, or mirrored in pairs."""
+
+    quantity: str | Quantity
+    """A name (see `known.quantities`), 'module:attribute', or a Quantity of your own."""
+    of: tuple[str, ...] = ("*",)
+    """Names or patterns ('*', 'left_*'); a group written 'a+b' shares one value. For joints' actuators a joint's
+    name will do."""
+    tie: str = "each"
+    nominal: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+    scale: str | None = None
+    frozen: bool = False
+    name: str | None = None
+    """What to call the parameter of a tied group; the names of its members joined by '+' if None."""
+    optional: str = ""
+    """A structure that is kept only if it lowers the error on left-out recordings ("servo zero")."""
+
+
+def declare(
+    model: Model, declarations: Sequence[Declaration], extra: Mapping[str, Sequence[str]] | None = None
+) -> tuple[ParameterSpace, tuple[Assignment, ...]]:
+    """The parameter space and what each parameter sets. `extra` lists names of families that are not in the model
+    ('channel', 'recording'). Raises UnknownNameError and ParameterError, naming the declaration's quantity.
+    """
+    parameters: list[Parameter] = []
+    assignments: list[Assignment] = []
+    for line in declarations:
+        q = line.quantity if isinstance(line.quantity, Quantity) else quantity(line.quantity)
+        if line.tie not in TIES:
+            raise ParameterError(f"quantity '{q.name}': tie '{line.tie}' is not one of: {', '.join(TIES)}")
+        for group in _groups(line, q, q.choices(model, extra or {})):
+            parameter, assignment = _parameter(model, q, line, group)
+            parameters.append(parameter)
+            assignments.append(assignment)
+    return ParameterSpace(tuple(parameters)), tuple(assignments)
+
+
+def _groups(line: Declaration, q: Quantity, known: Mapping[str, str]) -> list[tuple[str, ...]]:
+    if q.family == WORLD:
+        return [(WORLD,)]
+    if line.tie == "all":
+        return [tuple(dict.fromkeys(n for pattern in line.of for n in _matches(pattern, known, q)))]
+    if line.tie == "mirror":
+        names = list(dict.fromkeys(n for pattern in line.of for n in _matches(pattern, known, q)))
+        return _mirrored(names)
+    groups: list[tuple[str, ...]] = []
+    for pattern in line.of:
+        if "+" in pattern:
+            groups.append(tuple(n for part in pattern.split("+") for n in _matches(part.strip(), known, q)))
+        else:
+            groups += [(n,) for n in _matches(pattern, known, q)]
+    return list(dict.fromkeys(groups))
+
+
+def _matches(pattern: str, known: Mapping[str, str], q: Quantity) -> list[str]:
+    if pattern in known:
+        return [known[pattern]]
+    found = [known[n] for n in known if fnmatch.fnmatchcase(n, pattern)]
+    if not found:
+        raise unknown_name(q.family, pattern, known)
+    return list(dict.fromkeys(found))
+
+
+def _mirrored(names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Left and right of the same part share a value; what has no partner stands for itself."""
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        neutral = re.sub(r"(^|[_\-./])(left|right|l|r)(?=$|[_\-./])", r"\1*", name, flags=re.IGNORECASE)
+        neutral = re.sub(r"(^|[_\-./])([LR])(?=[A-Z])", r"\1*", neutral)
+        neutral = re.sub(r"(?i)(left|right)", "*", neutral)
+        groups.setdefault(neutral, []).append(name)
+    return [tuple(g) for g in groups.values()]
+
+
+def _parameter(model: Model, q: Quantity, line: Declaration, group: tuple[str, ...]) -> tuple[Parameter, Assignment]:
+    values = [q.nominal(model, n) for n in group]
+    mirrored = line.tie == "mirror" and q.mirrored
+    signs = tuple(1.0 if v * values[0] >= 0 else -1.0 for v in values) if mirrored else ()
+    nominal = line.nominal if line.nominal is not None else float(values[0])
+    usual = q.bounds(nominal)
+    lower = line.lower if line.lower is not None else usual[0]
+    reach = [q.reach(model, n) for n in group] if q.reach is not None else []
+    upper = line.upper if line.upper is not None else max(usual[1], *reach, 0.0)
+    scale = line.scale or q.scale
+    if scale == "log" and not line.frozen and line.nominal is None:
+        nominal = min(max(nominal, lower), upper)  # a nominal of zero cannot start on a log scale
+    label = line.name or _label(group, line, q)
+    parameter = Parameter(
+        name=label if label == q.name else f"{label}.{q.name}", unit=q.unit_at(model, group[0]), nominal=nominal,
+        lower=lower, upper=upper, scale=scale, frozen=line.frozen, shown_by=q.shown_by,
+        source="declared" if line.nominal is not None else "model", optional=line.optional,
+    )  # fmt: skip
+    return parameter, Assignment(q, group, signs)
+
+
+def _label(group: tuple[str, ...], line: Declaration, q: Quantity) -> str:
+    if group == (WORLD,):
+        return q.name
+    if len(group) == 1:
+        return group[0]
+    if line.tie == "all" and line.of == ("*",):
+        return q.name
+    return "+".join(group)

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What may be calibrated in bodies: mass, centre of mass, and inertia in coordinates that stay physical."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.articulated.inertia import COMPONENTS, from_log_cholesky, log_cholesky
+from trueup.articulated.model import Attributes, Model, Writable
+from trueup.articulated.quantities.quantity import Bounds, Quantity, around, factor
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CentreOfMass(Quantity):
+    """One coordinate of a body's centre of mass."""
+
+    axis: int
+
+    def nominal(self, model: Model, target: str) -> float:
+        """See Quantity."""
+        return float(model.get("body.com", target)[0, self.axis])
+
+    def write(self, copies: Writable, target: str, values: Mapping[str, Array]) -> None:
+        """See Quantity."""
+        com = np.array(copies.get("body.com", target))
+        com[:, self.axis] = values[self.name]
+        copies.set("body.com", target, com)
+
+
+@dataclass(frozen=True, kw_only=True)
+class InertiaComponent(Quantity):
+    """One of the ten log-Cholesky coordinates of a body's pseudo-inertia; all that are declared are written at once."""
+
+    component: int
+
+    def nominal(self, model: Model, target: str) -> float:
+        """See Quantity."""
+        return float(_coordinates(model, target)[0, self.component])
+
+    def write(self, copies: Writable, target: str, values: Mapping[str, Array]) -> None:
+        """See Quantity."""
+        theta = _coordinates(copies, target)
+        for name, value in values.items():
+            theta[:, COMPONENTS.index(name.removeprefix("inertia_"))] = value
+        mass, com, inertia = from_log_cholesky(theta)
+        copies.set("body.mass", target, mass)
+        copies.set("body.com", target, com)
+        copies.set("body.inertia", target, inertia)
+
+
+def _coordinates(copies: Attributes, body: str) -> Array:
+    """(b, 10) in the order of COMPONENTS."""
+    return log_cholesky(copies.get("body.mass", body), copies.get("body.com", body), copies.get("body.inertia", body))
+
+
+def _bounds(component: str) -> Bounds:
+    """A factor of four in mass, of three in extent; a tenth of a metre of the centre of mass."""
+    if component.startswith("t"):
+        return around(0.1)
+    if component == "alpha":
+        return around(0.5 * np.log(4.0))
+    return around(np.log(3.0)) if component.startswith("d") else around(0.2)
+
+
+BODIES = (
+    Quantity(
+        name="mass", family="body", unit="kg", title="mass (inertia scales along)", scale="log",
+        bounds=factor(4, 4, 1e-3), attributes=("body.mass",), start=None,
+        shown_by="accelerating and holding against gravity in several poses",
+    ),
+    *(
+        CentreOfMass(
+            name=f"com_{axis}", family="body", unit="m", title=f"centre of mass, {axis} in the body frame",
+            bounds=around(0.1), attributes=("body.com",), axis=i, mirrored=axis == "y",
+        )
+        for i, axis in enumerate("xyz")
+    ),
+    *(
+        InertiaComponent(
+            name=f"inertia_{component}", family="body", unit="m" if component.startswith("t") else "",
+            title=f"log-Cholesky {component} of the pseudo-inertia", bounds=_bounds(component),
+            attributes=("body.mass", "body.com", "body.inertia"), group="inertia", turn=1, component=i,
+            mirrored=component in ("t2", "s12", "s23"),
+        )
+        for i, component in enumerate(COMPONENTS)
+    ),
+)  # fmt: skip

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What may be calibrated in joints: friction in its forms, rotor inertia, backlash."""
+
+from __future__ import annotations
+
+from trueup.articulated.laws import STRIBECK_SPEED, VaryingFriction
+from trueup.articulated.model import Model
+from trueup.articulated.quantities.quantity import Quantity, between, factor
+
+
+def _servo_force(model: Model, joint: str, hinge: float, slide: float) -> float:
+    """What the joint's servo pushes with, `hinge` rad or `slide` m away from its command; 0 where it has none."""
+    actuator = model.drives().get(joint, "")
+    if not actuator or not model.get("actuator.servo", actuator)[0]:
+        return 0.0
+    away = slide if model.get("joint.slides", joint)[0] else hinge
+    return away * float(model.get("actuator.kp", actuator)[0])
+
+
+def _held(model: Model, joint: str) -> float:
+    """Friction that the servo would hold against with 0.1 rad or 0.02 m of error."""
+    return _servo_force(model, joint, 0.1, 0.02)
+
+
+def _lagging(model: Model, joint: str) -> float:
+    """Damping with which the joint would follow its servo with a lag of half a second."""
+    return _servo_force(model, joint, 0.5, 0.5)
+
+
+def _moved(model: Model, joint: str) -> float:
+    """Rotor inertia as large as the inertia that the joint moves."""
+    return float(model.get("joint.inertia", joint)[0])
+
+
+JOINTS = (
+    Quantity(
+        name="damping", family="joint", unit="N m s/rad", title="viscous friction", scale="log",
+        bounds=factor(100, 50, 0.05), attributes=("joint.damping",), start=None, reach=_lagging,
+        shown_by="steady motion at several speeds",
+    ),
+    Quantity(
+        name="damping_quadratic", family="joint", unit="N m s2/rad2", title="friction growing with speed squared",
+        bounds=between(0.0, 5.0), attributes=("joint.damping_quadratic",), start=None, shown_by="fast steady motion",
+    ),
+    Quantity(
+        name="friction", family="joint", unit="N m", title="Coulomb friction", scale="log", bounds=factor(100, 50, 0.05),
+        attributes=("joint.friction",), start=None, reach=_held, shown_by="slow reversals",
+    ),
+    Quantity(
+        name="friction_creep", family="joint", unit="", title="creep of a joint held by friction", scale="log",
+        bounds=lambda nominal: (1e-4, 0.2), attributes=("joint.creep",), start=None, shown_by="long holds under load",
+    ),
+    Quantity(
+        name="friction_static", family="joint", unit="N m", title="breakaway above Coulomb friction",
+        bounds=between(0.0, 2.0), law=VaryingFriction, reach=_held, shown_by="starts from rest and slow reversals",
+    ),
+    Quantity(
+        name="stribeck_speed", family="joint", unit="rad/s", title="Stribeck speed", scale="log",
+        bounds=factor(10, 10, 0.05), law=VaryingFriction, start=STRIBECK_SPEED,
+    ),
+    Quantity(
+        name="friction_load", family="joint", unit="", title="friction that grows with load", bounds=between(0.0, 1.0),
+        law=VaryingFriction,
+    ),
+    Quantity(
+        name="armature", family="joint", unit="kg m2", title="rotor inertia", scale="log", bounds=factor(100, 50, 0.005),
+        attributes=("joint.armature",), start=None, reach=_moved, shown_by="fast accelerations (chirps, steps)",
+    ),
+    Quantity(
+        name="backlash", family="joint", unit="rad", title="backlash, end to end", bounds=between(0.0, 0.1),
+        attributes=("joint.backlash",), start=0.005, needs="slack", shown_by="slow reversals without load",
+    ),
+)  # fmt: skip

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What goes into and comes out of simulations: commands held, delayed and limited, start states, instants of sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.articulated.assignments import Assignment, changes
+from trueup.articulated.kernels import delayed_commands, held_integral, limited_commands
+from trueup.articulated.model import Model, servos
+from trueup.articulated.starts import at_rest, measured_start
+from trueup.articulated.wiring import commanded, control_of
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+
+
+class Signals:
+    """Commands, start states and read-off instants of trials (R) x candidates (b). Joints are those of `model.drives()`."""
+
+    def __init__(self, model: Model, assignments: Sequence[Assignment], trials: Sequence[Trial], values: Array) -> None:
+        self._model, self._trials, self._rows = model, trials, len(values)
+        self._changes = changes(assignments, values)
+        self._drives, self._columns, self._servos = model.drives(), model.columns(), servos(model)
+        self._joints = list(self._drives)
+        self.delay = np.zeros((self._rows, model.width))
+        """(b, width) delay of each command, in s."""
+        own = {a: np.full(self._rows, model.get("actuator.delay", a)[0]) for a in self._columns}
+        for actuator, value in {**own, **self._changes.of("delay")}.items():
+            self.delay[:, self._columns[actuator]] = value
+        self._limits = self._profile_limits()
+        self._profile: dict[int, tuple[Array, Array]] = {}
+        self._commands = [self._command(t) for t in trials]
+        rest = at_rest(model)
+        self._measured_starts = [measured_start(rest, t, self._joints) for t in trials]
+
+    def starts(self) -> list[tuple[Array, Array]]:
+        """For each trial (b, k) positions and velocities of the joints, sensor errors taken out, corrections added."""
+        return [self._start(k) for k in range(len(self._trials))]
+
+    def _start(self, trial: int) -> tuple[Array, Array]:
+        position, velocity = (np.repeat(m[None], self._rows, axis=0) for m in self._measured_starts[trial])
+        measured = self._trials[trial].initial.get("position")
+        for joint, value in self._changes.of("sensor").items():
+            if measured is not None and joint in measured.labels:
+                position[:, self._joints.index(joint)] -= value
+        for kind, state in (("start_position", position), ("start_velocity", velocity)):
+            for target, value in self._changes.of(kind).items():
+                recording, _, joint = target.partition(":")
+                if recording == self._trials[trial].name:
+                    state[:, self._joints.index(joint)] += value
+        return position, velocity
+
+    def hold(self, trial: int) -> Array:
+        """(width,) the command of actuators that nobody commands: servos hold their start, others do nothing."""
+        position, _ = self._measured_starts[trial]
+        held = np.zeros(self._model.width)
+        for start, actuator in zip(position, self._drives.values(), strict=True):
+            if actuator in self._servos:
+                held[self._columns[actuator]] = start
+        return held
+
+    def commands(self, trial: int, at: int, count: int, step: float) -> Array:
+        """(b, count, width) commands of steps at ... at + count: held, delayed, averaged over each step."""
+        held = self._commands[trial]
+        out = np.empty((self._rows, count, self._model.width))
+        out[:] = self.hold(trial)
+        if held is None:
+            return out
+        columns, times, values, integral = held
+        part = np.empty((self._rows, count, len(columns)))
+        delay = np.ascontiguousarray(self.delay[:, columns] - self._late(trial)[:, None])
+        delayed_commands(times, values, integral, delay, at * step, step, part)
+        out[:, :, columns] = self._limited(trial, at, part, columns, step)
+        for joint, value in self._changes.of("command").items():
+            if (actuator := self._drives[joint]) in self._servos:
+                out[:, :, self._columns[actuator]] -= value[:, None]
+        return out
+
+    def trial(self, k: int) -> Trial:
+        """One of the trials."""
+        return self._trials[k]
+
+    def measured_start(self, k: int) -> tuple[Array, Array]:
+        """(k,), (k,) positions and velocities of the joints where a trial begins, by its measurements alone."""
+        return self._measured_starts[k]
+
+    def held(self, trial: int, actuator: str) -> tuple[Array, Array, Array]:
+        """(n,) instants, values and running integral of the command that an actuator ('': none) holds in between."""
+        held, address = self._commands[trial], self._columns.get(actuator, -1)
+        if held is not None and address in held[0]:
+            columns, times, values, integral = held
+            column = int(np.flatnonzero(columns == address)[0])
+            return times, np.ascontiguousarray(values[:, column]), np.ascontiguousarray(integral[:, column])
+        rest = self.hold(trial)[address] if address >= 0 else 0.0
+        return np.zeros(1), np.full(1, rest), np.zeros(1)
+
+    def shaping(self, trial: int, actuator: str) -> dict[str, Array]:
+        """(b,) what becomes of the command of an actuator ('': none): its delay, zero error and limits."""
+        nothing, free, address = np.zeros(self._rows), np.full(self._rows, np.inf), self._columns.get(actuator, -1)
+        limits = self._limits if address >= 0 else None
+        joint = next((j for j, a in self._drives.items() if a and a == actuator), "")
+        told = actuator in self._servos and self._commands[trial] is not None
+        return {
+            "delay": self.delay[:, address] - self._late(trial) if address >= 0 else nothing,
+            "offset": self._changes.of("command").get(joint, nothing) if told else nothing,
+            "speed_limit": limits[0][:, address] if limits is not None else free,
+            "acceleration_limit": limits[1][:, address] if limits is not None else free,
+        }
+
+    def _late(self, trial: int) -> Array:
+        """(b,) how late the time stamps of a trial's commands are, in s: commands really were given that earlier."""
+        return self._changes.of("clock").get(self._trials[trial].name, np.zeros(self._rows))
+
+    def _profile_limits(self) -> tuple[Array, Array] | None:
+        """(b, width) limits of speed and acceleration of the commands, infinite for none; None where no command has any."""
+        given = [self._changes.of(kind) for kind in ("speed_limit", "acceleration_limit")]
+        if not any(given):
+            return None
+        limits = np.full((2, self._rows, self._model.width), np.inf)
+        for limit, of_actuators in zip(limits, given, strict=True):
+            for actuator, value in of_actuators.items():
+                limit[:, self._columns[actuator]] = value
+        return limits[0], limits[1]
+
+    def _limited(self, trial: int, at: int, command: Array, columns: NDArray[np.int64], step: float) -> Array:
+        """(b, count, k) commands as drives with limits let them through; they have arrived when a trial begins."""
+        if self._limits is None:
+            return command
+        speed, acceleration = (np.ascontiguousarray(limit[:, columns]) for limit in self._limits)
+        if at == 0 or trial not in self._profile:
+            self._profile[trial] = np.array(command[:, 0]), np.zeros((len(command), len(columns)))
+        out = np.empty_like(command)
+        limited_commands(command, speed, acceleration, step, *self._profile[trial], out)
+        return out
+
+    def instants(self, trial: int, channel: str, step: float) -> Array:
+        """(1 or b, T) when a channel is to be read off, in steps since the start, each sensor's delay taken off."""
+        at = (self._trials[trial].observed[channel].time - self._trials[trial].start)[None] / step
+        late = self._changes.of("sensor_delay").get(channel)
+        if late is not None:
+            at = at - late[:, None] / step
+        return np.ascontiguousarray(np.maximum(at, 0.0))
+
+    def bias(self, trial: int, channel: str, width: int) -> Array:
+        """(b, width) what the sensor adds to the truth."""
+        labels = self._trials[trial].observed[channel].labels
+        bias = np.zeros((self._rows, width))
+        for joint, value in self._changes.of("sensor").items() if channel == "position" else ():
+            if joint in labels:
+                bias[:, labels.index(joint)] += value
+        return bias
+
+    def _command(self, trial: Trial) -> tuple[NDArray[np.int64], Array, Array, Array] | None:
+        if trial.command is None:
+            return None
+        actuators = commanded(self._model, trial.command)
+        columns = np.array([self._columns[a] for a in actuators], dtype=np.int64)
+        times = trial.command.time - trial.start
+        values = _filled(trial.command.values) * [control_of(self._model, a, trial.command.unit) for a in actuators]
+        # What was commanded before the first sample is not known: the first command held for ever before.
+        times = np.concatenate([[min(times[0], 0.0) - 10.0], times])
+        values = np.concatenate([values[:1], values])
+        return columns, times, values, held_integral(times, values)
+
+
+def _filled(values: Array) -> Array:
+    """Missing commands repeat the last known one (a controller holds what it was told)."""
+    filled = np.array(values)
+    for column in filled.T:
+        good = np.flatnonzero(np.isfinite(column))
+        if len(good) == 0:
+            column[:] = 0.0
+            continue
+        last = np.maximum.accumulate(np.where(np.isfinite(column), np.arange(len(column)), good[0]))
+        column[:] = column[last]
+    return filled

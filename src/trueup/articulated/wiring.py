@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which actuator each label of a command drives, and what its numbers mean there."""
+
+from __future__ import annotations
+
+from trueup.articulated.model import Model
+from trueup.errors import ModelError, unknown_name
+from trueup.recording import Channel
+
+
+def commanded(model: Model, command: Channel) -> list[str]:
+    """The actuator of each command label: its own name, or the joint that it drives. Raises UnknownNameError."""
+    by_joint = {joint: actuator for joint, actuator in model.drives().items() if actuator}
+    names = [n for n in model.names("actuator") if n]
+    if not names:
+        raise ModelError(
+            f"model '{model.name}' has no actuators, so the commands of '{', '.join(command.labels)}' drive "
+            "nothing; add <position> or <motor> actuators to it"
+        )
+    driven = []
+    for label in command.labels:
+        if label not in by_joint and label not in names:
+            raise unknown_name(
+                "actuator", label, {*names, *by_joint},
+                "the model (rename the recording's joints in the mapping's [joints] table)",
+            )  # fmt: skip
+        driven.append(by_joint.get(label, label))
+    return driven
+
+
+def control_of(model: Model, actuator: str, unit: str) -> float:
+    """What a command in `unit` is multiplied by to become the actuator's: a motor's gear and gain taken out of a torque."""
+    whole = float(model.get("actuator.torque", actuator)[0]) if unit in ("N m", "N") else 0.0
+    return 1.0 / whole if whole else 1.0
