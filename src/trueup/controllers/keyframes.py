@@ -141,7 +141,7 @@ class Motion:
         return Keyframes(poses, times, period, self.interpolation, self._gains(np.atleast_2d(values)), tilt)
 
     def command(self, candidate: Array, *, rate: float = 125.0, lasting: float = 0.0) -> Channel:
-        """What a robot is sent for one candidate (m,) at `rate` Hz, without feedback; the last pose is held for `lasting` s."""
+        """What a robot is sent for one candidate (m,) at `rate` Hz, without feedback; at last held for `lasting` s."""
         poses, times = self.knots(np.asarray(candidate, dtype=np.float64)[None])
         time = np.arange(int(np.ceil((times[0, -1] + lasting) * rate)) + 1) / rate
         values = np.concatenate([_between(poses, times, t, self.interpolation) for t in time])
