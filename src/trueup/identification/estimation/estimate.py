@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
-from trueup.identification.estimation.moments import RIDGE, moments_of, solve
+from trueup.identification.estimation.moments import RIDGE, moments_of, solve, weighted_fit
 from trueup.identification.estimation.torque_model import Rows
 
 Array = NDArray[np.float64]
@@ -77,16 +77,11 @@ def weighted_least_squares(
     robust: bool | None = False, passes: int = 5,
 ) -> Estimate:  # fmt: skip
     """Least squares with each joint weighed by its own error variance, found by repetition."""
-    act = np.asarray(active, dtype=np.int64)
-    moments = moments_of(rows).only(act)
-    start = (np.zeros(rows[0].p) if prior is None else prior)[act] * moments.scale
-    weights = np.ones(len(rows[0].values))
-    for _ in range(passes):
-        gram, cross = (x.sum(axis=0) for x in moments.weighted(weights))
-        squares = moments.errors(solve(gram, cross, start, moments.ridge(strength))).sum(axis=0)
-        weights = np.maximum(squares, 1e-18 * squares.max()) ** -1.0
-        weights /= weights.mean()
-    return least_squares(rows, act, weights, prior=prior, strength=strength, robust=robust)
+    moments = moments_of(rows)
+    start = (np.zeros(rows[0].p) if prior is None else prior) * moments.scale
+    variance = weighted_fit(moments, np.asarray(active, dtype=np.int64), start, strength, passes=passes)[1]
+    weights = 1.0 / variance / np.mean(1.0 / variance)
+    return least_squares(rows, active, weights, prior=prior, strength=strength, robust=robust)
 
 
 def instrumental(

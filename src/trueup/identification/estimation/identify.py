@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.alignment import find_shift, shifted
-from trueup.identification.estimation.bodies import Bodies, cross_validated_fit, first_bodies
-from trueup.identification.estimation.consistent import columns_of
+from trueup.identification.estimation.bodies import Bodies, cross_validated_fit
+from trueup.identification.estimation.consistent import consistent_fit
 from trueup.identification.estimation.couplings import coupled
 from trueup.identification.estimation.diagnosis import check_log
 from trueup.identification.estimation.drives import Drives
@@ -28,7 +28,7 @@ from trueup.identification.estimation.pieces import Piece, pieces_of
 from trueup.identification.estimation.pool import STRUCTURES, Pool, chosen, loaded, pool_for
 from trueup.identification.estimation.quick import basic_columns, doubts, measured_speed
 from trueup.identification.estimation.result import Alignment, Identification
-from trueup.identification.estimation.selection import Choice, balanced, drawn, loosened, pays
+from trueup.identification.estimation.selection import BLOCKS, Choice, balanced, drawn, loosened
 from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.recording import Recording
@@ -38,9 +38,6 @@ Told = Callable[[str, float], None]
 Structured = tuple[list[Piece], Moments, Choice]
 """Pieces with their effects of load, their moments, the model that predicts best."""
 
-_BLOCKS = 8
-_TURNS = 3
-"""Between bodies and the loads that gears carry."""
 _NOISY = 0.1  # share of accelerations that noise may be
 _NEAR = 25
 """Frequencies of a spectrum that are averaged to tell motion from noise."""
@@ -112,23 +109,19 @@ def _structured(pool: Pool, pieces: Sequence[Piece], nominal: Array, structure: 
 
     def carrying(parameters: Array) -> tuple[list[Piece], Moments]:
         made = [replace(p, rows=loaded(pool, p.rows, parameters)) for p in pieces]
-        return made, moments_of(blocks_of(_training(made), _BLOCKS, margin))
+        return made, moments_of(blocks_of(_training(made), BLOCKS, margin))
 
     prior = _prior(pool, nominal)
     rough = weighted_least_squares(_training(pieces), basic_columns(pool), prior=prior).parameters
     made, moments = carrying(pool.base.full(pool.base.of(rough), nominal))
     choice = chosen(pool, moments, prior * moments.scale, structure)
-    gains = columns_of(pool.model, "gain")
-    for _ in range(_TURNS if structure == "select" else 0):
-        bodies = first_bodies(pool.model, moments, choice.weights, np.flatnonzero(choice.active), nominal)
+    if structure == "select":
+        normal = moments.normal(choice.weights).whole()
+        bodies = consistent_fit(pool.model, normal, np.flatnonzero(choice.active), nominal).parameters
         again, their = carrying(bodies)
         new = balanced(their, prior * their.scale, choice)
-        if new.loss >= choice.loss:
-            break
-        made, moments, choice = again, their, new
-        if not bodies[gains].any():  # loads depend on the gains, and gains on loads
-            break
-    if structure == "select":
+        if new.loss < choice.loss:  # the same terms, of other bodies: nothing is added
+            made, moments, choice = again, their, new
         moments, choice, left = loosened(moments, prior * moments.scale, choice)
         made = [replace(p, rows=p.rows.loosened(left)) for p in made]
     return made, moments, choice
@@ -143,7 +136,7 @@ def _believed(
     if alignment is None or not alignment.doubtful:
         return alignment, shifted_model
     plain = structured(as_logged)
-    if pays(shifted_model[-1], plain[-1]):
+    if shifted_model[-1].beats(plain[-1]):
         return alignment, shifted_model
     return replace(alignment, corrected=False), plain
 
@@ -165,7 +158,7 @@ def _estimated(
     if not wanted.consistent:
         return free, None, choice
     # All samples, where the choice of the structure left out those at the borders of blocks.
-    moments = moments_of(blocks_of(parts, _BLOCKS, 0.0))
+    moments = moments_of(blocks_of(parts, BLOCKS, 0.0))
     bodies = cross_validated_fit(pool.model, moments, choice.weights, active, nominal)
     if len(bodies.folds) < 2:
         return free, bodies, choice

@@ -74,6 +74,10 @@ class Moments:
         quadratic = (((self.gram @ x[:, None, :, None])[..., 0]) @ x[:, :, None])[..., 0]
         return np.maximum(self.square - 2.0 * (self.cross @ x[:, :, None])[..., 0] + quadratic, 0.0)
 
+    def parameters(self, scaled: Array) -> Array:
+        """(p,) parameters of scaled ones (p,)."""
+        return np.divide(scaled, self.scale, out=np.zeros(len(self.scale)), where=self.scale > 0.0)
+
     def loosened(self, share: float) -> Moments:
         """With `share` of what draws parameters towards zero."""
         return replace(self, shrink=share * self.shrink)
@@ -139,3 +143,20 @@ def solve(gram: Array, cross: Array, prior: Array, strength: float | Array = RID
     ridge = np.asarray(size)[..., None] * np.broadcast_to(strength, gram.shape[-1])
     full = gram + ridge[..., None] * np.eye(gram.shape[-1])
     return np.asarray(np.linalg.solve(full, (cross + ridge * prior)[..., None])[..., 0], dtype=np.float64)
+
+
+def weighted_fit(
+    moments: Moments, active: Integers, prior: Array, strength: float = RIDGE, variance: Array | None = None, passes: int = 4
+) -> tuple[Array, Array]:  # fmt: skip
+    """(p,) scaled parameters by weighted least squares, and (n,) the error variance of each joint that weighs it.
+
+    Found by repetition from `variance` (1 without). `prior` (p,) is scaled too.
+    """
+    part, scaled = moments.only(active), np.zeros(len(moments.scale))
+    floor = 1e-12 * moments.square.sum() / moments.count.sum()
+    spread = np.ones(moments.square.shape[1]) if variance is None else variance
+    for _ in range(passes):
+        gram, cross = (x.sum(axis=0) for x in part.weighted(1.0 / spread / np.mean(1.0 / spread)))
+        scaled[active] = solve(gram, cross, prior[active], part.ridge(strength))
+        spread = np.maximum(part.errors(scaled[active]).sum(axis=0) / moments.count.sum(), floor)
+    return scaled, spread

@@ -66,7 +66,7 @@ def outcome(
         links=_links(model, pool, estimate, bodies, nominal), predictions=predictions, noise=estimate.noise,
         cross_validation=errors, alignment=alignment, structure=_structure(model, active),
         simple_friction=_simple_friction(model, full, speed), armature=_armature(model, full), cutoff=cutoff,
-        rate=1.0 / float(np.median(np.diff(parts[0].time))), weighting=_WEIGHTING[choice.exponent],
+        rate=1.0 / float(np.median(np.diff(parts[0].time))), weighting="each joint by its noise (weighted least squares)",
         trust=choice.strength, pull=pull, advice=advice(model, pool.base, parameters, rng),
         warnings=(*warnings, *_warnings(predictions, alignment), *_thin(predictions, parameters)),
         notes=_notes(tree, estimate, bodies, predictions),
@@ -86,13 +86,6 @@ def _unweighed(found: Identification) -> Identification:
     parameters = tuple(replace(p, unit=f"{p.unit} x A/(N m)") for p in found.parameters)
     unlimited, warnings = np.full(len(found.joints), np.nan), (said, *found.warnings)
     return replace(found, parameters=parameters, links=(), warnings=warnings, effort=unlimited)
-
-
-_WEIGHTING = {
-    1.0: "each joint by its noise (weighted least squares)",
-    0.5: "each joint by the root of its noise",
-    0.0: "all joints alike (ordinary least squares)",
-}
 
 
 def _prediction(

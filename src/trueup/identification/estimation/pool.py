@@ -13,15 +13,7 @@ from trueup.identification.base_parameters import BaseParameters
 from trueup.identification.estimation.effects import OF_LOAD, Effect
 from trueup.identification.estimation.moments import RIDGE, Moments
 from trueup.identification.estimation.motion import Motion
-from trueup.identification.estimation.selection import (
-    Alternative,
-    Choice,
-    balanced,
-    evaluated,
-    grown,
-    trimmed,
-    weighed,
-)
+from trueup.identification.estimation.selection import Choice, balanced, evaluated, grown, reweighed
 from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.kinematic_tree import KinematicTree
 
@@ -121,29 +113,15 @@ def chosen(pool: Pool, moments: Moments, prior: Array, structure: str = "select"
         "common": ("rotor", "coulomb", "viscous", "offset"),
         "select": ("rotor", "offset", "viscous", usual),
     }[structure]
-    n = pool.model.tree.n
-    choice = Choice(pool.with_groups(*start), 1.0, RIDGE, np.ones(n))
-    choice = evaluated(moments, prior, weighed(moments, prior, choice))
+    choice = reweighed(moments, prior, Choice(pool.with_groups(*start), RIDGE, np.ones(pool.model.tree.n)))
     if structure != "select":
         return choice
-    forms = [Alternative(f, tuple(pool.columns(f)), tuple(pool.columns(usual))) for f in pool.forms() if f != usual]
-    tried = [choice, *(evaluated(moments, prior, _replaced(choice, form)) for form in forms)]
-    choice = min(tried, key=lambda c: c.loss)
+    forms = [pool.with_groups(*start[:-1], form) for form in pool.forms()]
+    choice = min((evaluated(moments, prior, replace(choice, active=f)) for f in forms), key=lambda c: c.loss)
     more = [name for name in pool.groups if name not in ("rotor", "offset", "viscous")]
-    groups = [
-        Alternative(name, tuple(k)) for name in more if (k := [c for c in pool.columns(name) if not choice.active[c]])
-    ]
-    choice = evaluated(moments, prior, weighed(moments, prior, choice))
-    choice = grown(moments, prior, choice, groups)
-    choice = evaluated(moments, prior, weighed(moments, prior, choice))
-    singles = [Alternative(str(k), (k,)) for name in more for k in pool.columns(name) if not choice.active[k]]
-    choice = grown(moments, prior, choice, singles)
-    choice = trimmed(moments, prior, choice, [k for k in range(10 * n, pool.model.p) if choice.active[k]])
+    groups = [pool.columns(name) for name in more]
+    groups = [g for k in groups if (g := [c for c in k if not choice.active[c]])]
+    choice = grown(moments, prior, reweighed(moments, prior, choice), groups)
+    singles = [[k] for name in more for k in pool.columns(name) if not choice.active[k]]
+    choice = grown(moments, prior, reweighed(moments, prior, choice), singles)
     return balanced(moments, prior, choice)
-
-
-def _replaced(choice: Choice, form: Alternative) -> Choice:
-    active = choice.active.copy()
-    active[list(form.instead)] = False
-    active[list(form.columns)] = True
-    return replace(choice, active=active)

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.identification.estimation.consistent import consistent_fit
-from trueup.identification.estimation.couplings import proposed_couplings, weighted_fit
 from trueup.identification.estimation.effects import Effect
-from trueup.identification.estimation.moments import RIDGE, Moments, moments_of
-from trueup.identification.estimation.selection import Choice, evaluated, trimmed, weighed
+from trueup.identification.estimation.moments import RIDGE, Moments, moments_of, weighted_fit
+from trueup.identification.estimation.selection import Choice, grown, reweighed
 from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.inertial import from_com
+from trueup.studies.arm.couplings import proposed_couplings
 from trueup.studies.arm.measuring import Run
 from trueup.studies.arm.robot import NOMINAL
 
@@ -56,7 +56,13 @@ def load_columns(rows: Rows, parameters: Array) -> Array:
 def papers_fit(rows: Sequence[Rows], columns: Integers) -> Fitted:
     """Weighted least squares of the 58 parameters: local identification, section III-B."""
     n = len(rows[0].values)
-    return Fitted(weighted_fit(moments_of(rows), columns, NOMINAL**2)[0], np.zeros(n), np.eye(n))
+    return Fitted(_weighted(moments_of(rows), columns)[0], np.zeros(n), np.eye(n))
+
+
+def _weighted(moments: Moments, columns: Integers) -> tuple[Array, Array]:
+    """(p,) parameters and (n,) the error variance of each joint."""
+    scaled, variance = weighted_fit(moments, columns, np.zeros(len(moments.scale)), variance=NOMINAL**2)
+    return moments.parameters(scaled), variance
 
 
 def our_fit(model: TorqueModel, made: Sequence[Run], rows: Sequence[Rows], columns: Integers) -> Fitted:
@@ -70,24 +76,22 @@ def our_fit(model: TorqueModel, made: Sequence[Run], rows: Sequence[Rows], colum
     rows = driven(C)
     further = np.concatenate([np.arange(14 * n, model.p), model.p + np.arange(n)])  # the load's columns come last
     active = np.concatenate([columns, further])
-    parameters, variance = weighted_fit(moments_of(rows), active[active < model.p], NOMINAL**2)
+    parameters, variance = _weighted(moments_of(rows), active[active < model.p])
     load = np.zeros(n)
     for turn in range(2):  # the load column needs the torque carried, which the last fit gives
         wide = moments_of([_loaded(r, parameters) for r in rows])
-        active = active if turn else _useful(wide, active, further)
-        both, variance = weighted_fit(wide, active, NOMINAL**2)
+        active = active if turn else _useful(wide, columns, further)
+        both, variance = _weighted(wide, active)
         parameters, load = both[: model.p], np.maximum(both[model.p :], 0.0)
     rest = moments_of([replace(r, torque=r.torque - load * load_columns(r, parameters)) for r in rows])
     return Fitted(_possible(model, rest, variance, active[active < model.p]), load, C)
 
 
-def _useful(moments: Moments, active: Integers, further: Integers) -> Integers:
-    """The active columns without those of `further` that predict nothing in runs that were left out."""
-    prior, mask = np.zeros(len(moments.scale)), np.zeros(len(moments.scale), dtype=bool)
-    mask[active] = True
-    choice = weighed(moments, prior, Choice(mask, 1.0, RIDGE, np.ones(moments.square.shape[1])))
-    choice = trimmed(moments, prior, evaluated(moments, prior, choice), further.tolist())
-    return np.flatnonzero(choice.active)
+def _useful(moments: Moments, columns: Integers, further: Integers) -> Integers:
+    """The columns, and those of `further` that clearly help to predict runs that were left out."""
+    prior, mask = np.zeros(len(moments.scale)), np.isin(np.arange(len(moments.scale)), columns)
+    choice = reweighed(moments, prior, Choice(mask, RIDGE, NOMINAL**2))
+    return np.flatnonzero(grown(moments, prior, choice, [[k] for k in further.tolist()]).active)
 
 
 def _loaded(rows: Rows, parameters: Array) -> Rows:

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.identification.estimation.couplings import proposed_couplings
 from trueup.identification.estimation.effects import Effect
 from trueup.identification.estimation.filtering import Lowpass, derivative
 from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.inertial import from_com
 from trueup.identification.kinematic_tree import KinematicTree, from_dh
 from trueup.identification.model_file import load_tree
+from trueup.studies.arm.couplings import proposed_couplings
 
 Array = NDArray[np.float64]
 PAIRS = ((4, 3), (5, 4), (5, 3))
