@@ -29,6 +29,8 @@ NOUNS = (
     "units",
     "noise",
     "trial",
+    "ends",
+    "chance",
     "paths",
     "calibration",
     "inspection",
@@ -59,6 +61,7 @@ class Rule:
 RULES = (
     Rule("errors", ()),
     *(Rule(noun, NOUNS) for noun in NOUNS),
+    *(Rule(noun, NOUNS, lazily=("controllers.controller",)) for noun in ("trial", "ends")),  # its protocol, in types
     *(Rule(base, (*NOUNS, *BASES)) for base in BASES),
     # siblings of a family know its base and the nouns; another family or sibling only where it is the point:
     *(Rule(family, (base, *NOUNS)) for family, base in FAMILIES.items()),
@@ -73,18 +76,8 @@ RULES = (
     # what bodies, joints and drives have in common whatever simulates them
     Rule("articulated", ("engines.simulator", "controllers.controller", *NOUNS)),
     Rule("engines", ("engines.simulator", "engines.family", "articulated", "controllers.controller", *NOUNS)),
-    # the vehicle runs the compiled Stanley law inside its own loop, and says what counts as an error of a prediction
-    Rule(
-        "engines.vehicle",
-        (
-            "engines.simulator",
-            "engines.family",
-            "controllers.controller",
-            "controllers.stanley",
-            "discrepancies.discrepancy",
-            *NOUNS,
-        ),
-    ),
+    # the bicycle runs the compiled Stanley law inside its own loop
+    Rule("engines.bicycle", ("engines.simulator", "controllers.controller", "controllers.stanley", *NOUNS)),
     Rule("discrepancies", ("discrepancies.discrepancy", "engines.simulator", *NOUNS)),  # they compare with a rollout
     Rule(
         "discrepancies.weighted",

@@ -3,15 +3,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.errors import RecordingError
+from trueup.chance import Chance, Disturbance, Sensing
+from trueup.ends import End, ended
+from trueup.errors import RecordingError, TrialError
 from trueup.parameters import Parameter
 from trueup.recording import Channel, Recording, is_command
+
+if TYPE_CHECKING:
+    from trueup.controllers.controller import ControllerFactory
 
 Array = NDArray[np.float64]
 
@@ -82,10 +89,37 @@ class Trial:
     """What `settings` are values of: their units and what they mean."""
     notes: tuple[str, ...] = ()
     """What whoever performs it must know besides: frames, signs, what counts as its end."""
+    controller: ControllerFactory | None = None
+    """Makes this trial's own controller of b copies from controller parameters (b, m); None: the one of the call."""
+    ends: tuple[End, ...] = ()
+    """Conditions that end a run before `duration`; the first one that holds counts."""
+    disturbances: tuple[Disturbance, ...] = ()
+    """What happens to a run by chance, in the simulator; see `seeded`."""
+    sensing: tuple[Sensing, ...] = ()
+    """How late and noisy channels are measured, in the simulator."""
+    chance: Chance | None = None
+    """From what disturbances and noise are drawn."""
+
+    def seeded(self, rng: np.random.Generator, *, alike: bool = False) -> Trial:
+        """The same trial with its disturbances and noise settled by a generator, each row of a simulation by itself.
+
+        `alike`: all rows meet the same. A trial that is simulated again meets the same again.
+        """
+        return dataclasses.replace(self, chance=Chance(int(rng.integers(2**63)), alike))
+
+    def settled(self) -> Chance:
+        """`chance`. Raises TrialError where nothing was settled."""
+        if self.chance is None:
+            kinds = [type(d).__name__ for d in self.disturbances] + [f"noise on '{s.channel}'" for s in self.sensing]
+            raise TrialError(
+                f"trial '{self.name}' declares {', '.join(kinds)}, but nothing says what they are: take "
+                "trial.seeded(np.random.default_rng(seed))"
+            )
+        return self.chance
 
     @classmethod
     def of(cls, recording: Recording, channels: Sequence[str] | None = None) -> Trial:
-        """The trial that repeats `recording`, observing `channels` (all but commands if None).
+        """The trial that repeats `recording`, observing `channels` (all but commands if None), up to its end.
 
         Raises RecordingError where nothing was measured.
         """
@@ -99,6 +133,12 @@ class Trial:
         command = command_of(recording)
         starts = [o.time[0] for o in observed.values()] + ([command.time[0]] if command is not None else [])
         stop = max(o.time[-1] for o in observed.values())
+        end = ended(recording)
+        if end is not None:  # what was measured of a robot that lies on the floor is no part of the run
+            stop = max(min(stop, end.at), min(o.time[0] for o in observed.values()))
+            observed = {
+                n: dataclasses.replace(o, time=o.time[o.time <= stop]) for n, o in observed.items() if o.time[0] <= stop
+            }
         # A channel that begins later than the others is simply not observed before.
         start = min(starts) if command is None else max(min(starts), min(o.time[0] for o in observed.values()))
         return cls(

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trueup.articulated.kernels import dead_band_command, delayed_commands, held_integral, own_delayed_command
+from trueup.articulated.kernels import dead_band_command, delayed_commands, held_integral, own_delayed_commands
 
 
 def held(times: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -35,11 +35,11 @@ def test_commands_issued_on_the_way_are_delayed_alike() -> None:
     first = np.concatenate([values[:1], values])
     expected = np.empty((1, 90, 1))
     delayed_commands(early, first, held_integral(early, first), np.array([[delay]]), 0.0, step, expected)
-    out = np.empty((1, 1))
+    out = np.empty((1, 1, 1))
     for s in range(90):
         issued = int(np.floor(s * step / 0.01 + 1e-9)) + 1  # a command is issued at the start of the step
-        own_delayed_command(times[:issued], values[:, None], issued, np.array([[delay]]), s * step, step, out)
-        assert abs(out[0, 0] - expected[0, s, 0]) < 1e-9
+        own_delayed_commands(times[:issued], values[:, None], issued, np.array([[delay]]), s, step, out)
+        assert abs(out[0, 0, 0] - expected[0, s, 0]) < 1e-9
 
 
 def test_a_dead_band_passes_nothing_inside_and_the_rest_outside() -> None:

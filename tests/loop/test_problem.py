@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from trueup.discrepancies.outcome import Feature, Outcome
 from trueup.discrepancies.path_shape import PathShape
 from trueup.discrepancies.plain import Plain
+from trueup.ends import Ended, When, with_end
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
@@ -90,3 +92,42 @@ def test_discrepancies_that_do_not_compare_sample_by_sample_say_what_they_compar
     assert 0 < mask.sum() < mask.size
     assert not residual[0, ~mask].any()
     assert np.abs(residual[0, mask]).max() > 0.0
+
+
+@dataclass(frozen=True)
+class Stopping:
+    """Wraps a simulator: rows whose first value is above 1 end at 2 s."""
+
+    whole: Simulator
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self.whole, name)
+
+    def rollout(self, trials: Sequence[Trial], values: Array, controllers: object = None) -> list[Rollout]:
+        assert all(t.ends for t in trials)
+        done = []
+        for rollout in self.whole.rollout(trials, values):
+            rows = {int(row): Ended(2.0, "fallen") for row in np.flatnonzero(values[:, 0] > 1.0)}
+            ending = replace(rollout, ends=rows)
+            ending.channels["position"][~ending.lasted("position")] = np.nan
+            done.append(ending)
+        return done
+
+
+def test_a_candidate_gains_nothing_by_ending_early(formula: Formula) -> None:
+    """The robot went on to 4 s; a run that stops at 2 s is compared with all of it, where it stopped."""
+    stopping: Simulator = Stopping(formula(line, SPACE))  # type: ignore[assignment]
+    problem = Problem(stopping, [recording(TIME)], Plain(), ends=(When("fallen", lambda seen: seen.time > 2.0),))
+    good, stopped = problem.residuals(np.array([[1.0, 0.0], [1.001, 0.0]]))
+    assert np.isfinite(stopped).all()
+    assert np.abs(good).max() < 1e-12
+    assert stopped[-1] == pytest.approx(2.002 - 4.0)
+    assert problem.shortened(1.0).trials[0].ends
+
+
+def test_what_was_measured_of_a_robot_after_its_end_is_not_compared(formula: Formula) -> None:
+    fell = with_end(recording(np.minimum(TIME, 3.0)), Ended(3.0, "fallen"))
+    problem = Problem(formula(line, SPACE), [fell], Plain())
+    residual = problem.residuals(SPACE.nominal[None])[0]
+    assert len(residual) == 301
+    assert np.abs(residual).max() < 1e-12

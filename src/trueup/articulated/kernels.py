@@ -41,24 +41,25 @@ def held_integral(times: Array, values: Array) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def own_delayed_command(
-    times: Array, values: Array, count: int, delay: Array, now: float, step: float, out: Array
+def own_delayed_commands(
+    times: Array, values: Array, count: int, delay: Array, first: int, step: float, out: Array
 ) -> None:
-    """As `delayed_commands` for one step, each row with commands of its own: values (n, b, k), the first `count` set."""
+    """As `delayed_commands` from step `first` on, each row with its own commands: values (n, b, k), `count` of them set."""
     for i in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            left = now - delay[i, j]
-            right = left + step
-            at = count - 1
-            while at > 0 and times[at] >= right:
-                at -= 1
-            area = 0.0
-            while at > 0 and times[at] > left:
-                area += values[at, i, j] * (right - times[at])
-                right = times[at]
-                at -= 1
-            area += values[at, i, j] * (right - left)
-            out[i, j] = area / step
+        for s in range(out.shape[1]):
+            for j in range(out.shape[2]):
+                left = (first + s) * step - delay[i, j]
+                right = left + step
+                at = count - 1
+                while at > 0 and times[at] >= right:
+                    at -= 1
+                area = 0.0
+                while at > 0 and times[at] > left:
+                    area += values[at, i, j] * (right - times[at])
+                    right = times[at]
+                    at -= 1
+                area += values[at, i, j] * (right - left)
+                out[i, s, j] = area / step
 
 
 @njit(cache=True, nogil=True)
@@ -126,15 +127,18 @@ def stribeck_friction(
 
 @njit(cache=True, nogil=True)
 def read_off(
-    history: Array, first: int, last: int, ends: bool, at: Array, shared: bool, bias: Array, out: Array
-) -> None:
+    history: Array, rows: NDArray[np.int64], first: int, last: int, ends: bool, at: Array, shared: bool, bias: Array,
+    out: Array,
+) -> None:  # fmt: skip
     """Interpolates a stretch of simulated steps at the instants that fall into it.
 
-    history (b, m, k) holds steps first ... first + m - 1; `at` (b or 1, T) instants in steps, ascending; those in
-    [first, last), and all later ones where the run `ends` here, are written to out (b, T, k), plus `bias` (b, k).
+    history (n, m, k) holds steps first ... first + m - 1 of `rows` (n,) of b; `at` (b or 1, T) instants in steps,
+    ascending; those in [first, last), and all later ones where the run `ends` here, are written to out (b, T, k), plus
+    `bias` (b, k).
     """
     held = history.shape[1]
-    for i in range(out.shape[0]):
+    for n in range(history.shape[0]):
+        i = rows[n]
         row = 0 if shared else i
         begin = np.searchsorted(at[row], first)
         for t in range(begin, out.shape[1]):
@@ -144,5 +148,5 @@ def read_off(
             k = min(int(np.floor(x)) - first, held - 2)
             f = min(x - first - k, 1.0)
             for j in range(out.shape[2]):
-                a, b = history[i, k, j], history[i, k + 1, j]
+                a, b = history[n, k, j], history[n, k + 1, j]
                 out[i, t, j] = a + f * (b - a) + bias[i, j]

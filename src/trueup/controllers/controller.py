@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -28,7 +28,9 @@ class Observation:
     sensors: Mapping[str, Array]
     """Sensor name to (b, dim)."""
     trial: Trial | None = None
-    """The trial that is being run, where all b copies run the same: its references are what is to be followed."""
+    """The trial that all b copies are in: its references are what is to be followed. Every simulator says it."""
+    channels: Mapping[str, Array] = field(default_factory=dict)
+    """Channel name to (b, k): for the conditions that end a run, the channels that they look at (see `ends.End`)."""
 
 
 class Controller(Protocol):
@@ -40,7 +42,7 @@ class Controller(Protocol):
         ...
 
     def reset(self, observation: Observation) -> None:
-        """Called once before a trial, for all b copies."""
+        """Called once before a trial, for all b copies, which are the rows of this trial alone."""
         ...
 
     def command(self, observation: Observation) -> Array:

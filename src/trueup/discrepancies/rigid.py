@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +51,7 @@ class RigidlyAligned:
             moved["heading"] = np.array(moved["heading"])
         for _ in range(_ITERATIONS):
             self._turn(moved, measured)
-        return self._weighted.residual(real, Rollout(trial, moved, simulated.failures))
+        return self._weighted.residual(real, replace(simulated, channels=moved))
 
     def _turn(self, moved: dict[str, Array], measured: dict[str, Array]) -> None:
         """One Gauss-Newton step of turn and shift, in place, all rows at once."""

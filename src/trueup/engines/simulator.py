@@ -4,18 +4,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trueup.controllers.controller import ControllerFactory
+from trueup.ends import Ended, with_end
+from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace
-from trueup.recording import Recording
+from trueup.recording import Channel, Recording
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
+
+_SAME = 1e-9  # s: instants closer than this are the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,25 +28,74 @@ class Rollout:
 
     trial: Trial
     channels: Mapping[str, Array]
-    """Channel name to (b, T, k), in the unit of `trial.observed`; NaN after the instant where a simulation failed."""
+    """Channel name to (b, T, k), in the unit of `trial.observed`; NaN after the instant where a simulation failed or
+    the run ended."""
     failures: Mapping[int, str]
     """Row to the reason why its simulation broke off; empty if all went well."""
+    ends: Mapping[int, Ended] = field(default_factory=dict)
+    """Row to when and why its run ended before its time, on the trial's clock: an outcome, not a failure."""
+
+    def lasted(self, channel: str) -> NDArray[np.bool_]:
+        """(b, T) which samples of a channel lie before the end of their run."""
+        time = self.trial.observed[channel].time
+        stop = np.full(len(self.channels[channel]), np.inf)
+        for row, ended in self.ends.items():
+            stop[row] = ended.at
+        return time <= stop[:, None] + _SAME
+
+    def held(self) -> Rollout:
+        """The same with what was last known held from the end of each row on.
+
+        So simulations are compared with recordings that go on. A run that ended is then judged at all the instants at which
+        the robot was measured: were those after its end left out, candidates would gain by falling early, and the
+        residuals of two candidates would not be the same samples, between which slopes are taken.
+        """
+        if not self.ends:
+            return self
+        channels = {}
+        for name, values in self.channels.items():
+            lasted = self.lasted(name)
+            # What a run never showed stays NaN.
+            last = np.maximum.accumulate(np.where(lasted, np.arange(lasted.shape[1]), 0), axis=1)
+            channels[name] = np.take_along_axis(values, last[:, :, None], axis=1)
+        return replace(self, channels=channels)
 
     def recording(self, row: int = 0) -> Recording:
-        """One candidate's run as a Recording, command included."""
-        from trueup.recording import Channel
-
+        """One candidate's run as a Recording, command included; up to its end where it has one."""
         channels = {
             name: Channel(name, o.labels, o.unit, o.time, self.channels[name][row])
             for name, o in self.trial.observed.items()
         }
         if self.trial.command is not None:
             channels = {"command": self.trial.command.replace(name="command"), **channels}
-        return Recording(self.trial.name, channels, {"source": "simulated"})
+        made = Recording(self.trial.name, channels, {"source": "simulated"})
+        if row not in self.ends:
+            return made
+        ended = self.ends[row]
+        return with_end(made.slice(made.start, max(ended.at, float(made.time[0]))), ended)
+
+
+def refuse_unsupported(simulator: str, trials: Sequence[Trial], *kinds: str) -> None:
+    """For a simulator that cannot do something a trial may declare: `kinds` of 'ends', 'disturbances', 'sensing'.
+
+    Raises ModelError that names simulator, trial and what it declares.
+    """
+    for trial in trials:
+        for kind in kinds:
+            declared = getattr(trial, kind)
+            if declared:
+                words = ", ".join(getattr(d, "name", type(d).__name__) for d in declared)
+                raise ModelError(
+                    f"simulator '{simulator}' does not support {kind}; trial '{trial.name}' declares {kind}: {words}"
+                )
 
 
 class Simulator(Protocol):
-    """A simulator of one robot. `trueup.testing.check_simulator` holds the contract as tests."""
+    """A simulator of one robot. `trueup.testing.check_simulator` holds the contract as tests.
+
+    Trials may bring a controller of their own, ends, disturbances and sensing; a simulator that has no such thing says so
+    (`refuse_unsupported`). Where a controller acts, each trial has its own, of as many copies as there are values.
+    """
 
     @property
     def name(self) -> str:
@@ -74,5 +127,8 @@ class Simulator(Protocol):
     def rollout(
         self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None = None
     ) -> list[Rollout]:
-        """Every trial for every row of values (b, n); one Rollout a trial. A failed simulation is never fatal."""
+        """Every trial for every row of values (b, n); one Rollout a trial. A failed simulation is never fatal.
+
+        A trial's own controller goes before `controllers`; the trial's `chance` settles all that is random.
+        """
         ...

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.loop.fit import Fit
+from trueup.loop.descent import Fit
 from trueup.loop.uncertainty import intervals
 from trueup.parameters import Parameter
 

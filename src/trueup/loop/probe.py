@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.loop.fit import Fit
+from trueup.loop.descent import Fit
 from trueup.loop.identifiability import NO_EFFECT, effects
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from trueup.controllers.controller import ControllerFactory
 from trueup.discrepancies.discrepancy import Discrepancy, Mask, compared
+from trueup.ends import End
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import CalibrationError, SimulationFailedError
 from trueup.recording import Recording
@@ -70,20 +71,24 @@ class Segment:
 class Problem:
     """Residuals (b, m) of values (b, n): all candidates on all recordings in one rollout.
 
-    The m residuals are those of samples that were measured, as `segments` lay them out: a gap in a recording has none.
+    The m residuals are those of samples that were measured, as `segments` lay them out: a gap in a recording has none, nor
+    has what was measured after the end of the robot's run. Where a simulated run ends first (`ends`: conditions that stop
+    rows early, and so cost no more), its last state is held and compared (see `Rollout.held`).
     """
 
     def __init__(
         self, simulator: Simulator, recordings: Sequence[Recording], discrepancy: Discrepancy,
         channels: Sequence[str] | None = None, *, longest: float | None = None,
-        controllers: ControllerFactory | None = None,
+        controllers: ControllerFactory | None = None, ends: Sequence[End] = (),
     ) -> None:  # fmt: skip
         self.simulator, self.recordings, self.discrepancy = simulator, tuple(recordings), discrepancy
         self._counted = [0]  # shared by the shorter and coarser versions of this problem
         self._controllers = controllers
-        self._wanted = channels
+        self._wanted, self._ends = channels, tuple(ends)
         self._offset: Array | None = None
         self.trials = _thinned([_trial(simulator, r, channels, longest) for r in recordings])
+        if self._ends:
+            self.trials = [replace(t, ends=self._ends) for t in self.trials]
         self._masks = [compared(discrepancy, r, t) for r, t in zip(self.recordings, self.trials, strict=True)]
         self.segments = self._segments()
 
@@ -124,6 +129,7 @@ class Problem:
             self._wanted,
             longest=longest,
             controllers=self._controllers,
+            ends=self._ends,
         )
         short._counted = self._counted
         return short
@@ -153,7 +159,7 @@ class Problem:
     def _compared(self, done: Sequence[Rollout], which: Sequence[int]) -> Array:
         parts = []
         for k, rollout in zip(which, done, strict=True):
-            part, mask = self.discrepancy.residual(self.recordings[k], rollout), self._masks[k]
+            part, mask = self.discrepancy.residual(self.recordings[k], rollout.held()), self._masks[k]
             parts.append(part if mask.all() else part[:, mask])
         return np.concatenate(parts, axis=1)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.loop.fit import Fit
+from trueup.loop.descent import Fit
 from trueup.loop.identifiability import NO_EFFECT, effects
 from trueup.loop.problem import Problem
 from trueup.loop.validate import left_out_errors

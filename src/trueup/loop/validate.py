@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.loop.fit import Fit
+from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.recording import PART_OF
 

@@ -79,7 +79,9 @@ class FollowPath:
 
     def errors(self, rollout: Rollout, path: Path) -> Array:
         """(b,) distance from one path, in m."""
-        return self.distances(self.driven(rollout), path)
+        errors = self.distances(self.driven(rollout), path)
+        errors[list(rollout.failures)] = np.nan
+        return errors
 
     def distances(self, driven: Array, path: Path) -> Array:
         """(b,) distance of driven points (b, T, 2) from one path by the task's measure, in m; NaN samples are skipped."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.controllers.controller import Controller
+from trueup.ends import Ended, end_of
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import ParameterError, RecordingError
 from trueup.parameters import ParameterSpace
@@ -43,7 +44,11 @@ class Task(Protocol):
         ...
 
     def score(self, rollouts: Sequence[Rollout]) -> Array:
-        """(b,) lower is better, from one Rollout of b rows for each of `trials`, in their order; NaN where one failed."""
+        """(b,) lower is better, from one Rollout of b rows for each of `trials`, in their order; NaN where one failed.
+
+        A run that ended before its time (`Rollout.ends`) has a score: its samples after the end are NaN, and what it means
+        that the robot fell or arrived is for the task to say.
+        """
         ...
 
 
@@ -80,7 +85,9 @@ def simulated_scores(task: Task, simulator: Simulator, model: Array, candidates:
     if tried.shape[1] != len(task.parameters):
         raise ParameterError(f"task '{task.name}' has {len(task.parameters)} parameters, got {tried.shape[1]}")
     rows = np.concatenate([np.repeat(models, len(tried), axis=0), np.tile(tried, (len(models), 1))], axis=1)
-    scores = task.score(simulator.rollout(task.trials, rows, task.controllers))
+    rollouts = simulator.rollout(task.trials, rows, task.controllers)
+    scores = np.array(task.score(rollouts), dtype=np.float64)
+    scores[sorted({row for r in rollouts for row in r.failures})] = np.nan  # what is left of a failed run is no run
     return scores.reshape(len(models), len(tried))
 
 
@@ -103,7 +110,8 @@ def robot_scores(task: Task, recordings: Sequence[Sequence[Recording]]) -> Array
 def as_rollout(trial: Trial, recordings: Sequence[Recording]) -> Rollout:
     """Recordings of one trial in the shape of a rollout: one row a recording, read off at the trial's instants.
 
-    Each recording's clock is moved so that it begins at the trial's start. Instants after its end are NaN.
+    Each recording's clock is moved so that it begins at the trial's start. Instants after its end are NaN; where that is an
+    end before its time (as the robot's driver says, or by the trial's own conditions), the rollout says so.
     Raises RecordingError where there is none, UnknownNameError where a recording lacks an observed channel.
     """
     if not recordings:
@@ -115,4 +123,9 @@ def as_rollout(trial: Trial, recordings: Sequence[Recording]) -> Rollout:
         ])
         for name, o in trial.observed.items()
     }  # fmt: skip
-    return Rollout(trial, channels, {})
+    known = ((row, r, end_of(r, trial.ends)) for row, r in enumerate(recordings))
+    ends = {row: Ended(e.at - r.start + trial.start, e.name) for row, r, e in known if e is not None}
+    rollout = Rollout(trial, channels, {}, ends)
+    for name, values in channels.items():
+        values[~rollout.lasted(name)] = np.nan
+    return rollout

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from trueup.ends import ended
 from trueup.recording import Recording, is_command
 from trueup.robots.robot import HandsOut, Robot
 from trueup.testing.broken import require
@@ -14,7 +15,8 @@ from trueup.trial import Trial
 def check_robot(robot: Robot, trial: Trial) -> None:
     """Checks the contract of `Robot` with a trial that it can perform: this moves the robot, two or three times.
 
-    One recording a repeat, with the observed channels in their units and with all labels, over the whole trial; the
+    One recording a repeat, with the observed channels in their units and with all labels, over the whole trial or
+    up to the end that the recording says its run had (`ends.with_end`); the
     command that was requested, where there was one; nothing written into the trial; where the robot calls itself
     repeatable, the same recordings for the same trial. Raises ContractBrokenError (an AssertionError) that says what was
     broken.
@@ -41,6 +43,7 @@ def check_robot(robot: Robot, trial: Trial) -> None:
 
 
 def _check_recording(recording: Recording, trial: Trial) -> None:
+    end = ended(recording)
     for name, o in trial.observed.items():
         require(recording.has(name), f"channel '{name}' is observed but missing from recording '{recording.name}'")
         channel = recording.channel(name)
@@ -48,7 +51,8 @@ def _check_recording(recording: Recording, trial: Trial) -> None:
         require(not missing, f"channel '{name}' lacks {', '.join(missing)}")
         require(channel.unit == o.unit, f"channel '{name}' is in '{channel.unit}', asked for in '{o.unit}'")
         covered = channel.time[-1] - channel.time[0]
-        require(covered >= 0.9 * trial.duration, f"channel '{name}' covers {covered:g} s of {trial.duration:g} s")
+        lasted = trial.duration if end is None else end.at - recording.start
+        require(covered >= 0.9 * lasted, f"channel '{name}' covers {covered:g} s of {lasted:g} s")
         if not is_command(name):
             moves = bool(np.isfinite(channel.values).any())
             require(moves, f"channel '{name}' holds no number")

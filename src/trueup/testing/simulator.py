@@ -8,14 +8,17 @@ import numpy as np
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.recording import Recording
 from trueup.testing.broken import require
+from trueup.testing.runs import check_runs
 from trueup.trial import Trial
 
 
-def check_simulator(simulator: Simulator, recording: Recording) -> None:
+def check_simulator(simulator: Simulator, recording: Recording, *, width: int | None = None) -> None:
     """Checks the contract of `Simulator` with one recording that it can replay, and with its parameters.
 
     Shapes and instants are those of the trial; rows do not depend on their neighbours, on the other trials in the call
-    or on earlier calls; inputs stay untouched; another step keeps the parameters; a shipped simulator takes none.
+    or on earlier calls; inputs stay untouched; another step keeps the parameters; a shipped simulator takes none; a row
+    that fails says why and leaves the others alone; controllers know their trial; ends, disturbances and noise do what
+    the trial says (`testing.runs`). `width` is the number of commands of a controller, by default that of the recording.
     Raises ContractBrokenError (an AssertionError) that says what was broken.
     """
     trial = Trial.of(recording, simulator.observable(recording))
@@ -40,6 +43,8 @@ def check_simulator(simulator: Simulator, recording: Recording) -> None:
     shipped = simulator.shipped()
     require(len(shipped.parameters) == 0, "a shipped simulator still has parameters")
     _check_shapes(shipped.rollout([trial], np.zeros((1, 0)))[0], trial, 1)
+    _check_failures(simulator, trial, values)
+    check_runs(simulator, trial, short, values[:2], width)
 
 
 def _values(simulator: Simulator) -> np.ndarray:
@@ -54,8 +59,8 @@ def _check_shapes(rollout: Rollout, trial: Trial, rows: int) -> None:
     for name, observed in trial.observed.items():
         require(name in rollout.channels, f"channel '{name}' is observed but missing from the rollout")
         expected = (rows, len(observed.time), len(observed.labels))
-        found = rollout.channels[name].shape
-        require(found == expected, f"channel '{name}' has shape {found}, expected {expected}")
+        shape = rollout.channels[name].shape
+        require(shape == expected, f"channel '{name}' has shape {shape}, expected {expected}")
         failed = sorted(rollout.failures)
         good = np.delete(rollout.channels[name], failed, axis=0)
         require(bool(np.isfinite(good).all()), f"channel '{name}' is not finite, yet no failure is reported")
@@ -64,6 +69,23 @@ def _check_shapes(rollout: Rollout, trial: Trial, rows: int) -> None:
 def _check_equal(a: Rollout, b: Rollout, rows: slice, what: str) -> None:
     for name, values in a.channels.items():
         require(np.array_equal(values[rows], b.channels[name], equal_nan=True), f"{what} (channel '{name}')")
+
+
+def _check_failures(simulator: Simulator, trial: Trial, values: np.ndarray) -> None:
+    """A row whose parameters are no numbers fails; what it showed before stays, its neighbours do not notice."""
+    if not values.shape[1]:
+        return
+    mixed = np.concatenate([values[:1], np.full((1, values.shape[1]), np.nan), values[1:2]])
+    (rollout,) = simulator.rollout([trial], mixed)
+    require(sorted(rollout.failures) == [1], f"row 1 has no number, but rows {sorted(rollout.failures)} failed")
+    require(bool(rollout.failures[1]), "a failure without a reason")
+    (alone,) = simulator.rollout([trial], values[:2])
+    for name, channel in rollout.channels.items():
+        require(
+            np.array_equal(channel[[0, 2]], alone.channels[name]), f"a failed row changed others (channel '{name}')"
+        )
+        gone = np.isnan(channel[1]).any(axis=1)
+        require(bool((np.diff(gone.astype(int)) >= 0).all()), f"channel '{name}' of a failed row comes back after NaN")
 
 
 def _shortened(recording: Recording) -> Recording:

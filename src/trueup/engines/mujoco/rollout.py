@@ -9,21 +9,17 @@ from functools import partial
 
 import mujoco
 import numpy as np
-from mujoco.batch import SimulationError
 from numpy.typing import NDArray
 
-from trueup.articulated.assignments import Assignment, laws, needs, write
-from trueup.articulated.kernels import read_off
-from trueup.articulated.pose import angles_of, near
-from trueup.articulated.signals import Signals
+from trueup.articulated.assignments import Assignment, needs
 from trueup.controllers.controller import ControllerFactory
-from trueup.engines.mujoco.attributes import MujocoCopies
 from trueup.engines.mujoco.batches import Batches
 from trueup.engines.mujoco.engine_log import unlogged
 from trueup.engines.mujoco.gains import Gains
 from trueup.engines.mujoco.model import Model, needs_shapes, prepared
-from trueup.engines.mujoco.stepping import Stepper, stepper, unclocked
-from trueup.engines.mujoco.wiring import Source, activations, actuators_of, source_of, start_state
+from trueup.engines.mujoco.run import Run
+from trueup.engines.mujoco.stepping import unclocked
+from trueup.engines.mujoco.wiring import actuators_of, source_of
 from trueup.engines.simulator import Rollout
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
@@ -31,9 +27,6 @@ from trueup.recording import Recording, is_command
 from trueup.trial import Trial, command_of
 
 Array = NDArray[np.float64]
-
-# Steps simulated between two readings: long enough to hide the call, short enough for memory.
-_CHUNK = 256
 
 
 class MujocoSimulator:
@@ -112,7 +105,7 @@ class MujocoSimulator:
         contacts = self._touching is not False or self._has_floor or (verifying and self._can_touch())
         order = sorted(range(len(trials)), key=lambda k: -trials[k].duration)
         with unclocked(), unlogged():
-            run = _Run(self, [trials[k] for k in order], values, controllers or self.controller, contacts)
+            run = Run(self, [trials[k] for k in order], values, controllers or self.controller, contacts)
             touched = run.simulate()
         if contacts:
             self._touching = touched
@@ -145,144 +138,3 @@ class MujocoSimulator:
     def _can_touch(self) -> bool:
         m = self.compiled
         return bool(m.npair or np.any((m.geom_contype != 0) | (m.geom_conaffinity != 0)))
-
-
-class _Run:
-    """One call of `rollout`: trials x candidates as rows of a batch, trial-major, the longest trial first."""
-
-    def __init__(
-        self, simulator: MujocoSimulator, trials: Sequence[Trial], values: Array,
-        controllers: ControllerFactory | None, contacts: bool,
-    ) -> None:  # fmt: skip
-        self.simulator, self.trials = simulator, trials
-        self.candidates = len(values)
-        self.contacts = contacts
-        self.compiled = simulator.compiled
-        self.signals = Signals(simulator.model, simulator.quantities, trials, values[:, : len(simulator.quantities)])
-        self.failures: list[dict[int, str]] = [{} for _ in trials]
-        self.out: list[dict[str, Array]] = []
-        self.sources: list[dict[str, Source]] = []
-        self._allocate()
-        read = any(s.field == "sensordata" for per in self.sources for s in per.values())
-        self.batch = simulator.batches.get(
-            len(trials) * self.candidates, contacts=contacts, sensors=controllers is not None or read
-        )
-        self.copies = MujocoCopies(self.compiled, self.batch)
-        self._write_model(values)
-        self.stepper = self._stepper(values, controllers)
-
-    def simulate(self) -> bool:
-        """Steps all rows to the end of their trials, reading off on the way. True if anything ever touched."""
-        total = [self._steps(k) for k in range(len(self.trials))]
-        fields = sorted({s.field for per in self.sources for s in per.values()})
-        record = (*fields, "ncon") if self.contacts else tuple(fields)
-        previous = {f: np.array(self.batch.bind(f))[:, None] for f in fields}
-        touched, at = False, 0
-        while at < max(total):
-            active = sum(1 for t in total if t > at) * self.candidates
-            count = min(_CHUNK, max(total) - at)
-            history = self._advance(at, count, active, record)
-            touched = touched or bool(self.contacts and np.any(history["ncon"]))
-            joined = {f: np.concatenate([previous[f][:active], history[f]], axis=1) for f in fields}
-            self._read(joined, at, count)
-            previous = {f: np.ascontiguousarray(joined[f][:, -1:]) for f in fields}
-            at += count
-        self._blank_failures()
-        return touched
-
-    def rollouts(self) -> list[Rollout]:
-        """What was read off, one Rollout a trial."""
-        return [
-            Rollout(trial, {name: self._seen(k, name) for name in self.out[k]}, self.failures[k])
-            for k, trial in enumerate(self.trials)
-        ]
-
-    def _seen(self, trial: int, name: str) -> Array:
-        """(b, T, k) a channel as it is measured: a quaternion as angles, in the turn in which they were measured."""
-        values, observed = self.out[trial][name], self.trials[trial].observed[name]
-        if not self.sources[trial][name].turned:
-            return values
-        measured = self.trials[trial].initial.get(name)
-        return near(angles_of(values), measured.at(observed.time)) if measured is not None else angles_of(values)
-
-    def _steps(self, trial: int) -> int:
-        return int(np.ceil(self.trials[trial].duration / self.simulator.step + 1e-9)) + 1
-
-    def _allocate(self) -> None:
-        for trial in self.trials:
-            sources, out = {}, {}
-            for name, o in trial.observed.items():
-                source = source_of(self.simulator.model, self.compiled, name, o.labels)
-                if source is None:
-                    raise ModelError(f"channel '{name}' of '{trial.name}' is no signal of '{self.simulator.name}'")
-                sources[name] = source
-                out[name] = np.full((self.candidates, len(o.time), len(source.columns)), np.nan)
-            self.sources.append(sources)
-            self.out.append(out)
-
-    def _write_model(self, values: Array) -> None:
-        own = values[:, : len(self.simulator.quantities)]
-        self.batch.reset(stage=int(mujoco.mjtStage.mjSTAGE_NONE))
-        if self.simulator.quantities:
-            write(self.simulator.quantities, np.tile(own, (len(self.trials), 1)), self.copies)
-            self.batch.set_const()
-        model = self.simulator.model
-        self.simulator.gains.scale(model, self.copies, [t.name for t in self.trials], self.candidates)
-        qpos, qvel, joints = self.batch.bind("qpos"), self.batch.bind("qvel"), list(model.drives())
-        for k, (q, v) in enumerate(self.signals.starts()):
-            rows = slice(k * self.candidates, (k + 1) * self.candidates)
-            qpos[rows], qvel[rows], places, speeds = start_state(self.compiled, self.trials[k], joints)
-            qpos[rows, places], qvel[rows, speeds] = q, v
-            if self.compiled.na:
-                first = self.signals.commands(k, 0, 1, self.simulator.step)[:, 0]
-                self.batch.bind("act")[rows] = activations(model, first, q)
-
-    def _stepper(self, values: Array, controllers: ControllerFactory | None) -> Stepper:
-        own = len(self.simulator.quantities)
-        tiled = np.tile(values, (len(self.trials), 1))
-        controller = controllers(tiled[:, own:]) if controllers is not None else None
-        acting = laws(self.simulator.quantities, tiled[:, :own], self.simulator.model, self.copies)
-        return stepper(self.batch, self.compiled, self.signals, acting, controller, self.simulator.step)
-
-    def _advance(self, at: int, count: int, active: int, record: tuple[str, ...]) -> dict[str, Array]:
-        clock = np.array(self.batch.bind("time")[:active])
-        try:
-            history = self.stepper.advance(at, count, active, record)
-        except SimulationError as error:
-            history = self.stepper.salvaged()
-            for row in np.atleast_1d(error.ids):
-                self._fail(int(row), self.batch.error(int(row)) or str(error))
-        moved = self.batch.bind("time")[:active] - clock
-        # A simulation that blows up stops (or is reset by the engine): its clock tells.
-        for row in np.flatnonzero(np.abs(moved - count * self.simulator.step) > 0.5 * self.simulator.step):
-            self._fail(int(row), f"the simulation became unstable after {at * self.simulator.step:.3g} s")
-        return history
-
-    def _fail(self, row: int, why: str) -> None:
-        self.failures[row // self.candidates].setdefault(row % self.candidates, why)
-
-    def _read(self, joined: dict[str, Array], at: int, count: int) -> None:
-        for k in range(len(self.trials)):
-            if self._steps(k) <= at:
-                continue
-            rows = slice(k * self.candidates, (k + 1) * self.candidates)
-            ends = at + count >= self._steps(k)
-            for name, source in self.sources[k].items():
-                # Derived fields describe the state before each step: their history begins one step earlier.
-                first = at - 1 if source.derived else at
-                instants = self.signals.instants(k, name, self.simulator.step)
-                history = np.ascontiguousarray(source.read(joined[source.field][rows]))
-                read_off(
-                    history, first, first + count, ends, instants, len(instants) == 1,
-                    self.signals.bias(k, name, len(source.columns)),
-                    self.out[k][name],
-                )  # fmt: skip
-
-    def _blank_failures(self) -> None:
-        for out, failed in zip(self.out, self.failures, strict=True):
-            for channel in out.values():
-                for row in failed:
-                    channel[row] = np.nan
-                bad = ~np.isfinite(channel).all(axis=(1, 2))
-                for row in np.flatnonzero(bad):
-                    failed.setdefault(int(row), "the simulation gave values that are not finite")

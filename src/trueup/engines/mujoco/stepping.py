@@ -1,24 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Two ways to step a batch: natively over many steps, or in lockstep where a controller or a live quantity must act."""
+"""Steps a batch: natively over many steps, or one by one where something acts in each; controllers at their own rate."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Protocol
+from typing import Any
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch
+from mujoco.batch import Batch, SimulationError
 from numba import cfunc
 from numpy.typing import NDArray
 
-from trueup.articulated.kernels import own_delayed_command
+from trueup.articulated.closed_loop import ClosedLoop
 from trueup.articulated.laws import Law
 from trueup.articulated.signals import Signals
-from trueup.controllers.controller import Controller, Observation
+from trueup.engines.mujoco.acts import Acts
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+BLOCK = 64
+"""Steps for which recorded commands are computed at once: whatever the rows are stepped beside, they round alike."""
+_CLOCK = int(mujoco.mjtState.mjSTATE_TIME)  # what the engine records as 'time'
 
 
 @cfunc("float64()", cache=True)
@@ -43,134 +48,118 @@ def unclocked() -> Iterator[None]:
         mujoco.set_mjcb_time(None)
 
 
-class Stepper(Protocol):
-    """Advances the first `active` rows of a batch and records fields after each step."""
+class Stepper:
+    """Steps some rows of a batch: natively from one instant at which somebody acts to the next, or one step at a time.
 
-    def advance(self, at: int, count: int, active: int, record: Sequence[str]) -> dict[str, Array]:
-        """Field to (active, count, ...). `at` is the number of steps done so far."""
-        ...
-
-    def salvaged(self) -> dict[str, Array]:
-        """What the last `advance` had recorded when it raised."""
-        ...
-
-
-def stepper(
-    batch: Batch, compiled: mujoco.MjModel, signals: Signals, laws: Sequence[Law], controller: Controller | None,
-    step: float,
-) -> Stepper:  # fmt: skip
-    """The faster of the two that will do. `laws` act before each step."""
-    candidates = len(signals.delay)
-    if controller is None and not laws:
-        return Native(batch, signals, candidates, step)
-    return Lockstep(batch, compiled, signals, laws, controller, step)
-
-
-class Native:
-    """Commands computed beforehand, stepped in native code."""
-
-    def __init__(self, batch: Batch, signals: Signals, candidates: int, step: float) -> None:
-        self._batch, self._signals, self._candidates, self._step = batch, signals, candidates, step
-        self._out: dict[str, Array] = {}
-
-    def advance(self, at: int, count: int, active: int, record: Sequence[str]) -> dict[str, Array]:
-        """See Stepper."""
-        trials = active // self._candidates
-        control = np.concatenate([self._signals.commands(k, at, count, self._step) for k in range(trials)])
-        self._out = {
-            f: np.empty((active, count, *self._batch.bind(f).shape[1:]), self._batch.bind(f).dtype) for f in record
-        }
-        self._batch.rollout(
-            count, control, control_spec=int(mujoco.mjtState.mjSTATE_CTRL), record=tuple(record), ids=np.arange(active),
-            out=dict(self._out),
-        )  # fmt: skip
-        return self._out
-
-    def salvaged(self) -> dict[str, Array]:
-        """See Stepper."""
-        return self._out
-
-
-class Lockstep:
-    """One step at a time: controllers at their own rate, dead bands, friction that depends on speed and load."""
+    Controllers act when their commands are due, pushes when they begin and end. `laws` (dead bands, friction that
+    depends on speed and load) act in every step.
+    """
 
     def __init__(
-        self, batch: Batch, compiled: mujoco.MjModel, signals: Signals, laws: Sequence[Law],
-        controller: Controller | None, step: float,
+        self, batch: Batch, signals: Signals, laws: Sequence[Law], loops: Mapping[int, ClosedLoop], acts: Acts,
+        step: float,
     ) -> None:  # fmt: skip
-        self._batch, self._compiled, self._signals, self._step = batch, compiled, signals, step
-        self._controller = controller
-        self._candidates = len(signals.delay)
-        self._qpos, self._qvel, self._ctrl = batch.bind("qpos"), batch.bind("qvel"), batch.bind("ctrl")
-        self._laws = laws
-        self._delay = np.ascontiguousarray(np.tile(signals.delay, (batch.nsim // self._candidates, 1)))
-        self._issued: list[float] = []
-        self._orders = np.zeros((0, batch.nsim, compiled.nu))
-        self._out: dict[str, Array] = {}
+        self._batch, self._signals, self._laws, self._step = batch, signals, laws, step
+        self._loops, self._acts = loops, acts
+        self._candidates, self._width = signals.delay.shape
+        self._ctrl = batch.bind("ctrl")
+        self.errors: dict[int, str] = {}
+        """Row to what the engine says of its failure."""
 
-    def advance(self, at: int, count: int, active: int, record: Sequence[str]) -> dict[str, Array]:
-        """See Stepper."""
-        ids = np.arange(active)
-        everyone = active == self._batch.nsim
+    def advance(self, at: int, count: int, rows: Rows, record: Sequence[str]) -> dict[str, Array]:
+        """Field to (len(rows), count, ...) after each of `count` steps; `at` is the number of steps done so far.
+
+        Of a row whose simulation broke off, 'time' stands still or is NaN from there on.
+        """
         bound = {f: self._batch.bind(f) for f in record}
-        self._out = {f: np.zeros((active, count, *b.shape[1:]), b.dtype) for f, b in bound.items()}
-        trials = active // self._candidates
-        control: Array | None = None
-        if self._controller is None:
-            control = np.concatenate([self._signals.commands(k, at, count, self._step) for k in range(trials)])
-        for s in range(count):
-            now = (at + s) * self._step
-            wanted = control[:, s] if control is not None else self._closed_loop(now, active)
-            self._act(wanted, active)
-            self._batch.step(None if everyone else ids)
+        shapes = {f: ((1,) if f == "time" else b.shape[1:], b.dtype) for f, b in bound.items()}
+        out = {f: _blank((len(rows), count, *shape), kind) for f, (shape, kind) in shapes.items()}
+        planned = {k: self._planned(k, at, count) for k in self._open(rows)}
+        done = 0
+        while done < count:
+            now = at + done
+            self._act_at(now, rows)
+            n = min(
+                count - done, self._acts.next_after(now) - now, *(max(w.due - now, 1) for w in self._loops.values())
+            )
+            given = {k: commands[:, done : done + n] for k, commands in planned.items()}
+            commands = self._commands(now, n, rows, given)
+            whole = n == count
+            part = out if whole else {f: _blank((len(rows), n, *shape), kind) for f, (shape, kind) in shapes.items()}
+            self._stretch(commands, n, rows, part)
+            if not whole:
+                for field, values in part.items():
+                    out[field][:, done : done + n] = values
+            self._acts.note(part, rows)
+            done += n
+        return out
+
+    def _act_at(self, now: int, rows: Rows) -> None:
+        self._acts.push(now)
+        for k, loop in self._loops.items():
+            own = self._own(k, rows)
+            if len(own) and loop.due <= now:
+                loop.ask(self._acts.seen(k, now * self._step, own))
+
+    def _own(self, k: int, rows: Rows) -> Rows:
+        """Those of `rows` that belong to one trial."""
+        first, last = np.searchsorted(rows, (k * self._candidates, (k + 1) * self._candidates))
+        return rows[first:last]
+
+    def _open(self, rows: Rows) -> list[int]:
+        """The trials of `rows` that play recorded commands."""
+        return [k for k in np.unique(rows // self._candidates).tolist() if k not in self._loops]
+
+    def _planned(self, k: int, at: int, count: int) -> Array:
+        """(b, count, nu) recorded commands of a trial, as they arrive."""
+        blocks = [self._signals.commands(k, at + s, min(BLOCK, count - s), self._step) for s in range(0, count, BLOCK)]
+        return self._acts.disturbed(k, at, blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=1))
+
+    def _commands(self, at: int, n: int, rows: Rows, planned: Mapping[int, Array]) -> Array:
+        """(r, n, nu) commands of the first r rows, among them all of `rows`."""
+        parts = []
+        for k in range(int(rows[-1]) // self._candidates + 1):
+            if k in planned:
+                parts.append(planned[k])
+            elif len(self._own(k, rows)):
+                parts.append(self._acts.disturbed(k, at, self._loops[k].commands(at, n)))
+            else:
+                parts.append(np.zeros((self._candidates, n, self._width)))
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def _stretch(self, commands: Array, n: int, rows: Rows, out: dict[str, Array]) -> None:
+        if not self._laws:
+            control = commands if len(rows) == len(commands) else commands[rows]
+            into = {_CLOCK if f == "time" else f: values for f, values in out.items()}
+            spec = int(mujoco.mjtState.mjSTATE_CTRL)
+            self._guarded(
+                lambda: self._batch.rollout(n, control, control_spec=spec, record=tuple(into), ids=rows, out=into)
+            )
+            return
+        ids = None if len(rows) == self._batch.nsim else rows
+        which = slice(0, len(rows)) if len(rows) == rows[-1] + 1 else rows
+        bound = {f: self._batch.bind(f) for f in out}
+        for s in range(n):
+            self._act(commands[:, s])
+            self._guarded(lambda: self._batch.step(ids))
             for field, array in bound.items():
-                self._out[field][:, s] = array[:active]
-        return self._out
+                out[field][:, s] = array[which].reshape(out[field][:, s].shape)
 
-    def salvaged(self) -> dict[str, Array]:
-        """See Stepper."""
-        return self._out
+    def _guarded(self, work: Callable[[], object]) -> None:
+        """Steps; what broke off is kept beside, and the others go on."""
+        try:
+            work()
+        except SimulationError as error:
+            for row in np.atleast_1d(error.ids):
+                self.errors.setdefault(int(row), self._batch.error(int(row)) or str(error))
 
-    def _act(self, wanted: Array, active: int) -> None:
+    def _act(self, wanted: Array) -> None:
         command = np.array(wanted)
         for law in self._laws:
             law.act(command)
-        self._ctrl[:active] = command
+        self._ctrl[: len(command)] = command
 
-    def _closed_loop(self, now: float, active: int) -> Array:
-        """Asks the controller when its next command is due; applies its orders after each actuator's delay."""
-        controller = self._controller
-        if controller is None:
-            raise RuntimeError("no controller in this run")
-        due = not self._issued or now >= self._issued[0] + len(self._issued) * controller.period - 1e-9
-        if due:
-            self._issue(controller, now)
-        out = np.empty((len(self._ctrl), self._compiled.nu))
-        count = len(self._issued)
-        own_delayed_command(np.array(self._issued), self._orders, count, self._delay, now, self._step, out)
-        return out[:active]
 
-    def _issue(self, controller: Controller, now: float) -> None:
-        # Sensors must describe the present state, not the one before the last step.
-        self._batch.forward(stage=int(mujoco.mjtStage.mjSTAGE_VEL))
-        sensors = self._sensors()
-        seen = Observation(now, self._qpos, self._qvel, sensors)
-        if not self._issued:
-            controller.reset(seen)
-        order = np.asarray(controller.command(seen), dtype=np.float64)
-        if order.shape != self._ctrl.shape:
-            raise ValueError(f"the controller returned commands of shape {order.shape}, expected {self._ctrl.shape}")
-        if len(self._issued) == len(self._orders):
-            grown = np.zeros((max(64, 2 * len(self._orders)), *order.shape))
-            grown[: len(self._orders)] = self._orders
-            self._orders = grown
-        self._orders[len(self._issued)] = order
-        self._issued.append(now)
-
-    def _sensors(self) -> dict[str, Array]:
-        model = self._compiled
-        if not model.nsensor:
-            return {}
-        data = self._batch.bind("sensordata")
-        names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_SENSOR, i) or str(i) for i in range(model.nsensor)]
-        return {n: data[:, a : a + d] for n, a, d in zip(names, model.sensor_adr, model.sensor_dim, strict=True)}
+def _blank(shape: tuple[int, ...], kind: np.dtype[Any]) -> Array:
+    """An array to record into, of numbers that no simulation gives."""
+    return np.full(shape, np.nan if kind.kind == "f" else 0, kind)

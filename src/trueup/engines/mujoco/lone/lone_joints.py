@@ -21,7 +21,7 @@ from trueup.engines.mujoco.lone.drives import Driven, alone
 from trueup.engines.mujoco.lone.loads import InverseDynamics
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.wiring import joint_id, source_of
-from trueup.engines.simulator import Rollout
+from trueup.engines.simulator import Rollout, refuse_unsupported
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace
 from trueup.recording import Channel, Recording
@@ -81,9 +81,12 @@ class LoneJoints:
     def rollout(
         self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None = None
     ) -> list[Rollout]:
-        """See Simulator. Raises ValueError with controllers: nothing here could be observed while it moves."""
+        """See Simulator. Raises ModelError with controllers: nothing here could be observed while it moves."""
         if controllers is not None:
-            raise ValueError("joints are replayed one by one from recorded commands, not with controllers")
+            raise ModelError(
+                f"simulator '{self.name}' replays joints one by one from recorded commands; it has no place for controllers"
+            )
+        refuse_unsupported(self.name, trials, "ends", "disturbances", "sensing")
         values = np.atleast_2d(np.asarray(values, dtype=np.float64))
         signals = Signals(self.whole.model, self.whole.quantities, trials, values)
         sets, which = self._dynamics.sets(values)
@@ -129,7 +132,8 @@ class LoneJoints:
         state = _STATES.index(source.field)
         states = history[:, :, state : state + 1] if shared else history[again][:, :, state : state + 1]
         seen = np.empty((len(states), out.shape[1], 1))
-        read_off(states, 0, history.shape[1] - 1, True, instants, shared, np.zeros((len(states), 1)), seen)
+        rows = np.arange(len(states))
+        read_off(states, rows, 0, history.shape[1] - 1, True, instants, shared, np.zeros((len(states), 1)), seen)
         out[:, :, column] = (seen[again] if shared else seen)[:, :, 0] + bias[:, column : column + 1]
 
 

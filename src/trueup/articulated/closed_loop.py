@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A trial's controller in a simulation: asked when a command is due, its commands held and delayed."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.articulated.kernels import own_delayed_commands
+from trueup.controllers.controller import Controller, Observation
+
+Array = NDArray[np.float64]
+
+
+class ClosedLoop:
+    """One trial's controller of b copies. `delay` (b, width) of each command and `step` in s."""
+
+    def __init__(self, controller: Controller, delay: Array, step: float) -> None:
+        self._controller, self._step = controller, step
+        self._delay = np.ascontiguousarray(delay)
+        # Commands older than the longest delay act no more; room for as many again, so that they are seldom moved.
+        self._acting = int(np.ceil(self._delay.max(initial=0.0) / controller.period)) + 2
+        self._times = np.zeros(2 * self._acting)
+        self._orders = np.zeros((2 * self._acting, *self._delay.shape))
+        self._kept = self._asked = 0
+
+    @property
+    def due(self) -> int:
+        """Number of the step before which the next command is asked for."""
+        return int(np.ceil((self._asked * self._controller.period - 1e-9) / self._step))
+
+    def ask(self, observation: Observation) -> None:
+        """Takes the controller's next command. Raises ValueError where it has another shape than (b, width)."""
+        if not self._asked:
+            self._controller.reset(observation)
+        order = np.asarray(self._controller.command(observation), dtype=np.float64)
+        if order.shape != self._delay.shape:
+            raise ValueError(f"the controller returned commands of shape {order.shape}, expected {self._delay.shape}")
+        if self._kept == len(self._times):
+            self._times[: self._acting] = self._times[-self._acting :]
+            self._orders[: self._acting] = self._orders[-self._acting :]
+            self._kept = self._acting
+        self._times[self._kept], self._orders[self._kept] = observation.time, order
+        self._kept += 1
+        self._asked += 1
+
+    def commands(self, at: int, count: int) -> Array:
+        """(b, count, width) of the steps at ... at + count, before which no other command is due."""
+        out = np.empty((len(self._delay), count, self._delay.shape[1]))
+        own_delayed_commands(self._times, self._orders, self._kept, self._delay, at, self._step, out)
+        return out

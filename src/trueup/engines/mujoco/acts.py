@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What happens to the rows of a run on the way, and what their controllers see of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from trueup.chance import CommandNoise, Push, Pushed
+from trueup.controllers.controller import Observation
+from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.sensing import Senses
+from trueup.errors import unknown_name
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+_NEVER = 1 << 62
+
+
+class Acts:
+    """Pushes, noise on commands, and observations of trials x candidates (rows, trial-major)."""
+
+    def __init__(
+        self,
+        batch: Batch,
+        model: Model,
+        compiled: mujoco.MjModel,
+        trials: Sequence[Trial],
+        candidates: int,
+        step: float,
+    ) -> None:
+        self._batch, self._compiled, self._trials = batch, compiled, trials
+        self._candidates, self._step = candidates, step
+        self._pushes = [
+            (k, Pushed.of(d, t.settled().streams(f"{t.name}/{i}", candidates)))
+            for k, t in enumerate(trials)
+            for i, d in enumerate(t.disturbances)
+            if isinstance(d, Push)
+        ]
+        self._bodies = [_body(compiled, push.body) for _, push in self._pushes]
+        edges = [np.ceil(t / step - 1e-9) for _, p in self._pushes for t in (p.start, p.stop)]
+        self._edges = np.unique(np.concatenate(edges)).astype(np.int64) if edges else np.zeros(0, dtype=np.int64)
+        self._noise = {k: noise for k, t in enumerate(trials) if (noise := _noises(model, t, candidates))}
+        self._senses = [Senses(model, compiled, t, candidates, step) for t in trials]
+        self._names = sensor_places(compiled)
+
+    @property
+    def watched(self) -> tuple[str, ...]:
+        """Fields of which controllers see the past."""
+        return tuple(sorted({field for senses in self._senses for field in senses.late}))
+
+    def begin(self) -> None:
+        """Takes the start states, once they are written."""
+        for k, senses in enumerate(self._senses):
+            senses.begin({field: self._batch.bind(field)[self._of(k)] for field in senses.late})
+
+    def next_after(self, at: int) -> int:
+        """The first step after `at` before which a push begins or ends."""
+        later = int(np.searchsorted(self._edges, at, side="right"))
+        return int(self._edges[later]) if later < len(self._edges) else _NEVER
+
+    def push(self, at: int) -> None:
+        """Sets the forces on bodies where one begins or ends before step `at`."""
+        if not len(self._edges) or at not in self._edges:
+            return
+        applied, now = self._batch.bind("xfrc_applied"), at * self._step
+        for (k, _), body in zip(self._pushes, self._bodies, strict=True):
+            applied[self._of(k), body] = 0.0
+        for (k, push), body in zip(self._pushes, self._bodies, strict=True):
+            on = (push.start <= now + 1e-9) & (now + 1e-9 < push.stop)
+            applied[self._of(k), body, :3] += on[:, None] * push.force
+
+    def disturbed(self, k: int, at: int, commands: Array) -> Array:
+        """Commands (b, n, nu) of one trial from step `at` on as they arrive."""
+        for noise in self._noise.get(k, ()):
+            noise.add(at * self._step + self._step * np.arange(commands.shape[1]), commands)
+        return commands
+
+    def seen(self, k: int, now: float, rows: Rows) -> Observation:
+        """What the controllers of one trial see, of which `rows` still run; the others as they ended."""
+        own, senses = self._of(k), self._senses[k]
+        position, velocity = (senses.of(f, lambda f=f: self._batch.bind(f)[own]) for f in ("qpos", "qvel"))
+
+        def sensors() -> Array:
+            # Sensors must describe the present state, not the one before the last step.
+            self._batch.forward(rows, stage=int(mujoco.mjtStage.mjSTAGE_VEL))
+            return self._batch.bind("sensordata")[own]
+
+        return Observation(
+            now, position, velocity, Sensors(self._names, lambda: senses.of("sensordata", sensors)), self._trials[k]
+        )
+
+    def note(self, history: Mapping[str, Array], rows: Rows) -> None:
+        """Takes what `rows` went through, where controllers see the past."""
+        for k, senses in enumerate(self._senses):
+            if senses.late:
+                first, last = np.searchsorted(rows, (k * self._candidates, (k + 1) * self._candidates))
+                mine = {field: history[field][first:last] for field in senses.late}
+                senses.note(mine, rows[first:last] - k * self._candidates)
+
+    def _of(self, k: int) -> slice:
+        return slice(k * self._candidates, (k + 1) * self._candidates)
+
+
+class Sensors(Mapping[str, Array]):
+    """Sensor name to (b, dim), computed when the first is looked at: few controllers look, and it costs half a step."""
+
+    def __init__(self, places: Mapping[str, slice], compute: Callable[[], Array]) -> None:
+        self._places, self._compute = places, compute
+        self._data: Array | None = None
+
+    def __getitem__(self, name: str) -> Array:
+        """Raises KeyError for a sensor that is not in the model."""
+        place = self._places[name]
+        if self._data is None:
+            self._data = self._compute()
+        return self._data[:, place]
+
+    def __iter__(self) -> Iterator[str]:
+        """The names, in the model's order."""
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self._places)
+
+
+def sensor_places(compiled: mujoco.MjModel) -> dict[str, slice]:
+    """Sensor name, or its number where it has none, to its columns."""
+    names = [mujoco.mj_id2name(compiled, mujoco.mjtObj.mjOBJ_SENSOR, i) or str(i) for i in range(compiled.nsensor)]
+    return {n: slice(a, a + d) for n, a, d in zip(names, compiled.sensor_adr, compiled.sensor_dim, strict=True)}
+
+
+class _Noise:
+    """Noise on the commands of one trial, held for a while."""
+
+    def __init__(self, noise: CommandNoise, columns: Rows, values: Array) -> None:
+        self._every, self._columns = noise.every, columns
+        self._values = noise.deviation * values  # (b, ticks, k)
+
+    def add(self, times: Array, commands: Array) -> None:
+        """Adds it to commands (b, n, nu) at `times` (n,)."""
+        ticks = np.minimum((times / self._every + 1e-9).astype(np.int64), self._values.shape[1] - 1)
+        commands[:, :, self._columns] += self._values[:, ticks]
+
+
+def _noises(model: Model, trial: Trial, candidates: int) -> list[_Noise]:
+    noises = []
+    for i, noise in enumerate(trial.disturbances):
+        if isinstance(noise, CommandNoise):
+            named = [_column(model, label) for label in noise.labels] or range(model.width)
+            columns = np.array(named, dtype=np.int64)
+            streams = trial.settled().streams(f"{trial.name}/{i}", candidates)
+            ticks = int(np.ceil(trial.duration / noise.every)) + 1
+            noises.append(_Noise(noise, columns, streams.normal(ticks, len(columns))))
+    return noises
+
+
+def _column(model: Model, label: str) -> int:
+    by_joint, columns = {j: a for j, a in model.drives().items() if a}, model.columns()
+    if label not in by_joint and label not in columns:
+        raise unknown_name("actuator", label, {*columns, *by_joint}, "the model (noise on commands)")
+    return columns[by_joint.get(label, label)]
+
+
+def _body(compiled: mujoco.MjModel, name: str) -> int:
+    body = int(mujoco.mj_name2id(compiled, mujoco.mjtObj.mjOBJ_BODY, name))
+    if body < 0:
+        names = (mujoco.mj_id2name(compiled, mujoco.mjtObj.mjOBJ_BODY, i) or "" for i in range(compiled.nbody))
+        raise unknown_name("body", name, [n for n in names if n], "the model (a push)")
+    return body

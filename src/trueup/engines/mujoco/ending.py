@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Looks at the conditions that end runs, along what rows have just gone through."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.articulated.pose import angles_of
+from trueup.controllers.controller import Observation
+from trueup.ends import LOOK, Ended, which_end
+from trueup.engines.mujoco.acts import sensor_places
+from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.wiring import Source, source_of
+from trueup.errors import ModelError
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+
+
+class Watch:
+    """The conditions of all trials of a run, tied to a model. Raises ModelError for a channel that it has not."""
+
+    def __init__(self, model: Model, compiled: mujoco.MjModel, trials: Sequence[Trial], step: float) -> None:
+        self._trials, self._step = trials, step
+        self._sources = [_sources(model, compiled, t) for t in trials]
+        self._sensors = sensor_places(compiled)
+        self.any = any(t.ends for t in trials)
+        state = {"qpos", "qvel", *(["sensordata"] if compiled.nsensor else [])} if self.any else set()
+        sources = (s for per in self._sources for each in per for s in each.values())
+        self.fields = tuple(sorted(state | {s.field for s in sources}))
+        """What must be recorded."""
+
+    def ends(self, k: int, joined: Mapping[str, Array], at: int, good: NDArray[np.int64]) -> list[tuple[int, Ended]]:
+        """Rows of one trial that end within a stretch, and how.
+
+        Field to (n, m, ...): the state after `at` steps and after each of the steps that follow; row i is what it seems for
+        `good[i]` of these.
+        """
+        trial, found = self._trials[k], []
+        count = next(iter(joined.values())).shape[1] - 1 if trial.ends else 0
+        left = np.ones(len(good), dtype=bool)
+        every = LOOK / self._step
+        for look in range(int(np.ceil(at / every - 1e-9)), int((at + count) / every) + 1):
+            step = int(np.ceil(look * every - 1e-9))
+            if not at <= step < at + count or step * self._step > trial.duration + 1e-9:
+                continue
+            rows = np.flatnonzero(left & (good >= step - at))
+            which = which_end(trial.ends, self._look(k, joined, rows, step - at, step * self._step), len(rows))
+            for row, end in zip(rows[which >= 0], which[which >= 0], strict=True):
+                found.append((int(row), Ended(trial.start + step * self._step, trial.ends[end].name)))
+                left[row] = False
+        return found
+
+    def _look(
+        self, k: int, joined: Mapping[str, Array], rows: NDArray[np.intp], i: int, now: float
+    ) -> list[Observation]:
+        """What each end of a trial sees of some rows, i steps into the stretch."""
+
+        def channel(source: Source) -> Array:
+            # Derived fields describe the state before each step: their history begins one step earlier.
+            column = i + source.derived
+            values = source.read(joined[source.field][rows, column : column + 1])[:, 0]
+            return angles_of(values) if source.turned else values
+
+        data = joined["sensordata"][rows, i + 1] if self._sensors else None
+        sensors = {} if data is None else {n: data[:, place] for n, place in self._sensors.items()}
+        position, velocity = joined["qpos"][rows, i], joined["qvel"][rows, i]
+        whole = Observation(now, position, velocity, sensors, self._trials[k])
+        return [replace(whole, channels={n: channel(s) for n, s in each.items()}) for each in self._sources[k]]
+
+
+def _sources(model: Model, compiled: mujoco.MjModel, trial: Trial) -> list[dict[str, Source]]:
+    """For each end of a trial the channels that it looks at."""
+    sources = []
+    for end in trial.ends:
+        sources.append({})
+        for channel, labels in end.looks_at.items():
+            source = source_of(model, compiled, channel, labels)
+            if source is None:
+                raise ModelError(
+                    f"end '{end.name}' of trial '{trial.name}' looks at '{channel}' ({', '.join(labels)}), which is no "
+                    f"signal of '{model.name}'"
+                )
+            sources[-1][channel] = source
+    return sources
