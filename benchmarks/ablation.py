@@ -27,9 +27,9 @@ from starts import bad_start
 from trueup.calibration import Calibration
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.discrepancies.rigid import RigidlyAligned
-from trueup.engines.bicycle import BETAS, BicycleSimulator, Vehicle, vehicle_space
-from trueup.engines.bicycle.windows import windows
 from trueup.engines.simulator import Simulator
+from trueup.engines.vehicle import BETAS, BicycleSimulator, Vehicle, vehicle_space
+from trueup.engines.vehicle.windows import windows
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.fit import STAGES
 from trueup.recording import Channel, Recording

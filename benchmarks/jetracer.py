@@ -3,7 +3,7 @@
 
 Needs the recordings (folder `jetracer` of TRUEUP_DATA, or of ../shared/data); without them it says so and ends. A prediction
 starts every 0.25 s while the car drives, from what was measured until then, and goes on with the recorded throttle and
-steering alone (see trueup.engines.car.prediction). Beside it two plain fits of four numbers (steering delay, gain, offset
+steering alone (see trueup.engines.vehicle.prediction). Beside it two plain fits of four numbers (steering delay, gain, offset
 and speed scale) in a kinematic bicycle that is told the measured wheel speed of the seconds that it predicts.
 """
 
@@ -26,9 +26,9 @@ from results import result
 from scipy.optimize import least_squares
 
 from trueup import formats
-from trueup.engines.car import CarSimulator
-from trueup.engines.car.past import Drive
-from trueup.engines.car.prediction import begun_at, prediction_errors
+from trueup.engines.vehicle import VehicleSimulator
+from trueup.engines.vehicle.past import Past
+from trueup.engines.vehicle.prediction import begun_at, prediction_errors
 from trueup.loop.prepare import prepare
 from trueup.recording import Recording
 from trueup.trial import Trial
@@ -58,7 +58,7 @@ def calibrated_errors(car: Path, drives: list[Recording], left_out: int) -> tupl
     began = time.process_time()
     ready = prepare(car, training)
     simulator, found = ready.simulator, ready.calibrate()
-    assert isinstance(simulator, CarSimulator)
+    assert isinstance(simulator, VehicleSimulator)
     spent = time.process_time() - began
     return prediction_errors(simulator, found.values, simulator.prepared(drives[left_out]), HORIZONS), spent
 
@@ -66,10 +66,10 @@ def calibrated_errors(car: Path, drives: list[Recording], left_out: int) -> tupl
 class Plain:
     """Kinematic bicycle on one drive: yaw rate = v tan(gain z(t - delay) + offset) / wheelbase, v = scale * wheel speed."""
 
-    def __init__(self, simulator: CarSimulator, recording: Recording) -> None:
+    def __init__(self, simulator: VehicleSimulator, recording: Recording) -> None:
         clean = simulator.prepared(recording)
         trial = Trial.of(clean, simulator.observable(clean))
-        drive = Drive.of(trial, 0.01)
+        drive = Past.of(trial, 0.01, ("throttle", "steering"))
         self.starts = begun_at(drive, max(HORIZONS), 0.25)
         self._seen, self._steering = drive.seen, drive.commands[:, 1]
         grid = drive.begin + 0.01 * np.arange(len(drive.seen), dtype=np.float64)
@@ -131,7 +131,7 @@ def main() -> None:
         car = Path(folder) / "car.toml"
         car.write_text(CAR, encoding="utf-8")
         simulator = prepare(car, given).simulator
-        assert isinstance(simulator, CarSimulator)
+        assert isinstance(simulator, VehicleSimulator)
         plains = [Plain(simulator, d) for d in given]
         for k in range(1 if options.quick else len(given)):
             errors, spent = calibrated_errors(car, given, k)

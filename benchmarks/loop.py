@@ -32,7 +32,7 @@ from results import result
 from scipy.stats import t
 from vehicle import loop_seconds
 
-from trueup.engines.bicycle import BETAS, BicycleSimulator
+from trueup.engines.vehicle import BETAS, BicycleSimulator
 from trueup.loop.optimize import optimize
 from trueup.loop.transfer import try_on_robot
 from trueup.robots.stand_in_vehicle import StandInVehicle

@@ -16,7 +16,7 @@ from results import result
 
 from trueup.controllers.controller import Observation
 from trueup.controllers.stanley import GAINS
-from trueup.engines.bicycle import BETAS
+from trueup.engines.vehicle import BETAS
 from trueup.studies.stanley import chasi
 from trueup.trial import Trial
 

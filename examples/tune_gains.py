@@ -13,7 +13,7 @@ import numpy as np
 
 from trueup import Belief, TrustRegion, optimize, shortlist, transfer
 from trueup.controllers.stanley import StanleySettings
-from trueup.engines.bicycle import BicycleSimulator, Vehicle, vehicle_space
+from trueup.engines.vehicle import BicycleSimulator, Vehicle, vehicle_space
 from trueup.loop.transfer import try_on_robot
 from trueup.paths.courses import slalom
 from trueup.robots.stand_in_vehicle import StandInVehicle

@@ -76,8 +76,18 @@ RULES = (
     # what bodies, joints and drives have in common whatever simulates them
     Rule("articulated", ("engines.simulator", "controllers.controller", *NOUNS)),
     Rule("engines", ("engines.simulator", "engines.family", "articulated", "controllers.controller", *NOUNS)),
-    # the bicycle runs the compiled Stanley law inside its own loop
-    Rule("engines.bicycle", ("engines.simulator", "controllers.controller", "controllers.stanley", *NOUNS)),
+    # the vehicle runs the compiled Stanley law inside its own loop, and says what counts as an error of a prediction
+    Rule(
+        "engines.vehicle",
+        (
+            "engines.simulator",
+            "engines.family",
+            "controllers.controller",
+            "controllers.stanley",
+            "discrepancies.discrepancy",
+            *NOUNS,
+        ),
+    ),
     Rule("discrepancies", ("discrepancies.discrepancy", "engines.simulator", *NOUNS)),  # they compare with a rollout
     Rule(
         "discrepancies.weighted",

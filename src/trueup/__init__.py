@@ -14,11 +14,11 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.articulated.declarations import Declaration as Declaration
     from trueup.articulated.declarations import declare as declare
     from trueup.calibration import Calibration as Calibration
-    from trueup.engines.bicycle import BicycleSimulator as BicycleSimulator
-    from trueup.engines.bicycle import Vehicle as Vehicle
     from trueup.engines.mujoco.rollout import MujocoSimulator as MujocoSimulator
     from trueup.engines.mujoco.setup.proposal import propose as propose
     from trueup.engines.mujoco.writing.write import write_model as write_model
+    from trueup.engines.vehicle import BicycleSimulator as BicycleSimulator
+    from trueup.engines.vehicle import Vehicle as Vehicle
     from trueup.errors import TrueupError as TrueupError
     from trueup.formats import ChannelMap as ChannelMap
     from trueup.formats import read as read
@@ -50,7 +50,7 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
 __version__ = "0.1.0"
 
 _HOME = {
-    "BicycleSimulator": "trueup.engines.bicycle",
+    "BicycleSimulator": "trueup.engines.vehicle",
     "Belief": "trueup.loop.belief",
     "ByHand": "trueup.robots.by_hand",
     "Calibration": "trueup.calibration",
@@ -68,7 +68,7 @@ _HOME = {
     "Trial": "trueup.trial",
     "TrueupError": "trueup.errors",
     "TrustRegion": "trueup.loop.optimize",
-    "Vehicle": "trueup.engines.bicycle",
+    "Vehicle": "trueup.engines.vehicle",
     "calibrate": "trueup.loop.calibrate",
     "declare": "trueup.articulated.declarations",
     "identify": "trueup.identification.estimation.identify",

@@ -12,14 +12,17 @@ import numpy as np
 import pytest
 
 from trueup.cli import main
-from trueup.engines.car import Car, CarSimulator
-from trueup.engines.car.car_file import write_car
-from trueup.engines.car.family import said_once
+from trueup.engines.vehicle import Vehicle, VehicleSimulator
+from trueup.engines.vehicle.family import said_once
+from trueup.engines.vehicle.vehicle_file import write_vehicle
 from trueup.recording import Channel
 from trueup.trial import Observed, Trial
 
-TRUTH = Car(
-    "truth", 0.3, {"steering_left": 0.4, "steering_right": 0.4, "drive": 8.0, "friction": 0.5, "speed_loss": 1.0}
+TRUTH = Vehicle(
+    "truth",
+    0.3,
+    drive="throttle",
+    values={"steering_left": 0.4, "steering_right": 0.4, "drive": 8.0, "friction": 0.5, "speed_loss": 1.0},
 )
 
 
@@ -27,8 +30,10 @@ TRUTH = Car(
 def drives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Two drives of a known car as CSV files; the files of that car, of a wrong one, and of one of which nothing is known."""
     monkeypatch.chdir(tmp_path)
-    write_car(TRUTH, Path("truth.toml"))
-    write_car(replace(TRUTH, values={**TRUTH.values, "steering_left": 0.5, "steering_right": 0.5}), Path("wrong.toml"))
+    write_vehicle(TRUTH, Path("truth.toml"))
+    write_vehicle(
+        replace(TRUTH, values={**TRUTH.values, "steering_left": 0.5, "steering_right": 0.5}), Path("wrong.toml")
+    )
     Path("bare.toml").write_text("[vehicle]\nwheelbase = 0.3\n")
     for k in range(2):
         time = np.arange(0.0, 24.0, 0.02)
@@ -40,7 +45,7 @@ def drives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             "heading": Channel("heading", ("heading",), "rad", still, np.zeros(len(still))),
         }
         seen = {"position": Observed(("x", "y"), "m", time[50:]), "heading": Observed(("heading",), "rad", time[50:])}
-        (run,) = CarSimulator(TRUTH, horizon=1e3).rollout(
+        (run,) = VehicleSimulator(TRUTH, horizon=1e3).rollout(
             [Trial("t", 1.0, 23.0, command, seen, start)], np.zeros((1, 0))
         )
         x, y = run.channels["position"][0].T

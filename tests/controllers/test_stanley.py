@@ -8,7 +8,7 @@ import pytest
 
 from trueup.controllers.controller import Observation
 from trueup.controllers.stanley import Stanley, StanleySettings
-from trueup.engines.bicycle import BicycleSimulator, Vehicle
+from trueup.engines.vehicle import BicycleSimulator, Vehicle
 from trueup.errors import ParameterError, RecordingError
 from trueup.paths import Path
 from trueup.recording import Channel

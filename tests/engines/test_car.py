@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from trueup import formats
 from trueup.cli import main
-from trueup.engines.car import QUANTITIES, Car, CarSimulator, car_space
-from trueup.engines.car.car_file import read_car, write_car
-from trueup.engines.car.kernels import ANGLE, FORWARD, STATE, WHEEL, motor_push, steered, step_car
-from trueup.engines.car.look import first_look, unseen
-from trueup.engines.car.prediction import prediction_errors
-from trueup.engines.car.tracking import cleaned
+from trueup.engines.vehicle import Vehicle, VehicleSimulator
+from trueup.engines.vehicle.kernels import ANGLE, SPEED, STATE, WHEEL, motor_push, on_tyres, steered
+from trueup.engines.vehicle.look import first_look, unseen
+from trueup.engines.vehicle.prediction import prediction_errors
+from trueup.engines.vehicle.tracking import cleaned
+from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import CalibrationError, ModelError, RecordingError, UnknownNameError
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
@@ -28,18 +28,18 @@ from trueup.trial import Observed, Trial
 Array = NDArray[np.float64]
 
 HIDDEN = {
-    "steering_delay": 0.04, "steering_lag": 0.06, "steering_play": 0.03, "steering_left": 0.45, "steering_right": 0.52,
+    "steering_delay": 0.04, "steering_lag": 0.06, "steering_slack": 0.06, "steering_left": 0.45, "steering_right": 0.52,
     "steering_bend": 0.1, "steering_offset": 0.03, "relaxation": 0.08, "understeer": 0.004, "grip": 150.0,
     "friction_limit": 7.0,
     "throttle_delay": 0.05, "throttle_lag": 0.1, "throttle_dead": 0.06, "drive": 14.0, "drive_fade": 0.08,
     "friction": 1.0, "speed_loss": 0.9, "curve_loss": 0.15, "pose_ahead": 0.05, "pose_turn": 0.02,
 }  # fmt: skip
-TRUTH = Car("hidden", 0.2, HIDDEN)
-GUESS = Car("guessed", 0.2)
+TRUTH = Vehicle("hidden", 0.2, drive="throttle", values=HIDDEN)
+GUESS = Vehicle("guessed", 0.2, drive="throttle")
 
 
 def driven(
-    seed: int, seconds: float = 50.0, *, noise: float = 5e-4, slower: float = 1.0, truth: Car = TRUTH
+    seed: int, seconds: float = 50.0, *, noise: float = 5e-4, slower: float = 1.0, truth: Vehicle = TRUTH
 ) -> Recording:
     """A drive of the hidden car from rest, commanded at 10 Hz, tracked at 100 Hz: one clock, no outliers."""
     rng = np.random.default_rng(seed)
@@ -60,7 +60,7 @@ def driven(
         "speed": Observed(("speed",), "m/s", time[::10]),
     }
     trial = Trial("truth", 1.0, seconds - 1.0, command, observed, start)
-    (rollout,) = CarSimulator(truth, horizon=1e3).rollout([trial], np.zeros((1, 0)))
+    (rollout,) = VehicleSimulator(truth, horizon=1e3).rollout([trial], np.zeros((1, 0)))
     run = rollout.recording().replace(name=f"drive_{seed}")
     noisy = {n: c.replace(values=c.values + rng.normal(0.0, noise, c.values.shape)) for n, c in run.channels.items()}
     return run.replace(channels={**noisy, "command": run.channel("command")})
@@ -109,13 +109,13 @@ def test_hidden_parameters_come_back_from_logs_with_two_clocks_and_outliers(logs
     recordings = [formats.read([log])[0] for log in logs]
     ready = prepare(logs[0].with_name("car.toml"), recordings[:1], recordings[1:])
     simulator, found = ready.simulator, ready.calibrate()
-    assert isinstance(simulator, CarSimulator)
+    assert isinstance(simulator, VehicleSimulator)
     values = {e.name: e.value for e in found.estimates}
     for name, within in (("steering_left", 0.1), ("steering_right", 0.1), ("friction_limit", 0.1), ("curve_loss", 0.2)):
         assert values[name] == pytest.approx(HIDDEN[name], rel=within), name
     for throttle, speed in ((0.25, 0.8), (0.25, 1.4), (0.35, 0.8), (0.35, 2.0)):
         assert pull(values, throttle, speed) == pytest.approx(pull(HIDDEN, throttle, speed), rel=0.15, abs=0.2)
-    assert values["steering_play"] == pytest.approx(0.03, abs=0.01)
+    assert values["steering_slack"] == pytest.approx(0.06, abs=0.02)
     assert values["steering_offset"] == pytest.approx(0.03, abs=0.01)
     # The log's first row comes up to 10 ms after the sample: the clocks are known no better.
     late = values["steering_delay"] + values["steering_lag"]
@@ -139,11 +139,11 @@ def test_what_the_tracker_mistook_for_the_car_is_left_out(logs: list[Path]) -> N
 
 def test_a_drive_that_is_too_short_to_be_predicted_has_no_errors(drive: Recording) -> None:
     brief = cleaned(drive.slice(drive.start, drive.start + 4.0))
-    assert prediction_errors(CarSimulator(TRUTH), np.zeros(0), brief).shape == (0, 2)
+    assert prediction_errors(VehicleSimulator(TRUTH), np.zeros(0), brief).shape == (0, 2)
 
 
 def test_a_prediction_never_uses_what_was_measured_after_it_began(drive: Recording) -> None:
-    simulator = CarSimulator(TRUTH)
+    simulator = VehicleSimulator(TRUTH)
     trial = Trial.of(drive, ["position", "heading"])
     cut = 10.0
     later = {
@@ -152,7 +152,7 @@ def test_a_prediction_never_uses_what_was_measured_after_it_began(drive: Recordi
     changed = replace(trial, initial=later)
     one, other = (simulator.rollout([t], np.zeros((1, 0)))[0].channels["position"][0] for t in (trial, changed))
     time = trial.observed["position"].time
-    starts = trial.start + 3.0 * np.arange(20)
+    starts = trial.start + simulator.horizon * np.arange(40)
     ends = starts[np.searchsorted(starts, cut)]  # the stretch that the cut lies in began before it
     assert np.array_equal(one[time < ends - 0.02], other[time < ends - 0.02])
     assert not np.allclose(one[time > ends + 0.5], other[time > ends + 0.5])
@@ -160,16 +160,16 @@ def test_a_prediction_never_uses_what_was_measured_after_it_began(drive: Recordi
 
 def test_stretches_are_the_same_at_every_step(drive: Recording) -> None:
     trial = Trial.of(drive, ["position", "heading"])
-    runs = [CarSimulator(TRUTH, step=step).rollout([trial], np.zeros((1, 0)))[0] for step in (0.005, 0.01)]
+    runs = [VehicleSimulator(TRUTH, step=step).rollout([trial], np.zeros((1, 0)))[0] for step in (0.005, 0.01)]
     fine, coarse = (run.channels["position"] for run in runs)
     assert np.abs(fine - coarse).mean() < 0.005
     assert np.abs(fine - coarse).max() < 0.1
 
 
 def test_the_truth_predicts_its_own_drives(drive: Recording) -> None:
-    errors = prediction_errors(CarSimulator(TRUTH), np.zeros(0), drive)
+    errors = prediction_errors(VehicleSimulator(TRUTH), np.zeros(0), drive)
     assert (errors.mean(axis=0) < [0.03, 0.06]).all()
-    wrong = CarSimulator(replace(TRUTH, values={**HIDDEN, "steering_left": 0.35, "drive": 10.0}))
+    wrong = VehicleSimulator(replace(TRUTH, values={**HIDDEN, "steering_left": 0.35, "drive": 10.0}))
     assert (prediction_errors(wrong, np.zeros(0), drive).mean(axis=0) > 2.0 * errors.mean(axis=0)).all()
 
 
@@ -201,7 +201,7 @@ def test_a_motor_that_coasts_brakes_less_than_it_pulls_at_speed() -> None:
 
 def test_what_a_wheel_showed_just_before_is_expected_to_last_a_while(drive: Recording) -> None:
     """A steering that is off by a constant, which no parameter tells, costs less than it would by itself."""
-    off = CarSimulator(replace(TRUTH, values={**HIDDEN, "steering_offset": HIDDEN["steering_offset"] + 0.08}))
+    off = VehicleSimulator(replace(TRUTH, values={**HIDDEN, "steering_offset": HIDDEN["steering_offset"] + 0.08}))
     errors = prediction_errors(off, np.zeros(0), drive, (1.0,)).mean()
     moved = 0.5 * 0.45 * 0.08 / 0.2 * float(np.median(drive.channel("speed").values)) ** 2  # m after 1 s, by geometry
     assert errors < 0.8 * moved
@@ -212,7 +212,9 @@ def test_a_push_that_lasts_is_told_as_large_as_it_is_beneath_the_motors_own_volt
     values = {**HIDDEN, "drive_fade": 0.2, "push_lasts": 1.0}
     drives = driven(5, truth=replace(TRUTH, values=values))
     own, off, unaware = (
-        prediction_errors(CarSimulator(replace(TRUTH, values={**values, **more})), np.zeros(0), drives).mean(axis=0)[1]
+        prediction_errors(VehicleSimulator(replace(TRUTH, values={**values, **more})), np.zeros(0), drives).mean(
+            axis=0
+        )[1]
         for more in ({}, {"friction": 1.7}, {"friction": 1.7, "push_lasts": 0.0})
     )
     assert off - own < 0.2 * (unaware - own)
@@ -225,8 +227,8 @@ def test_a_new_wheel_angle_takes_effect_after_a_way_not_after_a_time() -> None:
     for speed in (0.3, 0.6):
         state = np.zeros(STATE)
         for _ in range(round(0.1 / speed / 1e-3)):
-            state[[WHEEL, FORWARD]] = 0.3, speed
-            step_car(row, 1e-3, state)
+            state[[WHEEL, SPEED]] = 0.3, speed
+            on_tyres(row, 1e-3, state)
         shares.append(state[ANGLE] / steered(row, 0.3))
     assert shares[0] == pytest.approx(1.0 - np.exp(-1.0), abs=0.01)
     assert shares[1] == pytest.approx(shares[0], abs=0.01)
@@ -261,16 +263,23 @@ def test_commands_in_percent_or_under_other_names_are_explained(drive: Recording
 
 def test_a_drive_of_pose_and_commands_alone_will_do(drive: Recording) -> None:
     bare = drive.without("speed")
-    simulator = CarSimulator(
-        GUESS, car_space(GUESS, first_look(GUESS, [cleaned(bare)]), ["steering_left", "steering_right"])
+    simulator = VehicleSimulator(
+        GUESS, GUESS.space(["steering_left", "steering_right"], first_look(GUESS, [cleaned(bare)]))
     )
     assert len(prediction_errors(simulator, simulator.parameters.nominal, simulator.prepared(bare))) > 50
 
 
 def test_a_car_file_keeps_every_value(tmp_path: Path) -> None:
-    write_car(TRUTH, tmp_path / "car.toml")
-    assert read_car(tmp_path / "car.toml") == TRUTH
-    assert len(car_space(TRUTH)) == len(QUANTITIES)
+    write_vehicle(TRUTH, tmp_path / "car.toml")
+    assert read_vehicle(tmp_path / "car.toml") == TRUTH
+    assert len(TRUTH.space()) == len(TRUTH.quantities)
+
+
+def test_a_file_with_the_names_of_earlier_versions_is_read(tmp_path: Path) -> None:
+    values = "[vehicle.values]\nsteering_play = 0.01\nsteering_rate = 3.0\ngrip = 180.0\n"
+    (tmp_path / "car.toml").write_text("[vehicle]\nwheelbase = 0.2\n" + values)
+    found = read_vehicle(tmp_path / "car.toml").values
+    assert found == {"steering_slack": 0.02, "steering_rate_limit": 3.0, "grip": 180.0}, "play was half of the slack"
 
 
 @pytest.mark.parametrize(
@@ -280,7 +289,7 @@ def test_a_car_file_keeps_every_value(tmp_path: Path) -> None:
         ("[vehicle]\nname = 'a'", "wheelbase is missing; give it in m"),
         ("[vehicle]\nwheelbase = 0.2\ncolour = 1", "unknown key 'colour'"),
         ("[vehicle]\nwheelbase = 'long'", "wheelbase is 'long'; it must be a number"),
-        ("[vehicle]\nwheelbase = 0.2\n[vehicle.values]\ndrag = 1.0", "quantity 'drag' is not in car"),
+        ("[vehicle]\nwheelbase = 0.2\n[vehicle.values]\ndrag = 1.0", "quantity 'drag' is not in vehicle 'car'"),
         ("[vehicle]\nwheelbase = 0.2\ndrive = 'speed'", "drive is 'speed'"),
         ("[vehicle", "not valid TOML"),
     ],
@@ -288,7 +297,7 @@ def test_a_car_file_keeps_every_value(tmp_path: Path) -> None:
 def test_a_wrong_car_file_is_named(tmp_path: Path, text: str, said: str) -> None:
     (tmp_path / "car.toml").write_text(text)
     with pytest.raises((ModelError, UnknownNameError), match=said):
-        read_car(tmp_path / "car.toml")
+        read_vehicle(tmp_path / "car.toml")
 
 
 def test_a_car_is_calibrated_from_the_shell(
@@ -300,7 +309,7 @@ def test_a_car_is_calibrated_from_the_shell(
     said = capsys.readouterr()
     assert code == 0, said.err
     assert "position, held out" in said.out
-    fitted = read_car("fit/car.toml")
+    fitted = read_vehicle("fit/car.toml")
     assert fitted.values["steering_right"] == pytest.approx(0.52, rel=0.1)
     assert Path("fit/report.html").is_file()
 
@@ -312,7 +321,7 @@ def test_a_real_car_is_predicted_on_a_drive_that_was_not_fitted(real_data: Path,
     recordings = [formats.read([file])[0] for file in files]
     ready = prepare(tmp_path / "car.toml", recordings[1:])
     simulator, found = ready.simulator, ready.calibrate()
-    assert isinstance(simulator, CarSimulator)
+    assert isinstance(simulator, VehicleSimulator)
     errors = prediction_errors(simulator, found.values, simulator.prepared(recordings[0]))
     assert (errors.mean(axis=0) < [0.08, 0.25]).all()
 
@@ -321,7 +330,7 @@ def test_a_noisy_tracker_tells_the_speed_better_by_the_last_seconds_than_by_the_
     drive = driven(6, noise=0.01)
     at_once, kept = (
         prediction_errors(
-            CarSimulator(replace(TRUTH, values={**HIDDEN, "speed_kept": share})), np.zeros(0), drive
+            VehicleSimulator(replace(TRUTH, values={**HIDDEN, "speed_kept": share})), np.zeros(0), drive
         ).mean(axis=0)
         for share in (0.0, 1.0)
     )

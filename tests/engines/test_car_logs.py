@@ -9,17 +9,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.engines.car import Car, car_space
-from trueup.engines.car.car_file import read_car, write_car
-from trueup.engines.car.commands import with_commands
-from trueup.engines.car.driving import driven_by
-from trueup.engines.car.judging import Ahead
-from trueup.engines.car.past import Drive
-from trueup.engines.car.prediction import foretold, lasting, prediction_errors
-from trueup.engines.car.rollout import CarSimulator
-from trueup.engines.car.servo import servo_look
-from trueup.engines.car.tracking import cleaned
-from trueup.loop.prepare import prepare
+from trueup.engines.vehicle import Vehicle, VehicleSimulator
+from trueup.engines.vehicle.commands import with_commands
+from trueup.engines.vehicle.driving import driven_by
+from trueup.engines.vehicle.family import Vehicles
+from trueup.engines.vehicle.judging import Ahead
+from trueup.engines.vehicle.past import Past
+from trueup.engines.vehicle.prediction import prediction_errors
+from trueup.engines.vehicle.tracking import cleaned
+from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
+from trueup.loop.prepare import Preparation, prepare
 from trueup.loop.transfer import try_on_robot
 from trueup.recording import Channel, Recording
 from trueup.studies.stanley import chasi
@@ -117,7 +116,7 @@ def test_what_a_slow_receiver_saw_is_no_older_than_it_need_be() -> None:
         angle = plain.channel("heading").values
         rng = np.random.default_rng(0)
         given = cleaned(with_values(plain, "heading", angle + rng.normal(0.0, noise, angle.shape)))
-        drive = Drive.of(Trial.of(given, ["position", "heading"]), 0.01)
+        drive = Past.of(Trial.of(given, ["position", "heading"]), 0.01, ("throttle", "steering"))
         grid = drive.begin + 0.01 * np.arange(len(drive.seen))
         truth = np.interp(grid, plain.channel("heading").time, np.gradient(angle[:, 0], 0.2))
         known = drive.known & (grid > 5.0)
@@ -149,25 +148,25 @@ def test_commands_in_degrees_pulses_or_to_the_right_count_as_shares() -> None:
     }
     for name, (middle, full, values) in written.items():
         given = with_values(plain, "command", np.stack(values, axis=1))
-        car, notes = with_commands(Car("car", 0.2), [given])
+        car, notes = with_commands(Vehicle("car", 0.2, drive="throttle"), [given])
         assert list(car.middle) == middle, name
         assert car.full is not None
         assert list(car.full) == full, name
         assert notes
-        shares = CarSimulator(car).prepared(given).channel("command").values
+        shares = VehicleSimulator(car).prepared(given).channel("command").values
         assert np.corrcoef(shares[:, 1], steering)[0, 1] > 0.999
         assert np.abs(shares).max() <= 1.0
-    assert with_commands(Car("car", 0.2), [plain]) == (Car("car", 0.2), ())
+    assert with_commands(Vehicle("car", 0.2, drive="throttle"), [plain]) == (Vehicle("car", 0.2, drive="throttle"), ())
 
 
 def test_a_car_file_says_what_its_commands_mean(tmp_path: Path) -> None:
-    car = Car("car", 0.2, middle=(1500.0, 1500.0), full=(500.0, -500.0))
-    write_car(car, tmp_path / "car.toml")
-    assert read_car(tmp_path / "car.toml") == car
+    car = Vehicle("car", 0.2, drive="throttle", middle=(1500.0, 1500.0), full=(500.0, -500.0))
+    write_vehicle(car, tmp_path / "car.toml")
+    assert read_vehicle(tmp_path / "car.toml") == car
 
 
 def test_a_fast_cars_metres_count_less_than_a_slow_ones(full_size: Recording) -> None:
-    simulator = CarSimulator(Car("car", 2.7))
+    simulator = VehicleSimulator(Vehicle("car", 2.7, drive="throttle"))
     slow = winding(1.2, 0.2, 0.3, 50.0, 0.001)
     unit = [float(Ahead(simulator, [cleaned(r)]).scale("position", ("x",))[0]) for r in (slow, full_size)]
     assert unit == pytest.approx([0.02, 0.02 * 20.0 / 1.5], rel=0.05)
@@ -217,10 +216,11 @@ def test_pedals_topics_of_their_own_and_turn_rates_drive_a_car_too() -> None:
     assert driven_by(plain.with_channel(wheels), 0.2).column("steering") == pytest.approx(steering)
 
 
-def test_a_first_look_tells_a_slow_servo_from_a_late_one() -> None:
+def test_a_slow_servo_is_told_from_a_late_one(tmp_path: Path) -> None:
     """A wheel that turns no faster than it can is not the same as one that turns late: only the former has a limit."""
     plain = winding(1.2, 0.2, 0.3, 50.0, 0.0005)
     time = plain.channel("command").time
+    (tmp_path / "car.toml").write_text("[vehicle]\nwheelbase = 0.2\n")
     asked = 0.6 * np.sign(np.sin(0.9 * time)) * np.abs(np.sin(0.23 * time))
     for rate, late in ((0.5, 0.0), (np.inf, 0.3)):
         wheel, reached = np.zeros(len(time)), 0.0
@@ -231,22 +231,22 @@ def test_a_first_look_tells_a_slow_servo_from_a_late_one() -> None:
         way = np.cumsum(1.2 * 0.02 * np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)
         given = with_values(plain, "command", np.stack([0 * time + 0.3, asked], axis=1))
         given = with_values(with_values(given, "position", way), "heading", heading[:, None])
-        found = servo_look([cleaned(given)])
+        found = {e.name: e for e in prepare(tmp_path / "car.toml", [given]).calibrate().estimates}
         if np.isfinite(rate):
-            assert found["steering_rate"] == pytest.approx(rate, rel=0.4)
+            assert found["steering_rate_limit"].value == pytest.approx(rate, rel=0.4)
         else:
-            assert "steering_rate" not in found
-            assert found["steering_delay"] + found["steering_lag"] == pytest.approx(late, abs=0.06)
+            assert found["steering_rate_limit"].value > 2.0
+            assert found["steering_delay"].value + found["steering_lag"].value == pytest.approx(late, abs=0.06)
 
 
 def test_a_servo_that_counts_from_its_end_has_its_middle_where_the_car_drives_straight_on() -> None:
     plain = winding(1.2, 0.2, 0.3, 50.0, 0.001)
     throttle, steering = plain.channel("command").values.T
     given = with_values(plain, "command", np.stack([throttle, 0.53 - 1.2 * steering], axis=1))
-    car, notes = with_commands(Car("car", 0.2), [given])
+    car, notes = with_commands(Vehicle("car", 0.2, drive="throttle"), [given])
     assert car.middle[1] == pytest.approx(0.53, abs=0.03)
     assert any("straight on" in note for note in notes)
-    shares = CarSimulator(car).prepared(given).channel("command").column("steering")
+    shares = VehicleSimulator(car).prepared(given).channel("command").column("steering")
     assert np.corrcoef(shares, steering)[0, 1] > 0.999
 
 
@@ -258,7 +258,7 @@ def test_a_robot_of_another_structure_is_predicted_on_a_course_that_was_not_fitt
     (tmp_path / "robot.toml").write_text("[vehicle]\nwheelbase = 0.55\n")
     ready = prepare(tmp_path / "robot.toml", [fitted])
     simulator, found = ready.simulator, ready.calibrate()
-    assert isinstance(simulator, CarSimulator)
+    assert isinstance(simulator, VehicleSimulator)
     errors = prediction_errors(simulator, found.values, simulator.prepared(unseen))
     assert len(errors) > 100
     assert (errors.mean(axis=0) < [0.05, 0.10]).all()
@@ -276,24 +276,23 @@ def test_what_goes_on_is_told_from_what_comes_and_goes() -> None:
     values = {"steering_left": 1.0, "steering_right": 1.0, "steering_delay": 0.12, "steering_lag": 0.0, "drive": 1.2,
               "throttle_dead": 0.0, "drive_fade": 0.0, "friction": 0.0, "speed_loss": 0.3, "curve_loss": 0.0,
               "understeer": 0.0}  # fmt: skip
-    car = Car("car", 0.2, values)
-    simulator = CarSimulator(car, car_space(car))
-    nominal, drives = simulator.parameters.nominal, [simulator.prepared(given)]
-    found = lasting(simulator, nominal, drives)
-    assert found["push_lasts"] == 0.0
-    assert foretold(simulator, simulator.starting(found).parameters.nominal, drives) < foretold(
-        simulator, nominal, drives
-    )
+    car = Vehicle("car", 0.2, drive="throttle", values=values)
+    simulator = VehicleSimulator(car, car.space(["steering_offset"]))
+    found = Preparation(Vehicles(), simulator, (given,)).calibrate()
+    value = {e.name: e.value for e in found.estimates}
+    assert value["push_lasts"] < 0.25
+    nominal, drive = simulator.parameters.nominal, simulator.prepared(given)
+    far = [prediction_errors(simulator, v, drive, (3.0,)).mean() for v in (found.values, nominal)]
+    assert far[0] < far[1]
 
 
 def test_wheels_of_both_axles_may_turn_a_car_further_than_it_is_told() -> None:
     """Steering in rad up to 0.4, both axles steered: per command the car turns as if its front wheels went twice as far."""
-    assert car_space(Car("car", 0.8), steers=0.4).parameters[4].name == "steering_left"
-    assert car_space(Car("car", 0.8), steers=0.4).parameters[4].upper == pytest.approx(3.0)
-    assert car_space(Car("car", 0.8), steers=1.0).parameters[4].upper == pytest.approx(1.2)
+    assert Vehicle("car", 0.8, drive="throttle").space(steers=0.4).parameters[4].name == "steering_left"
+    assert Vehicle("car", 0.8, drive="throttle").space(steers=0.4).parameters[4].upper == pytest.approx(3.0)
+    assert Vehicle("car", 0.8, drive="throttle").space(steers=1.0).parameters[4].upper == pytest.approx(1.2)
 
 
-def test_a_limit_that_was_seen_stays_within_reach() -> None:
-    space = car_space(Car("car", 2.7), {"steering_rate": 0.5})
-    assert space.parameters[space.names.index("steering_rate")].upper == pytest.approx(2.0)
-    assert space.parameters[space.names.index("pose_ahead")].upper == pytest.approx(2.7)
+def test_bounds_of_lengths_grow_with_the_car() -> None:
+    assert Vehicle("car", 2.7, drive="throttle").space()["pose_ahead"].upper == pytest.approx(2.7)
+    assert Vehicle("car", 0.2, drive="throttle").space()["pose_ahead"].upper == pytest.approx(1.0)

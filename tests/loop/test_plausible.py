@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trueup.engines.bicycle import BicycleSimulator, Vehicle, vehicle_space
+from trueup.engines.vehicle import BicycleSimulator, Vehicle, vehicle_space
 from trueup.loop.plausible import plausible
 from trueup.paths.courses import hairpin
 from trueup.tasks.follow_path import FollowPath

@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.discrepancies.rigid import RigidlyAligned
-from trueup.engines.bicycle import BETAS, BicycleSimulator, Vehicle, vehicle_space
-from trueup.engines.bicycle.windows import windows
+from trueup.engines.vehicle import BETAS, BicycleSimulator, Vehicle, vehicle_space
+from trueup.engines.vehicle.windows import windows
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.fit import DESCENT, Watch, fit
 from trueup.loop.problem import Problem

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from trueup.campaign.plan import read_plan
 from trueup.commands.study_view import study_table
-from trueup.engines.bicycle import BETAS
+from trueup.engines.vehicle import BETAS
 from trueup.errors import UnknownNameError
 from trueup.loop.transfer import try_on_robot
 from trueup.paths.courses import drawn_courses

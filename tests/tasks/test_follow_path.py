@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from trueup.controllers.stanley import StanleySettings
-from trueup.engines.bicycle import BicycleSimulator, Vehicle, vehicle_space
+from trueup.engines.vehicle import BicycleSimulator, Vehicle, vehicle_space
 from trueup.errors import ParameterError, UnknownNameError
 from trueup.paths import Path
 from trueup.paths.courses import hairpin

@@ -17,7 +17,7 @@ from trueup.errors import PlanError, RecordingError, unknown_name
 from trueup.recording import Recording
 
 if TYPE_CHECKING:
-    from trueup.engines.bicycle import BicycleSimulator, Vehicle
+    from trueup.engines.vehicle import BicycleSimulator, Vehicle
     from trueup.loop.prepare import Preparation
     from trueup.robots.stand_in_vehicle import StandInVehicle
     from trueup.tasks.follow_path import FollowPath
@@ -80,7 +80,7 @@ def bicycle(
 
     Raises ParameterError, and UnknownNameError for a parameter that a vehicle does not have.
     """
-    from trueup.engines.bicycle import BicycleSimulator, Vehicle, vehicle_space
+    from trueup.engines.vehicle import BicycleSimulator, Vehicle, vehicle_space
 
     vehicle = Vehicle(name, wheelbase, max_steering, dict(values or {}))
     return BicycleSimulator(vehicle, vehicle_space(vehicle, parameters), step=step, seed=seed)
@@ -120,7 +120,7 @@ def in_windows(length: float) -> Suited:
     """Drives as the calibration by 'drives' takes them: in windows of `length` s, since a whole one drifts away."""
 
     def taken(recordings: Sequence[Recording]) -> list[Recording]:
-        from trueup.engines.bicycle.windows import windows
+        from trueup.engines.vehicle.windows import windows
 
         found: list[Recording] = []
         for recording in recordings:
@@ -143,7 +143,7 @@ def weighted(recordings: Sequence[Recording], channels: tuple[str, ...] = ("posi
 
 
 def _vehicle(simulator: Simulator) -> Vehicle:
-    from trueup.engines.bicycle import BicycleSimulator
+    from trueup.engines.vehicle import BicycleSimulator
 
     whole = simulator.whole if isinstance(simulator, Restricted) else simulator
     if not isinstance(whole, BicycleSimulator):

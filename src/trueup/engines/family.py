@@ -20,7 +20,7 @@ from trueup.engines.simulator import Simulator
 from trueup.errors import ModelError
 from trueup.recording import Recording
 
-FAMILIES = {"": "trueup.engines.mujoco.family:Articulated", ".toml": "trueup.engines.car.family:Cars"}
+FAMILIES = {"": "trueup.engines.mujoco.family:Articulated", ".toml": "trueup.engines.vehicle.family:Vehicles"}
 """Ending of a model file -> class of its family; '' for all others."""
 GROUP = "trueup.families"
 

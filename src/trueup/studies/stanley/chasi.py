@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from trueup.controllers.stanley import GAINS, StanleySettings
-from trueup.engines.bicycle import BETAS, BicycleSimulator, Vehicle, vehicle_space
+from trueup.engines.vehicle import BETAS, BicycleSimulator, Vehicle, vehicle_space
 from trueup.errors import unknown_name
 from trueup.paths import Path
 from trueup.paths.courses import COURSES

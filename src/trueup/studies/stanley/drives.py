@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from trueup.calibration import Calibration, TracePoint
 from trueup.discrepancies.rigid import RigidlyAligned
-from trueup.engines.bicycle.windows import windows
 from trueup.engines.simulator import Simulator
+from trueup.engines.vehicle.windows import windows
 from trueup.loop.calibrate import Options, calibrate
 from trueup.noise import estimate_noise
 from trueup.recording import Recording

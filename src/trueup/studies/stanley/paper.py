@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from trueup.controllers.stanley import GAINS
 from trueup.discrepancies.path_shape import mean_distance, path_loss
-from trueup.engines.bicycle import BETAS, BicycleSimulator
 from trueup.engines.simulator import Rollout
+from trueup.engines.vehicle import BETAS, BicycleSimulator
 from trueup.noise import estimate_noise
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording

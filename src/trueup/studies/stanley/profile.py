@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.discrepancies.path_shape import path_loss
-from trueup.engines.bicycle import BicycleSimulator
+from trueup.engines.vehicle import BicycleSimulator
 from trueup.recording import Recording
 from trueup.studies.stanley.paper import BAND, SPACING
 from trueup.tasks.follow_path import FollowPath

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.engines.bicycle.kernels import STATE
+from trueup.engines.vehicle.kernels import STATE
 from trueup.errors import RecordingError
 from trueup.paths import Path
 from trueup.recording import Channel

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A car as a TOML file, which a person writes with two lines and a calibration with all values."""
+"""A vehicle as a TOML file, which a person writes with two lines and a calibration with all values."""
 
 from __future__ import annotations
 
@@ -7,15 +7,17 @@ import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
-from trueup.engines.car.car import QUANTITIES, Car
+from trueup.engines.vehicle.vehicle import Vehicle
 from trueup.errors import ModelError
 from trueup.formats.aside import written_aside
 
 _KEYS = ("name", "wheelbase", "drive", "enabled_by", "middle", "full", "values")
+_EARLIER = {"steering_play": ("steering_slack", 2.0), "steering_rate": ("steering_rate_limit", 1.0)}
+"""Quantities as files named them before: the name that they have now, and the factor to its value."""
 
 
-def read_car(path: str | Path) -> Car:
-    """The car in a TOML file: [vehicle] with wheelbase in m, and [vehicle.values] where some are known.
+def read_vehicle(path: str | Path) -> Vehicle:
+    """The vehicle in a TOML file: [vehicle] with wheelbase in m, and [vehicle.values] where some are known.
 
     Raises ModelError, naming file and key, for what is missing, unknown or of the wrong kind.
     """
@@ -37,36 +39,42 @@ def read_car(path: str | Path) -> Car:
     values = table.get("values", {})
     if not isinstance(values, Mapping):
         raise ModelError(f"vehicle '{where}': [vehicle.values] must be a table of numbers")
-    return Car(
+    return Vehicle(
         name=_text(where, table, "name", where.stem),
         wheelbase=_number(where, "wheelbase", table.get("wheelbase")),
-        values={name: _number(where, name, value) for name, value in values.items()},
+        values=dict(_current(name, _number(where, name, value)) for name, value in values.items()),
+        drive="throttle",
         enabled_by=_text(where, table, "enabled_by", ""),
         middle=_both(where, table, "middle") or (0.0, 0.0),
         full=_both(where, table, "full"),
     )
 
 
-def write_car(car: Car, path: Path, notes: Mapping[str, str] | None = None) -> None:
-    """Writes a car with all that is known of it; `notes` by quantity stand beside its value. Raises OutputError."""
-    about = {q.name: f"{q.unit + ', ' if q.unit else ''}{q.about}" for q in QUANTITIES}
+def write_vehicle(vehicle: Vehicle, path: Path, notes: Mapping[str, str] | None = None) -> None:
+    """Writes a vehicle with all that is known of it; `notes` by quantity stand beside its value. Raises OutputError."""
     lines = [
         "[vehicle]",
-        f'name = "{car.name}"',
-        f"wheelbase = {car.wheelbase!r}  # m",
+        f'name = "{vehicle.name}"',
+        f"wheelbase = {vehicle.wheelbase!r}  # m",
         'drive = "throttle"  # commands: throttle and steering, without unit',
     ]
-    if car.enabled_by:
-        lines.append(f'enabled_by = "{car.enabled_by}"')
-    if car.full:
-        lines.append(f"middle = {list(car.middle)}  # recorded throttle and steering that stand for zero")
-        lines.append(f"full = {list(car.full)}  # how far beyond they stand for one")
+    if vehicle.enabled_by:
+        lines.append(f'enabled_by = "{vehicle.enabled_by}"')
+    if vehicle.full:
+        lines.append(f"middle = {list(vehicle.middle)}  # recorded throttle and steering that stand for zero")
+        lines.append(f"full = {list(vehicle.full)}  # how far beyond they stand for one")
     lines += ["", "[vehicle.values]"]
-    for name, value in car.values.items():
-        note = (notes or {}).get(name, "")
-        lines.append(f"{name} = {float(value)!r}  # {about[name]}{'; ' + note if note else ''}")
+    for name, value in vehicle.values.items():
+        q, note = vehicle.quantity(name), (notes or {}).get(name, "")
+        about = f"{q.unit + ', ' if q.unit else ''}{q.about}"
+        lines.append(f"{name} = {float(value)!r}  # {about}{'; ' + note if note else ''}")
     with written_aside(path) as temporary:
         temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _current(name: str, value: float) -> tuple[str, float]:
+    new, factor = _EARLIER.get(name, (name, 1.0))
+    return new, factor * value
 
 
 def _text(where: Path, table: Mapping[str, object], key: str, absent: str) -> str:

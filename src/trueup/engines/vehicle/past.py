@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.engines.vehicle.kernels import HEADING, SPEED, TURNING, X, Y
+from trueup.engines.vehicle.start import start_state
 from trueup.errors import RecordingError
 from trueup.recording import Channel
 from trueup.trial import Trial
@@ -23,33 +25,53 @@ SETTLE = 1.0  # s of commands before that, for servo and motor to forget where t
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class Past:
     """One trial's commands, and what was seen, on a grid of `step` s from `begin` on the trial's clock."""
 
     begin: float
     step: float
     commands: Array
-    """(G, 2) throttle and steering, held between their samples."""
+    """(G, 2) speed or throttle, and steering."""
     seen: Array
     """(G, 6) x, y, heading, forward and sideways speed, yaw rate; no sample after an instant counts at that instant."""
     known: Mask
     """(G,) where `seen` is known."""
-    pasts: NDArray[np.int64]
+    lengths: NDArray[np.int64]
     """(G,) for how many steps back it is known without a gap, at most PAST."""
 
     @classmethod
-    def of(cls, trial: Trial, step: float) -> Drive:
-        """From a trial's command and its measured 'position' and 'heading'. Raises RecordingError without them."""
+    def of(cls, trial: Trial, step: float, labels: tuple[str, str]) -> Past:
+        """From a trial's command (throttle, held between its samples, and steering) and measured 'position' and 'heading'.
+
+        Raises RecordingError without them.
+        """
         if trial.command is None or "position" not in trial.initial or "heading" not in trial.initial:
             raise RecordingError(
                 f"trial '{trial.name}' needs commands, and a measured position and heading to start from"
             )
-        begin = trial.start - PAST - SETTLE
-        count = int(np.ceil((trial.duration + PAST + SETTLE) / step)) + 3
-        grid = begin + step * np.arange(count, dtype=np.float64)
-        commands = trial.command.select(("throttle", "steering")).at(grid, hold=True)
+        begin, grid = _grid(trial, step)
+        commands = trial.command.select(labels).at(grid, hold=labels[0] == "throttle")
         seen, known = _seen(trial.initial["position"], trial.initial["heading"], grid, step)
-        return cls(begin, step, np.ascontiguousarray(commands), seen, known, _pasts(known, round(PAST / step)))
+        lengths = np.clip(_run_lengths(known) - 1, 0, round(PAST / step)).astype(np.int64)
+        return cls(begin, step, np.ascontiguousarray(commands), seen, known, lengths)
+
+    @classmethod
+    def at_start(cls, trial: Trial, step: float, labels: tuple[str, str]) -> Past:
+        """The same where nothing is seen but the start (see `start_state`), and commands go from sample to sample.
+
+        Until the first command the speed is that of the start. Raises RecordingError for a trial without command.
+        """
+        if trial.command is None:
+            raise RecordingError(f"trial '{trial.name}' has no command, and no controller is given")
+        begin, grid = _grid(trial, step)
+        state, command = start_state(trial), trial.command.select(labels)
+        commands = np.stack([np.interp(grid, command.time, column) for column in command.values.T], axis=1)
+        if labels[0] == "speed":
+            commands[grid < command.time[0] - 1e-9, 0] = state[SPEED]
+        seen, known = np.zeros((len(grid), 6)), np.zeros(len(grid), dtype=bool)
+        first = round((PAST + SETTLE) / step)
+        seen[first], known[first] = [*state[[X, Y, HEADING, SPEED]], 0.0, state[TURNING]], True
+        return cls(begin, step, commands, seen, known, np.zeros(len(grid), dtype=np.int64))
 
     def index(self, time: float) -> int:
         """The last grid instant at or before a time."""
@@ -69,6 +91,14 @@ class Drive:
     def earliest(self) -> int:
         """The first instant at which a stretch may begin: before it, there is no grid to settle on."""
         return round((PAST + SETTLE) / self.step)
+
+
+def _grid(trial: Trial, step: float) -> tuple[float, Array]:
+    """Where the grid begins, and its instants: the trial and what comes before it, a multiple of `step` away."""
+    lead = round((PAST + SETTLE) / step)
+    count = lead + int(np.ceil(trial.duration / step)) + 3
+    begin = trial.start - lead * step
+    return begin, begin + step * np.arange(count, dtype=np.float64)
 
 
 def _seen(position: Channel, heading: Channel, grid: Array, step: float) -> tuple[Array, Mask]:
@@ -142,7 +172,3 @@ def _run_lengths(mask: Mask) -> NDArray[np.int64]:
     """(T,) how many True values in a row end here."""
     index = np.arange(1, len(mask) + 1)
     return index - np.maximum.accumulate(np.where(mask, 0, index))
-
-
-def _pasts(known: Mask, longest: int) -> NDArray[np.int64]:
-    return np.clip(_run_lengths(known) - 1, 0, longest).astype(np.int64)

@@ -9,8 +9,9 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.engines.car.car import QUANTITIES, Car
-from trueup.engines.car.past import Drive
+from trueup.engines.vehicle.driving import COMMAND
+from trueup.engines.vehicle.past import Past
+from trueup.engines.vehicle.vehicle import Vehicle
 from trueup.errors import CalibrationError
 from trueup.recording import Recording
 from trueup.trial import Trial
@@ -23,7 +24,7 @@ _SHOWS = MappingProxyType({"understeer": 3.0, "friction_limit": 5.0})
 """Sideways acceleration in m/s^2 that the recordings must reach."""
 
 
-def first_look(car: Car, recordings: Sequence[Recording], late: float = LATE) -> dict[str, float]:
+def first_look(car: Vehicle, recordings: Sequence[Recording], late: float = LATE) -> dict[str, float]:
     """Start values of steering and drive, within their bounds; nothing where the recordings say nothing.
 
     Curvature = (a + b z) over command z, and acceleration = drive * throttle - friction - loss * speed - curve loss.
@@ -38,8 +39,7 @@ def first_look(car: Car, recordings: Sequence[Recording], late: float = LATE) ->
     values = _least_squares(table, pushed)
     if (values[[0, 2]] > 0.0).all():
         found |= {"drive": values[0], "friction": values[1], "speed_loss": values[2], "curve_loss": values[3]}
-    bounds = {q.name: (q.lower, q.upper) for q in QUANTITIES}
-    return {name: float(np.clip(value, *bounds[name])) for name, value in found.items()}
+    return {name: float(value) for name, value in found.items()}
 
 
 def straight_on(recordings: Sequence[Recording]) -> float:
@@ -76,9 +76,9 @@ def _samples(recordings: Sequence[Recording], late: float = LATE) -> tuple[Array
     """Curvature, steering, throttle, speed, acceleration at instants in which the car drove, every 0.05 s."""
     parts: list[Array] = []
     for recording in recordings:
-        drive = Drive.of(Trial.of(recording, ["position", "heading"]), 0.01)
+        drive = Past.of(Trial.of(recording, ["position", "heading"]), 0.01, COMMAND)
         k = np.arange(drive.earliest, len(drive.known) - 1, 5)
-        k = k[drive.known[k] & (drive.pasts[k] > 20) & (drive.seen[k, 3] > _FAST)]
+        k = k[drive.known[k] & (drive.lengths[k] > 20) & (drive.seen[k, 3] > _FAST)]
         asked = k - round(LATE / 0.01)
         speed = drive.seen[k, 3]
         gained = (speed - drive.seen[k - 20, 3]) / 0.2
@@ -88,7 +88,7 @@ def _samples(recordings: Sequence[Recording], late: float = LATE) -> tuple[Array
     return curvature, steering, throttle, speed, pushed
 
 
-def _steering(car: Car, curvature: Array, steering: Array) -> dict[str, float]:
+def _steering(car: Vehicle, curvature: Array, steering: Array) -> dict[str, float]:
     if np.std(steering) < 0.02:
         return {}
     offset, slope = _least_squares(np.stack([np.ones(len(steering)), steering], axis=1), curvature)

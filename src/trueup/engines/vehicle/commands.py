@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.engines.car.car import Car
-from trueup.engines.car.driving import COMMAND, driven_by
-from trueup.engines.car.look import first_look, straight_on
-from trueup.engines.car.tracking import cleaned
+from trueup.engines.vehicle.driving import COMMAND, driven_by
+from trueup.engines.vehicle.look import first_look, straight_on
+from trueup.engines.vehicle.tracking import cleaned
+from trueup.engines.vehicle.vehicle import Vehicle
 from trueup.errors import CalibrationError, RecordingError
 from trueup.recording import Channel, Recording
 
@@ -23,7 +23,7 @@ _ASIDE = 0.25  # share of the full steering: a car that drives straight on so fa
 _PULSES = (500.0, 2500.0)  # us: of a servo's signal, whose middle is at 1500 and whose end 500 beside it
 
 
-def with_commands(car: Car, recordings: Sequence[Recording]) -> tuple[Car, tuple[str, ...]]:
+def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicle, tuple[str, ...]]:
     """The car with `middle` and `full` of its commands as all the recordings suggest, and notes; as it is where it says.
 
     Steering that turns the car to the right as it grows gets a full command below zero. Raises RecordingError for

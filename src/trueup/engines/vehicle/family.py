@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cars as a family: a file and drives into a simulator and back, judged by how far predictions go astray."""
+"""Vehicles as a family: a file and drives into a simulator and back, judged by how far predictions go astray."""
 
 from __future__ import annotations
 
@@ -11,38 +11,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.calibration import Calibration, Prediction
-from trueup.engines.car.car import QUANTITIES, Car, car_space
-from trueup.engines.car.car_file import read_car, write_car
-from trueup.engines.car.commands import with_commands
-from trueup.engines.car.judging import Ahead
-from trueup.engines.car.look import LATE, braked, first_look, unseen
-from trueup.engines.car.prediction import foretold, lasting, moved, prediction_errors, spoken
-from trueup.engines.car.rollout import CarSimulator
-from trueup.engines.car.servo import servo_look
-from trueup.engines.car.training import begun_apart, counted_once
 from trueup.engines.family import Family, Fit, Request
+from trueup.engines.vehicle.commands import with_commands
+from trueup.engines.vehicle.judging import Ahead
+from trueup.engines.vehicle.look import braked, first_look, unseen
+from trueup.engines.vehicle.prediction import moved, prediction_errors, spoken
+from trueup.engines.vehicle.rollout import VehicleSimulator
+from trueup.engines.vehicle.vehicle import Vehicle
+from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import ParameterError, RecordingError
+from trueup.evidence import evidence
+from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 
 Array = NDArray[np.float64]
 
 HORIZONS = (1.0, 3.0)
 """How far ahead predictions are judged, in s."""
+LASTING = ("push_lasts", "trim_lasts", "speed_kept")
+"""How much of what a car showed beyond its model just before a prediction goes on: told by its own drives."""
 
 
-class Cars(Family):
-    """Cars driven by throttle and steering, whose pose was tracked; a model is a TOML file (`read_car`)."""
+class Vehicles(Family):
+    """Cars driven by throttle and steering, whose pose was tracked; a model is a TOML file (`read_vehicle`)."""
 
     suffix = ".toml"
     describes = "another car's TOML file"
 
-    def load(self, path: Path) -> tuple[Path, Car]:
+    def load(self, path: Path) -> tuple[Path, Vehicle]:
         """The file and the car in it. Raises ModelError."""
-        return path, read_car(path)
+        return path, read_vehicle(path)
 
     def simulator(
-        self, model: tuple[Path, Car], training: Sequence[Recording], replayed: Sequence[Recording], request: Request
-    ) -> tuple[CarSimulator, tuple[str, ...]]:
+        self,
+        model: tuple[Path, Vehicle],
+        training: Sequence[Recording],
+        replayed: Sequence[Recording],
+        request: Request,
+    ) -> tuple[VehicleSimulator, tuple[str, ...]]:
         """See Family. With parameters, the search starts from a first look at `training`."""
         path, car = model
         for option, given in (("beyond-mjcf", request.beyond_mjcf), ("step", request.step is not None)):
@@ -60,37 +66,35 @@ class Cars(Family):
                 *notes, f"{path} holds no [vehicle.values]: it is judged as a usual small car; `trueup calibrate {path} "
                 "DRIVES` finds its own",
             )  # fmt: skip
-        return CarSimulator(car), notes
+        return VehicleSimulator(car), notes
 
     def calibrate(
-        self, simulator: CarSimulator, training: Sequence[Recording], held_out: Sequence[Recording], fit: Fit
+        self, simulator: VehicleSimulator, training: Sequence[Recording], held_out: Sequence[Recording], fit: Fit
     ) -> Calibration:
-        """Calibrated by how far predictions go astray; twice where what a car is like at the start of a drive lasts.
+        """Calibrated by how far predictions go astray; again where what a car shows beyond its model lasts otherwise.
 
         Raises what `fit` raises, and RecordingError for drives without pose or command.
         """
         drives, others = ([simulator.prepared(r) for r in rs] for rs in (training, held_out))
+        measure = Ahead(simulator, drives)
+        found = fit(simulator, drives, others, discrepancy=measure, cross_validate=False)
+        space = simulator.parameters
+        if set(LASTING) <= set(space.names):
+            around = simulator.searching(_only(LASTING, space, found.values))
+            shares = fit(around, drives, others, discrepancy=measure, cross_validate=False, again=True).values
+            if _foretell_better(simulator, found.values, shares, drives):
+                frozen = space.freeze(LASTING, dict(zip(space.names, shares, strict=True)))
+                found = fit(simulator.searching(frozen), drives, others, discrepancy=measure, cross_validate=False,
+                            again=True)  # fmt: skip
+        notes = (*found.notes, *spoken(simulator, found.values, [*drives, *others]))
+        return replace(found, notes=notes, warnings=said_once(found.warnings))
 
-        def fitted(car: CarSimulator, *, again: bool) -> Calibration:
-            return fit(car, begun_apart(drives, car.horizon), others, discrepancy=Ahead(car, drives),
-                       cross_validate=False, again=again)  # fmt: skip
-
-        found = fitted(simulator, again=False)
-        shares = lasting(simulator, found.values, drives)
-        if shares:
-            again = fitted(simulator.starting(shares), again=True)
-            if foretold(simulator, again.values, drives) < foretold(simulator, found.values, drives):
-                simulator, found = simulator.starting(shares), again
-        once = counted_once(found, drives)
-        said = (*once.notes, *spoken(simulator, once.values, [*drives, *others]))
-        return replace(once, notes=said, warnings=said_once(once.warnings))
-
-    def judged(self, simulator: CarSimulator, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+    def judged(self, simulator: VehicleSimulator, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
         """See Family: without what the tracker mistook for the car."""
         return tuple(simulator.prepared(r) for r in recordings)
 
     def predictions(
-        self, simulator: CarSimulator, against: CarSimulator | None, recordings: Sequence[Recording]
+        self, simulator: VehicleSimulator, against: VehicleSimulator | None, recordings: Sequence[Recording]
     ) -> tuple[tuple[Prediction, ...], tuple[str, ...]]:
         """See Family. Raises RecordingError for drives without pose or command, or too short."""
         each = {r.name: _predicted(simulator, against, r) for r in recordings}
@@ -105,7 +109,7 @@ class Cars(Family):
         return found, tuple(dict.fromkeys((*notes, *taken)))
 
     def write(
-        self, simulator: CarSimulator, calibration: Calibration, model: Path, parameters: Path
+        self, simulator: VehicleSimulator, calibration: Calibration, model: Path, parameters: Path
     ) -> tuple[str, ...]:
         """Writes the car's file; there is nothing that it cannot say. Raises OutputError."""
         values = {e.name: e.value for e in calibration.estimates}
@@ -113,10 +117,10 @@ class Cars(Family):
             e.name: f"{e.low:.4g} ... {e.high:.4g}, {e.verdict}" if e.fitted else e.verdict
             for e in calibration.estimates
         }
-        write_car(replace(simulator.car, values=values), model, notes)
+        write_vehicle(replace(simulator.vehicle, values=values), model, notes)
         return ()
 
-    def kinds(self, simulator: CarSimulator) -> tuple[tuple[str, str, int], ...]:
+    def kinds(self, simulator: VehicleSimulator) -> tuple[tuple[str, str, int], ...]:
         """See Family."""
         return tuple((p.name, "car", 1) for p in simulator.parameters.parameters if not p.frozen)
 
@@ -133,7 +137,7 @@ def said_once(warnings: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def _predicted(car: CarSimulator, other: CarSimulator | None, recording: Recording) -> Prediction | None:
+def _predicted(car: VehicleSimulator, other: VehicleSimulator | None, recording: Recording) -> Prediction | None:
     """None where the drive holds nothing that could be predicted."""
     clean, nothing = car.prepared(recording), np.zeros(0)
     errors = prediction_errors(car, nothing, clean, HORIZONS)
@@ -143,20 +147,32 @@ def _predicted(car: CarSimulator, other: CarSimulator | None, recording: Recordi
     return Prediction(recording.name, HORIZONS, errors, against, moved(car, clean, max(HORIZONS)))
 
 
-def _with_parameters(car: Car, recordings: Sequence[Recording]) -> tuple[CarSimulator, tuple[str, ...]]:
+def _with_parameters(car: Vehicle, recordings: Sequence[Recording]) -> tuple[VehicleSimulator, tuple[str, ...]]:
     """The simulator, started from a first look at `recordings`, and notes."""
     car, taken = with_commands(car, recordings)
-    plain = CarSimulator(car)
+    plain = VehicleSimulator(car)
     drives = [plain.prepared(r) for r in recordings]
     calm = unseen(drives)
-    servo = servo_look(drives)
-    late = servo["steering_delay"] + servo["steering_lag"] if servo else LATE
-    starts = {**first_look(car, drives, late), **servo}
-    still = {
-        *calm,
-        *(() if braked(drives) else ("braking",)),
-        *(() if "steering_rate" in starts else ("steering_rate",)),
-    }
+    still = {*calm, *(() if braked(drives) else ("braking",))}
     steers = max((float(np.nanmax(np.abs(d.channel("command").column("steering")))) for d in drives), default=1.0)
-    space = car_space(car, starts, [q.name for q in QUANTITIES if q.free and q.name not in still], steers)
-    return CarSimulator(car, space), (*taken, *calm.values())
+    free = [q.name for q in car.quantities if q.free and q.name not in still]
+    return VehicleSimulator(car, car.space(free, first_look(car, drives), steers)), (*taken, *calm.values())
+
+
+def _only(names: Sequence[str], space: ParameterSpace, values: Array) -> ParameterSpace:
+    """The space in which only `names` are free, around `values` (n,)."""
+    kept = space.freeze([n for n in space.names if n not in names], dict(zip(space.names, values, strict=True)))
+    return ParameterSpace(tuple(p.replace(frozen=p.name not in names) for p in kept.parameters))
+
+
+def _foretell_better(simulator: VehicleSimulator, before: Array, after: Array, drives: Sequence[Recording]) -> bool:
+    """Whether predictions far ahead are clearly better with values `after` (n,) than with those `before`.
+
+    A block is one prediction, begun where the one before it ends.
+    """
+    far = max(HORIZONS)
+    errors = [
+        np.concatenate([prediction_errors(simulator, v, d, (far,), every=far) for d in drives]).ravel()
+        for v in (before, after)
+    ]
+    return evidence(*errors).holds

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What counts as one unit of error when a car is predicted: more, the longer ago the prediction began."""
+"""What counts as one unit of error when a vehicle is predicted: more, the longer ago the prediction began."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.engines.car.rollout import CarSimulator
-from trueup.engines.car.tracking import usual_speed
+from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
+from trueup.engines.vehicle.rollout import VehicleSimulator
+from trueup.engines.vehicle.tracking import usual_speed
 from trueup.recording import Recording
+from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
@@ -21,13 +23,13 @@ _AT_ONCE = 0.25  # share of it at once; the rest grows with time
 
 
 class Ahead:
-    """A Discrepancy for a CarSimulator: (predicted - tracked) over a unit that grows in proportion to the time ahead.
+    """A Discrepancy for a VehicleSimulator: (predicted - tracked) over a unit that grows with the time ahead.
 
     Without it the last moments of each stretch, where errors are largest, would decide everything, and what acts at once
     (delays, the servo's lag and play) would be bent to mend them.
     """
 
-    def __init__(self, simulator: CarSimulator, drives: Sequence[Recording] = ()) -> None:
+    def __init__(self, simulator: VehicleSimulator, drives: Sequence[Recording] = ()) -> None:
         self._simulator = simulator
         # A fast car's position is off by metres where its heading is as well predicted as a slow one's.
         speeds = [s for s in (usual_speed(d.channel("position")) for d in drives) if np.isfinite(s)]
@@ -42,11 +44,15 @@ class Ahead:
         parts = []
         for name, values in simulated.channels.items():
             o = simulated.trial.observed[name]
-            channel = real.channel(name).select(o.labels)
-            where = np.minimum(np.searchsorted(channel.time, o.time - 1e-9), len(channel.time) - 1)
-            measured = channel.values[where]
-            unit = _AT_ONCE + (1.0 - _AT_ONCE) * self._simulator.ahead(simulated.trial, o.time)
-            residual = (values - measured) / (unit[:, None] * self.scale(name, o.labels))
-            residual[:, ~np.isfinite(measured)] = 0.0
-            parts.append(residual.reshape(len(values), -1))
+            ahead = self._simulator.ahead(simulated.trial, o.time)[:, None]
+            unit = (_AT_ONCE + (1.0 - _AT_ONCE) * ahead) * self.scale(name, o.labels)
+            parts.append(((values - measured_at(real, name, o.labels, o.time)) / unit).reshape(len(values), -1))
         return np.concatenate(parts, axis=1)
+
+    def compared(self, real: Recording, trial: Trial) -> NDArray[np.bool_]:
+        """(m,) what was measured and predicted."""
+        parts = []
+        for name, o in trial.observed.items():
+            predicted = np.isfinite(self._simulator.ahead(trial, o.time))[:, None]
+            parts.append((np.isfinite(measured_at(real, name, o.labels, o.time)) & predicted).ravel())
+        return np.concatenate(parts)

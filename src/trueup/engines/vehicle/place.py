@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.engines.car.pose import heading_of
+from trueup.engines.vehicle.pose import heading_of
 from trueup.errors import RecordingError
 from trueup.recording import Channel, Recording
 

@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.engines.car.driving import effective
-from trueup.engines.car.place import fresh, place_of
-from trueup.engines.car.pose import aligned, course, heading_of, turned_with
+from trueup.engines.vehicle.driving import effective
+from trueup.engines.vehicle.place import fresh, place_of
+from trueup.engines.vehicle.pose import aligned, course, heading_of, turned_with
 from trueup.recording import Channel, Recording, with_warnings
 
 Array = NDArray[np.float64]

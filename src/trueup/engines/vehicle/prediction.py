@@ -4,25 +4,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.engines.car.past import PAST, Drive
-from trueup.engines.car.rollout import CarSimulator
+from trueup.engines.vehicle.past import PAST, Past
+from trueup.engines.vehicle.rollout import VehicleSimulator
 from trueup.recording import Recording
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
-_LASTS = {"push_lasts": (0.0, 0.25, 0.5, 0.75, 1.0), "trim_lasts": (0.0, 0.3, 0.6), "speed_kept": (0.0, 0.5, 1.0)}
-_CLEARLY = 0.95  # share of the error that must be left
 _MOVES = 0.2  # m/s: a prediction begins while the car drives
 
 
 def prediction_errors(
-    simulator: CarSimulator, values: Array, recording: Recording, horizons: Sequence[float] = (1.0, 3.0), *,
+    simulator: VehicleSimulator, values: Array, recording: Recording, horizons: Sequence[float] = (1.0, 3.0), *,
     every: float = 0.25,
 ) -> Array:  # fmt: skip
     """(S, len(horizons)) distances in m between predicted and tracked position, for predictions begun `every` s.
@@ -32,7 +29,7 @@ def prediction_errors(
     `recording` as `simulator.prepared` gives it; values (n,) of the simulator's parameters.
     """
     trial = Trial.of(recording, simulator.observable(recording))
-    drive = simulator.drive(trial)
+    drive = simulator.past(trial)
     starts = begun_at(drive, max(horizons), every)
     first = np.arange(len(starts) + 1, dtype=np.int64) * len(horizons)
     since = np.tile(np.sort(np.asarray(horizons, dtype=np.float64)), len(starts))
@@ -48,33 +45,8 @@ def prediction_errors(
     return np.linalg.norm(found - _tracked(position.time, position.values, ends), axis=2)[:, order]
 
 
-def lasting(simulator: CarSimulator, values: Array, drives: Sequence[Recording]) -> dict[str, float]:
-    """How much of what a car showed beyond its model goes on, where other shares than the usual ones foretell clearly better.
-
-    By the mean error of the longest predictions on these prepared drives, at `values` (n,) otherwise; {} elsewhere.
-    """
-    names = simulator.parameters.names
-    if not set(_LASTS) <= set(names):
-        return {}
-    columns = [names.index(name) for name in _LASTS]
-    errors: dict[tuple[float, ...], float] = {}
-    usual = tuple(float(values[column]) for column in columns)
-    for shares in dict.fromkeys([usual, *product(*_LASTS.values())]):
-        row = np.array(values, dtype=np.float64)
-        row[columns] = shares
-        errors[shares] = foretold(simulator, row, drives)
-    best = min(errors, key=lambda shares: errors[shares])
-    return dict(zip(_LASTS, best, strict=True)) if errors[best] < _CLEARLY * errors[usual] else {}
-
-
-def foretold(simulator: CarSimulator, values: Array, drives: Sequence[Recording]) -> float:
-    """The mean error in m of the longest predictions on prepared drives, at `values` (n,); infinite without any."""
-    found = [prediction_errors(simulator, values, drive, (simulator.horizon,)) for drive in drives]
-    return float(np.concatenate(found).mean()) if sum(map(len, found)) else float("inf")
-
-
 def spoken(
-    simulator: CarSimulator, values: Array, drives: Sequence[Recording], horizons: Sequence[float] = (1.0, 3.0)
+    simulator: VehicleSimulator, values: Array, drives: Sequence[Recording], horizons: Sequence[float] = (1.0, 3.0)
 ) -> list[str]:
     """One sentence a drive: how far off its predictions are, in the mean."""
     said = []
@@ -88,15 +60,15 @@ def spoken(
     return said
 
 
-def moved(simulator: CarSimulator, recording: Recording, horizon: float) -> float:
+def moved(simulator: VehicleSimulator, recording: Recording, horizon: float) -> float:
     """How far a car goes in `horizon` s, in the mean over the predictions that are judged, in m; NaN without any."""
-    drive = simulator.drive(Trial.of(recording, simulator.observable(recording)))
+    drive = simulator.past(Trial.of(recording, simulator.observable(recording)))
     starts = begun_at(drive, horizon, 0.25)
     way = drive.seen[starts + round(horizon / drive.step), :2] - drive.seen[starts, :2]
     return float(np.linalg.norm(way, axis=1).mean()) if len(way) else float("nan")
 
 
-def begun_at(drive: Drive, longest: float, every: float) -> NDArray[np.int64]:
+def begun_at(drive: Past, longest: float, every: float) -> NDArray[np.int64]:
     """(S,) grid instants, every `every` s, at which the car drives and from which it is tracked for `longest` s."""
     ahead, back = round(longest / drive.step), round(PAST / drive.step)
     missing = np.concatenate([[0], np.cumsum(~drive.known)])

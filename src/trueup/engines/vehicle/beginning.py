@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a run begins: the state at an instant from what was commanded and seen until then, and nothing later."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from trueup.engines.vehicle.kernels import (
+    ANGLE,
+    DRIVE,
+    DRIVE_DELAY,
+    GRIP,
+    HEADING,
+    LAGGED,
+    POSE_AHEAD,
+    POSE_TURN,
+    PUSH,
+    PUSH_LASTS,
+    SIDEWAYS,
+    SLACK,
+    SPEED,
+    SPEED_KEPT,
+    STEERING_DELAY,
+    TRIM,
+    TRIM_LASTS,
+    TURNING,
+    WHEEL,
+    WHEELBASE,
+    X,
+    Y,
+    resistance,
+    share_of,
+    steered,
+    step_actuators,
+    step_chassis,
+)  # fmt: skip
+
+Array = NDArray[np.float64]
+
+_MOST_TRIM = 0.1
+"""In rad: what a wheel angle may be off by without being a parameter's fault."""
+_TURN_TRUST = 0.7
+"""Share of the tracked heading's turn against the motion that goes on; chosen on JetRacer, as the next two."""
+_TRIM_SEEN, _PUSH_SEEN = 0.4, 1.0
+"""In s: over how much of the past an unexplained wheel angle and an unexplained acceleration are averaged."""
+_MOVES = 0.2
+"""In m/s: slower, the direction of motion says nothing."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def delayed(values: Array, column: int, last: int, at: float, before: float) -> float:
+    """A signal given at each instant of a grid up to `last`, at a fraction of an instant; `before` until the first."""
+    if at >= last:
+        return values[last, column]
+    if at < 0.0:
+        return values[0, column] + min(-at, 1.0) * (before - values[0, column])
+    i = int(at)
+    return values[i, column] + (at - i) * (values[i + 1, column] - values[i, column])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance(p: Array, dt: float, commands: Array, k: int, shares: Array, s: Array) -> None:
+    """The actuators one step on from grid instant k, under commands (G, 2): throttle or speed, and steering."""
+    last = len(commands) - 1
+    drive = delayed(commands, 0, last, k - p[DRIVE_DELAY] / dt, commands[0, 0])
+    steering = delayed(commands, 1, last, k - p[STEERING_DELAY] / dt, commands[0, 1])
+    step_actuators(p, dt, drive, steering, shares, s)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def compare_speed(m: Array, dt: float, slows: float, faster: float) -> None:
+    """One more instant of weighted least squares for a steady push and an error of the speed at the start of the past.
+
+    m (7,): speed by now for a push of one (s), share that is left of a speed at the start, moments of these two, and of
+    them with `faster` (m/s), by how much the car is faster than the model. What was long ago is forgotten.
+    """
+    m[0] += dt * (1.0 - m[0] * slows)
+    m[1] -= dt * m[1] * slows
+    m[2:] *= math.exp(-dt / _PUSH_SEEN)
+    m[2] += dt * m[0] * m[0]
+    m[3] += dt * m[0] * m[1]
+    m[4] += dt * m[1] * m[1]
+    m[5] += dt * m[0] * faster
+    m[6] += dt * m[1] * faster
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def explained_speed(m: Array) -> tuple[float, float]:
+    """The push (m/s^2) that the moments of `compare_speed` tell, and by how much (m/s) the car is faster by now."""
+    determinant = max(m[2] * m[4] - m[3] * m[3], 1e-12)
+    push = (m[5] * m[4] - m[6] * m[3]) / determinant
+    return push, push * m[0] + (m[2] * m[6] - m[3] * m[5]) / determinant * m[1]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def placed(p: Array, seen: Array, s: Array) -> None:
+    """Velocities as seen (6,), and tyres that have taken up the wheels' angle."""
+    s[SPEED], s[TURNING] = seen[3], seen[5]
+    s[ANGLE] = steered(p, s[WHEEL])
+    s[SIDEWAYS] = seen[4] - p[POSE_AHEAD] * seen[5] if p[GRIP] > 0.0 else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def begin(
+    p: Array, dt: float, commands: Array, seen: Array, k0: int, past: int, settle: int, shares: Array, s: Array
+) -> float:
+    """The state at grid instant k0 from what was commanded and seen until then; returns the heading's misalignment.
+
+    seen (G, 6) x, y, heading, forward and sideways speed of the tracked point, yaw rate. The model is run over the last
+    `past` steps: how much slower or faster the car was tells PUSH (and, as far as SPEED_KEPT says, the speed now: with
+    less noise than the last samples, but later), and in which direction it went beside its heading tells how the
+    tracked heading is turned. `settle` steps of commands come before. Longer than others because it is one pass.
+    """
+    first = k0 - past
+    s[:] = 0.0
+    s[LAGGED] = s[SLACK] = s[WHEEL] = commands[max(first - settle, 0), 1]
+    drift, bent, counted, share = 0.0, 0.0, 0, share_of(_TRIM_SEEN, dt)
+    moments, forward = np.zeros(7), seen[k0, 3]
+    moments[1] = moments[4] = 1.0
+    for k in range(max(first - settle, 0), k0):
+        advance(p, dt, commands, k, shares, s)
+        if k < first:
+            continue
+        if k == first:
+            placed(p, seen[k], s)
+        step_chassis(p, dt, s)
+        compare_speed(moments, dt, resistance(p, s), seen[k + 1, 3] - s[SPEED])
+        if seen[k, 3] > _MOVES:
+            curvature = seen[k + 1, 5] / max(seen[k + 1, 3], _MOVES) - s[TURNING] / max(s[SPEED], _MOVES)
+            bent += share * (p[WHEELBASE] * curvature - bent)
+            drift += (seen[k, 4] - s[SIDEWAYS] - p[POSE_AHEAD] * s[TURNING]) / seen[k, 3]
+            counted += 1
+    turned = p[POSE_TURN]
+    if past * dt > 0.5 * _PUSH_SEEN and counted > past // 2:
+        turned += _TURN_TRUST * (drift / counted - p[POSE_TURN])
+        push, faster = explained_speed(moments)
+        at_once = (forward - s[SPEED]) / max(moments[0], dt)
+        s[PUSH] = p[PUSH_LASTS] * (at_once + p[SPEED_KEPT] * (push - at_once))
+        forward += p[SPEED_KEPT] * (s[SPEED] + faster - forward)
+        s[TRIM] = min(max(p[TRIM_LASTS] * bent, -_MOST_TRIM), _MOST_TRIM)
+    if past == 0:
+        placed(p, seen[k0], s)
+    s[SPEED] = max(forward, 0.0) if p[DRIVE] > 0.0 else forward
+    s[HEADING] = seen[k0, 2] + turned
+    s[X] = seen[k0, 0] - p[POSE_AHEAD] * math.cos(s[HEADING])
+    s[Y] = seen[k0, 1] - p[POSE_AHEAD] * math.sin(s[HEADING])
+    return turned

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One compiled step of a vehicle: steering, drive, and a chassis that rolls where it points or on tyres that slide.
+
+The chassis on tyres is a single-track model whose tyre forces saturate (R. Rajamani, Vehicle Dynamics and Control, ch. 2,
+13); its lateral equations are solved implicitly, since they are stiff at low speed.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+COLUMNS = (
+    "wheelbase", "max_steering", "drive_delay", "drive_lag", "steering_delay", "steering_lag", "steering_rate_limit",
+    "steering_slack", "command_offset", "steering_left", "steering_right", "steering_bend", "steering_scale",
+    "angle_offset", "acceleration_limit", "wheel_scale", "throttle_dead", "drive", "drive_fade", "braking", "friction",
+    "speed_loss", "curve_loss", "understeer", "yaw_rate_limit", "yaw_acceleration_limit", "relaxation", "grip",
+    "front_compliance", "friction_limit", "weight_in_front", "yaw_inertia", "pose_ahead", "pose_turn", "push_lasts",
+    "trim_lasts", "speed_kept", "position_noise", "heading_noise", "localisation_latency",
+)  # fmt: skip
+"""The numbers of one vehicle, in the order in which a row (n,) holds them. Without `drive` its commands are speeds, without
+`grip` its wheels roll where they point; what else is absent is written as its table says."""
+(
+    WHEELBASE, MAX_STEERING, DRIVE_DELAY, DRIVE_LAG, STEERING_DELAY, STEERING_LAG, STEERING_RATE,
+    STEERING_SLACK, COMMAND_OFFSET, STEERING_LEFT, STEERING_RIGHT, STEERING_BEND, STEERING_SCALE,
+    ANGLE_OFFSET, ACCELERATION_LIMIT, WHEEL_SCALE, THROTTLE_DEAD, DRIVE, DRIVE_FADE, BRAKING, FRICTION,
+    SPEED_LOSS, CURVE_LOSS, UNDERSTEER, YAW_RATE_LIMIT, YAW_ACCELERATION_LIMIT, RELAXATION, GRIP,
+    FRONT_COMPLIANCE, FRICTION_LIMIT, WEIGHT_IN_FRONT, YAW_INERTIA, POSE_AHEAD, POSE_TURN, PUSH_LASTS,
+    TRIM_LASTS, SPEED_KEPT, POSITION_NOISE, HEADING_NOISE, LATENCY,
+) = range(40)  # fmt: skip
+
+STATE = 13
+X, Y, HEADING, SPEED, TURNING, SIDEWAYS, LAGGED, SLACK, WHEEL, ANGLE, MOTOR, PUSH, TRIM = range(STATE)
+"""Pose of the rear axle, or on tyres of the centre of mass; speed of the wheels and sideways (m/s), yaw rate (rad/s);
+steering after lag, slack and rate limit; wheel angle that the tyres have taken up (rad); throttle after lag; and what the
+vehicle showed beyond the model just before: an acceleration (m/s^2: battery, slope) and a wheel angle (rad)."""
+
+SLOW = 0.05
+"""In m/s: tyres are treated as rolling at least so fast, since slip angles have no meaning at rest."""
+_STIFFEST = 1e-3  # rad s^2/m: an understeer that is more negative than the rear grip allows ends here
+TRIM_FADES = 1.2
+"""In s: an unexplained wheel angle (play, camber of the floor) changes within about a second; chosen on JetRacer."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def toward(value: float, wanted: float, most: float) -> float:
+    """`wanted`, or as far toward it as `most` allows."""
+    return value + min(max(wanted - value, -most), most)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def share_of(lag: float, dt: float) -> float:
+    """How much of a step toward its goal a first-order lag makes in dt."""
+    return 1.0 - math.exp(-dt / lag) if lag > 1e-9 else 1.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def step_actuators(p: Array, dt: float, drive: float, steering: float, shares: Array, s: Array) -> None:
+    """Motor and steering follow their delayed commands; `shares` (2,) are `share_of` their lags."""
+    if p[DRIVE] > 0.0:
+        s[MOTOR] += shares[0] * (drive - s[MOTOR])
+    else:
+        s[SPEED] = toward(s[SPEED], s[SPEED] + shares[0] * (drive - s[SPEED]), p[ACCELERATION_LIMIT] * dt)
+    s[LAGGED] += shares[1] * (min(max(steering, -p[MAX_STEERING]), p[MAX_STEERING]) - s[LAGGED])
+    gap = 0.5 * p[STEERING_SLACK]
+    s[SLACK] = min(max(s[SLACK], s[LAGGED] - gap), s[LAGGED] + gap)
+    s[WHEEL] = toward(s[WHEEL], s[SLACK], p[STEERING_RATE] * dt)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def steered(p: Array, wheel: float) -> float:
+    """Wheel angle in rad for a command after lag, slack and rate limit."""
+    command = wheel + p[COMMAND_OFFSET]
+    angle = (p[STEERING_LEFT] if command > 0.0 else p[STEERING_RIGHT]) * command
+    return p[STEERING_SCALE] * angle * (1.0 - p[STEERING_BEND] * command * command) + p[ANGLE_OFFSET]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def step_chassis(p: Array, dt: float, s: Array) -> None:
+    """Velocities and pose one step on, with the wheels and the motor where they are."""
+    if p[GRIP] > 0.0:
+        on_tyres(p, dt, s)
+    else:
+        rolling(p, dt, s)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def rolling(p: Array, dt: float, s: Array) -> None:
+    """Wheels that do not slip: omega* = v tan(delta) / (L (1 + K v^2)), its clamp (beta_4), its rate limit (beta_5), pose.
+
+    The pose moves on a circle, exactly, while speed and yaw rate last a step.
+    """
+    s[ANGLE] = steered(p, s[WHEEL])
+    if p[DRIVE] > 0.0:
+        s[SPEED] = max(s[SPEED] + dt * pull(p, s), 0.0)
+    v = p[WHEEL_SCALE] * s[SPEED]
+    turn = v * math.tan(s[ANGLE]) / (p[WHEELBASE] * (1.0 + p[UNDERSTEER] * v * v))
+    wanted = min(max(turn, -p[YAW_RATE_LIMIT]), p[YAW_RATE_LIMIT])
+    s[TURNING] = toward(s[TURNING], wanted, p[YAW_ACCELERATION_LIMIT] * dt)
+    half = 0.5 * s[TURNING] * dt
+    chord = v * dt * (1.0 - half * half / 6.0 if abs(half) < 1e-4 else math.sin(half) / half)
+    s[X] += chord * math.cos(s[HEADING] + half)
+    s[Y] += chord * math.sin(s[HEADING] + half)
+    s[HEADING] += s[TURNING] * dt
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def on_tyres(p: Array, dt: float, s: Array) -> None:
+    """Tyres that take up a new wheel angle with the way rolled, and slide where their force ends."""
+    # Side forces grow with the way rolled, not with time (relaxation length: H. B. Pacejka, Tire and Vehicle Dynamics).
+    speed, u, r = max(s[SPEED], SLOW), s[SIDEWAYS], s[TURNING]
+    taken_up = share_of(p[RELAXATION], dt * speed) * (steered(p, s[WHEEL]) - s[ANGLE])
+    angle = s[ANGLE] + 0.5 * taken_up + s[TRIM]
+    s[ANGLE] += taken_up
+    s[TRIM] *= 1.0 - dt / TRIM_FADES
+    share = p[WEIGHT_IN_FRONT]
+    front, rear = p[WHEELBASE] * (1.0 - share), p[WHEELBASE] * share  # centre of mass to axles
+    inertia = p[YAW_INERTIA] * front * rear
+    # Understeer, 1 / front grip - 1 / rear grip, is seen long before the grips are.
+    front_grip = 1.0 / max(1.0 / p[GRIP] + p[FRONT_COMPLIANCE], _STIFFEST)
+    cf = secant(front_grip * share, p[FRICTION_LIMIT] * share, angle - math.atan((u + front * r) / speed))
+    cr = secant(p[GRIP] * (1.0 - share), p[FRICTION_LIMIT] * (1.0 - share), -math.atan((u - rear * r) / speed))
+    # Implicit in u and r: u' = cf a_f + cr a_r - v r, J r' = front cf a_f - rear cr a_r, with the tyres' secants held.
+    turn = (front * cf - rear * cr) / speed
+    a11, a12 = 1.0 + dt * (cf + cr) / speed, dt * (turn + speed)
+    a21, a22 = dt * turn / inertia, 1.0 + dt * (front * front * cf + rear * rear * cr) / (speed * inertia)
+    b1, b2 = u + dt * cf * angle, r + dt * front * cf * angle / inertia
+    determinant = a11 * a22 - a12 * a21
+    s[SIDEWAYS], s[TURNING] = (b1 * a22 - a12 * b2) / determinant, (a11 * b2 - a21 * b1) / determinant
+    if p[DRIVE] > 0.0:
+        slip = angle - (s[SIDEWAYS] + front * s[TURNING]) / speed
+        held = s[PUSH] - cf * slip * math.sin(angle) + s[TURNING] * s[SIDEWAYS]
+        s[SPEED] = max(s[SPEED] + dt * (pull(p, s) + held), 0.0)
+    v, middle_u, middle_r = p[WHEEL_SCALE] * s[SPEED], 0.5 * (u + s[SIDEWAYS]), 0.5 * (r + s[TURNING])
+    middle = s[HEADING] + 0.5 * dt * middle_r
+    s[X] += dt * (v * math.cos(middle) - middle_u * math.sin(middle))
+    s[Y] += dt * (v * math.sin(middle) + middle_u * math.cos(middle))
+    s[HEADING] += dt * middle_r
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def secant(grip: float, limit: float, angle: float) -> float:
+    """Force over slip angle of a tyre with limit * tanh(grip * angle / limit)."""
+    x = abs(grip * angle / limit)
+    return grip * math.tanh(x) / x if x > 1e-4 else grip
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def motor_push(p: Array, throttle: float, speed: float) -> float:
+    """Acceleration by the motor: none within the dead zone; forward less, the faster it turns (its own voltage)."""
+    if throttle > p[THROTTLE_DEAD]:
+        return p[DRIVE] * (throttle - p[THROTTLE_DEAD]) * max(1.0 - p[DRIVE_FADE] * speed, 0.0)
+    return p[DRIVE] * p[BRAKING] * min(throttle + p[THROTTLE_DEAD], 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def pull(p: Array, s: Array) -> float:
+    """Acceleration by motor and losses along the vehicle, in m/s^2."""
+    curvature = s[TURNING] / max(s[SPEED], SLOW)
+    losses = p[FRICTION] + (p[SPEED_LOSS] + p[CURVE_LOSS] * curvature * curvature) * s[SPEED]
+    return motor_push(p, s[MOTOR], s[SPEED]) - losses
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def resistance(p: Array, s: Array) -> float:
+    """Deceleration for each m/s that the vehicle is faster, in 1/s: losses, and the motor's own voltage."""
+    curvature = s[TURNING] / max(s[SPEED], SLOW)
+    fade = p[DRIVE] * p[DRIVE_FADE] * max(s[MOTOR] - p[THROTTLE_DEAD], 0.0)
+    return p[SPEED_LOSS] + p[CURVE_LOSS] * curvature * curvature + fade

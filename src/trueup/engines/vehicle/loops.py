@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled runs of a vehicle: under recorded commands from what was seen until then, or with the Stanley law in the loop."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from trueup.controllers.stanley.kernel import MEMORY, stanley
+from trueup.engines.vehicle.beginning import advance, begin, delayed
+from trueup.engines.vehicle.kernels import (
+    DRIVE,
+    DRIVE_DELAY,
+    DRIVE_LAG,
+    HEADING,
+    HEADING_NOISE,
+    LAGGED,
+    LATENCY,
+    POSE_AHEAD,
+    POSITION_NOISE,
+    SPEED,
+    STATE,
+    STEERING_DELAY,
+    STEERING_LAG,
+    TURNING,
+    X,
+    Y,
+    share_of,
+    step_actuators,
+    step_chassis,
+)  # fmt: skip
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+READ = 5
+"""What is kept of each step: x, y (m) and heading (rad) of the tracked point; speed of the wheels (m/s); yaw rate (rad/s)."""
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def keep(p: Array, turned: float, s: Array, out: Array) -> None:
+    """What would be measured in a state: out (READ,); `turned` is the car's heading beside the tracked one."""
+    out[0] = s[X] + p[POSE_AHEAD] * math.cos(s[HEADING])
+    out[1] = s[Y] + p[POSE_AHEAD] * math.sin(s[HEADING])
+    out[2] = s[HEADING] - turned
+    out[3], out[4] = s[SPEED], s[TURNING]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def seen_pose(history: Array, at: float, last: int, column: int) -> float:
+    """A column of the history at a fraction of a step; before the start as in its first step, back in time."""
+    if at <= 0.0:
+        return history[0, column] + at * (history[1, column] - history[0, column] if last > 0 else 0.0)
+    if at >= last:
+        return history[last, column]
+    i = int(at)
+    return history[i, column] + (at - i) * (history[i + 1, column] - history[i, column])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def measure(p: Array, history: Array, last: int, at: float, dt: float, noise: Array, out: Array) -> None:
+    """What is measured `at` a fraction of a step: out (READ,); the pose late and with noise (3,), standard normal."""
+    late = at - p[LATENCY] / dt
+    for c in range(3):
+        out[c] = seen_pose(history, late, last, c)
+    for c in range(3, READ):
+        out[c] = seen_pose(history, at, last, c)
+    out[0] += p[POSITION_NOISE] * noise[0]
+    out[1] += p[POSITION_NOISE] * noise[1]
+    out[2] += p[HEADING_NOISE] * noise[2]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def read_off(
+    p: Array, history: Array, last: int, dt: float, times: Array, noise: Array, period: float, out: Array
+) -> None:
+    """What is measured at `times` (T,) since the start: out (T, READ); `noise` (ticks, 3), one row every `period` s."""
+    for k in range(len(times)):
+        n = min(int(times[k] / period + 1e-6), len(noise) - 1)
+        measure(p, history, last, times[k] / dt, dt, noise[n], out[k])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def replay_rows(
+    rows: Array, dt: float, commands: Array, seen: Array, starts: Indices, pasts: Indices, settle: int, first: Indices,
+    times: Array, out: Array,
+) -> None:  # fmt: skip
+    """Open loop for all rows (b, n): stretch j begins at grid instant starts[j], is read at times[first[j]:first[j+1]].
+
+    commands (G, 2), seen (G, 6) on the grid; pasts (S,) how many steps of the past are known; times since the start of
+    their stretch, ascending; out (b, len(times), READ). Commands count at any time, what was seen only until the start.
+    Nobody reacts to noise here, so there is none.
+    """
+    s, shares, silence = np.empty(STATE), np.empty(2), np.zeros((1, 3))
+    longest = 0.0
+    for j in range(len(times)):
+        longest = max(longest, times[j])
+    history = np.empty((math.ceil(longest / dt - 1e-9) + 2, READ))
+    for i in range(rows.shape[0]):
+        p = rows[i]
+        shares[0], shares[1] = share_of(p[DRIVE_LAG], dt), share_of(p[STEERING_LAG], dt)
+        for j in range(len(starts)):
+            if first[j] == first[j + 1]:
+                continue
+            turned = begin(p, dt, commands, seen, starts[j], pasts[j], settle, shares, s)
+            keep(p, turned, s, history[0])
+            steps = math.ceil(times[first[j + 1] - 1] / dt - 1e-9)
+            for k in range(steps):
+                advance(p, dt, commands, starts[j] + k, shares, s)
+                step_chassis(p, dt, s)
+                keep(p, turned, s, history[k + 1])
+            here = slice(first[j], first[j + 1])
+            read_off(p, history, steps, dt, times[here], silence, 1.0, out[i, here])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def drive(
+    p: Array, before: Array, orders: Array, tick: int, substeps: int, dt: float, shares: Array, s: Array, history: Array
+) -> None:  # fmt: skip
+    """From control tick `tick` to the next one: `substeps` steps under the delayed orders (ticks, 2) so far.
+
+    before (STATE,) is the start: its speed and steering are in force until the first order arrives.
+    """
+    period = substeps * dt
+    resting = 0.0 if p[DRIVE] > 0.0 else before[SPEED]
+    for j in range(substeps):
+        now = tick + j / substeps
+        wanted = delayed(orders, 0, tick, now - p[DRIVE_DELAY] / period, resting)
+        steering = delayed(orders, 1, tick, now - p[STEERING_DELAY] / period, before[LAGGED])
+        step_actuators(p, dt, wanted, steering, shares, s)
+        step_chassis(p, dt, s)
+        keep(p, 0.0, s, history[tick * substeps + j + 1])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def follow_rows(
+    rows: Array, start: Array, gains: Array, settings: Array, path: Array, ticks: int, substeps: int, dt: float,
+    noise: Array, read: Array, out: Array, orders: Array,
+) -> None:  # fmt: skip
+    """Closed loop with the Stanley law: rows (b, n) with gains (b, 7) on one path; out (b, T, READ), orders (b, ticks, 2)."""
+    history = np.empty((ticks * substeps + 1, READ))
+    s, pose, shares = np.empty(STATE), np.empty(READ), np.empty(2)
+    memory = np.empty(MEMORY)
+    for i in range(rows.shape[0]):
+        p = rows[i]
+        s[:] = start
+        memory[:] = 0.0
+        shares[0], shares[1] = share_of(p[DRIVE_LAG], dt), share_of(p[STEERING_LAG], dt)
+        keep(p, 0.0, s, history[0])
+        for n in range(ticks):
+            measure(p, history, n * substeps, n * substeps, dt, noise[n], pose)
+            speed, steering = stanley(gains[i], settings, path, memory, pose[0], pose[1], pose[2], pose[3], pose[4])
+            orders[i, n, 0], orders[i, n, 1] = speed, steering
+            drive(p, start, orders[i], n, substeps, dt, shares, s, history)
+        read_off(p, history, ticks * substeps, dt, read, noise, substeps * dt, out[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def measure_all(rows: Array, history: Array, k: int, dt: float, noise: Array, out: Array) -> None:
+    """`measure` after k steps for all rows: history (b, steps + 1, READ), out (b, READ)."""
+    for i in range(rows.shape[0]):
+        measure(rows[i], history[i], k, k, dt, noise, out[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def drive_all(
+    rows: Array, start: Array, orders: Array, tick: int, substeps: int, dt: float, state: Array, history: Array
+) -> None:  # fmt: skip
+    """`drive` for all rows: orders (b, ticks, 2), state (b, STATE), history (b, steps + 1, READ)."""
+    shares = np.empty(2)
+    for i in range(rows.shape[0]):
+        shares[0], shares[1] = share_of(rows[i, DRIVE_LAG], dt), share_of(rows[i, STEERING_LAG], dt)
+        drive(rows[i], start, orders[i], tick, substeps, dt, shares, state[i], history[i])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def read_all(
+    rows: Array, history: Array, last: int, dt: float, times: Array, noise: Array, period: float, out: Array
+) -> None:
+    """`read_off` for all rows: out (b, T, READ)."""
+    for i in range(rows.shape[0]):
+        read_off(rows[i], history[i], last, dt, times, noise, period, out[i])

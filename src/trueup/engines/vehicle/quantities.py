@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What may be calibrated in a vehicle: one table for those that are commanded by speed, one for those with a throttle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number of a vehicle: its bounds, what it is, what shows it, and where the compiled model holds it."""
+
+    name: str
+    unit: str
+    absent: float
+    """The value of a vehicle that does not name it: without effect where it can be, else that of a usual small car."""
+    start: float
+    """Where a calibration starts unless the vehicle says otherwise."""
+    lower: float
+    upper: float
+    scale: str
+    about: str
+    shown_by: str
+    column: str = ""
+    """Its place in `kernels.COLUMNS`; '': that of its name."""
+    free: bool = True
+    """Whether a calibration looks for it unless told otherwise."""
+    grows: int = 0
+    """Bounds of vehicles with a wheelbase above a metre grow with this power of it."""
+    per_command: bool = False
+    """Whether its upper bound is that of a full command."""
+
+    def __post_init__(self) -> None:
+        """Fills in the column."""
+        object.__setattr__(self, "column", self.column or self.name)
+
+
+_STRAIGHT, _STARTS = "driving straight on", "starts, stops and changes of speed"
+_QUICK, _SLOW = "quick changes of steering", "slow changes of steering to and fro"
+_CURVES, _FAST = "curves taken at several speeds", "curves at the speed where tyres slide"
+
+SPEED_DRIVEN = (
+    Quantity("speed_delay", "s", 0.0, 0.0, 0.0, 1.0, "linear", "pure delay of the speed command (beta_1)", _STARTS,
+             "drive_delay"),
+    Quantity("steering_delay", "s", 0.0, 0.0, 0.0, 1.0, "linear", "pure delay of the steering command (beta_2)", _QUICK),
+    Quantity("acceleration_limit", "m/s^2", 1e3, 0.5, 0.1, 2.0, "log", "greatest change of speed (beta_3)", _STARTS),
+    Quantity("yaw_rate_limit", "rad/s", 1e3, 1.0, 0.2, 2.0, "log", "greatest turn rate (beta_4)", "sharp curves at speed"),
+    Quantity("yaw_acceleration_limit", "rad/s^2", 1e3, 1.0, 0.1, 5.0, "log", "greatest change of turn rate (beta_5)",
+             "sharp curves at speed"),
+    Quantity("speed_lag", "s", 0.0, 0.05, 0.0, 1.0, "linear", "first-order lag of the speed", _STARTS, "drive_lag"),
+    Quantity("steering_lag", "s", 0.0, 0.05, 0.0, 1.0, "linear", "first-order lag of the steering", _QUICK),
+    Quantity("steering_rate_limit", "rad/s", 1e3, 1.0, 0.1, 10.0, "log", "greatest steering speed",
+             "large, quick changes of steering"),
+    Quantity("wheel_scale", "", 1.0, 1.0, 0.7, 1.3, "linear", "speed over ground / speed of the wheels", _STRAIGHT),
+    Quantity("steering_scale", "", 1.0, 1.0, 0.6, 1.5, "linear", "steering angle / commanded angle", _CURVES),
+    Quantity("steering_offset", "rad", 0.0, 0.0, -0.15, 0.15, "linear", "steering angle at zero command", _STRAIGHT,
+             "angle_offset"),
+    Quantity("steering_slack", "rad", 0.0, 0.01, 0.0, 0.15, "linear", "play of the steering, end to end", _SLOW),
+    Quantity("understeer", "s^2/m^2", 0.0, 0.0, -0.3, 1.0, "linear", "turn rate falls by 1 + K v^2", _CURVES),
+    Quantity("position_noise", "m", 0.0, 0.005, 0.0, 0.1, "linear", "localisation noise, standard deviation",
+             "closed-loop driving"),
+    Quantity("heading_noise", "rad", 0.0, 0.003, 0.0, 0.1, "linear", "localisation noise of the heading",
+             "closed-loop driving"),
+    Quantity("localisation_latency", "s", 0.0, 0.0, 0.0, 0.5, "linear", "age of the pose that is seen",
+             "quick changes of heading"),
+)  # fmt: skip
+"""Commands are the speed of the wheels in m/s and the angle of the front wheels in rad; wheels roll where they point."""
+
+
+def _usual(
+    name: str, unit: str, start: float, lower: float, upper: float, scale: str, about: str, shown_by: str, column: str = "",
+    *, free: bool = True, grows: int = 0, per_command: bool = False,
+) -> Quantity:  # fmt: skip
+    """A quantity that every car has: one that is not named is as a usual small car has it."""
+    return Quantity(name, unit, start, start, lower, upper, scale, about, shown_by, column, free, grows, per_command)
+
+
+THROTTLE_DRIVEN = (
+    _usual("steering_delay", "s", 0.03, -0.1, 0.5, "linear",
+           "pure delay of the steering command; below zero where its clock runs late", _QUICK),
+    _usual("steering_lag", "s", 0.05, 0.0, 0.5, "linear", "first-order lag of the steering servo", _QUICK),
+    _usual("steering_rate_limit", "1/s", 50.0, 0.05, 50.0, "log", "greatest speed of the steering, in units of the command",
+           _QUICK),
+    _usual("steering_slack", "", 0.02, 0.0, 0.4, "linear", "play of the steering, end to end, in units of the command",
+           _SLOW),
+    _usual("steering_left", "rad", 0.4, 0.03, 1.2, "log", "wheel angle for a command of one, to the left", _CURVES,
+           per_command=True),
+    _usual("steering_right", "rad", 0.4, 0.03, 1.2, "log", "wheel angle for a command of one, to the right", _CURVES,
+           per_command=True),
+    _usual("steering_bend", "", 0.0, -0.3, 0.6, "linear", "share of the angle that is missing at a command of one",
+           "gentle and sharp curves"),
+    _usual("steering_offset", "", 0.0, -0.3, 0.3, "linear", "added to the steering command", _STRAIGHT, "command_offset"),
+    _usual("relaxation", "m", 0.05, 0.0, 1.0, "linear", "way rolled until the tyres take up a new wheel angle",
+           "quick changes of steering at several speeds", grows=1),
+    _usual("understeer", "rad s^2/m", 0.005, -0.005, 0.05, "linear",
+           "wheel angle that a curve needs beyond its geometry, per sideways acceleration", _FAST, "front_compliance"),
+    _usual("grip", "m/s^2", 200.0, 10.0, 400.0, "log", "cornering stiffness behind over half the mass, per rad", _FAST,
+           free=False),
+    _usual("friction_limit", "m/s^2", 8.0, 2.0, 12.0, "log", "greatest sideways acceleration that the tyres give", _FAST),
+    _usual("weight_in_front", "", 0.5, 0.25, 0.75, "linear", "share of the weight on the front axle", _FAST, free=False),
+    _usual("yaw_inertia", "", 1.0, 0.3, 3.0, "log", "yaw inertia over mass and distances of the axles", _FAST, free=False),
+    _usual("throttle_delay", "s", 0.03, -0.1, 0.5, "linear",
+           "pure delay of the throttle; below zero where its clock runs late", _STARTS, "drive_delay"),
+    _usual("throttle_lag", "s", 0.05, 0.0, 1.0, "linear", "first-order lag of the drive", _STARTS, "drive_lag"),
+    _usual("throttle_dead", "", 0.05, 0.0, 0.4, "linear", "throttle below which the motor does nothing", _STARTS),
+    _usual("drive", "m/s^2", 10.0, 0.3, 100.0, "log", "acceleration for a throttle of one more, at rest", _STARTS),
+    _usual("drive_fade", "s/m", 0.05, 0.0, 1.0, "linear", "share of the drive that is lost with each m/s", _STARTS),
+    _usual("braking", "", 1.0, 0.1, 20.0, "log", "deceleration for a throttle below zero, as a share of the drive",
+           "braking"),
+    _usual("friction", "m/s^2", 1.0, 0.0, 10.0, "linear", "deceleration by dry friction", _STARTS),
+    _usual("speed_loss", "1/s", 1.0, 0.01, 10.0, "log", "deceleration per speed (motor and air)", _STARTS),
+    _usual("curve_loss", "m^2/s", 0.1, 0.0, 2.0, "linear", "deceleration per speed and squared curvature", _CURVES, grows=2),
+    _usual("pose_ahead", "m", 0.0, -1.0, 1.0, "linear", "tracked point before the centre of mass", "tight curves", grows=1),
+    _usual("push_lasts", "", 0.5, 0.0, 1.0, "linear", "share of an unexplained acceleration just before that goes on",
+           "long drives", free=False),
+    _usual("trim_lasts", "", 0.6, 0.0, 1.0, "linear", "share of an unexplained wheel angle just before that goes on",
+           "long drives", free=False),
+    _usual("speed_kept", "", 0.0, 0.0, 1.0, "linear",
+           "share of the last seconds, rather than the last samples, in the speed at the start of a prediction",
+           "long drives", free=False),
+    _usual("pose_turn", "rad", 0.0, -0.2, 0.2, "linear", "direction of the car from the tracked heading", _STRAIGHT),
+)  # fmt: skip
+"""Commands are throttle and steering as shares of the full command, -1 ... 1, left positive; wheels roll on tyres."""

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is read off a vehicle's run: which channels, at which instants, and what a controller commanded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.engines.simulator import Rollout
+from trueup.errors import ModelError
+from trueup.recording import is_command
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+CHANNELS = {"position": ("x", "y"), "heading": ("heading",), "speed": ("speed",), "yaw_rate": ("yaw_rate",)}
+"""What is measured: pose of the tracked point in m and rad, speed of the wheels in m/s, turn rate in rad/s."""
+_PLACE = {label: column for column, label in enumerate(label for labels in CHANNELS.values() for label in labels)}
+
+
+@dataclass(frozen=True)
+class Orders:
+    """What a controller commanded: times (n,) on the trial's clock and (b, n, 2)."""
+
+    time: Array
+    values: Array
+
+    def at(self, time: Array) -> Array:
+        """(b, T, 2) the command in force."""
+        last = np.searchsorted(self.time, time + 1e-9, side="right") - 1
+        return self.values[:, np.clip(last, 0, None)]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """The instants at which a trial is observed, each once, and where the channels find theirs."""
+
+    times: Array
+    """(T,) since the start of the trial, in s."""
+    rows: dict[str, Indices]
+
+    @classmethod
+    def of(cls, trial: Trial) -> Reading:
+        """For all that a trial observes. Raises ModelError for channels that a vehicle has not."""
+        measured = {name: o for name, o in trial.observed.items() if not is_command(name)}
+        for name, o in measured.items():
+            if name not in CHANNELS or any(label not in CHANNELS[name] for label in o.labels):
+                known = "; ".join(f"{k} ({', '.join(v)})" for k, v in CHANNELS.items())
+                raise ModelError(f"a vehicle has no channel '{name}' ({', '.join(o.labels)}); it has: {known}")
+        times = np.unique(np.concatenate([np.zeros(0), *(o.time for o in measured.values())]))
+        return cls(times - trial.start, {name: np.searchsorted(times, o.time) for name, o in measured.items()})
+
+    def rollout(self, trial: Trial, run: Array, orders: Orders | None, unusable: Indices) -> Rollout:
+        """The Rollout of a run (b, T, 5) read off at `times`; rows that are `unusable` or not finite have failed."""
+        channels = {}
+        for name, o in trial.observed.items():
+            if is_command(name) and orders is not None:
+                channels[name] = orders.at(o.time)[:, :, [int(label == "steering") for label in o.labels]]
+            else:
+                channels[name] = run[:, self.rows[name]][:, :, [_PLACE[label] for label in o.labels]]
+        failures = {int(row): "a parameter is not finite" for row in unusable}
+        for channel in channels.values():
+            for row in np.flatnonzero(~np.isfinite(channel).all(axis=(1, 2))):
+                failures.setdefault(int(row), "the simulation gave values that are not finite")
+        for channel in channels.values():
+            channel[unusable] = np.nan  # these were never simulated
+        return Rollout(trial, channels, failures)

@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The vehicle as a Simulator: candidates x trials, under recorded commands or with a controller in the loop."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.controllers.controller import Controller, ControllerFactory, Observation
+from trueup.controllers.stanley import Stanley
+from trueup.controllers.stanley.kernel import path_table
+from trueup.engines.simulator import Rollout, refuse_unsupported
+from trueup.engines.vehicle.loops import READ, drive_all, follow_rows, measure_all, read_all, replay_rows
+from trueup.engines.vehicle.past import Past
+from trueup.engines.vehicle.reading import CHANNELS, Orders, Reading
+from trueup.engines.vehicle.start import start_state
+from trueup.engines.vehicle.tracking import cleaned
+from trueup.engines.vehicle.vehicle import Vehicle
+from trueup.errors import ModelError
+from trueup.parameters import ParameterSpace, concatenate
+from trueup.recording import Recording
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+STEP = {"speed": 0.02, "throttle": 0.01}
+"""In s, by what commands the vehicle: the period of usual controllers; twice as fine where tyres are integrated (on
+JetRacer predictions are off by a twentieth more with the coarser one)."""
+HORIZON = {"speed": np.inf, "throttle": 1.5}
+"""In s: a car under recorded throttle alone drifts away from any simulation, so that each stretch starts anew. Chosen on
+JetRacer: 3 s, each drive cut in three ways, did no better for three times the simulations."""
+_PLACES = 0.1  # s: stretches begin at multiples of it, so that they are the same at every integration step
+
+
+class VehicleSimulator:
+    """A vehicle that steers its front axle, with the delays, lags, limits and losses that its values name.
+
+    The parameters of `space` are quantities of the vehicle by name (see `Vehicle.space`); all others keep the vehicle's
+    values. With a `controller`, the parameters of `controller_parameters` follow and are handed to it.
+
+    `step` (s) is that of STEP unless told otherwise. Under recorded commands each trial is predicted in stretches of
+    `horizon` s (None: as HORIZON has it). An endless one starts from what was measured around the trial's start. Any
+    other starts from the pose and velocity measured until then, with steering and motor where the past commands brought
+    them, and with what the last seconds showed beyond the model: a push (battery, slope), a wheel angle, a turn of the
+    tracked heading.
+
+    Localisation noise is the same for all candidates (drawn from `seed`) and acts in closed loop only: under recorded
+    commands nobody reacts to it. `compiled=False` runs the Stanley controller in plain numpy, as any other one.
+    """
+
+    def __init__(
+        self, vehicle: Vehicle, space: ParameterSpace | None = None, *, step: float | None = None,
+        horizon: float | None = None, seed: int = 0, threads: int | None = None, controller: ControllerFactory | None = None,
+        controller_parameters: ParameterSpace | None = None, compiled: bool = True,
+    ) -> None:  # fmt: skip
+        own = space if space is not None else ParameterSpace(())
+        self.vehicle, self.controller = vehicle, controller
+        self.step, self.horizon = step or STEP[vehicle.drive], horizon or HORIZON[vehicle.drive]
+        self.parameters = concatenate([own, controller_parameters]) if controller_parameters is not None else own
+        self._columns = vehicle.columns(own.names)
+        self._seed = seed
+        self._threads = threads or len(os.sched_getaffinity(0))
+        self._compiled = compiled
+        self._pasts: WeakKeyDictionary[Trial, Past] = WeakKeyDictionary()
+
+    @property
+    def name(self) -> str:
+        """The vehicle's name."""
+        return self.vehicle.name
+
+    def at_step(self, step: float) -> VehicleSimulator:
+        """The same simulator with another step, in s."""
+        twin = object.__new__(VehicleSimulator)
+        twin.__dict__.update(self.__dict__)
+        twin.step, twin._pasts = step, WeakKeyDictionary()
+        return twin
+
+    def searching(self, space: ParameterSpace) -> VehicleSimulator:
+        """The same simulator with another space of the same parameters."""
+        twin = object.__new__(VehicleSimulator)
+        twin.__dict__.update(self.__dict__)
+        twin.parameters = space
+        return twin
+
+    def shipped(self) -> VehicleSimulator:
+        """The vehicle as it came, without parameters."""
+        controller, own = self.controller, self.parameters.nominal[len(self._columns) :]
+        declared: ControllerFactory | None = controller
+        if controller is not None and len(own):
+            declared = lambda values: controller(np.tile(own, (len(values), 1)))  # noqa: E731
+        return VehicleSimulator(self.vehicle, step=self.step, horizon=self.horizon, seed=self._seed, threads=self._threads,
+                                controller=declared, compiled=self._compiled)  # fmt: skip
+
+    def observable(self, recording: Recording) -> tuple[str, ...]:
+        """The measured channels that the vehicle reproduces; those with other labels are none of its own.
+
+        In stretches position and heading: speed and turn rate say the same again, later and coarser.
+        """
+        wanted = CHANNELS if np.isinf(self.horizon) else ("position", "heading")
+        return tuple(
+            name for name, c in recording.channels.items() if name in wanted and set(c.labels) <= set(CHANNELS[name])
+        )
+
+    def prepared(self, recording: Recording) -> Recording:
+        """The recording without what the tracker mistook for the vehicle; see `cleaned`."""
+        v = self.vehicle
+        return cleaned(recording, v.enabled_by, v.middle, v.full, v.wheelbase) if v.drive == "throttle" else recording
+
+    def rollout(
+        self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None = None
+    ) -> list[Rollout]:
+        """Every trial for every row of values (b, n [+ controller parameters]). See `Simulator.rollout`.
+
+        A trial may observe 'command' too: what the controller commanded. Raises RecordingError for a trial without
+        command where no controller is given, ModelError for channels that a vehicle has not.
+        """
+        refuse_unsupported(self.name, trials, "ends", "disturbances", "sensing")
+        rows, unusable = self.rows(values)
+        given = np.atleast_2d(np.asarray(values, dtype=np.float64))
+        done = []
+        for trial in trials:
+            factory = trial.controller or controllers or self.controller
+            read, orders = Reading.of(trial), None
+            if factory is None:
+                out = self._replay(trial, rows, read)
+            else:
+                out, orders = self._drive(trial, rows, factory(given[:, len(self._columns) :]), read.times)
+            done.append(read.rollout(trial, out, orders, unusable))
+        return done
+
+    def rows(self, values: Array) -> tuple[Array, Indices]:
+        """(b, columns) for the kernels, and the rows that are not numbers: what is none is not simulated."""
+        given = np.atleast_2d(np.asarray(values, dtype=np.float64))
+        rows = np.tile(self.vehicle.row, (len(given), 1))
+        rows[:, self._columns] = given[:, : len(self._columns)]
+        unusable = np.flatnonzero(~np.isfinite(given).all(axis=1))
+        rows[unusable] = self.vehicle.row
+        return rows, unusable
+
+    def past(self, trial: Trial) -> Past:
+        """A trial's commands, and what was seen of it until each instant; computed once."""
+        if trial not in self._pasts:
+            made = Past.at_start if np.isinf(self.horizon) else Past.of
+            self._pasts[trial] = made(trial, self.step, (self.vehicle.drive, "steering"))
+        return self._pasts[trial]
+
+    def ahead(self, trial: Trial, times: Array) -> Array:
+        """(T,) how long before each instant its prediction began, in s; NaN where nothing is predicted."""
+        since, _, _ = self._stretches(trial, times)
+        return since
+
+    def predict(self, past: Past, rows: Array, starts: Indices, first: Indices, since: Array) -> Array:
+        """(b, len(since), 5) x, y, heading, speed, yaw rate of stretches; see `replay_rows`."""
+        out = np.empty((len(rows), len(since), READ))
+        lengths = past.lengths[starts]
+        self._shared(
+            lambda i: replay_rows(
+                rows[i], past.step, past.commands, past.seen, starts, lengths, past.settle, first, since, out[i]
+            ),
+            len(rows),
+        )
+        return out
+
+    def _stretches(self, trial: Trial, times: Array) -> tuple[Array, Indices, Indices]:
+        """(T,) time since the stretch that holds each instant began; its number; (S,) where stretches begin."""
+        past = self.past(trial)
+        starts = _starts(past, trial, self.horizon)
+        stretch = np.clip(np.searchsorted(starts, (times - past.begin) / past.step + 1e-6, side="right") - 1, 0, None)
+        since = times - past.begin - past.step * starts[stretch]
+        # Before the first start, and after a gap until enough is known again, there is no prediction to be judged.
+        told = (since > -1e-9) & (since < self.horizon + 1.5 * past.step)
+        return np.where(told, np.clip(since, 0.0, self.horizon), np.nan), stretch, starts
+
+    def _replay(self, trial: Trial, rows: Array, read: Reading) -> Array:
+        times = read.times + trial.start
+        since, stretch, starts = self._stretches(trial, times)
+        first = np.searchsorted(stretch, np.arange(len(starts) + 1)).astype(np.int64)
+        past = self.past(trial)
+        out = self.predict(past, rows, starts, first, np.nan_to_num(since))
+        idle = np.isnan(since)
+        out[:, idle] = past.at(times[idle])
+        return out
+
+    def _drive(self, trial: Trial, rows: Array, controller: Controller, times: Array) -> tuple[Array, Orders]:
+        substeps = max(1, round(controller.period / self.step))
+        period = substeps * self.step
+        ticks = int(np.ceil(trial.duration / period - 1e-9))
+        noise = np.random.default_rng(self._seed).standard_normal((ticks + 1, 3))
+        start = start_state(trial)
+        orders = np.empty((len(rows), ticks, 2))
+        out = np.empty((len(rows), len(times), READ))
+        if self._compiled and isinstance(controller, Stanley) and self.vehicle.drive == "speed":
+            path = path_table(controller.path_of(_first_look(trial, rows, start)))
+            gains, settings = controller.gains, controller.settings.row
+            self._shared(lambda i: follow_rows(rows[i], start, gains[i], settings, path, ticks, substeps, self.step, noise,
+                                               times, out[i], orders[i]), len(rows))  # fmt: skip
+        else:
+            self._lockstep(trial, rows, controller, start, substeps, noise, orders, times, out)
+        return out, Orders(trial.start + period * np.arange(ticks, dtype=np.float64), orders)
+
+    def _lockstep(
+        self, trial: Trial, rows: Array, controller: Controller, start: Array, substeps: int, noise: Array, orders: Array,
+        times: Array, out: Array,
+    ) -> None:  # fmt: skip
+        ticks = orders.shape[1]
+        history = np.empty((len(rows), ticks * substeps + 1, READ))
+        history[:, 0] = start[:READ]
+        state, pose = np.tile(start, (len(rows), 1)), np.empty((len(rows), READ))
+        controller.reset(_first_look(trial, rows, start))
+        for n in range(ticks):
+            measure_all(rows, history, n * substeps, self.step, noise[n], pose)
+            look = Observation(n * substeps * self.step, pose[:, :3], pose[:, 3:], {}, trial)
+            orders[:, n] = controller.command(look)
+            drive_all(rows, start, orders, n, substeps, self.step, state, history)
+        read_all(rows, history, ticks * substeps, self.step, times, noise, substeps * self.step, out)
+
+    def _shared(self, work: Callable[[slice], None], rows: int) -> None:
+        """Does the work on all rows, in as many threads as are worth it."""
+        parts = min(self._threads, rows)
+        if parts <= 1:
+            work(slice(0, rows))
+            return
+        edges = np.linspace(0, rows, parts + 1).astype(int)
+        with ThreadPoolExecutor(parts) as pool:
+            list(pool.map(work, [slice(a, b) for a, b in pairwise(edges.tolist())]))
+
+
+def _starts(past: Past, trial: Trial, horizon: float) -> Indices:
+    """(S,) grid instants at which stretches begin: every `horizon` s, later where nothing was known then.
+
+    Raises ModelError where nothing is known at all.
+    """
+    every = max(1, round(_PLACES / past.step))
+    last = past.index(trial.start + trial.duration)
+    places = np.arange(past.earliest, last + 1, every)
+    places = places[past.known[places]]
+    found: list[int] = []
+    for place in places.tolist():
+        if not found or (place - found[-1]) * past.step > horizon - 0.5 * past.step:
+            found.append(place)
+    if not found:
+        raise ModelError(f"trial '{trial.name}' never shows position and heading for long enough to start a prediction")
+    return np.array(found, dtype=np.int64)
+
+
+def _first_look(trial: Trial, rows: Array, start: Array) -> Observation:
+    pose = np.tile(start[:READ], (len(rows), 1))
+    return Observation(0.0, pose[:, :3], pose[:, 3:], {}, trial)

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is known of a vehicle that steers its front axle, and the space of what is calibrated in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.engines.vehicle.kernels import COLUMNS, STEERING_LEFT, STEERING_RIGHT, STEERING_SCALE
+from trueup.engines.vehicle.quantities import SPEED_DRIVEN, THROTTLE_DRIVEN, Quantity
+from trueup.errors import ParameterError, unknown_name
+from trueup.parameters import Parameter, ParameterSpace
+
+Array = NDArray[np.float64]
+
+DRIVES: Mapping[str, tuple[Quantity, ...]] = MappingProxyType({"speed": SPEED_DRIVEN, "throttle": THROTTLE_DRIVEN})
+"""What may command a vehicle beside its steering, and what may be calibrated in it then."""
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """A vehicle as its maker or its file describes it.
+
+    Raises ParameterError for impossible numbers, UnknownNameError for other values.
+    """
+
+    name: str
+    wheelbase: float
+    """Rear axle to front axle, which is steered, in m."""
+    max_steering: float = np.inf
+    """In rad, to either side."""
+    values: Mapping[str, float] = field(default_factory=dict)
+    """Quantities that are known; the others are absent, or in a vehicle driven by throttle as a usual small car has them."""
+    drive: str = "speed"
+    """What is commanded: 'speed' in m/s with steering in rad, or 'throttle' with steering, both as shares -1 ... 1."""
+    enabled_by: str = ""
+    """Label of a recorded signal without which the throttle is cut (a dead man's switch); '' finds one by its name."""
+    middle: tuple[float, float] = (0.0, 0.0)
+    """Recorded throttle and steering that stand for zero."""
+    full: tuple[float, float] | None = None
+    """How far beyond `middle` they stand for one, below zero where they grow backwards or to the right; None: 1."""
+
+    def __post_init__(self) -> None:
+        """Checks the numbers."""
+        who = f"vehicle '{self.name}'"
+        if self.drive not in DRIVES:
+            raise unknown_name("drive", self.drive, DRIVES, who)
+        if not 0.0 < self.wheelbase < np.inf:
+            raise ParameterError(f"{who}: wheelbase is {self.wheelbase}; it must be positive, in m")
+        if not self.max_steering > 0.0:
+            raise ParameterError(f"{who}: max_steering is {self.max_steering}; it must be positive, in rad")
+        if not np.isfinite(self.middle).all() or not np.isfinite(self.full or 1.0).all() or 0.0 in (self.full or ()):
+            raise ParameterError(f"{who}: full is {self.full}, middle {self.middle}; full must not be zero")
+        for name, value in self.values.items():
+            if name not in self.names:
+                raise unknown_name("quantity", name, self.names, who)
+            if not np.isfinite(value):
+                raise ParameterError(f"{who}: {name} is {value}; it must be a finite number")
+        object.__setattr__(self, "values", MappingProxyType(dict(self.values)))
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """What may be calibrated in it."""
+        return DRIVES[self.drive]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(q.name for q in self.quantities)
+
+    @property
+    def row(self) -> Array:
+        """(len(COLUMNS),) the numbers that the compiled model reads."""
+        row = np.zeros(len(COLUMNS))
+        row[[STEERING_LEFT, STEERING_RIGHT, STEERING_SCALE]] = 1.0
+        for q in (*SPEED_DRIVEN, *self.quantities):
+            row[COLUMNS.index(q.column)] = q.absent
+        row[:2] = self.wheelbase, self.max_steering
+        row[self.columns(self.values)] = list(self.values.values())
+        return row
+
+    def columns(self, names: Iterable[str]) -> NDArray[np.intp]:
+        """(n,) the column of `row` that each quantity writes. Raises UnknownNameError."""
+        return np.array([COLUMNS.index(self.quantity(name).column) for name in names], dtype=np.intp)
+
+    def quantity(self, name: str) -> Quantity:
+        """One of its quantities. Raises UnknownNameError, which lists them."""
+        if name not in self.names:
+            raise unknown_name("quantity", name, self.names, "what a vehicle may be calibrated in")
+        return self.quantities[self.names.index(name)]
+
+    def space(
+        self, names: Iterable[str] | None = None, starts: Mapping[str, float] | None = None, steers: float = 1.0
+    ) -> ParameterSpace:
+        """All its quantities as parameters, those frozen that are not in `names` (None: those that are usually free).
+
+        They start at the vehicle's own values, else at `starts` (what a look at recordings suggests). `steers` is the
+        greatest steering command: where that is less than one (an angle in rad), a wheel may turn further for a command
+        of one. Raises UnknownNameError.
+        """
+        known = {**(starts or {}), **self.values}
+        free = {q.name for q in self.quantities if q.free} if names is None else set(names)
+        for name in (*free, *known):
+            self.quantity(name)
+        return ParameterSpace(tuple(self._parameter(q, known, q.name in free, steers) for q in self.quantities))
+
+    def _parameter(self, q: Quantity, known: Mapping[str, float], free: bool, steers: float) -> Parameter:
+        size = max(self.wheelbase, 1.0) ** q.grows  # bounds hold up to a wheelbase of a metre
+        lower, upper = size * q.lower, size * q.upper / (steers if q.per_command and 0.0 < steers < 1.0 else 1.0)
+        nominal = float(np.clip(known.get(q.name, q.start), lower, upper))
+        return Parameter(
+            q.name, q.unit, nominal, lower, upper, q.scale, frozen=not free, source=q.about, shown_by=q.shown_by
+        )
+
+
+BETAS = tuple(q.name for q in SPEED_DRIVEN[:5])
+"""The five parameters of the paper's Table II, in its order."""
+
+
+def vehicle_space(vehicle: Vehicle, names: Iterable[str] = BETAS, **nominal: float) -> ParameterSpace:
+    """Parameters for the quantities `names` alone, in their order, starting at the vehicle's own values where it has them.
+
+    Raises UnknownNameError for a name that is not a quantity of the vehicle.
+    """
+    whole = vehicle.space(names)
+    return ParameterSpace(tuple(_starting(whole[name], nominal) for name in names))
+
+
+def _starting(parameter: Parameter, nominal: Mapping[str, float]) -> Parameter:
+    start = nominal.get(parameter.name, parameter.nominal)
+    return parameter.replace(nominal=min(max(float(start), parameter.lower), parameter.upper))
