@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from trueup.campaign.history import History
+from trueup.campaign.journal import read_journal
 from trueup.studies.servo_arm.demo import record
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -35,6 +37,23 @@ def test_there_are_examples() -> None:
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_an_example_is_short(path: Path) -> None:
     assert len(path.read_text("utf-8").splitlines()) <= 100
+
+
+def test_a_cart_pole_of_ones_own_is_short_and_tuned_by_a_campaign(tmp_path: Path) -> None:
+    """An own engine, quantity, controller, task and robot: a length that is wrong is found, the swing gets higher."""
+    folder = ROOT / "examples" / "cart_pole"
+    assert sum(len(p.read_text("utf-8").splitlines()) for p in folder.iterdir() if p.is_file()) < 200
+    run = ["run", str(folder / "campaign.toml"), "--out", str(tmp_path / "out"), "--yes"]
+    command = [sys.executable, "-m", "trueup.cli", *run]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    history = History.of(read_journal(tmp_path / "out"))
+    assert history.best[1] < 0.2 * history.first_score
+    fitted = history.rounds[-1].calibrated
+    assert fitted is not None
+    k = fitted.names.index("pole.length")
+    assert fitted.low[k] < 0.6 < fitted.high[k]
+    assert fitted.values[k] == pytest.approx(0.6, rel=0.05)
 
 
 def test_the_calibration_example_lowers_the_held_out_error(recordings: Path) -> None:

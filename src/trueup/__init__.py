@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.articulated.declarations import Declaration as Declaration
     from trueup.articulated.declarations import declare as declare
+    from trueup.articulated.quantities.quantity import Quantity as Quantity
+    from trueup.articulated.simulator import ArticulatedSimulator as ArticulatedSimulator
     from trueup.calibration import Calibration as Calibration
     from trueup.engines.mujoco.rollout import MujocoSimulator as MujocoSimulator
     from trueup.engines.mujoco.setup.proposal import propose as propose
@@ -50,6 +52,7 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
 __version__ = "0.1.0"
 
 _HOME = {
+    "ArticulatedSimulator": "trueup.articulated.simulator",
     "BicycleSimulator": "trueup.engines.vehicle",
     "Belief": "trueup.loop.belief",
     "ByHand": "trueup.robots.by_hand",
@@ -64,6 +67,7 @@ _HOME = {
     "ParameterSpace": "trueup.parameters",
     "Path": "trueup.paths",
     "Preparation": "trueup.loop.prepare",
+    "Quantity": "trueup.articulated.quantities.quantity",
     "Recording": "trueup.recording",
     "Trial": "trueup.trial",
     "TrueupError": "trueup.errors",

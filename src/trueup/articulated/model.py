@@ -108,6 +108,41 @@ class Copies(Writable, Protocol):
         ...
 
 
+class Running(Copies, Protocol):
+    """Copies that can be placed and stepped. Joints are those of `Model.drives()`, in order."""
+
+    @property
+    def position(self) -> Array:
+        """(b, k) of the joints, rad or m."""
+        ...
+
+    @property
+    def velocity(self) -> Array:
+        """(b, k)."""
+        ...
+
+    @property
+    def force(self) -> Array:
+        """(b, k) with which the drives pushed the joints in the last step, N m or N."""
+        ...
+
+    def place(self, position: Array, velocity: Array) -> None:
+        """Puts the joints somewhere, (b, k) each."""
+        ...
+
+    def step(self, command: Array, step: float) -> None:
+        """One step of `step` s with commands (b, width). A copy that blows up shows values that are not finite."""
+        ...
+
+
+class Engine(Model, Protocol):
+    """A model that can be simulated: all that `articulated.simulator.ArticulatedSimulator` needs."""
+
+    def copies(self, rows: int) -> Running:
+        """That many copies, as they were loaded."""
+        ...
+
+
 def servos(model: Model) -> tuple[str, ...]:
     """Names of the position servos of a model."""
     return tuple(n for n in model.names("actuator") if n and model.get("actuator.servo", n)[0])

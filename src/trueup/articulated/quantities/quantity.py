@@ -33,7 +33,7 @@ class Quantity:
 
     name: str
     family: str
-    """What its targets are: one of FAMILIES."""
+    """What its targets are: one of FAMILIES, or one of an engine's own."""
     unit: str
     """At hinges; `unit_at` says it for slides."""
     title: str
@@ -88,11 +88,11 @@ class Quantity:
                 return _actuators(model, self.servos_only)
             case "joint":
                 return {n: n for n in model.drives()}
-            case "body" | "geom":
-                return {n: n for n in model.names(self.family) if n and n != WORLD}
             case "world":
                 return {WORLD: WORLD}
-        return {n: n for n in extra.get(self.family, ())}
+            case "channel" | "recording":
+                return {n: n for n in extra.get(self.family, ())}
+        return {n: n for n in model.names(self.family) if n and n != WORLD}
 
     def units(self) -> tuple[str, ...]:
         """The units that it may have: at hinges, at slides."""

@@ -27,6 +27,7 @@ _OBJECTS = {
 }
 SLACK = "/slack"
 """What the name of the second joint ends with that stands for the backlash of a joint."""
+_TILT = "tilt of the floor"
 _STATES = {"position": "qpos", "velocity": "qvel", "force": "qfrc_actuator"}
 
 
@@ -35,8 +36,8 @@ class MujocoAttributes:
 
     def __init__(self, model: mujoco.MjModel, fields: Fields) -> None:
         self.model, self.fields = model, fields
-        self.gains: dict[str, Array] = {}
-        """Factors that were written on the forces of actuators."""
+        self.relative: dict[str, Array] = {}
+        """What was written relative to the model: factors on forces, by the actuator's name; the tilt of the floor."""
 
     def get(self, attribute: str, name: str) -> Array:
         """See Attributes."""
@@ -146,11 +147,11 @@ def _write_gain(a: MujocoAttributes, i: int, values: Array) -> None:
     name = str(mujoco.mj_id2name(a.model, _OBJECTS["actuator"], i))
     a.fields.expand("actuator_gainprm")[:, i] *= values[:, None]
     a.fields.expand("actuator_biasprm")[:, i] *= values[:, None]
-    a.gains[name] = a.gains.get(name, 1.0) * values
+    a.relative[name] = a.relative.get(name, 1.0) * values
 
 
 def _read_gain(a: MujocoAttributes, i: int) -> Array:
-    return np.array(a.gains.get(str(mujoco.mj_id2name(a.model, _OBJECTS["actuator"], i)), np.ones(1)))
+    return np.array(a.relative.get(str(mujoco.mj_id2name(a.model, _OBJECTS["actuator"], i)), np.ones(1)))
 
 
 def _write_limit(a: MujocoAttributes, i: int, values: Array) -> None:
@@ -242,6 +243,7 @@ def _floor(field: str, column: int, otherwise: float) -> _Access:
 
 def _write_floor_tilt(a: MujocoAttributes, i: int, values: Array) -> None:
     a.fields.expand("geom_quat")[:, i] = turned(a.model.geom_quat[i], values[:, 0], values[:, 1])
+    a.relative[_TILT] = np.array(values)
 
 
 def _write_gravity(a: MujocoAttributes, i: int, values: Array) -> None:
@@ -274,6 +276,6 @@ _ACCESS: Mapping[str, _Access] = {
     "geom.softness": _field("geom_solref", 0),
     "world.gravity": _Access(lambda a, i: np.array(a.fields.expand("opt.gravity")), _write_gravity),
     "world.floor_height": _floor("geom_pos", 2, 0.0),
-    "world.floor_tilt": _Access(lambda a, i: np.zeros((1, 2)), _write_floor_tilt),
+    "world.floor_tilt": _Access(lambda a, i: np.array(a.relative.get(_TILT, np.zeros((1, 2)))), _write_floor_tilt),
     "world.floor_friction": _floor("geom_friction", 0, FLOOR_FRICTION),
 }

@@ -57,7 +57,9 @@ class Model:
         return root_tag(self.path) == "mujoco"
 
     def names(self, kind: str) -> tuple[str, ...]:
-        """All names of one kind ('joint', 'actuator', 'body', 'geom', 'sensor'), '' where one has none."""
+        """All names of one kind ('joint', 'actuator', 'body', 'geom', 'sensor'), '' where one has none; () of any other."""
+        if kind not in _OBJECTS:
+            return ()
         model = self.compiled
         count = {"joint": model.njnt, "actuator": model.nactuator, "body": model.nbody, "geom": model.ngeom}
         total = count.get(kind, model.nsensor)

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulator of any engine that offers a model and steps it: parameters written, signals shaped, channels read off."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.articulated.assignments import Assignment, laws, write
+from trueup.articulated.closed_loop import ClosedLoop
+from trueup.articulated.kernels import read_off
+from trueup.articulated.model import Engine, Running
+from trueup.articulated.signals import Signals
+from trueup.articulated.wiring import commanded
+from trueup.controllers.controller import ControllerFactory, Observation
+from trueup.ends import LOOK, Ended, which_end
+from trueup.engines.simulator import Rollout, refuse_unsupported
+from trueup.errors import ModelError, unknown_name
+from trueup.parameters import ParameterSpace
+from trueup.recording import Recording, is_command
+from trueup.trial import Observed, Trial, command_of
+
+Array = NDArray[np.float64]
+
+_STATES = {"position": "position", "velocity": "velocity", "torque": "force"}
+"""Channels whose labels are joints, and the state that they show."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArticulatedSimulator:
+    """A `Simulator` of an engine's model; `quantities[i]` says what parameter i sets (see `declarations.declare`)."""
+
+    engine: Engine
+    parameters: ParameterSpace = field(default_factory=lambda: ParameterSpace(()))
+    quantities: tuple[Assignment, ...] = ()
+    step: float = 0.002
+
+    @property
+    def name(self) -> str:
+        """The model's name."""
+        return self.engine.name
+
+    def at_step(self, step: float) -> ArticulatedSimulator:
+        """The same with another step, in s."""
+        return dataclasses.replace(self, step=step)
+
+    def shipped(self) -> ArticulatedSimulator:
+        """The same model as it came, without parameters."""
+        return dataclasses.replace(self, parameters=ParameterSpace(()), quantities=())
+
+    def observable(self, recording: Recording) -> tuple[str, ...]:
+        """Positions, speeds and torques of joints. Raises UnknownNameError for commands and joints that are not there."""
+        command = command_of(recording)
+        if command is not None:
+            commanded(self.engine, command)
+        seen = [c for name, c in recording.channels.items() if not is_command(name) and name in _STATES]
+        for channel in seen:
+            for label in channel.labels:
+                if label not in self.engine.drives():
+                    where = f"model '{self.name}' (channel '{channel.name}' of recording '{recording.name}')"
+                    raise unknown_name("joint", label, self.engine.drives(), where)
+        return tuple(c.name for c in seen)
+
+    def rollout(
+        self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None = None
+    ) -> list[Rollout]:
+        """See Simulator. Where there are controllers, values (b, n) hold their parameters after the model's.
+
+        Raises ModelError for trials with disturbances or sensing.
+        """
+        refuse_unsupported(self.name, trials, "disturbances", "sensing")
+        values = np.atleast_2d(np.asarray(values, dtype=np.float64))
+        with np.errstate(all="ignore"):  # what blows up is reported
+            return [_Run(self, trial, values, trial.controller or controllers).rollout() for trial in trials]
+
+
+class _Run:
+    """One trial for b candidates."""
+
+    def __init__(
+        self, simulator: ArticulatedSimulator, trial: Trial, values: Array, controllers: ControllerFactory | None
+    ) -> None:
+        own = len(simulator.quantities)
+        self._model, self._trial, self._step = simulator.engine, trial, simulator.step
+        self._signals = Signals(self._model, simulator.quantities, [trial], values[:, :own])
+        self._copies: Running = self._model.copies(len(values))
+        write(simulator.quantities, values[:, :own], self._copies)
+        self._copies.place(*self._signals.starts()[0])
+        self._laws = laws(simulator.quantities, values[:, :own], self._model, self._copies)
+        self._count = int(np.ceil(trial.duration / self._step + 1e-9)) + 1
+        self._loop: ClosedLoop | None = None
+        if controllers is not None:
+            self._loop = ClosedLoop(controllers(values[:, own:]), self._signals.delay, self._step)
+        every, count = LOOK / self._step, int(trial.duration / LOOK) + 1 if trial.ends else 0
+        self._looks = {int(np.ceil(k * every - 1e-9)) for k in range(count)}
+        self._ends: dict[int, Ended] = {}
+
+    def rollout(self) -> Rollout:
+        """Steps to the end of the trial and reads its channels off."""
+        recorded = self._signals.commands(0, 0, self._count, self._step) if self._loop is None else None
+        states = {name: [np.array(getattr(self._copies, name))] for name in _STATES.values()}
+        given = []
+        for s in range(self._count):
+            self._look(s)
+            command = np.array(recorded[:, s]) if recorded is not None else self._asked(s)
+            given.append(np.array(command))
+            for law in self._laws:
+                law.act(command)
+            self._copies.step(command, self._step)
+            for name, history in states.items():
+                history.append(np.array(getattr(self._copies, name)))
+        states["force"] = [*states["force"][1:], states["force"][-1]]  # it acts during a step, states are at its ends
+        histories = {name: np.stack(history, axis=1) for name, history in states.items()}
+        histories["command"] = np.stack([*given, given[-1]], axis=1)
+        lost = np.logical_or.accumulate(
+            np.any([~np.isfinite(h).all(axis=2) for h in histories.values()], axis=0), axis=1
+        )
+        for history in histories.values():
+            history[lost] = np.nan
+        failures = {
+            int(row): f"the simulation became unstable after {self._step * int(np.argmax(lost[row])):.3g} s"
+            for row in np.flatnonzero(lost.any(axis=1))
+        }
+        channels = {name: self._seen(name, o, histories) for name, o in self._trial.observed.items()}
+        rollout = Rollout(self._trial, channels, failures, {r: e for r, e in self._ends.items() if r not in failures})
+        for name, values in channels.items():
+            values[~rollout.lasted(name)] = np.nan
+        return rollout
+
+    def _observation(self, s: int, **channels: Array) -> Observation:
+        now = s * self._step
+        return Observation(now, self._copies.position, self._copies.velocity, {}, self._trial, channels)
+
+    def _asked(self, s: int) -> Array:
+        """(b, width) what the controller commands in step s."""
+        if self._loop is None:
+            raise RuntimeError("no controller in this run")
+        if self._loop.due <= s:
+            self._loop.ask(self._observation(s))
+        return self._loop.commands(s, 1)[:, 0]
+
+    def _look(self, s: int) -> None:
+        """Which runs have ended by step s, looked at every `ends.LOOK` s."""
+        if s not in self._looks:
+            return
+        seen = [self._observation(s, **self._shown(e.looks_at)) for e in self._trial.ends]
+        reached = which_end(self._trial.ends, seen, len(self._copies.position))
+        for row in np.flatnonzero(reached >= 0):
+            at = self._trial.start + s * self._step
+            self._ends.setdefault(int(row), Ended(at, self._trial.ends[reached[row]].name))
+
+    def _shown(self, wanted: Mapping[str, tuple[str, ...]]) -> dict[str, Array]:
+        """Channel to (b, k) of what is so now."""
+        return {n: getattr(self._copies, _STATES[n])[:, self._columns(n, labels)] for n, labels in wanted.items()}
+
+    def _columns(self, name: str, labels: Sequence[str]) -> list[int]:
+        """Of a channel's labels in its state. Raises ModelError for a channel that is no signal of the model."""
+        if name not in _STATES and name != "command":
+            raise ModelError(f"channel '{name}' of '{self._trial.name}' is no signal of '{self._model.name}'")
+        known = self._model.columns() if name == "command" else {j: i for i, j in enumerate(self._model.drives())}
+        return [known[label] for label in labels]
+
+    def _seen(self, name: str, observed: Observed, histories: dict[str, Array]) -> Array:
+        """(b, T, k) a channel as it is measured."""
+        columns = self._columns(name, observed.labels)
+        history = np.ascontiguousarray(histories[_STATES.get(name, name)][:, :, columns])
+        out = np.empty((len(history), len(observed.time), len(columns)))
+        instants = self._signals.instants(0, name, self._step)
+        bias = self._signals.bias(0, name, len(columns))
+        rows = np.arange(len(history))
+        read_off(history, rows, 0, history.shape[1] - 1, True, instants, len(instants) == 1, bias, out)
+        return out
