@@ -53,7 +53,7 @@ def main() -> None:
 def determinants(generations: int, threads: int) -> tuple[Excitation, Excitation]:
     """The genetic search, and the better one that stops where it has the same determinant."""
     tree, limits = arm()
-    criterion = Criterion.of(DynamicModel.of(tree), NOMINAL, "D", weighting="printed", per_sample=False)
+    criterion = Criterion.of(DynamicModel.with_friction(tree), NOMINAL, "D", weighting="printed", per_sample=False)
     kind = Sines(limits, 5, longest=20.0)
     design(kind, criterion, Options(method="genetic", population=8, generations=2))  # compiles
     design(kind, criterion, Options(budget=1.0, candidates=200))

@@ -71,8 +71,9 @@ def main() -> None:
     def loop_torque() -> Array:
         return np.array([pin.rnea(model, data, *x).copy() for x in zip(q, qd, qdd, strict=True)])
 
-    dynamic = DynamicModel.of(tree)
+    dynamic = DynamicModel.with_friction(tree)
     base = dynamic.base().independent
+    ones = np.ones(tree.n)
     batch = [np.tile(x, (B, 1, 1)) for x in (q, qd, qdd)]
     ours, peer = regressor(tree, q, qd, qdd), loop()
     difference = float(np.abs(ours - peer).max() / np.abs(peer).max())
@@ -83,7 +84,9 @@ def main() -> None:
             microseconds(loop_torque, S, repeats),
         ),
         "Gram matrices": (
-            microseconds(lambda: dynamic.grams(batch[0], batch[1], batch[2], base), B * S, max(3, repeats // 10)),
+            microseconds(
+                lambda: dynamic.information(batch[0], batch[1], batch[2], ones, base), B * S, max(3, repeats // 10)
+            ),
             float("nan"),
         ),
     }

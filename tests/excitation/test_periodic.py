@@ -14,11 +14,11 @@ from trueup.excitation.cell import Cell
 from trueup.excitation.criteria import Criterion
 from trueup.excitation.design import Options, algorithm_a, algorithm_a_local, algorithm_b, design
 from trueup.excitation.expectation import expectations
-from trueup.excitation.information import information, log_determinants
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.periodic import Fourier, Sines, at_rest, joint_box
 from trueup.excitation.regions import Region
 from trueup.identification.dynamic_model import DynamicModel
+from trueup.identification.information import log_determinants
 from trueup.identification.kinematic_tree import KinematicTree, from_dh
 
 Array = NDArray[np.float64]
@@ -48,7 +48,7 @@ def limits() -> JointLimits:
 
 @pytest.fixture(scope="module")
 def criterion(limits: JointLimits) -> Criterion:
-    return Criterion.of(DynamicModel.of(arm()), limits.torque)
+    return Criterion.of(DynamicModel.with_friction(arm()), limits.torque)
 
 
 def slopes_agree(time: Array, values: Array, slopes: Array) -> bool:
@@ -125,12 +125,11 @@ def test_the_printed_determinant_is_that_of_the_stacked_weighted_regressor(
         assert abs(criterion.printed(motions)[b] - wanted) < 1e-6
 
 
-def test_information_is_the_weighted_sum_of_the_grams(criterion: Criterion, limits: JointLimits) -> None:
+def test_log_determinants_are_those_of_the_matrices_and_none_of_a_singular_one(
+    criterion: Criterion, limits: JointLimits
+) -> None:
     m = Fourier(limits, 6.0).motions(np.random.default_rng(5).uniform(size=(5, Fourier(limits, 6.0).size)), 300)
-    grams = criterion.model.grams(m.q, m.qd, m.qdd, columns=criterion.independent)
-    wanted = np.einsum("i,bijk->bjk", criterion.weights**2, grams)
-    found = information(criterion.model, criterion.independent, criterion.weights, m.q, m.qd, m.qdd, threads=2)
-    assert np.abs(found - wanted).max() < 1e-9 * np.abs(wanted).max()
+    wanted = found = criterion.model.information(m.q, m.qd, m.qdd, criterion.weights, criterion.independent, threads=2)
     assert np.allclose(log_determinants(found), np.linalg.slogdet(wanted)[1])
     singular = wanted.copy()
     singular[0, 0], singular[0, :, 0] = 0.0, 0.0
@@ -140,7 +139,7 @@ def test_information_is_the_weighted_sum_of_the_grams(criterion: Criterion, limi
 def test_criteria_agree_with_their_definitions(criterion: Criterion, limits: JointLimits) -> None:
     kind = Fourier(limits, 6.0)
     motions = kind.motions(np.random.default_rng(6).uniform(size=(4, kind.size)), 200)
-    M = information(criterion.model, criterion.independent, criterion.weights, motions.q, motions.qd, motions.qdd) / 200
+    M = criterion.model.information(motions.q, motions.qd, motions.qdd, criterion.weights, criterion.independent) / 200
     scaled = M * criterion.scale[:, None] * criterion.scale
     for name, wanted in (
         ("A", np.log10(np.trace(np.linalg.inv(scaled), axis1=1, axis2=2))),
@@ -149,7 +148,7 @@ def test_criteria_agree_with_their_definitions(criterion: Criterion, limits: Joi
     ):
         assert np.allclose(replace(criterion, kind=name).losses(motions), wanted, rtol=1e-6)
     # D-optimality splits: det M = det of the others x det of friction given the others
-    friction = np.array([criterion.model.columns[k].kind == "friction" for k in criterion.independent])
+    friction = criterion.model.friction[criterion.independent]
     alone = replace(criterion, friction="alone").losses(motions)
     others = -np.linalg.slogdet(M[:, ~friction][:, :, ~friction])[1] / np.log(10.0)
     assert np.allclose(alone + others, criterion.losses(motions), atol=1e-6)
@@ -165,13 +164,13 @@ def test_prediction_is_the_mean_standard_deviation_of_the_torque_on_other_motion
     Y = Y[:, :, criterion.independent] * criterion.weights[None, :, None]
     for b in range(2):
         q, qd, qdd = (x[b : b + 1] for x in (some.q, some.qd, some.qdd))
-        M = information(criterion.model, criterion.independent, criterion.weights, q, qd, qdd)[0] / 150
+        M = criterion.model.information(q, qd, qdd, criterion.weights, criterion.independent)[0] / 150
         variance = np.einsum("snc,cd,snd->", Y, np.linalg.inv(M), Y) / len(Y)
         assert abs(found[b] - 0.5 * np.log10(variance)) < 1e-6
 
 
 def test_impossible_wishes_are_named(limits: JointLimits) -> None:
-    model = DynamicModel.of(arm())
+    model = DynamicModel.with_friction(arm())
     with pytest.raises(UnknownNameError, match="criterion 'd' is not in"):
         Criterion.of(model, limits.torque, "d")  # type: ignore[arg-type]
     with pytest.raises(IdentificationError, match="above 0 N m"):

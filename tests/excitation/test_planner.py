@@ -15,7 +15,7 @@ from trueup.excitation.cell import Cell, Settings
 from trueup.excitation.chain import Chain
 from trueup.excitation.inverse_kinematics import REACHED, InverseKinematics
 from trueup.excitation.limits import JointLimits
-from trueup.excitation.planner import Move, ViaPoints, joint_moves, perform, random_planner_motion
+from trueup.excitation.planner import ViaPoints, joint_moves, random_planner_motion
 from trueup.excitation.profiles import law, ramps
 from trueup.excitation.regions import Region
 from trueup.identification.kinematic_tree import KinematicTree, from_dh
@@ -164,22 +164,6 @@ def test_joint_moves_pass_their_postures_together_and_keep_the_limits(rng: np.ra
         assert (np.abs(motions.qd) <= limits.speed * (1 + 1e-9)).all()
         assert (np.abs(motions.qdd) <= limits.acceleration * (1 + 1e-9)).all()
         assert np.allclose(motions.qd[:, [0, -1]], 0.0)
-
-
-def test_a_robot_program_runs_line_by_line(cell: Cell) -> None:
-    start = cell.posture
-    high, low = (cell.region.centre + np.array(step) for step in ([0.0, 0.0, 0.1], [0.0, -0.1, -0.1]))
-    program = [Move("JOINT", high), Move("LIN", low), Move("LIN", cell.region.centre), Move("JOINT", posture=start)]
-    done = perform(cell, start, program, Settings(speed=0.5))
-    assert done.rests
-    assert np.allclose(done.q[-1], start)
-    assert np.abs(np.gradient(done.q, done.time, axis=0) - done.qd)[2:-2].max() < 0.02
-    _, p = cell.chain.poses(done.q)
-    assert np.linalg.norm(p - cell.region.centre, axis=1).min() < 1e-3
-    with pytest.raises(ModelError, match="line 1 of the program"):
-        perform(cell, start, [Move("JOINT", cell.region.centre + 5.0)], Settings())
-    with pytest.raises(ModelError, match="lines 1 to 1 of the program cannot be performed"):
-        perform(cell, start, [Move("LIN", cell.region.centre + 5.0)], Settings())
 
 
 def test_random_motions_are_within_the_region_or_all_over_the_range(cell: Cell, rng: np.random.Generator) -> None:

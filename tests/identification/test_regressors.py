@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from trueup.errors import ModelError
 from trueup.identification.dynamic_model import DynamicModel
-from trueup.identification.grams import log_determinant
 from trueup.identification.inertial import from_com
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.model_file import load_tree
@@ -134,19 +133,15 @@ def test_locking_joints_leaves_the_others_torque_as_it_was(rng: np.random.Genera
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_grams_equal_those_of_the_dense_regressor_joint_by_joint(rng: np.random.Generator, threads: int) -> None:
-    model = DynamicModel.of(random_tree(rng, 6))
-    q, qd, qdd = motion(rng, 3, 333, 6)
-    columns, lengths = model.base().independent, (333, 256, 7)
-    grams = model.grams(q, qd, qdd, columns, lengths=lengths, threads=threads)
-    for b, m in enumerate(lengths):
-        Y = model.regressor(q[b, :m], qd[b, :m], qdd[b, :m])[..., columns]
-        dense = np.einsum("sij,sik->ijk", Y, Y)
-        np.testing.assert_allclose(grams[b], dense, atol=1e-12 * np.abs(dense).max())
-    weights = rng.uniform(0.5, 2.0, 6)
-    Y = (model.regressor(q[0], qd[0], qdd[0])[..., columns] * weights[None, :, None]).reshape(-1, len(columns))
-    expected = np.linalg.slogdet(Y.T @ Y)[1] / np.log(10)
-    assert log_determinant(grams, weights)[0] == pytest.approx(expected, rel=1e-9)
+@pytest.mark.parametrize("samples", [7, 256, 333])
+def test_information_is_that_of_the_dense_regressor(rng: np.random.Generator, threads: int, samples: int) -> None:
+    model = DynamicModel.with_friction(random_tree(rng, 6))
+    q, qd, qdd = motion(rng, 4, samples, 6)
+    columns, weights = model.base().independent, rng.uniform(0.5, 2.0, 6)
+    found = model.information(q, qd, qdd, weights, columns, threads=threads)
+    for b in range(4):
+        Y = (model.regressor(q[b], qd[b], qdd[b])[..., columns] * weights[None, :, None]).reshape(-1, len(columns))
+        np.testing.assert_allclose(found[b], Y.T @ Y, atol=1e-12 * np.abs(Y.T @ Y).max())
 
 
 def test_power_is_the_rate_of_energy(rng: np.random.Generator) -> None:

@@ -13,8 +13,8 @@ from trueup.errors import OutputError
 from trueup.excitation.periodic import Sines, at_rest
 from trueup.excitation.planner import joint_moves
 from trueup.excitation.trajectories import Trajectory
-from trueup.identification.estimation.torque_model import Rows
 from trueup.identification.inertial import pseudo_inertia
+from trueup.identification.rows import Rows
 from trueup.studies.arm.comparison import ALGORITHMS, CASES, Errors, Example, Scale, interval, share_of_best
 from trueup.studies.arm.couplings import proposed_couplings
 from trueup.studies.arm.excitation import filled

@@ -10,21 +10,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.identification.estimation.effects import Effect
+from trueup.identification.dynamic_model import DynamicModel
+from trueup.identification.effects import Effect
 from trueup.identification.estimation.filtering import Lowpass, derivative
-from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.inertial import from_com
 from trueup.identification.kinematic_tree import KinematicTree, from_dh
 from trueup.identification.model_file import load_tree
+from trueup.identification.rows import Rows
 from trueup.studies.arm.couplings import proposed_couplings
 
 Array = NDArray[np.float64]
 PAIRS = ((4, 3), (5, 4), (5, 3))
 
 
-def model_of(tree: KinematicTree) -> TorqueModel:
+def model_of(tree: KinematicTree) -> DynamicModel:
     kinds = ("rotor", "coulomb", "viscous", "offset")
-    return TorqueModel.of(tree, [(j, Effect(kind)) for kind in kinds for j in range(tree.n)])
+    return DynamicModel.of(tree, [(j, Effect(kind)) for kind in kinds for j in range(tree.n)])
 
 
 @pytest.mark.realdata
@@ -45,7 +46,7 @@ def test_the_tx40_wrist_is_coupled_one_to_one_as_its_maker_says(real_data: Path)
     v = derivative(q, rate)
     a, tau, time = derivative(v, rate), passing((torque * ratios) @ known), np.arange(len(q)) / rate
     model = model_of(tree)
-    columns = model.base(np.random.default_rng(0)).independent
+    columns = model.base().independent
 
     def driven(C: Array) -> list[Rows]:
         own = replace(model, drives=C).rows(*(x[::every] for x in (time, q, v, a, tau)))
@@ -78,6 +79,6 @@ def test_hidden_couplings_are_recovered_and_none_is_invented(
     torque += 0.01 * torque.std(axis=0) * rng.normal(size=torque.shape)
     C = proposed_couplings(
         lambda C: [replace(model, drives=C).rows(t, q, v, a, torque)],
-        model.base(np.random.default_rng(0)).independent, np.arange(60, 66), PAIRS,
+        model.base().independent, np.arange(60, 66), PAIRS,
     )  # fmt: skip
     np.testing.assert_allclose(C, truth, atol=0.05)

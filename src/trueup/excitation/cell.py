@@ -4,9 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +17,7 @@ from trueup.excitation.inverse_kinematics import REACHED, REASONS, Equations, In
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.regions import Region
 from trueup.excitation.trajectories import Motions
+from trueup.identification.information import in_threads
 
 if TYPE_CHECKING:
     from trueup.identification.kinematic_tree import KinematicTree
@@ -161,16 +160,6 @@ class Cell:
 
         in_threads(some, B, threads)
         return overridden(Motions(time, q, qd, qdd, failures(ended)), settings)
-
-
-def in_threads(work: Callable[[slice], None], count: int, threads: int) -> None:
-    """Does `work` on rows 0 ... count - 1, cut into as many slices as threads; the compiled kernels let go of the lock."""
-    if threads <= 1 or count < 2 * threads:
-        work(slice(0, count))
-        return
-    edges = np.linspace(0, count, threads + 1).astype(int).tolist()
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(work, [slice(a, b) for a, b in pairwise(edges)]))
 
 
 def failures(ended: NDArray[np.int64]) -> tuple[str, ...]:

@@ -8,15 +8,15 @@ base columns and w_i the weight of joint i. Losses, lower is better; log10 throu
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trueup.errors import IdentificationError, unknown_name
-from trueup.excitation.information import information, log_determinants
 from trueup.excitation.trajectories import Motions
 from trueup.identification.dynamic_model import DynamicModel
+from trueup.identification.information import log_determinants
 
 Array = NDArray[np.float64]
 
@@ -70,15 +70,14 @@ class Criterion:
             )
         independent = np.asarray(model.base(seed=seed).independent, dtype=np.int64)
         if friction == "without":
-            independent = independent[[model.columns[k].kind != "friction" for k in independent]]
+            independent = independent[~model.friction[independent]]
         made = cls(model, independent, nominal, kind, weighting, per_sample, friction)
         return replace(made, scale=made._typical(seed))
 
     def for_motions(self, motions: Motions, threads: int = 1) -> Criterion:
         """The 'prediction' criterion for motions like these: the mean variance of their torque is the loss."""
         possible = motions.possible
-        of = (motions.q[possible], motions.qd[possible], motions.qdd[possible])
-        total = information(self.model, self.independent, self.weights, *of, threads=threads).sum(axis=0)
+        total = self._information(motions, possible, threads).sum(axis=0)
         return replace(self, kind="prediction", expected=total / (possible.sum() * motions.q.shape[1]))
 
     def smooth(self, rest: float = 0.05) -> Criterion:
@@ -100,11 +99,14 @@ class Criterion:
         loss = np.full(len(motions.q), np.nan)
         rows = np.flatnonzero(motions.possible)
         if len(rows):
-            of = (motions.q[rows], motions.qd[rows], motions.qdd[rows])
-            M = information(self.model, self.independent, self.weights, *of, threads=threads)
+            M = self._information(motions, rows, threads)
             count = motions.q.shape[1]
             loss[rows] = self.of_information(M * ((as_of or count) / count), as_of or count)
         return loss
+
+    def _information(self, motions: Motions, rows: NDArray[Any], threads: int) -> Array:
+        of = (motions.q[rows], motions.qd[rows], motions.qdd[rows])
+        return self.model.information(*of, self.weights, self.independent, threads=threads)
 
     def of_information(self, M: Array, samples: int) -> Array:
         """(...,) losses of information matrices (..., c, c) summed over `samples` samples."""
@@ -134,7 +136,7 @@ class Criterion:
 
     @property
     def _friction(self) -> NDArray[np.bool_]:
-        return np.array([self.model.columns[k].kind == "friction" for k in self.independent])
+        return self.model.friction[self.independent]
 
     def _friction_alone(self, M: Array) -> Array:
         own = self._friction
@@ -161,5 +163,5 @@ class Criterion:
         """(c,) the size at which each parameter alone makes as much weighted torque as the others, on random states."""
         rng, n = np.random.default_rng(seed), self.model.tree.n
         q, qd, qdd = (rng.uniform(-a, a, (1, 300, n)) for a in (np.pi, 2.0, 5.0))
-        M = information(self.model, self.independent, self.weights, q, qd, qdd)[0] / 300
+        M = self.model.information(q, qd, qdd, self.weights, self.independent)[0] / 300
         return 1.0 / np.sqrt(np.maximum(np.diag(M), 1e-300))

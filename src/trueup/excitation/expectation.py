@@ -17,12 +17,12 @@ from trueup.excitation.criteria import Criterion
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.periodic import Fourier
 from trueup.excitation.trajectories import Motions, Trajectory
-from trueup.identification.dynamic_model import Column, DynamicModel
+from trueup.identification.dynamic_model import DynamicModel
 
 Array = NDArray[np.float64]
 
-_COULOMB, _VISCOUS = 0.05, 0.05
-"""Shares of nominal torque that friction of an industrial arm takes (at top speed, where it grows with speed)."""
+_FRICTION = 0.05
+"""Share of nominal torque that each friction of an industrial arm takes (at top speed, where it grows with speed)."""
 _MOST_SAMPLES = 3000
 
 
@@ -82,23 +82,22 @@ def expectations(
     wide = _wide(criterion, limits, trajectory.duration, assumed)
     found = []
     for i, k in enumerate(criterion.independent.tolist()):
-        column = model.columns[k]
-        value = float("nan") if column.kind == "friction" else float(values[i])
+        value = float("nan") if model.friction[k] else float(values[i])
         size = max(abs(value) if np.isfinite(value) else 0.0, float(typical[k]))
         told = 100.0 * deviation[i] / size > percent
         advice = (
-            _advice(column, model, float(deviation[i] / wide[i]), float(100.0 * wide[i] / size), percent)
-            if told
-            else ""
+            _advice(model, k, float(deviation[i] / wide[i]), float(100.0 * wide[i] / size), percent) if told else ""
         )
-        found.append(Expected(names[place[k]], column.name, column.unit, value, float(deviation[i]), size, advice))
+        found.append(
+            Expected(names[place[k]], model.names[k], model.units[k], value, float(deviation[i]), size, advice)
+        )
     return tuple(sorted(found, key=lambda e: -e.percent))
 
 
 def _deviations(criterion: Criterion, motions: Motions, seconds: float, noise: Noise) -> Array:
     """(c,) standard deviations of the base parameters, from the mean information of some motions over `seconds`."""
-    grams = criterion.model.grams(motions.q, motions.qd, motions.qdd, columns=criterion.independent).mean(axis=0)
-    M = np.einsum("i,ijk->jk", 1.0 / (noise.share * criterion.torque) ** 2, grams)
+    weights = 1.0 / (noise.share * criterion.torque)
+    M = criterion.model.information(motions.q, motions.qd, motions.qdd, weights, criterion.independent).mean(axis=0)
     M *= seconds * noise.rate / motions.q.shape[1]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(M), 1e-300))
     values, vectors = np.linalg.eigh(M * scale[:, None] * scale)
@@ -126,29 +125,28 @@ def _typical(model: DynamicModel, torque: Array, limits: JointLimits) -> Array:
     """
     size = np.ones(model.p)
     inertial = np.nan_to_num(model.tree.inertial)
-    for k, column in enumerate(model.columns):
-        j = column.joint
-        if column.kind == "inertial":
+    for k in range(model.p):
+        j, effect = model.effect(k)
+        if effect is None:
             mass, moment = abs(inertial[j, 0]), float(np.abs(inertial[j, [4, 6, 9]]).max())
             size[k] = (mass, np.sqrt(mass * moment), moment)[0 if k % 10 == 0 else 1 if k % 10 < 4 else 2]
-        elif column.term is not None:
-            power = {"s/": 1, "s^2": 2, "s^3": 3}
-            order = next((n for mark, n in reversed(power.items()) if mark in column.unit), 0)
-            size[k] = (_COULOMB if order == 0 else _VISCOUS) * torque[j] / limits.speed[j] ** order
+        elif model.friction[k]:
+            size[k] = _FRICTION * torque[j] / limits.speed[j] ** effect.power
         else:  # a rotor that takes a fifth of the nominal torque at the acceleration limit
             size[k] = 0.2 * torque[j] / limits.acceleration[j]
     return np.maximum(size, 1e-9)
 
 
-def _advice(column: Column, model: DynamicModel, gain: float, wide_percent: float, percent: float) -> str:
+def _advice(model: DynamicModel, column: int, gain: float, wide_percent: float, percent: float) -> str:
     """What would bring a combination nearer to what was asked; `gain`: how much better wide motions see it."""
-    joint = model.tree.joints[column.joint]
+    drive, n = model.effect(column)[0], model.tree.n
+    joint = model.tree.joints[drive]
     if gain > 2.0 and wide_percent <= 2.0 * percent:
         return "wide motions over the whole range see it several times better"
-    if column.kind == "friction":
+    if model.friction[column]:
         return "add runs of the same path at other speeds, or longer ones: that parts the terms of friction"
-    if column.joint >= model.tree.n - 2 or column.name.startswith(f"I{column.joint + 1}"):
-        if column.joint >= model.tree.n - 3:
+    if drive >= n - 2 or model.names[column].startswith(f"I{drive + 1}"):
+        if drive >= n - 3:
             return "carry a payload to see it: without one it makes hardly any torque"
         return f"accelerate {joint} and its neighbours harder"
     return f"hold {joint} in more postures, so that gravity tells it"

@@ -15,10 +15,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from trueup.errors import ModelError
-from trueup.excitation.cell import Cell, in_threads
+from trueup.excitation.cell import Cell
 from trueup.excitation.inverse_kinematics import REACHED
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.trajectories import Motions, Trajectory
+from trueup.identification.information import in_threads
 
 Array = NDArray[np.float64]
 

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trueup.errors import ModelError
-from trueup.excitation.cell import Cell, Settings, failures, overridden, shown
-from trueup.excitation.inverse_kinematics import REACHED, REASONS
+from trueup.excitation.cell import Cell, Settings, failures, overridden
 from trueup.excitation.joint_moves import joint_programs
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.trajectories import Motions, Trajectory
@@ -76,39 +75,6 @@ def joint_moves(
     return overridden(Motions(time, q, qd, qdd, failures(ended)), each)
 
 
-@dataclass(frozen=True)
-class Move:
-    """One line of a robot program. `kind` is 'LIN' (straight) or 'JOINT'; a pose is (3,) and (3, 3), or a posture (n,)."""
-
-    kind: str
-    position: Array | None = None
-    rotation: Array | None = None
-    posture: Array | None = None
-
-
-def perform(
-    cell: Cell, start: ArrayLike, program: Sequence[Move], settings: Settings, rate: float = 500.0
-) -> Trajectory:
-    """Runs a robot program from the posture `start` (n,): moves of one kind blend, at a change of kind the arm stops.
-
-    Raises ModelError for a move that cannot be made, naming its line.
-    """
-    here = np.asarray(start, dtype=np.float64)
-    done: Trajectory | None = None
-    line = 0
-    while line < len(program):
-        last = line
-        while last + 1 < len(program) and program[last + 1].kind == program[line].kind:
-            last += 1
-        part = _part(cell, here, program, range(line, last + 1), settings, rate)
-        here = part.q[-1]
-        done = part if done is None else done.then(part)
-        line = last + 1
-    if done is None:
-        raise ModelError("the robot program has no moves")
-    return done
-
-
 def random_planner_motion(
     tree: KinematicTree, limits: JointLimits, rng: np.random.Generator, *, region: Cell | None = None, via_points: int = 6,
     speed: float | tuple[float, float] = (0.2, 1.0), settings: Settings | None = None, rate: float = 500.0,
@@ -139,48 +105,3 @@ def random_planner_motion(
             if not fine.failure[0]:
                 return fine.single(0, tree.joints, "random planner motion")
     raise ModelError(f"none of {tries} random motions of the planner can be performed; the last one is {why}")
-
-
-def _part(
-    cell: Cell, here: Array, program: Sequence[Move], lines: range, settings: Settings, rate: float
-) -> Trajectory:
-    """The moves of these lines, all of one kind, from the posture `here`."""
-    chain, equations = cell.chain, cell.kinematics.equations
-    if program[lines[0]].kind == "JOINT":
-        postures = [here]
-        for line in lines:
-            postures.append(_posture(cell, program[line], postures[-1], line))
-        make = lambda count: joint_moves(cell.limits, np.array(postures), settings, count)  # noqa: E731
-    else:
-        there = replace(cell, posture=here)
-        turn, position = chain.poses(here)
-        positions, turns = [position], [turn]
-        for line in lines:
-            move = program[line]
-            if move.kind != "LIN" or move.position is None:
-                raise ModelError(
-                    f"line {line + 1} of the program is {move.kind!r}; moves are 'LIN' with a position, or 'JOINT'"
-                )
-            positions.append(np.asarray(move.position, dtype=np.float64))
-            turns.append(turns[-1] if move.rotation is None else np.asarray(move.rotation, dtype=np.float64))
-        own = np.tile(here[chain.arrays.joint[equations.own]], (1, len(positions), 1))
-        way = (np.array(positions)[None], np.array(turns)[None], own)
-        make = lambda count: there.straight(*way, [settings], count)  # noqa: E731
-    coarse = make(161)
-    if coarse.failure[0]:
-        raise ModelError(
-            f"lines {lines[0] + 1} to {lines[-1] + 1} of the program cannot be performed: {coarse.failure[0]}"
-        )
-    return make(int(np.ceil(float(coarse.duration[0]) * rate)) + 1).single(0, chain.tree.joints, "program")
-
-
-def _posture(cell: Cell, move: Move, here: Array, line: int) -> Array:
-    if move.posture is not None:
-        return np.asarray(move.posture, dtype=np.float64)
-    if move.position is None:
-        raise ModelError(f"line {line + 1} of the program has neither a pose nor a posture")
-    turn = cell.chain.poses(here)[0] if move.rotation is None else move.rotation
-    q, ended = cell.kinematics.solve(turn, move.position, here)
-    if ended != REACHED:
-        raise ModelError(f"line {line + 1} of the program is {REASONS[ended]}: tool at {shown(move.position)}")
-    return q

@@ -90,7 +90,7 @@ def excitation_problem(
     if region is not None:
         cell = Cell.of(tree, region, limits, seed=asked.seed, apart=apart, margin=asked.margin)
     chain = cell.chain if cell is not None else Chain.of(tree)
-    model = DynamicModel.of(tree)
+    model = DynamicModel.with_friction(tree)
     try:
         parameters: Array | None = model.nominal()
     except ModelError:

@@ -13,9 +13,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from trueup.excitation.cell import Cell, in_threads
+from trueup.excitation.cell import Cell
 from trueup.excitation.chain import about, go, multiply
 from trueup.excitation.trajectories import Motions
+from trueup.identification.information import in_threads
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.regressors import link_poses
 

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from trueup.identification.effects import of_state
 from trueup.identification.kernels import ROWS, TILE, W, carried, motion, pose, power, sines
 from trueup.identification.kinematic_tree import KinematicTree
 
@@ -33,19 +34,20 @@ class Layout(NamedTuple):
     gravity: Array
     carries: NDArray[np.bool_]
     kind: Ints
-    """(m,) what a further column is a function of, see `further`."""
+    """(m,) what a further column is a function of, see `effects.of_state`."""
     drive: Ints
-    joint: Ints
-    """(m,) the second joint of a coupling, -1 without one."""
-    ratio: Array
-    speed: Array
+    scale: Array
+    drives: Array
+    """(n, n) speeds of the drives for speeds of the joints."""
+    single: NDArray[np.bool_]
+    """(n,) drives that turn with their own joint alone, one to one."""
     rest: float
 
 
 def layout(
-    tree: KinematicTree, further: tuple[tuple[int, int, int, float, float], ...] = (), rest: float = 0.0
-) -> Layout:
-    """The arrays of a tree; `further` are rows of kind, drive, joint, ratio, speed."""
+    tree: KinematicTree, further: tuple[tuple[int, int, float], ...] = (), drives: Array | None = None, rest: float = 0.0
+) -> Layout:  # fmt: skip
+    """The arrays of a tree; `further` are rows of kind, drive, scale."""
     turns = (~tree.prismatic).astype(float)
     x, y, z = tree.axis.T
     zero = np.zeros_like(x)
@@ -53,12 +55,13 @@ def layout(
     fixed = np.stack([tree.rotation @ (np.eye(3) + K @ K), tree.rotation @ K, -tree.rotation @ K @ K], axis=1)
     fixed[tree.prismatic] = np.stack([tree.rotation, 0 * tree.rotation, 0 * tree.rotation], axis=1)[tree.prismatic]
     along = np.einsum("nij,nj->ni", tree.rotation, tree.axis) * (1.0 - turns)[:, None]
-    rows = np.array(further, dtype=float).reshape(-1, 5)
-    kind, drive, joint = (np.ascontiguousarray(rows[:, k]).astype(np.int64) for k in range(3))
+    rows = np.array(further, dtype=float).reshape(-1, 3)
+    kind, drive = (np.ascontiguousarray(rows[:, k]).astype(np.int64) for k in range(2))
+    turning = np.eye(tree.n) if drives is None else np.array(drives, dtype=float)
     return Layout(
         np.array(tree.parent), turns, np.array(tree.axis), np.ascontiguousarray(fixed.reshape(-1, 3, 9)),
         np.ascontiguousarray(np.stack([tree.offset, along], axis=1)), np.array(tree.gravity), tree.carries(),
-        kind, drive, joint, np.ascontiguousarray(rows[:, 3]), np.ascontiguousarray(rows[:, 4]), float(rest),
+        kind, drive, np.ascontiguousarray(rows[:, 2]), turning, (turning == np.eye(tree.n)).all(axis=1), float(rest),
     )  # fmt: skip
 
 
@@ -121,69 +124,29 @@ def inertial_rows(tree: Layout, work: Array, count: int, place: Ints, out: Array
 
 
 @njit(cache=True, nogil=True, fastmath=_FUSED)
-def further(kind: int, v: float, a: float, v0: float, rest: float) -> float:
-    """The torque of one unit of a rotor inertia (0) or friction term at speed v, acceleration a; kinds as in friction.py."""
-    if kind == 0:
-        return a
-    if kind == 2:
-        return v
-    sign = min(max(v / rest, -1.0), 1.0) if rest > 0.0 else (1.0 if v > 0.0 else (-1.0 if v < 0.0 else 0.0))
-    if kind == 1:
-        return sign
-    if kind == 3:
-        return sign * v * v
-    if kind == 4:
-        return 1.0
-    if kind == 5:
-        return max(sign, 0.0)
-    if kind == 6:
-        return min(sign, 0.0)
-    if kind == 7:
-        return max(v, 0.0)
-    if kind == 8:
-        return min(v, 0.0)
-    if kind == 9:
-        return v * v * v
-    if kind == 10:
-        return sign * np.exp(-((v / v0) ** 2))
-    return np.tanh(v / v0)
-
-
-@njit(cache=True, nogil=True, fastmath=_FUSED)
 def further_rows(
-    tree: Layout, qd: Array, qdd: Array, first: int, count: int, place: Ints, out: Array, stride: int, at: int
+    tree: Layout, q: Array, qd: Array, qdd: Array, first: int, count: int, place: Ints, out: Array, stride: int, at: int
 ) -> None:
-    """As `inertial_rows` for rotors, friction and couplings."""
+    """As `inertial_rows` for what drives add."""
     n = len(tree.parent)
     for k in range(len(tree.kind)):
-        d, j, kind, v0 = tree.drive[k], tree.joint[k], tree.kind[k], tree.speed[k]
-        row = place[d, 10 * n + k]
-        if row < 0:
-            continue
-        to = out[row * stride + at : row * stride + at + count]
-        if j < 0:
-            if kind == 0:
+        d, kind, scale = tree.drive[k], tree.kind[k], tree.scale[k]
+        for j in range(n):
+            row, share = place[j, 10 * n + k], tree.drives[d, j]
+            if row < 0 or share == 0.0:
+                continue
+            to = out[row * stride + at : row * stride + at + count]
+            if tree.single[d]:
                 for s in range(count):
-                    to[s] = qdd[first + s, d]
-            elif kind == 2:
-                for s in range(count):
-                    to[s] = qd[first + s, d]
-            elif kind == 1 and tree.rest == 0.0:
-                for s in range(count):
-                    to[s] = np.sign(qd[first + s, d])
-            elif kind == 3 and tree.rest == 0.0:
-                for s in range(count):
-                    to[s] = qd[first + s, d] * abs(qd[first + s, d])
-            else:
-                for s in range(count):
-                    to[s] = further(kind, qd[first + s, d], qdd[first + s, d], v0, tree.rest)
-            continue
-        ratio = tree.ratio[k]
-        second = out[place[j, 10 * n + k] * stride + at :]
-        for s in range(count):
-            v, a = qd[first + s, d] + ratio * qd[first + s, j], qdd[first + s, d] + ratio * qdd[first + s, j]
-            to[s] = further(kind, v, a, v0, tree.rest)
-            second[s] = ratio * to[s]
+                    to[s] = of_state(kind, q[first + s, d], qd[first + s, d], qdd[first + s, d], scale, tree.rest)
+                continue
+            for s in range(count):
+                x, v, a = 0.0, 0.0, 0.0
+                for i in range(n):
+                    x += tree.drives[d, i] * q[first + s, i]
+                    v += tree.drives[d, i] * qd[first + s, i]
+                    a += tree.drives[d, i] * qdd[first + s, i]
+                to[s] = share * of_state(kind, x, v, a, scale, tree.rest)
 
 
 @njit(cache=True, nogil=True)
@@ -195,7 +158,7 @@ def regressor_rows(tree: Layout, q: Array, qd: Array, qdd: Array, place: Ints, o
         count = min(W, S - first)
         kinematics(tree, q, qd, qdd, first, count, work)
         inertial_rows(tree, work, count, place, out, S, first)
-        further_rows(tree, qd, qdd, first, count, place, out, S, first)
+        further_rows(tree, q, qd, qdd, first, count, place, out, S, first)
 
 
 @njit(cache=True, nogil=True, fastmath=_FUSED)
@@ -256,7 +219,7 @@ def gram(
             count = min(W, end - first)
             kinematics(tree, q, qd, qdd, first, count, work)
             inertial_rows(tree, work, count, place, Z, LONG, first - begin)
-            further_rows(tree, qd, qdd, first, count, place, Z, LONG, first - begin)
+            further_rows(tree, q, qd, qdd, first, count, place, Z, LONG, first - begin)
         at = 0
         for i in range(n):
             mine = Z[start[i] * LONG :]

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Torque as columns of a robot's state, known before it moves: what excitations are designed with.
+"""Torque as columns: ten inertial parameters a link and the effects of each drive.
 
-Batched over motions and compiled, as a search wants it. What a log shows beside that, along a path and under load, is
-in estimation/torque_model.py.
+Compiled and batched where the state is all, as for the design of motions; as sparse rows along a log, where effects may
+depend on the path (hysteresis) and on the load that a first fit finds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,93 +18,108 @@ from trueup.errors import ModelError, ParameterError
 from trueup.identification import regressors
 from trueup.identification.base_parameters import BaseParameters, base_parameters
 from trueup.identification.blocks import Layout, layout
-from trueup.identification.friction import PAPER, Coupling, Term
-from trueup.identification.grams import structured_grams
-from trueup.identification.inertial import UNITS, link_names
+from trueup.identification.effects import OF_LOAD, PAPER, Effect
+from trueup.identification.inertial import NAMES, UNITS, link_names
+from trueup.identification.information import information
 from trueup.identification.kinematic_tree import KinematicTree
+from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
-
-@dataclass(frozen=True)
-class Column:
-    """One parameter: `kind` is 'inertial', 'rotor', 'friction' or 'coupling'; `joint` the index that it belongs to."""
-
-    name: str
-    unit: str
-    kind: str
-    joint: int
-    term: Term | None = None
-    coupling: Coupling | None = None
+_STATES = (np.pi, 3.0, 10.0)
+"""Ranges of random positions, speeds and accelerations, rad and s: gravity and motion of like weight."""
 
 
 @dataclass(frozen=True, eq=False)
 class DynamicModel:
-    """torque (S, n) = regressor (S, n, p) @ parameters (p,), for a tree with drives and friction."""
+    """torque (S, n) = regressor (S, n, p) @ parameters (p,); drives turn with joints as `drives` says."""
 
     tree: KinematicTree
-    columns: tuple[Column, ...]
+    effects: tuple[tuple[int, Effect], ...]
+    """(drive, effect), in the order of their columns behind the 10 n inertial ones."""
+    drives: Array
+    """(n, n) speeds of the drives, geared to their joints, for speeds of the joints; the identity without couplings."""
     rest: float = 0.0
     """Below this speed (rad/s, m/s) the sign of a velocity fades linearly to zero."""
 
     @classmethod
     def of(
-        cls, tree: KinematicTree, friction: Sequence[str | Term] | Sequence[Sequence[str | Term]] = PAPER, *,
-        rotors: bool | Sequence[bool] = True, couplings: Sequence[Coupling] = (), rest: float = 0.0,
+        cls, tree: KinematicTree, effects: Sequence[tuple[int, Effect]], drives: Array | None = None, rest: float = 0.0
     ) -> DynamicModel:  # fmt: skip
-        """The model of a tree with the same friction terms for all joints, or a list of them for each.
+        """The model with these effects; `drives` defaults to one drive a joint."""
+        return cls(tree, tuple(effects), np.eye(tree.n) if drives is None else np.asarray(drives, dtype=float), rest)
 
-        Columns: ten a link, link by link; rotor inertias; friction term by term, joint by joint; for each coupling a
-        rotor inertia and friction that act on both of its joints. Raises ParameterError where lists do not fit.
+    @classmethod
+    def with_friction(
+        cls, tree: KinematicTree, friction: Sequence[str | Effect] | Sequence[Sequence[str | Effect]] = PAPER, *,
+        rotors: bool | Sequence[bool] = True, drives: Array | None = None, rest: float = 0.0,
+    ) -> DynamicModel:  # fmt: skip
+        """The model with rotors and the same friction in all drives, or a list of it for each; term by term.
+
+        Raises ParameterError where lists do not fit, UnknownNameError for a friction that is not known.
         """
-        n = tree.n
-        terms = _per_joint(friction, n, tree.joints)
-        with_rotor = np.broadcast_to(np.asarray(rotors, dtype=bool), (n,))
-        columns = [
-            Column(name, unit, "inertial", k // 10)
-            for k, (name, unit) in enumerate(zip(link_names(n), UNITS * n, strict=True))
-        ]  # fmt: skip
-        columns += [Column(f"I{j + 1}m", _inertia_unit(tree, j), "rotor", j) for j in range(n) if with_rotor[j]]
+        terms = _per_joint(friction, tree.n, tree.joints)
+        turning = np.broadcast_to(np.asarray(rotors, dtype=bool), (tree.n,)).tolist()
+        effects = [(j, Effect("rotor")) for j in range(tree.n) if turning[j]]
         for term in dict.fromkeys(term for each in terms for term in each):
-            columns += [
-                Column(f"{term.symbol}_{j + 1}", term.unit(bool(tree.prismatic[j])), "friction", j, term)
-                for j in range(n) if term in terms[j]
-            ]  # fmt: skip
-        for c in couplings:
-            label, slides = f"{c.drive + 1}{c.joint + 1}", bool(tree.prismatic[c.drive])
-            columns.append(Column(f"I{label}m", _inertia_unit(tree, c.drive), "coupling", c.drive, None, c))
-            for term in terms[c.drive]:
-                if term.kind != "offset":
-                    columns.append(Column(f"{term.symbol}_{label}", term.unit(slides), "coupling", c.drive, term, c))
-        return cls(tree, tuple(columns), rest)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the p parameters: m1, mc1x, ..., I1xx, ..., I1m, ..., f0_1, ..."""
-        return tuple(c.name for c in self.columns)
+            effects += [(j, term) for j in range(tree.n) if term in terms[j]]
+        return cls.of(tree, effects, drives, rest)
 
     @property
     def p(self) -> int:
-        """The number of parameters."""
-        return len(self.columns)
+        """The number of columns."""
+        return 10 * self.tree.n + len(self.effects)
 
-    def index(self, name: str) -> int:
-        """The place of a parameter."""
-        return self.names.index(name)
+    @property
+    def names(self) -> tuple[str, ...]:
+        """m1, mc1x, ..., I1xx, ..., then I1m, f1_1, ..."""
+        return (*link_names(self.tree.n), *(effect.name(d + 1) for d, effect in self.effects))
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The unit of each column's parameter."""
+        drives = [effect.unit(bool(self.tree.prismatic[d])) for d, effect in self.effects]
+        return (*(UNITS * self.tree.n), *drives)
+
+    @property
+    def shrink(self) -> Array:
+        """(p,) what draws each parameter towards zero: nothing for bodies and rotors, a little for effects."""
+        return np.array([0.0] * (10 * self.tree.n) + [effect.shrink for _, effect in self.effects])
+
+    def effect(self, column: int) -> tuple[int, Effect | None]:
+        """Drive and effect of a column; link and None for an inertial one."""
+        behind = column - 10 * self.tree.n
+        return self.effects[behind] if behind >= 0 else (column // 10, None)
+
+    def columns_of(self, *kinds: str) -> Integers:
+        """The columns of effects of these kinds."""
+        found = [10 * self.tree.n + k for k, (_, effect) in enumerate(self.effects) if effect.kind in kinds]
+        return np.array(found, dtype=np.int64)
+
+    @cached_property
+    def friction(self) -> NDArray[np.bool_]:
+        """(p,) which columns are effects other than rotors."""
+        rotors = np.array([effect.kind != "rotor" for _, effect in self.effects], dtype=bool)
+        return np.concatenate([np.zeros(10 * self.tree.n, dtype=bool), rotors])
+
+    def only(self, keep: Sequence[int]) -> DynamicModel:
+        """With these of the effects only (indices into `effects`)."""
+        return replace(self, effects=tuple(self.effects[k] for k in keep))
 
     def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:
         """(S, n, p) at joint positions, velocities, accelerations (S, n); memory runs along the samples."""
         q_, qd_, qdd_ = regressors.samples(self.tree, q, qd, qdd)
         return regressors.filled(self.layout, q_, qd_, qdd_)
 
-    def grams(
-        self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, columns: ArrayLike | None = None, *,
-        lengths: ArrayLike | None = None, threads: int = 1,
+    def information(
+        self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, weights: ArrayLike, columns: ArrayLike | None = None, *,
+        threads: int = 1,
     ) -> Array:  # fmt: skip
-        """(B, n, p, p) Gram matrix of each joint's regressor rows, from motions (B, S, n), without the regressor itself.
+        """(B, c, c) sum_i weights[i]^2 Y_i^t Y_i of motions (B, S, n), without the regressor Y itself.
 
-        Sums over joints with any weights cost nothing more. `columns` picks some (base: `base().independent`);
-        `lengths` (B,) counts the samples of each individual that are used. Raises ModelError where shapes do not fit.
+        `weights` (n,) multiply the rows of the joints; `columns` (c,) picks some (base: `base().independent`). Raises
+        ModelError where shapes do not fit.
         """
         batch = [np.ascontiguousarray(np.asarray(x, dtype=float)) for x in (q, qd, qdd)]
         chosen = np.arange(self.p) if columns is None else np.asarray(columns, dtype=np.int64)
@@ -113,66 +128,88 @@ class DynamicModel:
             raise ModelError(
                 f"motions of '{self.tree.name}' must be (individuals, samples, {self.tree.n}), got {shapes}"
             )
-        counts = np.broadcast_to(np.asarray(batch[0].shape[1] if lengths is None else lengths), (len(batch[0]),))
-        return structured_grams(
-            self.layout, batch[0], batch[1], batch[2], counts, chosen, self.acts[:, chosen], threads
-        )
+        squared = np.asarray(weights, dtype=float) ** 2
+        return information(self.layout, self.acts[:, chosen], chosen, squared, batch, threads)
 
     @cached_property
     def layout(self) -> Layout:
         """The model as the compiled loops want it."""
-        further = []
-        for c in self.columns[10 * self.tree.n :]:
-            code, speed = (c.term.code, c.term.speed) if c.term is not None else (0, 0.0)
-            joint, ratio = (c.coupling.joint, c.coupling.ratio) if c.coupling is not None else (-1, 0.0)
-            further.append((code, c.joint, joint, ratio, speed))
-        return layout(self.tree, tuple(further), self.rest)
+        return layout(self.tree, tuple((e.code, d, e.scale) for d, e in self.effects), self.drives, self.rest)
 
     @cached_property
     def acts(self) -> NDArray[np.bool_]:
         """(n, p) whether the torque of a joint may depend on a column at all."""
-        acts = np.zeros((self.tree.n, self.p), dtype=bool)
-        acts[:, : 10 * self.tree.n] = np.repeat(self.tree.carries(), 10, axis=1)
-        for k, c in enumerate(self.columns[10 * self.tree.n :], 10 * self.tree.n):
-            acts[c.joint, k] = True
-            if c.coupling is not None:
-                acts[c.coupling.joint, k] = True
-        return acts
+        links = np.repeat(self.tree.carries(), len(NAMES), axis=1)
+        turned = self.drives[[d for d, _ in self.effects]].T.reshape(self.tree.n, -1) != 0.0
+        return np.hstack([links, turned])
+
+    def rows(self, time: Array, q: Array, v: Array, a: Array, torque: Array | None = None) -> Rows:
+        """The regressor along a motion (S, n) of the joints; not filtered."""
+        n = self.tree.n
+        rigid = np.moveaxis(regressors.regressor(self.tree, q, v, a), 0, -1)  # (n, 10 n, S)
+        carried = np.repeat(self.tree.carries(), len(NAMES), axis=1)
+        columns: list[list[int]] = [np.flatnonzero(carried[j]).tolist() for j in range(n)]
+        values = [[rigid[j, columns[j]]] for j in range(n)]
+        drive_q, drive_v, drive_a = (x @ self.drives.T for x in (q, v, a))
+        for k, (d, effect) in enumerate(self.effects):
+            own = effect.column(drive_q[:, d], drive_v[:, d], drive_a[:, d], self.rest)
+            for j in np.flatnonzero(self.drives[d]):
+                columns[int(j)].append(10 * n + k)
+                values[j].append(self.drives[d, j] * own[None])
+        return Rows(
+            tuple(np.array(c) for c in columns), tuple(np.concatenate(x) for x in values),
+            np.full(q.shape, np.nan) if torque is None else torque, time, self.p, self.shrink,
+        )  # fmt: skip
+
+    def loaded(self, rows: Rows, inertial: Array, direction: Integers) -> Rows:
+        """The rows with the columns of OF_LOAD effects, for bodies (10 n,) that a first fit found.
+
+        `direction` (n,): for each drive the column that is its direction of motion, -1 ... 1. Sensors and gears pass a
+        filter as slowly as loads change, so filtered rows may be multiplied.
+        """
+        n, load, sign = self.tree.n, [], []
+        for j, (c, v) in enumerate(zip(rows.columns, rows.values, strict=True)):
+            load.append(inertial[c[c < 10 * n]] @ v[c < 10 * n])
+            sign.append(v[int(np.flatnonzero(c == direction[j])[0])] / self.drives[j, j])
+        through = np.asarray(np.linalg.inv(self.drives)).T @ np.array(load)  # what each gear carries
+        values = [np.array(v) for v in rows.values]
+        for k, (d, effect) in enumerate(self.effects):
+            if effect.kind in OF_LOAD:
+                own = np.abs(through[d]) * sign[d] if effect.kind == "load" else through[d]
+                for j in np.flatnonzero(self.drives[d]):
+                    values[j][int(np.flatnonzero(rows.columns[j] == 10 * n + k)[0])] = self.drives[d, j] * own
+        return replace(rows, values=tuple(values))
 
     def nominal(self) -> Array:
-        """(p,) the file's inertial parameters and rotor inertias, zero friction. Raises ModelError for unweighed links."""
-        rotors = [self.tree.armature[c.joint] if c.kind == "rotor" else 0.0 for c in self.columns[10 * self.tree.n :]]
+        """(p,) the file's inertial parameters and rotor inertias, zero for the rest. Raises ModelError for a link without."""
+        rotors = [self.tree.armature[d] if e.kind == "rotor" else 0.0 for d, e in self.effects]
         return np.concatenate([self.tree.weighed().ravel(), rotors])
 
     def base(self, preference: ArrayLike | None = None, seed: int = 0) -> BaseParameters:
         """The combinations that torque can tell, from random states; checked to give the same torque in others.
 
-        `preference` (p,): a higher value makes a parameter stand for its group. Raises ModelError where the rank is
-        not clear.
+        `preference` (p,): a higher value makes a parameter stand for its group. Effects of the path are independent of all
+        that depends on the state, and are not asked. Raises ModelError where the rank is not clear, ParameterError for them.
         """
         rng = np.random.default_rng(seed)
-        count = max(40, 6 * self.p // self.tree.n)
-        found = base_parameters(self._excited(count, rng), self.names, preference)
-        fresh, values = self._excited(count, rng), rng.normal(size=self.p)
+        found = base_parameters(self._excited(rng), self.names, preference)
+        fresh, values = self._excited(rng), rng.normal(size=self.p)
         torque, reduced = fresh @ values, found.reduce(fresh) @ found.of(values)
         if (error := np.abs(torque - reduced).max() / np.abs(torque).max()) > 1e-2:
             raise ModelError(f"base parameters of '{self.tree.name}' change its torque by {error:.1e}")
         return found
 
-    def _excited(self, count: int, rng: np.random.Generator) -> Array:
-        """(count n, p) regressor at random states, gravity and motion of like weight."""
-        q, qd, qdd = (rng.uniform(-size, size, (count, self.tree.n)) for size in (np.pi, 3.0, 10.0))
-        return self.regressor(q, qd, qdd).reshape(-1, self.p)
+    def _excited(self, rng: np.random.Generator) -> Array:
+        """(count n, p) regressor at random states, six rows a column or more."""
+        count = max(40, 6 * self.p // self.tree.n)
+        states = (rng.uniform(-size, size, (count, self.tree.n)) for size in _STATES)
+        return self.regressor(*states).reshape(-1, self.p)
 
 
-def _inertia_unit(tree: KinematicTree, j: int) -> str:
-    return "kg" if tree.prismatic[j] else "kg m^2"
-
-
-def _per_joint(friction: Sequence[object], n: int, joints: tuple[str, ...]) -> list[tuple[Term, ...]]:
-    """Terms of each joint, from one list for all or a list of lists."""
-    if all(isinstance(t, str | Term) for t in friction):
+def _per_joint(friction: Sequence[object], n: int, joints: tuple[str, ...]) -> list[tuple[Effect, ...]]:
+    """Friction of each joint, from one list for all or a list of lists."""
+    if all(isinstance(t, str | Effect) for t in friction):
         friction = [friction] * n
     if len(friction) != n:
         raise ParameterError(f"friction is given for {len(friction)} joints; there are {n}: {', '.join(joints)}")
-    return [tuple(Term(t) if isinstance(t, str) else t for t in each) for each in friction]  # type: ignore[union-attr]
+    return [tuple(Effect(t) if isinstance(t, str) else t for t in each) for each in friction]  # type: ignore[union-attr]

@@ -11,33 +11,34 @@ import pytest
 import scipy.sparse as sparse
 from numpy.typing import NDArray
 
+from trueup.identification.dynamic_model import DynamicModel
+from trueup.identification.effects import Effect
 from trueup.identification.estimation.consistent import ConsistentFit, consistent_fit, violations
-from trueup.identification.estimation.effects import Effect
 from trueup.identification.estimation.identify import Options, identify
 from trueup.identification.estimation.moments import moments_of
 from trueup.identification.estimation.result import relative_error
-from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.inertial import pseudo_inertia
+from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
 
 
-def _fit(model: TorqueModel, rows: Rows, prior: Array) -> ConsistentFit:
+def _fit(model: DynamicModel, rows: Rows, prior: Array) -> ConsistentFit:
     normal = moments_of([rows]).normal(np.ones(model.tree.n)).whole()
     return consistent_fit(model, normal, np.arange(10 * model.tree.n, model.p), prior)
 
 
 @pytest.fixture
-def made(arms: SimpleNamespace) -> tuple[TorqueModel, Rows, Array]:
+def made(arms: SimpleNamespace) -> tuple[DynamicModel, Rows, Array]:
     """A model with rotors, rows of a motion with its exact torque, and the truth."""
     tree, rng, time = arms.arm(), np.random.default_rng(0), np.arange(800) / 40.0
-    model = TorqueModel.of(tree, [(d, Effect("rotor")) for d in range(tree.n)])
+    model = DynamicModel.of(tree, [(d, Effect("rotor")) for d in range(tree.n)])
     truth = np.concatenate([np.asarray(tree.inertial).ravel(), arms.rotors])
     rows = model.rows(time, *arms.sines(rng, time, tree.n))
     return model, Rows(rows.columns, rows.values, rows.predict(truth), time, rows.p), truth
 
 
-def test_a_possible_truth_predicts_exactly_whatever_the_file_says(made: tuple[TorqueModel, Rows, Array]) -> None:
+def test_a_possible_truth_predicts_exactly_whatever_the_file_says(made: tuple[DynamicModel, Rows, Array]) -> None:
     model, rows, truth = made
     wrong = truth * np.repeat([1.3, 0.7, 1.2, 0.8, 1.0], [10, 10, 10, 10, 4])
     fit = _fit(model, rows, wrong)
@@ -45,7 +46,7 @@ def test_a_possible_truth_predicts_exactly_whatever_the_file_says(made: tuple[To
     assert violations(model, fit.parameters) == {}
 
 
-def test_the_fit_keeps_to_the_cone_where_noise_would_leave_it(made: tuple[TorqueModel, Rows, Array]) -> None:
+def test_the_fit_keeps_to_the_cone_where_noise_would_leave_it(made: tuple[DynamicModel, Rows, Array]) -> None:
     model, rows, truth = made
     rng = np.random.default_rng(1)
     noisy = Rows(rows.columns, rows.values, rows.torque + 8.0 * rng.normal(size=rows.torque.shape), rows.time, rows.p)
@@ -55,7 +56,7 @@ def test_the_fit_keeps_to_the_cone_where_noise_would_leave_it(made: tuple[Torque
     assert fit.parameters[10 * model.tree.n :].min() >= -1e-8
 
 
-def test_a_body_that_cannot_exist_is_described_and_marked(made: tuple[TorqueModel, Rows, Array]) -> None:
+def test_a_body_that_cannot_exist_is_described_and_marked(made: tuple[DynamicModel, Rows, Array]) -> None:
     model, rows, truth = made
     impossible = truth.copy()
     impossible[30 + 9] = -0.4  # Izz of the last link
@@ -66,7 +67,7 @@ def test_a_body_that_cannot_exist_is_described_and_marked(made: tuple[TorqueMode
     assert 3 in _fit(model, pushed, truth).boundary
 
 
-def test_no_possible_bodies_fit_better_says_a_conic_solver(made: tuple[TorqueModel, Rows, Array]) -> None:
+def test_no_possible_bodies_fit_better_says_a_conic_solver(made: tuple[DynamicModel, Rows, Array]) -> None:
     model, rows, truth = made
     rng, n = np.random.default_rng(2), model.tree.n
     noisy = Rows(rows.columns, rows.values, rows.torque + 8.0 * rng.normal(size=rows.torque.shape), rows.time, rows.p)

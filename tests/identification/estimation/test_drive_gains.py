@@ -10,17 +10,18 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
+from trueup.identification.dynamic_model import DynamicModel
+from trueup.identification.effects import Effect
 from trueup.identification.estimation.drive_gains import drive_gains
-from trueup.identification.estimation.effects import Effect
-from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.inertial import from_com
 from trueup.identification.kinematic_tree import from_dh
+from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
 HALF = np.pi / 2
 TREE = from_dh([0.3, 0.7, 0.2, 0], [-HALF, 0, -HALF, HALF], [0.6, 0, 0, 0.6], [0, -HALF, 0, 0])
-MODEL = TorqueModel.of(TREE, [(j, Effect(kind)) for kind in ("rotor", "coulomb", "viscous") for j in range(4)])
-COLUMNS = MODEL.base(np.random.default_rng(0)).independent
+MODEL = DynamicModel.of(TREE, [(j, Effect(kind)) for kind in ("rotor", "coulomb", "viscous") for j in range(4)])
+COLUMNS = MODEL.base().independent
 GAINS = np.array([40.0, 55.0, 30.0, 8.0])
 PAYLOAD = from_com(12.0, np.array([0.05, 0.1, 0.2]), np.diag([0.2, 0.25, 0.15]))
 

@@ -10,21 +10,22 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
-from trueup.identification.estimation.effects import Effect
+from trueup.identification.dynamic_model import DynamicModel
+from trueup.identification.effects import Effect
 from trueup.identification.estimation.estimate import instrumental, least_squares, weighted_least_squares
-from trueup.identification.estimation.torque_model import Rows, TorqueModel
+from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
 @pytest.fixture(scope="module")
-def motion(arms: SimpleNamespace) -> tuple[TorqueModel, Integers, Array, Rows]:
+def motion(arms: SimpleNamespace) -> tuple[DynamicModel, Integers, Array, Rows]:
     """A model with friction, its independent columns, their true values, and noiseless rows of a motion."""
     tree, rng = arms.arm(), np.random.default_rng(1)
     effects = [(d, Effect(kind)) for kind in ("rotor", "viscous", "coulomb") for d in range(tree.n)]
-    model = TorqueModel.of(tree, effects)
-    base = model.base(rng)
+    model = DynamicModel.of(tree, effects)
+    base = model.base()
     truth = np.zeros(model.p)
     full = np.concatenate([np.asarray(tree.inertial).ravel(), rng.uniform(0.2, 2.0, len(effects))])
     truth[base.independent] = base.of(full)
@@ -37,7 +38,7 @@ def _noisy(rows: Rows, noise: Array) -> Rows:
     return Rows(rows.columns, rows.values, rows.torque + noise, rows.time, rows.p)
 
 
-def test_exact_torque_gives_the_exact_parameters(motion: tuple[TorqueModel, Integers, Array, Rows]) -> None:
+def test_exact_torque_gives_the_exact_parameters(motion: tuple[DynamicModel, Integers, Array, Rows]) -> None:
     _, active, truth, rows = motion
     found = least_squares([rows], active)
     predicted = rows.predict(found.parameters)
@@ -47,7 +48,7 @@ def test_exact_torque_gives_the_exact_parameters(motion: tuple[TorqueModel, Inte
 
 @pytest.mark.parametrize("memory", [0.0, 0.9])
 def test_two_standard_deviations_hold_the_truth_as_often_as_they_should(
-    motion: tuple[TorqueModel, Integers, Array, Rows], memory: float
+    motion: tuple[DynamicModel, Integers, Array, Rows], memory: float
 ) -> None:
     _, active, truth, rows = motion
     inside = []
@@ -62,7 +63,7 @@ def test_two_standard_deviations_hold_the_truth_as_often_as_they_should(
 
 
 def test_deviations_that_ignore_the_errors_memory_would_be_far_too_small(
-    motion: tuple[TorqueModel, Integers, Array, Rows],
+    motion: tuple[DynamicModel, Integers, Array, Rows],
 ) -> None:
     _, active, _, rows = motion
     slow = np.cumsum(np.random.default_rng(0).normal(size=rows.torque.shape), axis=0) * 0.05
@@ -72,7 +73,7 @@ def test_deviations_that_ignore_the_errors_memory_would_be_far_too_small(
     assert np.median(found.deviations[active] / naive) > 2.0
 
 
-def test_weights_by_noise_beat_equal_ones(motion: tuple[TorqueModel, Integers, Array, Rows]) -> None:
+def test_weights_by_noise_beat_equal_ones(motion: tuple[DynamicModel, Integers, Array, Rows]) -> None:
     _, active, truth, rows = motion
     noise = np.random.default_rng(3).normal(size=rows.torque.shape) * np.array([20.0, 20.0, 0.5, 0.1])
     plain, weighted = (f([_noisy(rows, noise)], active) for f in (least_squares, weighted_least_squares))
@@ -81,7 +82,7 @@ def test_weights_by_noise_beat_equal_ones(motion: tuple[TorqueModel, Integers, A
     assert np.allclose(weighted.noise, [20.0, 20.0, 0.5, 0.1], rtol=0.1)
 
 
-def test_spikes_in_the_torque_are_weighed_down_unasked(motion: tuple[TorqueModel, Integers, Array, Rows]) -> None:
+def test_spikes_in_the_torque_are_weighed_down_unasked(motion: tuple[DynamicModel, Integers, Array, Rows]) -> None:
     _, active, truth, rows = motion
     rng = np.random.default_rng(4)
     noise = 0.2 * rng.normal(size=rows.torque.shape)
@@ -94,7 +95,7 @@ def test_spikes_in_the_torque_are_weighed_down_unasked(motion: tuple[TorqueModel
 
 
 def test_instruments_take_away_the_bias_of_noisy_accelerations(
-    motion: tuple[TorqueModel, Integers, Array, Rows], arms: SimpleNamespace
+    motion: tuple[DynamicModel, Integers, Array, Rows], arms: SimpleNamespace
 ) -> None:
     model, active, _, _ = motion
     rng, time = np.random.default_rng(5), np.arange(4000) / 50.0
@@ -109,7 +110,7 @@ def test_instruments_take_away_the_bias_of_noisy_accelerations(
     assert bias[1] < 0.3 * bias[0]
 
 
-def test_more_parameters_than_samples_are_refused(motion: tuple[TorqueModel, Integers, Array, Rows]) -> None:
+def test_more_parameters_than_samples_are_refused(motion: tuple[DynamicModel, Integers, Array, Rows]) -> None:
     _, active, _, rows = motion
     with pytest.raises(IdentificationError, match="too few"):
         least_squares([rows.part(slice(0, 5))], active)

@@ -11,13 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError, UnknownNameError
+from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.couplings import coupled
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.identify import Options, identify, natural_cutoff
 from trueup.identification.estimation.matching import matched
 from trueup.identification.estimation.motion import log_of
 from trueup.identification.estimation.result import Identification, relative_error
-from trueup.identification.estimation.torque_model import TorqueModel
 from trueup.identification.inertial import pseudo_inertia
 from trueup.identification.kinematic_tree import KinematicTree, from_dh
 from trueup.identification.regressors import inverse_dynamics
@@ -47,7 +47,7 @@ def test_torque_of_another_motion_is_predicted_down_to_the_noise(found: Identifi
 def test_hidden_base_parameters_are_recovered_within_their_deviations(
     found: Identification, tree: KinematicTree, arms: SimpleNamespace
 ) -> None:
-    names = [*TorqueModel.of(tree, []).names, *(f"I{j + 1}m" for j in range(4))]
+    names = [*DynamicModel.of(tree, []).names, *(f"I{j + 1}m" for j in range(4))]
     values = np.concatenate([np.asarray(tree.inertial).ravel(), arms.rotors])
     truth = {name: float(value) for name, value in zip(names, values, strict=True)}
     inertial = [p for p in found.parameters if p.kind in ("inertial", "rotor")]
@@ -359,7 +359,7 @@ def test_the_ratio_of_a_coupled_wrist_is_found(arms: SimpleNamespace, ratio: flo
         "torque": Channel("torque", tree.joints, "N m", time, torque + 0.05 * rng.normal(size=q.shape)),
     }
     log = log_of(Recording("run", channels), tree, Drives.direct(tree.joints))
-    found, notes = coupled(log.motion(5.0, measured_speed=False), tree, Drives.direct(tree.joints), 5.0, rng, 0.0)
+    found, notes = coupled(log.motion(5.0, measured_speed=False), tree, Drives.direct(tree.joints), 5.0, 0.0)
     assert found.coupling[4, 3] == pytest.approx(ratio, abs=0.06 if ratio != 1.0 else 1e-9)
     assert len(notes) == 1
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trueup.identification.estimation.filtering import moved, stretches
 from trueup.identification.estimation.moments import RIDGE, solve
 from trueup.identification.estimation.result import Alignment
-from trueup.identification.estimation.torque_model import Rows
+from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

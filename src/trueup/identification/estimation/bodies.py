@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.evidence import STANDARD_ERRORS
-from trueup.identification.estimation.consistent import ConsistentFit, columns_of, consistent_fit
+from trueup.identification.dynamic_model import DynamicModel
+from trueup.identification.estimation.consistent import ConsistentFit, consistent_fit
 from trueup.identification.estimation.moments import Moments, Normal
 from trueup.identification.estimation.selection import clearly_smaller
-from trueup.identification.estimation.torque_model import TorqueModel
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -34,7 +34,7 @@ class Bodies:
 
 
 def cross_validated_fit(
-    model: TorqueModel, moments: Moments, weights: Array, active: Integers, prior: Array
+    model: DynamicModel, moments: Moments, weights: Array, active: Integers, prior: Array
 ) -> Bodies:  # fmt: skip
     """Possible bodies with the `active` effects, as near to the model file as no farther ones are clearly better.
 
@@ -52,7 +52,7 @@ def cross_validated_fit(
         if clearly_smaller(best.errors, nearer.errors):
             break
         best = nearer
-    lags = columns_of(model, "lag")
+    lags = model.columns_of("lag")
     drives = [model.effects[int(k) - 10 * model.tree.n][0] for k in lags]
     below = np.array([fit.parameters[lags] for fit in folds.bodies(best.pull, tuple(drives), best.fit).folds])
     deviations = np.sqrt((K - 1) * below.var(axis=0))  # the jackknife's
@@ -68,7 +68,7 @@ def cross_validated_fit(
 class _Folds:
     """What bodies are fitted to, with one block after the other left out."""
 
-    model: TorqueModel
+    model: DynamicModel
     moments: Moments
     weights: Array
     active: Integers

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
+from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.moments import Normal
-from trueup.identification.estimation.torque_model import TorqueModel
 from trueup.identification.inertial import from_pseudo_inertia, pseudo_inertia
 
 Array = NDArray[np.float64]
@@ -46,7 +46,7 @@ class ConsistentFit:
 
 
 def consistent_fit(
-    model: TorqueModel, normal: Normal, active: Integers, prior: Array, *, pull: float = PULL,
+    model: DynamicModel, normal: Normal, active: Integers, prior: Array, *, pull: float = PULL,
     lagging: Collection[int] = (), near: ConsistentFit | None = None,
 ) -> ConsistentFit:  # fmt: skip
     """Minimises the weighted squares over all inertial parameters and the `active` effects, with each link possible.
@@ -62,7 +62,7 @@ def consistent_fit(
     """
     n = model.tree.n
     # Rotors count even where torque cannot tell them from a link: a link cannot be as slender as a rotor is.
-    rotors = columns_of(model, "rotor")
+    rotors = model.columns_of("rotor")
     bodies = np.concatenate([np.arange(10 * n), rotors])
     rest = np.setdiff1d(active, bodies)
     problem = _Squares.of(normal, bodies, rest)
@@ -78,7 +78,7 @@ def consistent_fit(
         raise IdentificationError("no physically consistent model was found: is the model file that of this arm?")
     parameters = np.zeros(model.p)
     parameters[bodies], parameters[rest] = x, problem.back @ np.append(x, 1.0)
-    for k in (int(k) for k in columns_of(model, "lag")):
+    for k in (int(k) for k in model.columns_of("lag")):
         drive = model.effects[k - 10 * n][0]
         if drive in lagging:
             own = int(rotors[drives.index(drive)])
@@ -95,17 +95,11 @@ def _followed(problem: _Squares, barrier: _Barrier, start: Array, weight: float,
     return None if x is None else barrier.minimised(problem, x, last, _EXACT)
 
 
-def columns_of(model: TorqueModel, *kinds: str) -> Integers:
-    """The columns of effects of these kinds."""
-    found = [10 * model.tree.n + k for k, (_, effect) in enumerate(model.effects) if effect.kind in kinds]
-    return np.array(found, dtype=np.int64)
-
-
-def _joined(model: TorqueModel, parameters: Array) -> Array:
+def _joined(model: DynamicModel, parameters: Array) -> Array:
     """Parameters with what falls with acceleration counted as rotors again."""
     joined = parameters.copy()
-    rotors = {model.effects[int(k) - 10 * model.tree.n][0]: int(k) for k in columns_of(model, "rotor")}
-    for k in (int(k) for k in columns_of(model, "lag")):
+    rotors = {model.effects[int(k) - 10 * model.tree.n][0]: int(k) for k in model.columns_of("rotor")}
+    for k in (int(k) for k in model.columns_of("lag")):
         joined[rotors[model.effects[k - 10 * model.tree.n][0]]] += parameters[k]
     return joined
 
@@ -161,7 +155,7 @@ class _Barrier:
     """(m,) curvature for rotors that may: what torque cannot tell of them is zero."""
 
     @classmethod
-    def of(cls, model: TorqueModel, prior: Array, held: NDArray[np.bool_], rotors: Integers) -> _Barrier:
+    def of(cls, model: DynamicModel, prior: Array, held: NDArray[np.bool_], rotors: Integers) -> _Barrier:
         n = model.tree.n
         reach, mass = np.maximum(np.linalg.norm(model.tree.offset, axis=1), 0.05), np.maximum(prior[: 10 * n : 10], 0.1)
         units = np.column_stack([reach, reach, reach, np.ones(n)]) * np.sqrt(mass)[:, None]
@@ -245,7 +239,7 @@ class _Barrier:
         return slope, bend
 
 
-def violations(model: TorqueModel, parameters: Array) -> dict[int, str]:
+def violations(model: DynamicModel, parameters: Array) -> dict[int, str]:
     """Links (by index) that no mass distribution has, with what is wrong; rotors are not looked at."""
     found = {j: violation(row) for j, row in enumerate(parameters[: 10 * model.tree.n].reshape(-1, 10))}
     return {j: why for j, why in found.items() if why}

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +22,13 @@ Array = NDArray[np.float64]
 
 _RATIOS = (-1.0, -0.5, 0.5, 1.0)
 """That are tried first; between them the loss is smooth, so that it can be followed down from the best."""
-_FINEST = 0.01
-"""Of a ratio: gears are cut with whole numbers of teeth, far fewer than a hundred."""
 _WRIST = 5
 _BASIC = 4
 """Groups of effects that a pool has first: rotors, offsets, viscous and Coulomb friction."""
 
 
 def coupled(
-    motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator, hold_out: float
+    motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, hold_out: float
 ) -> tuple[Drives, tuple[str, ...]]:
     """Drives of the last three joints that turn with another of them, where that predicts clearly better, and notes.
 
@@ -37,12 +36,12 @@ def coupled(
     turns with two joints. A ratio of one, as most gears are cut, gives way only to one that is clearly better. Nothing is
     looked for where couplings are given or the log is of motors. The share held out is not looked at.
     """
-    from scipy.optimize import fminbound  # half a second to load, and rarely needed
+    from scipy.optimize import minimize_scalar  # half a second to load, and rarely needed
 
     n, C = tree.n, drives.coupling
     if n < _WRIST or np.count_nonzero(C) > n or drives.motor_positions or drives.motor_torques:
         return drives, ()
-    basic = _Basic(motion, tree, cutoff, rng, hold_out)
+    basic = _Basic(motion, tree, cutoff, hold_out)
     pairs, notes = [(n - 2, n - 3), (n - 1, n - 2), (n - 1, n - 3)], []
     best = basic.choice(C)
     while pairs:
@@ -51,7 +50,8 @@ def coupled(
         if not new.beats(best):
             break
         loss = partial(lambda r, C, pair: basic.choice(_with(C, pair, float(r))).loss, C=C, pair=pair)
-        exact = float(fminbound(loss, ratio - 0.5, ratio + 0.5, xtol=_FINEST))
+        lowest: Any = minimize_scalar(loss, bounds=(ratio - 0.5, ratio + 0.5), method="bounded")
+        exact = float(lowest.x)
         other = basic.choice(_with(C, pair, exact))
         if abs(ratio) < 1.0 or other.beats(new):
             new, ratio = other, exact
@@ -71,13 +71,12 @@ class _Basic:
     motion: Motion
     tree: KinematicTree
     cutoff: float
-    rng: np.random.Generator
     hold_out: float
 
     def choice(self, C: Array) -> Choice:
         """The model with its errors on blocks that were left out of the part that is fitted."""
         n = self.tree.n
-        pool = pool_for(self.tree, C, [self.motion], self.rng)
+        pool = pool_for(self.tree, C, [self.motion])
         active = np.concatenate([pool.independent[: 11 * n], np.ones((_BASIC - 1) * n, dtype=bool)])
         rows = pieces_of(self.motion, pool.model.only(range(_BASIC * n)), self.cutoff, self.hold_out)[0].rows
         moments = moments_of(blocks_of([rows], BLOCKS, 1.0 / self.cutoff))

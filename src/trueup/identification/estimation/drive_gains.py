@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trueup.errors import IdentificationError
-from trueup.identification.estimation.torque_model import Rows
+from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.moments import RIDGE, moments_of, solve, weighted_fit
-from trueup.identification.estimation.torque_model import Rows
+from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

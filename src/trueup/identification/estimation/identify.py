@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
+from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.alignment import find_shift, shifted
 from trueup.identification.estimation.bodies import Bodies, cross_validated_fit
 from trueup.identification.estimation.consistent import consistent_fit
@@ -29,8 +30,9 @@ from trueup.identification.estimation.pool import STRUCTURES, Pool, chosen, load
 from trueup.identification.estimation.quick import basic_columns, doubts, measured_speed
 from trueup.identification.estimation.result import Alignment, Identification
 from trueup.identification.estimation.selection import BLOCKS, Choice, balanced, drawn, loosened
-from trueup.identification.estimation.torque_model import Rows, TorqueModel
+from trueup.identification.inertial import from_com
 from trueup.identification.kinematic_tree import KinematicTree
+from trueup.identification.rows import Rows
 from trueup.recording import Recording
 
 Array = NDArray[np.float64]
@@ -76,18 +78,18 @@ def identify(
     logs, judged = ([log_of(r, tree, gears) for r in group] for group in (training, held_out))
     warnings = list(dict.fromkeys(n for log in [*logs, *judged] for n in (*log.notes, *check_log(log, tree))))
     cutoff = wanted.cutoff or natural_cutoff(logs)
-    measured = measured_speed(logs, tree, gears, cutoff, rng, wanted.hold_out)
+    measured = measured_speed(logs, tree, gears, cutoff, wanted.hold_out)
     say("computing regressors", 0.1)
     motions = [log.motion(cutoff, measured_speed=measured) for log in logs]
-    gears, said = coupled(motions[0], tree, gears, cutoff, rng, wanted.hold_out)
-    pool = pool_for(tree, gears.coupling, motions, rng)
+    gears, said = coupled(motions[0], tree, gears, cutoff, wanted.hold_out)
+    pool = pool_for(tree, gears.coupling, motions)
     pieces = [p for m in motions for p in pieces_of(m, pool.model, cutoff, wanted.hold_out)]
     for log in judged:
         motion = log.motion(cutoff, measured_speed=measured)
         pieces += [replace(p, held_out=True) for p in pieces_of(motion, pool.model, cutoff, 0.0)]
     say("comparing clocks", 0.3)
     alignment, aligned = _aligned(pool, pieces, logs[0].rate, wanted.align)
-    warnings += [*said, *doubts(logs, tree, gears, pool, aligned, rng)]
+    warnings += [*said, *doubts(logs, tree, gears, pool, aligned)]
     say("choosing the structure of friction", 0.4)
     nominal = _nominal(pool.model)
     structured = partial(_structured, pool, nominal=nominal, structure=wanted.structure, margin=1.0 / cutoff)
@@ -244,13 +246,12 @@ def _aligned(
     return found, [replace(p, rows=shifted(p.rows, found.shift)) for p in pieces]
 
 
-def _nominal(model: TorqueModel) -> Array:
+def _nominal(model: DynamicModel) -> Array:
     """(p,) what the file says, with a body of 1 kg where it says nothing: where the consistent fit looks first."""
-    nominal = model.nominal()
-    for j in range(model.tree.n):
-        if not np.isfinite(model.tree.inertial[j]).all() or nominal[10 * j] <= 0.0:
-            nominal[10 * j : 10 * j + 10] = [1.0, 0.0, 0.0, 0.0, 0.01, 0.0, 0.01, 0.0, 0.0, 0.01]
-    return nominal
+    inertial = np.array(model.tree.inertial)
+    unknown = ~np.isfinite(inertial).all(axis=1) | (inertial[:, 0] <= 0.0)
+    inertial[unknown] = from_com(1.0, np.zeros(3), 0.01 * np.eye(3))
+    return replace(model, tree=model.tree.replace(inertial=inertial)).nominal()
 
 
 def _prior(pool: Pool, nominal: Array) -> Array:

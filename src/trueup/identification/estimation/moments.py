@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.identification.estimation.torque_model import Rows
+from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

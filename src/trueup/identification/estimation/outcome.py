@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.consistent import ConsistentFit, violation, violations
 from trueup.identification.estimation.estimate import Estimate
 from trueup.identification.estimation.moments import Moments
@@ -24,7 +25,6 @@ from trueup.identification.estimation.result import (
     relative_error,
 )
 from trueup.identification.estimation.selection import Choice
-from trueup.identification.estimation.torque_model import TorqueModel
 from trueup.identification.estimation.verdicts import advice, parameters_of
 from trueup.identification.inertial import pseudo_inertia
 from trueup.identification.kinematic_tree import KinematicTree
@@ -101,7 +101,7 @@ def _prediction(
 
 
 def _links(
-    model: TorqueModel, pool: Pool, estimate: Estimate, bodies: ConsistentFit | None, nominal: Array
+    model: DynamicModel, pool: Pool, estimate: Estimate, bodies: ConsistentFit | None, nominal: Array
 ) -> tuple[Link, ...]:
     if bodies is None:
         return ()
@@ -120,7 +120,7 @@ def _links(
     return tuple(made)
 
 
-def _structure(model: TorqueModel, active: NDArray[np.int64]) -> tuple[tuple[str, ...], ...]:
+def _structure(model: DynamicModel, active: NDArray[np.int64]) -> tuple[tuple[str, ...], ...]:
     """For each drive its effects in words, without repeating one kind."""
     said: list[list[str]] = [[] for _ in model.tree.joints]
     for k in active[active >= 10 * model.tree.n]:
@@ -129,7 +129,7 @@ def _structure(model: TorqueModel, active: NDArray[np.int64]) -> tuple[tuple[str
     return tuple(tuple(dict.fromkeys(each)) for each in said)
 
 
-def _simple_friction(model: TorqueModel, parameters: Array, speed: Array) -> Array:
+def _simple_friction(model: DynamicModel, parameters: Array, speed: Array) -> Array:
     """(n, 2) f0 and f1 >= 0 of f0 sign(v) + f1 v nearest to the identified friction over the speeds (S, n) that occurred."""
     n, found = model.tree.n, np.zeros((model.tree.n, 2))
     turning = speed @ model.drives.T
@@ -155,7 +155,7 @@ def _nonnegative(columns: Array, target: Array) -> Array:
     return trials[int(np.argmin([np.sum((target - columns @ x) ** 2) for x in trials]))]
 
 
-def _armature(model: TorqueModel, parameters: Array) -> Array:
+def _armature(model: DynamicModel, parameters: Array) -> Array:
     """(n,) rotor inertias that stand apart from the links."""
     found = np.zeros(model.tree.n)
     for k, (d, effect) in enumerate(model.effects):

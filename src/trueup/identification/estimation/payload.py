@@ -45,7 +45,7 @@ def drives_from_payload(
     logs, carrying = ([log_of(r, tree, drives) for r in group] for group in (unloaded, loaded))
     used = cutoff or natural_cutoff([*logs, *carrying])
     motions = [log.motion(used, measured_speed=False) for log in (*logs, *carrying)]
-    pool = pool_for(tree, drives.coupling, motions, np.random.default_rng(0))
+    pool = pool_for(tree, drives.coupling, motions)
     rows = [pieces_of(m, pool.model, used, 0.0)[0].rows for m in motions]
     found = drive_gains(rows[: len(logs)], rows[len(logs) :], payload, basic_columns(pool))
     poor = found.poor()

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
+from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.filtering import Lowpass, decimated
 from trueup.identification.estimation.motion import Motion
-from trueup.identification.estimation.torque_model import Rows, TorqueModel
+from trueup.identification.rows import Rows
 
 _COMPARED = 5.0
 """Samples per second that are compared, over the cut-off."""
@@ -31,7 +32,7 @@ class Piece:
     held_out: bool
 
 
-def pieces_of(motion: Motion, model: TorqueModel, cutoff: float, hold_out: float) -> list[Piece]:
+def pieces_of(motion: Motion, model: DynamicModel, cutoff: float, hold_out: float) -> list[Piece]:
     """The rows of a motion, filtered with its torque, whole or split in two with a gap between.
 
     Standstill at both ends is left out, and what a filter cannot know: one period of the cut-off there and around gaps.

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.identification.base_parameters import BaseParameters
-from trueup.identification.estimation.effects import OF_LOAD, Effect
+from trueup.identification.dynamic_model import DynamicModel
+from trueup.identification.effects import OF_LOAD, Effect
 from trueup.identification.estimation.moments import RIDGE, Moments
 from trueup.identification.estimation.motion import Motion
 from trueup.identification.estimation.selection import Choice, balanced, evaluated, grown, reweighed
-from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.kinematic_tree import KinematicTree
+from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -32,7 +33,7 @@ STRUCTURES = ("select", "paper", "common")
 class Pool:
     """A model with every candidate effect; `groups` are those of the same kind and scale, one a drive."""
 
-    model: TorqueModel
+    model: DynamicModel
     groups: dict[str, tuple[int, ...]]
     """Name -> column of each drive."""
     base: BaseParameters
@@ -55,7 +56,7 @@ class Pool:
         return ["coulomb", *(f"saturating {s:g}" for s in _SPEEDS)]
 
 
-def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion], rng: np.random.Generator) -> Pool:
+def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion]) -> Pool:
     """Every effect of every drive, with speeds and travels taken from what the drives do in `motions`."""
     speed = np.concatenate([np.abs(m.v @ drives.T) for m in motions])
     place = np.concatenate([m.q @ drives.T for m in motions])
@@ -76,8 +77,8 @@ def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion], rng:
         add(f"hysteresis {s:g}", "hysteresis", s * span)
     for kind in (*OF_LOAD, "lag"):
         add(kind, kind)
-    model = TorqueModel.of(tree, effects, drives)
-    base = _base(model, tree.n, rng)
+    model = DynamicModel.of(tree, effects, drives)
+    base = _base(model, tree.n)
     independent = np.ones(model.p, dtype=bool)
     independent[: 12 * tree.n] = False
     independent[base.independent] = True
@@ -91,11 +92,11 @@ def loaded(pool: Pool, rows: Rows, parameters: Array) -> Rows:
     return pool.model.loaded(rows, parameters[: 10 * pool.model.tree.n], direction)
 
 
-def _base(model: TorqueModel, n: int, rng: np.random.Generator) -> BaseParameters:
+def _base(model: DynamicModel, n: int) -> BaseParameters:
     """Groups of links, rotors and offsets: other effects are of no form that rigid bodies could take."""
     part = model.only(range(2 * n))
     preference = np.concatenate([np.full(10 * n, 2.0), np.full(n, 1.0), np.zeros(n)])
-    found = part.base(rng, preference)
+    found = part.base(preference)
     wide = np.zeros((found.rank, model.p))
     wide[:, : part.p] = found.grouping
     return BaseParameters(model.names, found.independent, wide, found.gap)

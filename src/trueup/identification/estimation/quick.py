@@ -16,8 +16,8 @@ from trueup.identification.estimation.moments import moments_of, solve
 from trueup.identification.estimation.motion import Log, Motion
 from trueup.identification.estimation.pieces import Piece, pieces_of
 from trueup.identification.estimation.pool import Pool, pool_for
-from trueup.identification.estimation.torque_model import Rows
 from trueup.identification.kinematic_tree import KinematicTree
+from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
 
@@ -36,19 +36,17 @@ def basic_columns(pool: Pool) -> NDArray[np.int64]:
     return np.flatnonzero(pool.with_groups("rotor", "offset", "viscous", "saturating 0.01"))
 
 
-def measured_speed(
-    logs: Sequence[Log], tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator, hold_out: float
-) -> bool:
+def measured_speed(logs: Sequence[Log], tree: KinematicTree, drives: Drives, cutoff: float, hold_out: float) -> bool:
     """Whether speeds as measured explain torque better than differences of positions; the share held out is not looked at."""
     if any(log.velocity is None for log in logs):
         return False
     motions = [logs[0].motion(cutoff, measured_speed=measured) for measured in (True, False)]
-    fit = quick_fit(motions[0], tree, drives, cutoff, rng, hold_out)
+    fit = quick_fit(motions[0], tree, drives, cutoff, hold_out)
     return fit(motions[0]) <= fit(motions[1])
 
 
 def doubts(
-    logs: Sequence[Log], tree: KinematicTree, drives: Drives, pool: Pool, pieces: Sequence[Piece], rng: np.random.Generator
+    logs: Sequence[Log], tree: KinematicTree, drives: Drives, pool: Pool, pieces: Sequence[Piece]
 ) -> list[str]:  # fmt: skip
     """Nothing where a basic model explains the torque; else what else might be wrong. Raises where a mistake explains it."""
     parts = [p.rows for p in pieces if not p.held_out]
@@ -60,10 +58,10 @@ def doubts(
         return []
     slow = min(_SLOW, 0.08 * logs[0].rate)
     motion = logs[0].motion(slow, measured_speed=False)
-    fit = quick_fit(motion, tree, drives, slow, rng)
+    fit = quick_fit(motion, tree, drives, slow)
     found = [] if not driven else signs(motion, tree, driven, fit)
     if relative >= DOUBTFUL and not found:
-        found = [*mistakes(motion, tree, fit), *_hanging(motion, tree, drives, slow, rng, fit(motion))]
+        found = [*mistakes(motion, tree, fit), *_hanging(motion, tree, drives, slow, fit(motion))]
     for said in found:
         raise IdentificationError(f"recording '{logs[0].name}': {said}. Correct that and identify again")
     if relative < POOR:
@@ -74,11 +72,9 @@ def doubts(
     ]
 
 
-def quick_fit(
-    motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator, hold_out: float = 0.0
-) -> Fit:
+def quick_fit(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, hold_out: float = 0.0) -> Fit:
     """A fit of a basic model that can be had many times: from a motion like this one to its relative error."""
-    pool = pool_for(tree, drives.coupling, [motion], rng)
+    pool = pool_for(tree, drives.coupling, [motion])
     basic, first = basic_columns(pool), 10 * tree.n
     model = pool.model.only([int(k) - first for k in basic if k >= first])
     active = np.concatenate([basic[basic < first], np.arange(first, model.p)])
@@ -95,14 +91,12 @@ def quick_fit(
     return error
 
 
-def _hanging(
-    motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, rng: np.random.Generator, relative: float
-) -> list[str]:
+def _hanging(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, relative: float) -> list[str]:
     """Whether the torque fits another direction of gravity far better: an arm on a wall, a ceiling, a slope."""
     size = float(np.linalg.norm(tree.gravity)) or 9.81
 
     def error(gravity: Array) -> float:
-        return quick_fit(motion, tree.replace(gravity=gravity), drives, cutoff, rng)(motion)
+        return quick_fit(motion, tree.replace(gravity=gravity), drives, cutoff)(motion)
 
     directions = [sign * size * axis for axis in np.eye(3) for sign in (1.0, -1.0)]
     tried = [(error(g), g) for g in directions if g @ tree.gravity < 0.9 * size**2]

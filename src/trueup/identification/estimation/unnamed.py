@@ -138,7 +138,7 @@ def _error(arm: KinematicTree, recording: Recording, channels: dict[str, Channel
         log = log_of(part, arm, drives)
         slow = min(_SLOW, 0.08 * log.rate)
         motion = log.motion(slow, measured_speed=False)
-        return quick_fit(motion, arm, drives, slow, np.random.default_rng(0))(motion)
+        return quick_fit(motion, arm, drives, slow)(motion)
     except IdentificationError:
         return np.inf
 

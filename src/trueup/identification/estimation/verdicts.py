@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.identification.base_parameters import BaseParameters
+from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.estimate import Estimate
 from trueup.identification.estimation.result import Parameter
-from trueup.identification.estimation.torque_model import Rows, TorqueModel
+from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
 
@@ -25,15 +26,16 @@ _LISTED = 6
 
 
 def parameters_of(
-    model: TorqueModel, base: BaseParameters, estimate: Estimate, rows: Sequence[Rows], file: Array, consistent: Array | None
+    model: DynamicModel, base: BaseParameters, estimate: Estimate, rows: Sequence[Rows], file: Array, consistent: Array | None
 ) -> tuple[Parameter, ...]:  # fmt: skip
     """One Parameter for each column that was fitted, with its verdict. `file` and `consistent` are full vectors (p,)."""
-    n, tree, known = model.tree.n, model.tree, np.isfinite(model.tree.inertial).all()
+    tree, known = model.tree, np.isfinite(model.tree.inertial).all()
     rows_of = {int(k): i for i, k in enumerate(base.independent)}
     shares, deviations, made = _shares(rows), estimate.deviations, []
     for k in map(int, estimate.active):
         group = rows_of.get(k)
-        owner, kind = (k // 10, "inertial") if k < 10 * n else _effect(model, k)
+        owner, effect = model.effect(k)
+        kind = effect.kind if effect else "inertial"
         row = base.grouping[group] if group is not None else np.eye(model.p)[k]
         value, deviation = float(estimate.parameters[k]), float(deviations[k])
         made.append(
@@ -48,14 +50,8 @@ def parameters_of(
     return tuple(made)
 
 
-def _effect(model: TorqueModel, column: int) -> tuple[int, str]:
-    """Drive and kind of a column behind the inertial ones."""
-    drive, effect = model.effects[column - 10 * model.tree.n]
-    return drive, effect.kind
-
-
 def advice(
-    model: TorqueModel, base: BaseParameters, parameters: Sequence[Parameter], rng: np.random.Generator
+    model: DynamicModel, base: BaseParameters, parameters: Sequence[Parameter], rng: np.random.Generator
 ) -> tuple[str, ...]:
     """Sentences on what was not seen, and the kind of motion in which it would add most torque."""
     names = dict(zip(base.names, base.independent.tolist(), strict=True))
@@ -95,7 +91,7 @@ def _shares(rows: Sequence[Rows]) -> Array:
     return np.sqrt(np.max(total / np.maximum(load, 1e-300)[:, None], axis=0))
 
 
-def _motions(model: TorqueModel, rng: np.random.Generator) -> dict[str, Array]:
+def _motions(model: DynamicModel, rng: np.random.Generator) -> dict[str, Array]:
     """Motion in words -> (p,) the torque that one unit of each column adds to what gravity alone shows, over the limits."""
     tree, trials = model.tree, 40
     part = model.only(range(tree.n))  # the rotors, which a pool has first

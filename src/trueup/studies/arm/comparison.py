@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from trueup.excitation.cell import Cell
 from trueup.excitation.trajectories import Trajectory
-from trueup.identification.estimation.torque_model import Rows, TorqueModel
+from trueup.identification.dynamic_model import DynamicModel
+from trueup.identification.rows import Rows
 from trueup.studies.arm.excitation import FAST, SLOW, Workshop, filled
 from trueup.studies.arm.fitting import Fitted, our_fit, papers_fit
 from trueup.studies.arm.hidden import Effects, HiddenArm
@@ -86,7 +87,7 @@ Told = Callable[[str], None]
 class Region:
     """One region, with its test runs and the excitations of all algorithms, which no hidden effect changes."""
 
-    model: TorqueModel
+    model: DynamicModel
     tests: Mapping[str, Sequence[Run]]
     excitations: Sequence[Mapping[str, Sequence[Run]]]
     """For each replicate the runs of each algorithm."""
@@ -160,7 +161,7 @@ def _judged(region: Region, measured: Mapping[str, Sequence[Rows]], fits: Mappin
     return Errors(absolute, squared, samples, indefinite, Example(rows.time, rows.torque, predicted))
 
 
-def _indefinite(model: TorqueModel, fit: Fitted, postures: int = 200) -> float:
+def _indefinite(model: DynamicModel, fit: Fitted, postures: int = 200) -> float:
     """The share of random postures in which the energy of some motion is negative: no robot, and no controller likes it."""
     q = np.random.default_rng(1).uniform(limits().lower, limits().upper, (postures, model.tree.n))
     own, still, time = replace(model, drives=fit.drives), np.zeros_like(q), np.arange(float(postures))

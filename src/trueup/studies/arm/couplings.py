@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.identification.estimation.moments import moments_of, weighted_fit
-from trueup.identification.estimation.torque_model import Rows
+from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

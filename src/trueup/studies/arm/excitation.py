@@ -46,7 +46,7 @@ class Workshop:
     @classmethod
     def of(cls, cell: Cell, population: int, generations: int) -> Workshop:
         """The criterion is the papers' determinant (local identification, eq. 8 and 9)."""
-        model = DynamicModel.of(ns16())
+        model = DynamicModel.with_friction(ns16())
         criterion = Criterion.of(model, NOMINAL, "D", weighting="printed")
         return cls(model, limits(), cell, criterion, population, generations)
 
@@ -108,10 +108,8 @@ class Workshop:
     def _information(self, t: Trajectory) -> Array:
         """(c, c) what a trajectory tells of the base parameters, rows over nominal torque, summed over all samples."""
         every = max(1, len(t.time) // 300)
-        grams = self.model.grams(
-            t.q[None, ::every], t.qd[None, ::every], t.qdd[None, ::every], self.criterion.independent
-        )
-        return every * np.einsum("i,ijk->jk", NOMINAL**-2.0, grams[0])
+        sampled = (t.q[None, ::every], t.qd[None, ::every], t.qdd[None, ::every])
+        return every * self.model.information(*sampled, 1.0 / NOMINAL, self.criterion.independent)[0]
 
 
 def filled(seconds: float, choose: Callable[[int], Trajectory]) -> list[Trajectory]:

@@ -9,12 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.identification.dynamic_model import DynamicModel
+from trueup.identification.effects import Effect
 from trueup.identification.estimation.consistent import consistent_fit
-from trueup.identification.estimation.effects import Effect
 from trueup.identification.estimation.moments import RIDGE, Moments, moments_of, weighted_fit
 from trueup.identification.estimation.selection import Choice, grown, reweighed
-from trueup.identification.estimation.torque_model import Rows, TorqueModel
 from trueup.identification.inertial import from_com
+from trueup.identification.rows import Rows
 from trueup.studies.arm.couplings import proposed_couplings
 from trueup.studies.arm.measuring import Run
 from trueup.studies.arm.robot import NOMINAL
@@ -36,7 +37,7 @@ class Fitted:
     drives: Array
     """(n, n) speeds of the drives for those of the joints."""
 
-    def predict(self, model: TorqueModel, made: Run, rows: Rows) -> Array:
+    def predict(self, model: DynamicModel, made: Run, rows: Rows) -> Array:
         """(S, n) torque along a run."""
         own = made.with_drives(model, rows, self.drives)
         torque = own.predict(self.parameters)
@@ -65,7 +66,7 @@ def _weighted(moments: Moments, columns: Integers) -> tuple[Array, Array]:
     return moments.parameters(scaled), variance
 
 
-def our_fit(model: TorqueModel, made: Sequence[Run], rows: Sequence[Rows], columns: Integers) -> Fitted:
+def our_fit(model: DynamicModel, made: Sequence[Run], rows: Sequence[Rows], columns: Integers) -> Fitted:
     """Couplings from the data, friction with what predicts runs left out of its further columns and load, possible bodies."""
     n = model.tree.n
 
@@ -103,7 +104,7 @@ def _loaded(rows: Rows, parameters: Array) -> Rows:
     return replace(rows, columns=columns, values=values, p=rows.p + extra.shape[1], shrink=shrink)
 
 
-def _possible(model: TorqueModel, moments: Moments, variance: Array, active: Integers) -> Array:
+def _possible(model: DynamicModel, moments: Moments, variance: Array, active: Integers) -> Array:
     """(p,) the fit among bodies that can exist."""
     n = model.tree.n
     normal = moments.normal(variance.min() / variance).whole()
@@ -111,7 +112,7 @@ def _possible(model: TorqueModel, moments: Moments, variance: Array, active: Int
     return consistent_fit(model, normal, effects, _rough_bodies(model)).parameters
 
 
-def _rough_bodies(model: TorqueModel) -> Array:
+def _rough_bodies(model: DynamicModel) -> Array:
     """(p,) bodies without looking: 250 kg shared out by the strength of the drives, each a ball of 0.15 m on its axis."""
     masses = 250.0 * NOMINAL / NOMINAL.sum()
     balls = [from_com(m, np.zeros(3), 0.4 * m * 0.15**2 * np.eye(3)) for m in masses.tolist()]

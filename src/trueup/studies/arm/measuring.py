@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.excitation.trajectories import Trajectory
-from trueup.identification.estimation.effects import Effect
+from trueup.identification.dynamic_model import DynamicModel
+from trueup.identification.effects import Effect
 from trueup.identification.estimation.filtering import Lowpass, derivative
-from trueup.identification.estimation.torque_model import Rows, TorqueModel
+from trueup.identification.rows import Rows
 from trueup.studies.arm.hidden import RATE, HiddenArm
 from trueup.studies.arm.robot import NOMINAL, RATIOS, ns16
 
@@ -33,18 +34,18 @@ FURTHER = (
 """What our fit may use beyond them. No friction jumps at standstill: what saturates over a range of speeds goes there."""
 
 
-def torque_model() -> TorqueModel:
+def torque_model() -> DynamicModel:
     """The papers' columns (10 a link, rotor, three of friction a joint), then further friction that may be of use."""
     tree = ns16()
     effects = [(j, Effect(kind)) for kind in PAPERS for j in range(tree.n)]
     effects += [(j, effect) for effect in FURTHER for j in range(tree.n)]
-    return TorqueModel.of(tree, effects)
+    return DynamicModel.of(tree, effects)
 
 
-def papers_columns(model: TorqueModel) -> Integers:
+def papers_columns(model: DynamicModel) -> Integers:
     """Indices of the 58 parameters: 40 base parameters and 18 of friction."""
     papers = model.only([k for k, (_, e) in enumerate(model.effects) if e.kind in PAPERS])
-    return papers.base(np.random.default_rng(0)).independent
+    return papers.base().independent
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,7 @@ class Run:
         kept = Lowpass(RATE, CUTOFF)(Lowpass(RATE, _AHEAD)(raw))[::_EVERY][_TRIM:-_TRIM]
         return replace(self.rows, torque=kept)
 
-    def with_drives(self, model: TorqueModel, rows: Rows, drives: Array) -> Rows:
+    def with_drives(self, model: DynamicModel, rows: Rows, drives: Array) -> Rows:
         """`rows` with the columns of those drives anew that turn with several joints, `drives` (n, n) saying how."""
         n = model.tree.n
         coupled = [d for d in range(n) if np.count_nonzero(drives[d]) > 1]
@@ -88,7 +89,7 @@ class Run:
         return replace(rows, columns=tuple(map(np.array, columns)), values=tuple(map(np.concatenate, values)))
 
 
-def run(model: TorqueModel, trajectory: Trajectory) -> Run:
+def run(model: DynamicModel, trajectory: Trajectory) -> Run:
     """The regressor along a motion at RATE, from positions in steps of the encoder, filtered and decimated."""
     step = 2.0 * np.pi / 4096.0 / RATIOS
     q = Lowpass(RATE, _AHEAD)(np.round(trajectory.q / step) * step)
@@ -98,7 +99,7 @@ def run(model: TorqueModel, trajectory: Trajectory) -> Run:
     return Run(trajectory, np.array([q, v, a]), filtered.part(slice(_TRIM, -_TRIM)))
 
 
-def runs(model: TorqueModel, trajectories: Sequence[Trajectory]) -> list[Run]:
+def runs(model: DynamicModel, trajectories: Sequence[Trajectory]) -> list[Run]:
     """The regressors along several motions."""
     return [run(model, t) for t in trajectories]
 

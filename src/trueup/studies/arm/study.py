@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from trueup.excitation.cell import Cell
 from trueup.formats.aside import written_aside
-from trueup.identification.estimation.torque_model import TorqueModel
+from trueup.identification.dynamic_model import DynamicModel
 from trueup.studies.arm.comparison import DESIGNED, Errors, Region, Scale, compared, prepared, share_of_best
 from trueup.studies.arm.excitation import Workshop
 from trueup.studies.arm.fitting import our_fit, papers_fit
@@ -139,8 +139,8 @@ class _Lazily:
                 total, count = 0.0, 0
                 for one in replicate[algorithm]:
                     q, qd, qdd = (x[None, ::5] for x in (one.trajectory.q, one.trajectory.qd, one.trajectory.qdd))
-                    grams = workshop.model.grams(q, qd, qdd, printed.independent)
-                    total, count = total + np.einsum("i,ijk->jk", printed.weights**2, grams[0]), count + q.shape[1]
+                    M = workshop.model.information(q, qd, qdd, printed.weights, printed.independent)
+                    total, count = total + M[0], count + q.shape[1]
                 values.append(-float(printed.of_information(np.asarray(total) * (2000.0 / count), 2000)))
             found[algorithm] = values
         return found
@@ -150,7 +150,7 @@ class _Lazily:
         region, rng, arm = self.region(), np.random.default_rng(self.scale.seed), HiddenArm(ns16(), Effects())
         model = region.model
         papers = model.only([k for k, (_, e) in enumerate(model.effects) if e.kind in PAPERS])
-        base, columns = papers.base(np.random.default_rng(0)), papers_columns(model)
+        base, columns = papers.base(), papers_columns(model)
         found, warmth = {}, float(rng.uniform(-1.0, 1.0))
         for algorithm in (*(label for label, _, _ in DESIGNED), "ours"):
             made = region.excitations[0][algorithm]
@@ -167,7 +167,7 @@ class _Lazily:
         return asdict(found)
 
 
-def _as_papers(model: TorqueModel, parameters: Array) -> Array:
+def _as_papers(model: DynamicModel, parameters: Array) -> Array:
     """(p,) with friction that saturates over a range of speeds counted as Coulomb's."""
     n, joined = model.tree.n, parameters.copy()
     for k, (d, effect) in enumerate(model.effects):
@@ -176,7 +176,7 @@ def _as_papers(model: TorqueModel, parameters: Array) -> Array:
     return joined
 
 
-def _truth(papers: TorqueModel) -> Array:
+def _truth(papers: DynamicModel) -> Array:
     """(p,) the rigid part of the hidden arm, and its friction where no other effect acts."""
     return np.concatenate([papers.tree.weighed().ravel(), ROTORS, COULOMB, VISCOUS, QUADRATIC])
 

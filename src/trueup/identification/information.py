@@ -3,44 +3,56 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from trueup.excitation.cell import in_threads
 from trueup.identification import blocks
-from trueup.identification.dynamic_model import DynamicModel
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
 def information(
-    model: DynamicModel, chosen: Ints, weights: Array, q: Array, qd: Array, qdd: Array, threads: int = 1
+    tree: blocks.Layout, acts: NDArray[np.bool_], chosen: Ints, squared: Array, batch: Sequence[Array], threads: int = 1
 ) -> Array:
-    """(B, c, c) sum_i weights[i]^2 G_i of motions (B, S, n) for the `chosen` (c,) columns: what `grams` would sum up to.
+    """(B, c, c) sum_i squared[i] G_i of motions `batch` (q, qd, qdd, each (B, S, n)) for the `chosen` (c,) columns.
 
-    A short motion spends more on handling matrices than on its samples, so nothing is formed that is not needed.
+    `acts` (n, c): whether joint i depends on a chosen column. A short motion spends more on handling matrices than on its
+    samples, so nothing is formed that is not needed.
     """
-    acts, n = model.acts[:, chosen], model.tree.n
+    n, p = len(acts), 10 * len(acts) + len(tree.kind)
     rows = [np.flatnonzero(acts[i]) for i in range(n)]
     width = np.array([-(-len(r) // blocks.TILE) * blocks.TILE for r in rows], dtype=np.int64)
     start = np.concatenate([[0], np.cumsum(width)[:-1]]).astype(np.int64)
-    place = np.full((n, model.p), -1)
+    place = np.full((n, p), -1)
     for i in range(n):
         place[i, chosen[rows[i]]] = start[i] + np.arange(len(rows[i]))
     counts = np.array([len(r) for r in rows], dtype=np.int64)
     listed = np.concatenate(rows).astype(np.int64)
-    out = np.zeros((len(q), len(chosen), len(chosen)))
-    batch = [np.ascontiguousarray(x) for x in (q, qd, qdd)]
+    out = np.zeros((len(batch[0]), len(chosen), len(chosen)))
 
     def some(part: slice) -> None:
         Z, packed = np.zeros(int(width.sum()) * blocks.LONG), np.zeros(int((width**2).sum()))
-        a, b, c = (x[part] for x in batch)
-        _sums(model.layout, a, b, c, place, start, width, counts, listed, weights**2, Z, packed, out[part])
+        q, qd, qdd = (x[part] for x in batch)
+        _sums(tree, q, qd, qdd, place, start, width, counts, listed, squared, Z, packed, out[part])
 
-    in_threads(some, len(q), threads)
+    in_threads(some, len(out), threads)
     return out
+
+
+def in_threads(work: Callable[[slice], None], count: int, threads: int) -> None:
+    """Does `work` on rows 0 ... count - 1, cut into as many slices as threads; the compiled kernels let go of the lock."""
+    if threads <= 1 or count < 2 * threads:
+        work(slice(0, count))
+        return
+    edges = np.linspace(0, count, threads + 1).astype(int).tolist()
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(work, [slice(a, b) for a, b in pairwise(edges)]))
 
 
 def log_determinants(M: Array) -> Array:

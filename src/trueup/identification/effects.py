@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a drive adds to the torque of rigid links: rotor, friction, offset, cable spring, hysteresis; linear each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from trueup.errors import ParameterError, unknown_name
+
+Array = NDArray[np.float64]
+
+
+class _Kind(NamedTuple):
+    """One form of effect."""
+
+    symbol: str
+    """Of its coefficient; {} is the drive's number, behind an underscore where there is none."""
+    unit: str
+    """Of its coefficient: F a torque or force, L rad or m, I an inertia."""
+    short: str
+    """Its name in a list."""
+    growth: float = 1.0
+    """Times that it is drawn to zero where it grows beyond the log: by its square at twice the speed, thrice the travel."""
+    power: int = 0
+    """Of speed that it grows with."""
+    scaled: bool = False
+    """Whether it has a scale."""
+
+
+_KINDS: Mapping[str, _Kind] = MappingProxyType({
+    "rotor": _Kind("I{}m", "I", "rotor inertia", 0.0),
+    "coulomb": _Kind("f0", "F", "Coulomb"),
+    "viscous": _Kind("f1", "F s/L", "viscous", power=1),
+    "quadratic": _Kind("f2", "F s^2/L^2", "quadratic", 20.0, 2),
+    "offset": _Kind("fo", "F", "offset"),  # of a sensor or a current
+    "cubic": _Kind("f3", "F s^3/L^3", "cubic", power=3),
+    "stribeck": _Kind("fs", "F", "Stribeck", scaled=True),
+    "saturating": _Kind("ft", "F", "Coulomb that sets in with speed", scaled=True),
+    "root": _Kind("fr", "F s^.5/L^.5", "root of speed"),
+    "asymmetric": _Kind("fa", "F s/L", "asymmetric", 4.0, 1),  # friction that differs between both directions
+    "spring": _Kind("k", "F/L", "spring", 10.0),  # cables, a spring, a sensor that drifts with load
+    "lag": _Kind("I{}lag", "I", "torque that falls with acceleration", 0.0),  # friction behind its speed, or a late log
+    "hysteresis": _Kind("fh", "F", "hysteresis", scaled=True),  # builds up over a travel after each reversal
+    "load": _Kind("fl", "", "with load"),  # friction as a share of the torque that the gear carries
+    "gain": _Kind("g", "", "own gain"),  # out of scale with other joints, or a gear that loses more when the load drives it
+})  # fmt: skip
+OF_LOAD = ("load", "gain")
+"""Effects of the torque that a gear carries: their columns need a first fit, see DynamicModel.loaded."""
+_OF_PATH = ("hysteresis", *OF_LOAD)
+_SHRINK = 1e-3
+"""Of its own squares draws an effect to zero. Chosen on 48 simulated arms by the errors on motion of another kind."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect; `scale` is the speed in rad/s (m/s) at which it saturates, or the travel in rad (m) of a hysteresis.
+
+    The papers' friction (evolved trajectories, eq. 2) is coulomb, viscous, quadratic:
+    f0 sign(qd) + f1 qd + f2 sign(qd) qd^2. Raises UnknownNameError, or ParameterError where a scale is missing.
+    """
+
+    kind: str
+    scale: float = float("nan")
+
+    def __post_init__(self) -> None:
+        """Checks kind and scale."""
+        if self.kind not in _KINDS:
+            raise unknown_name("effect", self.kind, _KINDS, "the list")
+        if _KINDS[self.kind].scaled and not self.scale > 0.0:
+            raise ParameterError(f"effect '{self.kind}' needs a scale above 0, got {self.scale}")
+
+    @property
+    def short(self) -> str:
+        """Its name in a list."""
+        return _KINDS[self.kind].short
+
+    @property
+    def power(self) -> int:
+        """Of speed that it grows with."""
+        return _KINDS[self.kind].power
+
+    @property
+    def shrink(self) -> float:
+        """Share of its column's squares that draws its coefficient towards zero: effects that are nearly alike in the log,
+        and far from it in other motion, share what they explain instead of growing against each other.
+        """
+        return _SHRINK * _KINDS[self.kind].growth
+
+    @property
+    def code(self) -> int:
+        """The number by which the compiled loops know it. Raises ParameterError for one that a state does not tell."""
+        if self.kind in _OF_PATH:
+            raise ParameterError(f"effect '{self.kind}' depends on the path or the load, which no state tells")
+        return list(_KINDS).index(self.kind)
+
+    def name(self, number: int) -> str:
+        """Its coefficient's name at drive `number` (from 1): f1_2, I3m, ft0.05_1."""
+        kind = _KINDS[self.kind]
+        if "{}" in kind.symbol:
+            return kind.symbol.format(number)
+        return f"{kind.symbol}{f'{self.scale:.3g}' if kind.scaled else ''}_{number}"
+
+    def unit(self, prismatic: bool) -> str:
+        """The unit of its coefficient."""
+        force, travel, inertia = ("N", "m", "kg") if prismatic else ("N m", "rad", "kg m^2")
+        words = {"F": force, "L": travel, "I": inertia}
+        return "".join(words.get(letter, letter) for letter in _KINDS[self.kind].unit)
+
+    def column(self, q: Array, v: Array, a: Array, rest: float = 0.0) -> Array:
+        """(S,) torque for a coefficient of one, along a motion of the drive: position, speed, acceleration (S,).
+
+        Below `rest` the sign of a speed fades linearly to zero. Zero for effects of the load, which the motion of one drive
+        does not tell.
+        """
+        if self.kind == "hysteresis":
+            return stop_operator(q, self.scale)
+        if self.kind in OF_LOAD:
+            return np.zeros_like(v)
+        column = np.empty(len(v))
+        q, v, a = (np.ascontiguousarray(x) for x in (q, v, a))
+        _of_states(self.code, q, v, a, self.scale, rest, column)
+        return column
+
+
+PAPER = ("coulomb", "viscous", "quadratic")
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"})
+def of_state(code: int, q: float, v: float, a: float, scale: float, rest: float) -> float:
+    """The torque of one unit of an effect at position q, speed v, acceleration a; codes in the order of the kinds."""
+    if code in (0, 11):  # rotor, lag
+        return a
+    if code == 2:  # viscous
+        return v
+    sign = min(max(v / rest, -1.0), 1.0) if rest > 0.0 else (1.0 if v > 0.0 else (-1.0 if v < 0.0 else 0.0))
+    if code == 1:  # coulomb
+        return sign
+    if code == 3:  # quadratic
+        return sign * v * v
+    if code == 4:  # offset
+        return 1.0
+    if code == 5:  # cubic
+        return v * v * v
+    if code == 6:  # stribeck
+        return sign * np.exp(-((v / scale) ** 2))
+    if code == 7:  # saturating
+        return np.tanh(v / scale)
+    if code == 8:  # root
+        return sign * np.sqrt(abs(v))
+    return abs(v) if code == 9 else q  # asymmetric, spring
+
+
+@njit(cache=True, nogil=True)
+def _of_states(code: int, q: Array, v: Array, a: Array, scale: float, rest: float, out: Array) -> None:
+    for s in range(len(out)):
+        out[s] = of_state(code, q[s], v[s], a[s], scale, rest)
+
+
+def stop_operator(q: Array, travel: float) -> Array:
+    """(S,) rate-independent friction in -1...1 that builds up over `travel` after a reversal, at rest at first.
+
+    The elastic-plastic (Prandtl) element: Brokate & Sprekels, "Hysteresis and Phase Transitions", 1996, section 2.3.
+    """
+    return _stopped(np.ascontiguousarray(q), travel)
+
+
+@njit(cache=True)
+def _stopped(q: Array, travel: float) -> Array:
+    states = np.zeros(len(q))
+    for i in range(1, len(q)):
+        states[i] = min(max(states[i - 1] + (q[i] - q[i - 1]) / travel, -1.0), 1.0)
+    return states
