@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 from trueup.controllers.stanley import Stanley, StanleySettings
 from trueup.discrepancies.rigid import RigidlyAligned
+from trueup.ends import Arrived, Left
 from trueup.engines.vehicle import BETAS, BicycleSimulator, Vehicle, vehicle_space
 from trueup.engines.vehicle.quantities import SPEED_DRIVEN
 from trueup.engines.vehicle.windows import windows
@@ -130,6 +132,32 @@ def test_the_compiled_controller_drives_as_the_one_in_numpy() -> None:
     ]
     for name in both[0].channels:
         np.testing.assert_allclose(both[0].channels[name], both[1].channels[name], atol=1e-9, err_msg=name)
+
+
+def test_a_drive_ends_where_it_arrives_or_leaves_its_area() -> None:
+    """A row with hardly any steering leaves the hairpin; the other arrives, and drives as it would without ends."""
+    task = FollowPath([hairpin((0.6,))], names=("k2", "heading_gain"))
+    (trial,) = task.trials
+    x, y = task.paths[0].points[int(0.9 * len(task.paths[0].points))]
+    low, high = task.paths[0].points.min(axis=0) - 1.0, task.paths[0].points.max(axis=0) + 1.0
+    area = {"x": (low[0], high[0]), "y": (low[1], high[1])}
+    ends = (Left("position", area), Arrived("position", {"x": x, "y": y}, 0.6))
+    simulator = BicycleSimulator(BARE, vehicle_space(BARE, ()))
+    gains = np.array([[1.0, 1.0], [0.05, 0.2]])
+    (whole,) = simulator.rollout([trial], gains, task.controllers)
+    (ended,) = simulator.rollout([replace(trial, ends=ends)], gains, task.controllers)
+    assert {row: end.name for row, end in ended.ends.items()} == {0: "arrived", 1: "left the area"}
+    assert ended.failures == {}
+    assert ended.ends[0].at < trial.duration
+    for name, channel in ended.channels.items():
+        lasted = ended.lasted(name)
+        np.testing.assert_allclose(channel[lasted], whole.channels[name][lasted], atol=1e-9)
+        assert np.isnan(channel[~lasted]).all()
+    last = ended.channels["position"][0][ended.lasted("position")[0]][-1]
+    assert np.hypot(*(last - [x, y])) == pytest.approx(0.6, abs=0.05)
+    assert task.score([ended])[0] < task.score([ended])[1]
+    with pytest.raises(ModelError, match="'bare, under recorded commands' does not support ends"):
+        simulator.rollout([replace(played(0.5, 0.3), ends=ends)], np.zeros((1, 0)))
 
 
 def wandering(names: tuple[str, ...], values: list[float], seed: int, noise: float = 0.003) -> Recording:

@@ -117,7 +117,12 @@ class Stopping:
 def test_a_candidate_gains_nothing_by_ending_early(formula: Formula) -> None:
     """The robot went on to 4 s; a run that stops at 2 s is compared with all of it, where it stopped."""
     stopping: Simulator = Stopping(formula(line, SPACE))  # type: ignore[assignment]
-    problem = Problem(stopping, [recording(TIME)], Plain(), ends=(When("fallen", lambda seen: seen.time > 2.0),))
+    problem = Problem(
+        stopping,
+        [recording(TIME)],
+        Plain(),
+        ends=(When("fallen", lambda seen: np.full(len(seen.position), seen.time > 2.0)),),
+    )
     good, stopped = problem.residuals(np.array([[1.0, 0.0], [1.001, 0.0]]))
     assert np.isfinite(stopped).all()
     assert np.abs(good).max() < 1e-12

@@ -41,5 +41,5 @@ def rmse(real: Recording, simulated: Rollout, channel: str) -> Array:
     """(b,) root mean square difference of one channel over all labels, in its unit; NaN for failed simulations."""
     observed = simulated.trial.observed[channel]
     measured = measured_at(real, channel, observed.labels, observed.time)
-    difference = (simulated.channels[channel] - measured)[:, np.isfinite(measured)]
+    difference = (simulated.held().channels[channel] - measured)[:, np.isfinite(measured)]
     return np.sqrt(np.mean(difference**2, axis=1))

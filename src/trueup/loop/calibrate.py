@@ -15,6 +15,7 @@ from trueup.calibration import Calibration, CrossValidation, Estimate
 from trueup.controllers.controller import ControllerFactory
 from trueup.discrepancies.discrepancy import Discrepancy, measured_at
 from trueup.discrepancies.weighted import Weighted
+from trueup.ends import End
 from trueup.engines.simulator import Simulator
 from trueup.errors import CalibrationError
 from trueup.loop.checks import check
@@ -49,6 +50,8 @@ class Options:
     cross_validate: bool = True
     stages: tuple[Stage, ...] | None = None
     """What the search does, one thing after the other (`trueup.loop.fit.STAGES`), in place of `search`."""
+    ends: tuple[End, ...] = ()
+    """Conditions that stop a simulated run early: its last state is then compared with what the robot went on to do."""
     solver: Callable[..., LeastSquares] = LeastSquares
     """Makes the least squares that every look at the recordings is solved by."""
 
@@ -72,7 +75,7 @@ def calibrate(
     channels = sorted({c for r in recordings for c in simulator.observable(r)})
     measure = discrepancy or Weighted.estimated(recordings, channels)
     fitted = chosen.channels or usual(channels)
-    problem = Problem(simulator, recordings, measure, fitted, controllers=controllers)
+    problem = Problem(simulator, recordings, measure, fitted, controllers=controllers, ends=chosen.ends)
     watch = Watch(progress, checkpoint)
     chooser = _Chooser()
     select = chooser if chosen.select and not chosen_before else None

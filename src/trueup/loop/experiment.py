@@ -80,7 +80,7 @@ def _information(task: Task, simulator: Simulator, belief: Belief, setting: Arra
     for rollout in simulator.rollout(task.trials, tiled, task.controllers):
         if rollout.failures:
             return np.zeros_like(total)  # a run that the simulator cannot finish is no experiment to plan on
-        total += _seen(rollout, noise)
+        total += _seen(rollout.held(), noise)
     return total
 
 

@@ -85,10 +85,14 @@ def _check_controllers(simulator: Simulator, trial: Trial, short: Trial, values:
         return
     for one in made:
         require(None not in one.trials, "Observation.trial is None: a controller cannot know which trial it is in")
-        require(len(set(map(id, one.trials))) == 1, "one controller saw several trials; each trial has its own")
+        require(
+            len({t.name for t in one.trials if t}) == 1, "one controller saw several trials; each trial has its own"
+        )
         require(one.rows == {len(values)}, f"a controller of {len(values)} copies saw {sorted(one.rows)} rows")
-    seen = {id(t): t for one in made for t in one.trials}
-    require(set(seen) == {id(trial), id(short)}, "controllers saw other trials than those of the call")
+    seen = {t.name for one in made for t in one.trials if t is not None}
+    require(
+        seen == {trial.name, short.name}, f"controllers saw the trials {', '.join(sorted(seen))}, not those of the call"
+    )
     made.clear()
     own: list[_Witness] = []
     mine = replace(trial, controller=lambda values: own.append(_Witness(len(values), commands)) or own[-1])

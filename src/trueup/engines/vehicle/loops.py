@@ -167,11 +167,14 @@ def measure_all(rows: Array, history: Array, k: int, dt: float, noise: Array, ou
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def drive_all(
-    rows: Array, start: Array, orders: Array, tick: int, substeps: int, dt: float, state: Array, history: Array
+    rows: Array, alive: NDArray[np.bool_], start: Array, orders: Array, tick: int, substeps: int, dt: float, state: Array,
+    history: Array,
 ) -> None:  # fmt: skip
-    """`drive` for all rows: orders (b, ticks, 2), state (b, STATE), history (b, steps + 1, READ)."""
+    """`drive` for rows that are `alive` (b,): orders (b, ticks, 2), state (b, STATE), history (b, steps + 1, READ)."""
     shares = np.empty(2)
     for i in range(rows.shape[0]):
+        if not alive[i]:
+            continue
         shares[0], shares[1] = share_of(rows[i, DRIVE_LAG], dt), share_of(rows[i, STEERING_LAG], dt)
         drive(rows[i], start, orders[i], tick, substeps, dt, shares, state[i], history[i])
 

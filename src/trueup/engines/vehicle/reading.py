@@ -3,13 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.controllers.controller import Observation
+from trueup.ends import LOOK, Ended, which_end
 from trueup.engines.simulator import Rollout
-from trueup.errors import ModelError
+from trueup.errors import ModelError, unknown_name
 from trueup.recording import is_command
 from trueup.trial import Trial
 
@@ -53,7 +56,9 @@ class Reading:
         times = np.unique(np.concatenate([np.zeros(0), *(o.time for o in measured.values())]))
         return cls(times - trial.start, {name: np.searchsorted(times, o.time) for name, o in measured.items()})
 
-    def rollout(self, trial: Trial, run: Array, orders: Orders | None, unusable: Indices) -> Rollout:
+    def rollout(
+        self, trial: Trial, run: Array, orders: Orders | None, unusable: Indices, ends: Mapping[int, Ended]
+    ) -> Rollout:
         """The Rollout of a run (b, T, 5) read off at `times`; rows that are `unusable` or not finite have failed."""
         channels = {}
         for name, o in trial.observed.items():
@@ -62,9 +67,43 @@ class Reading:
             else:
                 channels[name] = run[:, self.rows[name]][:, :, [_PLACE[label] for label in o.labels]]
         failures = {int(row): "a parameter is not finite" for row in unusable}
-        for channel in channels.values():
-            for row in np.flatnonzero(~np.isfinite(channel).all(axis=(1, 2))):
+        rollout = Rollout(trial, channels, failures, {row: end for row, end in ends.items() if row not in failures})
+        for name, channel in channels.items():
+            lasted = rollout.lasted(name)
+            channel[~lasted] = np.nan
+            for row in np.flatnonzero((lasted & ~np.isfinite(channel).all(axis=2)).any(axis=1)):
                 failures.setdefault(int(row), "the simulation gave values that are not finite")
         for channel in channels.values():
             channel[unusable] = np.nan  # these were never simulated
-        return Rollout(trial, channels, failures)
+        return rollout
+
+
+class Ending:
+    """Which of b rows of a trial have ended, by its conditions."""
+
+    def __init__(self, trial: Trial, rows: int) -> None:
+        self._trial, self._next = trial, 0.0
+        self.alive = np.ones(rows, dtype=bool)
+        self.ends: dict[int, Ended] = {}
+
+    def look(self, now: float, state: Array) -> None:
+        """Looks at states (b, 5), x, y, heading, speed and yaw rate, `now` s after the start, if it is time to."""
+        if not self._trial.ends or now < self._next - 1e-9:
+            return
+        self._next += LOOK
+        rows = np.flatnonzero(self.alive)
+        seen = state[rows]
+        try:
+            views = [
+                Observation(
+                    now, seen[:, :3], seen[:, 3:], {}, self._trial,
+                    {name: seen[:, [_PLACE[label] for label in labels]] for name, labels in end.looks_at.items()},
+                )
+                for end in self._trial.ends
+            ]  # fmt: skip
+        except KeyError as error:
+            raise unknown_name("label", error.args[0], _PLACE, "what an end can look at of a vehicle") from None
+        which = which_end(self._trial.ends, views, len(rows))
+        for row, end in zip(rows[which >= 0].tolist(), which[which >= 0].tolist(), strict=True):
+            self.ends[row] = Ended(self._trial.start + now, self._trial.ends[end].name)
+            self.alive[row] = False

@@ -18,7 +18,7 @@ from trueup.controllers.stanley.kernel import path_table
 from trueup.engines.simulator import Rollout, refuse_unsupported
 from trueup.engines.vehicle.loops import READ, drive_all, follow_rows, measure_all, read_all, replay_rows
 from trueup.engines.vehicle.past import Past
-from trueup.engines.vehicle.reading import CHANNELS, Orders, Reading
+from trueup.engines.vehicle.reading import CHANNELS, Ending, Orders, Reading
 from trueup.engines.vehicle.start import start_state
 from trueup.engines.vehicle.tracking import cleaned
 from trueup.engines.vehicle.vehicle import Vehicle
@@ -121,18 +121,20 @@ class VehicleSimulator:
         A trial may observe 'command' too: what the controller commanded. Raises RecordingError for a trial without
         command where no controller is given, ModelError for channels that a vehicle has not.
         """
-        refuse_unsupported(self.name, trials, "ends", "disturbances", "sensing")
+        refuse_unsupported(self.name, trials, "disturbances", "sensing")
         rows, unusable = self.rows(values)
         given = np.atleast_2d(np.asarray(values, dtype=np.float64))
         done = []
         for trial in trials:
             factory = trial.controller or controllers or self.controller
             read, orders = Reading.of(trial), None
+            ending = Ending(trial, len(rows))
             if factory is None:
+                refuse_unsupported(f"{self.name}, under recorded commands", [trial], "ends")
                 out = self._replay(trial, rows, read)
             else:
-                out, orders = self._drive(trial, rows, factory(given[:, len(self._columns) :]), read.times)
-            done.append(read.rollout(trial, out, orders, unusable))
+                out, orders = self._drive(trial, rows, factory(given[:, len(self._columns) :]), read.times, ending)
+            done.append(read.rollout(trial, out, orders, unusable, ending.ends))
         return done
 
     def rows(self, values: Array) -> tuple[Array, Indices]:
@@ -188,7 +190,9 @@ class VehicleSimulator:
         out[:, idle] = past.at(times[idle])
         return out
 
-    def _drive(self, trial: Trial, rows: Array, controller: Controller, times: Array) -> tuple[Array, Orders]:
+    def _drive(
+        self, trial: Trial, rows: Array, controller: Controller, times: Array, ending: Ending
+    ) -> tuple[Array, Orders]:
         substeps = max(1, round(controller.period / self.step))
         period = substeps * self.step
         ticks = int(np.ceil(trial.duration / period - 1e-9))
@@ -196,18 +200,19 @@ class VehicleSimulator:
         start = start_state(trial)
         orders = np.empty((len(rows), ticks, 2))
         out = np.empty((len(rows), len(times), READ))
-        if self._compiled and isinstance(controller, Stanley) and self.vehicle.drive == "speed":
+        compiled = self._compiled and self.vehicle.drive == "speed" and not trial.ends
+        if compiled and isinstance(controller, Stanley):
             path = path_table(controller.path_of(_first_look(trial, rows, start)))
             gains, settings = controller.gains, controller.settings.row
             self._shared(lambda i: follow_rows(rows[i], start, gains[i], settings, path, ticks, substeps, self.step, noise,
                                                times, out[i], orders[i]), len(rows))  # fmt: skip
         else:
-            self._lockstep(trial, rows, controller, start, substeps, noise, orders, times, out)
+            self._lockstep(trial, rows, controller, start, substeps, noise, orders, times, out, ending)
         return out, Orders(trial.start + period * np.arange(ticks, dtype=np.float64), orders)
 
     def _lockstep(
         self, trial: Trial, rows: Array, controller: Controller, start: Array, substeps: int, noise: Array, orders: Array,
-        times: Array, out: Array,
+        times: Array, out: Array, ending: Ending,
     ) -> None:  # fmt: skip
         ticks = orders.shape[1]
         history = np.empty((len(rows), ticks * substeps + 1, READ))
@@ -215,10 +220,13 @@ class VehicleSimulator:
         state, pose = np.tile(start, (len(rows), 1)), np.empty((len(rows), READ))
         controller.reset(_first_look(trial, rows, start))
         for n in range(ticks):
+            ending.look(n * substeps * self.step, history[:, n * substeps])
+            if not ending.alive.any():
+                break
             measure_all(rows, history, n * substeps, self.step, noise[n], pose)
             look = Observation(n * substeps * self.step, pose[:, :3], pose[:, 3:], {}, trial)
             orders[:, n] = controller.command(look)
-            drive_all(rows, start, orders, n, substeps, self.step, state, history)
+            drive_all(rows, ending.alive, start, orders, n, substeps, self.step, state, history)
         read_all(rows, history, ticks * substeps, self.step, times, noise, substeps * self.step, out)
 
     def _shared(self, work: Callable[[slice], None], rows: int) -> None:
