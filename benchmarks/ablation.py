@@ -29,7 +29,7 @@ from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.discrepancies.rigid import RigidlyAligned
 from trueup.engines.simulator import Simulator
 from trueup.engines.vehicle import BETAS, BicycleSimulator, Vehicle, vehicle_space
-from trueup.engines.vehicle.windows import windows
+from trueup.engines.vehicle.drives import windows
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.fit import STAGES
 from trueup.recording import Channel, Recording

@@ -33,13 +33,13 @@ from scipy.stats import t
 from vehicle import loop_seconds
 
 from trueup.engines.vehicle import BETAS, BicycleSimulator
+from trueup.engines.vehicle.drives import noise_of
 from trueup.loop.optimize import optimize
 from trueup.loop.transfer import try_on_robot
 from trueup.robots.stand_in_vehicle import StandInVehicle
 from trueup.search.cma_es import CmaEs
 from trueup.studies.stanley import chasi
 from trueup.studies.stanley.courses import across_courses, true_errors
-from trueup.studies.stanley.drives import noise_of
 from trueup.studies.stanley.paper import paper_study
 from trueup.studies.stanley.tuning import tune
 

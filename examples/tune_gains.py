@@ -12,13 +12,13 @@ from __future__ import annotations
 import numpy as np
 
 from trueup import Belief, TrustRegion, optimize, shortlist, transfer
+from trueup.campaign.kinds import drives
 from trueup.controllers.stanley import StanleySettings
 from trueup.engines.vehicle import BicycleSimulator, Vehicle, vehicle_space
 from trueup.loop.transfer import try_on_robot
 from trueup.paths.courses import slalom
 from trueup.robots.stand_in_vehicle import StandInVehicle
 from trueup.search.cma_es import CmaEs
-from trueup.studies.stanley.drives import calibrate_under_doubt
 from trueup.tasks.follow_path import FollowPath
 
 TOLD = ("speed_lag", "wheel_scale", "steering_delay", "steering_lag", "steering_scale", "understeer")
@@ -34,7 +34,7 @@ def main() -> None:
     today = try_on_robot(robot, task, task.parameters.nominal)
     print(f"today's gains: {1e3 * today.score:.0f} mm from the path on the robot")
 
-    calibration = calibrate_under_doubt([r for runs in today.recordings for r in runs], simulator)
+    calibration = drives([r for runs in today.recordings for r in runs], simulator)
     for e in calibration.estimates:
         print(f"  {e.name:15} {e.value:7.3f} {e.unit:6} ({e.verdict})")
 

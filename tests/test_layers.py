@@ -85,6 +85,7 @@ RULES = (
             "controllers.controller",
             "controllers.stanley",
             "discrepancies.discrepancy",
+            "discrepancies.rigid",
             *NOUNS,
         ),
     ),

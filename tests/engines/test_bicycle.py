@@ -14,8 +14,8 @@ from trueup.controllers.stanley import Stanley, StanleySettings
 from trueup.discrepancies.rigid import RigidlyAligned
 from trueup.ends import Arrived, Left
 from trueup.engines.vehicle import BETAS, BicycleSimulator, Vehicle, vehicle_space
+from trueup.engines.vehicle.drives import windows
 from trueup.engines.vehicle.quantities import SPEED_DRIVEN
-from trueup.engines.vehicle.windows import windows
 from trueup.errors import ModelError, ParameterError, RecordingError, UnknownNameError
 from trueup.loop.calibrate import Options, calibrate
 from trueup.paths.courses import hairpin

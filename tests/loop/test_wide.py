@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from trueup.discrepancies.rigid import RigidlyAligned
 from trueup.engines.vehicle import BETAS, BicycleSimulator, Vehicle, vehicle_space
-from trueup.engines.vehicle.windows import windows
+from trueup.engines.vehicle.drives import windows
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.fit import DESCENT, Watch, fit
 from trueup.loop.problem import Problem

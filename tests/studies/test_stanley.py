@@ -11,16 +11,17 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from trueup.campaign.kinds import drives as calibrate_drives
 from trueup.campaign.plan import read_plan
 from trueup.commands.study_view import study_table
 from trueup.engines.vehicle import BETAS
+from trueup.engines.vehicle.drives import doubted, noise_of
 from trueup.errors import UnknownNameError
 from trueup.loop.transfer import try_on_robot
 from trueup.paths.courses import drawn_courses
 from trueup.recording import Recording
 from trueup.studies.stanley import chasi
 from trueup.studies.stanley.courses import across_courses, true_errors
-from trueup.studies.stanley.drives import calibrate_drives, doubted, noise_of
 from trueup.studies.stanley.paper import PaperStudy, calibrate_betas, paper_study
 from trueup.studies.stanley.profile import profiles
 from trueup.studies.stanley.run import run_study
@@ -107,6 +108,12 @@ def test_localisation_noise_is_found_where_it_counts(drive: Recording) -> None:
 def test_its_campaign_is_a_plan() -> None:
     plan = read_plan(Path(str(resources.files("trueup.studies.stanley") / "campaign.toml"))).plan
     assert plan.stop.rounds == 2
+
+
+def test_the_method_of_earlier_plans_is_that_of_the_product() -> None:
+    from trueup.studies.stanley import drives
+
+    assert drives.calibrate_under_doubt is calibrate_drives
 
 
 def test_an_unknown_course_is_refused() -> None:

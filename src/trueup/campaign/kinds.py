@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from trueup.calibration import Calibration, TracePoint
 from trueup.engines.restricted import Restricted
 from trueup.engines.simulator import Simulator
 from trueup.errors import PlanError, RecordingError, unknown_name
@@ -42,7 +43,7 @@ DISCREPANCIES = {
     "plain": "trueup.discrepancies.plain:Plain",
     "path-shape": "trueup.discrepancies.path_shape:PathShape",
 }
-CALIBRATIONS = {"fit": "", "none": "", "drives": "trueup.studies.stanley.drives:calibrate_under_doubt"}
+CALIBRATIONS = {"fit": "", "none": "", "drives": "trueup.campaign.kinds:drives"}
 
 _DRIVES = (
     "speed_delay", "speed_lag", "acceleration_limit", "wheel_scale", "steering_delay", "steering_lag",
@@ -120,7 +121,7 @@ def in_windows(length: float) -> Suited:
     """Drives as the calibration by 'drives' takes them: in windows of `length` s, since a whole one drifts away."""
 
     def taken(recordings: Sequence[Recording]) -> list[Recording]:
-        from trueup.engines.vehicle.windows import windows
+        from trueup.engines.vehicle.drives import windows
 
         found: list[Recording] = []
         for recording in recordings:
@@ -129,6 +130,22 @@ def in_windows(length: float) -> Suited:
         return found
 
     return taken
+
+
+def drives(
+    recordings: Sequence[Recording], simulator: Simulator, held_out: Sequence[Recording] = (),
+    progress: Callable[[TracePoint], None] | None = None, length: float = 6.0, most: int = 42,
+) -> Calibration:  # fmt: skip
+    """Fits a vehicle that is commanded by speed to at most `most` windows of `length` s of its drives.
+
+    It is as unsure of itself as tuning should be. Raises RecordingError where nothing moves, CalibrationError where nothing
+    can be fitted.
+    """
+    from trueup.engines.vehicle.drives import Drives
+    from trueup.loop.prepare import Preparation
+
+    ready = Preparation(Drives(length, most), simulator, tuple(recordings), tuple(held_out))
+    return ready.calibrate(progress=progress)
 
 
 def weighted(recordings: Sequence[Recording], channels: tuple[str, ...] = ("position",)) -> object:

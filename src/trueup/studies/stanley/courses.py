@@ -12,7 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.campaign.kinds import drives as calibrate_drives
 from trueup.engines.simulator import Simulator
+from trueup.engines.vehicle.drives import noise_of
 from trueup.loop.belief import Belief
 from trueup.loop.optimize import TrustRegion, optimize
 from trueup.loop.plausible import plausible
@@ -22,7 +24,6 @@ from trueup.paths.courses import drawn_courses
 from trueup.robots.stand_in_vehicle import StandInVehicle
 from trueup.search.cma_es import CmaEs
 from trueup.studies.stanley import chasi
-from trueup.studies.stanley.drives import calibrate_drives, doubted, noise_of
 from trueup.studies.stanley.tuning import RISK
 from trueup.tasks.follow_path import FollowPath
 
@@ -104,7 +105,7 @@ def _calibrated(robot: StandInVehicle, task: FollowPath, seed: int, samples: int
     drives = [r for runs in first.recordings for r in runs]
     noise = noise_of(drives)
     simulator = chasi.simulator(position_noise=noise[0], heading_noise=noise[1])
-    belief = Belief.of(doubted(calibrate_drives(drives, simulator)), simulator.parameters)
+    belief = Belief.of(calibrate_drives(drives, simulator), simulator.parameters)
     models = belief.sample(4 * samples, np.random.default_rng(seed))
     return simulator, plausible(task, simulator, models, start, np.array([first.score]), samples)
 

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.engines.vehicle import BETAS
+from trueup.engines.vehicle.drives import noise_of
 from trueup.loop.transfer import try_on_robot
 from trueup.robots.stand_in_vehicle import StandInVehicle
 from trueup.studies.stanley import chasi
 from trueup.studies.stanley.courses import across_courses, true_errors
-from trueup.studies.stanley.drives import noise_of
 from trueup.studies.stanley.paper import (
     CALIBRATION_TRIALS,
     TUNING_TRIALS,

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.calibration import Calibration
+from trueup.campaign.kinds import drives as calibrate_drives
 from trueup.engines.simulator import Simulator
 from trueup.loop.belief import Belief
 from trueup.loop.optimize import TrustRegion, optimize
@@ -21,7 +22,6 @@ from trueup.recording import Recording
 from trueup.robots.robot import Robot
 from trueup.search.cma_es import CmaEs
 from trueup.search.search import Search
-from trueup.studies.stanley.drives import calibrate_drives, doubted
 from trueup.tasks.task import Task
 
 Array = NDArray[np.float64]
@@ -83,7 +83,7 @@ def tune(
     done: list[Round] = []
     for number in range(rounds):
         calibration = calibrate_drives(drives, simulator)
-        belief = Belief.of(doubted(calibration), simulator.parameters)
+        belief = Belief.of(calibration, simulator.parameters)
         models = belief.sample(4 * samples, np.random.default_rng([seed, number]))
         so_far = np.array([mean_score(s) for s in scores])
         models = plausible(task, simulator, models, space.from_unit(np.array(units)), so_far, samples)

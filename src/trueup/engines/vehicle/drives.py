@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Drives commanded by speed, calibrated instant by instant in windows, each of which begins anew from a measurement."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.calibration import Calibration
+from trueup.discrepancies.rigid import RigidlyAligned
+from trueup.engines.family import Family, Fit
+from trueup.engines.simulator import Simulator
+from trueup.engines.vehicle.past import PAST
+from trueup.engines.vehicle.reading import CHANNELS
+from trueup.errors import RecordingError
+from trueup.noise import estimate_noise
+from trueup.recording import Channel, Recording, is_command, part_of
+
+Array = NDArray[np.float64]
+
+LENGTH = 6.0
+"""In s: long enough to see a delay and a curve, too short to drift far away."""
+_MOVES = 0.1  # m: a window in which the vehicle stands tells nothing
+
+DOUBT = {
+    "speed_delay": 0.03, "speed_lag": 0.03, "steering_delay": 0.03, "steering_lag": 0.03, "steering_scale": 0.02,
+    "steering_slack": 0.01, "understeer": 0.03, "localisation_latency": 0.01,
+}  # fmt: skip
+"""Least standard deviation that tuning reckons with, in the parameters' units: the vehicle is no bicycle. Least squares
+tells a parameter far better than this, but only as far as the model's structure is right."""
+_DOUBTED_LIMITS = 0.25  # the same for limits, as a share of their value
+_TRADED = 0.06
+"""Standard deviation in s by which a delay may be a lag instead, their sum the same: smooth driving hardly tells them
+apart, but a controller that is pushed to its limit becomes unstable with the one sooner than with the other."""
+
+
+@dataclass(frozen=True)
+class Drives(Family):
+    """Vehicles commanded by speed and steering, fitted to windows of `length` s, each with a start pose of its own.
+
+    Of more than `most` windows evenly spaced ones are taken, so that many drives cost hardly more than two.
+    """
+
+    length: float = LENGTH
+    most: int = 42
+
+    def calibrate(
+        self, simulator: Simulator, training: Sequence[Recording], held_out: Sequence[Recording], fit: Fit
+    ) -> Calibration:
+        """See Family; as unsure of itself as tuning should be.
+
+        Raises RecordingError where nothing moves, and what `fit` raises.
+        Speed and turn rate come at once and the pose late: together they tell the latency of the localisation from a
+        delay of the command, which a controller that looks ahead in time would not forgive.
+        """
+        pieces, kept = ([p for r in rs for p in windows(r, self.length)] for rs in (training, held_out))
+        pieces = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, self.most).round().astype(int))]
+        measure = RigidlyAligned.estimated(pieces, list(CHANNELS))
+        return doubted(fit(simulator, pieces, kept, discrepancy=measure, cross_validate=False))
+
+
+def windows(recording: Recording, length: float = LENGTH) -> list[Recording]:
+    """Pieces of `length` s, end to end, each with the commands of some seconds before it.
+
+    These still act when it begins, because of delays. Pieces in which nothing moves are left out. Raises RecordingError
+    where none is left.
+    """
+    if not length > 0.0:
+        raise RecordingError(f"windows of {length} s: their length must be positive")
+    pieces = []
+    for start in np.arange(recording.time[0], recording.time[-1] - 0.5 * length, length).tolist():
+        cuts = {
+            n: _cut(c, start - PAST if is_command(n) else start, start + length) for n, c in recording.channels.items()
+        }
+        channels = {name: cut for name, cut in cuts.items() if cut is not None}
+        if "position" in channels and _moves(channels["position"]):
+            pieces.append(Recording(f"{recording.name} {start:.0f} s", channels, part_of(recording)))
+    if not pieces:
+        raise RecordingError(f"recording '{recording.name}' has no stretch of {length:g} s in which the vehicle moves")
+    return pieces
+
+
+def _cut(channel: Channel, start: float, stop: float) -> Channel | None:
+    inside = (channel.time >= start - 1e-9) & (channel.time <= stop + 1e-9)
+    if inside.sum() < 2:
+        return None
+    return channel.replace(time=channel.time[inside], values=channel.values[inside])
+
+
+def _moves(position: Channel) -> bool:
+    return bool(np.linalg.norm(np.nanmax(position.values, axis=0) - np.nanmin(position.values, axis=0)) > _MOVES)
+
+
+def noise_of(recordings: Sequence[Recording]) -> tuple[float, float]:
+    """Localisation noise that the recordings show: standard deviations of position in m and of heading in rad."""
+    each = [
+        [float(np.median(estimate_noise(c.values, c.time))) for c in (r.channel("position"), r.channel("heading"))]
+        for r in recordings
+    ]
+    position, heading = np.median(each, axis=0)
+    return float(position), float(heading)
+
+
+def doubted(calibration: Calibration) -> Calibration:
+    """The same values with a wider covariance, because the structure is surely wrong somewhere (`DOUBT`, delay or lag)."""
+    fitted = [e for e in calibration.estimates if e.fitted]
+    place = {e.name: row for row, e in enumerate(fitted)}
+    known = np.diag(calibration.covariance)
+    least = np.array(
+        [_DOUBTED_LIMITS * e.value if e.name.endswith("_limit") else DOUBT.get(e.name, 0.0) for e in fitted]
+    )
+    covariance = calibration.covariance + np.diag(np.maximum(least**2 - known, 0.0))
+    for kind in ("speed", "steering"):
+        if f"{kind}_delay" in place and f"{kind}_lag" in place:
+            pair = [place[f"{kind}_delay"], place[f"{kind}_lag"]]
+            covariance[np.ix_(pair, pair)] += _TRADED**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    note = "tuning reckons with more doubt than the intervals say: the vehicle is no bicycle"
+    return dataclasses.replace(calibration, covariance=covariance, notes=(*calibration.notes, note))
