@@ -22,7 +22,8 @@ test: export OMP_NUM_THREADS = 1
 test: export OPENBLAS_NUM_THREADS = 1
 test: export MKL_NUM_THREADS = 1
 test: $(DEV_READY) ## run all tests, on two cores
-	@$(PYTEST) -n 2 --dist worksteal --durations=15 $(ARGS)
+	@# The report is opened in a real browser wherever one can be had; .ci/browser says why there is none, the tests pass it on.
+	@TRUEUP_NO_BROWSER="$$(.ci/browser)" $(PYTEST) -n 2 --dist worksteal --durations=15 -rs $(ARGS)
 
 check: $(DEV_READY) ## lint, formatting, types, layers, addresses and paths
 	@$(VENV)/bin/ruff check .

@@ -3,16 +3,14 @@
 
 from __future__ import annotations
 
-from importlib import resources
 from pathlib import Path
-from string import Template
 
 from trueup.campaign.history import History
 from trueup.campaign.journal import read_journal, read_times
 from trueup.campaign.plan import Plan
 from trueup.report.campaign_sections import campaign_sections
 from trueup.report.campaign_tracks import Track, tracks_of
-from trueup.report.markup import Markup, escape, join, tag
+from trueup.report.parts import counted, page
 from trueup.report.writing import write_aside
 
 PLAN_TEXT = "plan.toml"
@@ -39,31 +37,15 @@ def campaign_html(
 ) -> str:
     """The report as the text of an HTML document; `times` are when events were written, in s since the epoch."""
     answered = campaign_sections(history, plan, times, plan_text, tracks)
-    style = resources.files("trueup.report").joinpath("templates", "report.css").read_text(encoding="utf-8")
-    page = resources.files("trueup.report").joinpath("templates", "campaign.html").read_text(encoding="utf-8")
-    return Template(page).substitute(
-        title=escape(plan.name),
-        style=style,
-        subtitle=escape(_subtitle(history)),
-        contents=join(tag("a", s.short, href=f"#{s.key}") for s in answered),
-        sections=join(_section(s.key, s.question, s.body) for s in answered),
-    )
+    return page("campaign.html", plan.name, _subtitle(history), answered)
 
 
-def _section(key: str, question: str, body: Markup) -> Markup:
-    return tag("section", tag("h2", question), body, id=key)
-
-
-def _subtitle(history: History) -> str:
+def _subtitle(history: History) -> list[str]:
     runs = sum(t.planned.repeats for t in history.trials if t.done is not None)
     simulated = sum(r.tried for r in history.rounds)
     state = history.ended.reason if history.ended is not None else f"under way: {history.phase}"
-    return " · ".join([_counted(len(history.rounds), "round"), _counted(runs, "run") + " on the robot",
-                       _counted(simulated, "candidate") + " simulated", state])  # fmt: skip
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+    return [counted(len(history.rounds), "round"), counted(runs, "run") + " on the robot",
+            counted(simulated, "candidate") + " simulated", state]  # fmt: skip
 
 
 def _text(path: Path) -> str:

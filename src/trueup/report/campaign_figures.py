@@ -12,6 +12,8 @@ from trueup.report.numbers import shortened, significant
 from trueup.report.plots import AFTER, BEFORE, FAINT, INK, SOFT, Plot, span
 
 _ROUNDS = "round"
+_APART = 14
+"""Pixels between numbers that can be read."""
 
 
 def score_figure(history: History) -> Markup:
@@ -84,12 +86,15 @@ def ranking_figure(history: History) -> Markup:
     both = span([x for _, p, m in pairs for x in (p, m)], margin=0.15)
     plot = Plot(both, both, "expected by the simulator", "on the robot", width=560, height=380)
     plot.line([(both[0], both[0]), (both[1], both[1])], FAINT, dashed=True)
-    last = max((r for r, _, _ in pairs), default=1)
+    last, written = max((r for r, _, _ in pairs), default=1), list[tuple[float, float]]()
     for r, p, m in pairs:
         plot.dot(
             (p, m), AFTER if r == last else SOFT, title=f"round {r}: expected {significant(p)}, was {significant(m)}"
         )
-        plot.text((p, m), str(r), above=7)
+        place = plot.at((p, m))
+        if all(math.dist(place, other) > _APART for other in written):  # numbers would cover each other
+            plot.text((p, m), str(r), above=7)
+            written.append(place)
     return tag("div", plot.svg("Expected against measured scores"), style="max-width:640px")
 
 

@@ -12,10 +12,23 @@ from trueup.campaign.history import History, RoundStory, TrialStory, astray
 from trueup.campaign.plan import Plan
 from trueup.report.campaign_figures import gap_figure, parameter_figures, ranking_figure, score_figure, search_figure
 from trueup.report.campaign_tracks import Track, track_figure
-from trueup.report.headline import callout
 from trueup.report.markup import Markup, join, tag
 from trueup.report.numbers import duration_text, fixed, ratio_text, significant, with_unit
-from trueup.report.sections import Section
+from trueup.report.parts import (
+    Section,
+    callout,
+    caption,
+    cells,
+    change,
+    empty,
+    facts,
+    head,
+    hero,
+    key,
+    row,
+    sentences,
+    table,
+)  # fmt: skip
 
 
 def campaign_sections(
@@ -42,36 +55,27 @@ def _better(history: History, tracks: Sequence[Track]) -> Markup:
     if not settings:
         return join(callout("warn", "No run has a score yet.", "The robot's runs are listed below as they come."))
     unit = history.begun.unit if history.begun else ""
-    numbers = tag(
-        "div",
-        tag("span", significant(first), class_="before"), tag("span", " → ", class_="arrow"),
-        tag("span", significant(best), class_="after"), tag("span", f" {unit}".rstrip(), class_="arrow"),
-        class_="hero-numbers",
-    )  # fmt: skip
-    label = tag("div", "the task's score on the robot (lower is better)", class_="hero-label")
     falls = f" The robot {history.falls_of_best}." if history.falls_of_best else ""
     words = tag("p", _sentence(first, best) + falls, class_="verdict-sentence")
-    rows = [tag("div", tag("dt", name), tag("dd", history.setting(name, value))) for name, value in settings.items()]
     parts = [
-        tag("div", tag("div", label, numbers), tag("div", words), class_="hero"),
-        tag("h3", "The best settings"), tag("dl", rows, class_="facts"),
-        tag("h3", "Every candidate on the robot"), _legend(("before", "settings at first"), ("after", "on the robot"),
-                                                           ("ink", "best so far; hollow: what the simulator expected")),
+        hero("the task's score on the robot (lower is better)", change(significant(first), significant(best), unit),
+             tag("div", words)),
+        tag("h3", "The best settings"), facts((name, history.setting(name, value)) for name, value in settings.items()),
+        tag("h3", "Every candidate on the robot"), key(("before", "settings at first"), ("after", "on the robot"),
+                                                       ("ink", "best so far; hollow: what the simulator expected")),
         score_figure(history),
     ]  # fmt: skip
     if tracks:
         parts += [
             tag("h3", "What the robot did"),
-            _legend(
+            key(
                 ("before", "with the first settings"),
                 ("after", "with the best"),
                 *([("faint", "the path to follow")] if any(t.wanted is not None for t in tracks) else []),
             ),
         ]
         parts += [track_figure(t) for t in tracks]
-        parts.append(
-            tag("p", "Positions as they were recorded, of the last run with each of these settings.", class_="caption")
-        )
+        parts.append(caption("Positions as they were recorded, of the last run with each of these settings."))
     return join(parts)
 
 
@@ -84,9 +88,7 @@ def _sentence(first: float, best: float) -> str:
 
 
 def _rounds(history: History) -> Markup:
-    return (
-        join(_round(history, r) for r in history.rounds) if history.rounds else tag("p", "Nothing yet.", class_="empty")
-    )
+    return join(_round(history, r) for r in history.rounds) if history.rounds else empty("Nothing yet.")
 
 
 def _round(history: History, story: RoundStory) -> Markup:
@@ -98,10 +100,8 @@ def _round(history: History, story: RoundStory) -> Markup:
         names = sorted({k for t in story.trials for k in t.planned.settings})
         units = {n: f", {history.setting(n, 0.0)[2:]}".removesuffix(", ") for n in names}
         of = f", {history.begun.unit}" if history.begun and history.begun.unit else ""
-        head = [tag("th", x, class_="number" if k else None) for k, x in
-                enumerate(("tried", *(n + units[n] for n in names), f"expected{of}", f"on the robot{of}"))]  # fmt: skip
-        table = tag("table", tag("thead", tag("tr", head)), tag("tbody", rows), class_="rounds")
-        parts.append(tag("div", table, class_="scroll"))
+        titles = ("tried", *(n + units[n] for n in names), f"expected{of}", f"on the robot{of}")
+        parts.append(table(head(*titles, numbers=range(1, len(titles))), rows, "rounds"))
     return join(parts)
 
 
@@ -148,22 +148,19 @@ def _candidate(history: History, story: RoundStory, scored: Scored) -> Markup:
         which = "as it was"
     shown = "fell" if scored.fell else significant(measured, 4)
     best = story.ended is not None and scored.unit == story.ended.best
-    cells = [tag("td", significant(settings.get(n, math.nan), 4), class_="number") for n in names]
-    return tag(
-        "tr", tag("th", which, scope="row"), cells, tag("td", significant(expected, 4), class_="number"),
-        tag("td", shown, class_="number"), class_="best" if best else None,
-    )  # fmt: skip
+    numbers = [significant(x, 4) for x in (*(settings.get(n, math.nan) for n in names), expected)]
+    return row(which, cells(*numbers, shown), class_="best" if best else None)
 
 
 def _gap(history: History) -> Markup:
     if not any(r.calibrated for r in history.rounds):
-        return tag("p", "Nothing was calibrated.", class_="empty")
+        return empty("Nothing was calibrated.")
     figure = gap_figure(history)
-    legend = _legend(("before", "new runs, simulator as shipped"), ("after", "new runs, calibrated before they were made"),
+    legend = key(("before", "new runs, simulator as shipped"), ("after", "new runs, calibrated before they were made"),
                      ("ink", "fitted runs"))  # fmt: skip
     parts = [legend, figure, tag("h3", "The parameters"), tag("div", parameter_figures(history), class_="figures")]
-    caption = "Dots: estimates of each round; bars: their 95 % intervals; the axis spans what all rounds found."
-    return join([*parts, tag("p", caption, class_="caption")])
+    text = "Dots: estimates of each round; bars: their 95 % intervals; the axis spans what all rounds found."
+    return join([*parts, caption(text)])
 
 
 def _ranking(history: History) -> Markup:
@@ -173,26 +170,22 @@ def _ranking(history: History) -> Markup:
         if v is None:
             continue
         compared = sum(math.isfinite(m) for m in v.measured)
-        cells = (str(compared), fixed(v.tau, 2), _interval(v.low, v.high), fixed(v.spearman, 2), fixed(v.tau_all, 2),
+        numbers = (str(compared), fixed(v.tau, 2), _interval(v.low, v.high), fixed(v.spearman, 2), fixed(v.tau_all, 2),
                  _interval(v.low_all, v.high_all))  # fmt: skip
-        rows.append(tag("tr", tag("th", str(v.round), scope="row"), [tag("td", c, class_="number") for c in cells]))
+        rows.append(row(str(v.round), cells(*numbers)))
     if not rows:
-        return tag("p", "No candidates have been compared yet.", class_="empty")
-    head = tag("tr", [tag("th", x, class_="number" if k else None) for k, x in
-                      enumerate(("round", "candidates", "Kendall's tau", "95 % interval", "Spearman's rho",
-                                 "tau of all rounds so far", "95 % interval"))])  # fmt: skip
-    caption = (
+        return empty("No candidates have been compared yet.")
+    titles = ("round", "candidates", "Kendall's tau", "95 % interval", "Spearman's rho", "tau of all rounds so far",
+              "95 % interval")  # fmt: skip
+    text = (
         "1: simulator and robot put the candidates in the same order; 0: no relation; −1: the reverse. The interval is exact "
         "under Mallows' model of rankings, and wide as long as few candidates were compared."
     )
-    table = tag("table", tag("thead", head), tag("tbody", rows))
     doubts = [
         callout("warn", f"Round {r.begun.round}", s[0].upper() + s[1:])
         for r in history.rounds if r.validated is not None and (s := astray(r.validated))
     ]  # fmt: skip
-    return join(
-        *doubts, ranking_figure(history), tag("div", table, class_="scroll"), tag("p", caption, class_="caption")
-    )
+    return join(*doubts, ranking_figure(history), table(head(*titles, numbers=range(1, 7)), rows), caption(text))
 
 
 def _interval(low: float, high: float) -> str:
@@ -202,17 +195,16 @@ def _interval(low: float, high: float) -> str:
 def _search(history: History) -> Markup:
     done = [r for r in history.rounds if r.generations]
     if not done:
-        return tag("p", "Nothing was searched yet.", class_="empty")
+        return empty("Nothing was searched yet.")
     ends = [f"round {r.begun.round}: {r.chosen.ended}" for r in done if r.chosen is not None]
-    return join(search_figure(history), tag("ul", [tag("li", e) for e in ends], class_="sentences"))
+    return join(search_figure(history), sentences(ends))
 
 
 def _trials(history: History) -> Markup:
     rows = [_trial(t) for t in history.trials]
     if not rows:
-        return tag("p", "None yet.", class_="empty")
-    head = tag("tr", [tag("th", x) for x in ("run", "round", "of", "settings", "outcome", "recordings")])
-    return tag("div", tag("table", tag("thead", head), tag("tbody", rows)), class_="scroll")
+        return empty("None yet.")
+    return table(head("run", "round", "of", "settings", "outcome", "recordings"), rows)
 
 
 def _trial(story: TrialStory) -> Markup:
@@ -221,23 +213,17 @@ def _trial(story: TrialStory) -> Markup:
     outcome = done.outcome if done else "waited for" if story.started else "planned"
     note = tag("small", f" {done.note}") if done and done.note else None
     files: Iterable[Markup] = (tag("a", f, href=f"recordings/{f}") for f in (done.recordings if done else ()))
-    return tag("tr", tag("th", p.trial, scope="row"), tag("td", f"{p.round}, {p.step}"), tag("td", p.of), tag("td", settings),
-               tag("td", outcome, note), tag("td", [join(f, " ") for f in files]))  # fmt: skip
+    recorded = [join(f, " ") for f in files]
+    return row(p.trial, cells(f"{p.round}, {p.step}", p.of, settings, join(outcome, note), recorded, kind=""))
 
 
 def _plan(history: History, plan: Plan, times: dict[int, float], plan_text: str) -> Markup:
-    facts: list[tuple[str, str]] = [("seed", str(plan.seed))]
+    begun: list[tuple[str, str]] = [("seed", str(plan.seed))]
     if history.begun is not None:
-        facts += [("trueup", history.begun.version), ("plan and seed, SHA-256", history.begun.plan[:16] + "…")]
+        begun += [("trueup", history.begun.version), ("plan and seed, SHA-256", history.begun.plan[:16] + "…")]
     if times:
         first, last = (datetime.fromtimestamp(f(times.values())) for f in (min, max))
-        facts += [("begun", f"{first:%Y-%m-%d %H:%M}"), ("last event", f"{last:%Y-%m-%d %H:%M}"),
+        begun += [("begun", f"{first:%Y-%m-%d %H:%M}"), ("last event", f"{last:%Y-%m-%d %H:%M}"),
                   ("from first to last", duration_text((last - first).total_seconds()))]  # fmt: skip
-    rows = [tag("div", tag("dt", name), tag("dd", value)) for name, value in facts]
     text = tag("pre", plan_text, class_="plan") if plan_text else None
-    return join(tag("dl", rows, class_="facts"), text)
-
-
-def _legend(*entries: tuple[str, str]) -> Markup:
-    shown = [join(tag("b", "● ", style=f"color:var(--{colour})"), words, "   ") for colour, words in entries]
-    return tag("p", shown, class_="key")
+    return join(facts(begun), text)

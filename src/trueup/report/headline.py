@@ -11,6 +11,7 @@ from trueup.report.dumbbell import Axis
 from trueup.report.figures import error_scale
 from trueup.report.markup import Markup, join, tag
 from trueup.report.numbers import Scale, ratio_text, significant, with_unit
+from trueup.report.parts import callout, caption, cells, change, facts, group_row, hero, table
 from trueup.report.summary import Comparison, Score, broken_off, comparisons, pooled_score, signal_size, worsened
 
 LISTED = 8
@@ -91,31 +92,17 @@ def _nothing_held_out(calibration: Calibration, scale: Scale) -> Markup:
 
 def _hero(group: Comparison, score: Score, scale: Scale) -> Markup:
     kind = "worse" if score.worse else "better" if score.better else "same"
-    facts = [("of the error before", ratio_text(score.after, score.before))]
+    beside = [("of the error before", ratio_text(score.after, score.before))]
     if math.isfinite(score.noise):
-        facts.append(("measurement noise", with_unit(scale.text(score.noise, 2), scale.unit)))
+        beside.append(("measurement noise", with_unit(scale.text(score.noise, 2), scale.unit)))
     if group.held_out and group.training:
         trained = pooled_score(group.training)
-        facts.append(("on the fitted recordings", " → ".join(_amounts(trained, scale))))
-    label = "replay error, held-out recordings" if group.held_out else "replay error, fitted recordings only"
-    numbers = tag(
-        "div",
-        tag("span", scale.text(score.before), class_="before"),
-        tag("span", " → ", class_="arrow"),
-        tag("span", scale.text(score.after), class_="after"),
-        tag("span", f" {scale.unit}", class_="unit"),
-        class_="hero-numbers",
-    )
-    listed = (tag("div", tag("dt", name), tag("dd", value)) for name, value in facts)
-    return tag(
-        "div",
-        tag("div", tag("div", label, class_="hero-label"), numbers, class_="hero-main"),
-        tag(
-            "div",
-            tag("p", verdict_sentence(group, scale), class_="verdict-sentence"),
-            tag("dl", listed, class_="hero-facts"),
-        ),
-        class_=f"hero {kind}" if group.held_out else f"hero {kind} unproven",
+        beside.append(("on the fitted recordings", " → ".join(_amounts(trained, scale))))
+    return hero(
+        "replay error, held-out recordings" if group.held_out else "replay error, fitted recordings only",
+        change(scale.text(score.before), scale.text(score.after), scale.unit),
+        tag("div", tag("p", verdict_sentence(group, scale), class_="verdict-sentence"), facts(beside, "hero-facts")),
+        kind=f"hero {kind}" if group.held_out else f"hero {kind} unproven",
     )
 
 
@@ -164,25 +151,25 @@ def _worse(replays: Sequence[Replay], scale: Scale, *, held_out: bool) -> list[M
 def _chart(group: Comparison, scale: Scale) -> Markup:
     scores = {id(r): pooled_score([r]) for r in group.replays}
     axis = Axis.over(scores.values(), scale)
-    head = tag(
+    in_unit = tag("small", scale.unit)
+    titles = tag(
         "tr",
         tag("th", "Recording", scope="col"),
         tag("th", axis.ticks(scale.unit), scope="col", class_="chart"),
-        tag("th", "Before", tag("small", scale.unit), scope="col", class_="number"),
-        tag("th", "After", tag("small", scale.unit), scope="col", class_="number"),
-        tag("th", "Ratio", scope="col", class_="number"),
+        [
+            tag("th", t, scope="col", class_="number")
+            for t in (join("Before", in_unit), join("After", in_unit), "Ratio")
+        ],
     )
     rows: list[Markup] = []
     for title, replays in (("Held out: the fit never saw these", group.held_out), ("Fitted", group.training)):
         if replays:
-            rows.append(tag("tr", tag("th", title, colspan="5", scope="rowgroup"), class_="group"))
-            rows += [_row(r, scores[id(r)], axis, scale) for r in replays]
-    caption = (
+            rows += [group_row(title, 5), *(_row(r, scores[id(r)], axis, scale) for r in replays)]
+    text = (
         "Root mean square replay error of each recording, over all joints. "
         "The grey line is what measurement noise alone would leave."
     )
-    table = tag("table", tag("thead", head), tag("tbody", rows), class_="dumbbells")
-    return join(tag("div", table, class_="scroll"), tag("p", caption, class_="caption"))
+    return join(table(titles, rows, "dumbbells"), caption(text))
 
 
 def _row(replay: Replay, score: Score, axis: Axis, scale: Scale) -> Markup:
@@ -190,18 +177,12 @@ def _row(replay: Replay, score: Score, axis: Axis, scale: Scale) -> Markup:
         "tr",
         tag("th", replay.recording, scope="row", class_="name", title=replay.recording),
         tag("td", axis.dumbbell(score, scale), class_="chart"),
-        tag("td", scale.text(score.before), class_="number before"),
-        tag("td", scale.text(score.after), class_="number after"),
-        tag("td", ratio_text(score.after, score.before), class_="number worse" if score.worse else "number"),
+        cells(scale.text(score.before), kind="number before"),
+        cells(scale.text(score.after), kind="number after"),
+        cells(ratio_text(score.after, score.before), kind="number worse" if score.worse else "number"),
         class_="worse" if score.worse else None,
     )
 
 
 def _amounts(score: Score, scale: Scale) -> tuple[str, str]:
     return with_unit(scale.text(score.before), scale.unit), with_unit(scale.text(score.after), scale.unit)
-
-
-def callout(kind: str, title: str, text: str) -> Markup:
-    """A framed remark; `kind` is bad, warn or good."""
-    role = "alert" if kind == "bad" else None
-    return tag("div", tag("strong", title), " ", tag("div", text), class_=f"callout {kind}", role=role)

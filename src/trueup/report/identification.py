@@ -4,13 +4,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
-from string import Template
 
 from trueup.identification.estimation.result import Identification
 from trueup.report.identification_sections import identification_sections
-from trueup.report.markup import escape, join, tag
+from trueup.report.parts import counted, page
 from trueup.report.writing import write_aside
 
 _STYLE = """
@@ -38,20 +36,12 @@ def identification_html(
     found: Identification, *, title: str | None = None, context: Mapping[str, str] | None = None
 ) -> str:
     """The report as the text of an HTML document."""
-    shown = title or f"Dynamic model of {found.model_name}"
-    answered = identification_sections(found, context or {})
     recordings = len({p.recording for p in found.predictions})
-    return Template(_template("campaign.html")).substitute(
-        title=escape(shown),
-        style=_template("report.css") + _STYLE,
-        subtitle=escape(
-            f"{len(found.joints)} joints · {recordings} recording{'s' * (recordings != 1)} · "
-            f"{len(found.parameters)} parameters"
-        ),
-        contents=join(tag("a", s.short, href=f"#{s.key}") for s in answered),
-        sections=join(tag("section", tag("h2", s.question), s.body, id=s.key) for s in answered),
+    counts = ((len(found.joints), "joint"), (recordings, "recording"), (len(found.parameters), "parameter"))
+    return page(
+        "campaign.html",
+        title or f"Dynamic model of {found.model_name}",
+        [counted(count, noun) for count, noun in counts],
+        identification_sections(found, context or {}),
+        style=_STYLE,
     )
-
-
-def _template(name: str) -> str:
-    return resources.files("trueup.report").joinpath("templates", name).read_text(encoding="utf-8")

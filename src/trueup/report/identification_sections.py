@@ -10,11 +10,23 @@ from collections.abc import Mapping
 import numpy as np
 
 from trueup.identification.estimation.result import Identification, Parameter, relative_error, relative_errors, rmse
-from trueup.report.headline import callout
 from trueup.report.identification_figures import error_figures, speed_figures, torque_figures, validity_map
 from trueup.report.markup import Markup, breakable, join, tag
 from trueup.report.numbers import duration_text, fixed, significant, supported_decimals
-from trueup.report.sections import Section
+from trueup.report.parts import (
+    Section,
+    callout,
+    caption,
+    cells,
+    chip,
+    context_table,
+    facts,
+    head,
+    hero,
+    row,
+    sentences,
+    table,
+)  # fmt: skip
 
 VERDICTS = {
     "identified": "known to 10 % or better (standard deviation, with the errors' memory)",
@@ -38,8 +50,8 @@ def identification_sections(found: Identification, context: Mapping[str, str]) -
         )),
         Section("errors", "Errors", "How are the errors distributed, axis by axis?", join(
             error_figures(found, which),
-            tag("p", "Box: half of all errors. Line: 90 %. Dots: extremes, where they fit. Joints are numbered in the "
-                "model's order.", class_="caption"),
+            caption("Box: half of all errors. Line: 90 %. Dots: extremes, where they fit. Joints are numbered in the "
+                    "model's order."),
         )),
         Section("friction", "Friction", "Does friction have structure that is left?", _friction(found, which)),
         Section("parameters", "Parameters", "What are the numbers, and how sure are they?", _parameters(found)),
@@ -55,20 +67,18 @@ def identification_sections(found: Identification, context: Mapping[str, str]) -
 def _answer(found: Identification) -> Markup:
     judged, held = found.judged(), bool(found.held_out())
     label = "error on motion that was held out" if held else "error on the training data: nothing was held out"
-    number = tag("div", tag("span", f"{100 * relative_error(judged):.2f}", class_="after" if held else "before"),
-                 tag("span", " % of the torque", class_="unit"), class_="hero-numbers")  # fmt: skip
-    facts = [("fitted", f"{100 * relative_error(found.training()):.2f} %")]
+    number = join(tag("span", f"{100 * relative_error(judged):.2f}", class_="after" if held else "before"),
+                  tag("span", " % of the torque", class_="unit"))  # fmt: skip
+    beside = [("fitted", f"{100 * relative_error(found.training()):.2f} %")]
     if found.links:
-        facts.append(("with bodies that can exist", f"{100 * relative_error(judged, 'consistent'):.2f} %"))
+        beside.append(("with bodies that can exist", f"{100 * relative_error(judged, 'consistent'):.2f} %"))
     by_file = relative_error(judged, "file")
     if math.isfinite(by_file):
-        facts.append(("by the model file's inertias alone", f"{100 * by_file:.0f} %"))
+        beside.append(("by the model file's inertias alone", f"{100 * by_file:.0f} %"))
     if math.isfinite(found.cross_validated()):
-        facts.append(("cross-validated, all joints", f"{significant(found.cross_validated())} {found.unit}"))
-    listed = tag("dl", [tag("div", tag("dt", k), tag("dd", v)) for k, v in facts], class_="hero-facts")
-    hero = tag("div", tag("div", tag("div", label, class_="hero-label"), number), listed, class_="hero")
+        beside.append(("cross-validated, all joints", f"{significant(found.cross_validated())} {found.unit}"))
     mind = [callout("warn" if held else "bad", "Mind", sentence) for sentence in found.warnings]
-    return join(hero, mind, _joint_table(found))
+    return join(hero(label, number, facts(beside, "hero-facts")), mind, _joint_table(found))
 
 
 def _joint_table(found: Identification) -> Markup:
@@ -78,17 +88,15 @@ def _joint_table(found: Identification) -> Markup:
     rows = []
     for j, joint in enumerate(found.joints):
         limit = found.effort[j]
-        rows.append(tag(
-            "tr", tag("th", breakable(joint), scope="row"),
-            tag("td", f"{significant(errors[j])} {found.units[j]}", class_="number"),
-            tag("td", f"{100 * shares[j]:.1f} %", class_="number"),
-            tag("td", f"{100 * errors[j] / limit:.2f} %" if np.isfinite(limit) else "–", class_="number"),
-            tag("td", significant(possible[j]) if possible is not None else "–", class_="number"),
-            tag("td", ", ".join(found.structure[j])),
-        ))  # fmt: skip
+        numbers = cells(
+            f"{significant(errors[j])} {found.units[j]}",
+            f"{100 * shares[j]:.1f} %",
+            f"{100 * errors[j] / limit:.2f} %" if np.isfinite(limit) else "–",
+            significant(possible[j]) if possible is not None else "–",
+        )
+        rows.append(row(breakable(joint), numbers, cells(", ".join(found.structure[j]), kind="")))
     titles = ("Joint", "RMSE", "of its torque", "of its limit", "RMSE, possible bodies", "Effects kept")
-    head = tag("tr", [tag("th", t, scope="col", class_="number" if 0 < i < 5 else None) for i, t in enumerate(titles)])
-    return tag("div", tag("table", tag("thead", head), tag("tbody", rows), class_="compact"), class_="scroll")
+    return table(head(*titles, numbers=range(1, 5)), rows, "compact")
 
 
 def _friction(found: Identification, which: str) -> Markup:
@@ -103,19 +111,12 @@ def _parameters(found: Identification) -> Markup:
     counts = Counter(p.verdict for p in found.parameters)
     told = ", ".join(f"{counts[v]} {v}" for v in VERDICTS if counts[v])
     titles = ("Parameter", "Joint", "Value", "Standard deviation", "Model file", "Possible bodies", "Unit", "Verdict")
-    head = tag("tr", [tag("th", t, scope="col", class_="number" if 1 < i < 6 else None) for i, t in enumerate(titles)])
-    rows = [_parameter(p) for p in found.parameters]
-    legend = tag(
-        "dl", [tag("div", tag("dt", _chip(v)), tag("dd", VERDICTS[v])) for v in VERDICTS if counts[v]], class_="legend"
-    )
     return join(
         tag("p", f"{len(found.parameters)} combinations and effects were fitted: {told}."),
-        tag(
-            "div",
-            tag("table", tag("thead", head), tag("tbody", rows), id="parameters", class_="compact"),
-            class_="scroll",
+        table(
+            head(*titles, numbers=range(2, 6)), [_parameter(p) for p in found.parameters], "compact", id="parameters"
         ),
-        legend,
+        facts([(chip(v), VERDICTS[v]) for v in VERDICTS if counts[v]], "legend"),
     )
 
 
@@ -126,16 +127,11 @@ def _parameter(p: Parameter) -> Markup:
     def number(value: float) -> str:
         return fixed(value, decimals)
 
-    return tag(
-        "tr", tag("th", tag("span", p.name, class_="parameter"), scope="row"), tag("td", breakable(p.joint)),
-        tag("td", number(p.value), class_="number value"), tag("td", number(p.deviation), class_="number"),
-        tag("td", number(p.file), class_="number start"), tag("td", number(p.consistent), class_="number"),
-        tag("td", p.unit, class_="unit"), tag("td", _chip(p.verdict, said)),
+    return row(
+        tag("span", p.name, class_="parameter"), cells(breakable(p.joint), kind=""),
+        cells(number(p.value), kind="number value"), cells(number(p.deviation)), cells(number(p.file), kind="number start"),
+        cells(number(p.consistent)), cells(p.unit, kind="unit"), cells(chip(p.verdict, said), kind=""),
     )  # fmt: skip
-
-
-def _chip(verdict: str, words: str = "") -> Markup:
-    return tag("span", words or verdict, class_=f"chip {verdict.replace(' ', '-')}")
 
 
 def _links(found: Identification) -> Markup:
@@ -143,24 +139,18 @@ def _links(found: Identification) -> Markup:
     rows = []
     for link in found.links:
         x, y, z = (fixed(1e3 * c, 1) for c in link.com)
-        state = _chip("impossible", "on the edge") if link.on_boundary else _chip("identified", "possible")
-        rows.append(tag(
-            "tr", tag("th", breakable(link.name), scope="row"), tag("td", significant(link.mass), class_="number"),
-            tag("td", f"{x}, {y}, {z}", class_="number"),
-            tag("td", ", ".join(significant(m) for m in link.moments), class_="number"), tag("td", state),
-            tag("td", f"unconstrained: {link.violation}" if link.violation else "", class_="words"),
-        ))  # fmt: skip
+        state = chip("impossible", "on the edge") if link.on_boundary else chip("identified", "possible")
+        unconstrained = f"unconstrained: {link.violation}" if link.violation else ""
+        moments = ", ".join(significant(m) for m in link.moments)
+        numbers = cells(significant(link.mass), f"{x}, {y}, {z}", moments)
+        rows.append(row(breakable(link.name), numbers, cells(state, kind=""), cells(unconstrained, kind="words")))
     titles = ("Link", "Mass, kg", "Centre of mass, mm", "Principal moments, kg m²", "", "")
-    head = tag("tr", [tag("th", t, scope="col", class_="number" if 0 < i < 4 else None) for i, t in enumerate(titles)])
     words = (
         "Torque tells only combinations of these numbers; what it cannot tell comes from the model file. Every link is a "
         "mass distribution without negative mass, so a simulator can run it."
     )
     told = f" The fit stopped at the edge of what is possible for {', '.join(edges)}." if edges else ""
-    return join(
-        tag("p", words + told),
-        tag("div", tag("table", tag("thead", head), tag("tbody", rows), id="links", class_="compact"), class_="scroll"),
-    )
+    return join(tag("p", words + told), table(head(*titles, numbers=range(1, 4)), rows, "compact", id="links"))
 
 
 def _validity(found: Identification, which: str) -> Markup:
@@ -168,34 +158,28 @@ def _validity(found: Identification, which: str) -> Markup:
     q, v = (np.concatenate([getattr(p, name) for p in judged]) for name in ("position", "velocity"))
     rows = []
     for j, joint in enumerate(found.joints):
-        angle = 1.0 if found.prismatic[j] else 180.0 / math.pi
-        unit = "m" if found.prismatic[j] else "deg"
-        rows.append(tag(
-            "tr", tag("th", breakable(joint), scope="row"),
-            tag("td", f"{fixed(angle * float(q[:, j].min()), 1)} … {fixed(angle * float(q[:, j].max()), 1)} {unit}",
-                class_="number"),
-            tag("td", f"{fixed(angle * float(np.abs(v[:, j]).max()), 1)} {unit}/s", class_="number"),
-        ))  # fmt: skip
-    head = tag("tr", tag("th", "Joint", scope="col"), tag("th", "Positions", scope="col", class_="number"),
-               tag("th", "Speeds up to", scope="col", class_="number"))  # fmt: skip
+        angle, unit = (1.0, "m") if found.prismatic[j] else (math.degrees(1.0), "deg")
+        low, high, fastest = (angle * float(x) for x in (q[:, j].min(), q[:, j].max(), np.abs(v[:, j]).max()))
+        numbers = cells(f"{fixed(low, 1)} … {fixed(high, 1)} {unit}", f"{fixed(fastest, 1)} {unit}/s")
+        rows.append(row(breakable(joint), numbers))
     kind = "was held out" if found.held_out() else "was fitted (nothing was held out)"
     return join(
         tag("p", f"Where the last link's frame went in the motion that {kind}; darker is a larger error, orange is more than "
             "1.5 times the mean one. Pale cells were fitted but not judged. Outside, the model is extrapolation."),
         validity_map(found, which),
-        tag("div", tag("table", tag("thead", head), tag("tbody", rows), class_="compact pairs"), class_="scroll"),
+        table(head("Joint", "Positions", "Speeds up to", numbers=(1, 2)), rows, "compact pairs"),
     )  # fmt: skip
 
 
 def _missing(found: Identification) -> Markup:
     if not found.advice:
         return tag("p", "Every combination that matters for torque was seen.")
-    return tag("ul", [tag("li", sentence) for sentence in found.advice], class_="sentences")
+    return sentences(found.advice)
 
 
 def _details(found: Identification, context: Mapping[str, str]) -> Markup:
     a = found.alignment
-    facts = {
+    told = {
         "Filter": f"zero-phase Butterworth of order 8 at {found.cutoff:g} Hz, torque and regressor alike; compared at "
         f"{found.rate:.4g} Hz",
         "Weights": found.weighting,
@@ -209,8 +193,5 @@ def _details(found: Identification, context: Mapping[str, str]) -> Markup:
         "Computed in": duration_text(found.seconds),
         **context,
     }  # fmt: skip
-    rows = [
-        tag("tr", tag("th", k, scope="row"), tag("td", tag("code", v) if k in context else v)) for k, v in facts.items()
-    ]
-    notes = tag("ul", [tag("li", n) for n in found.notes], class_="sentences") if found.notes else None
-    return join(notes, tag("table", tag("tbody", rows), class_="context"))
+    notes = sentences(found.notes) if found.notes else None
+    return join(notes, context_table({k: tag("code", v) if k in context else v for k, v in told.items()}))

@@ -10,6 +10,7 @@ from trueup.report.figures import error_scale
 from trueup.report.hints import Hint, hints
 from trueup.report.markup import Markup, breakable, join, tag
 from trueup.report.numbers import Scale, fixed, ratio_text
+from trueup.report.parts import caption, drawn_later, empty, figure, group_row, table
 from trueup.report.summary import Comparison, Score, column_score, comparisons, label_score, noise_of, pooled_score
 
 STRONGEST = 55.0
@@ -20,7 +21,7 @@ def joints(calibration: Calibration) -> Markup:
     """A heat table for each channel, the interactive figures, and what is left of each joint's error."""
     groups = comparisons(calibration)
     if not groups:
-        return tag("p", "Nothing was replayed.", class_="empty")
+        return empty("Nothing was replayed.")
     starts = [sum(len(g.replays) for g in groups[:i]) for i in range(len(groups))]  # as figure_data counts them
     several = len(groups) > 1
     return join(
@@ -39,25 +40,26 @@ def heat_table(group: Comparison, *, first: int = 0) -> Markup:
     scores = [[_cell_score(r, label) for label in labels] for r in group.ordered]
     finite = [s.after for row in scores for s in row if s is not None and math.isfinite(s.after)]
     largest = max(finite, default=0.0)
-    head = tag("tr", tag("th", "Recording", scope="col", class_="name"), (_label(label) for label in (*labels, "all")))
+    titles = tag(
+        "tr", tag("th", "Recording", scope="col", class_="name"), (_label(label) for label in (*labels, "all"))
+    )
     rows: list[Markup] = []
     for index, (replay, row) in enumerate(zip(group.ordered, scores, strict=True)):
         if index in (0, len(group.held_out)) and group.held_out:
             title = "Held out" if index == 0 else "Fitted"
-            rows.append(tag("tr", tag("th", title, colspan=str(len(labels) + 2), scope="rowgroup"), class_="group"))
+            rows.append(group_row(title, len(labels) + 2))
         cells = [_cell(s, scale, largest, first + index, replay, label) for s, label in zip(row, labels, strict=True)]
         whole = _cell(pooled_score([replay]), scale, largest, first + index, replay, None)
         name = tag("th", replay.recording, scope="row", class_="name", title=replay.recording)
         rows.append(tag("tr", name, cells, whole))
     rows += _noise_row(group, scale)
-    caption = (
+    text = (
         f"Root mean square error of '{group.channel}' after calibration in {scale.unit or 'its own unit'}; beneath it "
         "the ratio to the error before, marked ▲ where it got worse. Choose a cell to see that replay below."
     )
     columns = len(labels) + 1
     width = f"min-width:{180 + 76 * columns}px;max-width:{180 + 160 * columns}px"
-    table = tag("table", tag("thead", head), tag("tbody", rows), class_="heat", style=width)
-    return join(tag("div", table, class_="scroll"), tag("p", caption, class_="caption"))
+    return join(table(titles, rows, "heat", style=width), caption(text))
 
 
 def _cell_score(replay: Replay, label: str) -> Score | None:
@@ -109,8 +111,8 @@ def _leftovers(group: Comparison, first: int) -> Markup:
     judged = group.held_out or group.training
     found = hints(judged, scale)
     if not found:
-        return tag("p", "No error could be computed.", class_="empty")
-    head = tag(
+        return empty("No error could be computed.")
+    titles = tag(
         "tr",
         tag("th", "Joint"),
         tag("th", "Error after", tag("small", scale.unit), class_="number"),
@@ -120,12 +122,11 @@ def _leftovers(group: Comparison, first: int) -> Markup:
     number = {r.recording: first + i for i, r in enumerate(group.ordered)}
     rows = [_leftover(hint, scale, number[hint.recording]) for hint in found]
     which = "the held-out recordings" if group.held_out else "the fitted recordings"
-    caption = (
+    text = (
         f"Patterns in the error of {which}. They are hints to look for a missing effect, not proofs: "
         "several can look alike in one motion."
     )
-    table = tag("table", tag("thead", head), tag("tbody", rows), class_="leftovers")
-    return join(tag("div", table, class_="scroll"), tag("p", caption, class_="caption"))
+    return join(table(titles, rows, "leftovers"), caption(text))
 
 
 def _leftover(hint: Hint, scale: Scale, index: int) -> Markup:
@@ -158,7 +159,7 @@ def _figures() -> Markup:
         tag("h3", "Replay against the recording"),
         choose,
         tag("div", tag("p", id="replay-title", aria_live="polite"), zoom, class_="figure-title controls"),
-        tag("div", id="replay-figure", class_="figure tall"),
+        drawn_later("replay", "figure tall"),
         tag("p", id="replay-caption", class_="caption"),
         tag(
             "noscript",
@@ -169,27 +170,12 @@ def _figures() -> Markup:
 
 
 def _small_figures() -> Markup:
+    chosen = tag("small", class_="chosen")
+    frequency = "Amplitude density of the error (Welch). At the dotted line only noise is left."
+    speed = "Mean error at each measured speed. A step at zero is friction or backlash, a slope delay or damping."
     return tag(
         "div",
-        tag(
-            "figure",
-            tag("h4", "Error by frequency ", tag("small", class_="chosen")),
-            tag("div", id="spectrum-figure", class_="figure"),
-            tag(
-                "figcaption",
-                "Amplitude density of the error (Welch). At the dotted line only noise is left.",
-                class_="caption",
-            ),
-        ),
-        tag(
-            "figure",
-            tag("h4", "Error by speed ", tag("small", class_="chosen")),
-            tag("div", id="speed-figure", class_="figure"),
-            tag(
-                "figcaption",
-                "Mean error at each measured speed. A step at zero is friction or backlash, a slope delay or damping.",
-                class_="caption",
-            ),
-        ),
+        figure(join("Error by frequency ", chosen), drawn_later("spectrum"), note=frequency),
+        figure(join("Error by speed ", chosen), drawn_later("speed"), note=speed),
         class_="pair",
     )

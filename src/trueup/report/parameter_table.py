@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from trueup.calibration import Calibration, Estimate
 from trueup.report.markup import Markup, breakable, join, tag
 from trueup.report.numbers import fixed, supported_decimals
+from trueup.report.parts import caption, chip, empty, facts, table
 
 VERDICTS = {
     "identified": "these recordings determine it within the interval",
@@ -30,9 +31,9 @@ def parameter_table(calibration: Calibration) -> Markup:
     """A sentence, chips that filter, and the table; JavaScript makes it sortable."""
     estimates = calibration.estimates
     if not estimates:
-        return tag("p", "The calibration has no parameters.", class_="empty")
+        return empty("The calibration has no parameters.")
     counts = Counter(e.verdict for e in estimates)
-    head = tag(
+    titles = tag(
         "tr",
         _header("Parameter"),
         _header("Start", "number"),
@@ -42,16 +43,15 @@ def parameter_table(calibration: Calibration) -> Markup:
         _header("Within its bounds", "bars"),
         _header("Verdict"),
     )
-    table = tag("table", tag("thead", head), tag("tbody", [_row(e) for e in estimates]), id="parameters")
-    caption = (
+    text = (
         "The band is the 95 % interval, the dot the value, the ring the start; the track runs from the lower to the "
         "upper bound. Value and interval carry as many digits as the interval supports."
     )
     return join(
         tag("p", counted_sentence(estimates)),
         _filters(counts),
-        tag("div", table, class_="scroll"),
-        tag("p", caption, class_="caption"),
+        table(titles, [_row(e) for e in estimates], id="parameters"),
+        caption(text),
         _legend(counts),
     )
 
@@ -71,10 +71,10 @@ def counted_sentence(estimates: Sequence[Estimate]) -> str:
     )
 
 
-def chip(verdict: str, count: int | None = None) -> Markup:
-    """The verdict as a small coloured label."""
-    kind = verdict.replace(" ", "-") if verdict in VERDICTS else "frozen"
-    return tag("span", verdict, f" {count}" if count is not None else None, class_=f"chip {kind}")
+def verdict_chip(verdict: str, count: int | None = None) -> Markup:
+    """The verdict as a small coloured label, with how many have it."""
+    words = verdict if count is None else f"{verdict} {count}"
+    return chip(verdict, words, kind=verdict if verdict in VERDICTS else "frozen")
 
 
 def bounds_bar(estimate: Estimate) -> Markup | None:
@@ -140,7 +140,7 @@ def _row(estimate: Estimate) -> Markup:
         tag("td", interval, class_="number interval", data_sort=_sortable(_relative_width(e))),
         tag("td", e.unit, class_="unit"),
         tag("td", bounds_bar(e), class_="bars", data_sort=_sortable(_place(e))),
-        tag("td", chip(e.verdict), data_sort=str(order)),
+        tag("td", verdict_chip(e.verdict), data_sort=str(order)),
         data_verdict=e.verdict,
     )
 
@@ -169,7 +169,7 @@ def _sortable(value: float) -> str:
 def _filters(counts: Counter[str]) -> Markup:
     order = [v for v in (*VERDICTS, *(c for c in counts if c not in VERDICTS)) if counts[v]]
     chips = [
-        tag("button", chip(v, counts[v]), type="button", aria_pressed="true", data_verdict=v, class_="toggle")
+        tag("button", verdict_chip(v, counts[v]), type="button", aria_pressed="true", data_verdict=v, class_="toggle")
         for v in order
     ]
     search = tag(
@@ -179,5 +179,4 @@ def _filters(counts: Counter[str]) -> Markup:
 
 
 def _legend(counts: Counter[str]) -> Markup:
-    terms = [tag("div", tag("dt", chip(v)), tag("dd", text)) for v, text in VERDICTS.items() if counts[v]]
-    return tag("dl", terms, class_="legend")
+    return facts([(verdict_chip(v), text) for v, text in VERDICTS.items() if counts[v]], "legend")

@@ -11,18 +11,19 @@ from pathlib import Path
 
 from trueup.calibration import Calibration, Replay
 from trueup.errors import unknown_name
+from trueup.report.drawing import COLOURS, EDGE, HEAD, LINE, WIDTH, document, line, title, words
 from trueup.report.dumbbell import Axis
 from trueup.report.figures import error_scale
-from trueup.report.markup import Markup, escape, tag
+from trueup.report.markup import Markup, tag
 from trueup.report.numbers import Scale, ratio_text, scale_for, shortened, with_unit
-from trueup.report.panel import COLOURS, Panel, replay_panel
+from trueup.report.panel import Panel, replay_panel
 from trueup.report.summary import Comparison, Score, column_score, comparisons, pooled_score
 from trueup.report.writing import write_aside
 
-WIDTH = 900
-"""Width of every picture in pixels, or points on paper."""
-
-_FONT = "system-ui, 'Helvetica Neue', 'Liberation Sans', Arial, sans-serif"
+_PANEL = 230
+"""Pixels of a joint's panel, motion and error."""
+_NAMES, _AMOUNTS, _ROW = 220, 210, 26
+"""Pixels of a row of the comparison: for names on its left and amounts on its right; its height."""
 
 
 def write_pictures(calibration: Calibration, folder: str | os.PathLike[str]) -> list[Path]:
@@ -66,7 +67,7 @@ def replay_picture(
             raise unknown_name("label", label, replay.labels, f"the replay of '{replay.recording}'")
     scale = scale_for(replay.unit, [column_score(replay, j).after for j in range(len(replay.labels))])
     across = 1 if len(chosen) < 3 else 2
-    width, height, top = WIDTH / across, 230.0, 46.0
+    width, height, top = WIDTH / across, _PANEL, HEAD
     rows = math.ceil(len(chosen) / across)
     parts = [_key(replay, with_command=replay.command is not None)]
     for index, label in enumerate(chosen):
@@ -74,7 +75,7 @@ def replay_picture(
         panel = Panel(*corner, width, height, first=index % across == 0, last=index + across >= len(chosen))
         parts.append(replay_panel(replay, replay.labels.index(label), panel, scale, (start, stop)))
     kind = "held out" if replay.held_out else "fitted"
-    return _document(
+    return document(
         parts, top + rows * height + 8, f"Replay of {replay.recording} ({kind}), before and after calibration"
     )
 
@@ -86,98 +87,67 @@ def before_after_picture(calibration: Calibration) -> str:
     """
     groups = comparisons(calibration)
     if not groups:
-        return _document([_text("Nothing was replayed.", 16, 30)], 50, "Nothing was replayed")
+        return document([words("Nothing was replayed.", 16, 30)], 50, "Nothing was replayed")
     return _before_after(groups[0], error_scale(groups[0]))
 
 
 def _before_after(group: Comparison, scale: Scale) -> str:
     scores = {id(r): pooled_score([r]) for r in group.replays}
     axis = Axis.over(scores.values(), scale)
-    left, right, row, y = 220.0, WIDTH - 210.0, 26.0, 20.0
+    left, right, row, y = _NAMES, WIDTH - _AMOUNTS, _ROW, 20
 
     def place(value: float) -> float:
         return left + (right - left) * axis.percent(value) / 100.0
 
     parts, top = [], y + 6
-    for title, replays in (("Held out", group.held_out), ("Fitted", group.training)):
+    for name, replays in (("Held out", group.held_out), ("Fitted", group.training)):
         if not replays:
             continue
         y += row
-        parts.append(_text(title, 16, y, weight="600", fill=COLOURS["soft"]))
+        parts.append(words(name, EDGE, y, bold=True, colour="soft"))
         for replay in replays:
             y += row
             parts += _before_after_row(replay, scores[id(replay)], scale, y, place)
         y += 6
     bottom = y + 8
     marks = [(place(m), text) for m, text in zip(axis.marks(), axis.mark_texts(), strict=True)]
-    grid = [_line(x, top, x, bottom, COLOURS["grid"]) for x, _ in marks]
-    texts = [_text(text, x, bottom + 16, anchor="middle", fill=COLOURS["soft"]) for x, text in marks]
+    grid = [line(x, top, x, bottom, "grid") for x, _ in marks]
+    texts = [words(text, x, bottom + 16, anchor="middle", colour="soft") for x, text in marks]
     unit = f" in {scale.unit}" if scale.unit else ""
-    title = _text(f"Root mean square replay error{unit}", (left + right) / 2, bottom + 36, anchor="middle")
+    below = words(f"Root mean square replay error{unit}", (left + right) / 2, bottom + 36, anchor="middle")
     key = [_key_dot("before", left), _key_dot("after", left + 90)]
-    return _document([*grid, *parts, *texts, title, *key], bottom + 50, "Replay error before and after calibration")
+    return document([*grid, *parts, *texts, below, *key], bottom + 50, "Replay error before and after calibration")
 
 
 def _before_after_row(
     replay: Replay, score: Score, scale: Scale, y: float, place: Callable[[float], float]
 ) -> list[Markup]:
     middle = y - 4
-    parts = [_text(shortened(replay.recording, 26), 28, y)]
+    parts = [words(shortened(replay.recording, 26), 2 * EDGE, y)]
     ends = {"before": score.before * scale.factor, "after": score.after * scale.factor}
     shown = {kind: place(v) for kind, v in ends.items() if math.isfinite(v)}
     if len(shown) == 2:
-        parts.append(_line(shown["before"], middle, shown["after"], middle, COLOURS["command"], width=2.5))
+        parts.append(line(shown["before"], middle, shown["after"], middle, "command", width=2 * LINE))
     parts += [tag("circle", cx=x, cy=middle, r=5, fill=COLOURS[kind]) for kind, x in shown.items()]
     amounts = f"{scale.text(score.before)} → {with_unit(scale.text(score.after), scale.unit)}"
-    parts.append(_text(amounts, WIDTH - 66, y, anchor="end"))
+    parts.append(words(amounts, WIDTH - 66, y, anchor="end"))
     ratio = ratio_text(score.after, score.before)
-    parts.append(_text(ratio, WIDTH - 14, y, anchor="end", weight="600", fill=COLOURS["bad" if score.worse else "ink"]))
+    parts.append(words(ratio, WIDTH - EDGE, y, anchor="end", bold=True, colour="bad" if score.worse else "ink"))
     return parts
 
 
 def _key(replay: Replay, *, with_command: bool) -> Markup:
     kind = "held out" if replay.held_out else "fitted"
-    parts = [_text(f"{shortened(replay.recording, 44)} ({kind})", 14, 24, weight="600", size=14)]
-    x = WIDTH - 14.0
+    parts = [title(f"{shortened(replay.recording, 44)} ({kind})")]
+    x = WIDTH - EDGE
     for name in ("after", "before", "measured") + (("command",) if with_command else ()):
-        parts.append(_text(name, x, 24, anchor="end"))
-        x -= 7.8 * len(name) + 5
+        parts.append(words(name, x, 24, anchor="end"))
+        x -= 9 * len(name) + 5
         dash = "4 3" if name == "command" else None
-        parts.append(_line(x - 22, 20, x, 20, COLOURS[name], width=1.2 if dash else 2.2, dash=dash))
+        parts.append(line(x - 22, 20, x, 20, name, width=LINE if dash else 2 * LINE, dash=dash))
         x -= 38
     return tag("g", parts)
 
 
 def _key_dot(kind: str, x: float) -> Markup:
-    return tag("g", tag("circle", cx=x + 5, cy=14, r=5, fill=COLOURS[kind]), _text(kind, x + 16, 18))
-
-
-def _line(
-    x1: float, y1: float, x2: float, y2: float, colour: str, *, width: float = 1.0, dash: str | None = None
-) -> Markup:
-    return tag("line", x1=x1, y1=y1, x2=x2, y2=y2, stroke=colour, stroke_width=width, stroke_dasharray=dash)
-
-
-def _text(
-    text: str,
-    x: float,
-    y: float,
-    *,
-    anchor: str | None = None,
-    weight: str | None = None,
-    size: float | None = None,
-    fill: str | None = None,
-) -> Markup:
-    return tag("text", text, x=x, y=y, text_anchor=anchor, font_weight=weight, font_size=size, fill=fill)
-
-
-def _document(parts: Sequence[Markup], height: float, title: str) -> str:
-    size = f"0 0 {WIDTH} {height:.0f}"
-    opening = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{size}" width="{WIDTH}" height="{height:.0f}" '
-        f'font-family="{escape(_FONT)}" font-size="12.5" fill="{COLOURS["ink"]}" role="img">'
-    )
-    ground = tag("rect", width=WIDTH, height=height, fill="#ffffff")
-    return "\n".join(
-        ['<?xml version="1.0" encoding="UTF-8"?>', opening, tag("title", title), ground, *parts, "</svg>", ""]
-    )
+    return tag("g", tag("circle", cx=x + 5, cy=14, r=5, fill=COLOURS[kind]), words(kind, x + 16, 18))

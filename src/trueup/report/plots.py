@@ -7,6 +7,9 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from trueup.report.drawing import LINE, path_of
 from trueup.report.marks import mark_texts, nice_marks
 from trueup.report.markup import Markup, tag
 
@@ -50,17 +53,12 @@ class Plot:
         share_y = (point[1] - self.y[0]) / (self.y[1] - self.y[0])
         return left + share_x * (right - left), bottom - min(max(share_y, -0.5), 1.5) * (bottom - top)
 
-    def line(self, points: Iterable[Point], colour: str, *, width: float = 1.6, dashed: bool = False) -> None:
+    def line(self, points: Iterable[Point], colour: str, *, width: float = LINE, dashed: bool = False) -> None:
         """A line through points; a gap where one is NaN."""
-        pieces, down = [], False
-        for p in points:
-            if not all(map(math.isfinite, p)):
-                down = False
-                continue
-            px, py = self.at(p)
-            pieces.append(f"{'L' if down else 'M'}{px:.1f} {py:.1f}")
-            down = True
-        self._parts.append(tag("path", d="".join(pieces) or "M0 0", fill="none", style=f"stroke:{colour}",
+        at = np.array([self.at(p) if all(map(math.isfinite, p)) else (math.nan, math.nan) for p in points]).reshape(
+            -1, 2
+        )
+        self._parts.append(tag("path", d=path_of(at[:, 0], at[:, 1]), fill="none", style=f"stroke:{colour}",
                                stroke_width=width, stroke_dasharray="5 4" if dashed else None))  # fmt: skip
 
     def dot(self, point: Point, colour: str, *, hollow: bool = False, size: float = 4.5, title: str = "") -> None:
@@ -93,7 +91,7 @@ class Plot:
         """The finished plot; `label` says it to those who cannot see it."""
         return tag(
             "svg", [*self._axes(), *self._parts], viewBox=f"0 0 {self.width} {self.height}", role="img", aria_label=label,
-            style="width:100%;height:auto", font_family="inherit",
+            style=f"width:100%;max-width:{self.width + self.width // 5}px;height:auto", font_family="inherit",
         )  # fmt: skip
 
     def _axes(self) -> list[Markup]:

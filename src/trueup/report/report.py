@@ -5,15 +5,13 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping
-from importlib import resources
+from collections.abc import Mapping
 from pathlib import Path
-from string import Template
 
 from trueup.calibration import Calibration
 from trueup.report.figures import figure_data
-from trueup.report.markup import Markup, escape, join, tag
-from trueup.report.sections import Section, sections
+from trueup.report.parts import counted, page, template_text
+from trueup.report.sections import sections
 from trueup.report.writing import write_aside
 
 SCRIPTS = ("read.js", "style.js", "replay.js", "details.js", "tables.js", "start.js")
@@ -47,17 +45,19 @@ def report_html(calibration: Calibration, *, title: str | None = None, context: 
     from plotly.offline import get_plotlyjs
 
     shown = title or f"Calibration of {calibration.model_name}"
-    answered = sections(calibration, context or {})
-    own = "\n".join(_template(name) for name in SCRIPTS)
-    return Template(_template("report.html")).substitute(
-        title=escape(shown),
-        style=_template("report.css"),
-        subtitle=_subtitle(calibration, shown),
-        contents=join(tag("a", s.short, href=f"#{s.key}") for s in answered),
-        sections=join(_section(s) for s in answered),
+    subtitle = (
+        calibration.model_name if calibration.model_name not in shown else "",
+        counted(len({r.recording for r in calibration.replays}), "recording"),
+        counted(len(calibration.estimates), "parameter"),
+    )
+    return page(
+        "report.html",
+        shown,
+        subtitle,
+        sections(calibration, context or {}),
         data=data_text(figure_data(calibration)),
         plotly=get_plotlyjs(),
-        script=own,
+        script="\n".join(template_text(name) for name in SCRIPTS),
     )
 
 
@@ -65,27 +65,3 @@ def data_text(data: object) -> str:
     """`data` as JSON that may stand inside a script element, whatever names it holds."""
     text = json.dumps(data, allow_nan=False, ensure_ascii=True, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
-def _section(section: Section) -> Markup:
-    return tag("section", tag("h2", section.question), section.body, id=section.key)
-
-
-def _subtitle(calibration: Calibration, title: str) -> Markup:
-    parts: Iterator[str] = filter(
-        None,
-        (
-            calibration.model_name if calibration.model_name not in title else "",
-            _counted(len({r.recording for r in calibration.replays}), "recording"),
-            _counted(len(calibration.estimates), "parameter"),
-        ),
-    )
-    return escape(" · ".join(parts))
-
-
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
-
-
-def _template(name: str) -> str:
-    return resources.files("trueup.report").joinpath("templates", name).read_text(encoding="utf-8")

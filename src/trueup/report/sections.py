@@ -5,17 +5,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from trueup.calibration import Array, Calibration, CrossValidation, Estimate
 from trueup.report.figures import correlations
-from trueup.report.headline import callout, headline
+from trueup.report.headline import headline
 from trueup.report.joints import joints
 from trueup.report.markup import Markup, breakable, join, tag
 from trueup.report.numbers import Scale, duration_text, fixed, ratio_text, scale_for
-from trueup.report.parameter_table import VERDICTS, chip, parameter_table
+from trueup.report.parameter_table import VERDICTS, parameter_table, verdict_chip
+from trueup.report.parts import (
+    Section,
+    callout,
+    caption,
+    cells,
+    context_table,
+    drawn_later,
+    empty,
+    facts,
+    head,
+    sentences,
+    table,
+)
 from trueup.report.summary import SAME
 
 STRONG = 0.9
@@ -23,18 +35,6 @@ STRONG = 0.9
 
 LISTED = 12
 """Correlated pairs listed at most."""
-
-
-@dataclass(frozen=True)
-class Section:
-    """One question and its answer."""
-
-    key: str
-    """Anchor in the page."""
-    short: str
-    """For the table of contents."""
-    question: str
-    body: Markup
 
 
 def sections(calibration: Calibration, context: Mapping[str, str]) -> tuple[Section, ...]:
@@ -51,7 +51,7 @@ def sections(calibration: Calibration, context: Mapping[str, str]) -> tuple[Sect
 def _limits(calibration: Calibration) -> Markup:
     parts: list[Markup] = []
     if calibration.unidentified:
-        parts.append(tag("ul", [tag("li", s) for s in calibration.unidentified], class_="sentences"))
+        parts.append(sentences(calibration.unidentified))
     elif not any(e.verdict in _DOUBTFUL for e in calibration.estimates):
         text = "No direction was named that these recordings could not see, and no fitted parameter is in doubt."
         parts.append(tag("p", text))
@@ -74,41 +74,30 @@ def _doubtful(estimates: tuple[Estimate, ...]) -> list[Markup]:
         if names:
             written = [tag("span", breakable(n), class_="parameter") for n in names]
             listed = join(written[:1], [join(", ", name) for name in written[1:]])
-            rows.append(tag("div", tag("dt", chip(verdict)), tag("dd", listed, tag("small", VERDICTS[verdict]))))
-    return [tag("h3", "Parameters in doubt"), tag("dl", rows, class_="doubtful")] if rows else []
+            rows.append((verdict_chip(verdict), join(listed, tag("small", VERDICTS[verdict]))))
+    return [tag("h3", "Parameters in doubt"), facts(rows, "doubtful")] if rows else []
 
 
 def _correlated(calibration: Calibration) -> list[Markup]:
     matrix = correlations(calibration)
     if matrix is None:
-        return [tag("p", "No covariance was estimated, so there are no correlations to show.", class_="empty")]
+        return [empty("No covariance was estimated, so there are no correlations to show.")]
     if matrix.shape[0] < 2:
-        return [tag("p", "Only one parameter was fitted.", class_="empty")]
+        return [empty("Only one parameter was fitted.")]
     names = [e.name for e in calibration.estimates if e.fitted]
     pairs = _strong_pairs(matrix, names)
     parts = []
     if pairs:
         text = f"These pairs correlate by more than {STRONG}: the recordings tell a combination, not each alone."
-        rows = [
-            tag(
-                "tr",
-                tag("td", a, class_="parameter"),
-                tag("td", b, class_="parameter"),
-                tag("td", fixed(r, 3), class_="number"),
-            )
-            for a, b, r in pairs[:LISTED]
-        ]
-        head = tag("tr", tag("th", "Parameter"), tag("th", "with"), tag("th", "Correlation", class_="number"))
-        parts += [
-            tag("p", text),
-            tag("div", tag("table", tag("thead", head), tag("tbody", rows), class_="pairs"), class_="scroll"),
-        ]
+        rows = [tag("tr", cells(a, b, kind="parameter"), cells(fixed(r, 3))) for a, b, r in pairs[:LISTED]]
+        titles = head("Parameter", "with", "Correlation", numbers=(2,))
+        parts += [tag("p", text), table(titles, rows, "pairs")]
         if len(pairs) > LISTED:
-            parts.append(tag("p", f"and {len(pairs) - LISTED} more pairs", class_="caption"))
+            parts.append(caption(f"and {len(pairs) - LISTED} more pairs"))
     else:
         parts.append(tag("p", f"No two estimates correlate by more than {STRONG}."))
-    caption = "Correlation of the fitted parameters' estimates. White: independent."
-    return [*parts, tag("div", id="correlation-figure", class_="figure"), tag("p", caption, class_="caption")]
+    text = "Correlation of the fitted parameters' estimates. White: independent."
+    return [*parts, drawn_later("correlation"), caption(text)]
 
 
 def _strong_pairs(matrix: Array, names: list[str]) -> list[tuple[str, str, float]]:
@@ -119,60 +108,42 @@ def _strong_pairs(matrix: Array, names: list[str]) -> list[tuple[str, str, float
 
 
 def _search(calibration: Calibration, context: Mapping[str, str]) -> Markup:
-    parts = [tag("dl", _effort(calibration), class_="facts")]
+    parts = [facts(_effort(calibration))]
     if calibration.trace:
-        caption = "Replay error of the fitted recordings, pooled over all joints, as the search went on."
-        parts += [
-            tag("h3", "Search trace"),
-            tag("div", id="trace-figure", class_="figure"),
-            tag("p", caption, class_="caption"),
-        ]
+        text = "Replay error of the fitted recordings, pooled over all joints, as the search went on."
+        parts += [tag("h3", "Search trace"), drawn_later("trace"), caption(text)]
     parts.append(tag("h3", "Leave one recording out"))
     parts += _crossed(calibration.cross_validation)
     if calibration.notes:
-        parts += [tag("h3", "Choices made"), tag("ul", [tag("li", n) for n in calibration.notes], class_="sentences")]
+        parts += [tag("h3", "Choices made"), sentences(calibration.notes)]
     if context:
-        rows = [tag("tr", tag("th", k, scope="row"), tag("td", tag("code", v))) for k, v in context.items()]
-        parts += [
-            tag("h3", "Provenance"),
-            tag("div", tag("table", tag("tbody", rows), class_="context"), class_="scroll"),
-        ]
+        parts += [tag("h3", "Provenance"), context_table({k: tag("code", v) for k, v in context.items()})]
     return join(parts)
 
 
-def _effort(calibration: Calibration) -> list[Markup]:
-    facts = [
+def _effort(calibration: Calibration) -> list[tuple[str, str]]:
+    return [
         ("time", duration_text(calibration.seconds)),
         ("processor time", duration_text(calibration.cpu_seconds)),
         ("candidates simulated", f"{calibration.evaluations:,}".replace(",", "\u202f")),
         ("fitted recordings", str(len({r.recording for r in calibration.training()}))),
         ("held-out recordings", str(len({r.recording for r in calibration.held_out()}))),
     ]
-    return [tag("div", tag("dt", name), tag("dd", value)) for name, value in facts]
 
 
 def _crossed(crossed: tuple[CrossValidation, ...]) -> list[Markup]:
     if not crossed:
-        return [tag("p", "Not done in this calibration.", class_="empty")]
+        return [empty("Not done in this calibration.")]
     scales = {u: scale_for(u, [c.rmse_after for c in crossed if c.unit == u]) for u in {c.unit for c in crossed}}
     rows = [_crossed_row(c, scales[c.unit]) for c in crossed]
-    head = tag(
-        "tr",
-        tag("th", "Recording left out"),
-        tag("th", "Before", class_="number"),
-        tag("th", "Fit without it", class_="number"),
-        tag("th", "Ratio", class_="number"),
-    )
     worse = sum(c.rmse_after > c.rmse_before * (1 + SAME) for c in crossed)
     text = "Each recording was replayed with a fit that never saw it. " + (
         f"{worse} of {len(crossed)} came out worse than before."
         if worse
         else "Every one came out no worse than before."
     )
-    return [
-        tag("p", text),
-        tag("div", tag("table", tag("thead", head), tag("tbody", rows), class_="crossed"), class_="scroll"),
-    ]
+    titles = head("Recording left out", "Before", "Fit without it", "Ratio", numbers=range(1, 4))
+    return [tag("p", text), table(titles, rows, "crossed")]
 
 
 def _crossed_row(c: CrossValidation, scale: Scale) -> Markup:
@@ -180,7 +151,7 @@ def _crossed_row(c: CrossValidation, scale: Scale) -> Markup:
     return tag(
         "tr",
         tag("th", c.recording, scope="row", class_="name", title=c.recording),
-        tag("td", f"{scale.text(c.rmse_before)} {scale.unit}", class_="number before"),
-        tag("td", f"{scale.text(c.rmse_after)} {scale.unit}", class_="number after"),
-        tag("td", ratio_text(c.rmse_after, c.rmse_before), class_="number worse" if worse else "number"),
+        cells(f"{scale.text(c.rmse_before)} {scale.unit}", kind="number before"),
+        cells(f"{scale.text(c.rmse_after)} {scale.unit}", kind="number after"),
+        cells(ratio_text(c.rmse_after, c.rmse_before), kind="number worse" if worse else "number"),
     )
