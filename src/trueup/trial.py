@@ -79,6 +79,8 @@ class Trial:
     observed: Mapping[str, Observed]
     initial: Mapping[str, Channel] = field(default_factory=dict)
     """Measured channels around the start, from which a simulator estimates its start state."""
+    corrections: Mapping[str, Array] = field(default_factory=dict)
+    """Channel of `initial` to (2, k): what is added to the values and to the speeds that its samples give for the start."""
     limits: Limits | None = None
     repeats: int = 1
     settings: Mapping[str, float] = field(default_factory=dict)

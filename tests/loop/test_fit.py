@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Simulator
-from trueup.loop.descent import Descent, Look, Watch, last_look
+from trueup.loop.descent import Descent, Look, Watch
 from trueup.loop.fit import DESCENT, SEARCHES, fit
-from trueup.loop.hopping import hopped
 from trueup.loop.problem import Problem
 from trueup.loop.selection import choose
 from trueup.loop.uncertainty import unit_covariance
@@ -128,25 +127,3 @@ def test_an_optimum_of_the_coarse_step_that_blows_up_at_the_real_one_is_left(for
     problem = problem_of(formula(unstable, space), np.array([2.0]))
     found = fit(problem, space, space.nominal, Watch())
     assert found.values[0] == pytest.approx(2.0, rel=0.01)
-
-
-@pytest.mark.parametrize(("depth", "goes"), [(0.3, True), (0.02, False)])
-def test_only_a_place_that_is_clearly_lower_is_hopped_to(formula: Make, depth: float, goes: bool) -> None:
-    def pitted(time: Array, values: Array, step: float) -> Array:
-        """Two wells 0.08 of the box apart with a wall between them, the second deeper by a share of the error."""
-        (place,) = values
-        well = 1.0 - depth * float(place > 0.46)
-        wall = 40.0 * min(abs(place - 0.42), abs(place - 0.5))
-        return 1.7e-3 * well * np.sign(np.sin(90.0 * time)) + 1e-3 * wall * np.sign(np.cos(90.0 * time))
-
-    space = ParameterSpace((Parameter("place", "", 0.42, 0.0, 1.0),))
-    quiet = Channel(
-        "position", ("joint",), "rad", TIME, 1e-3 * np.random.default_rng(0).standard_normal((len(TIME), 1))
-    )
-    recording = Recording("made", {"position": quiet})
-    problem = Problem(formula(pitted, space), [recording], Weighted.estimated([recording], ["position"]), ("position",))
-    run = Descent(space, np.array([0.42]), Watch(), 3.0)
-    run.descend(last_look(problem, problem))
-    stuck = run.finished(last_look(problem, problem))
-    found = hopped(problem, stuck, np.random.default_rng(1))
-    assert (found.unit[0] > 0.46) == goes

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Looking around an optimum: cracks of the loss widen the intervals, and lower places beyond them are gone to."""
+"""Looking around an optimum: cracks of the loss widen the intervals."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def cracked(crack: float, jump: Array) -> tuple[Any, Fit]:
 
 def test_an_even_bowl_adds_nothing_to_the_intervals() -> None:
     problem, fit = cracked(2.0, np.zeros(600))
-    found = probed(problem, fit, np.random.default_rng(0))
+    found = probed(problem, fit, 0)
     assert found.scatter is not None
     assert np.sqrt(np.diag(found.scatter)).max() < 1e-6
     assert np.array_equal(found.unit, fit.unit)
@@ -47,23 +47,12 @@ def test_a_crack_beyond_which_another_place_is_best_widens_the_intervals(shift: 
     # Beyond the crack, half a standard deviation away in x, the best y lies `shift` standard deviations off.
     jump = -SLOPES[:, 1] * shift * sigma + 0.2
     problem, fit = cracked(float(fit.unit[0]) + 0.5 * sigma, jump)
-    found = probed(problem, fit, np.random.default_rng(0))
+    found = probed(problem, fit, 0)
     assert found.scatter is not None
     assert 0.2 * shift * sigma < np.sqrt(found.scatter[1, 1]) < shift * sigma
-
-
-def test_a_lower_place_beyond_a_crack_is_gone_to() -> None:
-    _, fit = cracked(2.0, np.zeros(600))
-    sigma = float(np.sqrt(np.linalg.inv(SLOPES.T @ SLOPES)[0, 0]))
-    best = fit.unit + np.array([2.0 * sigma, 0.0, 0.0])
-    jump = -0.2 * NOISE - SLOPES @ (best - fit.unit)
-    problem, fit = cracked(float(fit.unit[0]) + 0.8 * sigma, jump)
-    found = probed(problem, fit, np.random.default_rng(0))
-    assert found.loss < 0.8 * fit.loss
-    assert np.allclose(found.unit, best, atol=0.5 * sigma)
 
 
 def test_failed_simulations_around_the_optimum_change_nothing() -> None:
     problem, fit = cracked(2.0, np.zeros(600))
     problem.residuals = lambda values: np.full((len(values), 600), np.nan)
-    assert probed(problem, fit, np.random.default_rng(0)) is fit
+    assert probed(problem, fit, 0) is fit

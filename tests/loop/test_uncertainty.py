@@ -27,7 +27,9 @@ def linear_problem() -> tuple[Any, np.ndarray]:
         parts = [np.sin(2 * np.pi * rng.uniform(1, 12) * time + rng.uniform(0, 6)) for _ in range(4)]
         columns.append(np.concatenate([np.stack(parts[:2], axis=1).ravel(), np.stack(parts[2:], axis=1).ravel()]))
     size = SAMPLES * len(LABELS)
-    segments = tuple(Segment(k, "position", LABELS, "rad", k * size, SAMPLES, np.ones(len(LABELS))) for k in range(2))
+    segments = tuple(
+        Segment(k, k, "position", LABELS, "rad", k * size, SAMPLES, np.ones(len(LABELS))) for k in range(2)
+    )
     return SimpleNamespace(segments=segments), 50.0 * np.stack(columns, axis=1)
 
 

@@ -39,6 +39,11 @@ def measured_start(rest: tuple[Array, Array], trial: Trial, joints: Sequence[str
             known = not np.isfinite(v) or _slope_knows_better(position, velocity, label, trial.start)
             if label in joints and not known:
                 pace[joints.index(label)] = v
+    if position is not None and "position" in trial.corrections:
+        for label, q, v in zip(position.labels, *trial.corrections["position"], strict=True):
+            if label in joints:
+                place[joints.index(label)] += q
+                pace[joints.index(label)] += v
     return place, pace
 
 

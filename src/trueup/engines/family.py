@@ -68,8 +68,8 @@ class Family:
     """Of the file that holds a calibrated model."""
     describes = "a model file of the same kind"
     """What such a file is, in words."""
-    later = ""
-    """Optional structure (`Parameter.optional`) that is tried only after a fit without it."""
+    later: tuple[str, ...] = ()
+    """Optional structures (`Parameter.optional`) that are tried only after a fit without them."""
 
     def load(self, path: Path) -> Any:
         """The model in a file, in whatever form the other methods take it. Raises ModelError."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trueup.calibration import Calibration, CrossValidation, Estimate
 from trueup.controllers.controller import ControllerFactory
-from trueup.discrepancies.discrepancy import Discrepancy, measured_at
+from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.discrepancies.weighted import Weighted
 from trueup.ends import End
 from trueup.engines.simulator import Simulator
@@ -25,9 +25,9 @@ from trueup.loop.problem import Problem
 from trueup.loop.replay import replays
 from trueup.loop.selection import Choice, choose
 from trueup.loop.uncertainty import intervals, unit_covariance
-from trueup.loop.validate import left_out_errors
+from trueup.loop.validate import block_errors, by_recording, left_out_errors
 from trueup.parameters import ParameterSpace
-from trueup.recording import Recording
+from trueup.recording import PART_OF, Recording
 from trueup.search.least_squares import LeastSquares
 
 Array = NDArray[np.float64]
@@ -48,6 +48,8 @@ class Options:
     velocities repeat positions, and torques are often currents of unknown scale, so both wait to be asked for."""
     seed: int = 0
     cross_validate: bool = True
+    later: tuple[str, ...] = ()
+    """Optional structures (`Parameter.optional`) that are tried from the fit without them."""
     stages: tuple[Stage, ...] | None = None
     """What the search does, one thing after the other (`trueup.loop.fit.STAGES`), in place of `search`."""
     ends: tuple[End, ...] = ()
@@ -71,7 +73,7 @@ def calibrate(
     chosen = options or Options()
     began, cpu = time.perf_counter(), time.process_time()
     warnings = check(recordings, hold_out)
-    space, chosen_before = _searched(simulator.parameters if space is None else space, resume)
+    space, chosen_before = _searched(simulator.parameters if space is None else space, chosen.later, resume)
     channels = sorted({c for r in recordings for c in simulator.observable(r)})
     measure = discrepancy or Weighted.estimated(recordings, channels)
     fitted = chosen.channels or usual(channels)
@@ -88,7 +90,7 @@ def calibrate(
         replays=replays(
             simulator, found.values, recordings, hold_out, measure, channels=fitted, controllers=controllers
         ),
-        cross_validation=_cross_validation(problem, found, simulator) if cross else (),
+        cross_validation=_cross_validation(problem, found) if cross else (),
         trace=tuple(watch.trace),
         warnings=tuple(warnings),
         seconds=time.perf_counter() - began,
@@ -98,17 +100,21 @@ def calibrate(
     )
 
 
-def _searched(space: ParameterSpace, resume: dict[str, Any] | None) -> tuple[ParameterSpace, bool]:
+def _searched(
+    space: ParameterSpace, later: Sequence[str], resume: dict[str, Any] | None
+) -> tuple[ParameterSpace, bool]:
     """What is searched, and whether an interrupted search had already chosen from it. Raises CalibrationError."""
     if not space.free.any():
         raise CalibrationError("all parameters are frozen: nothing to calibrate")
-    left = space if resume is None else space.freeze(resume.get("frozen", ()))
+    gone = set() if resume is None else {n for n in resume.get("frozen", ()) if space[n].optional not in later}
+    left = space.freeze(gone)
     return left, not np.array_equal(left.free, space.free)
 
 
 def _how(options: Options) -> dict[str, Any]:
     stages = options.stages or searched_by(options.search)
-    return {"stages": stages, "robust": options.robust, "seed": options.seed, "solver": options.solver}
+    return {"stages": stages, "robust": options.robust, "seed": options.seed, "solver": options.solver,
+            "later": options.later}  # fmt: skip
 
 
 def usual(channels: Sequence[str]) -> tuple[str, ...]:
@@ -124,7 +130,7 @@ def _findings(problem: Problem, found: Fit, choices: Sequence[Choice]) -> dict[s
         "estimates": _estimates(found, covariance, choices, problem.simulator.parameters),
         "covariance": _in_units(found, covariance),
         "unidentified": (*unseen_directions(found, covariance), *(n for c in choices[:1] for n in c.notes)),
-        "notes": (found.ended, *(n for c in choices[1:] for n in c.notes)),
+        "notes": (found.ended, *found.notes, *(n for c in choices[1:] for n in c.notes)),
     }
 
 
@@ -179,16 +185,16 @@ def _in_units(found: Fit, covariance: Array) -> Array:
     return covariance * np.outer(slope, slope)
 
 
-def _cross_validation(problem: Problem, found: Fit, simulator: Simulator) -> tuple[CrossValidation, ...]:
-    errors = left_out_errors(problem, found, [None])[0]
-    before = simulator.shipped().rollout(problem.trials, np.zeros((1, 0)))
-    name, unit = problem.main
+def _cross_validation(problem: Problem, found: Fit) -> tuple[CrossValidation, ...]:
+    """Replay errors of what is left out together, as shipped and by a fit that never saw it."""
+    blocks = by_recording(problem)
+    before = block_errors(problem.by(problem.simulator.shipped()), blocks, np.zeros((len(blocks), 0)))
+    after = left_out_errors(problem, found, blocks)
     rows = []
-    for recording, rollout, error in zip(problem.recordings, before, errors, strict=True):
-        if name not in rollout.channels:
+    for block, old, new in zip(blocks, before, after, strict=True):
+        if np.isnan(new):
             continue
-        observed = rollout.trial.observed[name]
-        measured = measured_at(recording, name, observed.labels, observed.time)
-        shipped = float(np.sqrt(np.nanmean((rollout.channels[name][0] - measured) ** 2)))
-        rows.append(CrossValidation(recording.name, shipped, float(error), unit))
+        recording = problem.recordings[problem.owners[block.trials[0]]]
+        name = recording.provenance.get(PART_OF, recording.name) if len(block.trials) > 1 else recording.name
+        rows.append(CrossValidation(name, float(old), float(new), problem.main[1]))
     return tuple(rows)

@@ -52,6 +52,8 @@ class Fit:
     to, from one side of the optimum to the other (see `probe.py`), and with other noise at the starts (`starts.py`)."""
     near: Problem | None = None
     """A cheaper problem at the level of the real one, if the fit was made with one."""
+    notes: tuple[str, ...] = ()
+    """What was decided on the way, in words."""
 
     @property
     def values(self) -> Array:

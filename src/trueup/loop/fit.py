@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,14 +23,15 @@ from trueup.loop.stages import (
     evolve_long,
     first_seconds,
     full_step,
-    hopping,
+    growth,
     hybrid,
     implicit_filtering,
     lines,
+    multiple_shooting,
     off_bounds,
     probing,
     selection,
-    start_noise,
+    unsure_starts,
 )
 from trueup.parameters import ParameterSpace
 from trueup.search.least_squares import LeastSquares
@@ -45,18 +47,18 @@ _FAITHFUL = 0.3  # share of the residuals at the start by which a coarser step m
 
 _LINES, _EVOLUTION, _SELECTION = Stage("lines", lines), Stage("evolution", evolution), Stage("selection", selection)
 _FIRST, _COARSE_STEP = Stage("first seconds", first_seconds), Stage("all, coarse step", coarse_step)
-_FULL, _HYBRID = Stage("all, full step", full_step), Stage("hybrid", hybrid)
-_SURE = (Stage("probe", probing), Stage("starts", start_noise))
+_FULL, _HYBRID, _GROWTH = Stage("all, full step", full_step), Stage("hybrid", hybrid), Stage("growth", growth)
+_FULL_AND_STARTS = (Stage("unsure starts", unsure_starts), _FULL, Stage("multiple shooting", multiple_shooting))
+_AROUND = (Stage("implicit filtering", implicit_filtering), Stage("probe", probing))
 
 STAGES = (
-    _FIRST, _HYBRID, _LINES, _EVOLUTION, _COARSE_STEP, _HYBRID, _LINES, _EVOLUTION, _SELECTION, _FULL, _HYBRID,
-    Stage("lines, full step", lines), _EVOLUTION, _SELECTION, Stage("off bounds", off_bounds),
-    Stage("implicit filtering", implicit_filtering), Stage("hopping", hopping), *_SURE,
+    _FIRST, _HYBRID, _LINES, _EVOLUTION, _COARSE_STEP, _HYBRID, _LINES, _EVOLUTION, _SELECTION, _GROWTH, *_FULL_AND_STARTS,
+    _HYBRID, Stage("lines, full step", lines), _EVOLUTION, _SELECTION, _GROWTH, Stage("off bounds", off_bounds), *_AROUND,
 )  # fmt: skip
 """What a search does unless told otherwise."""
-DESCENT = (_FIRST, _COARSE_STEP, _SELECTION, _FULL, _SELECTION)
+DESCENT = (_FIRST, _COARSE_STEP, _SELECTION, _GROWTH, *_FULL_AND_STARTS, _SELECTION, _GROWTH)
 """Nothing but where slopes lead."""
-_SLOPES = (*DESCENT, *STAGES[-4:])
+_SLOPES = (*DESCENT, *_AROUND)
 
 SEARCHES = {
     "auto": STAGES,
@@ -70,13 +72,20 @@ SEARCHES = {
 def fit(
     problem: Problem, space: ParameterSpace, start: Array, watch: Watch, *, stages: Sequence[Stage] = STAGES,
     robust: float = 3.0, seed: int = 0, resume: dict[str, Any] | None = None, select: Select | None = None,
-    solver: Callable[..., LeastSquares] = LeastSquares,
+    solver: Callable[..., LeastSquares] = LeastSquares, later: Sequence[str] = (),
 ) -> Fit:  # fmt: skip
     """Values of the free parameters that minimise the robust discrepancy, starting from values (n,).
 
     `stages` are gone through in their order (see `STAGES`, and `SEARCHES` for others), with `solver` for the least squares.
-    `select` is asked which parameters to keep as soon as all recordings were looked at.
+    `select` is asked which parameters to keep as soon as all recordings were looked at. Optional structures in `later` are
+    at zero until then (see `stages.growth`).
     """
+    waiting = {s: {p.name: p for p in space.parameters if p.optional == s and not p.frozen} for s in later}
+    names = [name for declared in waiting.values() for name in declared]
+    if len(names) < int(space.free.sum()):
+        space = space.freeze(names, dict.fromkeys(names, 0.0))
+    else:
+        waiting = {}
     point = np.clip(space.to_unit(start), 0.0, 1.0)
     coarse = _coarse(problem, space, point)
     descent = Descent(space, point, watch, robust, solver=solver)
@@ -92,7 +101,7 @@ def fit(
     )
     for stage in stages[_begin(run, stages, resume) :]:
         stage.act(run)
-    return run.found
+    return replace(run.found, notes=tuple(run.notes))
 
 
 def searched_by(name: str) -> tuple[Stage, ...]:
@@ -108,7 +117,11 @@ def _begin(run: Run, stages: Sequence[Stage], resume: dict[str, Any] | None) -> 
         return 0
     names = [stage.name for stage in stages]
     run.saved, run.resumed = resume["search"], resume["stage"] != EVOLVING
-    return names.index(resume["stage"]) if resume["stage"] in names else names.index("all, full step")
+    if run.resumed and len(resume["search"]["point"]) == len(run.descent.point):
+        run.descent.point = np.array(resume["search"]["point"], dtype=np.float64)
+    if resume["stage"] in names and resume["stage"] != "all, full step":
+        return names.index(resume["stage"])
+    return names.index("unsure starts" if "unsure starts" in names else "all, full step")
 
 
 def _first(coarse: Problem) -> Problem:

@@ -17,7 +17,6 @@ from trueup.errors import ModelError
 from trueup.loop.calibrate import Options, calibrate, usual
 from trueup.loop.fit import Checkpoint, Progress
 from trueup.loop.replay import replays
-from trueup.loop.stepwise import calibrate_stepwise
 from trueup.recording import Recording, is_command
 
 
@@ -58,12 +57,11 @@ class Preparation:
             discrepancy: Discrepancy | None = None, cross_validate: bool = True, again: bool = False,
         ) -> Calibration:  # fmt: skip
             how: dict[str, Any] = {
-                "options": replace(chosen, cross_validate=chosen.cross_validate and cross_validate),
+                "options": replace(chosen, cross_validate=chosen.cross_validate and cross_validate,
+                                   later=(*chosen.later, *self.family.later)),
                 "discrepancy": discrepancy or measure, "progress": progress,
                 "checkpoint": None if again else checkpoint, "resume": None if again else resume,
             }  # fmt: skip
-            if self.family.later:
-                return calibrate_stepwise(simulator, recordings, hold_out, self.family.later, **how)
             return calibrate(simulator, recordings, hold_out, **how)
 
         done = self.family.calibrate(self.simulator, self.recordings, self.hold_out, fit)

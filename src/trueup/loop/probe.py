@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Looks around an optimum: jumps and lower places that slopes do not show, and how unsure these leave the estimates."""
+"""Looks around an optimum: slopes over the estimate's own uncertainty, and how unsure jumps leave it beyond that."""
 
 from __future__ import annotations
 
@@ -12,65 +12,57 @@ from trueup.loop.descent import Fit
 from trueup.loop.identifiability import NO_EFFECT, effects
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR
-from trueup.search.robust import robust_losses, robust_weights
+from trueup.search.filtering import ImplicitFiltering
+from trueup.search.robust import robust_weights
 
 Array = NDArray[np.float64]
 
 _REACH = 2.5  # standard deviations: 95 % intervals end at two
-_FAR = 0.1  # share of the box: further out slopes foretell nothing
 _PAIRS = 8  # points looked at, each with its mirror image
-_SHARES = (0.6, 0.8, 0.9, 0.97, 1.0)  # of the way from a probe to the optimum that it foretells
+_ROUNDS = 3  # of looks, each as wide as the last one shows that it must be
+ROUGH = 0.15  # share of a wide difference that slopes do not explain; smooth problems stay below 0.05
 
 
-def probed(problem: Problem, fit: Fit, rng: np.random.Generator) -> Fit:
-    """The fit with `scatter` filled in, and at a lower place if the probes have found one.
+def probed(problem: Problem, fit: Fit, seed: int) -> Fit:
+    """The fit with `scatter` filled in, and with slopes as wide as it is unsure where those at the optimum do not hold.
 
     Contacts, saturated drives and dry friction switch from one step of a simulation to the next: the loss is a bowl with
-    cracks. From every probe (drawn from the estimate's own uncertainty, `_REACH` times wider) one step with the
-    slopes at the optimum leads back to it in a bowl; across a crack it leads elsewhere. Where it leads is what an estimate
-    from that side would be, so the scatter of these ends is uncertainty that no slope knows of.
+    cracks, and a slope at a crack foretells nothing. From every probe one step with the slopes leads back to the optimum
+    in a bowl; across a crack it leads elsewhere. Where it leads is what an estimate from that side would be, so the scatter
+    of these ends is uncertainty that no slope knows of.
     """
     problem = fit.near or problem
-    inverse, root = _spread(problem, fit)
-    drawn = rng.standard_normal((min(_PAIRS, 2 * len(fit.unit)), len(fit.unit)))
-    away = np.clip(_REACH * drawn @ root.T, -_FAR, _FAR)
-    away[:, effects(fit) < NO_EFFECT] = 0.0
-    points = np.clip(fit.unit + np.concatenate([away, -away]), 0.0, 1.0)
-    residuals = problem.residuals(fit.space.from_unit(points))
+    search = ImplicitFiltering(fit.unit, fit.bend, fit.jacobian, fit.residual, chance=problem.chance, seed=seed)
+    weak = effects(fit) < NO_EFFECT
+    points = residuals = np.zeros((0, 0))
+    for _ in range(_ROUNDS):
+        points = search.around(_REACH, _PAIRS)
+        points[:, weak] = fit.unit[weak]
+        residuals = problem.residuals(fit.space.from_unit(points))
+        if not np.isfinite(residuals).all(axis=1).any():
+            return fit
+        if unexplained(points, residuals, search.slopes) < ROUGH:
+            break
+        search.see(points, residuals, _REACH)
     good = np.isfinite(residuals).all(axis=1)
-    if not good.any():
-        return fit
     points, residuals = points[good], residuals[good]
-    slopes = (robust_weights(residuals, fit.bend) * residuals) @ fit.jacobian
-    steps = -slopes @ inverse
-    hoped = robust_losses(residuals, fit.bend) + 0.5 * np.einsum("bn,bn->b", slopes, steps)
+    steps = -(robust_weights(residuals, fit.bend) * residuals) @ search.slopes @ _inverse(problem, fit, search.slopes)
     away = np.clip(points + steps, 0.0, 1.0) - fit.unit
-    seen = replace(fit, scatter=away.T @ away / len(away))
-    lower = np.flatnonzero(hoped < fit.loss - problem.chance(fit.residual))
-    return _lowest(problem, seen, points, steps, lower[np.argsort(hoped[lower])][:2])
+    return replace(fit, jacobian=search.slopes, scatter=away.T @ away / len(away))
 
 
-def _spread(problem: Problem, fit: Fit) -> tuple[Array, Array]:
-    """(n, n) inverse of the curvature, and a root of the covariance that it stands for."""
-    curvature = fit.jacobian.T @ (fit.jacobian * fit.weights[:, None])
-    size = 2.0 * problem.chance(fit.residual)
-    inverse = np.linalg.inv(curvature + size * PRIOR * np.eye(len(curvature)))
-    inverse = 0.5 * (inverse + inverse.T)
-    root = np.asarray(np.linalg.cholesky(size * inverse + 1e-18 * np.eye(len(inverse))), dtype=np.float64)
-    return inverse, root
+def unexplained(points: Array, residuals: Array, slopes: Array) -> float:
+    """Median share of the differences across pairs (2 k, n), (2 k, m) that slopes (m, n) do not explain: 0 in a bowl."""
+    k = len(points) // 2
+    seen = residuals[:k] - residuals[k:]
+    left = np.linalg.norm(seen - (points[:k] - points[k:]) @ slopes.T, axis=1)
+    shares = left / np.maximum(np.linalg.norm(seen, axis=1), 1e-300)
+    shares = shares[np.isfinite(shares)]
+    return float(np.median(shares)) if len(shares) else 0.0
 
 
-def _lowest(problem: Problem, fit: Fit, points: Array, steps: Array, promising: NDArray[np.int64]) -> Fit:
-    """The lowest place on the ways back from promising probes; a crack may close the last part of each."""
-    if not len(promising):
-        return fit
-    places = np.clip(np.concatenate([points[promising] + share * steps[promising] for share in _SHARES]), 0.0, 1.0)
-    residuals = problem.residuals(fit.space.from_unit(places))
-    losses = np.nan_to_num(robust_losses(residuals, fit.bend), nan=np.inf, posinf=np.inf)
-    k = int(losses.argmin())
-    if losses[k] > fit.loss - problem.chance(fit.residual):
-        return fit
-    return replace(
-        fit, unit=places[k], residual=residuals[k], weights=robust_weights(residuals[k], fit.bend),
-        loss=float(losses[k]),
-    )  # fmt: skip
+def _inverse(problem: Problem, fit: Fit, slopes: Array) -> Array:
+    """(n, n) inverse of the loss' curvature."""
+    curvature = slopes.T @ (slopes * fit.weights[:, None])
+    inverse = np.linalg.inv(curvature + 2.0 * problem.chance(fit.residual) * PRIOR * np.eye(len(curvature)))
+    return 0.5 * (inverse + inverse.T)

@@ -14,6 +14,7 @@ from trueup.discrepancies.discrepancy import Discrepancy, Mask, compared
 from trueup.ends import End
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import CalibrationError, SimulationFailedError
+from trueup.loop.shoot import Eliminated, cut
 from trueup.recording import Recording
 from trueup.trial import Observed, Trial
 
@@ -27,6 +28,7 @@ _MOST_RESIDUALS = 600_000
 class Segment:
     """Where one channel of one recording lies in the residual vector: what is compared of (T, k), flattened."""
 
+    trial: int
     recording: int
     channel: str
     labels: tuple[str, ...]
@@ -73,24 +75,34 @@ class Problem:
 
     The m residuals are those of samples that were measured, as `segments` lay them out: a gap in a recording has none, nor
     has what was measured after the end of the robot's run. Where a simulated run ends first (`ends`: conditions that stop
-    rows early, and so cost no more), its last state is held and compared (see `Rollout.held`).
+    rows early, and so cost no more), its last state is held and compared (see `Rollout.held`). A recording is
+    replayed by one trial, or by several that each begin where the robot was then (see `shoot.py`).
     """
 
     def __init__(
         self, simulator: Simulator, recordings: Sequence[Recording], discrepancy: Discrepancy,
-        channels: Sequence[str] | None = None, *, longest: float | None = None,
-        controllers: ControllerFactory | None = None, ends: Sequence[End] = (),
+        channels: Sequence[str] | None = None, *, controllers: ControllerFactory | None = None, ends: Sequence[End] = (),
     ) -> None:  # fmt: skip
         self.simulator, self.recordings, self.discrepancy = simulator, tuple(recordings), discrepancy
-        self._counted = [0]  # shared by the shorter and coarser versions of this problem
+        self._counted = [0]  # shared by all versions of this problem
         self._controllers = controllers
-        self._wanted, self._ends = channels, tuple(ends)
         self._offset: Array | None = None
-        self.trials = _thinned([_trial(simulator, r, channels, longest) for r in recordings])
-        if self._ends:
-            self.trials = [replace(t, ends=self._ends) for t in self.trials]
-        self._masks = [compared(discrepancy, r, t) for r, t in zip(self.recordings, self.trials, strict=True)]
+        self.eliminated: tuple[Eliminated, ...] = ()
+        trials = _thinned([_trial(simulator, r, channels) for r in recordings])
+        self._lay_out([replace(t, ends=tuple(ends)) for t in trials] if ends else trials, range(len(trials)))
+
+    def _lay_out(self, trials: Sequence[Trial], owners: Sequence[int]) -> None:
+        self.trials, self.owners = tuple(trials), tuple(owners)
+        """`owners`: which recording each trial replays."""
+        self._masks = [
+            compared(self.discrepancy, self.recordings[k], t) for k, t in zip(self.owners, self.trials, strict=True)
+        ]
         self.segments = self._segments()
+
+    def _twin(self) -> Problem:
+        twin = object.__new__(Problem)
+        twin.__dict__.update(self.__dict__)
+        return twin
 
     @property
     def evaluations(self) -> int:
@@ -99,54 +111,67 @@ class Problem:
 
     def at_step(self, step: float) -> Problem:
         """The same problem simulated with another step."""
-        twin = object.__new__(Problem)
-        twin.__dict__.update(self.__dict__)
-        twin.simulator = self.simulator.at_step(step)
+        return self.by(self.simulator.at_step(step))
+
+    def by(self, simulator: Simulator) -> Problem:
+        """The same problem simulated by another simulator of the same robot."""
+        twin = self._twin()
+        twin.simulator = simulator
         return twin
 
     def shifted(self, offset: Array) -> Problem:
         """The same problem with `offset` (m,) added to all residuals."""
-        twin = object.__new__(Problem)
-        twin.__dict__.update(self.__dict__)
+        twin = self._twin()
         twin._offset = offset if self._offset is None else self._offset + offset
         return twin
 
-    def restarted(self, starts: Sequence[Sequence[Trial]]) -> Problem:
-        """This problem once for each of `starts`: its trials as they would be with other measurements of the start."""
-        twin = object.__new__(Problem)
-        twin.__dict__.update(self.__dict__)
-        twin.trials, twin.recordings = [t for own in starts for t in own], self.recordings * len(starts)
-        twin._masks = self._masks * len(starts)
-        twin.segments, twin._offset = twin._segments(), None
+    def replayed_by(self, trials: Sequence[Trial], owners: Sequence[int]) -> Problem:
+        """The same recordings replayed by other trials, each of the recording that `owners` names by its place."""
+        twin = self._twin()
+        twin._offset, twin.eliminated = None, ()
+        twin._lay_out(trials, owners)
+        return twin
+
+    def with_starts(self, trials: Sequence[Trial], eliminated: Sequence[Eliminated]) -> Problem:
+        """The same trials with other measurements of their starts, and corrections of these eliminated."""
+        twin = self._twin()
+        twin.trials, twin.eliminated, twin._offset = tuple(trials), tuple(eliminated), None
         return twin
 
     def shortened(self, longest: float) -> Problem:
-        """The same problem on the first `longest` s of each recording."""
-        short = Problem(
-            self.simulator,
-            self.recordings,
-            self.discrepancy,
-            self._wanted,
-            longest=longest,
-            controllers=self._controllers,
-            ends=self._ends,
-        )
-        short._counted = self._counted
-        return short
+        """The same problem on the first `longest` s of each trial."""
+        return self.replayed_by([cut(t, t.start, longest) for t in self.trials], self.owners)
+
+    @property
+    def duration(self) -> float:
+        """What one candidate simulates, in s."""
+        return sum(t.duration for t in self.trials)
 
     def rollouts(self, values: Array, only: Sequence[int] | None = None) -> list[Rollout]:
-        """The simulated recordings, all or `only` some."""
+        """The simulated trials, all or `only` some."""
         self._counted[0] += len(values)
         trials = self.trials if only is None else [self.trials[k] for k in only]
         return self.simulator.rollout(trials, values, self._controllers)
 
     def residuals(self, values: Array, only: Sequence[int] | None = None) -> Array:
-        """(b, m) noise-weighted residuals; a row is NaN where its simulation failed."""
+        """(b, m) noise-weighted residuals; a row is NaN where its simulation failed.
+
+        With `only` those of some trials, as they are: no start correction is eliminated from them.
+        """
+        residuals = self.plain_residuals(values, only)
+        if only is not None:
+            return residuals
+        for start in self.eliminated:
+            start.apply(residuals)
+        return residuals if self._offset is None else residuals + self._offset
+
+    def plain_residuals(self, values: Array, only: Sequence[int] | None = None) -> Array:
+        """(b, m) simulated minus measured in units of the noise, whatever the starts are."""
         done = self.rollouts(np.atleast_2d(values), only)
         residuals = self._compared(done, range(len(self.trials)) if only is None else only)
         for rollout in done:
             residuals[list(rollout.failures)] = np.nan
-        return residuals if self._offset is None or only is not None else residuals + self._offset
+        return residuals
 
     def start_residual(self, values: Array) -> Array:
         """(m,) at one set of values. Raises SimulationFailedError with the simulator's reasons."""
@@ -159,9 +184,14 @@ class Problem:
     def _compared(self, done: Sequence[Rollout], which: Sequence[int]) -> Array:
         parts = []
         for k, rollout in zip(which, done, strict=True):
-            part, mask = self.discrepancy.residual(self.recordings[k], rollout.held()), self._masks[k]
+            part, mask = self.discrepancy.residual(self.recordings[self.owners[k]], rollout.held()), self._masks[k]
             parts.append(part if mask.all() else part[:, mask])
         return np.concatenate(parts, axis=1)
+
+    def columns(self, trial: int) -> slice:
+        """The part of the residual vector that a trial has."""
+        own = [s.columns for s in self.segments if s.trial == trial]
+        return slice(own[0].start, own[-1].stop)
 
     @property
     def main(self) -> tuple[str, str]:
@@ -204,12 +234,12 @@ class Problem:
                 mask = self._masks[k][at : at + size].reshape(len(o.time), -1)
                 scale = self.discrepancy.scale(name, o.labels)
                 given = None if mask.all() else mask
-                segments.append(Segment(k, name, o.labels, o.unit, first, len(o.time), scale, given))
+                segments.append(Segment(k, self.owners[k], name, o.labels, o.unit, first, len(o.time), scale, given))
                 first, at = segments[-1].columns.stop, at + size
         return tuple(segments)
 
 
-def _trial(simulator: Simulator, recording: Recording, channels: Sequence[str] | None, longest: float | None) -> Trial:
+def _trial(simulator: Simulator, recording: Recording, channels: Sequence[str] | None) -> Trial:
     seen = simulator.observable(recording)
     wanted = [c for c in seen if channels is None or c in channels]
     if not wanted:
@@ -217,19 +247,10 @@ def _trial(simulator: Simulator, recording: Recording, channels: Sequence[str] |
             f"recording '{recording.name}' has no channel that the simulator '{simulator.name}' reproduces; it has: "
             f"{', '.join(recording.channels)}"
         )
-    trial = Trial.of(recording, wanted)
-    if longest is None or trial.duration <= longest:
-        return trial
-    stop = trial.start + longest
-    observed = {
-        name: Observed(o.labels, o.unit, o.time[o.time <= stop])
-        for name, o in trial.observed.items()
-        if o.time[0] <= stop
-    }
-    return replace(trial, duration=longest, observed=observed)
+    return Trial.of(recording, wanted)
 
 
-def _thinned(trials: list[Trial]) -> list[Trial]:
+def _thinned(trials: Sequence[Trial]) -> Sequence[Trial]:
     total = sum(len(o.time) * len(o.labels) for t in trials for o in t.observed.values())
     stride = int(np.ceil(total / _MOST_RESIDUALS))
     if stride <= 1:

@@ -9,18 +9,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.evidence import Evidence, evidence
 from trueup.loop.descent import Fit
 from trueup.loop.identifiability import NO_EFFECT, effects
 from trueup.loop.problem import Problem
-from trueup.loop.validate import left_out_errors
+from trueup.loop.uncertainty import vague
+from trueup.loop.validate import by_stretch, left_out_errors
 from trueup.parameters import Parameter
 from trueup.search.bounded_step import damped_step, gain
 from trueup.search.robust import robust_losses, robust_weights
 
 Array = NDArray[np.float64]
-
-_UNSEEN = 0.15  # standard deviation, as a share of the box, from which a parameter must show that it helps
-_HELPS = 0.003  # what is optional, or hardly seen, must lower the left-out error by this share to stay
 
 
 @dataclass(frozen=True)
@@ -36,28 +35,20 @@ class Choice:
 def choose(problem: Problem, fit: Fit, covariance: Array) -> tuple[Choice, Choice]:
     """What the recordings cannot tell, and what they do not need, tried in the order of least to lose.
 
-    Optional structures (all parameters of one `optional` name) go first, then parameters whose interval is wide. With three
-    recordings or more each is frozen only if that does not raise the error on recordings left out of the fit: what
-    is known vaguely may help all the same, where a shipped value is plainly wrong.
+    Optional structures (all parameters of one `optional` name) go first, then parameters of which the recordings hardly
+    narrow the range. Each is frozen unless what was left out of the fit is foretold better with it (`trueup.evidence`):
+    what is known vaguely may help all the same, where a shipped value is plainly wrong.
     """
     strength = dict(zip((p.name for p in fit.space.parameters if not p.frozen), effects(fit), strict=True))
     # What has no effect at all costs nothing, and may have one elsewhere (a foot that sticks, a limit not reached).
     wide = _not_missed(problem, fit, [p for p in _wide(fit, covariance) if strength[p.name] >= NO_EFFECT])
-    if len(problem.trials) < 3:
-        return Choice(tuple(p.name for p in wide), tuple(_untold(p) for p in wide)), Choice((), ())
     judge = _Judge(problem, fit)
-    useless = [note for s in judge.structures for note in judge.structure(s)]
-    frozen = set(judge.frozen)
-    unseen = [p for p in wide if p.name not in frozen and judge.idle(p)]
-    vague = tuple(p.name for p in wide if p.name not in judge.frozen)
-    return (
-        Choice(tuple(p.name for p in unseen), tuple(_untold(p) for p in unseen), vague),
-        Choice(tuple(n for n in judge.frozen if n in frozen), tuple(useless)),
-    )
-
-
-def _untold(p: Parameter) -> str:
-    return f"{p.name} kept at {p.nominal:.4g} {p.unit}: these recordings cannot tell it"
+    notes = tuple(judge.structure(name) for name in judge.structures)
+    structures = tuple(judge.frozen)
+    unseen = [p for p in wide if p.name not in structures and not judge.tried([p.name]).holds]
+    kept = tuple(p.name for p in wide if p.name not in judge.frozen)
+    untold = tuple(f"{p.name} kept at {p.nominal:.4g} {p.unit}: these recordings cannot tell it" for p in unseen)
+    return Choice(tuple(p.name for p in unseen), untold, kept), Choice(structures, notes)
 
 
 def _wide(fit: Fit, covariance: Array) -> list[Parameter]:
@@ -72,7 +63,7 @@ def _wide(fit: Fit, covariance: Array) -> list[Parameter]:
     dropped: list[Parameter] = []
     while kept:
         spread = np.sqrt(np.maximum(np.diag(np.linalg.inv(precision[np.ix_(kept, kept)])), 0.0))
-        loose = [i for i, s in zip(kept, spread, strict=True) if s > _UNSEEN]
+        loose = [i for i, s in zip(kept, spread, strict=True) if vague(s)]
         if not loose:
             break
         worst = min(loose, key=lambda i: strength[i])
@@ -109,45 +100,48 @@ def _not_missed(problem: Problem, fit: Fit, wide: Sequence[Parameter]) -> list[P
 
 
 class _Judge:
-    """Freezes parameters one set after the other where the recordings left out of the fit do not miss them."""
+    """Freezes parameters one set after the other where what was left out of the fit does not miss them."""
 
     def __init__(self, problem: Problem, fit: Fit) -> None:
         self.free = [p for p in fit.space.parameters if not p.frozen]
         self.structures = sorted({p.optional for p in self.free if p.optional})
         self.frozen: list[str] = []
-        self._problem, self._fit = problem, fit
+        self._problem, self._fit, self._blocks = problem, fit, by_stretch(problem)
         self._nominal = fit.space.to_unit(fit.space.nominal)
-        self._unit = problem.main[1]
-        self.error = self._error([])
+        self._errors: Array | None = None
 
-    def structure(self, name: str) -> list[str]:
+    def structure(self, name: str) -> str:
         """Judges one optional structure; says what came of it."""
-        before, without = self._try([p.name for p in self.free if p.optional == name])
-        if without < before * (1.0 + _HELPS):
-            return [
-                f"{name} left out: without it the left-out replay error is {without:.4g} {self._unit}, with it {before:.4g}"
-            ]
-        return [f"{name} kept: left-out replay error {before:.4g} {self._unit} with it, {without:.4g} without"]
+        shown = self.tried([p.name for p in self.free if p.optional == name])
+        return told(name, shown)
 
-    def idle(self, p: Parameter) -> bool:
-        """Whether one parameter is not missed."""
-        before, without = self._try([p.name])
-        return without < before * (1.0 + _HELPS)
-
-    def _try(self, names: list[str]) -> tuple[float, float]:
-        """Errors before and without; `names` are frozen if they are not missed."""
-        before, without = self.error, self._error([*self.frozen, *names])
-        if without < before * (1.0 + _HELPS):
+    def tried(self, names: Sequence[str]) -> Evidence:
+        """The evidence for parameters, which are frozen where it does not hold."""
+        if self._errors is None:
+            self._errors = self._left_out([])
+        without = self._left_out([*self.frozen, *names])
+        shown = compared(without, self._errors)
+        if not shown.holds:
             self.frozen += names
-            self.error = min(before, without)
-        return before, without
+            self._errors = without
+        return shown
 
-    def _error(self, frozen: list[str]) -> float:
+    def _left_out(self, frozen: Sequence[str]) -> Array:
         held = np.where([p.name in frozen for p in self.free], self._nominal, np.nan)
-        return pooled(left_out_errors(self._problem, self._fit, [held]))[0]
+        return left_out_errors(self._problem, self._fit, self._blocks, held)
 
 
-def pooled(errors: Array) -> Sequence[float]:
-    """One number a variant: the geometric mean, so that a recording which nothing explains (a collision) does not rule."""
-    logs = np.log(np.maximum(errors, 1e-12))
-    return [float(np.exp(np.mean(row))) for row in logs]
+def compared(without: Array, with_it: Array) -> Evidence:
+    """The evidence of left-out errors (B,); what cannot be replayed without a structure needs it."""
+    if (np.isinf(without) & np.isfinite(with_it)).any():
+        return Evidence(float("inf"), 0.0)
+    some = ~np.isnan(without)
+    return evidence(without[some], with_it[some])
+
+
+def told(structure: str, shown: Evidence) -> str:
+    """What came of an optional structure, in words."""
+    return (
+        f"{structure} {'kept' if shown.holds else 'left out'}: with it left-out errors are lower by "
+        f"{100 * shown.gain:.2g} % (standard error {100 * shown.standard_error:.2g} %)"
+    )

@@ -3,23 +3,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.loop.descent import Descent, Fit, Look, Select, explained, last_look
+from trueup.loop.descent import Descent, Fit, Look, Select, Watch, explained, last_look
 from trueup.loop.elsewhere import EDGE, FEW, LOOKED_AT, along_axes, anywhere, evolved
-from trueup.loop.hopping import hopped
 from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
-from trueup.loop.starts import with_start_scatter
+from trueup.loop.selection import compared, told
+from trueup.loop.shoot import Starts
+from trueup.loop.validate import by_stretch, left_out_errors
 from trueup.loop.wide import widened
+from trueup.parameters import Parameter, ParameterSpace
 from trueup.search.least_squares import LeastSquares
 
 Array = NDArray[np.float64]
+
+_ROUNDS = 4  # of corrections of the starts, each of which halves what slopes do not foretell
 
 
 @dataclass
@@ -44,6 +48,10 @@ class Run:
     """Looks gone through so far."""
     look: Look = field(init=False)
     """The last of them."""
+    starts: Starts | None = None
+    later: Mapping[str, Mapping[str, Parameter]] = field(default_factory=dict)
+    """Structures that are frozen at zero and wait for the fit without them: their parameters as declared, by name."""
+    notes: list[str] = field(default_factory=list)
     ended: Fit | None = None
 
     @property
@@ -107,11 +115,58 @@ def full_step(run: Run) -> None:
 
 def selection(run: Run) -> None:
     """Freezes what all recordings do not support, before the last look and after it, whichever is the first to see them."""
-    if run.select is None or not run.looks or run.look.problem.trials is not run.problem.trials:
+    if run.select is None or not run.looks or run.look.problem.duration < run.problem.duration:
         return
     select, run.select = run.select, None
     if run.descent.choose(run.look, select) and run.look.problem is run.problem:
         run.descent.descend(run.look)
+
+
+def unsure_starts(run: Run) -> None:
+    """Start states become parameters with their measured noise, which are eliminated from what follows."""
+    values = run.descent.space.from_unit(run.descent.point)
+    if run.starts is None:
+        run.starts = Starts.as_measured(run.problem, values)
+    same = run.coarse is run.problem
+    run.problem = run.starts.eliminated_from(run.problem, values)
+    run.coarse = run.problem if same else run.coarse.with_starts(run.problem.trials, run.problem.eliminated)
+
+
+def multiple_shooting(run: Run) -> None:
+    """The start states themselves, in turns with all else, where slopes do not foretell what they do."""
+    for _ in range(_ROUNDS):
+        if run.starts is None or not run.problem.eliminated or run.descent.search is None:
+            return
+        starts, surprise = run.starts.corrected(run.problem, run.descent.space.from_unit(run.descent.point))
+        if surprise < run.problem.chance(run.found.residual) * len(run.descent.point):
+            return
+        run.starts, run.ended = starts, None
+        unsure_starts(run)
+        run.go(last_look(run.problem, run.coarse))
+
+
+def growth(run: Run) -> None:
+    """Structures that are searched `later` enter from the fit without them, one by one, where the evidence holds.
+
+    Begun with, they may bend the whole fit and lead it astray (forward selection: M. A. Efroymson, 1960).
+    """
+    if not run.later or not run.looks or run.look.problem.duration < run.problem.duration:
+        return
+    later, run.later = run.later, {}
+    blocks = by_stretch(run.look.problem)
+    without = run.descent.finished(run.look)
+    errors = left_out_errors(run.look.problem, without, blocks)
+    for structure, declared in later.items():
+        grown = replace(run.descent, space=_thawed(run.descent.space, declared), watch=Watch(), search=None)
+        values = np.where([n in declared for n in grown.space.names], grown.space.nominal, without.values)
+        grown.restart(np.clip(grown.space.to_unit(values), 0.0, 1.0))
+        grown.descend(run.look)
+        with_it = grown.finished(run.look)
+        lower = left_out_errors(run.look.problem, with_it, blocks)
+        shown = compared(errors, lower)
+        run.notes.append(told(structure, shown))
+        if shown.holds:
+            grown.watch, run.descent, without, errors = run.descent.watch, grown, with_it, lower
 
 
 def hybrid(run: Run) -> None:
@@ -186,23 +241,15 @@ def implicit_filtering(run: Run) -> None:
     run.ended = widened(run.problem, run.found, run.seed, run.descent.robust)
 
 
-def hopping(run: Run) -> None:
-    """Jumps to where slopes lead lower, and wide differences there."""
-    run.ended, before = hopped(run.problem, run.found, run.rng, run.descent.robust), run.found
-    if run.ended is not before:
-        run.ended = widened(run.problem, run.ended, run.seed, run.descent.robust)
-
-
 def probing(run: Run) -> None:
     """What jumps around the optimum add to its uncertainty, and lower places beyond them."""
-    run.ended = probed(run.problem, run.found, run.rng)
-
-
-def start_noise(run: Run) -> None:
-    """What noise at the starts adds to the uncertainty."""
-    run.ended = with_start_scatter(run.problem, run.found, run.rng)
+    run.ended = probed(run.problem, run.found, run.seed)
 
 
 def _taken(run: Run) -> dict[str, Any] | None:
     saved, run.saved = run.saved, None
     return saved
+
+
+def _thawed(space: ParameterSpace, declared: Mapping[str, Parameter]) -> ParameterSpace:
+    return ParameterSpace(tuple(declared.get(p.name, p) for p in space.parameters))

@@ -14,6 +14,12 @@ Array = NDArray[np.float64]
 # Nothing is less certain than "anywhere in the box": a uniform prior's variance is 1 / 12.
 PRIOR = 12.0
 _NORMAL_95 = 1.959964
+_NARROWED = 0.5  # share of the prior's standard deviation that must be left of what the recordings are to tell
+
+
+def vague(spread: float) -> bool:
+    """Whether a standard deviation, as a share of the box, says hardly more than that the value is somewhere in it."""
+    return bool(spread * PRIOR**0.5 > _NARROWED)
 
 
 def unit_covariance(problem: Problem, fit: Fit) -> Array:

@@ -1,73 +1,109 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Does it hold on what was not fitted? Leave one recording out, without starting over."""
+"""Does it hold on what was not fitted? Leave a recording, or a stretch of one, out, without starting over."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
+from trueup.loop.uncertainty import PRIOR
 from trueup.recording import PART_OF
 
 Array = NDArray[np.float64]
 
+_BLOCKS = 6  # parts that are left out in turn, at least: of fewer the spread is itself hardly known
+_REACH = 0.5  # share of the box: slopes foretell nothing further away
+_RIDGE = 1e-4  # share of the curvature that holds combinations which only the part left out has seen
 
-def left_out_points(problem: Problem, fit: Fit, held: Array | None = None) -> Array:
-    """(R, n_free) where the fit would go if it had never seen recording r: one Gauss-Newton step from the optimum.
 
-    Windows cut from one recording are left out together: neighbours share what is wrong with both.
+@dataclass(frozen=True, eq=False)
+class Block:
+    """What is left out of a fit together."""
+
+    trials: tuple[int, ...]
+    rows: NDArray[np.intp]
+    """Its residuals, by their place in the residual vector."""
+
+
+def by_recording(problem: Problem) -> list[Block]:
+    """A block for each trial; those cut from one recording are left out together, as neighbours share what is wrong.
+
+    Where all were cut from one, each stands by itself.
+    """
+    groups: dict[str, list[int]] = {}
+    for k, owner in enumerate(problem.owners):
+        recording = problem.recordings[owner]
+        groups.setdefault(recording.provenance.get(PART_OF, recording.name), []).append(k)
+    together = list(groups.values()) if len(groups) > 1 else [[k] for k in range(len(problem.trials))]
+    return [Block(tuple(trials), _rows(problem, trials, 0, 1)) for trials in together]
+
+
+def by_stretch(problem: Problem) -> list[Block]:
+    """Blocks as `by_recording`, each cut into as many stretches of time as it takes to have enough of them."""
+    whole = by_recording(problem)
+    parts = int(np.ceil(_BLOCKS / len(whole)))
+    cut = [Block(b.trials, _rows(problem, b.trials, part, parts)) for b in whole for part in range(parts)]
+    return [block for block in cut if len(block.rows)]
+
+
+def left_out_points(problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None) -> Array:
+    """(B, n_free) where the fit would go if it had never seen each block: one Gauss-Newton step from the optimum.
+
     `held` (n_free,) are values in the unit box for parameters that must not be used, NaN for the others.
     """
     weighted = fit.jacobian * fit.weights[:, None]
-    fixed = np.zeros(len(fit.unit), dtype=bool) if held is None else np.isfinite(held)
-    jump = np.where(fixed, (held if held is not None else fit.unit) - fit.unit, 0.0)
+    given = fit.unit if held is None else np.where(np.isfinite(held), held, fit.unit)
+    free = np.ones(len(fit.unit), dtype=bool) if held is None else ~np.isfinite(held)
+    jump = given - fit.unit
     curvature = fit.jacobian.T @ weighted
     slope = weighted.T @ fit.residual
-    points = np.empty((len(problem.trials), len(fit.unit)))
-    for together in _together(problem):
-        own = np.zeros(len(fit.residual), dtype=bool)
-        for segment in problem.segments:
-            if segment.recording in together:
-                own[segment.columns] = True
+    ridge = _RIDGE * np.diag(np.diag(curvature)[free]) + PRIOR * np.eye(int(free.sum()))
+    points = np.tile(given, (len(blocks), 1))
+    for point, block in zip(points, blocks, strict=True):
+        own = block.rows
         left = curvature - fit.jacobian[own].T @ weighted[own]
         pull = slope - weighted[own].T @ fit.residual[own] + left @ jump
-        free = ~fixed
-        damped = left[np.ix_(free, free)]
-        ridge = 1e-4 * np.diag(np.diag(curvature)[free]) + 12.0 * np.eye(int(free.sum()))
-        step = np.array(jump)
-        step[free] = -np.linalg.solve(damped + ridge, pull[free])
-        point = np.clip(fit.unit + np.clip(step, -0.5, 0.5), 0.0, 1.0)
-        point[fixed] = np.clip((held if held is not None else fit.unit)[fixed], 0.0, 1.0)
-        points[together] = point
-    return points
+        step = -np.linalg.solve(left[np.ix_(free, free)] + ridge, pull[free])
+        point[free] += np.clip(step, -_REACH, _REACH)
+    return np.clip(points, 0.0, 1.0)
 
 
-def _together(problem: Problem) -> list[list[int]]:
-    """Recordings by what they were cut from; each by itself where all were cut from one."""
-    groups: dict[str, list[int]] = {}
-    for r, recording in enumerate(problem.recordings):
-        groups.setdefault(recording.provenance.get(PART_OF, recording.name), []).append(r)
-    return list(groups.values()) if len(groups) > 1 else [[r] for r in range(len(problem.trials))]
+def left_out_errors(problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None) -> Array:
+    """(B,) replay error of each block by a fit that never saw it, as `block_errors` has it; `held` as `left_out_points`."""
+    return block_errors(problem, blocks, fit.space.from_unit(left_out_points(problem, fit, blocks, held)))
 
 
-def left_out_errors(problem: Problem, fit: Fit, variants: list[Array | None]) -> Array:
-    """(len(variants), R) replay error of each recording, in the main channel's unit, by a fit that never saw it.
+def block_errors(problem: Problem, blocks: Sequence[Block], values: Array) -> Array:
+    """(B,) replay error of each block with values (B, n) of its own, in the main channel's unit.
 
-    Each variant names the parameters it does without (see `left_out_points`). inf where the replay fails.
+    inf where the replay fails, NaN for a block without the main channel.
     """
-    points = [left_out_points(problem, fit, held) for held in variants]
-    errors = np.full((len(variants), len(problem.trials)), np.inf)
-    for r in range(len(problem.trials)):
-        rows = fit.space.from_unit(np.array([p[r] for p in points]))
-        residuals = problem.residuals(rows, only=[r])
-        scales, offset = [], 0
-        for segment in problem.segments:
-            if segment.recording == r:
-                stop = offset + segment.count
-                if segment.channel == problem.main[0] and segment.count:
-                    scales.append(np.mean((residuals[:, offset:stop] * segment.units) ** 2, axis=1))
-                offset = stop
-        if scales:
-            errors[:, r] = np.sqrt(np.mean(scales, axis=0))
-    return np.where(np.isfinite(errors), errors, np.inf)
+    name = problem.main[0]
+    main = np.concatenate([np.full(s.count, s.channel == name) for s in problem.segments])
+    units = np.concatenate([s.units for s in problem.segments])
+    errors = np.full(len(blocks), np.nan)
+    for b, (block, row) in enumerate(zip(blocks, values, strict=True)):
+        rows = block.rows[main[block.rows]]
+        if len(rows):
+            places = np.searchsorted(_rows(problem, block.trials, 0, 1), rows)
+            residual = problem.residuals(row[None], only=block.trials)[0, places]
+            error = float(np.sqrt(np.mean((residual * units[rows]) ** 2)))
+            errors[b] = error if np.isfinite(error) else np.inf
+    return errors
+
+
+def _rows(problem: Problem, trials: Sequence[int], part: int, parts: int) -> NDArray[np.intp]:
+    """Places of the residuals of one of several stretches of time of these trials."""
+    rows = []
+    for segment in problem.segments:
+        if segment.trial in trials:
+            first, last = (round(segment.samples * p / parts) for p in (part, part + 1))
+            inside = np.zeros((segment.samples, len(segment.labels)), dtype=bool)
+            inside[first:last] = True
+            rows.append(segment.columns.start + np.flatnonzero(inside[segment.mask]))
+    return np.concatenate(rows)

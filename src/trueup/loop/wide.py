@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.loop.descent import Fit, descended
+from trueup.loop.probe import ROUGH, unexplained
 from trueup.loop.problem import Problem
 from trueup.search.filtering import ImplicitFiltering
 from trueup.search.robust import robust_weights
 
 Array = NDArray[np.float64]
 
-_ROUGH = 0.15  # share of a wide difference that slopes at the optimum do not explain; smooth problems stay below 0.05
 _LOOKS = (8.0, 32.0)  # standard deviations
 _PAIRS = 3  # at each
 _ROUNDS = 3  # of looking wide and going down from there
@@ -43,7 +43,7 @@ def widened(problem: Problem, fit: Fit, seed: int = 0, robust: float = 3.0) -> F
 def _wider(problem: Problem, fit: Fit, seed: int) -> Fit:
     # Not with `fit.near`: a coarser step has other stairs.
     search = ImplicitFiltering(fit.unit, fit.bend, fit.jacobian, fit.residual, chance=problem.chance, seed=seed)
-    if _roughness(problem, fit, search) < _ROUGH:
+    if _roughness(problem, fit, search) < ROUGH:
         return fit
     while not search.done:
         candidates = search.ask()
@@ -58,13 +58,6 @@ def _wider(problem: Problem, fit: Fit, seed: int) -> Fit:
 
 
 def _roughness(problem: Problem, fit: Fit, search: ImplicitFiltering) -> float:
-    """Which share of differences across the optimum its slopes do not explain, in the worse of the looks: 0 in a bowl."""
-    shares = []
-    for points in [search.around(width, _PAIRS) for width in _LOOKS]:
-        residuals = problem.residuals(fit.space.from_unit(points))
-        k = len(points) // 2
-        seen = residuals[:k] - residuals[k:]
-        left = np.linalg.norm(seen - (points[:k] - points[k:]) @ fit.jacobian.T, axis=1)
-        shares.append(left / np.maximum(np.linalg.norm(seen, axis=1), 1e-300))
-    told = [np.median(s[np.isfinite(s)]) for s in shares if np.isfinite(s).any()]
-    return float(np.max(told)) if told else 0.0
+    """Which share of differences across the optimum its slopes do not explain, in the worse of the looks."""
+    looks = [search.around(width, _PAIRS) for width in _LOOKS]
+    return max(unexplained(points, problem.residuals(fit.space.from_unit(points)), fit.jacobian) for points in looks)

@@ -100,7 +100,7 @@ class ImplicitFiltering:
             self.loss = float(robust_losses(self.residual[None], self.bend)[0])
             points, residuals = points[1:], residuals[1:]
         if self._stencil is None:
-            self._see(points, residuals)
+            self.see(points, residuals, self.widths[self._level])
             self._stencil = points, np.array(residuals)
         else:
             self._go(np.concatenate([self._stencil[0], points]), np.concatenate([self._stencil[1], residuals]))
@@ -141,14 +141,21 @@ class ImplicitFiltering:
         values, frame = np.linalg.eigh(self.jacobian.T @ weighted / size)
         return frame * np.minimum(width / np.sqrt(np.maximum(values, 1e-12)), self.reach)
 
-    def _see(self, points: Array, residuals: Array) -> None:
-        """Slopes as these pairs show them; across directions that they do not span the old ones stay."""
+    @property
+    def slopes(self) -> Array:
+        """(m, n) as they are known. Raises CalibrationError before anything was told."""
+        if self.jacobian is None:
+            raise CalibrationError("slopes asked before any pair was told")
+        return self.jacobian
+
+    def see(self, points: Array, residuals: Array, width: float) -> None:
+        """Slopes as pairs of some width show them; across directions that they do not span the old ones stay."""
         k = len(points) // 2
         moved, changed = points[:k] - points[k:], residuals[:k] - residuals[k:]
         told = np.isfinite(changed).all(axis=1)
         moved, changed = moved[told], changed[told]
         old = np.zeros((residuals.shape[1], len(self.point))) if self.jacobian is None else self.jacobian
-        inverse = np.linalg.inv(self._frame(self.widths[self._level]))
+        inverse = np.linalg.inv(self._frame(width))
         # The least change of the slopes in the metric of the frame that explains the pairs.
         self.jacobian = old + (changed - moved @ old.T).T @ np.linalg.pinv((moved @ inverse.T).T) @ inverse
 

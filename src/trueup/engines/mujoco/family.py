@@ -40,7 +40,7 @@ class Articulated(Family):
     """Robots of joints and links; a model is an MJCF or URDF file."""
 
     describes = "another MJCF or URDF file"
-    later = LOAD
+    later = (LOAD,)
 
     def load(self, path: Path) -> Model:
         """The model in a file. Raises ModelError."""
@@ -144,7 +144,7 @@ def _about_load(simulator: MujocoSimulator, calibration: Calibration) -> tuple[s
         return ()
     return (
         f"the replay error stays at {times:.0f} times the noise. Small geared servos may have friction that grows with their "
-        "load: --beyond-mjcf tries that too (in four times the time), and `trueup replay --parameters` replays it",
+        "load: --beyond-mjcf tries that too (in twice the time), and `trueup replay --parameters` replays it",
     )
 
 

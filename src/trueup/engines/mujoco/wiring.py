@@ -141,4 +141,9 @@ def _place_base(compiled: mujoco.MjModel, qpos: Array, qvel: Array, trial: Trial
     position, orientation = trial.initial.get(POSITION), trial.initial.get(ORIENTATION)
     if position is not None and orientation is not None and orientation.labels == ANGLES:
         at = position.select(AXES)
-        place(compiled, qpos, qvel, (*starting_point(at, trial.start), *starting_point(orientation, trial.start)))
+        values, speeds = np.array([starting_point(c, trial.start) for c in (at, orientation)]).swapaxes(0, 1)
+        for k, (channel, names) in enumerate(((position, AXES), (orientation, ANGLES))):
+            if channel.name in trial.corrections:
+                corrections = trial.corrections[channel.name][:, [channel.labels.index(n) for n in names]]
+                values[k], speeds[k] = values[k] + corrections[0], speeds[k] + corrections[1]
+        place(compiled, qpos, qvel, (values[0], speeds[0], values[1], speeds[1]))

@@ -44,6 +44,7 @@ def start_state(trial: Trial) -> Array:
 
 def _fitted(channel: Channel, label: str, trial: Trial) -> tuple[float, float]:
     """Value and slope at the trial's start: a line through the samples around it (one sample: that value, no slope)."""
+    more = trial.corrections.get(channel.name, np.zeros((2, len(channel.labels))))[:, channel.labels.index(label)]
     values = channel.column(label)
     good = np.isfinite(values)
     time, values = channel.time[good] - trial.start, values[good]
@@ -54,6 +55,6 @@ def _fitted(channel: Channel, label: str, trial: Trial) -> tuple[float, float]:
         near = np.zeros(len(time), dtype=bool)
         near[np.argsort(np.abs(time), kind="stable")[:3]] = True
     if near.sum() < 2:
-        return float(values[near][0]), 0.0
+        return float(values[near][0] + more[0]), float(more[1])
     slope, value = np.polyfit(time[near], values[near], 1)
-    return float(value), float(slope)
+    return float(value + more[0]), float(slope + more[1])

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Start states are known but for their noise: estimates know that, and what is off is corrected."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trueup.engines.simulator import Rollout
+from trueup.loop.descent import Fit
+from trueup.loop.problem import Problem
+from trueup.loop.shoot import Starts
+from trueup.loop.uncertainty import unit_covariance
+from trueup.parameters import Parameter, ParameterSpace
+from trueup.recording import Channel, Recording
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+SPACE = ParameterSpace((Parameter("speed", "m/s", 1.0, 0.0, 2.0),))
+TIME = np.arange(0.0, 4.0, 0.02)
+SIGMA = 0.01
+
+
+def start_of(trial: Trial) -> float:
+    """The first sample, corrected."""
+    return float(trial.initial["position"].values[0, 0] + trial.corrections.get("position", np.zeros((2, 1)))[0, 0])
+
+
+@dataclass
+class Runner:
+    """Runs straight on from where the first sample says that it starts."""
+
+    parameters = SPACE
+    step = 0.02
+
+    def observable(self, recording: Recording) -> tuple[str, ...]:
+        return ("position",)
+
+    def rollout(self, trials: list[Trial], values: Array, controllers: object = None) -> list[Rollout]:
+        return [Rollout(t, {"position": (start_of(t) + values * TIME)[..., None]}, {}) for t in trials]
+
+
+class ByNoise:
+    def scale(self, channel: str, labels: tuple[str, ...]) -> Array:
+        return np.full(len(labels), SIGMA)
+
+    def residual(self, real: Recording, simulated: Rollout) -> Array:
+        return ((simulated.channels["position"] - real.channel("position").values) / SIGMA).reshape(-1, len(TIME))
+
+
+def run(rng: np.random.Generator) -> Problem:
+    """One run at the speed 1 m/s, measured with noise."""
+    measured = TIME[:, None] + SIGMA * rng.standard_normal((len(TIME), 1))
+    recording = Recording("run", {"position": Channel("position", ("x",), "m", TIME, measured)})
+    return Problem(Runner(), [recording], ByNoise())  # type: ignore[arg-type]
+
+
+def solved(problem: Problem) -> Fit:
+    """The optimum of a problem that is linear in the speed."""
+    pair = problem.residuals(np.array([[0.5], [1.5]]))
+    slopes = (pair[1] - pair[0])[:, None] * 2.0
+    unit = 0.25 - float(slopes[:, 0] @ pair[0] / np.sum(slopes**2))
+    residual = problem.residuals(SPACE.from_unit(np.array([[unit]])))[0]
+    return Fit(SPACE, np.array([unit]), residual, slopes, np.ones(len(residual)), "")
+
+
+def test_an_estimate_that_hangs_on_the_start_is_as_unsure_as_repeated_runs_scatter() -> None:
+    plain, better, told = [], [], []
+    for seed in range(40):
+        problem = run(np.random.default_rng(seed))
+        starts = Starts.as_measured(problem, SPACE.nominal)
+        assert starts.handles == (("position", 0, 0),)
+        plain.append(solved(problem).unit[0])
+        shot = starts.eliminated_from(problem, SPACE.nominal)
+        fit = solved(shot)
+        better.append(fit.unit[0])
+        told.append(unit_covariance(shot, fit)[0, 0])
+    assert np.sqrt(np.mean(told)) == pytest.approx(np.std(better), rel=0.35)
+    assert np.std(better) < 0.7 * np.std(plain)
+
+
+def test_a_start_that_was_measured_badly_is_corrected() -> None:
+    problem = run(np.random.default_rng(0))
+    first = problem.trials[0].initial["position"]
+    off = np.array(first.values)
+    off[0] += 6.0 * SIGMA
+    wrong = problem.replayed_by([replace(problem.trials[0], initial={"position": first.replace(values=off)})], [0])
+    starts, shot = Starts.as_measured(wrong, SPACE.nominal), wrong
+    for _ in range(2):  # as long as nothing is explained, all residuals count for less
+        shot = starts.eliminated_from(shot, SPACE.nominal)
+        starts, surprise = starts.corrected(shot, SPACE.nominal)
+        assert surprise < 1e-6  # it is linear: slopes foretell it
+    after = starts.eliminated_from(shot, SPACE.nominal).plain_residuals(SPACE.nominal)
+    assert np.mean(after**2) == pytest.approx(1.0, abs=0.3)
+    np.testing.assert_allclose(starts.amounts, -6.0, atol=2.5)
