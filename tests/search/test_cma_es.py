@@ -34,6 +34,15 @@ def test_a_rough_function_is_minimised() -> None:
     assert np.allclose(search.best[0], 0.35, atol=0.02)
 
 
+def test_a_single_parameter_is_searched_too() -> None:
+    search = CmaEs(np.array([0.9]), seed=3, max_evaluations=600)
+    while not search.done:
+        candidates = search.ask()
+        assert candidates.shape[1] == 1
+        search.tell(candidates, rough(candidates))
+    assert search.best[0] == pytest.approx(0.35, abs=0.02)
+
+
 @pytest.mark.parametrize("moment", [1, 7, 40])
 def test_a_resumed_search_equals_an_uninterrupted_one(moment: int) -> None:
     whole, first = (CmaEs(np.full(4, 0.5), seed=5, max_evaluations=1500) for _ in range(2))

@@ -43,10 +43,12 @@ class CmaEs:
         self._best, self._best_loss = self._start, np.inf
         self._done = ""
         self._engine = self._new(self._start)
+        self._asked = np.zeros((0, len(self._start)))
 
     def ask(self) -> Array:
         """(population, n) in [0, 1]."""
-        return np.clip(np.array(self._engine.ask()), 0.0, 1.0)
+        self._asked = np.clip(np.array(self._engine.ask()), 0.0, 1.0)
+        return self._asked[:, : len(self._start)]
 
     def tell(self, candidates: Array, losses: Array) -> None:
         """Losses (population,); NaN counts as worse than all others."""
@@ -59,7 +61,8 @@ class CmaEs:
         k = int(filled.argmin())
         if filled[k] < self._best_loss and np.isfinite(given[k]):
             self._best, self._best_loss = np.array(candidates[k]), float(filled[k])
-        self._engine.tell([np.array(c) for c in candidates], filled.tolist())
+        whole = [np.concatenate([c, a[len(c) :]]) for c, a in zip(candidates, self._asked, strict=True)]
+        self._engine.tell(whole, filled.tolist())
         self._check()
 
     @property
@@ -84,8 +87,9 @@ class CmaEs:
             self.tell(self.ask(), np.array(losses))
 
     def _new(self, start: Array) -> Any:
+        # The engine has no single dimension: a second one without effect stands in.
         return cma.CMAEvolutionStrategy(
-            start.tolist(), self._sigma,
+            [*start.tolist(), *[0.5] * (2 - len(start))], self._sigma,
             {
                 "bounds": [0.0, 1.0], "popsize": self._population, "verbose": -9, "seed": math.nan,
                 "randn": lambda *shape: self._rng.standard_normal(shape), "tolfun": 0.0, "tolx": 1e-5,

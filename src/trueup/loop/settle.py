@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Brings a robot with a free base to rest in a pose: where a trial can begin without being thrown by its own floor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.engines.simulator import Rollout, Simulator
+from trueup.errors import TrialError
+from trueup.recording import Channel
+from trueup.trial import Observed, Trial
+
+Array = NDArray[np.float64]
+
+_RATE = 50.0  # Hz
+_FLOOR = 0.005  # m: contacts are soft by less; what rises by more was thrown out of something
+
+
+def settled(
+    simulator: Simulator, joints: Sequence[str], pose: Array, heights: Sequence[float], *, pitch: float = 0.0,
+    seconds: float = 2.0, name: str = "start",
+) -> Mapping[str, Channel]:  # fmt: skip
+    """'position', 'base_position' and 'base_orientation' of a robot that rests in `pose` (k,), in rad.
+
+    It is let down from each of `heights` of its base, in m and with its base pitched by `pitch` rad, and holds the pose for
+    `seconds`; the lowest height from which nothing throws it up counts. Raises TrialError where the pose penetrates
+    something at all of them, or does not come to rest.
+    """
+    time = np.arange(round(seconds * _RATE) + 1) / _RATE
+    trials = [_let_down(tuple(joints), pose, float(z), pitch, time, f"{name} from {z:.4g} m") for z in sorted(heights)]
+    done = simulator.rollout(trials, simulator.parameters.nominal[None])
+    for rollout, z in zip(done, sorted(heights), strict=True):
+        if not rollout.failures and rollout.channels["base_position"][0, :, 2].max() < z + _FLOOR:
+            return _at_rest(rollout, name)
+    raise TrialError(
+        f"start pose '{name}' penetrates the floor or what stands on it, or flies apart, at every height of the base from "
+        f"{min(heights):.4g} to {max(heights):.4g} m: give higher ones, or another pose"
+    )
+
+
+def _let_down(joints: tuple[str, ...], pose: Array, z: float, pitch: float, time: Array, name: str) -> Trial:
+    start = np.zeros(1)
+    return Trial(
+        name=name, start=0.0, duration=float(time[-1]), command=Channel("command", joints, "rad", start, pose[None]),
+        observed={
+            "position": Observed(joints, "rad", time), "base_position": Observed(("x", "y", "z"), "m", time),
+            "base_orientation": Observed(("roll", "pitch", "yaw"), "rad", time),
+        },
+        initial={
+            "position": Channel("position", joints, "rad", start, pose[None]),
+            "base_position": Channel("base_position", ("x", "y", "z"), "m", start, np.array([[0.0, 0.0, z]])),
+            "base_orientation": Channel(
+                "base_orientation", ("roll", "pitch", "yaw"), "rad", start, np.array([[0.0, pitch, 0.0]])
+            ),
+        },
+    )  # fmt: skip
+
+
+def _at_rest(rollout: Rollout, name: str) -> Mapping[str, Channel]:
+    """The last state of a run. Raises TrialError where it still moves."""
+    last: dict[str, Channel] = {}
+    for channel, o in rollout.trial.observed.items():
+        values = rollout.channels[channel][0]
+        moving = np.abs(values[-1] - values[-round(0.1 * _RATE)]) / 0.1
+        if moving.max() > 0.1:
+            worst = int(moving.argmax())
+            raise TrialError(
+                f"start pose '{name}' does not come to rest: {channel} {o.labels[worst]} still moves by "
+                f"{moving[worst]:.3g} {o.unit}/s and is at {values[-1, worst]:.3g} {o.unit} after {o.time[-1]:.3g} s"
+            )
+        last[channel] = Channel(channel, o.labels, o.unit, np.zeros(1), values[-1:])
+    return last

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whole-body transitions of a humanoid, such as sitting to standing: keyframed motions in, how well it stood out.
+
+J. Tan et al., "Simulation-based design of dynamic controllers for humanoid balancing", IROS 2016, section V.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.controllers.keyframes import Keyframes, Motion, Tilt
+from trueup.ends import End, Fallen
+from trueup.engines.simulator import Rollout
+from trueup.errors import ParameterError, unknown_name
+from trueup.parameters import ParameterSpace
+from trueup.recording import Channel
+from trueup.trial import Observed, Trial
+
+Array = NDArray[np.float64]
+
+FITNESS = ("paper", "repaired")
+ANGLES, HEIGHT = "base_orientation", "base_position"
+AFTER = 1.0
+"""s that the robot has to keep its final pose before it is judged."""
+_JUDGED = 0.5  # s at the end over which it must be upright and still
+_UPRIGHT = 0.25  # rad: a small humanoid that leans further does not come back by itself
+_HIGH = 0.93  # share of the settled final height: below, a knee or a hand carries it
+_STILL = 0.5  # rad/s of tilting, on average over `_JUDGED`
+_FLOOR = 0.1  # rad: upright is worth 1 / _FLOOR, in the paper's integrand 1 / (|angle| + 0.1)
+
+
+@dataclass(frozen=True, eq=False)
+class Transition:
+    """A Task: the keyframes and times with which a humanoid gets from one pose to another, and stays there.
+
+    Every candidate is judged over the same time, the longest motion and `AFTER`, so that none gains by being slow. The
+    score is minus a fitness: 'paper' is the mean of 1 / (|angle| + 0.1), their integrand, which pays for falling late;
+    'repaired' (default) adds what counts, being upright, high and still at the end. A run that ended by a fall keeps its
+    last tilt for the rest of the time.
+    """
+
+    name: str
+    motion: Motion
+    start: Mapping[str, Channel]
+    """Measured or settled state at the start: 'position', 'base_position', 'base_orientation' at one instant."""
+    final_height: float
+    """Of the base in the settled final pose, in m."""
+    inverted: bool = False
+    """Upside down at the end: a handstand."""
+    fitness: str = "repaired"
+    rate: float = 50.0
+    """Of observation, in Hz."""
+    period: float = 0.008
+    """Between two commands, in s."""
+    tilt: Tilt | None = None
+    """For motions with feedback."""
+    fallen: float = 0.5
+    """Share of the final height below which a run ends, once its start is behind it; 0: runs never end early."""
+    parameters: ParameterSpace = field(init=False)
+    trials: tuple[Trial, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Makes the one trial. Raises UnknownNameError for other fitnesses, ParameterError without a start."""
+        if self.fitness not in FITNESS:
+            raise unknown_name("fitness", self.fitness, FITNESS, "a transition")
+        for name in ("position", HEIGHT, ANGLES):
+            if name not in self.start:
+                raise ParameterError(
+                    f"transition '{self.name}': its start lacks '{name}'; it has {', '.join(self.start)}"
+                )
+        object.__setattr__(self, "parameters", self.motion.parameters())
+        object.__setattr__(self, "trials", (self._trial(),))
+
+    @property
+    def duration(self) -> float:
+        """Of the trial, in s."""
+        return self.motion.longest * len(self.motion.intervals) + AFTER
+
+    def controllers(self, values: Array) -> Keyframes:
+        """The controller of b copies with values (b, m)."""
+        return self.motion.controller(values, period=self.period, tilt=self.tilt)
+
+    def planned(self, candidate: Array) -> tuple[Trial, ...]:
+        """The trial with the command channel of one candidate, for robots that play commands."""
+        total = float(candidate[[n.startswith("interval") for n in self.parameters.names]].sum())
+        command = self.motion.command(candidate, rate=1.0 / self.period, lasting=self.duration - total)
+        (trial,) = self.trials
+        return (replace(trial, command=command, controller=None),)
+
+    def score(self, rollouts: Sequence[Rollout]) -> Array:
+        """(b,) minus the fitness, NaN where a simulation failed or nothing was measured. See Task.score."""
+        (rollout,) = rollouts
+        angle, height, _ = self._seen(rollout)
+        upright = 1.0 / (angle + _FLOOR)
+        if self.fitness == "paper":
+            return -upright.mean(axis=1)
+        late = upright.shape[1] - round(AFTER * self.rate)
+        high = np.clip(height[:, late:] / self.final_height, 0.0, 1.0)
+        return -(
+            upright.mean(axis=1) + 2.0 * (upright[:, late:] * high**2).mean(axis=1) + 10.0 * high.mean(axis=1)
+            + 10.0 * self.succeeded(rollouts)
+        )  # fmt: skip
+
+    def succeeded(self, rollouts: Sequence[Rollout]) -> NDArray[np.bool_]:
+        """(b,) whether it ended upright (or inverted), high and still, by simulations and recordings alike."""
+        (rollout,) = rollouts
+        angle, height, rate = self._seen(rollout)
+        last = slice(angle.shape[1] - round(_JUDGED * self.rate), None)
+        whole = np.array([row not in rollout.ends and row not in rollout.failures for row in range(len(angle))])
+        with np.errstate(invalid="ignore"):
+            return (
+                whole & (angle[:, last].max(axis=1) < _UPRIGHT) & (rate[:, last].mean(axis=1) < _STILL)
+                & (height[:, last].min(axis=1) > _HIGH * self.final_height)
+            )  # fmt: skip
+
+    def _seen(self, rollout: Rollout) -> tuple[Array, Array, Array]:
+        """(b, T) angle of the torso from the wanted direction in rad, height in m, and size of the tilt's rate in rad/s."""
+        held = rollout.held()
+        roll, pitch, _ = np.moveaxis(held.channels[ANGLES], 2, 0)
+        cosine = np.cos(roll) * np.cos(pitch) * (-1.0 if self.inverted else 1.0)
+        angle = np.arccos(np.clip(cosine, -1.0, 1.0))
+        rate = np.abs(np.gradient(angle, 1.0 / self.rate, axis=1))
+        return angle, held.channels[HEIGHT][:, :, 2], rate
+
+    def _trial(self) -> Trial:
+        time = np.arange(round(self.duration * self.rate) + 1) / self.rate
+        ends: tuple[End, ...] = ()
+        lowest = min(self.final_height, float(self.start[HEIGHT].column("z")[0]))
+        if self.fallen > 0.0:
+            ends = (Fallen(height=self.fallen * lowest),)
+        return Trial(
+            name=self.name, start=0.0, duration=float(time[-1]), command=None, initial=self.start, ends=ends,
+            observed={
+                "position": Observed(self.motion.joints, "rad", time),
+                HEIGHT: Observed(("x", "y", "z"), "m", time),
+                ANGLES: Observed(("roll", "pitch", "yaw"), "rad", time),
+            },
+            notes=(
+                "Angles of the torso: roll, pitch, yaw in rad, x forward, z up. The first pose is held before the start; the "
+                f"run counts until {AFTER:g} s after the longest motion, whatever happens.",
+            ),
+        )  # fmt: skip

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Transitions of a humanoid: what counts as standing, start poses that can rest, and a motion that is found and holds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trueup.controllers.keyframes import Keyframes
+from trueup.ends import Ended
+from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.engines.simulator import Rollout
+from trueup.errors import ParameterError, TrialError, UnknownNameError
+from trueup.loop.settle import settled
+from trueup.search.cma_es import CmaEs
+from trueup.studies.balance.scenes import SCENES, STAND, Scene, model_of, pose_of, transition
+from trueup.tasks.transitions import Transition
+
+Array = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def sitting() -> tuple[Any, Transition]:
+    return transition("sit-to-stand", step=0.004)
+
+
+def runs(task: Transition, pitch: Array, height: Array, ends: dict[int, Ended] | None = None) -> Rollout:
+    """Made-up runs (b, T) of the torso."""
+    rows, (trial,) = len(pitch), task.trials
+    count = len(trial.observed["base_position"].time)
+    angles, place = np.zeros((rows, count, 3)), np.zeros((rows, count, 3))
+    angles[:, :, 1], place[:, :, 2] = pitch, height
+    joints = np.zeros((rows, count, len(task.motion.joints)))
+    return Rollout(trial, {"base_orientation": angles, "base_position": place, "position": joints}, {}, ends or {})
+
+
+def test_only_who_ends_upright_high_and_still_has_succeeded(sitting: tuple[Any, Transition]) -> None:
+    _, task = sitting
+    count = len(task.trials[0].observed["base_position"].time)
+    time = np.arange(count) / task.rate
+    stand = task.final_height
+    pitch = np.stack([
+        np.maximum(0.6 - time, 0.0),  # rises and stands
+        np.full(count, 0.3),  # leans
+        np.zeros(count),  # upright, on its knees
+        0.2 * np.sin(20.0 * time),  # still rocking
+        np.zeros(count),  # stood, and fell in the end
+    ])  # fmt: skip
+    height = np.stack([np.full(count, z) for z in (stand, stand, 0.6 * stand, stand, stand)])
+    done = runs(task, pitch, height, {4: Ended(task.duration - 0.2, "fallen")})
+    assert task.succeeded([done]).tolist() == [True, False, False, False, False]
+    score = task.score([done])
+    assert np.argmin(score) == 0
+
+
+def test_whoever_falls_early_keeps_the_tilt_of_the_fall(sitting: tuple[Any, Transition]) -> None:
+    _, task = sitting
+    count = len(task.trials[0].observed["base_position"].time)
+    pitch = np.zeros((2, count))
+    pitch[:, 40:] = 1.4
+    early = runs(task, pitch, np.full((2, count), 0.3), {0: Ended(41 / task.rate, "fallen")})
+    early.channels["base_orientation"][0, 42:] = np.nan
+    early.channels["base_position"][0, 42:] = np.nan
+    score = task.score([early])
+    assert score[0] == pytest.approx(score[1])
+
+
+def test_a_motion_that_rises_from_a_chair_is_found_and_stands_at_finer_steps(sitting: tuple[Any, Transition]) -> None:
+    simulator, task = sitting
+    space = task.parameters
+    search = CmaEs(space.to_unit(space.nominal), seed=0, sigma=0.15, population=24, max_evaluations=24 * 12)
+    while not search.done:
+        candidates = search.ask()
+        search.tell(
+            candidates, task.score(simulator.rollout(task.trials, space.from_unit(candidates), task.controllers))
+        )
+    best = space.from_unit(search.best[0][None])
+    for step in (0.004, 0.002):
+        finer, again = transition("sit-to-stand", step=step)
+        assert again.succeeded(finer.rollout(again.trials, best, again.controllers))[0], step
+    # Seated without a motion it stays seated: the task cannot be had for nothing.
+    (trial,) = task.trials
+    held = task.motion.first[None, None].repeat(2, axis=1)
+    seated = simulator.rollout(
+        [trial], np.zeros((1, 0)), lambda values: Keyframes(held, np.array([[0.0, 1.0]]), task.period)
+    )
+    assert not task.succeeded(seated)[0]
+
+
+def test_what_a_robot_would_be_sent_leads_to_the_same_end(sitting: tuple[Any, Transition]) -> None:
+    simulator, task = sitting
+    (planned,) = task.planned(task.parameters.nominal)
+    assert planned.command is not None
+    assert planned.command.time[-1] >= task.duration
+    by_command = simulator.rollout([planned], np.zeros((1, 0)))
+    by_controller = simulator.rollout(task.trials, task.parameters.nominal[None], task.controllers)
+    np.testing.assert_allclose(task.score(by_command), task.score(by_controller), rtol=0.05)
+
+
+def test_a_start_that_penetrates_the_floor_or_tips_over_is_named() -> None:
+    simulator = MujocoSimulator(model_of("kneel-to-stand"), step=0.004)
+    joints = simulator.model.names("actuator")
+    with pytest.raises(TrialError, match=r"'low' penetrates .* 0\.1 to 0\.2 m"):
+        settled(simulator, joints, pose_of(joints, STAND), [0.1, 0.15, 0.2], name="low")
+    rest = settled(simulator, joints, pose_of(joints, STAND), np.linspace(0.2, 0.33, 27).tolist())
+    assert rest["base_position"].column("z")[0] == pytest.approx(0.302, abs=2e-3)
+
+
+@pytest.mark.parametrize("name", sorted(SCENES))
+def test_every_scene_begins_at_rest(name: str) -> None:
+    _, task = transition(name, step=0.004)
+    assert task.parameters.names[-1].startswith("interval")
+    scene: Scene = SCENES[name]
+    assert abs(float(task.start["base_orientation"].column("pitch")[0]) - scene.pitch) < 0.1
+
+
+def test_impossible_transitions_are_named(sitting: tuple[Any, Transition]) -> None:
+    _, task = sitting
+    with pytest.raises(UnknownNameError, match="fitness 'printed'"):
+        Transition("x", task.motion, task.start, 0.3, fitness="printed")
+    with pytest.raises(ParameterError, match="lacks 'base_position'"):
+        Transition("x", task.motion, {"position": task.start["position"]}, 0.3)
