@@ -18,10 +18,9 @@ from trueup.engines.vehicle import BETAS
 from trueup.engines.vehicle.drives import doubted, noise_of
 from trueup.errors import UnknownNameError
 from trueup.loop.transfer import try_on_robot
-from trueup.paths.courses import drawn_courses
 from trueup.recording import Recording
 from trueup.studies.stanley import chasi
-from trueup.studies.stanley.courses import across_courses, true_errors
+from trueup.studies.stanley.courses import across_courses, drawn_courses, true_errors
 from trueup.studies.stanley.paper import PaperStudy, calibrate_betas, paper_study
 from trueup.studies.stanley.profile import profiles
 from trueup.studies.stanley.run import run_study

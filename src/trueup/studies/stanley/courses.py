@@ -6,6 +6,7 @@ Courses to train on and courses held out are drawn from one distribution of shap
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -19,8 +20,8 @@ from trueup.loop.belief import Belief
 from trueup.loop.optimize import TrustRegion, optimize
 from trueup.loop.plausible import plausible
 from trueup.loop.transfer import shortlist, try_on_robot
-from trueup.paths import Path
-from trueup.paths.courses import drawn_courses
+from trueup.paths import Path, SpeedLimits
+from trueup.paths.courses import LIMITS, Piece, from_pieces
 from trueup.robots.stand_in_vehicle import StandInVehicle
 from trueup.search.cma_es import CmaEs
 from trueup.studies.stanley import chasi
@@ -150,3 +151,39 @@ def true_errors(
         ahead = task.settings.wheelbase * np.stack([np.cos(heading), np.sin(heading)], axis=2)
         found.append(task.distances(truth[:, :, :2] + ahead, task.paths[0]))
     return np.mean(found, axis=0)
+
+
+def drawn_courses(
+    count: int, rng: np.random.Generator, *, speeds: tuple[float, float] = (0.3, 1.0),
+    radii: tuple[float, float] = (1.0, 3.0), length: float = 22.0, limits: SpeedLimits = LIMITS,
+) -> tuple[Path, ...]:  # fmt: skip
+    """Courses as a robot may meet them: bends of random radius, angle and side, with or without straights in between.
+
+    Each has a cruising speed (m/s) and a usual radius (m, its bends scatter about it) of its own. Over the `count` courses
+    both are a Latin hypercube: every course by itself is drawn evenly from the whole range (radii by their logarithm), and
+    together they cover it. Each is about `length` m long and may cross itself.
+    """
+    speed = _spread(count, rng, *speeds)
+    radius = np.exp(_spread(count, rng, math.log(radii[0]), math.log(radii[1])))
+    return tuple(
+        _winding(f"{v:.2f} m/s, bends of {r:.1f} m", float(v), float(r), radii[0], length, limits, rng)
+        for v, r in zip(speed, radius, strict=True)
+    )
+
+
+def _spread(count: int, rng: np.random.Generator, low: float, high: float) -> Array:
+    """(count,) one number from each of `count` equal parts of a range, in random order."""
+    return low + (high - low) * (rng.permutation(count) + rng.random(count)) / count
+
+
+def _winding(
+    name: str, speed: float, usual: float, tightest: float, length: float, limits: SpeedLimits, rng: np.random.Generator
+) -> Path:
+    pieces: list[Piece] = [(1.0, 0.0)]
+    straights = rng.uniform(0.2, 0.7)
+    while sum(way for way, _ in pieces) < length:
+        radius = max(tightest, usual * math.exp(rng.normal(0.0, 0.25)))
+        pieces.append((math.radians(rng.uniform(30.0, 150.0)) * radius, float(rng.choice([-1.0, 1.0])) / radius))
+        if rng.random() < straights:
+            pieces.append((float(rng.uniform(0.5, 4.0)), 0.0))
+    return from_pieces(name, [([*pieces, (1.0, 0.0)], speed)], limits)
