@@ -12,7 +12,7 @@ from trueup.errors import ModelError, UnknownNameError
 from trueup.identification.inertial import from_com, from_pseudo_inertia, moved, moving_matrix, pseudo_inertia, tensor
 from trueup.identification.kinematic_tree import from_dh
 from trueup.identification.model_file import load_tree
-from trueup.identification.regressors import link_poses
+from trueup.identification.poses import link_poses
 
 _ARM = """<robot name="two">
   <link name="base"/><link name="upper">{inertial}</link><link name="tool">{inertial}</link><link name="lower"/>

@@ -15,7 +15,8 @@ from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.inertial import from_com
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.model_file import load_tree
-from trueup.identification.regressors import inverse_dynamics, link_poses, regressor
+from trueup.identification.poses import link_poses
+from trueup.identification.regressors import inverse_dynamics, regressor
 
 pin = pytest.importorskip("pinocchio", reason="the reference; pip install 'trueup[bench]'")
 Array = NDArray[np.float64]

@@ -108,7 +108,7 @@ class Cell:
                 )
             note = ""
         else:
-            q, turn = _found(chain, kinematics, region, np.random.default_rng(seed), apart, margin)
+            q, turn = _posture(chain, kinematics, region, np.random.default_rng(seed), apart, margin)
             note = "posture found by search: " + ", ".join(f"{j} {v:.2f}" for j, v in zip(tree.joints, q, strict=True))
         kinematics = InverseKinematics.at(chain, known, q, free_orientation=free_orientation)
         return cls(region, chain, known, kinematics, q, turn, (note,) if note else ())
@@ -136,26 +136,20 @@ class Cell:
         return positions, turns, own
 
     def straight(
-        self,
-        positions: Array,
-        turns: Array,
-        own: Array,
-        settings: Sequence[Settings],
-        samples: int,
-        *,
-        threads: int = 1,
-    ) -> Motions:
+        self, positions: Array, turns: Array, own: Array, settings: Sequence[Settings], samples: int, *, threads: int = 1
+    ) -> Motions:  # fmt: skip
         """Straight tool moves through via points (B, K, ...), one setting for each of the B programs, S = `samples`."""
         B, n = len(positions), self.chain.tree.n
         pace = np.array([[s.speed, s.turn, s.ramp, s.rounding, s.fly, s.zone] for s in settings])
         time, ended = np.zeros((B, samples)), np.zeros(B, dtype=np.int64)
         q, qd, qdd = (np.zeros((B, samples, n)) for _ in range(3))
         P, R, X = (np.ascontiguousarray(x) for x in (positions, turns, own))
+        limits = (self.limits.speed, self.limits.acceleration)
 
         def some(rows: slice) -> None:
             tool_programs(
-                self.chain.arrays, self.kinematics.equations, P[rows], R[rows], X[rows], pace[rows], self.limits.speed,
-                self.limits.acceleration, self.posture, _LOOK, time[rows], q[rows], qd[rows], qdd[rows], ended[rows],
+                self.chain.arrays, self.kinematics.equations, P[rows], R[rows], X[rows], pace[rows], limits, self.posture,
+                _LOOK, time[rows], q[rows], qd[rows], qdd[rows], ended[rows],
             )  # fmt: skip
 
         in_threads(some, B, threads)
@@ -176,14 +170,9 @@ def overridden(motions: Motions, settings: Sequence[Settings]) -> Motions:
     return Motions(motions.time / share[:, None], motions.q, motions.qd * k, motions.qdd * k**2, motions.failure)
 
 
-def _found(
-    chain: Chain,
-    kinematics: InverseKinematics,
-    region: Region,
-    rng: np.random.Generator,
-    apart: Apart | None,
-    margin: float,
-) -> tuple[Array, Array]:
+def _posture(
+    chain: Chain, kinematics: InverseKinematics, region: Region, rng: np.random.Generator, apart: Apart | None, margin: float
+) -> tuple[Array, Array]:  # fmt: skip
     """A posture with the tool in the middle of the box: clear there and at the corners, and far from singularities.
 
     Raises ModelError out of reach, or where all collide.

@@ -11,6 +11,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from trueup.errors import unknown_name
+from trueup.identification.poses import about, go, joint_pose, multiply
 
 if TYPE_CHECKING:
     from trueup.identification.kinematic_tree import KinematicTree
@@ -94,21 +95,12 @@ def place(chain: ChainArrays, q: Array, R: Array, p: Array, z: Array, o: Array) 
     """Tool pose R (3, 3), p (3,), joint axes z (m, 3) and points on them o (m, 3), in the base frame, at q (n,)."""
     R[:] = np.eye(3)
     p[:] = 0.0
-    turn, half = np.empty((3, 3)), np.empty((3, 3))
+    half = np.empty((3, 3))
     for i in range(len(chain.joint)):
-        go(R, p, chain.offset[i])
-        multiply(R, chain.rotation[i], half)
-        x, y, w = chain.axis[i]
+        value = float(q[chain.joint[i]])
+        joint_pose(R, p, chain.rotation[i], chain.offset[i], chain.axis[i], chain.prismatic[i], value, R, p)
         for a in range(3):
-            z[i, a] = half[a, 0] * x + half[a, 1] * y + half[a, 2] * w
-        value = q[chain.joint[i]]
-        if chain.prismatic[i]:
-            for a in range(3):
-                p[a] += value * z[i, a]
-            R[:] = half
-        else:
-            about(chain.axis[i], float(value), turn)
-            multiply(half, turn, R)
+            z[i, a] = R[a, 0] * chain.axis[i, 0] + R[a, 1] * chain.axis[i, 1] + R[a, 2] * chain.axis[i, 2]
         o[i] = p
     go(R, p, chain.tool_offset)
     half[:] = R
@@ -166,31 +158,6 @@ def _carry(omega: Array, alpha: Array, r: Array, a: Array) -> None:
     a[0] += alpha[1] * r[2] - alpha[2] * r[1] + omega[0] * along - r[0] * square
     a[1] += alpha[2] * r[0] - alpha[0] * r[2] + omega[1] * along - r[1] * square
     a[2] += alpha[0] * r[1] - alpha[1] * r[0] + omega[2] * along - r[2] * square
-
-
-@njit(cache=True, nogil=True)
-def go(R: Array, p: Array, offset: Array) -> None:
-    """Moves p (3,) by `offset` (3,), given in the frame R."""
-    for a in range(3):
-        p[a] += R[a, 0] * offset[0] + R[a, 1] * offset[1] + R[a, 2] * offset[2]
-
-
-@njit(cache=True, nogil=True)
-def multiply(A: Array, B: Array, out: Array) -> None:
-    """Out = A B, all (3, 3); `out` must be neither of them."""
-    for a in range(3):
-        for b in range(3):
-            out[a, b] = A[a, 0] * B[0, b] + A[a, 1] * B[1, b] + A[a, 2] * B[2, b]
-
-
-@njit(cache=True, nogil=True)
-def about(axis: Array, angle: float, out: Array) -> None:
-    """The rotation (3, 3) about a unit axis (3,) by an angle [rad] into out."""
-    s, c = np.sin(angle), np.cos(angle)
-    x, y, z, d = axis[0], axis[1], axis[2], 1.0 - c
-    out[0, 0], out[0, 1], out[0, 2] = c + x * x * d, x * y * d - z * s, x * z * d + y * s
-    out[1, 0], out[1, 1], out[1, 2] = y * x * d + z * s, c + y * y * d, y * z * d - x * s
-    out[2, 0], out[2, 1], out[2, 2] = z * x * d - y * s, z * y * d + x * s, c + z * z * d
 
 
 @njit(cache=True, nogil=True)

@@ -119,12 +119,8 @@ def _shapes(feasibility: Feasibility) -> Proxies:
 
 
 def home(
-    limits: JointLimits,
-    feasibility: Feasibility,
-    joints: tuple[str, ...],
-    rng: np.random.Generator,
-    postures: int = 600,
-) -> Array:
+    limits: JointLimits, feasibility: Feasibility, joints: tuple[str, ...], rng: np.random.Generator, postures: int = 600
+) -> Array:  # fmt: skip
     """(n,) a posture far from collisions and from the ends of the ranges, with room around it."""
     half = np.minimum(0.5 * (limits.upper - limits.lower), np.pi)
     middle = 0.5 * (limits.upper + limits.lower)

@@ -58,13 +58,8 @@ class Expected:
 
 
 def expectations(
-    criterion: Criterion,
-    trajectory: Trajectory,
-    limits: JointLimits,
-    noise: Noise | None = None,
-    *,
-    percent: float = 5.0,
-) -> tuple[Expected, ...]:
+    criterion: Criterion, trajectory: Trajectory, limits: JointLimits, noise: Noise | None = None, *, percent: float = 5.0
+) -> tuple[Expected, ...]:  # fmt: skip
     """What will be known of each base combination after one run of a trajectory, the worst first.
 
     `percent`: combinations that are seen worse get advice, from what wide motions of the same length would see.

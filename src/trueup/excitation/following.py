@@ -18,7 +18,7 @@ from trueup.excitation.inverse_kinematics import (
     settle,
     travel,
 )
-from trueup.excitation.tool_path import Pace, move_lengths, slow_down, starts, tool_laws, tool_state
+from trueup.excitation.tool_path import Pace, Program, program, slow_down, starts, tool_laws, tool_state
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -29,35 +29,24 @@ NO_MOTION = 4
 
 @njit(cache=True, nogil=True)
 def follow(
-    chain: ChainArrays,
-    equations: Equations,
-    begin: Array,
-    T: Array,
-    P: Array,
-    R: Array,
-    turns: Array,
-    X: Array,
-    times: Array,
-    start: Array,
-    q: Array,
-    qd: Array,
-    qdd: Array,
+    chain: ChainArrays, equations: Equations, way: Program, times: Array, start: Array, q: Array, qd: Array, qdd: Array,
     under: Indices,
-) -> int:
+) -> int:  # fmt: skip
     """q, qd, qdd (S, n) at `times` (S,) along a program, from the posture `start` (n,) near its first pose.
 
     Speeds and accelerations are exact, from the Jacobian and its rate. `under` (S,) is the move under way. Returns how
     it ended. Longer than 40 lines because a compiled loop pays for each scratch array that it cannot keep.
-    """  # fmt: skip
+    """
     m, n = len(chain.joint), len(start)
     R_, R0, p0, z, o = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty((m, 3)), np.empty((m, 3))
-    p, v, a, drift = np.empty(3 + X.shape[1]), np.empty(6 + X.shape[1]), np.empty(6 + X.shape[1]), np.empty(6)
+    own = way.X.shape[1]
+    p, v, a, drift = np.empty(3 + own), np.empty(6 + own), np.empty(6 + own), np.empty(6)
     J, A, inverse = np.empty((6, m)), np.empty((m, m)), np.empty((m, m))
     rows = equations.rows
     wanted, speed = np.empty(m), np.empty(m)
     here = start.copy()
     for s in range(len(times)):
-        under[s] = tool_state(times[s], begin, T, P, R, turns, X, R_, p, v, a)
+        under[s] = tool_state(times[s], way, R_, p, v, a)
         if s > 0:
             dt = times[s] - times[s - 1]
             here = q[s - 1] + dt * qd[s - 1] + 0.5 * dt * dt * qdd[s - 1]
@@ -83,53 +72,36 @@ def follow(
 
 
 @njit(cache=True, nogil=True)
-def tool_program(
-    chain: ChainArrays,
-    equations: Equations,
-    P: Array,
-    R: Array,
-    X: Array,
-    pace: Pace,
-    speed: Array,
-    acceleration: Array,
-    start: Array,
-    look: int,
-    slow: Array,
-    begin: Array,
-    T: Array,
-    turns: Array,
-) -> tuple[int, float]:
-    """Plans one program: laws T and `begin` of its moves such that no joint exceeds `speed`, `acceleration` (n,).
+def planned(
+    chain: ChainArrays, equations: Equations, way: Program, pace: Pace, limits: tuple[Array, Array], start: Array, look: int
+) -> tuple[int, float]:  # fmt: skip
+    """Plans one program: laws and starts of its moves such that no joint exceeds its speed and acceleration, `limits` (n,).
 
     A move that asks too much of a joint is slowed down, with those that it blends with, as controllers do. `look`:
     samples on which that is judged. Returns how it ended and the duration [s]. Longer than 40 lines because a compiled
     loop pays for each scratch array that it cannot keep.
-    """  # fmt: skip
-    moves, n = len(turns), len(start)
-    move_lengths(P, R, X, turns)
-    reach = np.zeros(moves)
+    """
+    moves, n = len(way.turns), len(start)
+    reach, slow = np.zeros(moves), np.ones((moves, 2))
     for k in range(moves):
-        length = np.sqrt(np.sum((P[k + 1] - P[k]) ** 2))
+        length = np.sqrt(np.sum((way.P[k + 1] - way.P[k]) ** 2))
         reach[k] = 0.0 if length <= 2.0 * pace.zone else 1.0 - pace.zone / length
-    slow[:] = 1.0
     q, qd, qdd = np.empty((look, n)), np.empty((look, n)), np.empty((look, n))
     under, need = np.zeros(look, np.int64), np.empty((moves, 2))
     end = 0.0
     for turn in range(5):
-        tool_laws(P, turns, X, pace, slow, T)
-        end = starts(T, reach, pace.fly, begin)
+        tool_laws(way, pace, slow)
+        end = starts(way.T, reach, pace.fly, way.begin)
         if end <= 0.0:
             return NO_MOTION, 0.0
-        ended = follow(
-            chain, equations, begin, T, P, R, turns, X, np.linspace(0.0, end, look), start, q, qd, qdd, under
-        )
+        ended = follow(chain, equations, way, np.linspace(0.0, end, look), start, q, qd, qdd, under)
         if ended != REACHED:
             return ended, end
         need[:] = 1.0
         for s in range(look):
-            fast, hard = excess(qd[s], qdd[s], speed, acceleration)
+            fast, hard = excess(qd[s], qdd[s], limits[0], limits[1])
             for k in range(max(0, under[s] - 1), under[s] + 1):
-                if end * s / (look - 1) <= begin[k] + T[k, 0] + T[k, 1] + T[k, 2]:
+                if end * s / (look - 1) <= way.begin[k] + way.T[k].sum():
                     need[k, 0], need[k, 1] = max(need[k, 0], fast), max(need[k, 1], hard)
         if turn == 4 or slow_down(need, turn, slow) <= 1.01:
             break
@@ -161,42 +133,25 @@ def keep(time: Array, qd: Array, qdd: Array, speed: Array, acceleration: Array) 
 
 @njit(cache=True, nogil=True)
 def tool_programs(
-    chain: ChainArrays,
-    equations: Equations,
-    P: Array,
-    R: Array,
-    X: Array,
-    pace: Array,
-    speed: Array,
-    acceleration: Array,
-    posture: Array,
-    look: int,
-    time: Array,
-    q: Array,
-    qd: Array,
-    qdd: Array,
-    ended: Indices,
-) -> None:
+    chain: ChainArrays, equations: Equations, P: Array, R: Array, X: Array, pace: Array, limits: tuple[Array, Array],
+    posture: Array, look: int, time: Array, q: Array, qd: Array, qdd: Array, ended: Indices,
+) -> None:  # fmt: skip
     """Plans and follows B programs of K via points: P (B, K, 3), R (B, K, 3, 3), X (B, K, own), pace (B, 6).
 
-    time (B, S), q, qd, qdd (B, S, n): samples evenly over each program's own duration; `ended` (B,).
-    """  # fmt: skip
-    count, moves, samples = len(P), P.shape[1] - 1, time.shape[1]
-    for b in range(count):
+    `limits`: speed and acceleration (n,). time (B, S), q, qd, qdd (B, S, n): samples evenly over each program's own duration;
+    `ended` (B,).
+    """
+    samples = time.shape[1]
+    for b in range(len(P)):
         own = Pace(pace[b, 0], pace[b, 1], pace[b, 2], pace[b, 3], pace[b, 4], pace[b, 5])
-        slow, begin, T, turns = np.empty((moves, 2)), np.empty(moves), np.empty((moves, 3)), np.empty((moves, 3))
-        start = posture.copy()
-        status = travel(chain, equations, R[b, 0], P[b, 0], X[b, 0], LEAST_GAIN, start)
-        if status == REACHED:
-            status, end = tool_program(
-                chain, equations, P[b], R[b], X[b], own, speed, acceleration, start, look, slow, begin, T, turns
-            )
-            if status == REACHED:
-                for s in range(samples):
-                    time[b, s] = end * s / (samples - 1)
-                under = np.zeros(samples, np.int64)
-                status = follow(
-                    chain, equations, begin, T, P[b], R[b], turns, X[b], time[b], start, q[b], qd[b], qdd[b], under
-                )
-                keep(time[b], qd[b], qdd[b], speed, acceleration)
-        ended[b] = status
+        start, end = posture.copy(), 0.0
+        ended[b] = travel(chain, equations, R[b, 0], P[b, 0], X[b, 0], LEAST_GAIN, start)
+        if ended[b] != REACHED:
+            continue
+        way = program(P[b], R[b], X[b])
+        ended[b], end = planned(chain, equations, way, own, limits, start, look)
+        if ended[b] == REACHED:
+            time[b] = np.linspace(0.0, end, samples)
+            under = np.zeros(samples, np.int64)
+            ended[b] = follow(chain, equations, way, time[b], start, q[b], qd[b], qdd[b], under)
+            keep(time[b], qd[b], qdd[b], limits[0], limits[1])

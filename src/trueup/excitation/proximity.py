@@ -14,11 +14,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from trueup.excitation.cell import Cell
-from trueup.excitation.chain import about, go, multiply
 from trueup.excitation.trajectories import Motions
 from trueup.identification.information import in_threads
 from trueup.identification.kinematic_tree import KinematicTree
-from trueup.identification.regressors import link_poses
+from trueup.identification.poses import TreeArrays, link_poses, place_links
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -62,13 +61,10 @@ class Proximity:
     def __call__(self, motions: Motions, threads: int = 1) -> Array:
         """(B,) penalties, 0 for motions that keep their distance at all samples."""
         total = np.zeros(len(motions.q))
-        tree, shapes = self.tree, self._in_links()
+        tree, shapes = TreeArrays.of(self.tree), self._in_links()
 
         def some(rows: slice) -> None:
-            _nearness(
-                tree.parent, tree.prismatic, tree.axis, tree.rotation, tree.offset, motions.q[rows], shapes,
-                self.margin, total[rows],
-            )  # fmt: skip
+            _nearness(tree, motions.q[rows], shapes, self.margin, total[rows])
 
         in_threads(some, len(total), threads)
         if self.cell is not None:
@@ -88,16 +84,13 @@ class Proximity:
 
 
 @njit(cache=True, nogil=True)
-def _nearness(
-    parent: Indices, prismatic: NDArray[np.bool_], axis: Array, rotation: Array, offset: Array, q: Array, shapes: Proxies,
-    margin: float, total: Array,
-) -> None:  # fmt: skip
-    n, count = len(parent), len(shapes.joint)
+def _nearness(tree: TreeArrays, q: Array, shapes: Proxies, margin: float, total: Array) -> None:
+    n, count = len(tree.parent), len(shapes.joint)
     R, p = np.empty((n, 3, 3)), np.empty((n, 3))
     A, B = shapes.start.copy(), shapes.end.copy()
     for b in range(len(q)):
         for s in range(q.shape[1]):
-            _links(parent, prismatic, axis, rotation, offset, q[b, s], R, p)
+            place_links(tree, q[b, s], R, p)
             for c in range(count):
                 j = shapes.joint[c]
                 if j >= 0:
@@ -117,37 +110,6 @@ def _nearness(
                 short = margin + shapes.radius[i] - far
                 if short > 0.0:
                     total[b] += (short / _SOFT) ** 2
-
-
-@njit(cache=True, nogil=True)
-def _links(
-    parent: Indices,
-    prismatic: NDArray[np.bool_],
-    axis: Array,
-    rotation: Array,
-    offset: Array,
-    q: Array,
-    R: Array,
-    p: Array,
-) -> None:
-    """Poses of all links in the base frame."""
-    turn, half = np.empty((3, 3)), np.empty((3, 3))
-    for j in range(len(parent)):
-        k = parent[j]
-        if k >= 0:
-            p[j] = p[k]
-            go(R[k], p[j], offset[j])
-            multiply(R[k], rotation[j], half)
-        else:
-            p[j] = offset[j]
-            half[:] = rotation[j]
-        if prismatic[j]:
-            R[j] = half
-            for a in range(3):
-                p[j, a] += q[j] * (half[a, 0] * axis[j, 0] + half[a, 1] * axis[j, 1] + half[a, 2] * axis[j, 2])
-        else:
-            about(axis[j], q[j], turn)
-            multiply(half, turn, R[j])
 
 
 @njit(cache=True, nogil=True)

@@ -37,24 +37,43 @@ class Pace(NamedTuple):
     """m: blending does not begin further than this from a via point; may be infinite."""
 
 
+class Program(NamedTuple):
+    """Straight tool moves through K via points and the laws by which they are made."""
+
+    P: Array
+    """(K, 3) positions in m."""
+    R: Array
+    """(K, 3, 3) orientations."""
+    X: Array
+    """(K, own) values of joints that are asked for by value."""
+    turns: Array
+    """(K - 1, 3) rotation from each via point to the next, in the frame of the first."""
+    T: Array
+    """(K - 1, 3) rectangles of the law of each move."""
+    begin: Array
+    """(K - 1,) when each move starts, in s."""
+
+
 @njit(cache=True, nogil=True)
-def move_lengths(P: Array, R: Array, X: Array, turns: Array) -> None:
-    """Turns (K - 1, 3): rotation from each via point to the next, in the frame of the first."""
-    turn = np.empty(3)
-    for k in range(len(P) - 1):
+def program(P: Array, R: Array, X: Array) -> Program:
+    """A program with its turns; laws and starts are still to be planned."""
+    moves, turn = len(P) - 1, np.empty(3)
+    turns = np.empty((moves, 3))
+    for k in range(moves):
         rotation_between(R[k], R[k + 1], turn)
         turns[k] = R[k].T @ turn
+    return Program(P, R, X, turns, np.empty((moves, 3)), np.empty(moves))
 
 
 @njit(cache=True, nogil=True)
-def tool_laws(P: Array, turns: Array, X: Array, pace: Pace, slow: Array, T: Array) -> None:
-    """T (K - 1, 3): rectangles of the law of each move; `slow` (K - 1, 2) as in `law_of`."""
-    for k in range(len(turns)):
-        seconds = np.sqrt(np.sum((P[k + 1] - P[k]) ** 2)) / pace.speed
-        seconds = max(seconds, np.sqrt(np.sum(turns[k] ** 2)) / pace.turn)
-        for i in range(X.shape[1]):
-            seconds = max(seconds, abs(X[k + 1, i] - X[k, i]) / pace.turn)
-        law_of(seconds, pace.ramp, pace.rounding, slow[k], T[k])
+def tool_laws(way: Program, pace: Pace, slow: Array) -> None:
+    """Fills T of a program; `slow` (K - 1, 2) as in `law_of`."""
+    for k in range(len(way.turns)):
+        seconds = np.sqrt(np.sum((way.P[k + 1] - way.P[k]) ** 2)) / pace.speed
+        seconds = max(seconds, np.sqrt(np.sum(way.turns[k] ** 2)) / pace.turn)
+        for i in range(way.X.shape[1]):
+            seconds = max(seconds, abs(way.X[k + 1, i] - way.X[k, i]) / pace.turn)
+        law_of(seconds, pace.ramp, pace.rounding, slow[k], way.T[k])
 
 
 @njit(cache=True, nogil=True)
@@ -99,24 +118,13 @@ def starts(T: Array, reach: Array, fly: float, begin: Array) -> float:
 
 
 @njit(cache=True, nogil=True)
-def tool_state(
-    t: float,
-    begin: Array,
-    T: Array,
-    P: Array,
-    R: Array,
-    turns: Array,
-    X: Array,
-    R_: Array,
-    p: Array,
-    v: Array,
-    a: Array,
-) -> int:
+def tool_state(t: float, way: Program, R_: Array, p: Array, v: Array, a: Array) -> int:
     """Pose R_ (3, 3), p (3,) and rates v, a (6 + own,) of the program at t; own joint values go to v, a's tail and p's.
 
     p has 3 + own entries. Returns the move that is under way (the later one where two blend).
     Longer than 40 lines because each component of position, turn and own joints is written out for the compiler.
     """
+    P, R, X, turns, T, begin = way
     own = X.shape[1]
     p[:3] = P[0]
     p[3:] = X[0]

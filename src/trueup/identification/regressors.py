@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Joint torque as a linear function of the links' inertial parameters: regressor, inverse dynamics, link poses."""
+"""Joint torque as a linear function of the links' inertial parameters: regressor, inverse dynamics."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trueup.errors import ModelError
 from trueup.identification import blocks
-from trueup.identification.kinematic_tree import KinematicTree, about
+from trueup.identification.kinematic_tree import KinematicTree
 
 Array = NDArray[np.float64]
 
@@ -41,29 +41,6 @@ def filled(tree: blocks.Layout, q: Array, qd: Array, qdd: Array) -> Array:
     out = np.zeros((n, p, len(q)))
     blocks.regressor_rows(tree, q, qd, qdd, np.arange(n * p).reshape(n, p), out.reshape(-1))
     return np.moveaxis(out, -1, 0)
-
-
-def link_poses(tree: KinematicTree, q: ArrayLike) -> tuple[Array, Array]:
-    """Rotations (S, n, 3, 3) link to base, and positions (S, n, 3) of the link frames in the base frame, at q (S, n)."""
-    (q_,) = samples(tree, q)
-    R, p = _joint_poses(tree, q_)
-    for j, k in enumerate(tree.parent):
-        if k >= 0:
-            p[:, j] = p[:, k] + np.einsum("sij,sj->si", R[:, k], p[:, j])
-            R[:, j] = R[:, k] @ R[:, j]
-    return R, p
-
-
-def _joint_poses(tree: KinematicTree, q: Array) -> tuple[Array, Array]:
-    """Rotations (S, n, 3, 3) and offsets (S, n, 3) of each link in its parent's frame."""
-    R, p = np.empty((*q.shape, 3, 3)), np.empty((*q.shape, 3))
-    for j in range(tree.n):
-        R[:, j], p[:, j] = tree.rotation[j], tree.offset[j]
-        if tree.prismatic[j]:
-            p[:, j] += q[:, j, None] * (tree.rotation[j] @ tree.axis[j])
-        else:
-            R[:, j] = tree.rotation[j] @ about(tree.axis[j], q[:, j])
-    return R, p
 
 
 def samples(tree: KinematicTree, *given: ArrayLike) -> list[Array]:

@@ -28,7 +28,7 @@ from trueup.identification.estimation.selection import Choice
 from trueup.identification.estimation.verdicts import advice, parameters_of
 from trueup.identification.inertial import pseudo_inertia
 from trueup.identification.kinematic_tree import KinematicTree
-from trueup.identification.regressors import link_poses
+from trueup.identification.poses import link_poses
 
 if TYPE_CHECKING:
     from trueup.identification.estimation.pieces import Piece
