@@ -217,3 +217,20 @@ def test_whole_numbers_of_an_unknown_encoder_are_asked_about(tmp_path: Path) -> 
     mapping = formats.guess_mapping(tmp_path / "log.csv")
     assert mapping.channels["position"].unit == ""
     assert any("scale = 6.2832 / counts of a turn" in note for note in mapping.notes)
+
+
+def test_labels_that_differ_by_words_of_any_drive_are_those_of_the_positions(tmp_path: Path) -> None:
+    names = "t,robot0_joint_pos_0,robot0_joint_pos_1,action_0,action_1"
+    mapping = guess(tmp_path, names)
+    assert mapping.channels["command"].labels == mapping.channels["position"].labels
+    assert any("joint_0, joint_1 taken as robot0_joint_0, robot0_joint_1" in note for note in mapping.notes)
+
+
+def test_the_left_leg_is_not_taken_for_the_right_one(tmp_path: Path) -> None:
+    found = guess(tmp_path, "t,left_hip_pos,left_knee_pos,right_hip_torque,right_knee_torque").channels
+    assert found["torque"].labels == ("right_hip", "right_knee")
+
+
+def test_degrees_beside_revolutions_a_minute_are_told_by_one_another(tmp_path: Path) -> None:
+    channels = swing(tmp_path, "t,motor_angle,motor_speed", 40.0, 40.0 / 6.0).channels
+    assert (channels["position"].unit, channels["velocity"].unit) == ("deg", "rpm")

@@ -144,3 +144,13 @@ def test_angles_whose_unit_nobody_says_are_degrees_where_their_numbers_can_be_no
         assert recording.channel("heading").column("heading") == pytest.approx(heading, abs=2e-6)
         said = [g for g in recording.provenance["guesses"].splitlines() if "degrees" in g]
         assert len(said) == 1 + (wheels is not steering)
+
+
+def test_a_speed_whose_unit_nobody_says_is_told_by_the_way_driven(tmp_path: Path) -> None:
+    t, throttle, steering, x, y, heading, speed = drive()
+    for factor in (1.0, 3.6):
+        shown = np.column_stack([t, throttle, steering, x, y, heading, factor * speed])
+        np.savetxt(tmp_path / "drive.csv", shown, delimiter=",", header=LAYOUTS["plain"], comments="", fmt="%.7f")
+        recording = read([tmp_path / "drive.csv"])[0]
+        assert recording.channel("speed").column("speed") == pytest.approx(speed, abs=2e-6)
+        assert ("km/h" in recording.provenance["guesses"]) == (factor != 1.0)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from trueup.errors import FormatError
 from trueup.formats.dialect import is_empty
 from trueup.formats.table import shown
+from trueup.units import to_si
 
 Array = NDArray[np.float64]
 Place = Callable[[int], str]
@@ -47,9 +48,9 @@ def parse_clock(cells: Sequence[str]) -> Array | None:
         if match is None:
             return None
         hours, minutes, seconds = int(match[2]), int(match[3]), float(match[4].replace(",", "."))
-        result[i] = 3600.0 * hours + 60.0 * minutes + seconds
-    days = np.cumsum(np.diff(result, prepend=result[:1]) < -43200.0)
-    return result + 86400.0 * days
+        result[i] = hours * to_si("h")[1] + minutes * to_si("min")[1] + seconds
+    day = 24 * to_si("h")[1]
+    return result + day * np.cumsum(np.diff(result, prepend=result[:1]) < -day / 2)
 
 
 def _one_by_one(cells: Sequence[str], place: Place) -> Array:

@@ -49,12 +49,12 @@ def guess_unit(name: str, values: Array) -> str:
     steps = steps[steps > 0.0]
     if not steps.size:
         return "s"
-    for unit, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
-        if _EPOCH_SECONDS[0] < abs(float(finite[0])) * factor < _EPOCH_SECONDS[1]:
+    sizes = {unit: to_si(unit)[1] for unit in ("s", "ms", "us", "ns")}
+    for unit, size in sizes.items():
+        if _EPOCH_SECONDS[0] < abs(float(finite[0])) * size < _EPOCH_SECONDS[1]:
             return unit
     step = float(np.median(steps))
-    rates = {unit: 1.0 / (step * factor) for unit, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))}
-    return next((unit for unit, rate in rates.items() if _SLOWEST <= rate <= _FASTEST), "s")
+    return next((unit for unit, size in sizes.items() if _SLOWEST <= 1.0 / (step * size) <= _FASTEST), "s")
 
 
 def seconds(values: Array, unit: str) -> Array:

@@ -18,6 +18,7 @@ from trueup.errors import FormatError
 from trueup.formats.cells import parse_clock, parse_lists
 from trueup.formats.dialect import Dialect, is_empty, is_number, sniff, split
 from trueup.formats.table import Table, listing, shown
+from trueup.units import to_si
 
 Array = NDArray[np.float64]
 
@@ -199,9 +200,9 @@ def _column(column: pa.ChunkedArray, name: str, body: _Body, dialect: Dialect, p
     if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind):
         return _floats(column)
     if pa.types.is_timestamp(kind):
-        return _floats(column.cast(pa.timestamp("ns", tz=kind.tz)).cast(pa.int64())) * 1e-9
+        return _floats(column.cast(pa.timestamp("ns", tz=kind.tz)).cast(pa.int64())) * to_si("ns")[1]
     if pa.types.is_time(kind):
-        return _floats(column.cast(pa.time64("ns")).cast(pa.int64())) * 1e-9
+        return _floats(column.cast(pa.time64("ns")).cast(pa.int64())) * to_si("ns")[1]
     cells = ["" if cell is None else str(cell) for cell in column.to_pylist()]
     return _from_words(cells, name, body, dialect, path)
 

@@ -16,8 +16,6 @@ from trueup.units import to_si
 T = TypeVar("T")
 Read = Callable[[Any, str], Any]
 """(value, where it stands) -> the value as the field holds it. Raises MappingError."""
-_WIDEST = 100
-"""Columns of text: a longer list is written one entry a line."""
 
 
 def key(default: Any, read: Read, *, comment: str = "", unset: str | None = "") -> Any:
@@ -149,4 +147,5 @@ def _written(value: Any) -> str:
         return repr(value[0])
     entries = [_written(entry) for entry in value]
     flat = "[" + ", ".join(entries) + "]"
-    return flat if len(flat) <= _WIDEST else "[\n    " + ",\n    ".join(entries) + ",\n]"
+    # A long list is written one entry a line.
+    return flat if len(flat) <= 100 else "[\n    " + ",\n    ".join(entries) + ",\n]"

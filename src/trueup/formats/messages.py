@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from trueup.units import to_si
+
 _NAME_FIELDS = ("name", "names", "joint_names", "joint_name")
 _LONGEST = 256  # arrays beyond this are images, scans or maps
 _DEEPEST = 6
@@ -46,13 +48,13 @@ def joints_of(message: Any) -> tuple[str, ...]:
 
 def stamp_of(message: Any) -> float | None:
     """The header's time in s; None for no header and for one that was left at zero."""
-    return _seconds(getattr(getattr(message, "header", None), "stamp", None)) or None
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    return seconds_of(stamp) or None if hasattr(stamp, "sec") else None
 
 
-def _seconds(stamp: Any) -> float | None:
-    if stamp is None or not hasattr(stamp, "sec"):
-        return None
-    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
+def seconds_of(stamp: Any) -> float:
+    """A ROS time or duration in s."""
+    return float(stamp.sec) + to_si("ns")[1] * float(stamp.nanosec)
 
 
 def _numbers(

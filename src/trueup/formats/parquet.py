@@ -20,6 +20,7 @@ from trueup.errors import FormatError, OutputError
 from trueup.formats.aside import written_aside
 from trueup.formats.table import Array, Table, listing, numbers
 from trueup.recording import Channel, Recording
+from trueup.units import to_si
 
 _KEY = b"trueup"
 _VERSION = 1
@@ -131,7 +132,7 @@ def _values(column: pa.ChunkedArray, where: str) -> Array | list[str] | None:
         kind = column.type
     if pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
         exact = pa.timestamp("ns", tz=kind.tz) if pa.types.is_timestamp(kind) else pa.duration("ns")
-        return _floats(column.cast(exact).cast(pa.int64())) * 1e-9
+        return _floats(column.cast(exact).cast(pa.int64())) * to_si("ns")[1]
     if (
         pa.types.is_boolean(kind)
         or pa.types.is_integer(kind)

@@ -9,10 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from trueup.formats.messages import seconds_of
 from trueup.formats.table import Array
+from trueup.units import to_si
 
 KIND = "/JointTrajectory"
-_RATE = 100.0  # Hz of what is written out: controllers interpolate at their own rate
+RATE = 100.0
+"""Hz of what is written out, of plans read and of plans written: controllers interpolate between at their own rate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +48,7 @@ def plan_of(message: Any, received: float, stamp: float | None) -> Plan | None:
     points = [p for p in message.points if joints and len(p.positions) == len(joints)]
     if not points:
         return None
-    after = np.array([p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points])
+    after = np.array([seconds_of(p.time_from_start) for p in points])
     later = np.concatenate([[True], np.diff(np.maximum.accumulate(after)) > 0.0])
     moving = all(len(p.velocities) == len(joints) for p in points)
     velocities = np.array([p.velocities for p in points])[later] if moving else None
@@ -67,15 +70,17 @@ def followed(plans: Sequence[Plan], measured: Callable[[float], Array | None]) -
     for plan, following in zip(ordered, [*ordered[1:], None], strict=True):
         knots, points, slopes = _with_begin(plan, at, speed)
         end = knots[-1] if following is None else min(knots[-1], following.start - plan.start)
-        instants = np.append(np.arange(knots[0], end, 1.0 / _RATE), max(end, knots[0]))
+        instants = np.append(np.arange(knots[0], end, 1.0 / RATE), max(end, knots[0]))
         times.append(plan.start + instants)
         values.append(_passed(instants, knots, points, slopes))
         at = values[-1][-1]
         cut_off = end < knots[-1] and len(instants) > 2
-        speed = (values[-1][-2] - values[-1][-3]) * _RATE if cut_off else np.zeros(len(plan.joints))
+        speed = (values[-1][-2] - values[-1][-3]) * RATE if cut_off else np.zeros(len(plan.joints))
     time, row = np.concatenate(times), np.concatenate(values)
     order = np.argsort(time, kind="stable")
-    last_of = np.append(np.diff(time[order]) > 1e-9, True)  # where one plan ends as the next begins, the next counts
+    last_of = np.append(
+        np.diff(time[order]) > to_si("ns")[1], True
+    )  # where one plan ends as the next begins, the next counts
     return time[order][last_of], row[order][last_of]
 
 

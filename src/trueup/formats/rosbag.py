@@ -14,6 +14,7 @@ from trueup.errors import FormatError, MissingExtraError
 from trueup.formats.messages import Rows, rows_of, stamp_of
 from trueup.formats.planned import KIND, Plan, followed, plan_of
 from trueup.formats.table import Array, Table, numbers, shown
+from trueup.units import to_si
 
 _JOINT_STATE_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m"}
 
@@ -94,7 +95,7 @@ def _messages(reader: Any, warnings: dict[str, int]) -> Iterator[tuple[str, str,
             reason = f"{connection.topic} ({connection.msgtype}) cannot be decoded: {_cause(error)}"
             warnings[reason] = warnings.get(reason, 0) + 1
             continue
-        yield connection.topic, connection.msgtype, received * 1e-9, message
+        yield connection.topic, connection.msgtype, received * to_si("ns")[1], message
 
 
 def _commanded(topic: str, plans: Sequence[Plan], others: Sequence[_Topic]) -> _Topic:

@@ -15,12 +15,12 @@ import numpy as np
 
 from trueup.errors import MissingExtraError, OutputError
 from trueup.formats.aside import written_aside
+from trueup.formats.planned import RATE
 from trueup.recording import Recording
+from trueup.units import to_si
 
 TOPIC = "/joint_trajectory"
 _PARTS = (("pos", "position"), ("vel", "velocity"), ("acc", "acceleration"))
-_MOST = 100.0
-"""Hz of the points in a message: controllers interpolate between them."""
 
 
 def write_csv(trajectory: Recording, path: Path) -> None:
@@ -87,7 +87,7 @@ def _message(trajectory: Recording, types: Mapping[str, Any]) -> Any:
     for k in _kept(trajectory):
         seconds = float(position.time[k] - position.time[0])
         whole = int(seconds)
-        after = duration(whole, round((seconds - whole) * 1e9))
+        after = duration(whole, round((seconds - whole) / to_si("ns")[1]))
         points.append(point(*(np.ascontiguousarray(v[k]) for v in values), np.zeros(0), after))
     return types["trajectory_msgs/msg/JointTrajectory"](header, list(position.labels), points)
 
@@ -96,5 +96,5 @@ def _kept(trajectory: Recording) -> list[int]:
     """Samples for a message: evenly at 100 Hz at most, the last one included."""
     time = trajectory.channel("position").time
     rate = (len(time) - 1) / (time[-1] - time[0])
-    step = max(1, round(rate / _MOST))
+    step = max(1, round(rate / RATE))
     return sorted({*range(0, len(time), step), len(time) - 1})

@@ -150,7 +150,7 @@ def _fraction(table: Table, clocks: Sequence[str]) -> str:
             _says_nanoseconds(name)
             and values.ndim == 1
             and len(clocks) > 1
-            and float(np.nanmax(values)) < 1e9
+            and float(np.nanmax(values)) * to_si("ns")[1] < 1.0
             and float(np.nanmin(values)) >= 0.0
         ):
             return name

@@ -14,17 +14,17 @@ from trueup.formats.rules import joints, vehicles
 from trueup.formats.rules.bases import is_unit
 from trueup.formats.rules.names import listed
 from trueup.formats.rules.rule import Column
-from trueup.formats.rules.sizes import rate_factor
+from trueup.formats.rules.sizes import rate_factor, speed_of
 from trueup.formats.rules.vehicles import Signal
 from trueup.inspection.relations import nearest
 from trueup.units import hardly_radians, to_si
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _POSE_TOGETHER = listed("odom odometry vicon mocap optitrack pf gps gnss slam amcl pose")
-_DEGREE = to_si("deg")[1]
+_SPEEDS = ("m/s", "km/h", "mph", "cm/s", "mm/s")
 _MANY_TURNS = 50.0
 """rad: a heading that grows on and on is beyond this after eight turns, one in degrees at once."""
-_FULL_LOCK = math.radians(91.0)
+_FULL_LOCK = math.pi / 2.0
 """rad: no wheel is steered further."""
 
 
@@ -141,11 +141,13 @@ def _part(channel: str, signals: Mapping[str, Signal], time: TimeColumn, parts: 
     usual = "" if channel.startswith("command") else vehicles.BY_KIND[own].unit
     columns = tuple(s.column for s in signals.values())
     degrees = [c.name for (label, s), c in zip(signals.items(), columns, strict=True) if _in_degrees(label, s, signals)]
-    scale = tuple(_DEGREE if s.column.name in degrees else _scale(s, usual) for s in signals.values())
+    scale = tuple(math.radians(1.0) if s.column.name in degrees else _scale(s, usual) for s in signals.values())
     more = ", growing to the left" if channel == "heading" else ""
     more += f"; the numbers of {' and '.join(degrees)} are degrees" if degrees else ""
+    if channel == "speed" and not _says(signals[own]) and (unit := _unit_of_speed(columns[0], parts, time)):
+        scale, more = (to_si(unit)[1],), f"; by the way its numbers are {unit}"
     if channel == "yaw_rate" and not _says(signals[own]) and _turns_in_degrees(columns[0], parts, time):
-        scale, more = (_DEGREE,), "; by the heading its numbers are degrees per second"
+        scale, more = (math.radians(1.0),), "; by the heading its numbers are degrees per second"
     note = f"{channel}: {' and '.join(c.name for c in columns)} taken as {', '.join(signals)}"
     note += f" in {usual}{more}" if usual else more
     plain = channel == "command" and not degrees and [c.name for c in columns] == list(signals)
@@ -165,10 +167,22 @@ def _in_degrees(label: str, signal: Signal, beside: Mapping[str, Signal]) -> boo
         return False
     largest, jump = signal.column.largest, float(np.abs(np.diff(known)).max(initial=0.0))
     if label == "heading":  # a compass jumps by a whole turn where it passes its zero
-        turns_by = nearest(jump, {"deg": 360.0, "rad": 2.0 * math.pi})
-        return hardly_radians(largest, _MANY_TURNS) or (turns_by == "deg" and largest <= 361.0)
-    inside = not hardly_radians(largest * _DEGREE, _FULL_LOCK)
+        turns_by = nearest(jump, {"deg": math.degrees(math.tau), "rad": math.tau})
+        return hardly_radians(largest, _MANY_TURNS) or (turns_by == "deg" and largest <= math.degrees(math.tau) + 1.0)
+    inside = not hardly_radians(largest * math.radians(1.0), _FULL_LOCK)
     return label == "steering" and "speed" in beside and hardly_radians(largest, _FULL_LOCK) and inside
+
+
+def _unit_of_speed(column: Column, parts: Sequence[Part], time: TimeColumn) -> str:
+    """The unit in which a speed is that along x and y, if that is not m/s; '' where this is not to be told."""
+    place = next((part for part in parts if part.channel == "position" and part.labels == ("x", "y")), None)
+    if place is None or any(c.table is not column.table or c.clock != column.clock for c in place.columns):
+        return ""
+    steps = [speed_of(c, time) for c in place.columns]
+    along = np.hypot(*steps) * place.scale[0] if all(len(s) for s in steps) else np.zeros(0)
+    usual, shown = (float(np.median(np.abs(x))) if len(x) else 0.0 for x in (along, column.known))
+    unit = nearest(shown / usual, {u: 1.0 / to_si(u)[1] for u in _SPEEDS}) if usual > 0.0 else ""
+    return unit if unit != "m/s" else ""
 
 
 def _turns_in_degrees(column: Column, parts: Sequence[Part], time: TimeColumn) -> bool:
@@ -179,7 +193,10 @@ def _turns_in_degrees(column: Column, parts: Sequence[Part], time: TimeColumn) -
     if heading is None:
         return False
     times = rate_factor(column, heading.columns[0], time)
-    return times is not None and nearest(abs(times) / heading.scale[0], {"deg": 1.0 / _DEGREE, "rad": 1.0}) == "deg"
+    return (
+        times is not None
+        and nearest(abs(times) / heading.scale[0], {"deg": 1.0 / math.radians(1.0), "rad": 1.0}) == "deg"
+    )
 
 
 def _scale(signal: Signal, unit: str) -> float:

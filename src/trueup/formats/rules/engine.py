@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from trueup.errors import MappingError
 from trueup.formats.mapping import ChannelColumns, ChannelMap
 from trueup.formats.rules import bases, joints
 from trueup.formats.rules.clocks import Clocks, find_clocks
+from trueup.formats.rules.coherence import Proposal, own, with_common_labels, with_twins, without_sensors
 from trueup.formats.rules.drive import Part, drive
 from trueup.formats.rules.names import AXES, stem, taken_apart, with_actual, words
 from trueup.formats.rules.rule import Array, Column
@@ -24,16 +25,6 @@ _FAMILIES = ("motor", "raw", "unfiltered", "filtered")
 """Signals of motors are kept apart from those of joints, raw ones from filtered ones, where a file has both."""
 _OF_VEHICLES = ("position", "velocity", "acceleration", "command")
 """Kinds that a vehicle's log has under its own names: what is left of them there is no joint's."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Proposal:
-    """What a column is taken for: a role and a label; '' for the role where no rule knows."""
-
-    column: Column
-    role: str
-    label: str
-    unit: str
 
 
 def guess(tables: Sequence[Table]) -> ChannelMap:
@@ -50,12 +41,13 @@ def guess(tables: Sequence[Table]) -> ChannelMap:
     used = {column for part in parts for column in part.columns}
     proposals = _proposals([c for c in columns if c not in used], driven=bool(parts), several=len(tables) > 1)
     groups = _groups(proposals, several=len(tables) > 1)
+    groups, renamed = with_common_labels(groups)
     channels = {name: _channel(group, clocks, tables) for name, group in groups.items()}
     sizes = Sizes(channels, {name: [p.column for p in group] for name, group in groups.items()}, clocks.main)
     notes = _notes(channels, groups) if not parts else []
     sizes.settle()
     more = _with_vehicle(channels, parts, clocks) if parts else _with_base(channels, sizes.groups, clocks)
-    return ChannelMap(channels=channels, time=clocks.main, notes=(*clocks.notes, *notes, *sizes.notes, *more))
+    return ChannelMap(channels=channels, time=clocks.main, notes=(*clocks.notes, *renamed, *notes, *sizes.notes, *more))
 
 
 def _columns(tables: Sequence[Table], clocks: Clocks) -> list[Column]:
@@ -78,22 +70,22 @@ def _counts_rows(name: str, values: Array) -> bool:
     return bool(np.all(np.diff(values) == 1.0))
 
 
-def _proposals(columns: Sequence[Column], *, driven: bool, several: bool) -> list[_Proposal]:
+def _proposals(columns: Sequence[Column], *, driven: bool, several: bool) -> list[Proposal]:
     """What each column is taken for; in the log of a vehicle nothing is a joint's position, speed or command."""
     proposals = [_proposal(column, several) for column in columns]
     if driven:
-        return [_own(p.column) if p.role.split("_")[0] in _OF_VEHICLES else p for p in proposals]
-    proposals = _without_sensors(proposals)
-    return _with_twins(proposals) if not any(p.role == "position" for p in proposals) else proposals
+        return [own(p.column) if p.role.split("_")[0] in _OF_VEHICLES else p for p in proposals]
+    proposals = without_sensors(proposals)
+    return with_twins(proposals) if not any(p.role == "position" for p in proposals) else proposals
 
 
-def _proposal(column: Column, several: bool) -> _Proposal:
+def _proposal(column: Column, several: bool) -> Proposal:
     """What a column's name and its file's say of a joint."""
     reading = joints.read(column.parts)
     context = joints.read(taken_apart(stem(column.table.name))) if several else None
     plain = column.parts.words
     if not reading.joint or (context is not None and not context.joint) or _of_floating_base(column):
-        return _own(column)
+        return own(column)
     kind, command, sent = reading.kind, reading.command, reading.sent
     if context is not None:
         kind, sent = kind or context.kind, sent or context.sent
@@ -106,26 +98,16 @@ def _proposal(column: Column, several: bool) -> _Proposal:
         base = "command_sent" if sent else "command"
         role = base if kind in ("", "position") else f"{base}_{kind}"
     if not role:
-        return _own(column)
+        return own(column)
     # Voltages and temperatures are more often of the supply than of a joint.
     label = kind if kind in ("voltage", "temperature") and not reading.label else joints.label_of(reading.label)
-    return _Proposal(column, role, label, reading.unit or column.declared)
+    return Proposal(column, role, label, reading.unit or column.declared)
 
 
 def _of_floating_base(column: Column) -> bool:
     """Whether "base" means a trunk with a pose of several numbers, and not an arm's first joint."""
     plain = column.parts.words
     return "base" in plain and (column.values.ndim > 1 or any(word in AXES or word.isdigit() for word in plain))
-
-
-def _own(column: Column) -> _Proposal:
-    """A column under its own name; those that differ by an axis or an index go together."""
-    plain = column.parts.words
-    tail = [word for word in plain if word in AXES or word.isdigit()]
-    head = [word for word in plain if word not in tail]
-    own = "_".join(plain) or column.name
-    reading = joints.read(column.parts)
-    return _Proposal(column, "", "_".join(tail) if head and tail else own, reading.unit or column.declared)
 
 
 def _own_name(column: Column) -> str:
@@ -136,54 +118,15 @@ def _own_name(column: Column) -> str:
     return prefix + ("_".join(head or plain) or column.name)
 
 
-def _without_sensors(proposals: Sequence[_Proposal]) -> list[_Proposal]:
-    """Speeds, accelerations and torques along axes of which no position or command speaks are those of a sensor.
-
-    Likewise an angle without a name beside a place x, y is where a vehicle heads, and no joint's.
-    """
-    labels = {p.label for p in proposals if p.role in ("position", "command", "command_sent")}
-    names = {p.column.name.lower() for p in proposals}
-    found = []
-    for p in proposals:
-        sensor = p.role in ("velocity", "acceleration", "torque") and p.label in AXES - labels
-        heads = p.role == "position" and p.column.name.lower() == "theta" and {"x", "y"} <= names
-        found.append(_own(p.column) if sensor or heads else p)
-    return found
-
-
-def _with_twins(proposals: Sequence[_Proposal]) -> list[_Proposal]:
-    """Where no word tells a position, columns named as the commands are, but for the word that commands, are positions.
-
-    "joint1" beside "joint1_cmd", unless it moves against it.
-    """
-    commands = {p.label: p.column for p in proposals if p.role == "command"}
-    found = []
-    for p in proposals:
-        reading = joints.read(p.column.parts)
-        command = commands.get(joints.label_of(reading.label)) if not p.role and reading.joint else None
-        twin = command is not None and _go_together(p.column, command)
-        found.append(replace(p, role="position", label=joints.label_of(reading.label)) if twin else p)
-    return found
-
-
-def _go_together(column: Column, command: Column) -> bool:
-    """Whether a column may be what a command moved: rows of one table that are not of opposite sense."""
-    if column.table is not command.table or column.values.ndim > 1 or command.values.ndim > 1:
-        return column.width == command.width
-    good = np.isfinite(column.values) & np.isfinite(command.values)
-    spread = np.cov(column.values[good], command.values[good]) if np.count_nonzero(good) > 1 else np.zeros((2, 2))
-    return bool(spread[0, 1] >= 0.0)
-
-
-def _groups(proposals: Sequence[_Proposal], *, several: bool) -> dict[str, list[_Proposal]]:
+def _groups(proposals: Sequence[Proposal], *, several: bool) -> dict[str, list[Proposal]]:
     """Columns by channel. A second family for a role already taken gets a name of its own."""
-    families: dict[tuple[str, str, str, str, bool], list[_Proposal]] = {}
+    families: dict[tuple[str, str, str, str, bool], list[Proposal]] = {}
     for p in proposals:
         column = p.column
         family = next((word for word in _FAMILIES if word in column.parts.words), "")
         key = (p.role or _own_name(column), column.table.name, column.clock, family, column.values.ndim > 1)
         families.setdefault(key, []).append(p)
-    groups: dict[str, list[_Proposal]] = {}
+    groups: dict[str, list[Proposal]] = {}
     for (role, table, _, family, _), members in sorted(families.items(), key=lambda f: -_weight(f[1])):
         name = role
         if name in groups:
@@ -196,18 +139,18 @@ def _groups(proposals: Sequence[_Proposal], *, several: bool) -> dict[str, list[
     return dict(sorted(groups.items(), key=lambda group: _order(group[0])))
 
 
-def _weight(members: Sequence[_Proposal]) -> int:
+def _weight(members: Sequence[Proposal]) -> int:
     return sum(member.column.width for member in members)
 
 
-def _distinct(members: Sequence[_Proposal]) -> list[_Proposal]:
+def _distinct(members: Sequence[Proposal]) -> list[Proposal]:
     """Members with distinct labels; where two would have the same, the columns' names are the labels."""
     if len({member.label for member in members}) == len(members):
         return list(members)
     return [replace(member, label=member.column.name) for member in members]
 
 
-def _channel(group: Sequence[_Proposal], clocks: Clocks, tables: Sequence[Table]) -> ChannelColumns:
+def _channel(group: Sequence[Proposal], clocks: Clocks, tables: Sequence[Table]) -> ChannelColumns:
     first = group[0].column
     width = clocks.widths.get(first.table.name, 0)
     units = {member.unit for member in group}
@@ -224,7 +167,7 @@ def _channel(group: Sequence[_Proposal], clocks: Clocks, tables: Sequence[Table]
     )
 
 
-def _labels(group: Sequence[_Proposal], width: int) -> tuple[str, ...]:
+def _labels(group: Sequence[Proposal], width: int) -> tuple[str, ...]:
     if width > 1:
         return tuple(f"joint_{i + 1}" for i in range(width))
     if all(member.column.width == 1 for member in group):
@@ -266,7 +209,7 @@ def _plain(
     return ChannelColumns(columns=names, file=first.file, labels=labels, unit=unit, scale=scale, **keys)
 
 
-def _notes(channels: Mapping[str, ChannelColumns], groups: Mapping[str, Sequence[_Proposal]]) -> list[str]:
+def _notes(channels: Mapping[str, ChannelColumns], groups: Mapping[str, Sequence[Proposal]]) -> list[str]:
     notes = []
     if not any(name.split("_")[0] in ("command", *joints.BY_KIND) for name in channels):
         found = listing(member.column.name for group in groups.values() for member in group)

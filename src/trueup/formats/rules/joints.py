@@ -14,22 +14,29 @@ from trueup.units import to_si
 RULES = (
     Rule(
         "position",
-        "position, positions, pos, q, qpos, angle, angles, theta, ang, jointangle, jointpos, jp, jpos",
+        "position, positions, pos, q, qpos, angle, angles, theta, th, ang, jointangle, jointpos, jp, jpos",
         (
             Example("t,q1,q2,q_ref1,q_ref2", "0 .1 .2 .1 .2|.01 .2 .3 .2 .3|.02 .3 .4 .3 .4",
                     "command[rad] joint_1 joint_2; position[rad] joint_1 joint_2"),
             Example("time,shoulder (deg),shoulder cmd (deg)", "0 10 11|.1 20 21|.2 30 31",
                     "command[deg] shoulder; position[deg] shoulder"),
             Example("ms,lift_goal_mm,lift_act_mm", "0 1 1|10 2 1|20 3 2", "command[mm] lift; position[mm] lift"),
+            Example("t,th1,th2,th1_d,th2_d,dth1,dth2", "0 .1 .2 .1 .2 1 1|.01 .2 .3 .2 .3 1 1|.02 .3 .4 .3 .4 1 1",
+                    "command[rad] joint_1 joint_2; position[rad] joint_1 joint_2; velocity[rad/s] joint_1 joint_2"),
+            Example("t,AxisPos_A1,AxisPos_A2,SetPos_1,SetPos_2", "0 .1 .2 .1 .2|.01 .2 .3 .2 .3|.02 .3 .4 .3 .4",
+                    "command[rad] Axis_A1 Axis_A2; position[rad] Axis_A1 Axis_A2"),
+            Example("t,id1_present_position,id1_goal_position", "0 .1 .1|.01 .2 .2|.02 .3 .3",
+                    "command[rad] id1; position[rad] id1"),
             Example("t,pos_cmd_j1,pos_fbk_j1", "0 .1 .1|.01 .2 .1|.02 .3 .2", "command[rad] j1; position[rad] j1"),
         ),
         unit="rad", also=("m",),
     ),
     Rule(
         "velocity",
-        "velocity, velocities, vel, vels, speed, speeds, qd, dq, qdot, qvel, omega, jointvel, jv, jvel, dot",
+        "velocity, velocities, vel, vels, speed, speeds, qd, dq, qdot, qvel, dth, omega, jointvel, jv, jvel, dot",
         (
             Example("t,q_1,q_dot_1", "0 .1 1|.01 .2 2|.02 .3 1", "position[rad] joint_1; velocity[rad/s] joint_1"),
+            Example("t,hip_angle,hip_rate", "0 .1 1|.01 .2 2|.02 .3 1", "position[rad] hip; velocity[rad/s] hip"),
             Example("t,hip_angle_deg,hip_speed_deg_s", "0 1 2|.1 2 3|.2 3 1", "position[deg] hip; velocity[deg/s] hip"),
         ),
         unit="rad/s", also=("m/s",), rate_of="position",
@@ -73,6 +80,8 @@ _RATES = MappingProxyType({"dot": "velocity", "ddot": "acceleration"})
 """Words that make a rate of change of what stands before them: q_dot, theta_ddot."""
 _ENCODERS = listed("encoder encoders enc counts ticks")
 """Words of a position where no other word tells a kind."""
+_OF_A_LOG = frozenset(["sample", "sampling", "frame", "update", "data", "loop", "log"])
+"""Whose rate is no speed."""
 _ITSELF = frozenset(["throttle", "steering"])  # words that are a command and its name at once
 _NEUTRAL = listed("controller controllers trajectory lowstate lowcmd")
 _PARTS = listed("joint joints motor motors")
@@ -121,7 +130,8 @@ def read(name: Name) -> Reading:
         measured=bool((MEASURED - _PARTS) & set(plain)),
         unit=unit,
         label=name.cut_out(keep),
-        joint=not any(word in _NOT_JOINT for word in plain),
+        # A drive with a number, id1_position, is one.
+        joint=not (_NOT_JOINT - ({"id"} if kind else set())) & set(plain),
     )
 
 
@@ -152,7 +162,7 @@ def _is_command(i: int, plain: Sequence[str]) -> bool:
     if word in COMMANDED or word in _ITSELF:
         return True
     if word == "d":  # q_d, tau_J_d: desired
-        return any(previous in ("q", "dq", "tau", "ddq") for previous in plain[:i])
+        return any(previous in KINDS for previous in plain[:i])
     return word not in KINDS and bool(_kind(word))
 
 
@@ -179,9 +189,11 @@ def _kind_by_unit(name: Name, *, told: bool) -> tuple[str, str, range]:
 
 
 def _by_letter(plain: Sequence[str], kinds: Sequence[str], *, current: bool, position: bool) -> tuple[str, list[str]]:
-    """Kinds of last resort: i for a current, an encoder for a position, or what is plainly measured."""
+    """Kinds of last resort: i for a current, a rate, an encoder for a position, or what is plainly measured."""
     if current and "i" in plain and len(plain) > 1:
         return "current", ["current" if word == "i" else kind for word, kind in zip(plain, kinds, strict=True)]
+    if "rate" in plain and len(plain) > 1 and not _OF_A_LOG & set(plain):
+        return "velocity", ["velocity" if word == "rate" else kind for word, kind in zip(plain, kinds, strict=True)]
     if _ENCODERS & set(plain):
         return "position", ["position" if w in _ENCODERS else kind for w, kind in zip(plain, kinds, strict=True)]
     return ("position" if position else ""), list(kinds)

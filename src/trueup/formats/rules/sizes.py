@@ -8,11 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trueup.formats.clock import guess_unit, seconds
 from trueup.formats.mapping import ChannelColumns, TimeColumn
 from trueup.formats.rules.joints import BY_KIND
-from trueup.formats.rules.rule import Column
+from trueup.formats.rules.rule import Array, Column
 from trueup.inspection.relations import factor, nearest, rate
 from trueup.units import hardly_radians, to_si
 
@@ -57,7 +58,7 @@ class Sizes:
     def _position(self, name: str, counts: bool) -> None:
         largest = max(column.largest for column in self.groups[name])
         ticks = any(_TICKS & set(column.parts.words) for column in self.groups[name])
-        related = self._beside_speed(name) or self._beside_positions(name)
+        related = self._beside_speed(name) or self._beside_positions(name) or self._with_speed(name, largest)
         if related:
             self._take(name, *related)
         elif counts:
@@ -90,6 +91,14 @@ class Sizes:
         times = self._common("velocity", name, derive=True)
         unit = nearest(times * to_si(speed.unit)[1], {u: to_si(u)[1] for u in _ANGLES}) if times else ""
         return (unit, f"the speeds in {speed.unit} are its rate") if unit else None
+
+    def _with_speed(self, name: str, largest: float) -> tuple[str, str] | None:
+        """Degrees, where angles are no radians and speeds of an unknown unit are their rate in rad/s or rpm."""
+        if name != "position" or not self._open("velocity") or not hardly_radians(largest):
+            return None
+        times = self._common("velocity", name, derive=True)
+        unit = nearest(times, {u: to_si("deg")[1] / to_si(u)[1] for u in ("rad/s", "rpm")}) if times else ""
+        return ("deg", f"the speeds are their rate in {unit}") if unit else None
 
     def _beside_positions(self, name: str) -> tuple[str, str] | None:
         """The unit of positions or commands that go with others, whose unit is known."""
@@ -149,11 +158,28 @@ def _are_counts(measured: Sequence[Column]) -> bool:
     if not all(_whole(column) for column in measured):
         return False
     lowest = min(float(column.known.min()) for column in measured)
-    return lowest >= 0.0 and 2.0 * 360.0 < max(column.largest for column in measured) < _TURN
+    return lowest >= 0.0 and 2.0 * math.degrees(math.tau) < max(column.largest for column in measured) < _TURN
 
 
 def _whole(column: Column) -> bool:
     return bool(column.known.size) and bool(np.all(column.known == np.round(column.known)))
+
+
+def speed_of(column: Column, time: TimeColumn) -> Array:
+    """(m,) rate of change of a column on its table's main clock, in its unit a second; (0,) where that is not to be told."""
+    clock = column.table.columns.get(time.column)
+    if clock is None or column.clock or column.values.ndim > 1:
+        return np.zeros(0)
+    instants = seconds(clock, time.unit or guess_unit(time.column, clock))
+    good = _usable(instants, column.values)
+    return rate(column.values[good], instants[good])[1] if np.count_nonzero(good) > 2 else np.zeros(0)
+
+
+def _usable(instants: Array, *signals: Array) -> NDArray[np.bool_]:
+    """(T,) where all are known and time goes forward."""
+    good = np.isfinite(instants) & np.logical_and.reduce([np.isfinite(s) for s in signals])
+    good[1:] &= np.diff(np.fmax.accumulate(np.where(np.isfinite(instants), instants, -np.inf))) > 0.0
+    return good
 
 
 def _factor(column: Column, beside: Column, time: TimeColumn, *, derive: bool) -> float | None:
@@ -165,8 +191,7 @@ def _factor(column: Column, beside: Column, time: TimeColumn, *, derive: bool) -
     if clock is None or beside.clock or column.clock or len(clock) < 3:
         return None
     instants = seconds(clock, time.unit or guess_unit(time.column, clock))
-    good = np.isfinite(instants) & np.isfinite(reference) & np.isfinite(values)
-    good[1:] &= np.diff(np.fmax.accumulate(np.where(np.isfinite(instants), instants, -np.inf))) > 0.0
+    good = _usable(instants, reference, values)
     if np.count_nonzero(good) < 3:
         return None
     at, slope = rate(reference[good], instants[good])

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -16,7 +17,7 @@ from trueup.units import canonical, to_si
 
 def _on_a_globe(values: Array) -> bool:
     """Degrees of latitude or longitude."""
-    return bool(np.abs(values).max(initial=0.0) <= 180.0)
+    return bool(np.abs(values).max(initial=0.0) <= math.degrees(math.pi))
 
 
 def _quaternion(axis: str) -> str:
@@ -29,8 +30,14 @@ RULES = (
         "throttle",
         "throttle, gas, accelerator, esc, drive, duty, duty cycle, accel pedal, accelerator pedal, gas pedal, "
         "throttle pedal, pedal",
-        (Example("t,gas_percent,steer,x,y,yaw", "0 10 .1 1 2 .1|.1 20 .1 1.1 2 .1|.2 30 .2 1.2 2 .2",
-                 "command[] throttle steering; position[m] x y; heading[rad] heading"),),
+        (
+            Example("t,gas_percent,steer,x,y,yaw", "0 10 .1 1 2 .1|.1 20 .1 1.1 2 .1|.2 30 .2 1.2 2 .2",
+                 "command[] throttle steering; position[m] x y; heading[rad] heading"),
+         Example("t,x,y,yaw,v,steering_angle,accel_cmd", "0 1 2 .1 1 .1 .5|.1 1.1 2 .1 1 .2 .5|.2 1.2 2 .2 1 .1 .4",
+                 "command[] throttle steering; position[m] x y; heading[rad] heading; speed[m/s] speed"),
+         Example("t,servo_us,motor_us,x,y,theta", "0 1500 1500 1 2 .1|.1 1600 1550 1.1 2 .1|.2 1500 1550 1.2 2 .1",
+                 "command[] throttle steering; position[m] x y; heading[rad] heading"),
+        ),
     ),
     Rule("brake", "brake, braking, brake pedal",
          (Example("t,throttle,brake,steering", "0 .1 0 .1|.1 .2 0 .1|.2 0 1 .2", "command[] throttle steering brake"),)),
@@ -98,6 +105,9 @@ _WHOSE = _ASKED | listed(
 )
 """Words beside a signal's own that do not change what it is."""
 _OF_AN_IMU = frozenset(("imu", "acc", "accel", "acceleration", "gyro", "mag"))
+_ACCELERATIONS = frozenset(["accel", "acceleration", "acc"])
+"""What drives a vehicle where it is commanded."""
+_OF_A_MOTOR = frozenset(["motor", "pwm", "drive"])
 _OF_WHEELS = frozenset(("wheel", "encoder", "imu", "gyro"))
 _TRUSTED: tuple[frozenset[str], ...] = tuple(
     frozenset(group.split())
@@ -155,8 +165,11 @@ def _kind(plain: list[str], everything: list[str]) -> str:
     if not kind:  # cmd_vel.linear.x says twice that it is a velocity
         once = _CORES.get(core - {"vel", "velocity"}, "")
         kind = once if once in ("speed", "yaw_rate") else ""
+    if core <= _ACCELERATIONS and core and _ASKED & set(everything):
+        kind = "throttle"
     if not core:  # only words that say whose it is
-        kind = "throttle" if "drive" in plain and len(plain) < 3 else ""
+        driven = ("drive" in plain and len(plain) < 3) or ("motor" in plain and set(plain) <= _OF_A_MOTOR | _ASKED)
+        kind = "throttle" if driven else ""
         kind = "longitude" if "long" in plain and {"gps", "gnss"} & set(everything) else kind
     return kind
 

@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What columns say of one another: sensors beside joints, columns named as their commands, labels that mean the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from trueup.formats.rules import joints
+from trueup.formats.rules.names import AXES, words
+from trueup.formats.rules.rule import Column
+from trueup.formats.table import listing
+
+_OF_ANY_DRIVE = frozenset(
+    ["joint", "joints", "axis", "motor", "dof", "actuator", "servo", "drive", "robot", "arm", "a", "j"]
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """What a column is taken for: a role and a label; '' for the role where no rule knows."""
+
+    column: Column
+    role: str
+    label: str
+    unit: str
+
+
+def own(column: Column) -> Proposal:
+    """A column under its own name; those that differ by an axis or an index go together."""
+    plain = column.parts.words
+    tail = [word for word in plain if word in AXES or word.isdigit()]
+    head = [word for word in plain if word not in tail]
+    whole = "_".join(plain) or column.name
+    reading = joints.read(column.parts)
+    return Proposal(column, "", "_".join(tail) if head and tail else whole, reading.unit or column.declared)
+
+
+def without_sensors(proposals: Sequence[Proposal]) -> list[Proposal]:
+    """Speeds, accelerations and torques along axes of which no position or command speaks are those of a sensor.
+
+    Likewise an angle without a name beside a place x, y is where a vehicle heads, and no joint's.
+    """
+    labels = {p.label for p in proposals if p.role in ("position", "command", "command_sent")}
+    names = {p.column.name.lower() for p in proposals}
+    found = []
+    for p in proposals:
+        sensor = p.role in ("velocity", "acceleration", "torque") and p.label in AXES - labels
+        heads = p.role == "position" and p.column.name.lower() == "theta" and {"x", "y"} <= names
+        found.append(own(p.column) if sensor or heads else p)
+    return found
+
+
+def with_twins(proposals: Sequence[Proposal]) -> list[Proposal]:
+    """Where no word tells a position, columns named as the commands are, but for the word that commands, are positions.
+
+    "joint1" beside "joint1_cmd", unless it moves against it.
+    """
+    commands = {p.label: p.column for p in proposals if p.role == "command"}
+    found = []
+    for p in proposals:
+        reading = joints.read(p.column.parts)
+        command = commands.get(joints.label_of(reading.label)) if not p.role and reading.joint else None
+        twin = command is not None and _go_together(p.column, command)
+        found.append(replace(p, role="position", label=joints.label_of(reading.label)) if twin else p)
+    return found
+
+
+def _go_together(column: Column, command: Column) -> bool:
+    """Whether a column may be what a command moved: rows of one table that are not of opposite sense."""
+    if column.table is not command.table or column.values.ndim > 1 or command.values.ndim > 1:
+        return column.width == command.width
+    good = np.isfinite(column.values) & np.isfinite(command.values)
+    spread = np.cov(column.values[good], command.values[good]) if np.count_nonzero(good) > 1 else np.zeros((2, 2))
+    return bool(spread[0, 1] >= 0.0)
+
+
+def with_common_labels(groups: dict[str, list[Proposal]]) -> tuple[dict[str, list[Proposal]], list[str]]:
+    """Channels whose labels differ from the positions' only by words for any drive get the positions' labels.
+
+    Torque_A1, Torque_A2 beside AxisPos_A1, AxisPos_A2; the other words must tell them apart.
+    """
+    positions = _told_apart([p.label for p in groups.get("position", ())])
+    result, notes = dict(groups), []
+    for name, group in groups.items():
+        labels = _told_apart([p.label for p in group])
+        role = name.removeprefix("command_sent").removeprefix("command").removeprefix("_") or "position"
+        different = {p.label for p in group} - set(positions.values())
+        if role in joints.BY_KIND and labels and different and set(labels) == set(positions):
+            by_label = {label: positions[rest] for rest, label in labels.items()}
+            result[name] = [replace(p, label=by_label[p.label]) for p in group]
+            notes.append(
+                f"{name}: {listing(by_label, 6)} taken as {listing(by_label.values(), 6)}, by what tells them apart"
+            )
+    return result, notes
+
+
+def _told_apart(labels: Sequence[str]) -> dict[str, str]:
+    """What tells labels apart, first and last words left out that all share -> label; {} where there is one label.
+
+    Only words that any drive may have are left out: what is left of left_hip must not be taken for that of right_hip.
+    """
+    plain = [words(label) for label in labels]
+    for end in (0, -1):
+        while len(plain) > 1 and min(map(len, plain)) > 1 and len({each[end] for each in plain}) == 1:
+            word = plain[0][end]
+            if word not in _OF_ANY_DRIVE and not (word.isdigit() and plain[0][end + 1] in _OF_ANY_DRIVE):
+                break
+            plain = [each[1:] if end == 0 else each[:-1] for each in plain]
+    rest = {"_".join(each): label for each, label in zip(plain, labels, strict=True)}
+    return rest if len(rest) == len(labels) > 1 else {}
