@@ -5,21 +5,25 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mujoco.batch import Batch
+from numpy.typing import NDArray
 
 from trueup.articulated.assignments import write
 from trueup.articulated.declaration_file import read_declarations, write_parameters
 from trueup.articulated.declarations import Declaration, declare
+from trueup.articulated.described import StoredCopies
 from trueup.articulated.quantities.drives import DRIVES
 from trueup.articulated.quantities.known import quantities, quantity
 from trueup.articulated.quantities.quantity import Quantity, between
 from trueup.articulated.simulator import ArticulatedSimulator
 from trueup.calibration import Calibration, Estimate
+from trueup.ends import Left
 from trueup.engines.mujoco.attributes import MujocoCopies
 from trueup.engines.mujoco.model import Model, load
 from trueup.engines.mujoco.rollout import MujocoSimulator
@@ -27,9 +31,12 @@ from trueup.errors import ParameterError, UnknownNameError
 from trueup.recording import Channel, Recording
 from trueup.testing import check_attributes, check_quantity, check_simulator
 from trueup.testing.broken import ContractBrokenError
+from trueup.trial import Trial
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples" / "cart_pole"))
 import cart_pole  # type: ignore[import-not-found]
+
+Array = NDArray[np.float64]
 
 ARM = """
 <mujoco model="arm">
@@ -105,6 +112,48 @@ def test_an_engine_of_plain_numbers_keeps_the_contracts() -> None:
     check_simulator(
         made([Declaration(cart_pole.LENGTH), Declaration("delay"), Declaration("friction_static")]), recording
     )
+
+
+class WithTip(cart_pole.CartPole):
+    """A cart-pole whose tip is watched by a camera."""
+
+    def channels(self) -> dict[str, tuple[str, ...]]:
+        return {"camera": ("tip_x", "tip_z")}
+
+    def copies(self, rows: int) -> StoredCopies:
+        return Watched(self, rows)
+
+
+class Watched(StoredCopies):
+    def reader(self, state: str, joints: Sequence[str]) -> Callable[[int], Array]:
+        if state != "camera":
+            return super().reader(state, joints)
+        length = self.get("pole.length", "pole")
+        columns = [("tip_x", "tip_z").index(label) for label in joints]
+
+        def read(n: int) -> Array:
+            (x, angle), size = self.position[:n].T, length[:n]
+            return np.stack([x + size * np.sin(angle), -size * np.cos(angle)], axis=1)[:, columns]
+
+        return read
+
+
+def test_an_engine_s_own_sensors_are_simulated_observed_and_end_runs() -> None:
+    model, time = WithTip(), np.arange(60) / 50.0
+    recording = Recording("push", {
+        "command": Channel("command", ("motor",), "N", time, 3.0 * np.sin(5.0 * time)[:, None]),
+        "position": Channel("position", ("cart", "pole"), "rad", time, np.zeros((60, 2))),
+        "camera": Channel("camera", ("tip_z", "tip_x"), "m", time, np.zeros((60, 2))),
+    })  # fmt: skip
+    made = ArticulatedSimulator(model, *declare(model, [Declaration(cart_pole.LENGTH)]), step=0.01)
+    check_simulator(made, recording)
+    trial = replace(Trial.of(recording), ends=(Left("camera", {"tip_x": (-0.05, 0.05)}),))
+    (run,) = made.rollout([trial], np.array([[0.5]]))
+    angle, (height, along) = run.channels["position"][0, :, 1], run.channels["camera"][0].T
+    lasted = np.isfinite(height)
+    assert height[lasted] == pytest.approx(-0.5 * np.cos(angle[lasted]), abs=1e-3)
+    assert run.ends[0].name == "left the area"
+    assert 0.04 < np.abs(along[lasted]).max() < 0.07
 
 
 def test_the_quantity_of_the_page_keeps_its_contract(arm: Model) -> None:

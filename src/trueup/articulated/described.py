@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.articulated.model import WORLD, Model
+from trueup.articulated.model import WORLD, BasePose, Model
 from trueup.errors import unknown_name
 
 Array = NDArray[np.float64]
@@ -57,6 +57,10 @@ class Described:
         """See Model."""
         return len(self.names("actuator"))
 
+    def channels(self) -> Mapping[str, tuple[str, ...]]:
+        """See Engine: none; what a subclass adds, its copies must show."""
+        return {}
+
     def get(self, attribute: str, name: str) -> Array:
         """See Model."""
         value = self.attributes.get((attribute, name))
@@ -99,24 +103,23 @@ class StoredCopies:
         self.get(attribute, name)  # says what is not there
         self._kept[attribute, name] = np.array(values, dtype=np.float64)
 
-    def reader(self, state: str, joints: Iterable[str]) -> Callable[[int], Array]:
+    def reader(self, state: str, joints: Sequence[str]) -> Callable[[int], Array]:
         """See Copies."""
         where = [self._joints.index(j) for j in joints]
         return lambda n: np.ascontiguousarray(getattr(self, state)[:n, where])
 
-    def writer(self, attribute: str, names: Iterable[str]) -> Callable[[Array], None]:
+    def writer(self, attribute: str, names: Sequence[str]) -> Callable[[Array], None]:
         """See Copies."""
-        elements = list(names)
 
         def write(values: Array) -> None:
-            for name, column in zip(elements, values.T, strict=True):
+            for name, column in zip(names, values.T, strict=True):
                 whole = self.get(attribute, name)
                 whole[: len(column)] = column
                 self.set(attribute, name, whole)
 
         return write
 
-    def place(self, position: Array, velocity: Array) -> None:
+    def place(self, position: Array, velocity: Array, base: BasePose | None = None) -> None:
         """See Running."""
         self.position, self.velocity = np.array(position), np.array(velocity)
 

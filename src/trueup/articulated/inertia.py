@@ -61,6 +61,18 @@ def principal(inertia: Array) -> tuple[Array, Array]:
     return moments, _quaternion(axes)
 
 
+def from_principal(moments: Array, quaternions: Array) -> Array:
+    """(..., 3, 3) inertia of principal moments (..., 3) and the rotation to them, quaternions w-x-y-z (..., 4)."""
+    w, x, y, z = np.moveaxis(quaternions, -1, 0)
+    turn = np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
+    axes = np.moveaxis(turn, (0, 1), (-2, -1))
+    return (axes * moments[..., None, :]) @ np.swapaxes(axes, -1, -2)
+
+
 def _quaternion(rotation: Array) -> Array:
     """(..., 4) w-x-y-z of rotation matrices (..., 3, 3).
 

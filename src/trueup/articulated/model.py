@@ -8,6 +8,7 @@ model as it was loaded is one copy.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -49,6 +50,20 @@ ATTRIBUTES: Mapping[str, str] = {
 
 WORLD = "world"
 """The one element of the family 'world'."""
+
+
+@dataclass(frozen=True, eq=False)
+class BasePose:
+    """Where a free base is and how it moves, (3,) each."""
+
+    position: Array
+    """m, in the world."""
+    velocity: Array
+    """m/s, in the world."""
+    angles: Array
+    """Roll, pitch, yaw (see `articulated.pose`), rad."""
+    rates: Array
+    """How fast these change, rad/s."""
 
 
 class Attributes(Protocol):
@@ -100,7 +115,10 @@ class Copies(Writable, Protocol):
     """b simulations that are stepped together, as what acts in each step sees them."""
 
     def reader(self, state: str, joints: Sequence[str]) -> Callable[[int], Array]:
-        """What reads `state` ('position', 'velocity', or the drives' 'force') of joints: first n copies to (n, k)."""
+        """What reads `state` ('position', 'velocity', or the drives' 'force') of joints: first n copies to (n, k).
+
+        So it does for one of `Engine.channels`, with its labels in place of joints.
+        """
         ...
 
     def writer(self, attribute: str, names: Sequence[str]) -> Callable[[Array], None]:
@@ -121,13 +139,8 @@ class Running(Copies, Protocol):
         """(b, k)."""
         ...
 
-    @property
-    def force(self) -> Array:
-        """(b, k) with which the drives pushed the joints in the last step, N m or N."""
-        ...
-
-    def place(self, position: Array, velocity: Array) -> None:
-        """Puts the joints somewhere, (b, k) each."""
+    def place(self, position: Array, velocity: Array, base: BasePose | None = None) -> None:
+        """Puts the joints somewhere, (b, k) each, and a free base where it was measured to be."""
         ...
 
     def step(self, command: Array, step: float) -> None:
@@ -140,6 +153,10 @@ class Engine(Model, Protocol):
 
     def copies(self, rows: int) -> Running:
         """That many copies, as they were loaded."""
+        ...
+
+    def channels(self) -> Mapping[str, tuple[str, ...]]:
+        """What can be measured beside joints, each with its labels: sensors, `base_position`, `base_orientation`."""
         ...
 
 

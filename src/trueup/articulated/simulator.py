@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,6 +15,7 @@ from trueup.articulated.closed_loop import ClosedLoop
 from trueup.articulated.kernels import read_off
 from trueup.articulated.model import Engine, Running
 from trueup.articulated.signals import Signals
+from trueup.articulated.starts import measured_base
 from trueup.articulated.wiring import commanded
 from trueup.controllers.controller import ControllerFactory, Observation
 from trueup.ends import LOOK, Ended, which_end
@@ -22,7 +23,7 @@ from trueup.engines.simulator import Rollout, refuse_unsupported
 from trueup.errors import ModelError, unknown_name
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording, is_command
-from trueup.trial import Observed, Trial, command_of
+from trueup.trial import Trial, command_of
 
 Array = NDArray[np.float64]
 
@@ -53,7 +54,10 @@ class ArticulatedSimulator:
         return dataclasses.replace(self, parameters=ParameterSpace(()), quantities=())
 
     def observable(self, recording: Recording) -> tuple[str, ...]:
-        """Positions, speeds and torques of joints. Raises UnknownNameError for commands and joints that are not there."""
+        """Positions, speeds and torques of joints, and the model's own channels.
+
+        Raises UnknownNameError for commands and joints that are not there.
+        """
         command = command_of(recording)
         if command is not None:
             commanded(self.engine, command)
@@ -63,7 +67,9 @@ class ArticulatedSimulator:
                 if label not in self.engine.drives():
                     where = f"model '{self.name}' (channel '{channel.name}' of recording '{recording.name}')"
                     raise unknown_name("joint", label, self.engine.drives(), where)
-        return tuple(c.name for c in seen)
+        channels = self.engine.channels().items()
+        own = [n for n, labels in channels if recording.has(n) and set(recording.channel(n).labels) <= set(labels)]
+        return (*(c.name for c in seen), *own)
 
     def rollout(
         self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None = None
@@ -89,7 +95,7 @@ class _Run:
         self._signals = Signals(self._model, simulator.quantities, [trial], values[:, :own])
         self._copies: Running = self._model.copies(len(values))
         write(simulator.quantities, values[:, :own], self._copies)
-        self._copies.place(*self._signals.starts()[0])
+        self._copies.place(*self._signals.starts()[0], measured_base(trial))
         self._laws = laws(simulator.quantities, values[:, :own], self._model, self._copies)
         self._count = int(np.ceil(trial.duration / self._step + 1e-9)) + 1
         self._loop: ClosedLoop | None = None
@@ -102,8 +108,10 @@ class _Run:
     def rollout(self) -> Rollout:
         """Steps to the end of the trial and reads its channels off."""
         recorded = self._signals.commands(0, 0, self._count, self._step) if self._loop is None else None
-        states = {name: [np.array(getattr(self._copies, name))] for name in _STATES.values()}
-        given = []
+        rows = len(self._signals.delay)
+        shown = {n: self._reader(n, o.labels) for n, o in self._trial.observed.items() if n != "command"}
+        histories = {n: [read(rows)] for n, read in shown.items()}
+        sound, given = [self._sound()], []
         for s in range(self._count):
             self._look(s)
             command = np.array(recorded[:, s]) if recorded is not None else self._asked(s)
@@ -111,29 +119,31 @@ class _Run:
             for law in self._laws:
                 law.act(command)
             self._copies.step(command, self._step)
-            for name, history in states.items():
-                history.append(np.array(getattr(self._copies, name)))
-        states["force"] = [*states["force"][1:], states["force"][-1]]  # it acts during a step, states are at its ends
-        histories = {name: np.stack(history, axis=1) for name, history in states.items()}
-        histories["command"] = np.stack([*given, given[-1]], axis=1)
-        lost = np.logical_or.accumulate(
-            np.any([~np.isfinite(h).all(axis=2) for h in histories.values()], axis=0), axis=1
-        )
-        for history in histories.values():
-            history[lost] = np.nan
-        failures = {
-            int(row): f"the simulation became unstable after {self._step * int(np.argmax(lost[row])):.3g} s"
-            for row in np.flatnonzero(lost.any(axis=1))
-        }
-        channels = {name: self._seen(name, o, histories) for name, o in self._trial.observed.items()}
-        rollout = Rollout(self._trial, channels, failures, {r: e for r, e in self._ends.items() if r not in failures})
-        for name, values in channels.items():
-            values[~rollout.lasted(name)] = np.nan
-        return rollout
+            sound.append(self._sound())
+            for name, read in shown.items():
+                histories[name].append(read(rows))
+        if "torque" in histories:  # it acts during a step, states are at its ends
+            histories["torque"] = [*histories["torque"][1:], histories["torque"][-1]]
+        if (command := self._trial.observed.get("command")) is not None:
+            columns = [self._model.columns()[label] for label in command.labels]
+            histories["command"] = [g[:, columns] for g in (*given, given[-1])]
+        return self._seen(histories, ~np.logical_and.accumulate(np.stack(sound, axis=1), axis=1))
+
+    def _sound(self) -> NDArray[np.bool_]:
+        """(b,) whether a simulation has not blown up."""
+        return np.asarray(np.isfinite(self._copies.position + self._copies.velocity).all(axis=1))
+
+    def _reader(self, channel: str, labels: Sequence[str]) -> Callable[[int], Array]:
+        """What reads a channel of the first n copies. Raises ModelError for one that is no signal of the model."""
+        if channel not in _STATES and channel not in self._model.channels():
+            raise ModelError(f"channel '{channel}' of '{self._trial.name}' is no signal of '{self._model.name}'")
+        return self._copies.reader(_STATES.get(channel, channel), labels)
 
     def _observation(self, s: int, **channels: Array) -> Observation:
+        rows = len(self._copies.position)
+        sensors = {n: self._copies.reader(n, labels)(rows) for n, labels in self._model.channels().items()}
         now = s * self._step
-        return Observation(now, self._copies.position, self._copies.velocity, {}, self._trial, channels)
+        return Observation(now, self._copies.position, self._copies.velocity, sensors, self._trial, channels)
 
     def _asked(self, s: int) -> Array:
         """(b, width) what the controller commands in step s."""
@@ -155,22 +165,24 @@ class _Run:
 
     def _shown(self, wanted: Mapping[str, tuple[str, ...]]) -> dict[str, Array]:
         """Channel to (b, k) of what is so now."""
-        return {n: getattr(self._copies, _STATES[n])[:, self._columns(n, labels)] for n, labels in wanted.items()}
+        return {n: self._reader(n, labels)(len(self._copies.position)) for n, labels in wanted.items()}
 
-    def _columns(self, name: str, labels: Sequence[str]) -> list[int]:
-        """Of a channel's labels in its state. Raises ModelError for a channel that is no signal of the model."""
-        if name not in _STATES and name != "command":
-            raise ModelError(f"channel '{name}' of '{self._trial.name}' is no signal of '{self._model.name}'")
-        known = self._model.columns() if name == "command" else {j: i for i, j in enumerate(self._model.drives())}
-        return [known[label] for label in labels]
-
-    def _seen(self, name: str, observed: Observed, histories: dict[str, Array]) -> Array:
-        """(b, T, k) a channel as it is measured."""
-        columns = self._columns(name, observed.labels)
-        history = np.ascontiguousarray(histories[_STATES.get(name, name)][:, :, columns])
-        out = np.empty((len(history), len(observed.time), len(columns)))
-        instants = self._signals.instants(0, name, self._step)
-        bias = self._signals.bias(0, name, len(columns))
-        rows = np.arange(len(history))
-        read_off(history, rows, 0, history.shape[1] - 1, True, instants, len(instants) == 1, bias, out)
-        return out
+    def _seen(self, histories: Mapping[str, Sequence[Array]], lost: NDArray[np.bool_]) -> Rollout:
+        """Channels as they are measured; (b, m) `lost` says from when on a simulation has none."""
+        channels = {}
+        for name, observed in self._trial.observed.items():
+            history = np.ascontiguousarray(np.stack(histories[name], axis=1))
+            history[lost] = np.nan
+            channels[name] = np.empty((len(history), len(observed.time), history.shape[2]))
+            instants, rows = self._signals.instants(0, name, self._step), np.arange(len(history))
+            bias = self._signals.bias(0, name, history.shape[2])
+            shared = len(instants) == 1
+            read_off(history, rows, 0, history.shape[1] - 1, True, instants, shared, bias, channels[name])
+        failures = {
+            int(row): f"the simulation became unstable after {self._step * int(np.argmax(lost[row])):.3g} s"
+            for row in np.flatnonzero(lost.any(axis=1))
+        }
+        rollout = Rollout(self._trial, channels, failures, {r: e for r, e in self._ends.items() if r not in failures})
+        for name, values in channels.items():
+            values[~rollout.lasted(name)] = np.nan
+        return rollout

@@ -8,13 +8,29 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.articulated.model import Model
+from trueup.articulated.model import BasePose, Model
+from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION
 from trueup.recording import Channel
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
 _WINDOW = 0.06  # s of samples from which a start state is estimated
+
+
+def measured_base(trial: Trial) -> BasePose | None:
+    """The pose of a free base at the trial's start, where its position and angles (`pose.in_angles`) were measured."""
+    position, orientation = trial.initial.get(POSITION), trial.initial.get(ORIENTATION)
+    if position is None or orientation is None or orientation.labels != ANGLES:
+        return None
+    states = []
+    for channel in (position.select(AXES), orientation):
+        state = np.array(starting_point(channel, trial.start))
+        if channel.name in trial.corrections:
+            labels = trial.initial[channel.name].labels
+            state += trial.corrections[channel.name][:, [labels.index(n) for n in channel.labels]]
+        states += list(state)
+    return BasePose(*states)
 
 
 def at_rest(model: Model) -> tuple[Array, Array]:

@@ -8,7 +8,6 @@ group 'trueup.families', named by the ending of its files ('.sdf') and leading t
 from __future__ import annotations
 
 import importlib
-import importlib.metadata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +17,7 @@ from trueup.calibration import Calibration, Prediction, Replay, by_unit
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.engines.simulator import Simulator
 from trueup.errors import ModelError
+from trueup.extensions import registered
 from trueup.recording import Recording
 
 FAMILIES = {"": "trueup.engines.mujoco.family:Articulated", ".toml": "trueup.engines.vehicle.family:Vehicles"}
@@ -136,7 +136,7 @@ class Family:
 
 def family_of(model: str | Path) -> Family:
     """The family of a model file, by its ending."""
-    others = {e.name.lower(): e.value for e in importlib.metadata.entry_points(group=GROUP)}
+    others = {name.lower(): address for name, address in registered(GROUP).items()}
     address = {**others, **FAMILIES}.get(Path(model).suffix.lower(), FAMILIES[""])
     module, _, name = address.partition(":")
     return getattr(importlib.import_module(module), name)()

@@ -11,7 +11,7 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from trueup.articulated.inertia import principal
+from trueup.articulated.inertia import from_principal, principal
 from trueup.engines.mujoco.fields import Fields, FromNominal
 from trueup.engines.mujoco.floor_plane import FLOOR_FRICTION, plane_of, turned
 from trueup.errors import unknown_name
@@ -194,13 +194,7 @@ def _write_mass(a: MujocoAttributes, i: int, values: Array) -> None:
 
 
 def _read_inertia(a: MujocoAttributes, i: int) -> Array:
-    w, x, y, z = np.asarray(a.fields.expand("body_iquat")[:, i]).T
-    turn = np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]).transpose(2, 0, 1)  # fmt: skip
-    return (turn * a.fields.expand("body_inertia")[:, i][:, None, :]) @ turn.transpose(0, 2, 1)
+    return from_principal(a.fields.expand("body_inertia")[:, i], a.fields.expand("body_iquat")[:, i])
 
 
 def _write_inertia(a: MujocoAttributes, i: int, values: Array) -> None:

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.articulated.model import BasePose
 from trueup.articulated.pose import (
     ANGLES,
     AXES,
@@ -124,15 +125,14 @@ def floating(model: Model, recordings: Sequence[Recording]) -> Model:
     return Model(model.path, spec, compiled, (*model.notes, note))
 
 
-def place(compiled: mujoco.MjModel, qpos: Array, qvel: Array, pose: tuple[Array, ...]) -> None:
-    """Writes a pose (position, its speed, angles, their rates; (3,) each) of the free base into a state."""
-    position, speed, angles, rates = pose
+def place(compiled: mujoco.MjModel, qpos: Array, qvel: Array, pose: BasePose) -> None:
+    """Writes a pose of the free base into a state (nq,), (nv,)."""
     joint = free_joint(compiled)
     if joint < 0:
         return
     q, v = int(compiled.jnt_qposadr[joint]), int(compiled.jnt_dofadr[joint])
-    qpos[q : q + 3], qvel[v : v + 3] = position, speed
-    qpos[q + 3 : q + 7], qvel[v + 3 : v + 6] = quaternion_of(angles), turning(angles, rates)
+    qpos[q : q + 3], qvel[v : v + 3] = pose.position, pose.velocity
+    qpos[q + 3 : q + 7], qvel[v + 3 : v + 6] = quaternion_of(pose.angles), turning(pose.angles, pose.rates)
 
 
 def columns_of(compiled: mujoco.MjModel, name: str, labels: Sequence[str]) -> list[int] | None:

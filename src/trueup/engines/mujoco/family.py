@@ -12,10 +12,10 @@ import numpy as np
 
 from trueup.articulated.declaration_file import read_declarations, read_gains, write_parameters
 from trueup.articulated.declarations import declare
+from trueup.articulated.gains import Gains
 from trueup.calibration import Calibration, Replay, by_unit
 from trueup.engines.family import Family, Fit, Request, Suited
 from trueup.engines.mujoco.base import check_base, floating, held
-from trueup.engines.mujoco.gains import Gains
 from trueup.engines.mujoco.model import Model, load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.drives import driven, suited, undriven
@@ -89,7 +89,7 @@ class Articulated(Family):
             "channel": tuple(dict.fromkeys(c for r in everything for c in r.channels)),
         }
         space, quantities = declare(model, lines, names)
-        gains, named = Gains.named_by(everything, model.compiled, read_gains(request.parameters))
+        gains, named = Gains.named_by(everything, {**model.settings(), **read_gains(request.parameters)})
         simulator = MujocoSimulator(model, space, quantities, gains=gains, step=request.step or STEP)
         return simulator, (*notes, *([_of_floor(floor)] if floor else []), *named)
 

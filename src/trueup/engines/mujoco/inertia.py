@@ -7,12 +7,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.articulated.inertia import from_principal
+
 Array = NDArray[np.float64]
 
 
 def body_inertia(model: mujoco.MjModel, body: int) -> Array:
     """(3, 3) rotational inertia about the CoM in the body frame [kg m2]."""
-    rotation = np.empty(9)
-    mujoco.mju_quat2Mat(rotation, model.body_iquat[body])
-    turn = rotation.reshape(3, 3)
-    return turn @ np.diag(model.body_inertia[body]) @ turn.T
+    return from_principal(model.body_inertia[body], model.body_iquat[body])

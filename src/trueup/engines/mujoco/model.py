@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 # Sensors that look at geoms, those without contacts too.
 _SEEING = tuple(int(getattr(mujoco.mjtSensor, f"mjSENS_{n}")) for n in
                 ("RANGEFINDER", "GEOMDIST", "GEOMNORMAL", "GEOMFROMTO", "TACTILE", "PLUGIN"))  # fmt: skip
+SETTING = "trueup_"
+"""Begins the name of a <numeric> that says for which setting of its servos a calibrated file holds."""
 _ITERATIONS, _LINE_SEARCH = 100, 50  # MuJoCo's own; a solver that has converged stops earlier
 _OBJECTS = {
     "joint": mujoco.mjtObj.mjOBJ_JOINT,
@@ -108,6 +110,14 @@ class Model:
     def get(self, attribute: str, name: str) -> Array:
         """(1, ...) an attribute of a named element (see `articulated.model`). Raises UnknownNameError."""
         return MujocoAttributes(self.compiled, SingleModel(self.compiled)).get(attribute, name)
+
+    def settings(self) -> dict[str, float]:
+        """For which settings of its servos the file holds, where it says so; by quantity ('kp')."""
+        m = self.compiled
+        names = [mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_NUMERIC, i) or "" for i in range(m.nnumeric)]
+        data = m.numeric_data[m.numeric_adr]
+        own = zip(names, data.tolist(), strict=True)
+        return {n.removeprefix(SETTING): float(v) for n, v in own if n.startswith(SETTING)}
 
     def is_position_servo(self, actuator: int) -> bool:
         """True where the actuator is a position servo: force = kp (command - position) - kv velocity."""

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.articulated.assignments import Assignment, needs
+from trueup.articulated.gains import Gains
 from trueup.controllers.controller import ControllerFactory
 from trueup.engines.mujoco.batches import Batches
 from trueup.engines.mujoco.engine_log import unlogged
-from trueup.engines.mujoco.gains import Gains
 from trueup.engines.mujoco.model import Model, needs_shapes, prepared
 from trueup.engines.mujoco.run import Run
 from trueup.engines.mujoco.stepping import unclocked

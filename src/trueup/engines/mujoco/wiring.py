@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION
-from trueup.articulated.starts import starting_point
+from trueup.articulated.pose import ORIENTATION
+from trueup.articulated.starts import measured_base
 from trueup.articulated.wiring import commanded
 from trueup.engines.mujoco.attributes import SLACK
 from trueup.engines.mujoco.attributes import is_motor as is_motor
@@ -116,7 +116,9 @@ def rest(compiled: mujoco.MjModel) -> tuple[Array, Array]:
 def start_state(compiled: mujoco.MjModel, trial: Trial, joints: Sequence[str]) -> tuple[Array, Array, Array, Array]:
     """(nq,), (nv,) at the trial's start but for its joints, and where these have their position and their speed."""
     qpos, qvel = rest(compiled)
-    _place_base(compiled, qpos, qvel, trial)
+    base = measured_base(trial)
+    if base is not None:
+        place(compiled, qpos, qvel, base)
     ids = [joint_id(compiled, j) for j in joints]
     return qpos, qvel, compiled.jnt_qposadr[ids], compiled.jnt_dofadr[ids]
 
@@ -134,16 +136,3 @@ def activations(model: Model, first: Array, start: Array) -> Array:
         elif int(m.actuator_dyntype[i]) == int(mujoco.mjtDyn.mjDYN_INTEGRATOR):
             act[:, m.actuator_actadr[i]] = start[:, k]
     return act
-
-
-def _place_base(compiled: mujoco.MjModel, qpos: Array, qvel: Array, trial: Trial) -> None:
-    """The pose of a free base, where it was measured as `base.in_angles` has it."""
-    position, orientation = trial.initial.get(POSITION), trial.initial.get(ORIENTATION)
-    if position is not None and orientation is not None and orientation.labels == ANGLES:
-        at = position.select(AXES)
-        values, speeds = np.array([starting_point(c, trial.start) for c in (at, orientation)]).swapaxes(0, 1)
-        for k, (channel, names) in enumerate(((position, AXES), (orientation, ANGLES))):
-            if channel.name in trial.corrections:
-                corrections = trial.corrections[channel.name][:, [channel.labels.index(n) for n in names]]
-                values[k], speeds[k] = values[k] + corrections[0], speeds[k] + corrections[1]
-        place(compiled, qpos, qvel, (values[0], speeds[0], values[1], speeds[1]))

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from trueup.engines.mujoco.attributes import SLACK
 from trueup.engines.mujoco.floor_plane import plane_of
-from trueup.engines.mujoco.gains import PREFIX
 from trueup.engines.mujoco.inertia import body_inertia
+from trueup.engines.mujoco.model import SETTING
 from trueup.engines.mujoco.reading.mjcf_text import Element, MjcfText
 from trueup.errors import ModelError
 
@@ -81,7 +81,7 @@ class Edits:
     def gains(self, given_for: Mapping[str, float]) -> None:
         """For which setting of its servos the file holds, where recordings name several."""
         for quantity, value in given_for.items():
-            name = f"{PREFIX}{quantity}"
+            name = f"{SETTING}{quantity}"
             there = [e for e in self._text.all("numeric") if e.attributes.get("name") == name]
             if there:
                 self._text.change(there[-1], data=number(value))

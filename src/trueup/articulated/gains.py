@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,13 +15,11 @@ from trueup.recording import Recording
 
 Array = NDArray[np.float64]
 
-_SAID = {
+_WORDS = {
     "kp": ("kp", "p_gain", "kp_gain", "position_p_gain", "p_coefficient"),
     "kv": ("kd", "kv", "d_gain", "kd_gain", "position_d_gain", "d_coefficient"),
 }
 """Quantity to the words under which a log names the servo's setting."""
-PREFIX = "trueup_"
-"""Of the <numeric> that says for which setting a calibrated file holds."""
 
 
 @dataclass(frozen=True)
@@ -36,19 +33,19 @@ class Gains:
 
     @classmethod
     def named_by(
-        cls, recordings: Sequence[Recording], compiled: mujoco.MjModel, said: Mapping[str, float] | None = None
+        cls, recordings: Sequence[Recording], known: Mapping[str, float] | None = None
     ) -> tuple[Gains, list[str]]:
         """Those of recordings, and notes in words.
 
-        A model stands for what is `said` of it, or it says itself (see `PREFIX`), else for the setting of most
-        recordings, the larger of two. Empty where not all recordings name a setting, or all name that of the model.
+        A model stands for the setting that is `known` of it, by quantity, else for that of most recordings, the larger
+        of two. Empty where not all recordings name a setting, or all name that of the model.
         """
         factors: dict[str, dict[str, float]] = {}
         given_for: dict[str, float] = {}
         notes: list[str] = []
-        for quantity in _SAID:
+        for quantity in _WORDS:
             named = {r.name: value for r in recordings if (value := _setting(r, quantity)) > 0.0}
-            own = (said or {}).get(quantity) or _own(compiled, quantity)
+            own = (known or {}).get(quantity, 0.0)
             if len(named) < len(recordings) or len({*named.values(), *([own] if own else [])}) < 2:
                 continue
             counts = Counter(named.values())
@@ -74,16 +71,10 @@ class Gains:
             copies.set("actuator.zero", servo, zero)
 
 
-def _own(compiled: mujoco.MjModel, quantity: str) -> float:
-    """The setting that a calibrated file says it holds for; 0 for none."""
-    i = int(mujoco.mj_name2id(compiled, mujoco.mjtObj.mjOBJ_NUMERIC, f"{PREFIX}{quantity}"))
-    return float(compiled.numeric_data[compiled.numeric_adr[i]]) if i >= 0 else 0.0
-
-
 def _setting(recording: Recording, quantity: str) -> float:
     """What a recording says of the servos' gain, as a fact beside its signals or a column that never changes; 0 if not."""
     facts = {key.lower().rsplit(".", 1)[-1]: value for key, value in recording.provenance.items()}
-    for word in _SAID[quantity]:
+    for word in _WORDS[quantity]:
         if word in facts:
             try:
                 return float(facts[word])
