@@ -60,6 +60,7 @@ class Campaign:
         self._hardware = Hardware(parts, journal, journal.folder, self._listener, self._once)
         self._scores: list[Scored] = []
         self._belief: Belief | None = None
+        self._calibrated: Calibrated | None = None
         self._expected: list[tuple[float, float]] = []
         begun = self._once(Begun, lambda: _begun(checksum, plan.seed, version, parts.task))
         if begun.plan != checksum:
@@ -171,7 +172,9 @@ class Campaign:
         fitted = (*self._parts.recordings, *self._hardware.recordings())
         if not fitted:
             return self._prior()
-        event = self._once(Calibrated, lambda: calibrated(number, self._parts, fitted, self._listener))
+        last = self._calibrated
+        event = self._once(Calibrated, lambda: calibrated(number, self._parts, fitted, self._listener, last))
+        self._calibrated = event
         self._belief = belief_of(event, self._parts.simulator.parameters)
         return self._belief
 

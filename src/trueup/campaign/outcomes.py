@@ -16,6 +16,7 @@ from trueup.errors import CalibrationError, TrialError
 from trueup.loop.belief import Belief
 from trueup.loop.optimize import Optimum, Tried, TrustRegion
 from trueup.loop.ranking import agreement
+from trueup.loop.recalibrate import Earlier
 from trueup.loop.replay import replay_error
 from trueup.loop.safety import exceeded, predicted
 from trueup.loop.transfer import Shortlist, mean_score, prepared, shortlist
@@ -26,11 +27,16 @@ from trueup.tasks.task import robot_trials
 Array = NDArray[np.float64]
 
 
-def calibrated(number: int, parts: Parts, fitted: Sequence[Recording], listener: Listener) -> Calibrated:
-    """Fits the simulator, hands the result to the listener, and keeps what the loop needs of it."""
+def calibrated(
+    number: int, parts: Parts, fitted: Sequence[Recording], listener: Listener, last: Calibrated | None = None
+) -> Calibrated:
+    """Fits the simulator, from the last round's fit if there is one, hands the result to the listener, and keeps what the
+    loop needs of it.
+    """
     if parts.calibrator is None:
         raise CalibrationError("the plan calibrates nothing")
-    found = parts.calibrator(fitted, parts.held_out, listener.fitting)
+    earlier = None if last is None else Earlier.estimated(last.names, last.values, last.verdicts, last.recordings)
+    found = parts.calibrator(fitted, parts.held_out, listener.fitting, earlier)
     listener.calibrated(number, found)
     e = found.estimates
     main = _main(found)

@@ -14,6 +14,7 @@ from trueup.calibration import Calibration, TracePoint
 from trueup.campaign.events import Event
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.engines.simulator import Simulator
+from trueup.loop.recalibrate import Earlier
 from trueup.recording import Recording
 from trueup.robots.robot import Robot
 from trueup.search.search import Search
@@ -22,8 +23,11 @@ from trueup.trial import Limits, Trial
 
 Array = NDArray[np.float64]
 
-Calibrator = Callable[[Sequence[Recording], Sequence[Recording], Callable[[TracePoint], None]], Calibration]
-"""(recordings to fit, recordings held out, progress) -> Calibration; the same input gives the same numbers."""
+Calibrator = Callable[
+    [Sequence[Recording], Sequence[Recording], Callable[[TracePoint], None], Earlier | None], Calibration
+]
+"""(recordings to fit, recordings held out, progress, what the last round's left) -> Calibration; the same input gives the
+same numbers."""
 
 
 @dataclass(frozen=True)

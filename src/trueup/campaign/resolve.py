@@ -34,6 +34,7 @@ from trueup.errors import PlanError
 from trueup.formats import read
 from trueup.loop.calibrate import Options
 from trueup.loop.prepare import Preparation
+from trueup.loop.recalibrate import Earlier
 from trueup.recording import Recording
 from trueup.search.search import Search
 
@@ -144,13 +145,14 @@ def _calibrator(file: PlanFile, given: Mapping[str, Any], ready: Preparation) ->
     if plan.calibrate.method.type == "fit":
         return _fit(file, ready, given["discrepancy"])
     target = found(plan.calibrate.method, "calibration", CALIBRATIONS, base)
-    before = {**given, "recordings": (), "held_out": (), "progress": None}
+    before = {**given, "recordings": (), "held_out": (), "progress": None, "earlier": None}
     arguments(plan.calibrate.method, target, before, base)  # what is wrong with the options is said now, not after runs
 
     def own(
-        recordings: Sequence[Recording], held_out: Sequence[Recording], progress: Callable[[TracePoint], None]
-    ) -> Calibration:
-        now = {**given, "recordings": recordings, "held_out": held_out, "progress": progress}
+        recordings: Sequence[Recording], held_out: Sequence[Recording], progress: Callable[[TracePoint], None],
+        earlier: Earlier | None,
+    ) -> Calibration:  # fmt: skip
+        now = {**given, "recordings": recordings, "held_out": held_out, "progress": progress, "earlier": earlier}
         return target(**arguments(plan.calibrate.method, target, now, base))
 
     return own
@@ -164,9 +166,10 @@ def _fit(file: PlanFile, ready: Preparation, discrepancy: Discrepancy | None) ->
                       seed=file.plan.seed)  # fmt: skip
 
     def fit(
-        recordings: Sequence[Recording], held_out: Sequence[Recording], progress: Callable[[TracePoint], None]
-    ) -> Calibration:
+        recordings: Sequence[Recording], held_out: Sequence[Recording], progress: Callable[[TracePoint], None],
+        earlier: Earlier | None,
+    ) -> Calibration:  # fmt: skip
         now = ready.with_recordings(recordings, held_out)
-        return now.calibrate(options, discrepancy=discrepancy, progress=progress)
+        return now.calibrate(options, discrepancy=discrepancy, progress=progress, earlier=earlier)
 
     return fit

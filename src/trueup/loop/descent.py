@@ -102,6 +102,8 @@ class Look:
     """Iterations."""
     real: Problem | None = None
     """The same recordings at the real step, where the problem has a coarser one."""
+    last: bool = False
+    """Whether everything is looked at, so that what is weakly seen may move."""
 
     def columns(self, space: ParameterSpace, candidates: Array) -> Array:
         """Residuals at the point and around it: differences from the cheaper problem, the level from the real one."""
@@ -116,7 +118,7 @@ class Look:
 
 def last_look(problem: Problem, cheap: Problem) -> Look:
     """At everything, to the end."""
-    return Look("all, full step", problem, cheap, 0.05, 20)
+    return Look("all, full step", problem, cheap, 0.05, 20, last=True)
 
 
 @dataclass
@@ -212,7 +214,7 @@ class Descent:
     def _begun(self, look: Look, nudge: float, confirm: bool) -> LeastSquares:
         free = [p for p in self.space.parameters if not p.frozen]
         ranges = np.array([np.log(p.upper / p.lower) if p.scale == "log" else 0.0 for p in free])
-        last = look.tolerance < 1.0
+        last = look.last
         return self.solver(
             self.point, ranges, least_damping=1e-9 if last else _HELD, share=2e-2 if last else 3e-2, robust=self.robust,
             tolerance=look.tolerance, max_iterations=look.most, nudge=nudge, confirm=confirm and last,

@@ -30,13 +30,14 @@ from trueup.loop.stages import (
     multiple_shooting,
     off_bounds,
     probing,
+    refinement,
     selection,
     unsure_starts,
 )
 from trueup.parameters import ParameterSpace
 from trueup.search.least_squares import LeastSquares
 
-__all__ = ["DESCENT", "SEARCHES", "STAGES", "Checkpoint", "Fit", "Progress", "Stage", "Watch", "fit"]
+__all__ = ["DESCENT", "REFINEMENT", "SEARCHES", "STAGES", "Checkpoint", "Fit", "Progress", "Stage", "Watch", "fit"]
 
 Array = NDArray[np.float64]
 
@@ -58,6 +59,8 @@ STAGES = (
 """What a search does unless told otherwise."""
 DESCENT = (_FIRST, _COARSE_STEP, _SELECTION, _GROWTH, *_FULL_AND_STARTS, _SELECTION, _GROWTH)
 """Nothing but where slopes lead."""
+REFINEMENT = (_FULL_AND_STARTS[0], Stage("refinement", refinement), _AROUND[-1])
+"""From an earlier fit of most of the recordings."""
 _SLOPES = (*DESCENT, *_AROUND)
 
 SEARCHES = {
@@ -98,6 +101,7 @@ def fit(
         np.random.default_rng(seed),
         seed,
         _first(coarse),
+        later=waiting,
     )
     for stage in stages[_begin(run, stages, resume) :]:
         stage.act(run)

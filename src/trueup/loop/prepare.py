@@ -16,6 +16,7 @@ from trueup.engines.simulator import Simulator
 from trueup.errors import ModelError
 from trueup.loop.calibrate import Options, calibrate, usual
 from trueup.loop.fit import Checkpoint, Progress
+from trueup.loop.recalibrate import Earlier, recalibrate
 from trueup.loop.replay import replays
 from trueup.recording import Recording, is_command
 
@@ -48,21 +49,29 @@ class Preparation:
     def calibrate(
         self, options: Options | None = None, *, discrepancy: Discrepancy | None = None, progress: Progress | None = None,
         checkpoint: Checkpoint | None = None, resume: dict[str, Any] | None = None,
+        earlier: Calibration | Earlier | None = None,
     ) -> Calibration:  # fmt: skip
-        """Finds the parameters with which the simulator replays the recordings. Raises what `calibrate` raises."""
+        """Finds the parameters with which the simulator replays the recordings.
+
+        `earlier`: a calibration of the same simulator with some of these recordings, to go on from (see `recalibrate`).
+        Raises what `calibrate` raises.
+        """
         chosen, measure = options or Options(), discrepancy
+        before = Earlier.of(earlier) if isinstance(earlier, Calibration) else earlier
 
         def fit(
             simulator: Simulator, recordings: Sequence[Recording], hold_out: Sequence[Recording] = (), *,
             discrepancy: Discrepancy | None = None, cross_validate: bool = True, again: bool = False,
         ) -> Calibration:  # fmt: skip
+            asked = replace(chosen, cross_validate=chosen.cross_validate and cross_validate,
+                            later=(*chosen.later, *self.family.later))  # fmt: skip
             how: dict[str, Any] = {
-                "options": replace(chosen, cross_validate=chosen.cross_validate and cross_validate,
-                                   later=(*chosen.later, *self.family.later)),
                 "discrepancy": discrepancy or measure, "progress": progress,
                 "checkpoint": None if again else checkpoint, "resume": None if again else resume,
             }  # fmt: skip
-            return calibrate(simulator, recordings, hold_out, **how)
+            if before is None or how["resume"] is not None:
+                return calibrate(simulator, recordings, hold_out, options=asked, **how)
+            return recalibrate(simulator, recordings, hold_out, before, asked, **how)
 
         done = self.family.calibrate(self.simulator, self.recordings, self.hold_out, fit)
         return replace(done, replays=self.family.as_recorded(done.replays, (*self.recordings, *self.hold_out)))

@@ -108,6 +108,12 @@ def coarse_step(run: Run) -> None:
         run.go(Look("all, coarse step", run.coarse, run.coarse, 5.0, 25, run.problem))
 
 
+def refinement(run: Run) -> None:
+    """All recordings as they are, from where an earlier fit ended, until steps gain no more than chance would."""
+    run.resumed = True  # nothing is to be moved off its bound
+    run.go(Look("refinement", run.problem, run.problem, 1.0, 20, last=True))
+
+
 def full_step(run: Run) -> None:
     """All recordings as they are."""
     run.go(last_look(run.problem, run.coarse))
@@ -228,7 +234,7 @@ def off_bounds(run: Run) -> None:
         others = replace(
             descent, space=descent.space.freeze([name], {name: middle}), point=np.delete(descent.point, k), search=None
         )
-        others.descend(replace(look, tolerance=1.0), confirm=False)
+        others.descend(replace(look, tolerance=1.0, last=False), confirm=False)
         descent.point = np.insert(others.point, k, 0.5)
         if descent.descend(look).loss < found.loss - worth:
             return
