@@ -86,4 +86,4 @@ def test_a_method_of_ones_own_gets_what_it_asks_for_by_name(write_plan: Write) -
     calibrator = parts_of(read_plan(path), path.parent, quiet).calibrator
     assert calibrator is not None
     with pytest.raises(ValueError, match="concatenate"):  # its own error, not one of the plan
-        calibrator((), (), lambda point: None)
+        calibrator((), (), lambda point: None, None)

@@ -72,7 +72,7 @@ def test_friction_that_grows_with_the_load_is_hinted_at_and_found_when_asked_for
 def test_friction_with_load_that_the_robot_does_not_have_is_left_at_zero(capsys: pytest.CaptureFixture[str]) -> None:
     write_log(share=0.0)
     words = ("calibrate", "geared.xml", "log.csv", "--beyond-mjcf", "--step", "0.001", "--out", "loaded")
-    assert "times that without it" in said(capsys, *words)
+    assert "friction with load left out" in said(capsys, *words)
     numbers = json.loads(Path("loaded/calibration.json").read_text())
     assert {p["name"]: p["value"] for p in numbers["parameters"]}["hinge.friction_load"] == 0.0
     assert numbers["replays"][0]["rmse_after"][0] < 1.5 * NOISE

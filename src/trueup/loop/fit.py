@@ -89,6 +89,7 @@ def fit(
         space = space.freeze(names, dict.fromkeys(names, 0.0))
     else:
         waiting = {}
+    waiting = {structure: declared for structure, declared in waiting.items() if declared}
     point = np.clip(space.to_unit(start), 0.0, 1.0)
     coarse = _coarse(problem, space, point)
     descent = Descent(space, point, watch, robust, solver=solver)

@@ -159,6 +159,8 @@ def growth(run: Run) -> None:
     if not run.later or not run.looks or run.look.problem.duration < run.problem.duration:
         return
     later, run.later = run.later, {}
+    if run.descent.search is None or len(run.descent.search.point) != len(run.descent.point):
+        run.descent.descend(run.look)  # something was left out since
     blocks = by_stretch(run.look.problem)
     without = run.descent.finished(run.look)
     errors = left_out_errors(run.look.problem, without, blocks)
