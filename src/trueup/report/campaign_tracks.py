@@ -14,12 +14,11 @@ from trueup.campaign.history import History, TrialStory
 from trueup.errors import TrueupError
 from trueup.formats import read
 from trueup.recording import Recording
+from trueup.report.drawing import LINE, SAMPLES
 from trueup.report.markup import Markup, join, tag
 from trueup.report.plots import AFTER, BEFORE, FAINT, Plot, span
 
 Array = NDArray[np.float64]
-
-_MOST = 1500  # points of a line; more than the picture has pixels
 
 
 @dataclass(frozen=True)
@@ -61,10 +60,10 @@ def _map(track: Track) -> Markup:
     points = [(_thin(r.channel("position").select(("x", "y")).values), c) for r, c in lines]
     everything = np.concatenate([p for p, _ in points])
     wide, high = (float(np.nanmax(everything[:, k]) - np.nanmin(everything[:, k])) for k in (0, 1))
-    height = int(np.clip(58 + 760 * high / max(wide, 1e-9), 160, 560))
+    height = int(np.clip(58 + 760 * high / max(wide, np.finfo(float).tiny), 160, 560))
     plot = Plot(span(everything[:, 0]), span(everything[:, 1]), "x, m", "y, m", width=860, height=height, equal=True)
     if track.wanted is not None:
-        plot.line([(float(a), float(b)) for a, b in _thin(track.wanted)], FAINT, width=3.5)
+        plot.line([(float(a), float(b)) for a, b in _thin(track.wanted)], FAINT, width=3 * LINE)
     for p, colour in points:
         plot.line([(float(a), float(b)) for a, b in p], colour)
     return plot.svg(f"Where the robot went in {track.of}: at first, and with the best settings")
@@ -80,7 +79,7 @@ def _over_time(track: Track, channel: str, label: str) -> Markup:
     plot = Plot(span(everything[:, 0], margin=0.0), span(everything[:, 1]), "time, s", f"{label}, {lines[0][1]}",
                 width=860, height=200)  # fmt: skip
     for p, _, colour in lines:
-        plot.line([(float(a), float(b)) for a, b in p], colour, width=1.3)
+        plot.line([(float(a), float(b)) for a, b in p], colour, width=LINE)
     return plot.svg(f"{channel} of {label} in {track.of}: at first, and with the best settings")
 
 
@@ -121,4 +120,4 @@ def _recording(story: TrialStory, folder: Path) -> Recording | None:
 
 
 def _thin(points: Array) -> Array:
-    return points[:: max(1, len(points) // _MOST)]
+    return points[:: max(1, len(points) // SAMPLES)]

@@ -17,8 +17,6 @@ _NUMBERS = 56
 """Pixels left of the error's axes, for numbers."""
 _STRIP = 110
 """Pixels of one error over time, with its title."""
-_RESTS = 1e-9
-"""m: a car that stands is not seen to jump by the rounding of its position."""
 _ROOM = 4
 """The share of the way's size, as its inverse, that predictions may leave it by and still be seen."""
 _HIGHEST, _LOWEST = 560, 160
@@ -71,7 +69,8 @@ def _view(seen: Array, ways: list[tuple[str, Array]]) -> tuple[Markup, float]:
 def _cut(predicted: Array, seen: Array) -> Array:
     """The prediction with a gap before each new one, which takes it back to where the car was."""
     step = np.linalg.norm(np.diff(seen, axis=0), axis=1)
-    back = np.linalg.norm(np.diff(predicted - seen, axis=0), axis=1) > np.maximum(2.0 * np.nanmedian(step), _RESTS)
+    rounding = float(np.finfo(np.float32).eps)  # m: a car that stands does not jump
+    back = np.linalg.norm(np.diff(predicted - seen, axis=0), axis=1) > max(2.0 * float(np.nanmedian(step)), rounding)
     return np.where(np.concatenate([[False], back])[:, None], np.nan, predicted)
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from trueup.report.marks import mark_texts, nice_marks
+from trueup.report.marks import mark_texts, nice_marks, spans_decades
 from trueup.report.markup import Markup, tag
 from trueup.report.numbers import Scale, significant, with_unit
 from trueup.report.summary import Score
@@ -23,7 +23,7 @@ class Axis:
         return cls(largest, min((v for v in ends if v > 0), default=largest))
 
     def __init__(self, largest: float, smallest: float) -> None:
-        self.log = smallest > 0 and largest / smallest > 100
+        self.log = spans_decades(smallest, largest)
         self.low = 10.0 ** math.floor(math.log10(smallest)) if self.log else 0.0
         self.high = largest if largest > 0 else 1.0
 

@@ -9,20 +9,15 @@ from typing import Any
 import numpy as np
 
 from trueup.calibration import Array, Calibration, Replay
+from trueup.report.drawing import SAMPLES
 from trueup.report.encoding import kept_samples, packed
 from trueup.report.hints import worst_moment
 from trueup.report.numbers import Scale, scale_for
 from trueup.report.spectra import amplitude_density, error_by_speed, white_density
 from trueup.report.summary import Comparison, column_score, comparisons, noise_of, pooled_score
 
-MOST_A_LINE = 20_000
-"""Samples of one line at most: more than any screen has columns, even zoomed twenty times."""
-
 MOST_IN_ALL = 400_000
 """Samples of all lines together at most, which keeps the file small enough to mail."""
-
-LEAST_A_LINE = 2_000
-"""Samples of one line that are kept however many lines there are."""
 
 FAR = 1e6
 """Clocks further from zero than this (seconds of an epoch) are shown from the start of the recording."""
@@ -32,7 +27,7 @@ def figure_data(calibration: Calibration) -> dict[str, Any]:
     """All that the figures need, ready for JSON: replays, search trace and correlations."""
     groups = comparisons(calibration)
     columns = sum(len(r.labels) for r in calibration.replays)
-    most = max(LEAST_A_LINE, min(MOST_A_LINE, MOST_IN_ALL // max(columns, 1)))
+    most = max(SAMPLES, MOST_IN_ALL // max(columns, 1))
     replays = [_replay(r, error_scale(group), most) for group in groups for r in group.ordered]
     correlation = correlations(calibration)
     return {

@@ -11,11 +11,8 @@ from trueup.report.dumbbell import Axis
 from trueup.report.figures import error_scale
 from trueup.report.markup import Markup, join, tag
 from trueup.report.numbers import Scale, ratio_text, significant, with_unit
-from trueup.report.parts import callout, caption, cells, change, facts, group_row, hero, table
+from trueup.report.parts import LISTED, callout, caption, cells, change, facts, group_row, hero, table
 from trueup.report.summary import Comparison, Score, broken_off, comparisons, pooled_score, signal_size, worsened
-
-LISTED = 8
-"""Joints that got worse are named up to this number; the heat table shows the rest."""
 
 RAN_AWAY = 3.0
 """A model whose error is this many times the size of the motion did not follow it at all."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.identification.estimation.result import Identification, Prediction, rmse
+from trueup.report.drawing import SAMPLES
 from trueup.report.encoding import kept_samples
 from trueup.report.markup import Markup, join, tag
 from trueup.report.numbers import significant
@@ -16,36 +17,9 @@ from trueup.report.plots import AFTER, FAINT, INK, SOFT, Plot, span
 
 Array = NDArray[np.float64]
 
-_SAMPLES = 1500
 _SPEED_BINS, _CELLS = 15, 14
-_BAND = "rgba(var(--accent), 0.18)"
 _FEW = 8
 """Samples below which a bin or a cell says nothing."""
-
-
-class Chart(Plot):
-    """A plot with areas."""
-
-    def band(self, x: Array, low: Array, high: Array, colour: str = _BAND) -> None:
-        """The area between two lines."""
-        there, back = (
-            zip(x.tolist(), low.tolist(), strict=True),
-            zip(x[::-1].tolist(), high[::-1].tolist(), strict=True),
-        )
-        points = [self.at(p) for p in [*there, *back]]
-        outline = " ".join(f"{px:.1f},{py:.1f}" for px, py in points)
-        self._parts.append(tag("polygon", points=outline, style=f"fill:{colour}"))
-
-    def box(self, x: tuple[float, float], y: tuple[float, float], colour: str, title: str = "") -> None:
-        """A filled rectangle; `title` is shown under the pointer."""
-        (x0, y0), (x1, y1) = self.at((x[0], y[1])), self.at((x[1], y[0]))
-        body = tag("title", title) if title else ""
-        self._parts.append(
-            Markup(
-                f'<rect x="{x0:.1f}" y="{y0:.1f}" width="{max(x1 - x0, 0.5):.1f}" height="{max(y1 - y0, 0.5):.1f}" '
-                f'style="fill:{colour}">{body}</rect>'
-            )
-        )
 
 
 def torque_figures(found: Identification, prediction: Prediction, which: str) -> Markup:
@@ -54,16 +28,16 @@ def torque_figures(found: Identification, prediction: Prediction, which: str) ->
     predicted, figures = getattr(prediction, which), []
     for j, joint in enumerate(found.joints):
         measured, model = prediction.measured[:, j], predicted[:, j]
-        kept = kept_samples([measured, model], _SAMPLES)
+        kept = kept_samples([measured, model], SAMPLES)
         t, low, high = prediction.time[kept], model[kept] - bound[j], model[kept] + bound[j]
         unit, kind = found.units[j], {"N": "force", "N m": "torque"}.get(found.units[j], "current")
-        chart = Chart(
+        chart = Plot(
             (float(t[0]), float(t[-1])), span([*measured[kept], *low, *high]), "time in s", f"{kind} in {unit}",
             width=1040, height=220,
         )  # fmt: skip
         chart.band(t, low, high)
-        chart.line(zip(t.tolist(), measured[kept].tolist(), strict=True), INK, width=1.3)
-        chart.line(zip(t.tolist(), model[kept].tolist(), strict=True), AFTER, width=1.3)
+        chart.curve(t, measured[kept], INK)
+        chart.curve(t, model[kept], AFTER)
         words = f"RMSE {significant(float(np.sqrt(np.mean((measured - model) ** 2))))} {unit}"
         figures.append(
             join(tag("h4", joint, tag("span", f"   {words}", class_="detail")), chart.svg(f"torque of {joint}"))
@@ -94,7 +68,7 @@ def _boxes(found: Identification, errors: Array, title: str) -> Markup:
     spread[:, known] = np.percentile(errors[:, known], [0, 5, 25, 50, 75, 95, 100], axis=0)
     least, low, quarter, middle, three, high, most = spread
     shown = [v for v in [*(1.6 * low), *(1.6 * high)] if np.isfinite(v)]
-    chart = Chart(
+    chart = Plot(
         (0.4, n + 0.6), span(shown, zero=True), "joint", title, width=520, height=300,
         x_marks=[(j + 1, str(j + 1)) for j in range(n)],
     )  # fmt: skip
@@ -118,14 +92,14 @@ def speed_figures(found: Identification, which: str) -> Markup:
         error = np.concatenate([p.measured[:, j] - getattr(p, which)[:, j] for p in judged])
         centre, mean, spread, low, high = binned(v, error)
         unit, turn = found.units[j], "m" if found.prismatic[j] else "rad"
-        chart = Chart(
+        chart = Plot(
             span(centre), span([*(mean - spread), *(mean + spread)], zero=True), f"speed in {turn}/s", f"error in {unit}",
             width=520, height=240,
         )  # fmt: skip
         if len(centre) > 1:
             chart.band(centre, mean - spread, mean + spread)
             chart.line([(chart.x[0], 0.0), (chart.x[1], 0.0)], FAINT, width=1)
-            chart.line(zip(centre, mean, strict=True), AFTER)
+            chart.curve(centre, mean, AFTER)
             for x, a, b in zip(centre, low, high, strict=True):
                 chart.bar(x, a, b, AFTER)
         figures.append(tag("figure", tag("h4", joint), chart.svg(f"error of {joint} against speed")))
@@ -169,7 +143,7 @@ def validity_map(found: Identification, which: str) -> Markup:
 
 def _map(x: Array, y: Array, error: Array, size: Array, trained: Sequence[tuple[Array, Array]]) -> Markup:
     every_x, every_y = (np.concatenate([a, *(t[k] for t in trained)]) for k, a in enumerate((x, y)))
-    chart = Chart(span(every_x), span(every_y), width=520, height=420, equal=True)
+    chart = Plot(span(every_x), span(every_y), width=520, height=420, equal=True)
     step = max(chart.x[1] - chart.x[0], chart.y[1] - chart.y[0]) / _CELLS
     for tx, ty in trained:
         for a, b in sorted(set(zip(np.floor(tx / step).tolist(), np.floor(ty / step).tolist(), strict=True))):

@@ -13,9 +13,6 @@ from trueup.report.numbers import Scale, fixed, ratio_text
 from trueup.report.parts import caption, drawn_later, empty, figure, group_row, table
 from trueup.report.summary import Comparison, Score, column_score, comparisons, label_score, noise_of, pooled_score
 
-STRONGEST = 55.0
-"""Percent of the accent colour behind the largest error of a heat table."""
-
 
 def joints(calibration: Calibration) -> Markup:
     """A heat table for each channel, the interactive figures, and what is left of each joint's error."""
@@ -74,7 +71,7 @@ def _cell(score: Score | None, scale: Scale, largest: float, index: int, replay:
     if score is None:
         return tag("td", "–", class_="number absent")
     part = score.after / largest if largest > 0 and math.isfinite(score.after) else 0.0
-    strength = STRONGEST * min(part, 1.0)
+    strength = 100 * min(part, 1.0)
     ratio = ratio_text(score.after, score.before)
     content = join(
         tag("span", scale.text(score.after), class_="value"),

@@ -22,6 +22,11 @@ def nice_marks(low: float, high: float, most: int) -> list[float]:
     return [low, high]
 
 
+def spans_decades(low: float, high: float) -> bool:
+    """Whether an axis from `low` to `high` is better logarithmic: both above zero, two decades apart."""
+    return low > 0 and high / low > 100
+
+
 def mark_texts(marks: Sequence[float]) -> list[str]:
     """The marks with as many decimals as their distance needs."""
     distance = min((b - a for a, b in pairwise(marks)), default=abs(marks[0]) if marks else 1.0)

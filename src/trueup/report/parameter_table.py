@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from trueup.calibration import Calibration, Estimate
+from trueup.report.marks import spans_decades
 from trueup.report.markup import Markup, breakable, join, tag
 from trueup.report.numbers import fixed, supported_decimals
 from trueup.report.parts import caption, chip, empty, facts, table
@@ -22,9 +23,6 @@ VERDICTS = {
     "frozen": "given, applied to the model, not searched",
 }
 """Every verdict with what it means, in the order of the legend."""
-
-WIDE = 30.0
-"""Bounds whose ratio is larger are drawn on a logarithmic axis."""
 
 
 def parameter_table(calibration: Calibration) -> Markup:
@@ -82,7 +80,7 @@ def bounds_bar(estimate: Estimate) -> Markup | None:
     low, high = _track(estimate)
     if not low < high:
         return None
-    log = low > 0 and high / low > WIDE
+    log = spans_decades(low, high)
     ends = (math.log(low), math.log(high)) if log else (low, high)
 
     def percent(x: float) -> float:

@@ -10,6 +10,9 @@ from string import Template
 
 from trueup.report.markup import Child, Markup, escape, join, tag
 
+LISTED = 10
+"""Entries of a list that are shown before it says how many more there are."""
+
 Pairs = Iterable[tuple[Child, Child]]
 """Names and what is to be told of each."""
 
@@ -130,7 +133,8 @@ def sentences(each: Iterable[str]) -> Markup:
 
 def key(*entries: tuple[str, str]) -> Markup:
     """What the colours of a figure mean."""
-    shown = [join(tag("b", "● ", style=f"color:var(--{colour})"), words, "\u2003") for colour, words in entries]
+    dots = [(tag("b", "● ", style=f"color:var(--{colour})"), words) for colour, words in entries]
+    shown = [join(tag("span", *entry, style="white-space:nowrap"), "\u2003 ") for entry in dots]
     return tag("p", shown, class_="key")
 
 

@@ -9,13 +9,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from trueup.report.drawing import LINE, path_of
+from trueup.calibration import Array
+from trueup.report.drawing import EDGE, HEAD, LINE, TEXT, Box, path_of
 from trueup.report.marks import mark_texts, nice_marks
 from trueup.report.markup import Markup, tag
 
 Point = tuple[float, float]
 
 BEFORE, AFTER, INK, SOFT, FAINT, BAD = (f"var(--{name})" for name in ("before", "after", "ink", "soft", "faint", "bad"))
+BAND = "rgba(var(--accent), 0.18)"
 
 
 @dataclass
@@ -42,24 +44,42 @@ class Plot:
         longest = max((len(words) for words in mark_texts(nice_marks(*self.y, 5))), default=0)
         self._left = max(self._left, 34 + 7 * longest) if self.y_title else 14 + 7 * longest
         if self.equal:
-            inner = self.width - 14 - self._left
-            scale = max((self.x[1] - self.x[0]) / inner, (self.y[1] - self.y[0]) / (self.height - 58))
-            self.x, self.y = _about(self.x, scale * inner), _about(self.y, scale * (self.height - 58))
+            inner, high = self.width - EDGE - self._left, self.height - EDGE - HEAD
+            scale = max((self.x[1] - self.x[0]) / inner, (self.y[1] - self.y[0]) / high)
+            self.x, self.y = _about(self.x, scale * inner), _about(self.y, scale * high)
+
+    @property
+    def _box(self) -> Box:
+        return Box(self._left, self.width - EDGE, EDGE, self.height - HEAD, *self.x, *self.y)
 
     def at(self, point: Point) -> tuple[float, float]:
         """Where a point lies, in pixels."""
-        left, right, top, bottom = self._left, self.width - 14, 14, self.height - 44
-        share_x = (point[0] - self.x[0]) / (self.x[1] - self.x[0])
-        share_y = (point[1] - self.y[0]) / (self.y[1] - self.y[0])
-        return left + share_x * (right - left), bottom - min(max(share_y, -0.5), 1.5) * (bottom - top)
+        x, y = (np.array([value], dtype=np.float64) for value in point)
+        return float(self._box.x(x)[0]), float(self._box.y(y)[0])
 
     def line(self, points: Iterable[Point], colour: str, *, width: float = LINE, dashed: bool = False) -> None:
         """A line through points; a gap where one is NaN."""
-        at = np.array([self.at(p) if all(map(math.isfinite, p)) else (math.nan, math.nan) for p in points]).reshape(
-            -1, 2
-        )
-        self._parts.append(tag("path", d=path_of(at[:, 0], at[:, 1]), fill="none", style=f"stroke:{colour}",
-                               stroke_width=width, stroke_dasharray="5 4" if dashed else None))  # fmt: skip
+        table = np.array(list(points), dtype=np.float64).reshape(-1, 2)
+        self.curve(table[:, 0], table[:, 1], colour, width=width, dashed=dashed)
+
+    def curve(self, x: Array, y: Array, colour: str, *, width: float = LINE, dashed: bool = False) -> None:
+        """A line through (T,) values; a gap where one is NaN."""
+        path = path_of(self._box.x(np.asarray(x)), self._box.y(np.asarray(y)))
+        self._parts.append(tag("path", d=path, fill="none", style=f"stroke:{colour}", stroke_width=width,
+                               stroke_dasharray="5 4" if dashed else None))  # fmt: skip
+
+    def band(self, x: Array, low: Array, high: Array) -> None:
+        """The area between two lines (T,)."""
+        px, py = self._box.x(np.concatenate([x, x[::-1]])), self._box.y(np.concatenate([low, high[::-1]]))
+        outline = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(px.tolist(), py.tolist(), strict=True))
+        self._parts.append(tag("polygon", points=outline, style=f"fill:{BAND}"))
+
+    def box(self, x: tuple[float, float], y: tuple[float, float], colour: str, title: str = "") -> None:
+        """A filled rectangle; `title` is shown under the pointer."""
+        (x0, y0), (x1, y1) = self.at((x[0], y[1])), self.at((x[1], y[0]))
+        body = tag("title", title) if title else ""
+        size = f'width="{max(x1 - x0, 0.5):.1f}" height="{max(y1 - y0, 0.5):.1f}"'
+        self._parts.append(Markup(f'<rect x="{x0:.1f}" y="{y0:.1f}" {size} style="fill:{colour}">{body}</rect>'))
 
     def dot(self, point: Point, colour: str, *, hollow: bool = False, size: float = 4.5, title: str = "") -> None:
         """A dot, hollow for what is only expected; `title` is shown under the pointer."""
@@ -106,12 +126,11 @@ class Plot:
         if written is None:
             places = nice_marks(*self.x, 8)
             written = list(zip(places, mark_texts(places), strict=True))
-        bottom = self.height - 44
+        bottom, middle = self._box.bottom, (self._box.top + self._box.bottom) / 2
         rows += [_word(self.at((place, self.y[0]))[0], bottom + 17, words, "middle") for place, words in written]
-        rows.append(_word((self._left + self.width - 14) / 2, self.height - 6, self.x_title, "middle"))
-        middle = (14 + bottom) / 2
-        rows.append(tag("text", self.y_title, x=14, y=middle, text_anchor="middle", font_size="12",
-                        style="fill:var(--soft)", transform=f"rotate(-90 14 {middle:.0f})"))  # fmt: skip
+        rows.append(_word((self._left + self.width - EDGE) / 2, self.height - 6, self.x_title, "middle"))
+        rows.append(tag("text", self.y_title, x=EDGE, y=middle, text_anchor="middle", font_size=TEXT,
+                        style="fill:var(--soft)", transform=f"rotate(-90 {EDGE} {middle:.0f})"))  # fmt: skip
         return rows
 
 

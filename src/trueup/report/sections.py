@@ -16,6 +16,7 @@ from trueup.report.markup import Markup, breakable, join, tag
 from trueup.report.numbers import Scale, duration_text, fixed, ratio_text, scale_for
 from trueup.report.parameter_table import VERDICTS, parameter_table, verdict_chip
 from trueup.report.parts import (
+    LISTED,
     Section,
     callout,
     caption,
@@ -32,9 +33,6 @@ from trueup.report.summary import SAME
 
 STRONG = 0.9
 """Pairs of estimates that correlate more are listed."""
-
-LISTED = 12
-"""Correlated pairs listed at most."""
 
 
 def sections(calibration: Calibration, context: Mapping[str, str]) -> tuple[Section, ...]:
