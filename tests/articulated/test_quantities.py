@@ -7,6 +7,7 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
@@ -107,11 +108,11 @@ def test_an_engine_of_plain_numbers_keeps_the_contracts() -> None:
     def made(lines: Sequence[Declaration]) -> ArticulatedSimulator:
         return ArticulatedSimulator(model, *declare(model, lines), step=0.01)
 
-    for one in (cart_pole.LENGTH, *(quantity(n) for n in ("mass", "damping", "gain", "delay", "bias", "friction"))):
+    for one in (cart_pole.LENGTH, *(quantity(n) for n in ("mass", "damping", "gain", "delay", "bias"))):
         check_quantity(one, model, recording, made)
-    check_simulator(
-        made([Declaration(cart_pole.LENGTH), Declaration("delay"), Declaration("friction_static")]), recording
-    )
+    check_quantity(quantity("friction"), model, recording, made, of=("cart",))
+    lines = [Declaration(cart_pole.LENGTH), Declaration("delay"), Declaration("friction_static", ("cart",))]
+    check_simulator(made(lines), recording)
 
 
 class WithTip(cart_pole.CartPole):
@@ -203,6 +204,16 @@ def test_a_quantity_beside_a_parameters_file_is_read_and_written_back(arm: Model
     again, same = declare(arm, read_declarations(tmp_path / "found.toml"))
     assert again.nominal == pytest.approx([0.03, 0.03])
     assert same == assignments
+
+
+def test_an_installed_package_may_register_a_quantity_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "own_quantity.py").write_text(OWN)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    entry = EntryPoint("sag", "own_quantity:SAG", "trueup.quantities")
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [entry] if group == entry.group else [])
+    assert quantity("sag").title == "how far a joint sags"
+    with pytest.raises(UnknownNameError, match=r"quantity 'sagg' is not in .*did you mean 'sag'"):
+        quantity("sagg")
 
 
 @pytest.mark.parametrize(

@@ -15,10 +15,11 @@ from trueup.errors import unknown_name
 Array = NDArray[np.float64]
 
 _OTHERWISE = {
-    "joint.start": 0.0, "joint.start_velocity": 0.0, "joint.slides": 0.0, "joint.friction": 0.0,
+    "joint.start": 0.0, "joint.start_velocity": 0.0, "joint.slides": 0.0,
     "actuator.slides": 0.0, "actuator.delay": 0.0, "actuator.servo": 0.0, "actuator.torque": 1.0,
 }  # fmt: skip
-"""Attributes that a description may leave out: hinges at rest, driven by motors that are told their torque."""
+"""Attributes that a description may leave out: hinges at rest, driven by motors that are told their torque. All others it
+names only where its equations heed them: a quantity without effect would be calibrated in vain."""
 
 
 @dataclass(frozen=True, eq=False)

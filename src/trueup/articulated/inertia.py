@@ -8,7 +8,7 @@ J = U U^T with U upper triangular; every real vector of ten numbers is a body th
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
@@ -28,17 +28,17 @@ def pseudo_inertia(mass: Array, com: Array, inertia: Array) -> Array:
     return pseudo
 
 
-def log_cholesky(mass: Array, com: Array, inertia: Array) -> Array:
+def log_cholesky(mass: ArrayLike, com: Array, inertia: Array) -> Array:
     """(..., 10) coordinates in the order of COMPONENTS, from mass (...), CoM (..., 3) and inertia about it (..., 3, 3)."""
-    mass = np.asarray(mass, dtype=np.float64)
+    masses = np.asarray(mass, dtype=np.float64)
     spread = 0.5 * np.trace(inertia, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - inertia
     # A rod or plate has no spread across: a millionth of the largest keeps the logarithms finite.
     least = np.maximum(1e-6 * np.trace(spread, axis1=-2, axis2=-1), 1e-12)[..., None, None]
     reverse = (spread + least * np.eye(3))[..., ::-1, ::-1]
-    upper = np.linalg.cholesky(reverse)[..., ::-1, ::-1] / np.sqrt(mass)[..., None, None]
+    upper = np.linalg.cholesky(reverse)[..., ::-1, ::-1] / np.sqrt(masses)[..., None, None]
     d = np.log(np.diagonal(upper, axis1=-2, axis2=-1))
     scaled = np.stack([upper[..., 0, 1], upper[..., 1, 2], upper[..., 0, 2]], axis=-1)
-    return np.concatenate([0.5 * np.log(mass)[..., None], d, scaled, com], axis=-1)
+    return np.concatenate([0.5 * np.log(masses)[..., None], d, scaled, com], axis=-1)
 
 
 def from_log_cholesky(theta: Array) -> tuple[Array, Array, Array]:

@@ -23,9 +23,9 @@ Array = NDArray[np.float64]
 
 def check_quantity(
     quantity: Quantity, model: Model, recording: Recording, simulator: Callable[[Sequence[Declaration]], Simulator], *,
-    effect: bool = True, extra: Mapping[str, Sequence[str]] | None = None,
+    of: tuple[str, ...] = ("*",), effect: bool = True, extra: Mapping[str, Sequence[str]] | None = None,
 ) -> None:  # fmt: skip
-    """Checks the contract of a `Quantity` at all elements of a model, tied to one value; `simulator` makes one of lines.
+    """Checks the contract of a `Quantity` at elements of a model, tied to one value; `simulator` makes one of lines.
 
     It says what it is of, its unit and its title; its bounds hold the nominal value; what is written is read back as the
     nominal value; and a run of `recording` changes with it, or does not where `effect` is False: an honest 'no effect'.
@@ -35,7 +35,7 @@ def check_quantity(
     known = quantity.family in FAMILIES or bool(model.names(quantity.family))
     require(known, f"'{quantity.name}' is of '{quantity.family}', none of {', '.join(FAMILIES)}, nor of '{model.name}'")
     require(bool(quantity.title), f"'{quantity.name}' has no title")
-    lines = [Declaration(quantity, tie="all")]
+    lines = [Declaration(quantity, of, tie="all")]
     space, (assignment,) = declare(model, lines, extra)
     (parameter,) = space.parameters
     require(parameter.unit in quantity.units(), f"'{quantity.name}' is in '{parameter.unit}', not {quantity.units()}")

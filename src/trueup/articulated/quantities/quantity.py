@@ -105,8 +105,9 @@ class Quantity:
 
     @property
     def written(self) -> bool:
-        """Whether values go into a model, in the way of `write`."""
-        return bool(self.attributes) and not self.signals and self.law is None
+        """Whether values go into a model, in the way of `write`: not where they change signals or act in each step."""
+        own = type(self).write is not Quantity.write
+        return own or (bool(self.attributes) and not self.signals and self.law is None)
 
 
 def _actuators(model: Model, servos_only: bool) -> dict[str, str]:
