@@ -9,9 +9,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.evidence import evidence
 from trueup.identification.estimation.filtering import moved, stretches
 from trueup.identification.estimation.moments import RIDGE, solve
 from trueup.identification.estimation.result import Alignment
+from trueup.identification.estimation.selection import BLOCKS
 from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
@@ -19,11 +21,6 @@ Integers = NDArray[np.int64]
 
 REACH = 0.06
 """s that are looked at on both sides."""
-_BLOCKS = 8
-_PAYS = 0.01
-"""The least share of the squared error that a correction must remove."""
-_WORTH = 0.25
-"""Samples of the log below which a shift is not worth a correction."""
 
 
 def find_shift(rows: Sequence[Rows], active: Integers, weights: Array, log_rate: float) -> Alignment:
@@ -46,8 +43,9 @@ def find_shift(rows: Sequence[Rows], active: Integers, weights: Array, log_rate:
     unshifted = float(loss[:, middle].sum())
     gain = 1.0 - float(around.sum(axis=0).min()) / max(unshifted, 1e-300)
     at_edge = abs(coarse) > 0.98 * reach
-    sure = abs(best) > max(2.0 * deviation, _WORTH / log_rate) and gain > _PAYS and not at_edge
-    return Alignment(best, deviation if not at_edge else float("inf"), log_rate, sure, max(gain, 0.0))
+    before, after = loss[:, middle], around[:, int(np.argmin(around.sum(axis=0)))]
+    clear = not at_edge and evidence(np.sqrt(before), np.sqrt(after), before).holds
+    return Alignment(best, deviation if not at_edge else float("inf"), log_rate, clear, max(gain, 0.0))
 
 
 def shifted(rows: Rows, shift: float) -> Rows:
@@ -75,7 +73,7 @@ def _blocks(r: Rows, place: Integers, weights: Array, shifts: Array, total: int)
     step = float(np.median(np.diff(r.time))) if r.length > 1 else 1.0
     margin = min(int(np.ceil(REACH / step)) + 1, r.length // 4)
     torque = np.stack([moved(r.torque, shift / step) for shift in shifts], axis=-1)  # (S, n, K)
-    share = max(1, round(_BLOCKS * r.length / total))
+    share = max(1, round(BLOCKS * r.length / total))
     for keep in np.array_split(np.arange(margin, r.length - margin), share):
         G, h, t = np.zeros((m, m)), np.zeros((m, K)), np.zeros(K)
         for j, (c, v) in enumerate(zip(r.columns, r.values, strict=True)):

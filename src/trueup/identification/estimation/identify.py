@@ -135,7 +135,7 @@ def _believed(
 ) -> tuple[Alignment | None, Structured]:  # fmt: skip
     """The model with a shift of torque in time taken out, unless richer friction explains as well what looked like one."""
     shifted_model = structured(aligned)
-    if alignment is None or not alignment.doubtful:
+    if alignment is None or not alignment.corrected:
         return alignment, shifted_model
     plain = structured(as_logged)
     if shifted_model[-1].beats(plain[-1]):

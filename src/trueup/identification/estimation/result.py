@@ -77,10 +77,6 @@ class Link:
     """What would be impossible in the unconstrained fit, in words."""
 
 
-_PLAIN_GAIN, _PLAIN = 0.1, 5.0
-"""Share of the squared error, and deviations, from which on a shift is plain."""
-
-
 @dataclass(frozen=True)
 class Alignment:
     """Torque against position in time."""
@@ -98,11 +94,6 @@ class Alignment:
     def samples(self) -> float:
         """The shift in samples of the log."""
         return self.shift * self.rate
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether friction that a rough model lacks might look like this shift: it takes effect late, or early, too."""
-        return self.corrected and (self.gain < _PLAIN_GAIN or abs(self.shift) < _PLAIN * self.deviation)
 
 
 @dataclass(frozen=True, eq=False)
