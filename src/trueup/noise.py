@@ -38,6 +38,14 @@ def estimate_noise(values: ArrayLike, time: ArrayLike) -> Array:
     return noise
 
 
+def spread(errors: ArrayLike) -> Array:
+    """(...) standard deviation of errors (T, ...) from the median of their sizes, so that a few wild ones do not count.
+
+    F. Hampel, "The influence curve and its role in robust estimation", JASA 69, 1974: 1.4826 for normal errors.
+    """
+    return 1.4826 * np.median(np.abs(errors), axis=0)
+
+
 def estimate_grid(values: ArrayLike) -> float | None:
     """Step of the grid that the samples (T,) lie on, in their unit, as an encoder leaves it; None if continuous.
 

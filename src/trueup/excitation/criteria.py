@@ -164,4 +164,4 @@ class Criterion:
         rng, n = np.random.default_rng(seed), self.model.tree.n
         q, qd, qdd = (rng.uniform(-a, a, (1, 300, n)) for a in (np.pi, 2.0, 5.0))
         M = self.model.information(q, qd, qdd, self.weights, self.independent)[0] / 300
-        return 1.0 / np.sqrt(np.maximum(np.diag(M), 1e-300))
+        return 1.0 / np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))

@@ -94,7 +94,7 @@ def _deviations(criterion: Criterion, motions: Motions, seconds: float, noise: N
     weights = 1.0 / (noise.share * criterion.torque)
     M = criterion.model.information(motions.q, motions.qd, motions.qdd, weights, criterion.independent).mean(axis=0)
     M *= seconds * noise.rate / motions.q.shape[1]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(M), 1e-300))
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(M * scale[:, None] * scale)
     # A direction that is not seen at all has no finite deviation; this floor is far beyond any use.
     return scale * np.sqrt(((vectors**2) / np.maximum(values, 1e-14)).sum(axis=1))

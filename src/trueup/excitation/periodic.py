@@ -154,7 +154,7 @@ class Fourier:
         for basis, most in zip(self._bases(12 * self.harmonics), allowed, strict=True):
             share = (c @ basis.T) / np.broadcast_to(most, c.shape[:2])[..., None]
             used += ((share * share) ** (_POWER // 2)).sum(axis=-1)
-        return np.maximum(used, 1e-300) ** (-1.0 / _POWER)
+        return np.maximum(used, np.finfo(float).tiny) ** (-1.0 / _POWER)
 
     def _bases(self, samples: int) -> tuple[Array, Array, Array]:
         """(samples, 2 H) what the coefficients are multiplied with for q (of mean zero), qd, qdd."""

@@ -9,6 +9,8 @@ the velocity w of the link's origin for a unit speed of that joint.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -22,6 +24,8 @@ TILE = 4
 
 # pi/2 in three parts, of which the first two have trailing zeros: k times them is exact for |k| < 2^20.
 _PI1, _PI2, _PI3 = 1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21
+_TAYLOR = tuple((-1.0) ** (k // 2) / math.factorial(k) for k in range(17))
+"""Coefficients of sine (odd) and cosine (even)."""
 _FUSED = {"contract"}  # a product and a sum may be one instruction; nothing else may be rearranged
 
 
@@ -32,17 +36,15 @@ def sines(x: Array, sine: Array, cosine: Array) -> None:
         k = np.floor(x[s] * (2.0 / np.pi) + 0.5)
         r = ((x[s] - k * _PI1) - k * _PI2) - k * _PI3
         z = r * r
-        a = 1.0 / 6227020800.0 + z * (-1.0 / 1307674368000.0 + z / 355687428096000.0)
-        a = -1.0 / 5040.0 + z * (1.0 / 362880.0 + z * (-1.0 / 39916800.0 + z * a))
-        a = r + r * z * (-1.0 / 6.0 + z * (1.0 / 120.0 + z * a))
-        b = -1.0 / 87178291200.0 + z * (1.0 / 20922789888000.0 - z / 6402373705728000.0)
-        b = 1.0 / 40320.0 + z * (-1.0 / 3628800.0 + z * (1.0 / 479001600.0 + z * b))
-        b = 1.0 - 0.5 * z + z * z * (1.0 / 24.0 + z * (-1.0 / 720.0 + z * b))
-        quarter = k - 4.0 * np.floor(0.25 * k)
-        odd = (quarter == 1.0) | (quarter == 3.0)
+        a = _TAYLOR[9] + z * (_TAYLOR[11] + z * (_TAYLOR[13] + z * _TAYLOR[15]))
+        a = r + r * z * (_TAYLOR[3] + z * (_TAYLOR[5] + z * (_TAYLOR[7] + z * a)))
+        b = _TAYLOR[10] + z * (_TAYLOR[12] + z * (_TAYLOR[14] + z * _TAYLOR[16]))
+        b = 1.0 - 0.5 * z + z * z * (_TAYLOR[4] + z * (_TAYLOR[6] + z * (_TAYLOR[8] + z * b)))
+        quarter = k % 4
+        odd = (quarter == 1) | (quarter == 3)
         first, second = (b if odd else a), (a if odd else b)
-        sine[s] = -first if quarter >= 2.0 else first
-        cosine[s] = -second if (quarter == 1.0) | (quarter == 2.0) else second
+        sine[s] = -first if quarter >= 2 else first
+        cosine[s] = -second if (quarter == 1) | (quarter == 2) else second
 
 
 @njit(cache=True, nogil=True, fastmath=_FUSED)

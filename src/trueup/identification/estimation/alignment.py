@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trueup.evidence import evidence
 from trueup.identification.estimation.filtering import moved, stretches
-from trueup.identification.estimation.moments import RIDGE, solve
+from trueup.identification.estimation.moments import RIDGE, TINY, solve
 from trueup.identification.estimation.result import Alignment
 from trueup.identification.estimation.selection import BLOCKS
 from trueup.identification.rows import Rows
@@ -41,7 +41,7 @@ def find_shift(rows: Sequence[Rows], active: Integers, weights: Array, log_rate:
     each = np.array([_lowest(fine, around.sum(axis=0) - one) for one in around])
     deviation = float(np.sqrt((len(each) - 1) / len(each) * np.sum((each - each.mean()) ** 2)))
     unshifted = float(loss[:, middle].sum())
-    gain = 1.0 - float(around.sum(axis=0).min()) / max(unshifted, 1e-300)
+    gain = 1.0 - float(around.sum(axis=0).min()) / max(unshifted, TINY)
     at_edge = abs(coarse) > 0.98 * reach
     before, after = loss[:, middle], around[:, int(np.argmin(around.sum(axis=0)))]
     clear = not at_edge and evidence(np.sqrt(before), np.sqrt(after), before).holds
@@ -61,7 +61,7 @@ def _losses(rows: Sequence[Rows], active: Integers, weights: Array, shifts: Arra
     m, total = len(active), sum(r.length for r in rows)
     blocks = [b for r in rows for s in stretches(r.time) for b in _blocks(r.part(s), place, weights, shifts, total)]
     G, h = sum(b[0] for b in blocks), sum(b[1] for b in blocks)
-    scale = np.sqrt(np.maximum(np.diag(G), 1e-300))
+    scale = np.sqrt(np.maximum(np.diag(G), TINY))
     x = solve(G / scale[:, None] / scale, (h / scale[:, None]).T, np.zeros(m), RIDGE) / scale  # (K, m)
     return np.array([t - 2.0 * np.einsum("mk,km->k", h, x) + np.einsum("km,mq,kq->k", x, G, x) for G, h, t in blocks])
 

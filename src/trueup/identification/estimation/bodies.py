@@ -10,15 +10,12 @@ from numpy.typing import NDArray
 
 from trueup.evidence import STANDARD_ERRORS
 from trueup.identification.dynamic_model import DynamicModel
-from trueup.identification.estimation.consistent import ConsistentFit, consistent_fit
+from trueup.identification.estimation.consistent import PULL, ConsistentFit, consistent_fit
 from trueup.identification.estimation.moments import Moments, Normal
 from trueup.identification.estimation.selection import clearly_smaller
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-_PULLS = (1e-4, 1e-3, 1e-2)
-"""Towards the model file, see `consistent_fit`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +40,11 @@ def cross_validated_fit(
     better predicted with it.
     """
     folds = _Folds(model, moments, weights, active, prior)
-    best = folds.bodies(_PULLS[0])
+    best = folds.bodies(PULL)
     K = len(best.folds)
     if K < 2:
         return best
-    for pull in _PULLS[1:] if np.isfinite(model.tree.inertial).all() else ():
+    for pull in (10.0 * PULL, 100.0 * PULL) if np.isfinite(model.tree.inertial).all() else ():
         nearer = folds.bodies(pull, near=best.fit)
         if clearly_smaller(best.errors, nearer.errors):
             break

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trueup.errors import IdentificationError
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.moments import Normal
-from trueup.identification.inertial import from_pseudo_inertia, pseudo_inertia
+from trueup.identification.inertial import NAMES, from_pseudo_inertia, pseudo_inertia
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -29,10 +29,9 @@ _FIRST, _NEAR, _COOLING, _ROUGH, _EXACT = 0.1, 1e-3, 0.1, 0.3, 1e-3
 _LEAST_ERROR = 1e-6
 """Of the squared torque: exact logs have no error left to compare with."""
 _STEPS = 200
-_RESOLUTION = 1e-13
 _ROTOR = 10.0
 """Times a link's mass times its squared length: how large rotors may be, seen from the joint, where the file has none."""
-_BASIS = pseudo_inertia(np.eye(10))  # (10, 4, 4)
+_BASIS = pseudo_inertia(np.eye(len(NAMES)))  # (10, 4, 4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +195,7 @@ class _Barrier:
             gain, share = float(-g @ step), 1.0
             if not np.isfinite(gain):
                 return None
-            if gain < max(exact * half, _RESOLUTION * abs(value)):
+            if gain < max(exact * half, 1000.0 * np.finfo(float).eps * abs(value)):
                 return x
             while (new := self._value(P, linear, x + share * step, half)) > value - 0.1 * share * gain:
                 share *= 0.5

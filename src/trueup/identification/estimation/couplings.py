@@ -23,8 +23,6 @@ Array = NDArray[np.float64]
 _RATIOS = (-1.0, -0.5, 0.5, 1.0)
 """That are tried first; between them the loss is smooth, so that it can be followed down from the best."""
 _WRIST = 5
-_BASIC = 4
-"""Groups of effects that a pool has first: rotors, offsets, viscous and Coulomb friction."""
 
 
 def coupled(
@@ -75,12 +73,11 @@ class _Basic:
 
     def choice(self, C: Array) -> Choice:
         """The model with its errors on blocks that were left out of the part that is fitted."""
-        n = self.tree.n
-        pool = pool_for(self.tree, C, [self.motion])
-        active = np.concatenate([pool.independent[: 11 * n], np.ones((_BASIC - 1) * n, dtype=bool)])
-        rows = pieces_of(self.motion, pool.model.only(range(_BASIC * n)), self.cutoff, self.hold_out)[0].rows
+        model, active = pool_for(self.tree, C, [self.motion]).basic()
+        rows = pieces_of(self.motion, model, self.cutoff, self.hold_out)[0].rows
         moments = moments_of(blocks_of([rows], BLOCKS, 1.0 / self.cutoff))
-        return reweighed(moments, np.zeros(len(active)), Choice(active, RIDGE, np.ones(n)))
+        mask = np.isin(np.arange(model.p), active)
+        return reweighed(moments, np.zeros(model.p), Choice(mask, RIDGE, np.ones(self.tree.n)))
 
 
 def _with(C: Array, pair: tuple[int, int], ratio: float) -> Array:

@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trueup.errors import IdentificationError
+from trueup.identification.estimation.moments import TINY
+from trueup.identification.estimation.selection import BLOCKS
 from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-_BLOCKS = 8
 _PASSES = 4
 _POOR = 0.2
 
@@ -89,7 +90,7 @@ class _Stretch:
 
 
 def _stretches(runs: Sequence[Rows], payload: Array | None, body: Integers, act: Integers) -> list[_Stretch]:
-    edges = [(r, slice(*(r.length * np.array([i, i + 1]) // _BLOCKS))) for r in runs for i in range(_BLOCKS)]
+    edges = [(r, slice(*(r.length * np.array([i, i + 1]) // BLOCKS))) for r in runs for i in range(BLOCKS)]
     return [_stretch(r.part(part), payload, body, act) for r, part in edges]
 
 
@@ -114,7 +115,7 @@ def _solved(stretches: Sequence[_Stretch], weights: Array, k: int) -> Array:
     """(k + n,) parameters, then gains."""
     gram = np.einsum("j,jab->ab", weights, sum(s.gram for s in stretches))
     cross = weights @ sum(s.cross for s in stretches)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), TINY))
     solution = np.linalg.lstsq(gram * scale[:, None] * scale, cross * scale, rcond=1e-12)[0]
     return np.asarray(solution * scale, dtype=np.float64)
 
@@ -124,7 +125,7 @@ def _weights(stretches: Sequence[_Stretch], n: int) -> Array:
     k = stretches[0].gram.shape[1] - n
     gram, cross = sum(s.gram for s in stretches), sum(s.cross for s in stretches)
     square, count = sum(s.square for s in stretches), sum(s.count for s in stretches)
-    weights = 1.0 / np.maximum(np.einsum("jaa->j", np.asarray(gram)[:, k:, k:]), 1e-300)
+    weights = 1.0 / np.maximum(np.einsum("jaa->j", np.asarray(gram)[:, k:, k:]), TINY)
     for _ in range(_PASSES):
         x = _solved(stretches, weights, k)
         errors = np.einsum("a,jab,b->j", x, gram, x) - 2.0 * np.asarray(cross) @ x + square

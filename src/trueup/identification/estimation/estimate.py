@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
-from trueup.identification.estimation.moments import RIDGE, moments_of, solve, weighted_fit
+from trueup.identification.estimation.moments import RIDGE, TINY, moments_of, solve, weighted_fit
 from trueup.identification.rows import Rows
+from trueup.noise import spread
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -133,11 +134,11 @@ def _scaled(rows: Rows, by: Array) -> Rows:
 
 def _spread(errors: Array) -> Array:
     """(n,) robust standard deviations, from the median."""
-    return np.maximum(1.4826 * np.median(np.abs(errors), axis=0), 1e-300)
+    return np.maximum(spread(errors), TINY)
 
 
 def _huber(errors: Array) -> Array:
-    return np.minimum(1.0, _HUBER * _spread(errors) / np.maximum(np.abs(errors), 1e-300))
+    return np.minimum(1.0, _HUBER * _spread(errors) / np.maximum(np.abs(errors), TINY))
 
 
 def _has_outliers(rows: Sequence[Rows], parameters: Array) -> bool:
@@ -180,6 +181,6 @@ def _memory(errors: Array) -> int:
     centred = errors - errors.mean(axis=0)
     spectrum = np.abs(np.fft.rfft(centred, 2 * S, axis=0)) ** 2
     correlation = np.fft.irfft(spectrum, axis=0)[:S]
-    correlation /= np.maximum(correlation[0], 1e-300)
+    correlation /= np.maximum(correlation[0], TINY)
     below = [int(np.argmax(c < 0.5)) or 1 for c in correlation.T]
     return int(np.clip(4 * max(below), 1, max(S // 8, 1)))

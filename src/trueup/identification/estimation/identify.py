@@ -22,7 +22,7 @@ from trueup.identification.estimation.diagnosis import check_log
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import Estimate, least_squares, weighted_least_squares
 from trueup.identification.estimation.filtering import derivative
-from trueup.identification.estimation.moments import Moments, blocks_of, moments_of
+from trueup.identification.estimation.moments import TINY, Moments, blocks_of, moments_of
 from trueup.identification.estimation.motion import Log, log_of
 from trueup.identification.estimation.outcome import outcome
 from trueup.identification.estimation.pieces import Piece, pieces_of
@@ -40,6 +40,10 @@ Told = Callable[[str, float], None]
 Structured = tuple[list[Piece], Moments, Choice]
 """Pieces with their effects of load, their moments, the model that predicts best."""
 
+_STAGES = (
+    "reading the logs", "computing regressors", "comparing clocks",
+    "choosing the structure of friction", "estimating", "writing",
+)  # fmt: skip
 _NOISY = 0.1  # share of accelerations that noise may be
 _NEAR = 25
 """Frequencies of a spectrum that are averaged to tell motion from noise."""
@@ -71,15 +75,15 @@ def identify(
 
     Raises IdentificationError and UnknownNameError, naming the recording and what to do, for logs that cannot be used.
     """
-    started, wanted, say = time.perf_counter(), options or Options(), told or (lambda stage, share: None)
+    started, wanted, say = time.perf_counter(), options or Options(), _announced(told)
     _check_options(wanted, training)
     gears, rng = drives or Drives.direct(tree.joints), np.random.default_rng(wanted.seed)
-    say("reading the logs", 0.0)
+    say("reading the logs")
     logs, judged = ([log_of(r, tree, gears) for r in group] for group in (training, held_out))
     warnings = list(dict.fromkeys(n for log in [*logs, *judged] for n in (*log.notes, *check_log(log, tree))))
     cutoff = wanted.cutoff or natural_cutoff(logs)
     measured = measured_speed(logs, tree, gears, cutoff, wanted.hold_out)
-    say("computing regressors", 0.1)
+    say("computing regressors")
     motions = [log.motion(cutoff, measured_speed=measured) for log in logs]
     gears, said = coupled(motions[0], tree, gears, cutoff, wanted.hold_out)
     pool = pool_for(tree, gears.coupling, motions)
@@ -87,20 +91,30 @@ def identify(
     for log in judged:
         motion = log.motion(cutoff, measured_speed=measured)
         pieces += [replace(p, held_out=True) for p in pieces_of(motion, pool.model, cutoff, 0.0)]
-    say("comparing clocks", 0.3)
+    say("comparing clocks")
     alignment, aligned = _aligned(pool, pieces, logs[0].rate, wanted.align)
     warnings += [*said, *doubts(logs, tree, gears, pool, aligned)]
-    say("choosing the structure of friction", 0.4)
+    say("choosing the structure of friction")
     nominal = _nominal(pool.model)
     structured = partial(_structured, pool, nominal=nominal, structure=wanted.structure, margin=1.0 / cutoff)
     alignment, (pieces, moments, choice) = _believed(alignment, aligned, pieces, structured)
-    say("estimating", 0.8)
+    say("estimating")
     estimate, bodies, choice = _estimated(pool, _training(pieces), nominal, choice, wanted)
-    say("writing", 0.95)
+    say("writing")
     return outcome(
         tree, pool, choice, estimate, bodies and bodies.fit, pieces, alignment, moments=moments, nominal=nominal,
         units=logs[0].units, pull=bodies.pull if bodies else 0.0, cutoff=cutoff, warnings=warnings, rng=rng, started=started,
     )  # fmt: skip
+
+
+def _announced(told: Told | None) -> Callable[[str], None]:
+    """Tells a stage, with the share of stages that are over."""
+
+    def say(stage: str) -> None:
+        if told is not None:
+            told(stage, _STAGES.index(stage) / len(_STAGES))
+
+    return say
 
 
 def _structured(pool: Pool, pieces: Sequence[Piece], nominal: Array, structure: str, margin: float) -> Structured:
@@ -180,7 +194,7 @@ def natural_cutoff(logs: Sequence[Log]) -> float:
     for log in logs:
         frequency, power, noise = _speed_power(log)
         seen = power[frequency <= min(20.0, 0.15 * log.rate)]
-        share = np.cumsum(seen / np.maximum(seen.sum(axis=0), 1e-300), axis=0).mean(axis=1)
+        share = np.cumsum(seen / np.maximum(seen.sum(axis=0), TINY), axis=0).mean(axis=1)
         found.append(min(5.0 * float(frequency[int(np.searchsorted(share, 0.99))]), _quiet(frequency, power, noise)))
     lowest = min(log.rate for log in logs)
     return float(np.clip(round(max(found), 1), min(5.0, 0.08 * lowest), min(40.0, 0.16 * lowest)))
@@ -192,7 +206,7 @@ def _quiet(frequency: Array, power: Array, noise: Array) -> float:
     `power` and `noise` (F, n) are those of speeds.
     """
     squares = frequency[:, None] ** 2
-    share = np.cumsum(noise * squares, axis=0) / np.maximum((power * squares).sum(axis=0), 1e-300)
+    share = np.cumsum(noise * squares, axis=0) / np.maximum((power * squares).sum(axis=0), TINY)
     loud = np.flatnonzero(np.median(share, axis=1) > _NOISY**2)
     return float(frequency[loud[0]]) if len(loud) else np.inf
 
@@ -250,7 +264,7 @@ def _nominal(model: DynamicModel) -> Array:
     """(p,) what the file says, with a body of 1 kg where it says nothing: where the consistent fit looks first."""
     inertial = np.array(model.tree.inertial)
     unknown = ~np.isfinite(inertial).all(axis=1) | (inertial[:, 0] <= 0.0)
-    inertial[unknown] = from_com(1.0, np.zeros(3), 0.01 * np.eye(3))
+    inertial[unknown] = from_com(1.0, np.zeros(3), np.eye(3) / 100.0)
     return replace(model, tree=model.tree.replace(inertial=inertial)).nominal()
 
 

@@ -15,6 +15,8 @@ from trueup.identification.rows import Rows
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+TINY = float(np.finfo(float).tiny)
+"""Keeps quotients and logarithms of nothing finite."""
 RIDGE = 1e-9
 """Of the mean squared size of a column: keeps what the data cannot tell at its prior, changes nothing else."""
 
@@ -139,7 +141,7 @@ def solve(gram: Array, cross: Array, prior: Array, strength: float | Array = RID
 
     The ridge is `strength` times the mean diagonal of the Gram matrix, the same for all scaled columns or one for each.
     """
-    size = np.maximum(np.einsum("...pp->...", gram) / gram.shape[-1], 1e-300)
+    size = np.maximum(np.einsum("...pp->...", gram) / gram.shape[-1], TINY)
     ridge = np.asarray(size)[..., None] * np.broadcast_to(strength, gram.shape[-1])
     full = gram + ridge[..., None] * np.eye(gram.shape[-1])
     return np.asarray(np.linalg.solve(full, (cross + ridge * prior)[..., None])[..., 0], dtype=np.float64)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.consistent import ConsistentFit, violation, violations
 from trueup.identification.estimation.estimate import Estimate
-from trueup.identification.estimation.moments import Moments
+from trueup.identification.estimation.moments import TINY, Moments
 from trueup.identification.estimation.pool import Pool
 from trueup.identification.estimation.result import (
     Alignment,
@@ -150,7 +150,7 @@ def _nonnegative(columns: Array, target: Array) -> Array:
     both = np.asarray(np.linalg.lstsq(columns, target, rcond=None)[0], dtype=np.float64)
     if both.min() >= 0.0:
         return both
-    alone = np.maximum(columns.T @ target / np.maximum(np.sum(columns**2, axis=0), 1e-300), 0.0)
+    alone = np.maximum(columns.T @ target / np.maximum(np.sum(columns**2, axis=0), TINY), 0.0)
     trials = np.diag(alone)
     return trials[int(np.argmin([np.sum((target - columns @ x) ** 2) for x in trials]))]
 

@@ -19,6 +19,7 @@ from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _SPEEDS = (0.003, 0.01, 0.03, 0.1, 0.3)
@@ -26,6 +27,7 @@ _SPEEDS = (0.003, 0.01, 0.03, 0.1, 0.3)
 _TRAVELS = (0.01, 0.03, 0.1, 0.3)
 """Of a drive's range: over which hysteresis builds up after a reversal."""
 _USUAL = 0.01
+BASIC = ("rotor", "offset", "viscous", f"saturating {_USUAL:g}")
 STRUCTURES = ("select", "paper", "common")
 
 
@@ -50,6 +52,13 @@ class Pool:
         mask[10 * self.model.tree.n :] = False
         mask[self.columns(*names)] = True
         return mask
+
+    def basic(self) -> tuple[DynamicModel, Integers]:
+        """A model that fits any arm roughly (rotors, offsets, viscous and Coulomb friction), and its independent columns."""
+        active = np.flatnonzero(self.with_groups(*BASIC))
+        first = 10 * self.model.tree.n
+        model = self.model.only((active[active >= first] - first).tolist())
+        return model, np.concatenate([active[active < first], np.arange(first, model.p)])
 
     def forms(self) -> list[str]:
         """Groups that may be the Coulomb friction."""
@@ -108,11 +117,10 @@ def chosen(pool: Pool, moments: Moments, prior: Array, structure: str = "select"
     `structure` 'paper' (f0 sign + f1 v + f2 sign v^2, evolved trajectories, eq. 2) or 'common' (Coulomb, viscous, offset)
     fixes the effects instead.
     """
-    usual = f"saturating {_USUAL:g}"
     start = {
         "paper": ("rotor", "coulomb", "viscous", "quadratic"),
         "common": ("rotor", "coulomb", "viscous", "offset"),
-        "select": ("rotor", "offset", "viscous", usual),
+        "select": BASIC,
     }[structure]
     choice = reweighed(moments, prior, Choice(pool.with_groups(*start), RIDGE, np.ones(pool.model.tree.n)))
     if structure != "select":

@@ -12,10 +12,10 @@ from trueup.errors import IdentificationError
 from trueup.identification.estimation.diagnosis import DOUBTFUL, POOR, Fit, mistakes, signs
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import Estimate, least_squares
-from trueup.identification.estimation.moments import moments_of, solve
+from trueup.identification.estimation.moments import TINY, moments_of, solve
 from trueup.identification.estimation.motion import Log, Motion
 from trueup.identification.estimation.pieces import Piece, pieces_of
-from trueup.identification.estimation.pool import Pool, pool_for
+from trueup.identification.estimation.pool import BASIC, Pool, pool_for
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 
@@ -33,7 +33,7 @@ _SMALL, _SURELY = 0.02, 0.5
 
 def basic_columns(pool: Pool) -> NDArray[np.int64]:
     """The columns of a model that fits any arm roughly: rotors, offsets, viscous and Coulomb friction."""
-    return np.flatnonzero(pool.with_groups("rotor", "offset", "viscous", "saturating 0.01"))
+    return np.flatnonzero(pool.with_groups(*BASIC))
 
 
 def measured_speed(logs: Sequence[Log], tree: KinematicTree, drives: Drives, cutoff: float, hold_out: float) -> bool:
@@ -51,7 +51,7 @@ def doubts(
     """Nothing where a basic model explains the torque; else what else might be wrong. Raises where a mistake explains it."""
     parts = [p.rows for p in pieces if not p.held_out]
     basic = basic_columns(pool)
-    power = np.maximum(sum(np.mean(r.torque**2, axis=0) for r in parts), 1e-300)
+    power = np.maximum(sum(np.mean(r.torque**2, axis=0) for r in parts), TINY)
     rough = least_squares(parts, basic, 1.0 / power)
     relative, driven = _relative(parts, rough), _driven(pool, parts, rough)
     if relative < DOUBTFUL and not driven:
@@ -75,14 +75,12 @@ def doubts(
 def quick_fit(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, hold_out: float = 0.0) -> Fit:
     """A fit of a basic model that can be had many times: from a motion like this one to its relative error."""
     pool = pool_for(tree, drives.coupling, [motion])
-    basic, first = basic_columns(pool), 10 * tree.n
-    model = pool.model.only([int(k) - first for k in basic if k >= first])
-    active = np.concatenate([basic[basic < first], np.arange(first, model.p)])
+    model, active = pool.basic()
 
     def error(changed: Motion) -> float:
         rows = [pieces_of(changed, model, cutoff, hold_out)[0].rows]
         moments = moments_of(rows)
-        power = np.maximum(moments.square[0], 1e-300)
+        power = np.maximum(moments.square[0], TINY)
         gram, cross = (x[0] for x in moments.weighted(1.0 / power))
         x = np.zeros(model.p)
         x[active] = solve(gram[np.ix_(active, active)], cross[active], np.zeros(len(active)))
@@ -125,13 +123,13 @@ def _hanging(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float,
 def _driven(pool: Pool, rows: Sequence[Rows], estimate: Estimate) -> dict[int, float]:
     """Joints whose friction drives them, as none does (their torque or position has the wrong sign), and its share."""
     found, x = dict[int, float](), estimate.parameters
-    for j, at in enumerate(zip(pool.groups["viscous"], pool.groups["saturating 0.01"], strict=True)):
+    for j, at in enumerate(zip(pool.groups[BASIC[-2]], pool.groups[BASIC[-1]], strict=True)):
         values = [np.concatenate([r.values[j][int(np.flatnonzero(r.columns[j] == k)[0])] for r in rows]) for k in at]
         friction, speed = x[list(at)] @ np.array(values), values[0]
         size = float(np.sqrt(np.mean(friction**2)))
         torque = float(np.sqrt(np.mean(np.concatenate([r.torque[:, j] for r in rows]) ** 2)))
         if size > _SMALL * torque and np.mean(friction * speed) < -_SURELY * size * float(np.sqrt(np.mean(speed**2))):
-            found[j] = size / max(torque, 1e-300)
+            found[j] = size / max(torque, TINY)
     return found
 
 
@@ -139,4 +137,4 @@ def _relative(rows: Sequence[Rows], estimate: Estimate) -> float:
     """Relative error, joints weighed by what they carry: no joint of little torque is drowned."""
     errors = np.concatenate([r.torque - r.predict(estimate.parameters) for r in rows])
     torque = np.concatenate([r.torque for r in rows])
-    return float(np.sqrt(np.mean(np.sum(errors**2, axis=0) / np.maximum(np.sum(torque**2, axis=0), 1e-300))))
+    return float(np.sqrt(np.mean(np.sum(errors**2, axis=0) / np.maximum(np.sum(torque**2, axis=0), TINY))))

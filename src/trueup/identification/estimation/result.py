@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.identification.estimation.moments import TINY
+
 Array = NDArray[np.float64]
 
 
@@ -181,4 +183,4 @@ def rmse(predictions: Sequence[Prediction], which: str = "fitted") -> Array:
 def relative_errors(predictions: Sequence[Prediction], which: str = "fitted") -> Array:
     """(n,) the relative error of each joint."""
     size = np.sqrt(np.mean(np.concatenate([p.measured for p in predictions]) ** 2, axis=0))
-    return rmse(predictions, which) / np.maximum(size, 1e-300)
+    return rmse(predictions, which) / np.maximum(size, TINY)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.evidence import evidence
-from trueup.identification.estimation.moments import RIDGE, Moments, solve, weighted_fit
+from trueup.identification.estimation.moments import RIDGE, TINY, Moments, solve, weighted_fit
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -63,7 +63,7 @@ def clearly_smaller(new: Array, old: Array) -> bool:
     Half of a joint's weight is its torque's, half the joint's own: no joint is given up for another. Blocks count by the
     errors that they have to lose.
     """
-    joints = 1.0 / max(float(old.sum()), 1e-300) + 1.0 / np.maximum(old.shape[1] * old.sum(axis=0), 1e-300)
+    joints = 1.0 / max(float(old.sum()), TINY) + 1.0 / np.maximum(old.shape[1] * old.sum(axis=0), TINY)
     before, after = old @ joints, new @ joints
     return evidence(np.sqrt(before), np.sqrt(after), before).holds
 
@@ -71,7 +71,7 @@ def clearly_smaller(new: Array, old: Array) -> bool:
 def loss_of(errors: Array) -> float:
     """Half the logarithm of the pooled squared error, half the mean one of the joints, for errors (K, n)."""
     each = errors.sum(axis=0)
-    return float(0.5 * np.log(each.sum()) + 0.5 * np.mean(np.log(np.maximum(each, 1e-300))))
+    return float(0.5 * np.log(each.sum()) + 0.5 * np.mean(np.log(np.maximum(each, TINY))))
 
 
 def evaluated(moments: Moments, prior: Array, choice: Choice) -> Choice:
@@ -134,7 +134,7 @@ def errors_beside(moments: Moments, prior: Array, choice: Choice, columns: Integ
     border = normal[:, at[:, None], columns]  # (K, m, C)
     across = inverse @ border
     left = normal[:, columns, columns] - np.sum(border * across, axis=1)
-    step = (right[:, columns] - np.einsum("kmc,km->kc", border, x)) / np.maximum(left, 1e-300)
+    step = (right[:, columns] - np.einsum("kmc,km->kc", border, x)) / np.maximum(left, TINY)
     return _moved_errors(moments, at, x, -across, step, columns)
 
 

@@ -6,6 +6,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.noise import spread
+
 Array = NDArray[np.float64]
 
 _NEAR = 3
@@ -47,7 +49,7 @@ def _far_off(full: Array, least: Array) -> NDArray[np.bool_]:
     around = np.lib.stride_tricks.sliding_window_view(around, 2 * _NEAR + 1, axis=0)
     middle = np.median(around, axis=-1)
     off = np.abs(full - middle)
-    usual = np.array([1.4826 * np.median(x[x > 0.0]) if np.any(x > 0.0) else 0.0 for x in off.T])
+    usual = np.array([spread(x[x > 0.0]) if np.any(x > 0.0) else 0.0 for x in off.T])
     far = off > np.maximum(_NOISE * usual, least)
     scatter = np.median(np.abs(around[far] - middle[far][:, None]), axis=-1)
     far[far] = off[far] > _NEIGHBOURS * scatter

@@ -14,6 +14,7 @@ from trueup.errors import IdentificationError
 from trueup.identification.estimation.diagnosis import POOR
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.filtering import Lowpass, derivative, even, grid
+from trueup.identification.estimation.moments import TINY
 from trueup.identification.estimation.motion import log_of
 from trueup.identification.estimation.quick import quick_fit
 from trueup.identification.kinematic_tree import KinematicTree
@@ -107,11 +108,11 @@ def _alike(a: Array, b: Array) -> bool:
     """Whether most columns (T, n) of one are those of the other, but for their size."""
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
     size = np.sqrt(np.sum(a**2, axis=0) * np.sum(b**2, axis=0))
-    return bool(np.median(np.sum(a * b, axis=0) / np.maximum(size, 1e-300)) > _ALIKE)
+    return bool(np.median(np.sum(a * b, axis=0) / np.maximum(size, TINY)) > _ALIKE)
 
 
 def _same_size(a: Array, b: Array) -> bool:
-    return bool(abs(np.log(np.median(np.std(b, axis=0) / np.maximum(np.std(a, axis=0), 1e-300)))) < _GAIN)
+    return bool(abs(np.log(np.median(np.std(b, axis=0) / np.maximum(np.std(a, axis=0), TINY)))) < _GAIN)
 
 
 def _channels(arm: KinematicTree, block: Channel, layout: _Layout) -> dict[str, Channel]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from trueup.identification.base_parameters import BaseParameters
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.estimate import Estimate
+from trueup.identification.estimation.moments import TINY
 from trueup.identification.estimation.result import Parameter
 from trueup.identification.rows import Rows
 
@@ -88,7 +89,7 @@ def _shares(rows: Sequence[Rows]) -> Array:
         load += np.sum(r.torque**2, axis=0)
         for j, (c, v) in enumerate(zip(r.columns, r.values, strict=True)):
             total[j, c] += np.sum(v**2, axis=1)
-    return np.sqrt(np.max(total / np.maximum(load, 1e-300)[:, None], axis=0))
+    return np.sqrt(np.max(total / np.maximum(load, TINY)[:, None], axis=0))
 
 
 def _motions(model: DynamicModel, rng: np.random.Generator) -> dict[str, Array]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from trueup.errors import ModelError
 from trueup.formats.aside import written_aside
 from trueup.identification.estimation.result import Identification
-from trueup.identification.inertial import from_com, moved, pseudo_inertia, tensor
+from trueup.identification.inertial import NAMES, from_com, moved, pseudo_inertia, tensor
 from trueup.identification.kinematic_tree import KinematicTree, about
 from trueup.identification.urdf import is_urdf
 
@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_TENSOR = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
+_TENSOR = tuple(name.casefold() for name in NAMES if name.startswith("I"))
+"""Attributes of <inertia>, in the order of the ten numbers."""
 
 
 def write_identified(
@@ -163,15 +164,14 @@ def _own(link: Element) -> Array:
     com, (roll, pitch, yaw) = (np.array([float(w) for w in numbers[key].split()]) for key in ("xyz", "rpy"))
     x, y, z = np.eye(3)
     turn = about(z, yaw) @ about(y, pitch) @ about(x, roll)
-    full = np.zeros((3, 3))
-    for key, i, k in _TENSOR:
-        full[i, k] = full[k, i] = float(inertia.attributes.get(key, "0"))
-    return from_com(float(mass.attributes.get("value", "0")), com, turn @ full @ turn.T)
+    moments = np.array([0.0] * 4 + [float(inertia.attributes.get(key, "0")) for key in _TENSOR])
+    return from_com(float(mass.attributes.get("value", "0")), com, turn @ tensor(moments) @ turn.T)
 
 
 def _set_inertial(text: MjcfText, link: Element, inertial: Array) -> None:
     mass, com, inertia = _about_com(inertial)
-    values = {key: f"{inertia[i, k]:.9g}" for key, i, k in _TENSOR}
+    moments = from_com(0.0, np.zeros(3), inertia)[-len(_TENSOR) :]
+    values = {key: f"{value:.9g}" for key, value in zip(_TENSOR, moments, strict=True)}
     xyz = " ".join(f"{c:.9g}" for c in com)
     element = link.child("inertial")
     parts = {tag: element.child(tag) if element else None for tag in ("origin", "mass", "inertia")}
@@ -204,7 +204,7 @@ def _lighten(
         mass, inertia = (element.child(tag) if element else None for tag in ("mass", "inertia"))
         if mass is not None and inertia is not None:
             text.change(mass, value=f"{share * float(mass.attributes.get('value', '0')):.9g}")
-            left = {key: f"{share * float(inertia.attributes.get(key, '0')):.9g}" for key, _, _ in _TENSOR}
+            left = {key: f"{share * float(inertia.attributes.get(key, '0')):.9g}" for key in _TENSOR}
             text.change(inertia, **left)
             lighter.append(child)
         lighter += _lighten(text, child, share, tree, joints, links)
