@@ -191,7 +191,7 @@ def _write(
     args: argparse.Namespace, found: Identification, tree: KinematicTree, folder: Path
 ) -> tuple[list[Path], tuple[str, ...]]:
     """All result files; the plain numbers last, since they mark the folder as finished."""
-    from trueup.identification.estimation.numbers import numbers_of
+    from trueup.identification.estimation.result import numbers_of
     from trueup.identification.estimation.write import write_identified
     from trueup.report.identification import write_identification_report
 

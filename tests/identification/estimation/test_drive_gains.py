@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trueup.errors import IdentificationError
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.effects import Effect
-from trueup.identification.estimation.drive_gains import drive_gains
+from trueup.identification.estimation.payload import drive_gains
 from trueup.identification.inertial import from_com
 from trueup.identification.kinematic_tree import from_dh
 from trueup.identification.rows import Rows

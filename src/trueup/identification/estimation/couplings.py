@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.moments import RIDGE, blocks_of, moments_of
-from trueup.identification.estimation.motion import Motion
-from trueup.identification.estimation.pieces import pieces_of
+from trueup.identification.estimation.motion import Motion, pieces_of
 from trueup.identification.estimation.pool import pool_for
 from trueup.identification.estimation.selection import BLOCKS, Choice, reweighed
 from trueup.identification.kinematic_tree import KinematicTree

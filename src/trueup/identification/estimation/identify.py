@@ -23,9 +23,8 @@ from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import Estimate, least_squares, weighted_least_squares
 from trueup.identification.estimation.filtering import derivative
 from trueup.identification.estimation.moments import TINY, Moments, blocks_of, moments_of
-from trueup.identification.estimation.motion import Log, log_of
+from trueup.identification.estimation.motion import Log, Piece, log_of, pieces_of
 from trueup.identification.estimation.outcome import outcome
-from trueup.identification.estimation.pieces import Piece, pieces_of
 from trueup.identification.estimation.pool import STRUCTURES, Pool, chosen, loaded, pool_for
 from trueup.identification.estimation.quick import basic_columns, doubts, measured_speed
 from trueup.identification.estimation.result import Alignment, Identification

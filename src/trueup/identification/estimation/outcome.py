@@ -31,7 +31,7 @@ from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.poses import link_poses
 
 if TYPE_CHECKING:
-    from trueup.identification.estimation.pieces import Piece
+    from trueup.identification.estimation.motion import Piece
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,7 @@ from trueup.identification.estimation.diagnosis import DOUBTFUL, POOR, Fit, mist
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import Estimate, least_squares
 from trueup.identification.estimation.moments import TINY, moments_of, solve
-from trueup.identification.estimation.motion import Log, Motion
-from trueup.identification.estimation.pieces import Piece, pieces_of
+from trueup.identification.estimation.motion import Log, Motion, Piece, pieces_of
 from trueup.identification.estimation.pool import BASIC, Pool, pool_for
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
