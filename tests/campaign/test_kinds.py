@@ -59,10 +59,10 @@ def test_a_base_is_free_unless_recordings_were_made_without_its_pose(model: Path
     assert "held in the air" in "\n".join(said)
 
 
-def test_what_the_robot_did_is_named_and_cut_as_the_model_needs_it(model: Path) -> None:
+def test_what_the_robot_did_is_named_as_the_model_needs_it(model: Path) -> None:
     ready = mujoco(model, print, (), model.with_name("parameters.toml"))
     pieces = ready.suited([log(("joint_1", "joint_2"), posed=True)])
-    assert len(pieces) > 3  # an unstable robot is replayed in windows
+    assert len(pieces) == 1
     assert all(p.channel("position").labels == ("hip", "knee") for p in pieces)
     assert ready.suited([]) == ()
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import re
-from argparse import Namespace
 from pathlib import Path
 
 import mujoco
@@ -14,16 +13,13 @@ from numpy.typing import NDArray
 
 from trueup.articulated.declarations import Declaration, declare
 from trueup.articulated.pose import angles_of, near, quaternion_of, turning
-from trueup.calibration import Replay
-from trueup.commands.calibrate import _recordings as recordings_of
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.drives import suited
-from trueup.engines.mujoco.setup.windows import folded, joined
 from trueup.errors import ModelError
-from trueup.formats import write
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.prepare import prepare, simulator_for
+from trueup.loop.replay import replays
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
 
@@ -87,27 +83,24 @@ def test_angles_are_those_of_the_quaternion_and_rates_turn_it() -> None:
 
 
 def test_the_robot_that_was_recorded_replays_its_pose(tmp_path: Path) -> None:
-    windows, notes = _taken(_written(tmp_path), _squats())
-    assert len(windows) == 4
-    assert "windows of 0.5 s" in notes[0]
-    simulator, _ = simulator_for(tmp_path / "dog.xml", windows)
+    recordings, _ = _taken(_written(tmp_path), _squats())
+    simulator, _ = simulator_for(tmp_path / "dog.xml", recordings)
     shipped = simulator.shipped()
-    runs = shipped.rollout([Trial.of(w) for w in windows], np.zeros((1, 0)))
-    for window, run in zip(windows, runs, strict=True):
-        for name, limit in (("base_position", 2e-3), ("base_orientation", 1e-2)):
-            error = run.channels[name][0] - window.channel(name).values
-            assert np.sqrt(np.mean(error**2)) < limit
+    (run,) = shipped.rollout([Trial.of(recordings[0])], np.zeros((1, 0)))
+    for name, limit in (("base_position", 2e-3), ("base_orientation", 1e-2)):
+        error = run.channels[name][0] - recordings[0].channel(name).values
+        assert np.sqrt(np.mean(error**2)) < limit
     assert "trunk.mass" in simulator.parameters.names
 
 
 def test_what_the_trunk_carries_is_found_from_its_pose(tmp_path: Path) -> None:
-    windows, _ = _taken(_written(tmp_path), _squats(mass=5.0, kp=48.0))
+    recordings, _ = _taken(_written(tmp_path), _squats(mass=5.0, kp=48.0))
     model = load(tmp_path / "dog.xml")
     space, quantities = declare(
         model, [Declaration("kp", ("*",), tie="all", name="kp"), Declaration("mass", ("trunk",))]
     )
     found = calibrate(
-        MujocoSimulator(model, space, quantities), windows, options=Options(cross_validate=False, select=False)
+        MujocoSimulator(model, space, quantities), recordings, options=Options(cross_validate=False, select=False)
     )
     mass, kp = (next(e for e in found.estimates if e.name == name) for name in ("trunk.mass", "kp"))
     assert mass.low < 5.0 < mass.high
@@ -175,31 +168,23 @@ def test_a_urdf_whose_base_was_seen_to_move_is_set_free(tmp_path: Path) -> None:
     np.testing.assert_allclose(run.channels["base_position"][0][:, 2], fall[:, 2], atol=5e-3)
 
 
-def test_windows_stay_on_the_side_of_their_recording_and_share_its_warnings(tmp_path: Path) -> None:
-    squats, path = _squats(), _written(tmp_path)
-    for name in ("fit", "judge"):
-        write(squats.replace(name=name), tmp_path / f"{name}.parquet")
-    files = [str(tmp_path / f"{name}.parquet") for name in ("fit", "judge")]
-    given, judge, _ = recordings_of(Namespace(model=str(path), recordings=files, mapping=None, hold_out=[["judge"]]))
-    ready = prepare(path, given, judge)
-    training, held_out = ready.recordings, ready.hold_out
-    assert [r.name for r in training] == [f"fit at {0.5 * k:.1f} s" for k in range(4)]
-    assert [r.name for r in held_out] == [f"judge at {0.5 * k:.1f} s" for k in range(4)]
-    parts = [Replay(w.name, False, "position", ("j",), "rad", np.arange(5.0) / 10, *np.full((3, 5, 1), k))
-             for k, w in enumerate(training)]  # fmt: skip
-    (whole,) = joined(parts)
-    assert whole.recording == "fit"
-    np.testing.assert_allclose(whole.time, np.arange(20) / 10)
-    np.testing.assert_array_equal(whole.after[:, 0], np.repeat(np.arange(4), 5))
-    once = [f"'fit at {0.5 * k:.1f} s': knee is odd" for k in range(3)] + ["'fit at 0.5 s': hip is odd"]
-    assert folded(once, training) == ["'fit': knee is odd (3 of 4 windows)"]
+def test_a_recording_replayed_in_windows_is_shown_whole(tmp_path: Path) -> None:
+    ready = prepare(_written(tmp_path), [_squats()], propose=False)
+    (recording,) = ready.recordings
+    found = replays(ready.simulator, ready.simulator.parameters.nominal, [], [recording], windows=0.5)
+    assert {r.recording for r in found} == {"squats"}
+    for replay in found:
+        np.testing.assert_allclose(replay.time, recording.time)
+        np.testing.assert_array_equal(replay.measured, recording.channel(replay.channel).values)
+    whole = replays(ready.simulator, ready.simulator.parameters.nominal, [], [recording], windows=np.inf)
+    jumps = [np.abs(np.diff(r.after, axis=0)[49::50]).max() for pair in zip(found, whole, strict=True) for r in pair]
+    assert sum(jumps[::2]) > sum(jumps[1::2])  # each window begins where the robot was then
 
 
 def test_servos_that_legs_lack_carry_the_robot(tmp_path: Path) -> None:
     bare = re.sub("<actuator>.*</actuator>", "", _DOG.format(mass=4.0, kp=40.0))
     ready = prepare(_written(tmp_path, bare), [_squats()], propose=False)
-    windows, shipped = ready.recordings, ready.simulator
     assert any("position servos" in note for note in ready.notes)
-    for window, run in zip(windows, shipped.rollout([Trial.of(w) for w in windows], np.zeros((1, 0))), strict=True):
-        height = run.channels["base_position"][0][:, 2] - window.channel("base_position").column("z")
-        assert np.abs(height).max() < 0.02
+    found = replays(ready.simulator, ready.simulator.parameters.nominal, [], ready.recordings, windows=0.5)
+    height = next(r for r in found if r.channel == "base_position")
+    assert np.abs(height.after - height.measured)[:, height.labels.index("z")].max() < 0.02

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
-from trueup.loop.shoot import Starts
+from trueup.loop.shoot import Starts, in_windows, window_length
 from trueup.loop.uncertainty import unit_covariance
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
@@ -40,7 +41,10 @@ class Runner:
         return ("position",)
 
     def rollout(self, trials: list[Trial], values: Array, controllers: object = None) -> list[Rollout]:
-        return [Rollout(t, {"position": (start_of(t) + values * TIME)[..., None]}, {}) for t in trials]
+        return [
+            Rollout(t, {"position": (start_of(t) + values * t.observed["position"].time)[..., None]}, {})
+            for t in trials
+        ]
 
 
 class ByNoise:
@@ -48,7 +52,9 @@ class ByNoise:
         return np.full(len(labels), SIGMA)
 
     def residual(self, real: Recording, simulated: Rollout) -> Array:
-        return ((simulated.channels["position"] - real.channel("position").values) / SIGMA).reshape(-1, len(TIME))
+        time = simulated.trial.observed["position"].time
+        seen = simulated.channels["position"]
+        return ((seen - measured_at(real, "position", ("x",), time)) / SIGMA).reshape(len(seen), -1)
 
 
 def run(rng: np.random.Generator) -> Problem:
@@ -96,3 +102,43 @@ def test_a_start_that_was_measured_badly_is_corrected() -> None:
     after = starts.eliminated_from(shot, SPACE.nominal).plain_residuals(SPACE.nominal)
     assert np.mean(after**2) == pytest.approx(1.0, abs=0.3)
     np.testing.assert_allclose(starts.amounts, -6.0, atol=2.5)
+
+
+@dataclass(frozen=True)
+class Pendulum:
+    """Falls away from where it starts, or returns there: x'' = rate |rate| x."""
+
+    rate: float
+    parameters = SPACE
+    step = 0.02
+
+    def observable(self, recording: Recording) -> tuple[str, ...]:
+        return ("position",)
+
+    def rollout(self, trials: list[Trial], values: Array, controllers: object = None) -> list[Rollout]:
+        return [Rollout(t, {"position": self.path(t)[None, :, None]}, {}) for t in trials]
+
+    def path(self, trial: Trial) -> Array:
+        """(T,) from the measured start at rest."""
+        place, pace = trial.corrections.get("position", np.zeros((2, 1)))[:, 0]
+        time = np.emath.sqrt(self.rate * abs(self.rate)) * (trial.observed["position"].time - trial.start)
+        with np.errstate(invalid="ignore"):
+            led = np.where(time == 0.0, 0.0, np.sinh(time) / (time + (time == 0.0)))
+        return np.real(place * np.cosh(time) + pace * (trial.observed["position"].time - trial.start) * led)
+
+
+@pytest.mark.parametrize("rate", [2.0, 5.0, -5.0, 0.0])
+def test_windows_are_as_short_as_errors_grow_and_stable_robots_keep_whole_recordings(rate: float) -> None:
+    rng = np.random.default_rng(0)
+    channel = Channel("position", ("x",), "m", TIME, SIGMA * rng.standard_normal((len(TIME), 1)))
+    command = Channel("command", ("x",), "m", TIME, np.zeros((len(TIME), 1)))
+    problem = Problem(Pendulum(rate), [Recording("stands", {"position": channel, "command": command})], ByNoise())  # type: ignore[arg-type]
+    length = window_length(problem, SPACE.nominal)
+    if rate <= 0.0:
+        assert length == np.inf
+        return
+    assert length == pytest.approx(np.log(5.0) / rate, rel=0.5)
+    cut = in_windows(problem, length)
+    assert len(cut.trials) == round(TIME[-1] / length)
+    assert sum(len(t.observed["position"].time) for t in cut.trials) == len(TIME)
+    np.testing.assert_array_equal(np.concatenate([t.observed["position"].time for t in cut.trials]), TIME)

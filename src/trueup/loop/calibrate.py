@@ -24,6 +24,7 @@ from trueup.loop.identifiability import unseen_directions, verdicts
 from trueup.loop.problem import Problem
 from trueup.loop.replay import replays
 from trueup.loop.selection import Choice, choose
+from trueup.loop.shoot import in_windows, window_length
 from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.validate import block_errors, by_recording, left_out_errors
 from trueup.parameters import ParameterSpace
@@ -50,6 +51,9 @@ class Options:
     cross_validate: bool = True
     later: tuple[str, ...] = ()
     """Optional structures (`Parameter.optional`) that are tried from the fit without them."""
+    windows: float | None = None
+    """Recordings are replayed in windows of so many s, each from where the robot was measured to be then; inf: whole. None:
+    as short as an unstable robot needs (`trueup.loop.shoot.window_length`), whole with a discrepancy or controllers."""
     stages: tuple[Stage, ...] | None = None
     """What the search does, one thing after the other (`trueup.loop.fit.STAGES`), in place of `search`."""
     ends: tuple[End, ...] = ()
@@ -78,18 +82,20 @@ def calibrate(
     measure = discrepancy or Weighted.estimated(recordings, channels)
     fitted = chosen.channels or usual(channels)
     problem = Problem(simulator, recordings, measure, fitted, controllers=controllers, ends=chosen.ends)
+    begin = space.nominal if start is None else start
+    windows = chosen.windows
+    if windows is None:
+        windows = np.inf if discrepancy is not None or controllers is not None else window_length(problem, begin)
+    problem = in_windows(problem, windows)
     watch = Watch(progress, checkpoint)
     chooser = _Chooser()
     select = chooser if chosen.select and not chosen_before else None
-    found = fit(
-        problem, space, space.nominal if start is None else start, watch, resume=resume, select=select, **_how(chosen)
-    )
+    found = fit(problem, space, begin, watch, resume=resume, select=select, **_how(chosen))
     watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
     cross = chosen.cross_validate and len(recordings) > 1
     return Calibration(
-        replays=replays(
-            simulator, found.values, recordings, hold_out, measure, channels=fitted, controllers=controllers
-        ),
+        replays=replays(simulator, found.values, recordings, hold_out, measure, channels=fitted,
+                        controllers=controllers, windows=windows),
         cross_validation=_cross_validation(problem, found) if cross else (),
         trace=tuple(watch.trace),
         warnings=tuple(warnings),
@@ -97,7 +103,7 @@ def calibrate(
         cpu_seconds=time.process_time() - cpu,
         evaluations=problem.evaluations,
         **_findings(problem, found, chooser.choices),
-    )
+    )  # fmt: skip
 
 
 def _searched(
@@ -130,8 +136,18 @@ def _findings(problem: Problem, found: Fit, choices: Sequence[Choice]) -> dict[s
         "estimates": _estimates(found, covariance, choices, problem.simulator.parameters),
         "covariance": _in_units(found, covariance),
         "unidentified": (*unseen_directions(found, covariance), *(n for c in choices[:1] for n in c.notes)),
-        "notes": (found.ended, *found.notes, *(n for c in choices[1:] for n in c.notes)),
+        "notes": (*_in_windows(problem), found.ended, *found.notes, *(n for c in choices[1:] for n in c.notes)),
     }
+
+
+def _in_windows(problem: Problem) -> list[str]:
+    if len(problem.trials) == len(problem.recordings):
+        return []
+    longest = max(t.duration for t in problem.trials)
+    return [
+        f"recordings are replayed in windows of {longest:.2g} s, {len(problem.trials)} in all, each from where the robot was "
+        "then: errors grow fivefold in that time"
+    ]
 
 
 class _Chooser:

@@ -32,7 +32,6 @@ from trueup.loop.stages import (
     probing,
     refinement,
     selection,
-    unsure_starts,
 )
 from trueup.parameters import ParameterSpace
 from trueup.search.least_squares import LeastSquares
@@ -49,17 +48,17 @@ _FAITHFUL = 0.3  # share of the residuals at the start by which a coarser step m
 _LINES, _EVOLUTION, _SELECTION = Stage("lines", lines), Stage("evolution", evolution), Stage("selection", selection)
 _FIRST, _COARSE_STEP = Stage("first seconds", first_seconds), Stage("all, coarse step", coarse_step)
 _FULL, _HYBRID, _GROWTH = Stage("all, full step", full_step), Stage("hybrid", hybrid), Stage("growth", growth)
-_FULL_AND_STARTS = (Stage("unsure starts", unsure_starts), _FULL, Stage("multiple shooting", multiple_shooting))
-_AROUND = (Stage("implicit filtering", implicit_filtering), Stage("probe", probing))
+_SHOOTING = Stage("multiple shooting", multiple_shooting)
+_AROUND = (_SHOOTING, Stage("implicit filtering", implicit_filtering), Stage("probe", probing))
 
 STAGES = (
-    _FIRST, _HYBRID, _LINES, _EVOLUTION, _COARSE_STEP, _HYBRID, _LINES, _EVOLUTION, _SELECTION, _GROWTH, *_FULL_AND_STARTS,
+    _FIRST, _HYBRID, _LINES, _EVOLUTION, _COARSE_STEP, _HYBRID, _LINES, _EVOLUTION, _SELECTION, _GROWTH, _FULL,
     _HYBRID, Stage("lines, full step", lines), _EVOLUTION, _SELECTION, _GROWTH, Stage("off bounds", off_bounds), *_AROUND,
 )  # fmt: skip
 """What a search does unless told otherwise."""
-DESCENT = (_FIRST, _COARSE_STEP, _SELECTION, _GROWTH, *_FULL_AND_STARTS, _SELECTION, _GROWTH)
+DESCENT = (_FIRST, _COARSE_STEP, _SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH)
 """Nothing but where slopes lead."""
-REFINEMENT = (_FULL_AND_STARTS[0], Stage("refinement", refinement), _AROUND[-1])
+REFINEMENT = (Stage("refinement", refinement), _SHOOTING, _AROUND[-1])
 """From an earlier fit of most of the recordings."""
 _SLOPES = (*DESCENT, *_AROUND)
 
@@ -122,11 +121,7 @@ def _begin(run: Run, stages: Sequence[Stage], resume: dict[str, Any] | None) -> 
         return 0
     names = [stage.name for stage in stages]
     run.saved, run.resumed = resume["search"], resume["stage"] != EVOLVING
-    if run.resumed and len(resume["search"]["point"]) == len(run.descent.point):
-        run.descent.point = np.array(resume["search"]["point"], dtype=np.float64)
-    if resume["stage"] in names and resume["stage"] != "all, full step":
-        return names.index(resume["stage"])
-    return names.index("unsure starts" if "unsure starts" in names else "all, full step")
+    return names.index(resume["stage"]) if resume["stage"] in names else names.index("all, full step")
 
 
 def _first(coarse: Problem) -> Problem:

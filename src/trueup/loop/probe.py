@@ -48,7 +48,8 @@ def probed(problem: Problem, fit: Fit, seed: int) -> Fit:
     points, residuals = points[good], residuals[good]
     steps = -(robust_weights(residuals, fit.bend) * residuals) @ search.slopes @ _inverse(problem, fit, search.slopes)
     away = np.clip(points + steps, 0.0, 1.0) - fit.unit
-    return replace(fit, jacobian=search.slopes, scatter=away.T @ away / len(away))
+    scatter = away.T @ away / len(away)
+    return replace(fit, jacobian=search.slopes, scatter=scatter if fit.scatter is None else scatter + fit.scatter)
 
 
 def unexplained(points: Array, residuals: Array, slopes: Array) -> float:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Simulator
 from trueup.errors import SimulationFailedError, TrueupError
 from trueup.loop.problem import Problem
+from trueup.loop.shoot import in_windows, window_length
 from trueup.recording import Channel, Recording
 from trueup.trial import Observed, command_of
 
@@ -43,8 +44,10 @@ def replay_error(
         seen = sorted({c for r in recordings for c in simulator.observable(r)})
         measure = discrepancy or Weighted.estimated(recordings, seen)
         problem = Problem(simulator, recordings, measure, channels)
+        if discrepancy is None:
+            problem = in_windows(problem, window_length(problem, values))
         unit = problem.main[1]
-        shipped = Problem(simulator.shipped(), recordings, measure, channels)
+        shipped = problem.by(simulator.shipped())
         return ReplayError(
             _pooled(shipped, np.zeros((1, 0))), _pooled(problem, np.atleast_2d(values)), unit,
         )  # fmt: skip
@@ -60,9 +63,12 @@ def _pooled(problem: Problem, values: Array) -> float:
 def replays(
     simulator: Simulator, values: Array, training: Sequence[Recording], held_out: Sequence[Recording],
     measure: Discrepancy | None = None, *, channels: Sequence[str] | None = None,
-    controllers: ControllerFactory | None = None, against: Simulator | None = None,
+    controllers: ControllerFactory | None = None, against: Simulator | None = None, windows: float | None = None,
 ) -> tuple[Replay, ...]:  # fmt: skip
     """Every recording replayed by the simulator with `values` (n,), and before that as it came (or `against` another).
+
+    In windows of `windows` s, each from where the robot was then: what was simulated jumps between them. None: as long as
+    the simulator is stable (see `shoot.window_length`).
 
     Raises SimulationFailedError where the simulator fails.
     """
@@ -70,23 +76,38 @@ def replays(
     if measure is None:
         measure = Weighted.estimated(everything, sorted({c for r in everything for c in simulator.observable(r)}))
     problem = Problem(simulator, everything, measure, channels, controllers=controllers)
+    problem = in_windows(problem, window_length(problem, values) if windows is None else windows)
     after = problem.rollouts(values[None])
     before = (against or simulator.shipped()).rollout(problem.trials, np.zeros((1, 0)), controllers)
     failed = [r.trial.name for r in after if r.failures]
     if failed:
-        raise SimulationFailedError(f"the simulator fails on: {', '.join(failed)}")
-    found = []
-    for k, (recording, old, new) in enumerate(zip(everything, before, after, strict=True)):
+        raise SimulationFailedError(f"the simulator fails on: {', '.join(dict.fromkeys(failed))}")
+    parts: dict[tuple[int, str, tuple[str, ...]], list[Replay]] = {}
+    for owner, old, new in zip(problem.owners, before, after, strict=True):
+        recording = everything[owner]
+        first = next(t.start for t, o in zip(problem.trials, problem.owners, strict=True) if o == owner)
         command = command_of(recording)
         for name, observed in new.trial.observed.items():
             measured = measured_at(recording, name, observed.labels, observed.time)
-            found.append(Replay(
-                recording=recording.name, held_out=k >= len(training), channel=name, labels=observed.labels,
-                unit=observed.unit, time=observed.time - new.trial.start, measured=measured, before=old.channels[name][0],
+            parts.setdefault((owner, name, observed.labels), []).append(Replay(
+                recording=recording.name, held_out=owner >= len(training), channel=name, labels=observed.labels,
+                unit=observed.unit, time=observed.time - first, measured=measured, before=old.channels[name][0],
                 after=new.channels[name][0], noise=measure.scale(name, observed.labels),
                 command=_commanded(command, observed) if name == "position" else None,
             ))  # fmt: skip
-    return tuple(found)
+    return tuple(_joined(own) for own in parts.values())
+
+
+def _joined(parts: Sequence[Replay]) -> Replay:
+    """One replay of several windows of a recording."""
+    if len(parts) == 1:
+        return parts[0]
+    commands = [p.command for p in parts if p.command is not None]
+    return replace(
+        parts[0], time=np.concatenate([p.time for p in parts]), measured=np.concatenate([p.measured for p in parts]),
+        before=np.concatenate([p.before for p in parts]), after=np.concatenate([p.after for p in parts]),
+        command=np.concatenate(commands) if len(commands) == len(parts) else None,
+    )  # fmt: skip
 
 
 def _commanded(command: Channel | None, observed: Observed) -> Array | None:

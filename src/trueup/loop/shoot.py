@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 
 _SLOPE = 1.24  # times noise / sampling interval: slope at the end of a parabola through five samples
 _GLANCE = 0.1  # s: by then a start has shown whether it has an effect
+_GROWTH = np.log(5.0)  # so many times an error at the start of a window may grow in it
+_FEWEST = 8  # samples in a window: a start is estimated from five
+_PARTS = 4  # windows that a recording is cut into to see how fast errors grow: all kinds of motion have their say
 _DAMPINGS = (0.0, 0.1, 1.0, 10.0)  # of the corrections that are tried side by side
 
 
@@ -100,7 +103,7 @@ class Starts:
         """The corrected trials, their residuals (m,), and (K, m) how one standard deviation more of each changes them."""
         k = len(self.handles)
         steps = np.concatenate([np.zeros((1, k)), np.eye(k)])
-        begun = [[self._begun(r, row + step) for r, row in enumerate(self.amounts)] for step in steps]
+        begun = [replace(self, amounts=self.amounts + step).trials() for step in steps]
         several = problem.replayed_by([t for own in begun for t in own], problem.owners * len(begun))
         residuals = several.plain_residuals(values[None]).reshape(len(begun), -1)
         changes = residuals[1:] - residuals[0]
@@ -126,7 +129,7 @@ class Starts:
         begun = problem.plain_residuals(values[None])
         steps = [self.amounts, *(np.array([s.solved(begun[0], d) for s in problem.eliminated]) for d in _DAMPINGS)]
         tried = problem.replayed_by(
-            [self._begun(r, row) for amounts in steps[1:] for r, row in enumerate(amounts)],
+            [t for amounts in steps[1:] for t in replace(self, amounts=amounts).trials()],
             problem.owners * len(_DAMPINGS),
         )
         residuals = np.concatenate([begun, tried.plain_residuals(values[None]).reshape(len(_DAMPINGS), -1)])
@@ -139,6 +142,10 @@ class Starts:
             chosen[r] = amounts[losses.argmin(), r]
             surprise += s.size**2 * abs(float(losses.min()) - float(s.loss(begun, np.zeros((1, 1)))[0]))
         return replace(self, amounts=chosen), surprise
+
+    def trials(self) -> list[Trial]:
+        """The trials with these corrections."""
+        return [self._begun(r, row) for r, row in enumerate(self.amounts)]
 
     def _begun(self, r: int, amounts: Array) -> Trial:
         trial = self.measured[r]
@@ -178,3 +185,85 @@ def cut(trial: Trial, start: float, length: float) -> Trial:
             observed[name] = Observed(o.labels, o.unit, o.time[inside])
     left = trial.start + trial.duration - start
     return replace(trial, start=start, duration=min(length, left), observed=observed)
+
+
+def window_length(problem: Problem, values: Array) -> float:
+    """How long trials may be in s, so that an error at their start grows fivefold at most; inf where none grows so.
+
+    Two starts a standard deviation of the measurements apart are followed at values (n,), in each part of every trial. Their
+    distance counts speeds by how far these lead until then, so that what drifts apart steadily does not grow: only what is
+    unstable does, at the rate of its largest Lyapunov exponent (A. Wolf et al., Physica D 16(3), 1985). Runs under a
+    controller of the simulator's own begin only where it does.
+    """
+    if any(t.command is None for t in problem.trials):
+        return np.inf
+    longest = max(t.duration for t in problem.trials)
+    for length in (longest / _PARTS, longest):
+        reached = _reached(in_windows(problem, length), values)
+        if np.isfinite(reached):
+            return reached
+    return np.inf
+
+
+def in_windows(problem: Problem, length: float) -> Problem:
+    """The same problem with every trial cut into equal parts of about `length` s, each begun where the robot was then."""
+    parts = [(part, owner) for t, owner in zip(problem.trials, problem.owners, strict=True) for part in _cut(t, length)]
+    if len(parts) == len(problem.trials):
+        return problem
+    return problem.replayed_by([part for part, _ in parts], [owner for _, owner in parts])
+
+
+def _cut(trial: Trial, length: float) -> list[Trial]:
+    samples = max(len(o.time) for o in trial.observed.values())
+    count = max(1, min(round(trial.duration / length), samples // _FEWEST))
+    step = trial.duration / count
+    parts = [cut(trial, trial.start + k * step, step) for k in range(count)]
+    # What is seen at the instant where the next part begins is seen there.
+    ends = [p.start + p.duration - 1e-9 for p in parts[:-1]] + [np.inf]
+    return [_until(part, end) for part, end in zip(parts, ends, strict=True)] if count > 1 else [trial]
+
+
+def _until(trial: Trial, end: float) -> Trial:
+    observed = {n: replace(o, time=o.time[o.time < end]) for n, o in trial.observed.items()}
+    return replace(trial, observed={n: o for n, o in observed.items() if len(o.time)})
+
+
+def _reached(problem: Problem, values: Array) -> float:
+    """From when on two starts are `_GROWTH` further apart, in the median over trials; inf where they do not stay so."""
+    starts = Starts.as_measured(problem, values)
+    if not starts.handles:
+        return np.inf
+    apart = replace(starts, amounts=np.ones_like(starts.amounts)).trials()
+    both = problem.replayed_by([*problem.trials, *apart], problem.owners * 2)
+    near, far = both.plain_residuals(values[None]).reshape(2, -1)
+    times, grown = [], []
+    for k, trial in enumerate(problem.trials):
+        time, growth = _growth(problem, k, far - near)
+        times.append(time - trial.start)
+        grown.append(growth)
+    grid = np.unique(np.concatenate(times))
+    curves = [np.interp(grid, t, g, right=np.nan) for t, g in zip(times, grown, strict=True) if len(t)]
+    known = [c for c in curves if np.isfinite(c).any()]
+    if not known:
+        return np.inf
+    below = np.flatnonzero(~(np.nanmedian(known, axis=0) >= _GROWTH))
+    # What a touch-down parts comes together again: only growth that lasts counts.
+    return float(grid[below[-1] + 1]) if len(below) and below[-1] + 1 < len(grid) else np.inf
+
+
+def _growth(problem: Problem, trial: int, change: Array) -> tuple[Array, Array]:
+    """(T,) instants and ln of how many times further apart two runs of a trial are then; both empty where they are one."""
+    place = pace = time = np.zeros(0)
+    for segment in problem.segments:
+        if segment.trial == trial and segment.samples > 2:
+            own = problem.trials[trial].observed[segment.channel].time
+            if len(time) and len(own) != len(time):
+                continue  # another rate
+            time, seen = own, segment.shaped(change)
+            place = np.sum(seen**2, axis=1) + (place if len(place) else 0.0)
+            pace = np.sum(np.gradient(seen, own, axis=0) ** 2, axis=1) + (pace if len(pace) else 0.0)
+    if not len(time) or not np.isfinite(place).all() or not np.any(place):
+        return np.zeros(0), np.zeros(0)
+    until = (time - time[0]) ** 2
+    first, last = place[0] + until * pace[0], place + until * pace
+    return time, 0.5 * np.log(np.maximum(last, 1e-300) / np.maximum(first, 1e-300))

@@ -16,6 +16,7 @@ from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
 from trueup.loop.selection import compared, told
 from trueup.loop.shoot import Starts
+from trueup.loop.uncertainty import start_scatter, unit_covariance
 from trueup.loop.validate import by_stretch, left_out_errors
 from trueup.loop.wide import widened
 from trueup.parameters import Parameter, ParameterSpace
@@ -48,7 +49,6 @@ class Run:
     """Looks gone through so far."""
     look: Look = field(init=False)
     """The last of them."""
-    starts: Starts | None = None
     later: Mapping[str, Mapping[str, Parameter]] = field(default_factory=dict)
     """Structures that are frozen at zero and wait for the fit without them: their parameters as declared, by name."""
     notes: list[str] = field(default_factory=list)
@@ -128,27 +128,32 @@ def selection(run: Run) -> None:
         run.descent.descend(run.look)
 
 
-def unsure_starts(run: Run) -> None:
-    """Start states become parameters with their measured noise, which are eliminated from what follows."""
-    values = run.descent.space.from_unit(run.descent.point)
-    if run.starts is None:
-        run.starts = Starts.as_measured(run.problem, values)
-    same = run.coarse is run.problem
-    run.problem = run.starts.eliminated_from(run.problem, values)
-    run.coarse = run.problem if same else run.coarse.with_starts(run.problem.trials, run.problem.eliminated)
-
-
 def multiple_shooting(run: Run) -> None:
-    """The start states themselves, in turns with all else, where slopes do not foretell what they do."""
+    """Start states become parameters with their measured noise, in turns with all else, where they matter.
+
+    Where noise at the starts moves the estimates by less than all else leaves them unsure, it is added to that.
+    """
+    before, values = run.found, run.descent.space.from_unit(run.descent.point)
+    starts = Starts.as_measured(run.problem, values)
+    shot = starts.eliminated_from(run.problem, values)
+    if not shot.eliminated:
+        return
+    scatter, own = start_scatter(shot, before), unit_covariance(run.problem, before)
+    if np.all(np.diag(scatter) < np.diag(own)):
+        run.ended = replace(before, scatter=scatter)
+        return
     for _ in range(_ROUNDS):
-        if run.starts is None or not run.problem.eliminated or run.descent.search is None:
-            return
-        starts, surprise = run.starts.corrected(run.problem, run.descent.space.from_unit(run.descent.point))
-        if surprise < run.problem.chance(run.found.residual) * len(run.descent.point):
-            return
-        run.starts, run.ended = starts, None
-        unsure_starts(run)
+        coarse = run.coarse.with_starts(shot.trials, shot.eliminated)
+        run.problem, run.coarse, run.ended = shot, shot if run.coarse is run.problem else coarse, None
         run.go(last_look(run.problem, run.coarse))
+        values = run.descent.space.from_unit(run.descent.point)
+        starts, surprise = starts.corrected(run.problem, values)
+        if surprise < run.problem.chance(run.found.residual) * len(run.descent.point):
+            break
+        shot = starts.eliminated_from(run.problem, values)
+    # Starts moved further than their noise: it is not all that is wrong there (R. T. Birge, Phys. Rev. 40, 1932).
+    ratio = max(1.0, float(np.mean(starts.amounts**2)))
+    run.ended = replace(run.found, scatter=(ratio - 1.0) * unit_covariance(run.problem, run.found))
 
 
 def growth(run: Run) -> None:

@@ -51,6 +51,20 @@ def curvature_inverse(fit: Fit) -> Array:
     return 0.5 * (inverse + inverse.T)
 
 
+def start_scatter(problem: Problem, fit: Fit) -> Array:
+    """(n_free, n_free) mean squares by which noise at the starts moves a fit that knows nothing of it.
+
+    `problem` is the one that was fitted, with start corrections eliminated since: it knows what these do.
+    """
+    spread = np.zeros((fit.jacobian.shape[1],) * 2)
+    for start in problem.eliminated:
+        slopes = fit.jacobian[start.columns] * fit.weights[start.columns, None]
+        moved = start.size * (slopes.T @ start.changes)
+        spread += moved @ moved.T
+    inverse = curvature_inverse(fit)
+    return inverse @ spread @ inverse
+
+
 def intervals(fit: Fit, covariance: Array) -> tuple[Array, Array]:
     """(n_free,) lower and upper ends of the 95 % intervals, in the parameters' units, within their bounds."""
     half = _NORMAL_95 * np.sqrt(np.maximum(np.diag(covariance), 0.0))

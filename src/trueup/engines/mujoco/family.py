@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,8 @@ import numpy as np
 from trueup.articulated.declaration_file import read_declarations, read_gains, write_parameters
 from trueup.articulated.declarations import declare
 from trueup.articulated.gains import Gains
-from trueup.calibration import Calibration, Replay, by_unit
-from trueup.engines.family import Family, Fit, Request, Suited
+from trueup.calibration import Calibration
+from trueup.engines.family import Family, Request, Suited
 from trueup.engines.mujoco.base import check_base, floating, held
 from trueup.engines.mujoco.model import Model, load
 from trueup.engines.mujoco.rollout import MujocoSimulator
@@ -24,7 +23,6 @@ from trueup.engines.mujoco.setup.overlaps import passable
 from trueup.engines.mujoco.setup.proposal import LOAD, propose
 from trueup.engines.mujoco.setup.scales import of_slides, with_units
 from trueup.engines.mujoco.setup.still import with_still_joints
-from trueup.engines.mujoco.setup.windows import begun_again, folded, joined
 from trueup.engines.mujoco.writing.write import write_model
 from trueup.errors import unknown_name
 from trueup.formats.joint_names import named_as
@@ -56,15 +54,14 @@ class Articulated(Family):
         return of_slides(model, with_units(model, named)[0])[0]
 
     def suited(self, model: Model, training: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Suited:
-        """See Family: joints by the model's names, commands that its drives take, a free base in windows."""
+        """See Family: joints by the model's names, commands that its drives take."""
         drives = model.drives()
         others = [name for name in model.names("actuator") if name and name not in drives.values()]
         named, renamed = named_as([*training, *held_out], drives, others)
         named, strange = without_strangers(named, drives, others)
         taken, changed = suited(model, named)
-        fitted, cut = begun_again(model, taken[: len(training)])
-        judged, _ = begun_again(model, taken[len(training) :])
-        return Suited(tuple(fitted), tuple(judged), (*renamed, *strange, *changed, *cut))
+        fitted, judged = taken[: len(training)], taken[len(training) :]
+        return Suited(tuple(fitted), tuple(judged), (*renamed, *strange, *changed))
 
     def simulator(
         self, model: Model, training: Sequence[Recording], replayed: Sequence[Recording], request: Request
@@ -92,17 +89,6 @@ class Articulated(Family):
         gains, named = Gains.named_by(everything, {**model.settings(), **read_gains(request.parameters)})
         simulator = MujocoSimulator(model, space, quantities, gains=gains, step=request.step or STEP)
         return simulator, (*notes, *([_of_floor(floor)] if floor else []), *named)
-
-    def calibrate(
-        self, simulator: MujocoSimulator, training: Sequence[Recording], held_out: Sequence[Recording], fit: Fit
-    ) -> Calibration:
-        """See Family."""
-        done = fit(simulator, training, held_out)
-        return replace(done, warnings=tuple(folded(done.warnings, [*training, *held_out])))
-
-    def as_recorded(self, replays: Sequence[Replay], recordings: Sequence[Recording]) -> tuple[Replay, ...]:
-        """See Family: windows of a free base put together again too."""
-        return joined(by_unit(replays, recordings))
 
     def write(
         self, simulator: MujocoSimulator, calibration: Calibration, model: Path, parameters: Path
