@@ -76,6 +76,8 @@ RULES = (
     # what bodies, joints and drives have in common whatever simulates them
     Rule("articulated", ("engines.simulator", "controllers.controller", *NOUNS)),
     Rule("engines", ("engines.simulator", "engines.family", "articulated", "controllers.controller", *NOUNS)),
+    # MJCF and URDF are read by MuJoCo's reader, whatever simulates them
+    Rule("engines.dart", ("engines.mujoco", "articulated", *NOUNS)),
     # the vehicle runs the compiled Stanley law inside its own loop, and says what counts as an error of a prediction
     Rule(
         "engines.vehicle",

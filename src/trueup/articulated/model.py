@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,6 +145,15 @@ class Running(Copies, Protocol):
 
     def step(self, command: Array, step: float) -> None:
         """One step of `step` s with commands (b, width). A copy that blows up shows values that are not finite."""
+        ...
+
+
+@runtime_checkable
+class Stopping(Protocol):
+    """Copies of which some can be left out of further steps while the others go on."""
+
+    def stop(self, rows: NDArray[np.int64]) -> None:
+        """These are stepped no further."""
         ...
 
 

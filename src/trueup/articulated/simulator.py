@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from trueup.articulated.assignments import Assignment, laws, write
 from trueup.articulated.closed_loop import ClosedLoop
 from trueup.articulated.kernels import read_off
-from trueup.articulated.model import Engine, Running
+from trueup.articulated.model import Engine, Running, Stopping
 from trueup.articulated.signals import Signals
 from trueup.articulated.starts import measured_base
 from trueup.articulated.wiring import commanded
@@ -159,6 +159,8 @@ class _Run:
             return
         seen = [self._observation(s, **self._shown(e.looks_at)) for e in self._trial.ends]
         reached = which_end(self._trial.ends, seen, len(self._copies.position))
+        if isinstance(self._copies, Stopping):
+            self._copies.stop(np.flatnonzero(reached >= 0))
         for row in np.flatnonzero(reached >= 0):
             at = self._trial.start + s * self._step
             self._ends.setdefault(int(row), Ended(at, self._trial.ends[reached[row]].name))

@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Copies of a robot stepped by DART, each in a world of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import dartpy
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.articulated.described import StoredCopies
+from trueup.articulated.model import WORLD, BasePose
+from trueup.articulated.pose import angles_of, quaternion_of, turning
+from trueup.engines.dart.model import DartModel
+from trueup.engines.dart.skeleton import new_world, transform
+from trueup.engines.mujoco.floor_plane import plane_of
+
+Array = NDArray[np.float64]
+
+LONGEST = 5e-4
+"""s: DART applies the servos' forces explicitly; with steps of 2 ms a standing humanoid falls over, with these it stands."""
+
+_SERVO = ("actuator.kp", "actuator.kv", "actuator.zero", "actuator.gain", "actuator.force_limit")
+
+
+class DartCopies(StoredCopies):
+    """Attributes are kept as arrays, and written into the worlds when these are first stepped and whenever they change."""
+
+    model: DartModel
+
+    def __init__(self, model: DartModel, rows: int) -> None:
+        super().__init__(model, rows)
+        self._file, self._compiled = model.file, model.file.compiled
+        self.worlds = [new_world(self._compiled) for _ in range(rows)]
+        self.robots = [w.getSkeleton("robot") for w in self.worlds]
+        self._dofs = np.array([self.robots[0].getJoint(j).getIndexInSkeleton(0) for j in self._joints], dtype=int)
+        self._zeros = np.array([
+            self._compiled.qpos0[self._compiled.jnt_qposadr[self._compiled.joint(j).id]] for j in self._joints
+        ])  # fmt: skip
+        self.base_position = np.zeros((rows, 3))
+        self.base_orientation = np.zeros((rows, 3))
+        self._stopped = np.zeros(rows, dtype=bool)
+        self._lost = np.zeros(rows, dtype=bool)  # DART goes on with zeros where a number is none; these do not
+        self._driven = [(i, a) for i, a in enumerate(model.drives().values()) if a]
+        self._servo: dict[str, Array] = {}
+        for joint in self._joints:
+            for attribute in ("joint.damping", "joint.friction"):
+                self._apply(attribute, joint)
+        for name in model.names("body")[1:]:
+            self._apply("body.mass", name)
+        self._apply("world.gravity", WORLD)
+        start = self._compiled.qpos0[:7]
+        still = np.zeros(3)
+        base = BasePose(start[:3], still, angles_of(start[3:]), still) if model.floating else None
+        self.place(np.tile(self._zeros, (rows, 1)), np.zeros((rows, len(self._joints))), base)
+
+    def set(self, attribute: str, name: str, values: Array) -> None:
+        """See Writable."""
+        if attribute == "body.mass":  # the body keeps its shape
+            share = values / self.get(attribute, name)
+            super().set("body.inertia", name, self.get("body.inertia", name) * share[:, None, None])
+        bad = ~np.isfinite(values).reshape(len(values), -1).all(axis=1)
+        self._lost |= bad
+        super().set(
+            attribute, name, np.where(bad.reshape(-1, *[1] * (values.ndim - 1)), self.get(attribute, name), values)
+        )
+        self._servo.clear()
+        self._apply(attribute, name)
+
+    def place(self, position: Array, velocity: Array, base: BasePose | None = None) -> None:
+        """See Running."""
+        for robot, q, v in zip(self.robots, position - self._zeros, velocity, strict=True):
+            whole, speeds = robot.getPositions(), robot.getVelocities()
+            whole[self._dofs], speeds[self._dofs] = q, v
+            if base is not None and self.model.floating:
+                there = transform(base.position, quaternion_of(base.angles))
+                whole[:6] = dartpy.dynamics.FreeJoint.convertToPositions(there)
+                # DART's velocity of a free joint is that of the body in its own axes, turning first.
+                speeds[:3] = turning(base.angles, base.rates)
+                speeds[3:6] = there.rotation().T @ base.velocity
+            robot.setPositions(whole)
+            robot.setVelocities(speeds)
+        self._gather()
+
+    def reader(self, state: str, joints: Sequence[str]) -> Callable[[int], Array]:
+        """See Copies."""
+        if state not in self.model.channels():
+            return super().reader(state, joints)
+        where = [self.model.channels()[state].index(label) for label in joints]
+        return lambda n: np.ascontiguousarray(getattr(self, state)[:n, where])
+
+    def stop(self, rows: NDArray[np.int64]) -> None:
+        """These are stepped no further."""
+        self._stopped[rows] = True
+
+    def step(self, command: Array, step: float) -> None:
+        """See Running."""
+        count = int(np.ceil(step / LONGEST - 1e-9))
+        going = np.flatnonzero(~(self._stopped | self._lost))
+        for row in going:
+            self.worlds[row].setTimeStep(step / count)
+        for _ in range(count):
+            self._force(command)
+            self._lost |= ~np.isfinite(self.force).all(axis=1)
+            for row in going[~self._lost[going]]:
+                robot = self.robots[row]
+                forces = robot.getForces()
+                forces[self._dofs] = self.force[row]
+                robot.setForces(forces)
+                self.worlds[row].step()
+            self._gather()
+
+    def _force(self, command: Array) -> None:
+        """What the drives push the joints with: position servos within their limits, or motors."""
+        if not self._servo:
+            self._servo = {a: self._stacked(a) for a in _SERVO}
+            self._motor = np.array([self.get("actuator.torque", a)[0] for _, a in self._driven])
+            self._is_servo = np.array([self.get("actuator.servo", a)[0] for _, a in self._driven]) > 0.0
+        if not self._driven:
+            return
+        at = [i for i, _ in self._driven]
+        columns = [self.model.columns()[a] for _, a in self._driven]
+        s, given = self._servo, command[:, columns]
+        held = (
+            s["actuator.kp"] * (given + s["actuator.zero"] - self.position[:, at])
+            - s["actuator.kv"] * self.velocity[:, at]
+        )
+        force = s["actuator.gain"] * np.where(self._is_servo, held, self._motor * given)
+        limit = np.where(s["actuator.force_limit"] > 0.0, s["actuator.force_limit"], np.inf)
+        self.force[:, at] = np.clip(force, -limit, limit)
+
+    def _stacked(self, attribute: str) -> Array:
+        """(b, k) of the driven joints; 0 where a motor has no such thing."""
+        columns = []
+        for _, actuator in self._driven:
+            servo = self.get("actuator.servo", actuator)[0] > 0.0
+            known = servo or attribute in ("actuator.gain", "actuator.force_limit")
+            columns.append(self.get(attribute, actuator) if known else np.zeros(self.rows))
+        return np.stack(columns, axis=1) if columns else np.zeros((self.rows, 0))
+
+    def _apply(self, attribute: str, name: str) -> None:
+        family = attribute.partition(".")[0]
+        if attribute == "joint.damping":
+            for robot, value in zip(self.robots, self.get(attribute, name), strict=True):
+                robot.getJoint(name).setDampingCoefficient(0, float(value))
+        elif attribute == "joint.friction":
+            for robot, value in zip(self.robots, self.get(attribute, name), strict=True):
+                robot.getJoint(name).setCoulombFriction(0, float(value))
+        elif attribute == "joint.armature":
+            body = int(self._compiled.jnt_bodyid[self._compiled.joint(name).id])
+            self._write_body(self._compiled.body(body).name)
+        elif family == "body":
+            self._write_body(name)
+        elif attribute == "world.gravity":
+            for world, value in zip(self.worlds, self.get(attribute, name), strict=True):
+                world.setGravity(value)
+        elif attribute in ("geom.friction", "world.floor_friction"):
+            geom = name if family == "geom" else self._compiled.geom(plane_of(self._compiled)).name
+            for world, value in zip(self.worlds, self.get(attribute, name), strict=True):
+                for shape in _shapes(world, geom):
+                    shape.getDynamicsAspect().setFrictionCoeff(float(value))
+
+    def _write_body(self, name: str) -> None:
+        """Mass, centre of mass and inertia of a body; the rotor of its joint turns with it, about the joint's axis.
+
+        DART knows no rotors. What the rotor adds is exact where the body before it rests, and counts the motion of that
+        body too where it does not.
+        """
+        body = self._compiled.body(name)
+        mass, com, inertia = (self.get(f"body.{x}", name) for x in ("mass", "com", "inertia"))
+        rotor = np.zeros((3, 3))
+        if body.jntnum[0] == 1 and self._compiled.jnt_type[body.jntadr[0]] == 3:
+            joint, axis = self._compiled.joint(int(body.jntadr[0])).name, self._compiled.jnt_axis[int(body.jntadr[0])]
+            rotor = np.outer(axis, axis) * self.get("joint.armature", joint)[:, None, None]
+        for robot, m, c, i in zip(self.robots, mass, com, inertia + rotor, strict=True):
+            robot.getBodyNode(name).setInertia(dartpy.dynamics.Inertia(float(m), c, i))
+
+    def _gather(self) -> None:
+        whole = np.array([r.getPositions() for r in self.robots])
+        self.position = whole[:, self._dofs] + self._zeros
+        self.velocity = np.array([r.getVelocities() for r in self.robots])[:, self._dofs]
+        self._lost |= ~np.isfinite(whole).all(axis=1)
+        self.position[self._lost] = np.nan
+        if self.model.floating:
+            places = [r.getRootBodyNode().getTransform() for r in self.robots]
+            self.base_position = np.array([t.translation() for t in places])
+            turned = np.array([_quaternion(t) for t in places])
+            self.base_orientation = angles_of(turned)
+
+
+def _quaternion(placed: Any) -> Array:
+    q = placed.quaternion()
+    return np.array([q.w(), q.x(), q.y(), q.z()])
+
+
+def _shapes(world: Any, geom: str) -> list[Any]:
+    bodies = [body for name in ("world", "robot") for body in world.getSkeleton(name).getBodyNodes()]
+    return [shape for body in bodies for shape in body.getShapeNodes() if shape.getName() == geom]
