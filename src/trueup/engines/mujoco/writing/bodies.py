@@ -78,9 +78,9 @@ def _edited(
     compiler = model.spec.compiler
     edits = Edits(text, model.compiled, wanted, degrees=bool(compiler.degree), autolimits=bool(compiler.autolimits))
     for name in bodies:
-        edits.write("mass", name)
+        edits.write("body.mass", name)
     for name in joints:
-        for kind in ("damping", "friction", "armature"):
+        for kind in ("joint.damping", "joint.friction", "joint.armature"):
             edits.write(kind, name)
     relocate(text, model.path.absolute().parent, path.absolute().parent)
     return text.render()
