@@ -198,6 +198,19 @@ def test_a_run_ends_by_whichever_condition_holds_first(tmp_path: Path, ends: tup
     assert len(rollout.ends) == 2
 
 
+@pytest.mark.parametrize("step", [0.002, 0.003, 0.0007])
+def test_no_look_is_missed_whatever_the_step(tmp_path: Path, step: float) -> None:
+    def after(when: float) -> When:
+        return When("late", lambda seen: np.full(len(seen.position), seen.time >= when))
+
+    instants = np.arange(0.0, 0.9, 0.02) + 1e-6
+    trials = [riding(f"{when}", ends=(after(when),)) for when in instants]
+    done = cart(tmp_path).at_step(step).rollout(trials, no_damping(1))
+    late = np.array([r.ends[0].at for r in done]) - instants
+    assert (late > 0.0).all()
+    assert late.max() <= LOOK + step
+
+
 def counted(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
     """Counts the steps that rows are really stepped, and calls of forward."""
     count = {"steps": 0, "forward": 0}

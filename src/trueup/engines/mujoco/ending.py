@@ -41,37 +41,45 @@ class Watch:
         Field to (n, m, ...): the state after `at` steps and after each of the steps that follow; row i is what it seems for
         `good[i]` of these.
         """
-        trial, found = self._trials[k], []
+        trial = self._trials[k]
+        found: list[tuple[int, Ended]] = []
         count = next(iter(joined.values())).shape[1] - 1 if trial.ends else 0
+        places = self._looks(at, count, trial.duration)
+        if not len(places):
+            return found
+        channels = [
+            {n: _along(s, joined[s.field], places) for n, s in each.items()} for each in self._sources[k]
+        ]  # for each end and channel (n, looks, k)
         left = np.ones(len(good), dtype=bool)
-        every = LOOK / self._step
-        for look in range(int(np.ceil(at / every - 1e-9)), int((at + count) / every) + 1):
-            step = int(np.ceil(look * every - 1e-9))
-            if not at <= step < at + count or step * self._step > trial.duration + 1e-9:
-                continue
-            rows = np.flatnonzero(left & (good >= step - at))
-            which = which_end(trial.ends, self._look(k, joined, rows, step - at, step * self._step), len(rows))
-            for row, end in zip(rows[which >= 0], which[which >= 0], strict=True):
-                found.append((int(row), Ended(trial.start + step * self._step, trial.ends[end].name)))
+        for look, i in enumerate(places.tolist()):
+            rows = np.flatnonzero(left & (good >= i))
+            whole = self._look(k, joined, rows, i, (at + i) * self._step)
+            seen = [replace(whole, channels={n: v[rows, look] for n, v in each.items()}) for each in channels]
+            which = which_end(trial.ends, seen, len(rows))
+            for row, end in zip(rows[which >= 0].tolist(), which[which >= 0].tolist(), strict=True):
+                found.append((row, Ended(trial.start + whole.time, trial.ends[end].name)))
                 left[row] = False
         return found
 
-    def _look(
-        self, k: int, joined: Mapping[str, Array], rows: NDArray[np.intp], i: int, now: float
-    ) -> list[Observation]:
-        """What each end of a trial sees of some rows, i steps into the stretch."""
+    def _looks(self, at: int, count: int, duration: float) -> NDArray[np.int64]:
+        """After how many of the `count` steps that follow step `at` is looked, the state before them included."""
+        every = LOOK / self._step
+        looks = np.arange(int(at / every), int((at + count) / every) + 1)
+        steps = np.ceil(looks * every - 1e-9).astype(np.int64)
+        return steps[(steps >= at) & (steps < at + count) & (steps * self._step <= duration + 1e-9)] - at
 
-        def channel(source: Source) -> Array:
-            # Derived fields describe the state before each step: their history begins one step earlier.
-            column = i + source.derived
-            values = source.read(joined[source.field][rows, column : column + 1])[:, 0]
-            return angles_of(values) if source.turned else values
-
+    def _look(self, k: int, joined: Mapping[str, Array], rows: NDArray[np.intp], i: int, now: float) -> Observation:
+        """What is to be seen of some rows, i steps into the stretch, but for channels."""
         data = joined["sensordata"][rows, i + 1] if self._sensors else None
         sensors = {} if data is None else {n: data[:, place] for n, place in self._sensors.items()}
-        position, velocity = joined["qpos"][rows, i], joined["qvel"][rows, i]
-        whole = Observation(now, position, velocity, sensors, self._trials[k])
-        return [replace(whole, channels={n: channel(s) for n, s in each.items()}) for each in self._sources[k]]
+        return Observation(now, joined["qpos"][rows, i], joined["qvel"][rows, i], sensors, self._trials[k])
+
+
+def _along(source: Source, history: Array, places: NDArray[np.int64]) -> Array:
+    """(n, looks, k) a channel at some places of a field's history (n, m, size)."""
+    # Derived fields describe the state before each step: their history begins one step earlier.
+    values = source.read(history[:, places + int(source.derived)])
+    return angles_of(values) if source.turned else values
 
 
 def _sources(model: Model, compiled: mujoco.MjModel, trial: Trial) -> list[dict[str, Source]]:

@@ -35,7 +35,7 @@ Rows = NDArray[np.int64]
 
 # Steps simulated between two readings: long enough to hide the call, short enough for memory. Where rows may end it is a
 # `BLOCK`, since they leave the batch at the next reading only.
-_CHUNK = 4 * BLOCK
+_CHUNK = 8 * BLOCK
 
 
 class Run:

@@ -21,7 +21,7 @@ from trueup.engines.mujoco.acts import Acts
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
-BLOCK = 64
+BLOCK = 32
 """Steps for which recorded commands are computed at once: whatever the rows are stepped beside, they round alike."""
 _CLOCK = int(mujoco.mjtState.mjSTATE_TIME)  # what the engine records as 'time'
 
