@@ -45,7 +45,7 @@ FAMILIES = {  # folder -> its base, the protocol that the others may know
     "search": "search.search",
     "evaluation": "evaluation.evaluator",
 }
-BASES = (*FAMILIES.values(), "engines.restricted", "engines.family")
+BASES = (*FAMILIES.values(), "engines.restricted", "engines.mixed", "engines.family")
 ANYTHING = ("",)
 
 

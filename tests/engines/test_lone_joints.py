@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,16 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.articulated.declarations import Declaration, declare
+from trueup.controllers.controller import ControllerFactory
+from trueup.discrepancies.weighted import Weighted
+from trueup.engines.mixed import Mixed
 from trueup.engines.mujoco.lone.lone_joints import LoneJoints
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.engines.simulator import Rollout, Simulator
+from trueup.loop.calibrate import Options, calibrate
+from trueup.loop.fit import DESCENT
+from trueup.loop.problem import Problem
 from trueup.recording import Channel, Recording
 from trueup.testing import check_simulator
 from trueup.trial import Trial
@@ -29,12 +37,14 @@ ARM = """
     <position kp="{kp}" kv="0.3" forcerange="-4 4"/>
   </default>
   <worldbody>
+    <geom type="plane" size="1 1 1" pos="0 0 {floor}"/>
     <body name="turret">
       <joint name="base" axis="0 0 1"/><inertial pos="0 0 0.05" mass="0.2" diaginertia="2e-4 2e-4 2e-4"/>
       <body name="upper" pos="0 0 0.1">
         <joint name="shoulder" axis="0 1 0"/><inertial pos="0.06 0.01 0" mass="0.15" diaginertia="4e-5 2e-4 2e-4"/>
         <body name="lower" pos="0.12 0 0">
           <joint name="elbow" axis="0 1 0"/><inertial pos="0.08 0 0.01" mass="0.12" diaginertia="3e-5 2e-4 2e-4"/>
+          <geom type="sphere" size="0.01" pos="0.1 0 0"/>
         </body>
       </body>
     </body>
@@ -46,7 +56,7 @@ ARM = """
   </actuator>
 </mujoco>
 """
-GEARED = {"armature": "0.02", "kp": "25", "elbow": "position"}
+GEARED = {"armature": "0.02", "kp": "25", "elbow": "position", "floor": "-1"}
 LINES = [
     Declaration("kp"), Declaration("kv"), Declaration("force_limit"), Declaration("gain"), Declaration("zero"),
     Declaration("delay", tie="all"), Declaration("damping"), Declaration("damping_quadratic"), Declaration("friction"),
@@ -69,9 +79,9 @@ def arm(folder: Path, lines: list[Declaration], **design: str) -> MujocoSimulato
     return MujocoSimulator(model, *declare(model, lines, names))
 
 
-def commands(duration: float) -> Channel:
+def commands(duration: float, seed: int) -> Channel:
     """Multisines on steps at 50 Hz, from rest, with the time stamps of a real clock."""
-    rng = np.random.default_rng(1)
+    rng = np.random.default_rng(seed)
     time = 0.02 * np.arange(round(50 * duration))
     frequency, phase = rng.uniform(0.2, 2.0, (2, 5, len(JOINTS))) * [[[1.0]], [[3.0]]]
     waves = 0.12 * np.sin(2.0 * np.pi * frequency * time[:, None, None] + phase).sum(axis=1)
@@ -79,15 +89,18 @@ def commands(duration: float) -> Channel:
     return Channel("command", JOINTS, "rad", time, np.where(time[:, None] < 0.4, 0.0, waves + steps))
 
 
-def recorded(simulator: MujocoSimulator, duration: float = 6.0) -> Recording:
-    """What the nominal arm does, as an encoder of 12 bits sees it."""
-    command = commands(duration)
+def recorded(
+    simulator: MujocoSimulator, duration: float = 6.0, values: Array | None = None, name: str = "r", gain: float = 1.0
+) -> Recording:
+    """What the arm, nominal or with values (n,), makes of commands, as an encoder of 12 bits sees it."""
+    command = commands(duration, ord(name[0]))
+    command = command.replace(values=gain * command.values)
     still = Channel("position", JOINTS, "rad", command.time, np.zeros_like(command.values))
-    trial = Trial.of(Recording("r", {"command": command, "position": still}))
-    (done,) = simulator.rollout([trial], simulator.parameters.nominal[None])
+    trial = Trial.of(Recording(name, {"command": command, "position": still}))
+    (done,) = simulator.rollout([trial], np.atleast_2d(simulator.parameters.nominal if values is None else values))
     grid = 2.0 * np.pi / 4096.0
     seen = grid * np.round(done.channels["position"][0] / grid)
-    return Recording("r", {"command": command, "position": still.replace(values=seen)})
+    return Recording(name, {"command": command, "position": still.replace(values=seen)})
 
 
 def moved(simulator: MujocoSimulator, share: float) -> Array:
@@ -155,3 +168,69 @@ def test_what_cannot_be_taken_joint_by_joint_is_left_to_the_engine(tmp_path: Pat
     assert LoneJoints.of(simulator, [Trial.of(recording)]) is None
     planned = Trial("planned", 0.0, 1.0, recording.channel("command"), Trial.of(recording).observed)
     assert LoneJoints.of(arm(tmp_path, []), [planned]) is None
+
+
+class Counted:
+    """A simulator that counts its steps, and offers its approximation or not."""
+
+    def __init__(self, simulator: Simulator, offers: bool, steps: list[float] | None = None) -> None:
+        self.whole, self.offers, self.steps = simulator, offers, [0.0] if steps is None else steps
+        self.name, self.parameters, self.step = simulator.name, simulator.parameters, simulator.step
+        self.shipped, self.observable = simulator.shipped, simulator.observable
+
+    def at_step(self, step: float) -> Counted:
+        return Counted(self.whole.at_step(step), self.offers, self.steps)
+
+    def approximation(self, trials: Sequence[Trial]) -> Simulator | None:
+        assert isinstance(self.whole, MujocoSimulator)
+        return self.whole.approximation(trials) if self.offers else None
+
+    def rollout(
+        self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None = None
+    ) -> list[Rollout]:
+        self.steps[0] += len(np.atleast_2d(values)) * sum(t.duration for t in trials) / self.step
+        return self.whole.rollout(trials, values, controllers)
+
+
+FITTED = [
+    Declaration("kp"), Declaration("damping"), Declaration("friction"), Declaration("armature"), Declaration("zero"),
+    Declaration("delay", tie="all"), Declaration("mass", ("lower",)),
+]  # fmt: skip
+
+
+def test_a_calibration_with_lone_joints_is_at_least_as_good_at_a_tenth_of_the_steps(tmp_path: Path) -> None:
+    simulator = arm(tmp_path, FITTED)
+    space = simulator.parameters
+    away = np.random.default_rng(0).uniform(-0.1, 0.1, len(space))
+    truth = space.from_unit(np.clip(space.to_unit(space.nominal), 0.1, 0.9) + away)
+    recordings = [recorded(simulator, 6.0, truth, name) for name in ("a", "b")]
+    errors, steps = [], []
+    for offers in (True, False):
+        counted = Counted(simulator, offers)
+        fit = calibrate(counted, recordings, options=Options(stages=DESCENT, cross_validate=False))
+        errors.append(np.abs(space.to_unit(fit.values) - space.to_unit(truth)))
+        steps.append(counted.steps[0])
+    assert steps[0] < 0.1 * steps[1]
+    assert errors[0].max() < max(errors[1].max(), 0.01)
+
+
+def problem_of(simulator: MujocoSimulator, recordings: list[Recording]) -> tuple[Problem, Problem]:
+    """A problem, and what is approximated of it in the middle of the box."""
+    problem = Problem(simulator, recordings, Weighted.estimated(recordings, ["position"]), ("position",))
+    space = simulator.parameters
+    values = space.from_unit(np.clip(space.to_unit(space.nominal), 0.2, 0.8))
+    return problem, problem.approximated(values, problem.residuals(values[None])[0])
+
+
+def test_joints_that_are_coupled_are_left_to_the_engine(tmp_path: Path) -> None:
+    simulator = arm(tmp_path, [Declaration("damping", nominal=0.01)], armature="1e-4", elbow="motor")
+    problem, approximated = problem_of(simulator, [recorded(simulator)])
+    assert approximated.simulator is problem.simulator
+
+
+def test_only_the_recording_that_touches_something_is_simulated_by_the_engine(tmp_path: Path) -> None:
+    simulator = arm(tmp_path, [Declaration("kp")], floor="-0.05")
+    free, stopped = recorded(simulator, 3.0, name="free", gain=0.3), recorded(simulator, 3.0, name="stopped", gain=2.5)
+    _, approximated = problem_of(simulator, [free, stopped])
+    assert isinstance(approximated.simulator, Mixed)
+    assert approximated.simulator.exact == {"stopped"}

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.controllers.controller import ControllerFactory
-from trueup.engines.simulator import Rollout, Simulator
+from trueup.engines.simulator import Approximated, Rollout, Simulator
 from trueup.errors import unknown_name
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
@@ -54,6 +54,11 @@ class Restricted:
     def shipped(self) -> Simulator:
         """The simulator as it came."""
         return self.whole.shipped()
+
+    def approximation(self, trials: Sequence[Trial]) -> Simulator | None:
+        """That of the whole, with these parameters."""
+        other = self.whole.approximation(trials) if isinstance(self.whole, Approximated) else None
+        return None if other is None else Restricted(other, self.parameters)
 
     def observable(self, recording: Recording) -> tuple[str, ...]:
         """The channels of a recording that the simulator can reproduce."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,4 +131,13 @@ class Simulator(Protocol):
 
         A trial's own controller goes before `controllers`; the trial's `chance` settles all that is random.
         """
+        ...
+
+
+@runtime_checkable
+class Approximated(Protocol):
+    """A Simulator that offers a cheaper one of nearly its own behaviour, which is compared with it where it is used."""
+
+    def approximation(self, trials: Sequence[Trial]) -> Simulator | None:
+        """A Simulator with the same parameters, for these trials; None where there is none."""
         ...

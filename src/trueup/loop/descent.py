@@ -204,7 +204,10 @@ class Descent:
         return explained(replace(self).polish(real).residual)
 
     def _level(self, cheap: Problem, fine: Array) -> Problem | None:
-        """The cheaper problem with the residual (m,) of the real one at the point; None where a coarser step fails."""
+        """The cheaper problem with the residual (m,) of the real one at the point, without approximations that miss it; None
+        where a coarser step fails.
+        """
+        cheap = cheap.approximated(self.space.from_unit(self.point), fine)
         offset = fine - self._residual(cheap)
         return cheap.shifted(offset) if np.isfinite(offset).all() else None
 

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from trueup.errors import CalibrationError
 from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Watch
 from trueup.loop.elsewhere import EVOLVING
-from trueup.loop.problem import Problem
+from trueup.loop.problem import FAITHFUL, Problem
 from trueup.loop.stages import (
     Run,
     Stage,
     coarse_step,
+    each_apart,
     evolution,
     evolve_first,
     evolve_long,
@@ -42,21 +43,20 @@ Array = NDArray[np.float64]
 
 _SHORT = (2.5, 15.0)  # s: the first stage looks at the first quarter of the recordings, within these bounds
 _COARSE = (2.5, 2.0, 1.5)  # factors on the integration step while far from the optimum; the first that is faithful
-_FAITHFUL = 0.3  # share of the residuals at the start by which a coarser step may change them
-
 
 _LINES, _EVOLUTION, _SELECTION = Stage("lines", lines), Stage("evolution", evolution), Stage("selection", selection)
-_FIRST, _COARSE_STEP = Stage("first seconds", first_seconds), Stage("all, coarse step", coarse_step)
+_APART, _FIRST = Stage("joint by joint", each_apart), Stage("first seconds", first_seconds)
+_COARSE_STEP = Stage("all, coarse step", coarse_step)
 _FULL, _HYBRID, _GROWTH = Stage("all, full step", full_step), Stage("hybrid", hybrid), Stage("growth", growth)
 _SHOOTING = Stage("multiple shooting", multiple_shooting)
 _AROUND = (_SHOOTING, Stage("implicit filtering", implicit_filtering), Stage("probe", probing))
 
 STAGES = (
-    _FIRST, _HYBRID, _LINES, _EVOLUTION, _COARSE_STEP, _HYBRID, _LINES, _EVOLUTION, _SELECTION, _GROWTH, _FULL,
+    _APART, _FIRST, _HYBRID, _LINES, _EVOLUTION, _COARSE_STEP, _HYBRID, _LINES, _EVOLUTION, _SELECTION, _GROWTH, _FULL,
     _HYBRID, Stage("lines, full step", lines), _EVOLUTION, _SELECTION, _GROWTH, Stage("off bounds", off_bounds), *_AROUND,
 )  # fmt: skip
 """What a search does unless told otherwise."""
-DESCENT = (_FIRST, _COARSE_STEP, _SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH)
+DESCENT = (_APART, _FIRST, _COARSE_STEP, _SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH)
 """Nothing but where slopes lead."""
 REFINEMENT = (Stage("refinement", refinement), _SHOOTING, _AROUND[-1])
 """From an earlier fit of most of the recordings."""
@@ -131,12 +131,12 @@ def _first(coarse: Problem) -> Problem:
 
 
 def _coarse(problem: Problem, space: ParameterSpace, point: Array) -> Problem:
-    """The problem at the coarsest step that tells nearly the same residuals at the start."""
+    """The problem at the coarsest step that tells nearly the same residuals at the start, approximated where that does."""
     values = space.from_unit(np.clip(point, 0.05, 0.95))
     fine = problem.start_residual(values)
     for factor in _COARSE:
         cheap = problem.at_step(problem.simulator.step * factor)
         rough = cheap.residuals(values[None])[0]
-        if np.isfinite(rough).all() and np.linalg.norm(rough - fine) <= _FAITHFUL * np.linalg.norm(fine):
-            return cheap
-    return problem
+        if np.isfinite(rough).all() and np.linalg.norm(rough - fine) <= FAITHFUL * np.linalg.norm(fine):
+            return cheap.approximated(values, fine)
+    return problem.approximated(values, fine)

@@ -4,16 +4,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trueup.controllers.controller import ControllerFactory
-from trueup.discrepancies.discrepancy import Discrepancy, Mask, compared
+from trueup.discrepancies.discrepancy import Discrepancy, compared
 from trueup.ends import End
-from trueup.engines.simulator import Rollout, Simulator
+from trueup.engines.mixed import Mixed
+from trueup.engines.simulator import Approximated, Rollout, Simulator
 from trueup.errors import CalibrationError, SimulationFailedError
+from trueup.loop.segment import Segment
 from trueup.loop.shoot import Eliminated, cut
 from trueup.recording import Recording
 from trueup.trial import Observed, Trial
@@ -24,50 +26,8 @@ Array = NDArray[np.float64]
 _MOST_RESIDUALS = 600_000
 
 
-@dataclass(frozen=True)
-class Segment:
-    """Where one channel of one recording lies in the residual vector: what is compared of (T, k), flattened."""
-
-    trial: int
-    recording: int
-    channel: str
-    labels: tuple[str, ...]
-    unit: str
-    first: int
-    samples: int
-    scale: Array
-    """(k,) one unit of residual in `unit`."""
-    compared: Mask | None = None
-    """(T, k) which samples are compared; the others have no residual. None: all are."""
-
-    @property
-    def mask(self) -> Mask:
-        """(T, k) which samples are compared."""
-        return np.ones((self.samples, len(self.labels)), dtype=bool) if self.compared is None else self.compared
-
-    @property
-    def count(self) -> int:
-        """How many residuals it has."""
-        return self.samples * len(self.labels) if self.compared is None else int(self.compared.sum())
-
-    @property
-    def columns(self) -> slice:
-        """Its part of the residual vector."""
-        return slice(self.first, self.first + self.count)
-
-    @property
-    def units(self) -> Array:
-        """(count,) one unit of each residual, in `unit`."""
-        return np.broadcast_to(self.scale, (self.samples, len(self.labels)))[self.mask]
-
-    def shaped(self, residual: Array) -> Array:
-        """(..., T, k) of a residual vector (..., m), 0 at samples that are not compared (`mask` says which)."""
-        part, shape = residual[..., self.columns], (self.samples, len(self.labels))
-        if self.compared is None:
-            return part.reshape(*part.shape[:-1], *shape)
-        out = np.zeros((*part.shape[:-1], *shape))
-        out[..., self.compared] = part
-        return out
+FAITHFUL = 0.3
+"""Share of the residuals by which a coarser step, or an approximation, may change them and be searched in their place."""
 
 
 class Problem:
@@ -84,9 +44,11 @@ class Problem:
         channels: Sequence[str] | None = None, *, controllers: ControllerFactory | None = None, ends: Sequence[End] = (),
     ) -> None:  # fmt: skip
         self.simulator, self.recordings, self.discrepancy = simulator, tuple(recordings), discrepancy
+        self._finest = simulator  # as it was before steps became coarser
         self._counted = [0]  # shared by all versions of this problem
         self._controllers = controllers
         self._offset: Array | None = None
+        self._last: tuple[bytes, Array] | None = None  # values and residuals of the last candidate that came alone
         self.eliminated: tuple[Eliminated, ...] = ()
         trials = _thinned([_trial(simulator, r, channels) for r in recordings])
         self._lay_out([replace(t, ends=tuple(ends)) for t in trials] if ends else trials, range(len(trials)))
@@ -102,6 +64,7 @@ class Problem:
     def _twin(self) -> Problem:
         twin = object.__new__(Problem)
         twin.__dict__.update(self.__dict__)
+        twin._last = None
         return twin
 
     @property
@@ -111,13 +74,60 @@ class Problem:
 
     def at_step(self, step: float) -> Problem:
         """The same problem simulated with another step."""
-        return self.by(self.simulator.at_step(step))
+        twin = self._twin()
+        twin.simulator = self.simulator.at_step(step)
+        return twin
 
     def by(self, simulator: Simulator) -> Problem:
         """The same problem simulated by another simulator of the same robot."""
         twin = self._twin()
-        twin.simulator = simulator
+        twin.simulator = twin._finest = simulator
         return twin
+
+    def approximated(self, values: Array, fine: Array) -> Problem:
+        """The same problem with trials left to an approximation of the simulator, if it offers one: all whose residuals
+        this gives at `values` (n,) within `FAITHFUL` of the residuals `fine` (m,), or within the noise, of every label.
+        Trials that an earlier look has found to be missed stay with the simulator.
+        """
+        mixed = self.simulator if isinstance(self.simulator, Mixed) else self._mixed()
+        if mixed is None:
+            return self
+        twin = self._twin()
+        twin.simulator = mixed
+        apart = twin.residuals(values[None])[0] - fine
+        left = [k for k, trial in enumerate(self.trials) if trial.name not in mixed.exact]
+        missed = {self.trials[k].name for k in left if not self._faithful(k, apart, fine)}
+        if not missed:
+            return twin
+        exact = mixed.exact | missed
+        twin = self._twin()
+        all_missed = exact >= {trial.name for trial in self.trials}
+        twin.simulator = mixed.whole if all_missed else replace(mixed, exact=exact)
+        return twin
+
+    def _mixed(self) -> Mixed | None:
+        if self._controllers is not None or not isinstance(self._finest, Approximated):
+            return None
+        other = self._finest.approximation(self.trials)
+        return None if other is None else Mixed(self.simulator, other)
+
+    def _faithful(self, trial: int, apart: Array, fine: Array) -> bool:
+        """Whether residuals that are `apart` (m,) from others are nearly the same in all labels of a trial."""
+        for segment in self.segments:
+            if segment.trial == trial:
+                distance, size = (np.linalg.norm(segment.shaped(r), axis=0) for r in (apart, fine))
+                if not np.all(distance <= np.maximum(FAITHFUL * size, np.sqrt(segment.mask.sum(axis=0)))):
+                    return False
+        return True
+
+    @property
+    def approximate_part(self) -> Problem | None:
+        """The trials that are left to an approximation, in it alone; None where there are none."""
+        if not isinstance(self.simulator, Mixed):
+            return None
+        left = [k for k, trial in enumerate(self.trials) if trial.name not in self.simulator.exact]
+        part = self.replayed_by([self.trials[k] for k in left], [self.owners[k] for k in left])
+        return part.by(self.simulator.approximation)
 
     def shifted(self, offset: Array) -> Problem:
         """The same problem with `offset` (m,) added to all residuals."""
@@ -158,12 +168,19 @@ class Problem:
 
         With `only` those of some trials, as they are: no start correction is eliminated from them.
         """
-        residuals = self.plain_residuals(values, only)
         if only is not None:
-            return residuals
+            return self.plain_residuals(values, only)
+        rows = np.atleast_2d(values)
+        if len(rows) == 1 and self._last is not None and self._last[0] == rows.tobytes():
+            return self._last[1].copy()
+        residuals = self.plain_residuals(rows)
         for start in self.eliminated:
             start.apply(residuals)
-        return residuals if self._offset is None else residuals + self._offset
+        if self._offset is not None:
+            residuals = residuals + self._offset
+        if len(rows) == 1:
+            self._last = rows.tobytes(), residuals.copy()
+        return residuals
 
     def plain_residuals(self, values: Array, only: Sequence[int] | None = None) -> Array:
         """(b, m) simulated minus measured in units of the noise, whatever the starts are."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.loop.apart import apart
 from trueup.loop.descent import Descent, Fit, Look, Select, Watch, explained, last_look
 from trueup.loop.elsewhere import EDGE, FEW, LOOKED_AT, along_axes, anywhere, evolved
 from trueup.loop.probe import probed
@@ -45,6 +46,8 @@ class Run:
     saved: dict[str, Any] | None = None
     """State of an interrupted search, for the stage that it was in."""
     resumed: bool = False
+    begun: bool = False
+    """Whether joints have been searched one by one."""
     looks: int = 0
     """Looks gone through so far."""
     look: Look = field(init=False)
@@ -59,6 +62,11 @@ class Run:
         """(n_free,) where the search begins, in the unit box."""
         return np.clip(self.descent.space.to_unit(self.values), 0.0, 1.0)
 
+    @property
+    def seen(self) -> Problem:
+        """Where the effect of starts is seen: in an approximation at the same step, where there is one."""
+        return self.problem if self.coarse.approximate_part is None else self.coarse
+
     def go(self, look: Look) -> LeastSquares:
         """Least squares on one look, as the next."""
         run = self.descent
@@ -68,15 +76,19 @@ class Run:
             look = replace(look, cheap=look.problem)
         self.look, self.looks = look, self.looks + 1
         saved, self.saved = self.saved, None
+        begins = self.looks == 1 and not (self.resumed or self.begun)
+        return self._searched(look, nudge=0.05 if begins else 0.0, saved=saved)
+
+    def _searched(self, look: Look, nudge: float = 0.0, saved: dict[str, Any] | None = None) -> LeastSquares:
         if saved is None and look.cheap.simulator is not look.problem.simulator:
-            return run.polish(look)
-        return run.descend(look, nudge=0.05 if self.looks == 1 and not self.resumed else 0.0, saved=saved)
+            return self.descent.polish(look)
+        return self.descent.descend(look, nudge=nudge, saved=saved)
 
     def from_there(self, point: Array | None) -> None:
         """Goes through the last look once more, from another place."""
         if point is not None:
             self.descent.point = point
-            self.descent.descend(self.look)
+            self._searched(self.look)
 
     @property
     def found(self) -> Fit:
@@ -94,9 +106,24 @@ class Stage:
     act: Callable[[Run], None]
 
 
+def each_apart(run: Run) -> None:
+    """Each joint by itself where joints are replayed alone, from where the search begins and from the middle of the box: the
+    first seconds, then all.
+    """
+    part = run.coarse.approximate_part
+    if part is None or run.saved is not None:
+        return
+    descent, longest = run.descent, max(t.duration for t in run.first.trials)
+    starts = [run.start, np.full(len(run.start), 0.5)]
+    point = apart(part.shortened(longest), descent.space, starts, descent.robust)
+    descent.point, run.begun = apart(part, descent.space, [point], descent.robust), True
+    residual = part.residuals(descent.space.from_unit(descent.point[None]))[0]
+    descent.watch.saw("joint by joint", part, float(0.5 * residual @ residual), part.rmse(residual))
+
+
 def first_seconds(run: Run) -> None:
     """The first quarter of the recordings, loosely."""
-    if run.first is not run.coarse:
+    if run.first is not run.coarse and not run.begun:
         longest = max(t.duration for t in run.first.trials)
         real = run.problem.shortened(longest) if run.coarse is not run.problem else None
         run.go(Look("first seconds", run.first, run.first, 30.0, 15, real))
@@ -134,8 +161,8 @@ def multiple_shooting(run: Run) -> None:
     Where noise at the starts moves the estimates by less than all else leaves them unsure, it is added to that.
     """
     before, values = run.found, run.descent.space.from_unit(run.descent.point)
-    starts = Starts.as_measured(run.problem, values)
-    shot = starts.eliminated_from(run.problem, values)
+    starts = Starts.as_measured(run.seen, values)
+    shot = _shot(run, starts, values)
     if not shot.eliminated:
         return
     scatter, own = start_scatter(shot, before), unit_covariance(run.problem, before)
@@ -147,13 +174,18 @@ def multiple_shooting(run: Run) -> None:
         run.problem, run.coarse, run.ended = shot, shot if run.coarse is run.problem else coarse, None
         run.go(last_look(run.problem, run.coarse))
         values = run.descent.space.from_unit(run.descent.point)
-        starts, surprise = starts.corrected(run.problem, values)
+        starts, surprise = starts.corrected(run.seen, values)
         if surprise < run.problem.chance(run.found.residual) * len(run.descent.point):
             break
-        shot = starts.eliminated_from(run.problem, values)
+        shot = _shot(run, starts, values)
     # Starts moved further than their noise: it is not all that is wrong there (R. T. Birge, Phys. Rev. 40, 1932).
     ratio = max(1.0, float(np.mean(starts.amounts**2)))
     run.ended = replace(run.found, scatter=(ratio - 1.0) * unit_covariance(run.problem, run.found))
+
+
+def _shot(run: Run, starts: Starts, values: Array) -> Problem:
+    begun = starts.eliminated_from(run.seen, values)
+    return run.problem.with_starts(begun.trials, begun.eliminated)
 
 
 def growth(run: Run) -> None:

@@ -20,7 +20,7 @@ from trueup.engines.mujoco.model import Model, needs_shapes, prepared
 from trueup.engines.mujoco.run import Run
 from trueup.engines.mujoco.stepping import unclocked
 from trueup.engines.mujoco.wiring import actuators_of, source_of
-from trueup.engines.simulator import Rollout
+from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
 from trueup.recording import Recording, is_command
@@ -87,6 +87,12 @@ class MujocoSimulator:
         twin.step = step
         twin.batches = self.batches.at_step(step)
         return twin
+
+    def approximation(self, trials: Sequence[Trial]) -> Simulator | None:
+        """Each joint alone, where gears let joints be taken so (see `lone`)."""
+        from trueup.engines.mujoco.lone.lone_joints import LoneJoints
+
+        return LoneJoints.of(self, trials)
 
     def observable(self, recording: Recording) -> tuple[str, ...]:
         """The measured channels that this model can reproduce. Raises UnknownNameError for joints it does not have."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -14,7 +15,9 @@ from trueup.articulated.laws import STRIBECK_SPEED
 from trueup.articulated.lone_joint import Command, Drives
 from trueup.articulated.signals import Signals
 from trueup.engines.mujoco.attributes import MujocoAttributes
-from trueup.engines.mujoco.rollout import MujocoSimulator
+
+if TYPE_CHECKING:
+    from trueup.engines.mujoco.rollout import MujocoSimulator
 
 Array = NDArray[np.float64]
 

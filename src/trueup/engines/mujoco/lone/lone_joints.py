@@ -8,7 +8,8 @@ engine where it is used.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +20,15 @@ from trueup.articulated.signals import Signals
 from trueup.controllers.controller import ControllerFactory
 from trueup.engines.mujoco.lone.drives import Driven, alone
 from trueup.engines.mujoco.lone.loads import InverseDynamics
-from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.wiring import joint_id, source_of
 from trueup.engines.simulator import Rollout, refuse_unsupported
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
+
+if TYPE_CHECKING:
+    from trueup.engines.mujoco.rollout import MujocoSimulator
 
 Array = NDArray[np.float64]
 
@@ -35,11 +38,16 @@ _FEWEST = 5  # samples that a smoothed motion can be taken from
 
 
 class LoneJoints:
-    """A Simulator with the parameters of the engine's, for trials that carry the motion that was measured."""
+    """A Simulator with the parameters of the engine's, for trials that carry the motion that was measured.
 
-    def __init__(self, whole: MujocoSimulator, dynamics: InverseDynamics, step: float) -> None:
+    `measured`: the positions of trials by their names, where those are not the trial's own.
+    """
+
+    def __init__(
+        self, whole: MujocoSimulator, dynamics: InverseDynamics, measured: Mapping[str, Channel], step: float
+    ) -> None:
         self.whole, self.step = whole, step
-        self._dynamics = dynamics
+        self._dynamics, self._measured = dynamics, measured
 
     @classmethod
     def of(cls, whole: MujocoSimulator, trials: Sequence[Trial]) -> LoneJoints | None:
@@ -50,7 +58,11 @@ class LoneJoints:
             return None
         if not all(_replayable(whole, trial) for trial in trials):
             return None
-        return cls(whole, InverseDynamics(whole.compiled, whole.quantities), whole.step)
+        # By name: a trial that begins elsewhere, or ends earlier, is carried along the same motion.
+        measured = {trial.name: trial.initial["position"] for trial in trials}
+        if any(measured[trial.name] is not trial.initial["position"] for trial in trials):
+            return None
+        return cls(whole, InverseDynamics(whole.compiled, whole.quantities), measured, whole.step)
 
     @property
     def name(self) -> str:
@@ -64,7 +76,7 @@ class LoneJoints:
 
     def at_step(self, step: float) -> LoneJoints:
         """The same with another step; the loads stay."""
-        return LoneJoints(self.whole, self._dynamics, step)
+        return LoneJoints(self.whole, self._dynamics, self._measured, step)
 
     def shipped(self) -> MujocoSimulator:
         """The engine as it came."""
@@ -99,7 +111,8 @@ class LoneJoints:
 
     def _replayed(self, signals: Signals, driven: Driven, k: int, trial: Trial, sets: Array) -> Rollout:
         """One trial, joint by joint; rows that agree in all that a joint feels are replayed once."""
-        compiled, measured = self.whole.compiled, trial.initial["position"]
+        compiled = self.whole.compiled
+        measured = self._measured.get(trial.name, trial.initial["position"])
         out = {name: np.empty((driven.rows, len(o.time), len(o.labels))) for name, o in trial.observed.items()}
         motion, stiffness = self._dynamics.motion(measured, signals.measured_start(k)[0])
         loads = [self._dynamics.loads(measured, own) for own in sets]
@@ -139,6 +152,8 @@ class LoneJoints:
 
 def _replayable(whole: MujocoSimulator, trial: Trial) -> bool:
     """Whether a trial carries the motion of all that it observes, as long as it is observed."""
+    if trial.controller is not None or trial.ends or trial.disturbances or trial.sensing:
+        return False
     measured: Channel | None = trial.initial.get("position")
     if measured is None or len(measured.time) < _FEWEST:
         return False

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Signals that have parameters of their own are searched side by side, each by its own least squares, in the same rows.
+
+A joint that is replayed alone feels its own drive and nothing of the others: five drives of eight parameters each are five
+small problems, and none has to take short steps because another's valley bends. What signals share stays as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.loop.problem import Problem
+from trueup.parameters import ParameterSpace
+from trueup.search.least_squares import LeastSquares
+from trueup.search.robust import robust_losses
+
+Array = NDArray[np.float64]
+
+_MOVED = (
+    0.2  # share of the box by which parameters are moved to see what they change: a limit has no slope until it is met
+)
+_HELD = 3e-3  # least damping: what is weakly seen must not wander off in a first look
+
+
+@dataclass(frozen=True)
+class Part:
+    """One signal: the residuals of a label, and the free parameters that change it and nothing else."""
+
+    residuals: NDArray[np.intp]
+    columns: NDArray[np.intp]
+
+
+def apart(problem: Problem, space: ParameterSpace, starts: Sequence[Array], robust: float) -> Array:
+    """(n_free,) the best that least squares come to from any of `starts` (n_free,), signal by signal; parameters that several
+    signals share as in the first of them.
+    """
+    seen = problem.residuals(space.from_unit(np.stack(starts)))
+    good = [start for start, residual in zip(starts, seen, strict=True) if np.isfinite(residual).all()]
+    parts = _parts(problem, space, good)
+    lanes = [[_search(space, start, part, robust) for part in parts] for start in good]
+    if not (parts and lanes):
+        return starts[0]
+    while not all(search.done for lane in lanes for search in lane):
+        asked = [[None if search.done else search.ask() for search in lane] for lane in lanes]
+        rows = [_together(starts[0], parts, lane, asks) for lane, asks in zip(lanes, asked, strict=True)]
+        residuals = np.split(
+            problem.residuals(space.from_unit(np.concatenate(rows))), np.cumsum([len(r) for r in rows])
+        )
+        for lane, asks, seen in zip(lanes, asked, residuals, strict=False):
+            for search, part, points in zip(lane, parts, asks, strict=True):
+                if points is not None:
+                    search.tell(points, seen[: len(points), part.residuals])
+    return _best(problem, space, starts[0], parts, lanes)
+
+
+def _best(
+    problem: Problem,
+    space: ParameterSpace,
+    shared: Array,
+    parts: Sequence[Part],
+    lanes: Sequence[Sequence[LeastSquares]],
+) -> Array:
+    ends = np.concatenate([_together(shared, parts, lane, [None] * len(parts)) for lane in lanes])
+    residuals, best = problem.residuals(space.from_unit(ends)), np.array(shared)
+    for k, part in enumerate(parts):
+        losses = robust_losses(residuals[:, part.residuals], min(lane[k].delta for lane in lanes))
+        best[part.columns] = ends[int(np.argmin(np.where(np.isfinite(losses), losses, np.inf))), part.columns]
+    return best
+
+
+def _together(
+    shared: Array, parts: Sequence[Part], searches: Sequence[LeastSquares], asked: Sequence[Array | None]
+) -> Array:
+    """(b, n_free) rows that hold a candidate of each search; those that ask for none, or for fewer, stay where they are."""
+    count = max([len(points) for points in asked if points is not None], default=1)
+    rows = np.repeat(shared[None], count, axis=0)
+    for part, search, points in zip(parts, searches, asked, strict=True):
+        rows[:, part.columns] = search.best[0]
+        if points is not None:
+            rows[: len(points), part.columns] = points
+    return rows
+
+
+def _search(space: ParameterSpace, start: Array, part: Part, robust: float) -> LeastSquares:
+    free = [p for p in space.parameters if not p.frozen]
+    ranges = [np.log(p.upper / p.lower) if p.scale == "log" else 0.0 for p in (free[k] for k in part.columns)]
+    return LeastSquares(start[part.columns], np.array(ranges), robust=robust, least_damping=_HELD, confirm=False)
+
+
+def _parts(problem: Problem, space: ParameterSpace, starts: Sequence[Array]) -> list[Part]:
+    """The signals that have parameters of their own, seen from any of the starts."""
+    names = list(dict.fromkeys(label for segment in problem.segments for label in segment.labels))
+    label = np.concatenate([
+        np.broadcast_to([names.index(x) for x in s.labels], (s.samples, len(s.labels)))[s.mask] for s in problem.segments
+    ])  # fmt: skip
+    changed = np.zeros((int(space.free.sum()), len(names)), dtype=bool)
+    for start in starts:
+        moved = start + np.diag(np.where(start > 0.5, -_MOVED, _MOVED))
+        residuals = problem.residuals(space.from_unit(np.concatenate([start[None], moved])))
+        differs = residuals[1:] != residuals[0]
+        changed |= np.stack([differs[:, label == k].any(axis=1) for k in range(len(names))], axis=1)
+    alone = changed.sum(axis=1) == 1
+    own = [np.flatnonzero(alone & changed[:, k]) for k in range(len(names))]
+    return [Part(np.flatnonzero(label == k), columns) for k, columns in enumerate(own) if len(columns)]

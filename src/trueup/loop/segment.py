@@ -1,0 +1,59 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where the residuals of one channel of one recording lie in the vector of all."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.discrepancies.discrepancy import Mask
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Where one channel of one recording lies in the residual vector: what is compared of (T, k), flattened."""
+
+    trial: int
+    recording: int
+    channel: str
+    labels: tuple[str, ...]
+    unit: str
+    first: int
+    samples: int
+    scale: Array
+    """(k,) one unit of residual in `unit`."""
+    compared: Mask | None = None
+    """(T, k) which samples are compared; the others have no residual. None: all are."""
+
+    @property
+    def mask(self) -> Mask:
+        """(T, k) which samples are compared."""
+        return np.ones((self.samples, len(self.labels)), dtype=bool) if self.compared is None else self.compared
+
+    @property
+    def count(self) -> int:
+        """How many residuals it has."""
+        return self.samples * len(self.labels) if self.compared is None else int(self.compared.sum())
+
+    @property
+    def columns(self) -> slice:
+        """Its part of the residual vector."""
+        return slice(self.first, self.first + self.count)
+
+    @property
+    def units(self) -> Array:
+        """(count,) one unit of each residual, in `unit`."""
+        return np.broadcast_to(self.scale, (self.samples, len(self.labels)))[self.mask]
+
+    def shaped(self, residual: Array) -> Array:
+        """(..., T, k) of a residual vector (..., m), 0 at samples that are not compared (`mask` says which)."""
+        part, shape = residual[..., self.columns], (self.samples, len(self.labels))
+        if self.compared is None:
+            return part.reshape(*part.shape[:-1], *shape)
+        out = np.zeros((*part.shape[:-1], *shape))
+        out[..., self.compared] = part
+        return out
