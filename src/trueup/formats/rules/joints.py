@@ -14,7 +14,7 @@ from trueup.units import to_si
 RULES = (
     Rule(
         "position",
-        "position, positions, pos, q, qpos, angle, angles, theta, th, ang, jointangle, jointpos, jp, jpos",
+        "position, positions, pos, q, qpos, angle, angles, theta, ang, jointangle, jointpos, jp, jpos",
         (
             Example("t,q1,q2,q_ref1,q_ref2", "0 .1 .2 .1 .2|.01 .2 .3 .2 .3|.02 .3 .4 .3 .4",
                     "command[rad] joint_1 joint_2; position[rad] joint_1 joint_2"),
@@ -23,6 +23,8 @@ RULES = (
             Example("ms,lift_goal_mm,lift_act_mm", "0 1 1|10 2 1|20 3 2", "command[mm] lift; position[mm] lift"),
             Example("t,th1,th2,th1_d,th2_d,dth1,dth2", "0 .1 .2 .1 .2 1 1|.01 .2 .3 .2 .3 1 1|.02 .3 .4 .3 .4 1 1",
                     "command[rad] joint_1 joint_2; position[rad] joint_1 joint_2; velocity[rad/s] joint_1 joint_2"),
+            Example("t,q_th,q_kn,q_cmd_th,q_cmd_kn", "0 .1 .2 .1 .2|.01 .2 .3 .2 .3|.02 .3 .4 .3 .4",
+                    "command[rad] th kn; position[rad] th kn"),
             Example("t,AxisPos_A1,AxisPos_A2,SetPos_1,SetPos_2", "0 .1 .2 .1 .2|.01 .2 .3 .2 .3|.02 .3 .4 .3 .4",
                     "command[rad] Axis_A1 Axis_A2; position[rad] Axis_A1 Axis_A2"),
             Example("t,id1_present_position,id1_goal_position", "0 .1 .1|.01 .2 .2|.02 .3 .3",
@@ -80,6 +82,8 @@ _RATES = MappingProxyType({"dot": "velocity", "ddot": "acceleration"})
 """Words that make a rate of change of what stands before them: q_dot, theta_ddot."""
 _ENCODERS = listed("encoder encoders enc counts ticks")
 """Words of a position where no other word tells a kind."""
+_SHORT = frozenset(["th"])
+"""Words of a position that may also be part of a joint's name: theta, or thigh."""
 _OF_A_LOG = frozenset(["sample", "sampling", "frame", "update", "data", "loop", "log"])
 """Whose rate is no speed."""
 _ITSELF = frozenset(["throttle", "steering"])  # words that are a command and its name at once
@@ -162,7 +166,7 @@ def _is_command(i: int, plain: Sequence[str]) -> bool:
     if word in COMMANDED or word in _ITSELF:
         return True
     if word == "d":  # q_d, tau_J_d: desired
-        return any(previous in KINDS for previous in plain[:i])
+        return any(previous in KINDS or previous in _SHORT for previous in plain[:i])
     return word not in KINDS and bool(_kind(word))
 
 
@@ -194,8 +198,10 @@ def _by_letter(plain: Sequence[str], kinds: Sequence[str], *, current: bool, pos
         return "current", ["current" if word == "i" else kind for word, kind in zip(plain, kinds, strict=True)]
     if "rate" in plain and len(plain) > 1 and not _OF_A_LOG & set(plain):
         return "velocity", ["velocity" if word == "rate" else kind for word, kind in zip(plain, kinds, strict=True)]
-    if _ENCODERS & set(plain):
-        return "position", ["position" if w in _ENCODERS else kind for w, kind in zip(plain, kinds, strict=True)]
+    if (_ENCODERS | _SHORT) & set(plain):
+        return "position", [
+            "position" if w in _ENCODERS | _SHORT else kind for w, kind in zip(plain, kinds, strict=True)
+        ]
     return ("position" if position else ""), list(kinds)
 
 
