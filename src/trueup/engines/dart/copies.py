@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import dartpy
 import numpy as np
@@ -44,7 +44,10 @@ class DartCopies(StoredCopies):
         self._stopped = np.zeros(rows, dtype=bool)
         self._lost = np.zeros(rows, dtype=bool)  # DART goes on with zeros where a number is none; these do not
         self._driven = [(i, a) for i, a in enumerate(model.drives().values()) if a]
-        self._servo: dict[str, Array] = {}
+        self._at = [i for i, _ in self._driven]
+        self._columns = [model.columns()[a] for _, a in self._driven]
+        self._whole = np.zeros((rows, self.robots[0].getNumDofs()))
+        self._drives: tuple[Array, ...] | None = None
         for joint in self._joints:
             for attribute in ("joint.damping", "joint.friction"):
                 self._apply(attribute, joint)
@@ -66,7 +69,7 @@ class DartCopies(StoredCopies):
         super().set(
             attribute, name, np.where(bad.reshape(-1, *[1] * (values.ndim - 1)), self.get(attribute, name), values)
         )
-        self._servo.clear()
+        self._drives = None
         self._apply(attribute, name)
 
     def place(self, position: Array, velocity: Array, base: BasePose | None = None) -> None:
@@ -82,7 +85,9 @@ class DartCopies(StoredCopies):
                 speeds[3:6] = there.rotation().T @ base.velocity
             robot.setPositions(whole)
             robot.setVelocities(speeds)
-        self._gather()
+        everyone = list(zip(range(self.rows), self.worlds, self.robots, strict=True))
+        self._gather_joints(everyone)
+        self._gather_base(everyone)
 
     def reader(self, state: str, joints: Sequence[str]) -> Callable[[int], Array]:
         """See Copies."""
@@ -99,37 +104,41 @@ class DartCopies(StoredCopies):
         """See Running."""
         count = int(np.ceil(step / LONGEST - 1e-9))
         going = np.flatnonzero(~(self._stopped | self._lost))
-        for row in going:
-            self.worlds[row].setTimeStep(step / count)
+        law = self._law(command)
+        damped = bool(np.any(law.kv))  # by the servos: only then are speeds asked for between two commands
+        pairs = [(row, self.worlds[row], self.robots[row]) for row in going.tolist()]
+        for _, world, _ in pairs:
+            world.setTimeStep(step / count)
         for _ in range(count):
-            self._force(command)
-            self._lost |= ~np.isfinite(self.force).all(axis=1)
-            for row in going[~self._lost[going]]:
-                robot = self.robots[row]
-                forces = robot.getForces()
-                forces[self._dofs] = self.force[row]
-                robot.setForces(forces)
-                self.worlds[row].step()
-            self._gather()
+            forces = self._forces(law)
+            for row, world, robot in pairs:
+                if not self._lost[row]:
+                    robot.setForces(forces[row])
+                    world.step()
+            self._gather_joints(pairs, speeds=damped)
+        self._gather_joints(pairs)
+        self._gather_base(pairs)
 
-    def _force(self, command: Array) -> None:
-        """What the drives push the joints with: position servos within their limits, or motors."""
-        if not self._servo:
-            self._servo = {a: self._stacked(a) for a in _SERVO}
-            self._motor = np.array([self.get("actuator.torque", a)[0] for _, a in self._driven])
-            self._is_servo = np.array([self.get("actuator.servo", a)[0] for _, a in self._driven]) > 0.0
-        if not self._driven:
-            return
-        at = [i for i, _ in self._driven]
-        columns = [self.model.columns()[a] for _, a in self._driven]
-        s, given = self._servo, command[:, columns]
-        held = (
-            s["actuator.kp"] * (given + s["actuator.zero"] - self.position[:, at])
-            - s["actuator.kv"] * self.velocity[:, at]
-        )
-        force = s["actuator.gain"] * np.where(self._is_servo, held, self._motor * given)
-        limit = np.where(s["actuator.force_limit"] > 0.0, s["actuator.force_limit"], np.inf)
-        self.force[:, at] = np.clip(force, -limit, limit)
+    def _law(self, command: Array) -> _Law:
+        """What the drives do about positions and speeds during a step: position servos within their limits, or motors."""
+        if self._drives is None:
+            servo = np.array([self.get("actuator.servo", a)[0] for _, a in self._driven]) > 0.0
+            motor = np.array([self.get("actuator.torque", a)[0] for _, a in self._driven])
+            kp, kv, zero, gain, limit = (self._stacked(a) for a in _SERVO)
+            limit = np.where(limit > 0.0, limit, np.inf)
+            self._drives = gain * np.where(servo, kp, motor), gain * kp * zero, gain * kp, gain * kv, limit
+        given, offset, kp, kv, limit = self._drives
+        return _Law(given * command[:, self._columns] + offset, kp, kv, limit)
+
+    def _forces(self, law: _Law) -> Array:
+        """(b, dofs) in DART's order; the base is not driven."""
+        position, velocity = self.position[:, self._at], self.velocity[:, self._at]
+        self.force[:, self._at] = np.clip(
+            law.given - law.kp * position - law.kv * velocity, -law.limit, law.limit
+        )  # fmt: skip
+        self._whole[:, self._dofs] = self.force
+        self._lost |= ~np.isfinite(self.force).all(axis=1)
+        return self._whole
 
     def _stacked(self, attribute: str) -> Array:
         """(b, k) of the driven joints; 0 where a motor has no such thing."""
@@ -177,17 +186,30 @@ class DartCopies(StoredCopies):
         for robot, m, c, i in zip(self.robots, mass, com, inertia + rotor, strict=True):
             robot.getBodyNode(name).setInertia(dartpy.dynamics.Inertia(float(m), c, i))
 
-    def _gather(self) -> None:
-        whole = np.array([r.getPositions() for r in self.robots])
-        self.position = whole[:, self._dofs] + self._zeros
-        self.velocity = np.array([r.getVelocities() for r in self.robots])[:, self._dofs]
-        self._lost |= ~np.isfinite(whole).all(axis=1)
+    def _gather_joints(self, pairs: Sequence[tuple[int, Any, Any]], *, speeds: bool = True) -> None:
+        for row, _, robot in pairs:
+            self.position[row] = robot.getPositions()[self._dofs]
+            if speeds:
+                self.velocity[row] = robot.getVelocities()[self._dofs]
+        self.position[[row for row, _, _ in pairs]] += self._zeros
+        self._lost |= ~np.isfinite(self.position + self.velocity).all(axis=1)
         self.position[self._lost] = np.nan
+
+    def _gather_base(self, pairs: Sequence[tuple[int, Any, Any]]) -> None:
         if self.model.floating:
-            places = [r.getRootBodyNode().getTransform() for r in self.robots]
-            self.base_position = np.array([t.translation() for t in places])
-            turned = np.array([_quaternion(t) for t in places])
-            self.base_orientation = angles_of(turned)
+            for row, _, robot in pairs:
+                placed = robot.getRootBodyNode().getTransform()
+                self.base_position[row] = placed.translation()
+                self.base_orientation[row] = angles_of(_quaternion(placed))
+
+
+class _Law(NamedTuple):
+    """force = given - kp position - kv velocity within +- limit; (b, k) of the driven joints."""
+
+    given: Array
+    kp: Array
+    kv: Array
+    limit: Array
 
 
 def _quaternion(placed: Any) -> Array:

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+"""DART as an engine of trueup: a standing humanoid under its servos, beside dartpy's own loop over the same worlds."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+import numpy as np
+from numpy.typing import NDArray
+from results import result
+
+from trueup.articulated.model import BasePose
+from trueup.engines.dart.copies import LONGEST, DartCopies
+from trueup.engines.dart.model import DartModel, of
+from trueup.studies.balance.scenes import STAND, model_of, pose_of
+
+Array = NDArray[np.float64]
+
+ROBOTS, STEP = 32, 0.002
+
+
+def standing(model: DartModel) -> tuple[DartCopies, Array]:
+    """Robots that stand, and the commands (b, width) that keep them so."""
+    joints = model.names("actuator")
+    angles = dict(zip(joints, pose_of(joints, STAND), strict=True))
+    copies, still = model.copies(ROBOTS), np.zeros(3)
+    place = np.array([angles[a] for a in model.drives().values()])
+    copies.place(
+        np.tile(place, (ROBOTS, 1)),
+        np.zeros((ROBOTS, len(place))),
+        BasePose(np.array([0.0, 0.0, 0.302]), still, still, still),
+    )
+    command = np.zeros((ROBOTS, model.width))
+    for joint, column in model.columns().items():
+        command[:, column] = angles[joint]
+    return copies, command
+
+
+def main() -> None:
+    """Prints steps a second of both, and the share."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="a fifth of the steps")
+    count = 50 if parser.parse_args().quick else 250
+    model = of(model_of("kneel-to-stand"))
+    inner = round(STEP / LONGEST)
+    copies, command = standing(model)
+    begun = time.process_time()
+    for _ in range(count):
+        copies.step(command, STEP)
+    ours = count * inner * ROBOTS / (time.process_time() - begun)
+    copies, command = standing(model)
+    copies.step(command, STEP)
+    forces = [robot.getForces() for robot in copies.robots]
+    begun = time.process_time()
+    for _ in range(count * inner):
+        for world, robot, force in zip(copies.worlds, copies.robots, forces, strict=True):
+            robot.setForces(force)
+            world.step()
+    theirs = count * inner * ROBOTS / (time.process_time() - begun)
+    print(
+        f"{ROBOTS} humanoids, steps of {1e3 * LONGEST:g} ms: {ours:.0f} steps a CPU second, dartpy's own loop {theirs:.0f}"
+    )
+    result(
+        "dart_steps_per_second",
+        ours,
+        "1/s",
+        0.9,
+        peer="dartpy's own loop",
+        peer_value=theirs,
+        at_most=False,
+        ratio_goal=True,
+    )
+
+
+if __name__ == "__main__":
+    main()
