@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
-from trueup.engines.mujoco.setup.floor import stopped_by_floor
+from trueup.engines.mujoco.setup.floor import reach_of
 from trueup.engines.mujoco.writing.write import write_model
+from trueup.errors import UnknownNameError
+from trueup.inspection.floor import stopped_by_floor
 from trueup.loop.calibrate import Options, calibrate
-from trueup.loop.prepare import simulator_for
+from trueup.loop.prepare import prepare, simulator_for
 from trueup.recording import Channel, Recording
 
 Array = NDArray[np.float64]
@@ -96,14 +98,29 @@ def test_a_table_is_noticed_found_and_written(arm: Path) -> None:
 
 
 def test_no_table_is_invented_where_nothing_was_in_the_way(arm: Path) -> None:
-    assert stopped_by_floor(load(arm), [record(f"r{i}", i, table=None) for i in range(2)]) is None
+    reach = reach_of(load(arm))
+    assert reach is not None
+    assert stopped_by_floor(reach, [record(f"r{i}", i, table=None) for i in range(2)]) is None
+
+
+def test_a_diagnosed_floor_is_shown_with_its_height_and_can_be_refused(arm: Path) -> None:
+    recordings = [record(f"r{i}", i, table=-0.08) for i in range(2)]
+    found = {d.name: d for d in prepare(arm, recordings).diagnoses}
+    assert found["floor"].numbers["height"] == pytest.approx(-0.08, abs=0.01)
+    assert "one is added" in found["floor"].edit
+    refused = prepare(arm, recordings, refuse=["floor", "zero"])
+    assert {d.name for d in refused.diagnoses if d.refused} == {"floor"} | ({"zero"} & set(found))
+    assert any(note.startswith("refused") and "stopped above where" in note for note in refused.notes)
+    assert not [n for n in refused.simulator.parameters.names if "floor" in n or "zero" in n]
+    with pytest.raises(UnknownNameError, match=r"diagnosis 'flor'.*floor"):
+        prepare(arm, recordings, refuse=["flor"])
 
 
 def test_a_model_that_has_a_floor_keeps_its_own(tmp_path: Path) -> None:
     path = tmp_path / "arm.xml"
     path.write_text(ARM.format(kp=20, damping=0.4, table=TABLE.format(z=-0.05)), encoding="utf-8")
     recordings = [record("r0", 0, table=-0.08)]
-    assert stopped_by_floor(load(path), recordings) is None
+    assert reach_of(load(path)) is None
     parameters = tmp_path / "p.toml"
     parameters.write_text('[[parameter]]\nquantity = "floor_height"\n[[parameter]]\nquantity = "kp"\n'
                           '[[parameter]]\nquantity = "damping"\n', encoding="utf-8")  # fmt: skip

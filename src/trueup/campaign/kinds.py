@@ -52,9 +52,11 @@ _DRIVES = (
 
 
 def mujoco(
-    model: Path, say: Callable[[str], None], recordings: Sequence[Recording] = (), parameters: Path | None = None
-) -> Preparation:
+    model: Path, say: Callable[[str], None], recordings: Sequence[Recording] = (), parameters: Path | None = None,
+    refuse: tuple[str, ...] = (),
+) -> Preparation:  # fmt: skip
     """A robot model with the parameters of a file, or those proposed for the plan's recordings; says what was done to both.
+    `refuse` names what shall stay as it is though the recordings show it to be wrong or missing.
 
     Raises PlanError where there is neither, ModelError, ParameterError.
     """
@@ -67,7 +69,7 @@ def mujoco(
             f"{model}: what is to be calibrated? Name recordings in [calibrate], from which parameters are proposed, or a "
             "parameters file in [simulator]"
         )
-    ready = prepare(model, recordings, parameters=parameters)
+    ready = prepare(model, recordings, parameters=parameters, refuse=refuse)
     for note in ready.notes:
         say(f"note: {note}")
     return ready

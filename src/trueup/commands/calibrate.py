@@ -17,7 +17,7 @@ from trueup.calibration import Calibration
 from trueup.campaign.output import Output, fingerprint
 from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
-from trueup.commands.sources import STEP, mapping_for, readable, split, step_of, while_driven
+from trueup.commands.sources import STEP, add_refuse, mapping_for, readable, refusable, split, step_of, while_driven
 from trueup.errors import ModelError
 from trueup.formats import read
 from trueup.recording import Recording
@@ -73,6 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                              "the time; MJCF has no place for it, `trueup replay --parameters` has")  # fmt: skip
     parser.add_argument("--step", type=step_of, metavar="S",
                         help=f"integration step in s (default: {STEP}): the one that you will simulate with")  # fmt: skip
+    add_refuse(parser)
     parser.add_argument("--no-select", dest="select", action="store_false",
                         help="keep parameters that the recordings cannot support")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print the outcome as JSON, for scripts")
@@ -89,11 +90,17 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
 
     training, held_out, notes = _recordings(args)
     ready = prepare(args.model, training, held_out, parameters=args.parameters, beyond_mjcf=args.beyond_mjcf,
-                    step=args.step)  # fmt: skip
+                    step=args.step, refuse=args.refuse)  # fmt: skip
     family, simulator = ready.family, ready.simulator
     output = _output(args, ready)
     if not args.quiet:
-        more = (*ready.notes, *ready.unused(), *family.advice(simulator), *([output.note] if output.note else []))
+        more = (
+            *ready.notes,
+            *refusable(ready.diagnoses),
+            *ready.unused(),
+            *family.advice(simulator),
+            *([output.note] if output.note else []),
+        )
         for note in (*notes, *more):
             told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
         told.print(escape(proposal_line(family.kinds(simulator), given=args.parameters is not None)), soft_wrap=True)
@@ -123,7 +130,7 @@ def _output(args: argparse.Namespace, ready: Preparation) -> Output:
     model, parameters = Path(args.model), Path(args.parameters) if args.parameters else None
     choices = {"held out": [r.name for r in ready.hold_out], "search": args.search, "seed": args.seed,
                "select": args.select, "channels": args.channels, "beyond MJCF": args.beyond_mjcf,
-               "step": args.step}  # fmt: skip
+               "step": args.step, **({"refuse": sorted(args.refuse)} if args.refuse else {})}  # fmt: skip
     print_of = fingerprint(model, parameters, [*ready.recordings, *ready.hold_out], choices)
     return Output.open(Path(args.out), model, print_of, suffix=ready.family.suffix, force=args.force)
 
@@ -166,7 +173,7 @@ def _write(
     """All result files; the plain numbers last, since they mark the folder as finished."""
     parameters, report = output.folder / "parameters.toml", output.folder / "report.html"
     try:
-        notes = ready.family.write(ready.simulator, calibration, output.model_file, parameters)
+        notes = ready.write(calibration, output.model_file, parameters)
     except ModelError as error:  # minutes of search are in the rest
         notes = (f"the calibrated model could not be written: {error}. Its values are in {parameters}",)
     context = {"command": shlex.join(["trueup", *args.command_line]), "python": sys.version.split()[0]}

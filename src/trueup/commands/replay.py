@@ -18,7 +18,7 @@ from rich.table import Table
 from trueup.calibration import Replay, pooled_rmse
 from trueup.campaign.output import free_folder
 from trueup.commands.replay_drives import drive_table, plain_drive, write_drives
-from trueup.commands.sources import STEP, mapping_for, readable, step_of, while_driven
+from trueup.commands.sources import STEP, add_refuse, mapping_for, readable, refusable, step_of, while_driven
 from trueup.formats import read
 from trueup.formats.plain import finite
 from trueup.report import replay_picture
@@ -54,6 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--channels", metavar="LIST", help="measured channels to compare, with commas (default: "
                         "position, or whatever there is)")  # fmt: skip
     parser.add_argument("--step", type=step_of, metavar="S", help=f"integration step in s (default: {STEP})")
+    add_refuse(parser)
     parser.add_argument("--out", metavar="DIR", help="folder for a picture of each recording; the next run takes DIR-2")
     parser.add_argument("--json", action="store_true", help="print the errors as JSON, for scripts")
     parser.add_argument("-q", "--quiet", action="store_true", help="no notes")
@@ -90,10 +91,11 @@ def _compared(args: argparse.Namespace, recordings: list[Recording]) -> tuple[Co
     """The model on all recordings, another one beside it if asked, and notes on what was done to both."""
     from trueup.loop.prepare import prepare
 
-    ready = prepare(args.model, (), recordings, parameters=args.parameters, propose=False, step=args.step)
+    ready = prepare(args.model, (), recordings, parameters=args.parameters, propose=False, step=args.step,
+                    refuse=args.refuse)  # fmt: skip
     channels = [c.strip() for c in args.channels.split(",")] if args.channels else None
     compared = ready.compare(args.against, channels=channels, step=args.step)
-    return compared, (*ready.notes, *compared.notes)
+    return compared, (*ready.notes, *refusable(ready.diagnoses), *compared.notes)
 
 
 def _write(compared: Comparison, folder: Path) -> None:

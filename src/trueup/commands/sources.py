@@ -12,6 +12,7 @@ import numpy as np
 
 from trueup.errors import FormatError, RecordingError, unknown_name
 from trueup.formats import is_recording, read
+from trueup.inspection.diagnosis import Diagnosis
 from trueup.recording import Recording
 
 ENABLED = "torque_enable"
@@ -87,6 +88,19 @@ def while_driven(recordings: Sequence[Recording]) -> tuple[list[Recording], list
         )
         kept.append(recording.slice(start, stop))
     return kept, notes
+
+
+def add_refuse(parser: argparse.ArgumentParser) -> None:
+    """The option that refuses what was diagnosed."""
+    parser.add_argument("--refuse", nargs="+", action="extend", default=[], metavar="NAME",
+                        help="leave as it is what the recordings show to be wrong or missing: names, strangers (joints), "
+                             "base, servos, overlaps, still (joints), floor, zero, clock")  # fmt: skip
+
+
+def refusable(diagnoses: Sequence[Diagnosis]) -> tuple[str, ...]:
+    """A note on which of the edits that were made may be refused."""
+    names = dict.fromkeys(d.name for d in diagnoses if not d.refused)
+    return (f"not so? refuse it by name: --refuse {' '.join(names)}",) if names else ()
 
 
 def step_of(text: str) -> float:

@@ -8,7 +8,7 @@ group 'trueup.families', named by the ending of its files ('.sdf') and leading t
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -18,11 +18,15 @@ from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.engines.simulator import Simulator
 from trueup.errors import ModelError
 from trueup.extensions import registered
+from trueup.inspection.diagnosis import Diagnosis
 from trueup.recording import Recording
 
 FAMILIES = {"": "trueup.engines.mujoco.family:Articulated", ".toml": "trueup.engines.vehicle.family:Vehicles"}
 """Ending of a model file -> class of its family; '' for all others."""
 GROUP = "trueup.families"
+
+Note = str | Diagnosis
+"""What was done to model and recordings: a sentence, or what may be refused by its name."""
 
 
 class Fit(Protocol):
@@ -50,6 +54,8 @@ class Request:
     """Integration step in s; None: the family's own."""
     clocks: Mapping[str, float] = field(default_factory=dict)
     """How late the commands of some recordings are stamped, in s."""
+    refuse: frozenset[str] = frozenset()
+    """Diagnoses whose edits are not wanted, by name."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +64,7 @@ class Suited:
 
     training: tuple[Recording, ...]
     held_out: tuple[Recording, ...] = ()
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 class Family:
@@ -68,6 +74,8 @@ class Family:
     """Of the file that holds a calibrated model."""
     describes = "a model file of the same kind"
     """What such a file is, in words."""
+    diagnoses: tuple[str, ...] = ()
+    """Names of what is diagnosed, whose edits may be refused."""
     later: tuple[str, ...] = ()
     """Optional structures (`Parameter.optional`) that are tried only after a fit without them."""
 
@@ -83,13 +91,19 @@ class Family:
         """Recordings with a model's names and units, not yet made ready to be replayed: for those who look at them."""
         return recordings
 
-    def suited(self, model: Any, training: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Suited:
+    def suited(
+        self,
+        model: Any,
+        training: Sequence[Recording],
+        held_out: Sequence[Recording] = (),
+        refuse: Collection[str] = (),
+    ) -> Suited:
         """Recordings with the model's names and units. Raises ModelError, RecordingError."""
         return Suited(tuple(training), tuple(held_out))
 
     def simulator(
         self, model: Any, training: Sequence[Recording], replayed: Sequence[Recording], request: Request
-    ) -> tuple[Simulator, tuple[str, ...]]:
+    ) -> tuple[Simulator, tuple[Note, ...]]:
         """The simulator of a model with its parameters, as recordings (`suited`) need it, and what was done, in words.
 
         `replayed` will be replayed too, but propose nothing. Raises ModelError, ParameterError, UnknownNameError.

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,10 @@ from typing import Any
 from trueup.calibration import Calibration, Prediction, Replay
 from trueup.discrepancies.alignment import clock_errors
 from trueup.discrepancies.discrepancy import Discrepancy
-from trueup.engines.family import Family, Request, family_of
+from trueup.engines.family import Family, Note, Request, family_of
 from trueup.engines.simulator import Simulator
 from trueup.errors import ModelError
+from trueup.inspection.diagnosis import Diagnosis, check_refused
 from trueup.loop.calibrate import Options, calibrate, usual
 from trueup.loop.fit import Checkpoint, Progress
 from trueup.loop.recalibrate import Earlier, recalibrate
@@ -41,10 +42,22 @@ class Preparation:
     """To fit, with the model's names and units."""
     hold_out: tuple[Recording, ...] = ()
     """To judge by."""
-    notes: tuple[str, ...] = ()
-    """What was changed in model and recordings, and what to mind, in words."""
+    found: tuple[Note, ...] = ()
+    """What was seen and changed in model and recordings."""
+    refuse: frozenset[str] = frozenset()
+    """Names of diagnoses whose edits were not wanted."""
     model: Any = None
     """The model as it was read from its file; None where there is no file."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was changed in model and recordings, and what to mind, in words."""
+        return tuple(str(note) for note in self.found)
+
+    @property
+    def diagnoses(self) -> tuple[Diagnosis, ...]:
+        """What recordings show to be wrong or missing, with the edits made; refused by name with `prepare(refuse=...)`."""
+        return tuple(note for note in self.found if isinstance(note, Diagnosis))
 
     def calibrate(
         self, options: Options | None = None, *, discrepancy: Discrepancy | None = None, progress: Progress | None = None,
@@ -76,6 +89,13 @@ class Preparation:
         done = self.family.calibrate(self.simulator, self.recordings, self.hold_out, fit)
         return replace(done, replays=self.family.as_recorded(done.replays, (*self.recordings, *self.hold_out)))
 
+    def write(self, calibration: Calibration, model: str | Path, parameters: str | Path) -> tuple[str, ...]:
+        """Writes the calibrated model and, where that cannot hold them all, its parameters; notes on what is lost.
+
+        Raises OutputError and ModelError; older files are untouched then.
+        """
+        return self.family.write(self.simulator, calibration, Path(model), Path(parameters))
+
     def compare(
         self, against: str | Path | None = None, *, channels: Sequence[str] | None = None, step: float | None = None
     ) -> Comparison:
@@ -104,13 +124,13 @@ class Preparation:
         """Other recordings of the same robot, as this model can take them."""
         if self.model is None or not recordings:
             return tuple(recordings)
-        return self.family.suited(self.model, recordings).training
+        return self.family.suited(self.model, recordings, refuse=self.refuse).training
 
     def with_recordings(self, recordings: Sequence[Recording], hold_out: Sequence[Recording] = ()) -> Preparation:
         """The same simulator with other recordings of the same robot, as this model can take them."""
         if self.model is None:
             return replace(self, recordings=tuple(recordings), hold_out=tuple(hold_out))
-        suited = self.family.suited(self.model, recordings, hold_out)
+        suited = self.family.suited(self.model, recordings, hold_out, self.refuse)
         return replace(self, recordings=suited.training, hold_out=suited.held_out)
 
     def unused(self) -> tuple[str, ...]:
@@ -125,21 +145,27 @@ class Preparation:
 def prepare(
     model: str | Path, recordings: Sequence[Recording], hold_out: Sequence[Recording] = (), *,
     parameters: str | Path | None = None, propose: bool = True, beyond_mjcf: bool = False, step: float | None = None,
+    refuse: Collection[str] = (),
 ) -> Preparation:  # fmt: skip
     """A model file (MJCF, URDF, a car's TOML file, or one of another family) made ready for recordings, and they for it.
 
     `recordings` are to be fitted, `hold_out` to judge by. What is calibrated stands in the file `parameters`, or is
     proposed from what moves in `recordings`; `propose=False` takes the model as it is. `beyond_mjcf` proposes friction
-    that MJCF has no place for too. `step` in s (None: the family's own).
+    that MJCF has no place for too. `step` in s (None: the family's own). What recordings show to be wrong or missing
+    is edited and shown (`Preparation.diagnoses`); `refuse` names those that are to stay as they are.
     Raises ModelError, ParameterError, RecordingError and UnknownNameError.
     """
     family = family_of(model)
     loaded = family.load(Path(model))
-    suited = family.suited(loaded, recordings, hold_out)
+    check_refused(refuse, family.diagnoses)
+    unwanted = frozenset(refuse)
+    suited = family.suited(loaded, recordings, hold_out, unwanted)
     every = (*suited.training, *suited.held_out)
-    request = Request(None if parameters is None else Path(parameters), propose, beyond_mjcf, step, clock_errors(every))
+    request = Request(None if parameters is None else Path(parameters), propose, beyond_mjcf, step, clock_errors(every),
+                      unwanted)  # fmt: skip
     simulator, notes = family.simulator(loaded, suited.training, suited.held_out, request)
-    return Preparation(family, simulator, suited.training, suited.held_out, (*suited.notes, *notes), loaded)
+    return Preparation(family, simulator, suited.training, suited.held_out, (*suited.notes, *notes), unwanted,
+                       loaded)  # fmt: skip
 
 
 def simulator_for(
@@ -152,4 +178,5 @@ def simulator_for(
         None if parameters_file is None else Path(parameters_file), True, beyond_mjcf, step,
         clock_errors((*recordings, *replayed)),
     )  # fmt: skip
-    return family.simulator(family.load(Path(model_path)), recordings, replayed, request)
+    simulator, notes = family.simulator(family.load(Path(model_path)), recordings, replayed, request)
+    return simulator, tuple(str(note) for note in notes)

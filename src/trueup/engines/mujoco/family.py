@@ -4,40 +4,49 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from trueup.articulated.declaration_file import read_declarations, read_gains, write_parameters
-from trueup.articulated.declarations import declare
+from trueup.articulated.declarations import Declaration, declare
 from trueup.articulated.gains import Gains
 from trueup.calibration import Calibration
-from trueup.engines.family import Family, Request, Suited
+from trueup.engines.family import Family, Note, Request, Suited
 from trueup.engines.mujoco.base import check_base, floating, held
 from trueup.engines.mujoco.model import Model, load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.drives import driven, suited, undriven
-from trueup.engines.mujoco.setup.floor import Stopped, stopped_by_floor
+from trueup.engines.mujoco.setup.floor import reach_of
 from trueup.engines.mujoco.setup.overlaps import passable
-from trueup.engines.mujoco.setup.proposal import LOAD, propose
+from trueup.engines.mujoco.setup.proposal import LOAD, moving_joints, propose
 from trueup.engines.mujoco.setup.scales import of_slides, with_units
 from trueup.engines.mujoco.setup.still import with_still_joints
 from trueup.engines.mujoco.writing.write import write_model
 from trueup.errors import unknown_name
 from trueup.formats.joint_names import named_as
 from trueup.formats.strangers import several_robots, without_strangers
+from trueup.inspection.diagnosis import Diagnosis
+from trueup.inspection.floor import stopped_by_floor
+from trueup.inspection.zeros import zeros_off
 from trueup.recording import Recording
 
 STEP = 0.002
 """s: the step of MuJoCo models unless told otherwise."""
 _UNEXPLAINED = 5.0  # noise units
+_CHANGES = (
+    ("base", floating), ("base", held), ("servos", driven), ("overlaps", passable), ("still", with_still_joints)
+)  # fmt: skip
+DIAGNOSES = ("names", "strangers", *dict.fromkeys(name for name, _ in _CHANGES), "floor", "zero", "clock")
+"""What is looked for in recordings and models, and may be refused."""
 
 
 class Articulated(Family):
     """Robots of joints and links; a model is an MJCF or URDF file."""
 
     describes = "another MJCF or URDF file"
+    diagnoses = DIAGNOSES
     later = (LOAD,)
 
     def load(self, path: Path) -> Model:
@@ -53,34 +62,36 @@ class Articulated(Family):
         named, _ = named_as(recordings, model.drives())
         return of_slides(model, with_units(model, named)[0])[0]
 
-    def suited(self, model: Model, training: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Suited:
+    def suited(
+        self,
+        model: Model,
+        training: Sequence[Recording],
+        held_out: Sequence[Recording] = (),
+        refuse: Collection[str] = (),
+    ) -> Suited:
         """See Family: joints by the model's names, commands that its drives take."""
         drives = model.drives()
         others = [name for name in model.names("actuator") if name and name not in drives.values()]
-        named, renamed = named_as([*training, *held_out], drives, others)
-        named, strange = without_strangers(named, drives, others)
+        named, renamed = _edited([*training, *held_out], "names", refuse, lambda rs: named_as(rs, drives, others))
+        named, strange = _edited(named, "strangers", refuse, lambda rs: without_strangers(rs, drives, others))
         taken, changed = suited(model, named)
         fitted, judged = taken[: len(training)], taken[len(training) :]
         return Suited(tuple(fitted), tuple(judged), (*renamed, *strange, *changed))
 
     def simulator(
         self, model: Model, training: Sequence[Recording], replayed: Sequence[Recording], request: Request
-    ) -> tuple[MujocoSimulator, tuple[str, ...]]:
+    ) -> tuple[MujocoSimulator, tuple[Note, ...]]:
         """See Family. A model without actuators gets servos or motors for the joints that the recordings command."""
         everything = (*training, *replayed)
         _check_joints(model, everything)
-        for change in (floating, held, driven, passable, with_still_joints):
-            model = change(model, everything)
-        notes = (*model.notes, *undriven(model, everything), *check_base(model, everything))
-        floor = None
-        if request.parameters is not None:
-            lines = read_declarations(request.parameters)
-        elif request.propose:
-            floor = stopped_by_floor(model, training)
-            height = floor.height if floor else None
-            lines = propose(model, training, request.clocks, height, request.beyond_mjcf)
-        else:
-            lines = []
+        loaded, found = model.notes, []
+        for name, change in _CHANGES:
+            changed = change(model, everything)
+            if changed is not model:
+                found.append(Diagnosis(name, changed.notes[-1]).unless(request.refuse))
+                model = model if found[-1].refused else changed
+        notes: tuple[Note, ...] = (*loaded, *found, *undriven(model, everything), *check_base(model, everything))
+        lines, proposed = _lines(model, training, request)
         names = {
             "recording": tuple(r.name for r in everything),
             "channel": tuple(dict.fromkeys(c for r in everything for c in r.channels)),
@@ -88,7 +99,7 @@ class Articulated(Family):
         space, quantities = declare(model, lines, names)
         gains, named = Gains.named_by(everything, {**model.settings(), **read_gains(request.parameters)})
         simulator = MujocoSimulator(model, space, quantities, gains=gains, step=request.step or STEP)
-        return simulator, (*notes, *([_of_floor(floor)] if floor else []), *named)
+        return simulator, (*notes, *proposed, *named)
 
     def write(
         self, simulator: MujocoSimulator, calibration: Calibration, model: Path, parameters: Path
@@ -134,12 +145,43 @@ def _about_load(simulator: MujocoSimulator, calibration: Calibration) -> tuple[s
     )
 
 
-def _of_floor(floor: Stopped) -> str:
-    return (
-        f"the robot was stopped above where its commands would take it, about {100 * floor.height:.1f} cm high "
-        f"({', '.join(floor.recordings)}), and the model has no floor: one is added and its height calibrated (quantities "
-        "floor_height, floor_roll, floor_pitch, floor_friction)"
+def _lines(model: Model, training: Sequence[Recording], request: Request) -> tuple[list[Declaration], list[Diagnosis]]:
+    """What is calibrated: as a file declares it, or as recordings propose it, with what they show for it."""
+    if request.parameters is not None:
+        return read_declarations(request.parameters), []
+    if not request.propose:
+        return [], []
+    reach, refuse = reach_of(model), request.refuse
+    seen = (None if reach is None else stopped_by_floor(reach, training),
+            zeros_off(training, moving_joints(model, training)))  # fmt: skip
+    found = {d.name: d.unless(refuse) for d in (*seen, _clocks(request.clocks)) if d is not None}
+    height = found["floor"].numbers["height"] if "floor" in found and not found["floor"].refused else None
+    clocks = {} if "clock" in refuse else request.clocks
+    lines = propose(model, training, clocks, height, request.beyond_mjcf)
+    return [line for line in lines if line.quantity != "zero" or "zero" not in refuse], list(found.values())
+
+
+def _clocks(late: Mapping[str, float]) -> Diagnosis | None:
+    """Recordings whose commands are stamped by a clock of their own."""
+    if not late:
+        return None
+    shown = ", ".join(f"'{name}' {1e3 * seconds:+.0f} ms" for name, seconds in late.items())
+    return Diagnosis(
+        "clock",
+        f"commands are stamped late by more than any lag explains ({shown})",
+        "a clock of each is calibrated",
+        late,
     )
+
+
+def _edited(
+    recordings: Sequence[Recording], name: str, refuse: Collection[str],
+    edit: Callable[[Sequence[Recording]], tuple[list[Recording], list[str]]],
+) -> tuple[list[Recording], list[Diagnosis]]:  # fmt: skip
+    """Recordings with an edit, unless that is refused, and what it is."""
+    edited, notes = edit(recordings)
+    found = [Diagnosis(name, note).unless(refuse) for note in notes]
+    return (list(recordings) if name in refuse else edited), found
 
 
 def _check_joints(model: Model, recordings: Sequence[Recording]) -> None:

@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Whether recordings show a floor or table that the model lacks: the robot stopped above where it was told to go."""
+"""How low a robot reaches, from the shapes of its model: what the look for a floor needs to know."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -12,84 +11,27 @@ from numpy.typing import NDArray
 
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import Model
-from trueup.recording import Recording
-from trueup.trial import command_of
 
 Array = NDArray[np.float64]
 
-_POSES = 400  # of a recording that are looked at
-_SHORT = 0.01  # m above the commanded height: more than friction and sag explain
-_PLAINLY = 0.02  # m, reached at least once
-_SLOW = 0.02  # m/s of the lowest point: not on its way any more
-_NEAR = 0.04  # m above the lowest height ever reached
-_SHARE = 0.01  # of all poses that must look stopped
 
-
-@dataclass(frozen=True)
-class Stopped:
-    """What recordings show of something in the way below the robot."""
-
-    height: float
-    """In m, of the lowest points of the robot where they were stopped (median)."""
-    recordings: tuple[str, ...]
-    """Those in which it happens."""
-
-
-def stopped_by_floor(model: Model, recordings: Sequence[Recording]) -> Stopped | None:
-    """Whether the robot's lowest point stays well above where its commands would put it, near the lowest reach of all.
-
-    Servos sag below their commands; one that rests above it was stopped. None for a model that has a plane, that does
-    not stand fixed, or has no shapes; and where recordings do not show it.
-    """
+def reach_of(model: Model) -> Reach | None:
+    """How low the robot reaches; None for a model that has a floor, that does not stand fixed, or has no shapes."""
     m = model.compiled
-    shapes = _Shapes(m)
-    if plane_of(m) >= 0 or not shapes.clouds or np.any(m.jnt_type == mujoco.mjtJoint.mjJNT_FREE):
+    if plane_of(m) >= 0 or np.any(m.jnt_type == mujoco.mjtJoint.mjJNT_FREE):
         return None
-    looks = [(r.name, *seen) for r in recordings for seen in (_heights(model, shapes, r),) if seen is not None]
-    if not looks:
-        return None
-    lowest = min(float(reached.min()) for _, reached, _, _ in looks)
-    heights, names, poses = [], [], 0
-    for name, reached, told, slow in looks:
-        poses += len(reached)
-        resting = slow & (reached - told > _SHORT) & (reached < lowest + _NEAR)
-        if np.any(reached[resting] - told[resting] > _PLAINLY):
-            heights.append(reached[resting])
-            names.append(name)
-    if not heights or sum(map(len, heights)) < _SHARE * poses:
-        return None
-    return Stopped(float(np.median(np.concatenate(heights))), tuple(names))
+    reach = Reach(model)
+    return reach if reach.clouds else None
 
 
-def _heights(model: Model, shapes: _Shapes, recording: Recording) -> tuple[Array, Array, NDArray[np.bool_]] | None:
-    """(T,) lowest points of the robot as measured and as commanded, and whether it moves slowly up or down."""
-    command = command_of(recording)
-    if command is None or not recording.has("position") or command.unit != recording.channel("position").unit:
-        return None
-    position = recording.channel("position")
-    joints = model.scalar_joints()
-    shared = [label for label in position.labels if label in command.labels and label in joints]
-    if not shared:
-        return None
-    every = max(1, len(position.time) // _POSES)
-    time = position.time[::every]
-    measured = position.select([label for label in position.labels if label in joints])
-    address = [int(model.compiled.jnt_qposadr[model.index("joint", label)]) for label in measured.labels]
-    own = measured.at(time)
-    wanted = np.array(own)
-    wanted[:, [measured.labels.index(label) for label in shared]] = command.select(shared).at(time, hold=True)
-    good = np.isfinite(own).all(axis=1) & np.isfinite(wanted).all(axis=1)
-    if good.sum() < 3:
-        return None
-    reached, told = shapes.lowest(address, own[good]), shapes.lowest(address, wanted[good])
-    return reached, told, np.abs(np.gradient(reached, time[good])) < _SLOW
+class Reach:
+    """Points that span the solid shapes on moving bodies, each with a radius (see `inspection.floor.Heights`)."""
 
-
-class _Shapes:
-    """Points that span the solid shapes on moving bodies, each with a radius."""
-
-    def __init__(self, compiled: mujoco.MjModel) -> None:
+    def __init__(self, model: Model) -> None:
+        compiled = model.compiled
         self._model, self._data = compiled, mujoco.MjData(compiled)
+        self.joints = model.scalar_joints()
+        self._address = {j: int(compiled.jnt_qposadr[model.index("joint", j)]) for j in self.joints}
         self.clouds = [
             (g, *_points(compiled, g))
             for g in range(compiled.ngeom)
@@ -97,9 +39,10 @@ class _Shapes:
             and compiled.body_weldid[compiled.geom_bodyid[g]] != 0
         ]
 
-    def lowest(self, address: Sequence[int], poses: Array) -> Array:
-        """(T,) height of the lowest point in m at poses (T, k) of the coordinates at `address`."""
+    def lowest(self, labels: Sequence[str], poses: Array) -> Array:
+        """(T,) height of the lowest point in m at positions (T, k) of these joints."""
         data, found = self._data, np.empty(len(poses))
+        address = [self._address[label] for label in labels]
         for i, pose in enumerate(poses):
             data.qpos[:] = self._model.qpos0
             data.qpos[address] = pose
