@@ -17,8 +17,8 @@ from rich.markup import escape
 from trueup.commands.sources import MAPPING, mapping_for, readable
 from trueup.errors import MappingError
 from trueup.formats import ChannelMap, TimeColumn, guess_mapping, read
-from trueup.formats.joint_names import match_joints
 from trueup.inspection import ChannelInspection, Inspection, inspect
+from trueup.inspection.joint_names import match_joints
 from trueup.recording import Recording
 from trueup.report.numbers import scale_for
 

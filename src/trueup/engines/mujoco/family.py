@@ -25,10 +25,10 @@ from trueup.engines.mujoco.setup.scales import of_slides, with_units
 from trueup.engines.mujoco.setup.still import with_still_joints
 from trueup.engines.mujoco.writing.write import write_model
 from trueup.errors import unknown_name
-from trueup.formats.joint_names import named_as
-from trueup.formats.strangers import several_robots, without_strangers
 from trueup.inspection.diagnosis import Diagnosis
 from trueup.inspection.floor import stopped_by_floor
+from trueup.inspection.joint_names import named_as
+from trueup.inspection.strangers import several_robots, without_strangers
 from trueup.inspection.zeros import zeros_off
 from trueup.recording import Recording
 

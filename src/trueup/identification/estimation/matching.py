@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueup.errors import UnknownNameError, unknown_name
-from trueup.formats.joint_names import sure_names
 from trueup.identification.estimation.unnamed import named_by_motion
 from trueup.identification.kinematic_tree import KinematicTree
+from trueup.inspection.joint_names import sure_names
 from trueup.recording import Recording
 
 _CHANNELS = ("position", "velocity", "torque", "current", "load")
@@ -21,7 +21,7 @@ Groups = tuple[list[Recording], list[Recording]]
 def matched(tree: KinematicTree, groups: Groups) -> tuple[KinematicTree, Groups, tuple[str, ...]]:
     """Recordings with the joints' names of the model, the tree with joints locked that no log has, and what was done.
 
-    Joints are found as `formats.joint_names.sure_names` does, columns without names as `unnamed` does. Raises
+    Joints are found as `inspection.joint_names.sure_names` does, columns without names as `unnamed` does. Raises
     UnknownNameError where no joint is found, IdentificationError where columns without names fit no joint.
     """
     said = [[named_by_motion(tree, r) for r in group] for group in groups]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trueup.formats.strangers import several_robots, without_strangers
+from trueup.inspection.strangers import several_robots, without_strangers
 from trueup.recording import Channel, Recording
 
 _ARM = {"shoulder": "", "elbow": ""}

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trueup.formats.joint_names import match_joints, named_as, sure_names
+from trueup.inspection.joint_names import match_joints, named_as, sure_names
 from trueup.recording import Channel, Recording
 
 ARM = {"joint_1": "joint_1", "joint_2": "joint_2", "right_carriage": "", "left_carriage": "left_gripper"}
