@@ -121,7 +121,7 @@ class Pushed:
 
     @classmethod
     def of(cls, push: Push, streams: Streams) -> Pushed:
-        """Drawn."""
+        """The push that each row meets."""
         start, lasting = streams.uniform(*push.start), streams.uniform(*push.lasting)
         size, angle = streams.uniform(*push.force), streams.uniform(-np.pi, np.pi)
         toward = np.stack([np.cos(angle), np.sin(angle), np.zeros(len(angle))], axis=1)

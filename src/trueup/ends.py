@@ -187,7 +187,7 @@ def end_of(recording: Recording, ends: Sequence[End] = ()) -> Ended | None:
     known = ended(recording)
     if known is not None:
         return known
-    found = []
+    shown = []
     for end in ends:
         wanted = end.looks_at
         if not wanted or any(
@@ -197,8 +197,8 @@ def end_of(recording: Recording, ends: Sequence[End] = ()) -> Ended | None:
         times = np.arange(recording.start, recording.stop + 1e-9, LOOK)
         seen = {n: recording.channel(n).select(labels).at(times) for n, labels in wanted.items()}
         reached = np.flatnonzero(end.reached(_look(times, seen)))
-        found += [Ended(float(times[reached[0]]), end.name)] if len(reached) else []
-    return min(found, key=lambda end: end.at, default=None)
+        shown += [Ended(float(times[reached[0]]), end.name)] if len(reached) else []
+    return min(shown, key=lambda end: end.at, default=None)
 
 
 def _look(times: Array, seen: Mapping[str, Array]) -> Observation:

@@ -63,10 +63,10 @@ def _supported(work: Callable[[], list[Rollout]], simulator: Simulator, kind: st
     try:
         return work()
     except ModelError as error:
-        told = str(error)
+        words = str(error)
         require(
-            kind in told and simulator.name in told,
-            f"a ModelError that is to say '{kind}' is not supported must name it and the simulator; it says: {told}",
+            kind in words and simulator.name in words,
+            f"a ModelError that is to say '{kind}' is not supported must name it and the simulator; it says: {words}",
         )
         return None
 

@@ -42,11 +42,11 @@ class Watch:
         `good[i]` of these.
         """
         trial = self._trials[k]
-        found: list[tuple[int, Ended]] = []
+        over: list[tuple[int, Ended]] = []
         count = next(iter(joined.values())).shape[1] - 1 if trial.ends else 0
         places = self._looks(at, count, trial.duration)
         if not len(places):
-            return found
+            return over
         channels = [
             {n: _along(s, joined[s.field], places) for n, s in each.items()} for each in self._sources[k]
         ]  # for each end and channel (n, looks, k)
@@ -57,9 +57,9 @@ class Watch:
             seen = [replace(whole, channels={n: v[rows, look] for n, v in each.items()}) for each in channels]
             which = which_end(trial.ends, seen, len(rows))
             for row, end in zip(rows[which >= 0].tolist(), which[which >= 0].tolist(), strict=True):
-                found.append((row, Ended(trial.start + whole.time, trial.ends[end].name)))
+                over.append((row, Ended(trial.start + whole.time, trial.ends[end].name)))
                 left[row] = False
-        return found
+        return over
 
     def _looks(self, at: int, count: int, duration: float) -> NDArray[np.int64]:
         """After how many of the `count` steps that follow step `at` is looked, the state before them included."""

@@ -184,8 +184,8 @@ class Run:
             for i in np.flatnonzero((good[mine] < count) & ~over[mine]):
                 now = (at + int(good[mine][i])) * step
                 if now < trial.duration:  # what happens after its end is no part of the run
-                    said = self.stepper.errors.get(int(rows[mine][i]), "")
-                    self.failures[k][int(own[i])] = said or f"the simulation became unstable after {now:.3g} s"
+                    reason = self.stepper.errors.get(int(rows[mine][i]), "")
+                    self.failures[k][int(own[i])] = reason or f"the simulation became unstable after {now:.3g} s"
                     self._stopped[k][int(own[i])] = trial.start + now if now > 0.0 else -np.inf
                 over[mine.start + i] = True
         return over

@@ -44,7 +44,7 @@ class Senses:
         latest = max((s.latency for s in self._all), default=0.0)
         self._kept = int(np.ceil(latest)) + 2
         self._past: dict[str, Array] = {}
-        self._drawn: dict[int, tuple[Array, int]] = {}
+        self._blocks: dict[int, tuple[Array, int]] = {}
         self.late = tuple({s.source.field for s in self._all if s.latency > 0.0})
         """Fields of which the past is needed."""
 
@@ -84,10 +84,10 @@ class Senses:
 
     def _next(self, number: int, streams: Streams, width: int) -> Array:
         """(b, width) standard normal numbers for the next look."""
-        block, used = self._drawn.get(number, (np.zeros(0), _AHEAD))
+        block, used = self._blocks.get(number, (np.zeros(0), _AHEAD))
         if used == _AHEAD:
             block, used = streams.normal(_AHEAD, width), 0
-        self._drawn[number] = block, used + 1
+        self._blocks[number] = block, used + 1
         return block[:, used]
 
 
