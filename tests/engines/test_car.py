@@ -16,7 +16,7 @@ from trueup import formats
 from trueup.cli import main
 from trueup.engines.vehicle import Vehicle, VehicleSimulator
 from trueup.engines.vehicle.kernels import ANGLE, SPEED, STATE, WHEEL, motor_push, on_tyres, steered
-from trueup.engines.vehicle.look import first_look, unseen
+from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.prediction import prediction_errors
 from trueup.engines.vehicle.tracking import cleaned
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
@@ -174,19 +174,19 @@ def test_the_truth_predicts_its_own_drives(drive: Recording) -> None:
 
 
 def test_a_first_look_comes_near(drive: Recording) -> None:
-    found = first_look(GUESS, [cleaned(drive)])
+    found = Look.at([cleaned(drive)]).starts(GUESS)
     assert found["steering_left"] == pytest.approx(0.46, rel=0.2)
     assert found["drive"] == pytest.approx(12.0, rel=0.5)
     command = drive.channel("command")
     mirrored = drive.with_channel(command.replace(values=command.values * [1.0, -1.0]))
     with pytest.raises(CalibrationError, match="turn it to the right"):
-        first_look(GUESS, [cleaned(mirrored)])
+        Look.at([cleaned(mirrored)]).starts(GUESS)
 
 
 def test_tyres_are_not_judged_by_drives_that_never_slide(drive: Recording) -> None:
-    assert unseen([cleaned(drive)]) == {}
+    assert Look.at([cleaned(drive)]).unseen() == {}
     slow = driven(4, 30.0, slower=0.62)
-    calm = unseen([cleaned(slow)])
+    calm = Look.at([cleaned(slow)]).unseen()
     assert set(calm) == {"understeer", "friction_limit"}
     assert "m/s^2 sideways" in calm["understeer"]
 
@@ -264,7 +264,7 @@ def test_commands_in_percent_or_under_other_names_are_explained(drive: Recording
 def test_a_drive_of_pose_and_commands_alone_will_do(drive: Recording) -> None:
     bare = drive.without("speed")
     simulator = VehicleSimulator(
-        GUESS, GUESS.space(["steering_left", "steering_right"], first_look(GUESS, [cleaned(bare)]))
+        GUESS, GUESS.space(["steering_left", "steering_right"], Look.at([cleaned(bare)]).starts(GUESS))
     )
     assert len(prediction_errors(simulator, simulator.parameters.nominal, simulator.prepared(bare))) > 50
 

@@ -13,14 +13,14 @@ from trueup.engines.vehicle.kernels import (
     ANGLE,
     DRIVE,
     DRIVE_DELAY,
-    GRIP,
     HEADING,
     LAGGED,
+    LASTS,
+    MOVES,
     POSE_AHEAD,
     POSE_TURN,
     PUSH,
     PUSH_LASTS,
-    SIDEWAYS,
     SLACK,
     SPEED,
     SPEED_KEPT,
@@ -40,15 +40,6 @@ from trueup.engines.vehicle.kernels import (
 )  # fmt: skip
 
 Array = NDArray[np.float64]
-
-_MOST_TRIM = 0.1
-"""In rad: what a wheel angle may be off by without being a parameter's fault."""
-_TURN_TRUST = 0.7
-"""Share of the tracked heading's turn against the motion that goes on; chosen on JetRacer, as the next two."""
-_TRIM_SEEN, _PUSH_SEEN = 0.4, 1.0
-"""In s: over how much of the past an unexplained wheel angle and an unexplained acceleration are averaged."""
-_MOVES = 0.2
-"""In m/s: slower, the direction of motion says nothing."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -80,7 +71,7 @@ def compare_speed(m: Array, dt: float, slows: float, faster: float) -> None:
     """
     m[0] += dt * (1.0 - m[0] * slows)
     m[1] -= dt * m[1] * slows
-    m[2:] *= math.exp(-dt / _PUSH_SEEN)
+    m[2:] *= math.exp(-dt / LASTS)
     m[2] += dt * m[0] * m[0]
     m[3] += dt * m[0] * m[1]
     m[4] += dt * m[1] * m[1]
@@ -97,55 +88,41 @@ def explained_speed(m: Array) -> tuple[float, float]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def placed(p: Array, seen: Array, s: Array) -> None:
-    """Velocities as seen (6,), and tyres that have taken up the wheels' angle."""
-    s[SPEED], s[TURNING] = seen[3], seen[5]
-    s[ANGLE] = steered(p, s[WHEEL])
-    s[SIDEWAYS] = seen[4] - p[POSE_AHEAD] * seen[5] if p[GRIP] > 0.0 else 0.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def begin(
     p: Array, dt: float, commands: Array, seen: Array, k0: int, past: int, settle: int, shares: Array, s: Array
-) -> float:
-    """The state at grid instant k0 from what was commanded and seen until then; returns the heading's misalignment.
+) -> None:
+    """The state at grid instant k0 from what was commanded and seen until then.
 
-    seen (G, 6) x, y, heading, forward and sideways speed of the tracked point, yaw rate. The model is run over the last
-    `past` steps: how much slower or faster the car was tells PUSH (and, as far as SPEED_KEPT says, the speed now: with
-    less noise than the last samples, but later), and in which direction it went beside its heading tells how the
-    tracked heading is turned. `settle` steps of commands come before. Longer than others because it is one pass.
+    seen (G, 5) x, y, heading, forward speed of the tracked point, yaw rate. The model is run over the last `past` steps: how
+    much slower or faster the car was tells PUSH (and, as far as SPEED_KEPT says, the speed now: with less noise than the
+    last samples, but later), and how much more it turned tells TRIM. `settle` steps of commands come before.
     """
     first = k0 - past
     s[:] = 0.0
     s[LAGGED] = s[SLACK] = s[WHEEL] = commands[max(first - settle, 0), 1]
-    drift, bent, counted, share = 0.0, 0.0, 0, share_of(_TRIM_SEEN, dt)
-    moments, forward = np.zeros(7), seen[k0, 3]
+    bent, driven, share, forward = 0.0, 0.0, share_of(LASTS / 3.0, dt), seen[k0, 3]
+    moments = np.zeros(7)
     moments[1] = moments[4] = 1.0
     for k in range(max(first - settle, 0), k0):
         advance(p, dt, commands, k, shares, s)
         if k < first:
             continue
         if k == first:
-            placed(p, seen[k], s)
+            s[SPEED], s[TURNING], s[ANGLE] = seen[k, 3], seen[k, 4], steered(p, s[WHEEL])
         step_chassis(p, dt, s)
         compare_speed(moments, dt, resistance(p, s), seen[k + 1, 3] - s[SPEED])
-        if seen[k, 3] > _MOVES:
-            curvature = seen[k + 1, 5] / max(seen[k + 1, 3], _MOVES) - s[TURNING] / max(s[SPEED], _MOVES)
-            bent += share * (p[WHEELBASE] * curvature - bent)
-            drift += (seen[k, 4] - s[SIDEWAYS] - p[POSE_AHEAD] * s[TURNING]) / seen[k, 3]
-            counted += 1
-    turned = p[POSE_TURN]
-    if past * dt > 0.5 * _PUSH_SEEN and counted > past // 2:
-        turned += _TURN_TRUST * (drift / counted - p[POSE_TURN])
+        if min(seen[k + 1, 3], s[SPEED]) > MOVES:
+            bent += share * (p[WHEELBASE] * (seen[k + 1, 4] / seen[k + 1, 3] - s[TURNING] / s[SPEED]) - bent)
+            driven += dt
+    if driven > max(LASTS / 2.0, past * dt / 2.0):  # a car that stands shows nothing
         push, faster = explained_speed(moments)
-        at_once = (forward - s[SPEED]) / max(moments[0], dt)
+        at_once = (forward - s[SPEED]) / moments[0]
         s[PUSH] = p[PUSH_LASTS] * (at_once + p[SPEED_KEPT] * (push - at_once))
+        s[TRIM] = p[TRIM_LASTS] * bent
         forward += p[SPEED_KEPT] * (s[SPEED] + faster - forward)
-        s[TRIM] = min(max(p[TRIM_LASTS] * bent, -_MOST_TRIM), _MOST_TRIM)
     if past == 0:
-        placed(p, seen[k0], s)
+        s[TURNING], s[ANGLE] = seen[k0, 4], steered(p, s[WHEEL])
     s[SPEED] = max(forward, 0.0) if p[DRIVE] > 0.0 else forward
-    s[HEADING] = seen[k0, 2] + turned
+    s[HEADING] = seen[k0, 2] + p[POSE_TURN]
     s[X] = seen[k0, 0] - p[POSE_AHEAD] * math.cos(s[HEADING])
     s[Y] = seen[k0, 1] - p[POSE_AHEAD] * math.sin(s[HEADING])
-    return turned

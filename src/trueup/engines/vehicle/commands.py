@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.engines.vehicle.driving import COMMAND, driven_by
-from trueup.engines.vehicle.look import first_look, straight_on
+from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.tracking import cleaned
 from trueup.engines.vehicle.vehicle import Vehicle
 from trueup.errors import CalibrationError, RecordingError
@@ -41,14 +41,14 @@ def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
     ]
     scaled = replace(car, middle=middle, full=full)
     drives = [cleaned(r, car.enabled_by, middle, full, car.wheelbase) for r in recordings]
-    straight = straight_on(drives)
+    straight = Look.at(drives).straight_on()
     if abs(straight) > _ASIDE:
         off = np.concatenate([c.column("steering") for c in commands]) - (middle[1] + full[1] * straight)
         scaled = replace(car, middle=(middle[0], middle[1] + full[1] * straight), full=(full[0], _rounded(off)))
         notes.append(f"steering: the car drives straight on at {scaled.middle[1]:.3g}, which counts as its middle")
         drives = [cleaned(r, car.enabled_by, scaled.middle, scaled.full, car.wheelbase) for r in recordings]
     try:
-        first_look(scaled, drives)
+        Look.at(drives).starts(scaled)
     except CalibrationError:
         scaled = replace(scaled, full=(full[0], -(scaled.full or full)[1]))
         notes.append("steering: grows to the right, taken as its opposite")

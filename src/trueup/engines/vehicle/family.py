@@ -14,7 +14,7 @@ from trueup.calibration import Calibration, Prediction
 from trueup.engines.family import Family, Fit, Request
 from trueup.engines.vehicle.commands import with_commands
 from trueup.engines.vehicle.judging import Ahead
-from trueup.engines.vehicle.look import braked, first_look, unseen
+from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.prediction import moved, prediction_errors, spoken
 from trueup.engines.vehicle.rollout import VehicleSimulator
 from trueup.engines.vehicle.vehicle import Vehicle
@@ -152,11 +152,11 @@ def _with_parameters(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Veh
     car, taken = with_commands(car, recordings)
     plain = VehicleSimulator(car)
     drives = [plain.prepared(r) for r in recordings]
-    calm = unseen(drives)
-    still = {*calm, *(() if braked(drives) else ("braking",))}
+    look = Look.at(drives)
+    calm = look.unseen()
     steers = max((float(np.nanmax(np.abs(d.channel("command").column("steering")))) for d in drives), default=1.0)
-    free = [q.name for q in car.quantities if q.free and q.name not in still]
-    return VehicleSimulator(car, car.space(free, first_look(car, drives), steers)), (*taken, *calm.values())
+    free = [q.name for q in car.quantities if q.free and q.name not in calm]
+    return VehicleSimulator(car, car.space(free, look.starts(car), steers)), (*taken, *calm.values())
 
 
 def _only(names: Sequence[str], space: ParameterSpace, values: Array) -> ParameterSpace:

@@ -43,8 +43,10 @@ vehicle showed beyond the model just before: an acceleration (m/s^2: battery, sl
 SLOW = 0.05
 """In m/s: tyres are treated as rolling at least so fast, since slip angles have no meaning at rest."""
 _STIFFEST = 1e-3  # rad s^2/m: an understeer that is more negative than the rear grip allows ends here
-TRIM_FADES = 1.2
-"""In s: an unexplained wheel angle (play, camber of the floor) changes within about a second; chosen on JetRacer."""
+LASTS = 1.2
+"""In s: what a car shows beyond its model (slope, battery, play) changes within about a second; chosen on JetRacer."""
+MOVES = 0.2
+"""In m/s: slower, the direction of motion and the curvature of the way say nothing."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -117,7 +119,7 @@ def on_tyres(p: Array, dt: float, s: Array) -> None:
     taken_up = share_of(p[RELAXATION], dt * speed) * (steered(p, s[WHEEL]) - s[ANGLE])
     angle = s[ANGLE] + 0.5 * taken_up + s[TRIM]
     s[ANGLE] += taken_up
-    s[TRIM] *= 1.0 - dt / TRIM_FADES
+    s[TRIM] *= 1.0 - dt / LASTS
     share = p[WEIGHT_IN_FRONT]
     front, rear = p[WHEELBASE] * (1.0 - share), p[WHEELBASE] * share  # centre of mass to axles
     inertia = p[YAW_INERTIA] * front * rear

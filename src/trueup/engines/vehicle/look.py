@@ -4,101 +4,106 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import MappingProxyType
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trueup.engines.vehicle.driving import COMMAND
+from trueup.engines.vehicle.kernels import MOVES
 from trueup.engines.vehicle.past import Past
 from trueup.engines.vehicle.vehicle import Vehicle
 from trueup.errors import CalibrationError
+from trueup.evidence import STANDARD_ERRORS
 from trueup.recording import Recording
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
-LATE = 0.12  # s between command and effect, roughly, of small servos and drives
-_FAST = 0.3  # m/s: slower samples say little
-_SHOWS = MappingProxyType({"understeer": 3.0, "friction_limit": 5.0})
-"""Sideways acceleration in m/s^2 that the recordings must reach."""
+LATE = 0.12
+"""In s: between command and effect, roughly, of small servos and drives; speeds gained are taken over as long."""
+_STEPS = 12  # of the grid within LATE
+_SLIDES = 3.0
+"""In m/s^2 sideways, a third of g. Below it a car hardly slips: its understeer is less than the play of a steering, so that a
+fit would bend it to mend something else, and be far off in the first fast curve. Chosen on JetRacer."""
 
 
-def first_look(car: Vehicle, recordings: Sequence[Recording], late: float = LATE) -> dict[str, float]:
-    """Start values of steering and drive, within their bounds; nothing where the recordings say nothing.
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What a car did at (n,) instants in which it drove, LATE s apart, and what it had been told by then."""
 
-    Curvature = (a + b z) over command z, and acceleration = drive * throttle - friction - loss * speed - curve loss.
-    `recordings` prepared; `late` (s): how long steering takes to show. Raises CalibrationError where steering to the left
-    turns the car to the right.
-    """
-    curvature, steering, throttle, speed, pushed = _samples(recordings, late)
-    if len(speed) < 50:
-        return {}
-    found = _steering(car, curvature, steering)
-    table = np.stack([throttle, -np.ones(len(speed)), -speed, -speed * curvature**2], axis=1)
-    values = _least_squares(table, pushed)
-    if (values[[0, 2]] > 0.0).all():
-        found |= {"drive": values[0], "friction": values[1], "speed_loss": values[2], "curve_loss": values[3]}
-    return {name: float(value) for name, value in found.items()}
+    curvature: Array
+    """In 1/m."""
+    speed: Array
+    """In m/s."""
+    gained: Array
+    """Acceleration in m/s^2."""
+    throttle: Array
+    steering: Array
 
+    @classmethod
+    def at(cls, recordings: Sequence[Recording]) -> Look:
+        """At prepared recordings. Raises RecordingError for one without pose or command."""
+        parts = [np.zeros((5, 0))]
+        for recording in recordings:
+            past = Past.of(Trial.of(recording, ["position", "heading"]), LATE / _STEPS, COMMAND)
+            k = np.arange(past.earliest, len(past.known) - 1, _STEPS)
+            k = k[past.known[k] & (past.lengths[k] > _STEPS) & (past.seen[k, 3] > MOVES)]
+            speed = past.seen[k, 3]
+            gained = (speed - past.seen[k - _STEPS, 3]) / LATE  # half of LATE ago
+            asked = past.commands[k - _STEPS, 1], past.commands[k - _STEPS * 3 // 2, 0]
+            parts.append(np.stack([past.seen[k, 4] / speed, speed, gained, *asked]))
+        curvature, speed, gained, steering, throttle = np.concatenate(parts, axis=1)
+        return cls(curvature, speed, gained, throttle, steering)
 
-def straight_on(recordings: Sequence[Recording]) -> float:
-    """The steering command of prepared recordings at which the car drives straight on; NaN where they do not tell."""
-    curvature, steering, *_ = _samples(recordings)
-    if len(curvature) < 50 or np.std(steering) < 0.02:
-        return float("nan")
-    offset, slope = _least_squares(np.stack([np.ones(len(steering)), steering], axis=1), curvature)
-    return float(-offset / slope)
+    def curve(self) -> tuple[float, float] | None:
+        """Offset and slope of curvature over steering; None where they do not tell the slope from none."""
+        if len(self.steering) <= STANDARD_ERRORS**2 or not np.ptp(self.steering) > 0.0:
+            return None
+        offset, slope = _least_squares(np.stack([np.ones(len(self.steering)), self.steering], axis=1), self.curvature)
+        alike = np.corrcoef(self.steering, self.curvature)[0, 1]
+        return (float(offset), float(slope)) if abs(alike) > STANDARD_ERRORS / np.sqrt(len(self.steering)) else None
 
+    def straight_on(self) -> float:
+        """The steering command at which the car drives straight on; NaN where the recordings do not tell."""
+        curve = self.curve()
+        return float("nan") if curve is None else -curve[0] / curve[1]
 
-def unseen(recordings: Sequence[Recording]) -> dict[str, str]:
-    """Quantities of the tyres that these prepared recordings are too calm to tell, each with the reason.
+    def starts(self, car: Vehicle) -> dict[str, float]:
+        """Start values of steering and drive; nothing where the recordings say nothing.
 
-    Below a third of g a car hardly slips: its understeer is less than the play of a steering, so that a fit would bend it to
-    mend something else, and be far off in the first fast curve.
-    """
-    curvature, _, _, speed, _ = _samples(recordings)
-    sideways = float(np.percentile(np.abs(curvature) * speed**2, 98)) if len(speed) else 0.0
-    return {
-        name: f"{name} is not looked for: the recorded curves reach {sideways:.1f} m/s^2 sideways, it shows above {least:g}"
-        for name, least in _SHOWS.items()
-        if sideways < least
-    }
-
-
-def braked(recordings: Sequence[Recording]) -> bool:
-    """Whether these prepared recordings were driven with a throttle below zero."""
-    throttle = _samples(recordings)[2]
-    return len(throttle) > 0 and float(np.percentile(throttle, 2)) < -0.02
-
-
-def _samples(recordings: Sequence[Recording], late: float = LATE) -> tuple[Array, Array, Array, Array, Array]:
-    """Curvature, steering, throttle, speed, acceleration at instants in which the car drove, every 0.05 s."""
-    parts: list[Array] = []
-    for recording in recordings:
-        drive = Past.of(Trial.of(recording, ["position", "heading"]), 0.01, COMMAND)
-        k = np.arange(drive.earliest, len(drive.known) - 1, 5)
-        k = k[drive.known[k] & (drive.lengths[k] > 20) & (drive.seen[k, 3] > _FAST)]
-        asked = k - round(LATE / 0.01)
-        speed = drive.seen[k, 3]
-        gained = (speed - drive.seen[k - 20, 3]) / 0.2
-        parts.append(np.stack([drive.seen[k, 5] / speed, drive.commands[k - round(late / 0.01), 1],
-                               drive.commands[asked - 10, 0], speed, gained]))  # fmt: skip
-    curvature, steering, throttle, speed, pushed = np.concatenate(parts, axis=1) if parts else np.zeros((5, 0))
-    return curvature, steering, throttle, speed, pushed
-
-
-def _steering(car: Vehicle, curvature: Array, steering: Array) -> dict[str, float]:
-    if np.std(steering) < 0.02:
-        return {}
-    offset, slope = _least_squares(np.stack([np.ones(len(steering)), steering], axis=1), curvature)
-    if slope <= 0.0:
-        raise CalibrationError(
-            f"car '{car.name}': steering commands above zero turn it to the right; headings and steering must grow to the "
-            "left: say sign = [1, -1] for the command (throttle, steering) in the mapping, or sign = -1 for the heading"
+        Curvature = a + b z over command z, and acceleration = drive * throttle - friction - loss * speed - curve loss.
+        Raises CalibrationError where steering to the left turns the car to the right.
+        """
+        starts, curve = {}, self.curve()
+        if curve is not None:
+            offset, slope = curve
+            if slope <= 0.0:
+                raise CalibrationError(
+                    f"car '{car.name}': steering commands above zero turn it to the right; headings and steering must grow "
+                    "to the left: say sign = [1, -1] for the command (throttle, steering) in the mapping, or sign = -1 for "
+                    "the heading"
+                )
+            angle = float(np.arctan(slope * car.wheelbase))
+            starts = {"steering_left": angle, "steering_right": angle, "steering_offset": offset / slope}
+        table = np.stack(
+            [self.throttle, -np.ones(len(self.speed)), -self.speed, -self.speed * self.curvature**2], axis=1
         )
-    angle = float(np.arctan(slope * car.wheelbase))
-    return {"steering_left": angle, "steering_right": angle, "steering_offset": float(offset / slope)}
+        if len(table) > table.shape[1]:
+            drive, friction, loss, curves = _least_squares(table, self.gained).tolist()
+            if min(drive, loss) > 0.0:
+                starts |= {"drive": drive, "friction": friction, "speed_loss": loss, "curve_loss": curves}
+        return starts
+
+    def unseen(self) -> dict[str, str]:
+        """Quantities of the tyres that these recordings are too calm to tell, each with the reason."""
+        sideways = float(np.percentile(np.abs(self.curvature) * self.speed**2, 98)) if len(self.speed) else 0.0
+        if sideways > _SLIDES:
+            return {}
+        reason = (
+            f"is not looked for: the recorded curves reach {sideways:.1f} m/s^2 sideways, it shows above {_SLIDES:g}"
+        )
+        return {name: f"{name} {reason}" for name in ("understeer", "friction_limit")}
 
 
 def _least_squares(table: Array, wanted: Array) -> Array:

@@ -20,6 +20,7 @@ from trueup.engines.vehicle.kernels import (
     LAGGED,
     LATENCY,
     POSE_AHEAD,
+    POSE_TURN,
     POSITION_NOISE,
     SPEED,
     STATE,
@@ -41,11 +42,11 @@ READ = 5
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def keep(p: Array, turned: float, s: Array, out: Array) -> None:
-    """What would be measured in a state: out (READ,); `turned` is the car's heading beside the tracked one."""
+def keep(p: Array, s: Array, out: Array) -> None:
+    """What would be measured in a state: out (READ,)."""
     out[0] = s[X] + p[POSE_AHEAD] * math.cos(s[HEADING])
     out[1] = s[Y] + p[POSE_AHEAD] * math.sin(s[HEADING])
-    out[2] = s[HEADING] - turned
+    out[2] = s[HEADING] - p[POSE_TURN]
     out[3], out[4] = s[SPEED], s[TURNING]
 
 
@@ -90,7 +91,7 @@ def replay_rows(
 ) -> None:  # fmt: skip
     """Open loop for all rows (b, n): stretch j begins at grid instant starts[j], is read at times[first[j]:first[j+1]].
 
-    commands (G, 2), seen (G, 6) on the grid; pasts (S,) how many steps of the past are known; times since the start of
+    commands (G, 2), seen (G, 5) on the grid; pasts (S,) how many steps of the past are known; times since the start of
     their stretch, ascending; out (b, len(times), READ). Commands count at any time, what was seen only until the start.
     Nobody reacts to noise here, so there is none.
     """
@@ -105,13 +106,13 @@ def replay_rows(
         for j in range(len(starts)):
             if first[j] == first[j + 1]:
                 continue
-            turned = begin(p, dt, commands, seen, starts[j], pasts[j], settle, shares, s)
-            keep(p, turned, s, history[0])
+            begin(p, dt, commands, seen, starts[j], pasts[j], settle, shares, s)
+            keep(p, s, history[0])
             steps = math.ceil(times[first[j + 1] - 1] / dt - 1e-9)
             for k in range(steps):
                 advance(p, dt, commands, starts[j] + k, shares, s)
                 step_chassis(p, dt, s)
-                keep(p, turned, s, history[k + 1])
+                keep(p, s, history[k + 1])
             here = slice(first[j], first[j + 1])
             read_off(p, history, steps, dt, times[here], silence, 1.0, out[i, here])
 
@@ -132,7 +133,7 @@ def drive(
         steering = delayed(orders, 1, tick, now - p[STEERING_DELAY] / period, before[LAGGED])
         step_actuators(p, dt, wanted, steering, shares, s)
         step_chassis(p, dt, s)
-        keep(p, 0.0, s, history[tick * substeps + j + 1])
+        keep(p, s, history[tick * substeps + j + 1])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -149,7 +150,7 @@ def follow_rows(
         s[:] = start
         memory[:] = 0.0
         shares[0], shares[1] = share_of(p[DRIVE_LAG], dt), share_of(p[STEERING_LAG], dt)
-        keep(p, 0.0, s, history[0])
+        keep(p, s, history[0])
         for n in range(ticks):
             measure(p, history, n * substeps, n * substeps, dt, noise[n], pose)
             speed, steering = stanley(gains[i], settings, path, memory, pose[0], pose[1], pose[2], pose[3], pose[4])

@@ -17,8 +17,8 @@ from trueup.trial import Trial
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-POSE_WINDOW = 0.12  # s: a parabola through this much of the past gives the pose and the turn rate at its end
 SPEED_WINDOW = 0.25  # s: a line through the car's own forward and sideways speed, which change more slowly
+POSE_WINDOW = 0.12  # s: a parabola through this much of the past gives the pose and the turn rate at its end
 _COUNTS = (4, 5, 7, 9)  # samples at least in the shorter window: as many as foretell the next one best
 PAST = 2.0  # s of the past over which the model is compared with the car
 SETTLE = 1.0  # s of commands before that, for servo and motor to forget where they started
@@ -33,7 +33,7 @@ class Past:
     commands: Array
     """(G, 2) speed or throttle, and steering."""
     seen: Array
-    """(G, 6) x, y, heading, forward and sideways speed, yaw rate; no sample after an instant counts at that instant."""
+    """(G, 5) x, y, heading, forward speed, yaw rate; no sample after an instant counts at that instant."""
     known: Mask
     """(G,) where `seen` is known."""
     lengths: NDArray[np.int64]
@@ -68,9 +68,9 @@ class Past:
         commands = np.stack([np.interp(grid, command.time, column) for column in command.values.T], axis=1)
         if labels[0] == "speed":
             commands[grid < command.time[0] - 1e-9, 0] = state[SPEED]
-        seen, known = np.zeros((len(grid), 6)), np.zeros(len(grid), dtype=bool)
+        seen, known = np.zeros((len(grid), 5)), np.zeros(len(grid), dtype=bool)
         first = round((PAST + SETTLE) / step)
-        seen[first], known[first] = [*state[[X, Y, HEADING, SPEED]], 0.0, state[TURNING]], True
+        seen[first], known[first] = state[[X, Y, HEADING, SPEED, TURNING]], True
         return cls(begin, step, commands, seen, known, np.zeros(len(grid), dtype=np.int64))
 
     def index(self, time: float) -> int:
@@ -80,7 +80,7 @@ class Past:
     def at(self, times: Array) -> Array:
         """(T, 5) x, y, heading, speed and yaw rate as seen at `times`."""
         grid = self.begin + self.step * np.arange(len(self.seen))
-        return np.stack([np.interp(times, grid, self.seen[:, c]) for c in (0, 1, 2, 3, 5)], axis=1)
+        return np.stack([np.interp(times, grid, column) for column in self.seen.T], axis=1)
 
     @property
     def settle(self) -> int:
@@ -103,7 +103,7 @@ def _grid(trial: Trial, step: float) -> tuple[float, Array]:
 
 def _seen(position: Channel, heading: Channel, grid: Array, step: float) -> tuple[Array, Mask]:
     good = np.isfinite(position.values).all(axis=1) & np.isfinite(heading.values[:, 0])
-    seen, known = np.zeros((len(grid), 6)), np.zeros(len(grid), dtype=bool)
+    seen, known = np.zeros((len(grid), 5)), np.zeros(len(grid), dtype=bool)
     if good.sum() < 3:
         return seen, known
     time = position.time[good]
@@ -113,24 +113,20 @@ def _seen(position: Channel, heading: Channel, grid: Array, step: float) -> tupl
     signals = [position.column("x")[good], position.column("y")[good], np.unwrap(heading.values[good, 0])]
     x, y, angle = (np.interp(grid, time, s) for s in signals)
     short, turn = (
-        max(4, round(max(POSE_WINDOW, _samples(p) * float(np.median(np.diff(time)))) / step) + 1)
+        max(_COUNTS[0], round(max(POSE_WINDOW, _samples(p) * float(np.median(np.diff(time)))) / step) + 1)
         for p in (np.stack(signals[:2], axis=1), signals[2][:, None])
     )
     long = max(short, turn, round(SPEED_WINDOW / step) + 1)
     value, _ = _at_the_end(short, step, 2)
     seen[:, :2] = np.stack([_past_only(p, value) for p in (x, y)], axis=1)
     value, slope = _at_the_end(turn, step, 2)
-    seen[:, 2], seen[:, 5] = _past_only(angle, value), _past_only(angle, slope)
-    # Along and across the car, step by step: a car that turns quickly bends its path within the window, not its speed.
+    seen[:, 2], seen[:, 4] = _past_only(angle, value), _past_only(angle, slope)
+    # Along the car, step by step: a car that turns quickly bends its path within the window, not its speed.
     middle = angle - 0.5 * np.diff(angle, prepend=angle[0])
     dx, dy = (np.diff(p, prepend=p[0]) / step for p in (x, y))
     value, slope = _at_the_end(long, step, 1)
-    half = 0.5 * step  # differences belong to the middle of a step
-    for column, speed in (
-        (3, np.cos(middle) * dx + np.sin(middle) * dy),
-        (4, np.cos(middle) * dy - np.sin(middle) * dx),
-    ):
-        seen[:, column] = _past_only(speed, value + half * slope)
+    # Differences belong to the middle of a step.
+    seen[:, 3] = _past_only(np.cos(middle) * dx + np.sin(middle) * dy, value + 0.5 * step * slope)
     return seen, _run_lengths(measured) >= long
 
 

@@ -8,14 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.engines.vehicle.kernels import MOVES
 from trueup.engines.vehicle.past import PAST, Past
 from trueup.engines.vehicle.rollout import VehicleSimulator
 from trueup.recording import Recording
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
-
-_MOVES = 0.2  # m/s: a prediction begins while the car drives
 
 
 def prediction_errors(
@@ -74,7 +73,7 @@ def begun_at(drive: Past, longest: float, every: float) -> NDArray[np.int64]:
     missing = np.concatenate([[0], np.cumsum(~drive.known)])
     candidates = np.arange(drive.earliest + back, len(drive.known) - ahead - 1, max(1, round(every / drive.step)))
     tracked = missing[candidates + ahead + 1] == missing[candidates]
-    return candidates[tracked & (drive.seen[candidates, 3] > _MOVES)].astype(np.int64)
+    return candidates[tracked & (drive.seen[candidates, 3] > MOVES)].astype(np.int64)
 
 
 def _tracked(time: Array, values: Array, instants: Array) -> Array:
