@@ -174,6 +174,8 @@ class VehicleSimulator:
         """(T,) time since the stretch that holds each instant began; its number; (S,) where stretches begin."""
         past = self.past(trial)
         starts = _starts(past, trial, self.horizon)
+        if not len(starts):
+            return np.full(len(times), np.nan), np.zeros(len(times), dtype=np.int64), starts
         stretch = np.clip(np.searchsorted(starts, (times - past.begin) / past.step + 1e-6, side="right") - 1, 0, None)
         since = times - past.begin - past.step * starts[stretch]
         # Before the first start, and after a gap until enough is known again, there is no prediction to be judged.
@@ -243,7 +245,7 @@ class VehicleSimulator:
 def _starts(past: Past, trial: Trial, horizon: float) -> Indices:
     """(S,) grid instants at which stretches begin: every `horizon` s, later where nothing was known then.
 
-    Raises ModelError where nothing is known at all.
+    Raises ModelError where nothing is known in all that was measured; the first moments of a drive may show too little.
     """
     every = max(1, round(_PLACES / past.step))
     last = past.index(trial.start + trial.duration)
@@ -253,7 +255,7 @@ def _starts(past: Past, trial: Trial, horizon: float) -> Indices:
     for place in places.tolist():
         if not found or (place - found[-1]) * past.step > horizon - 0.5 * past.step:
             found.append(place)
-    if not found:
+    if not found and trial.start + trial.duration > trial.initial["position"].time[-1] - past.step:
         raise ModelError(f"trial '{trial.name}' never shows position and heading for long enough to start a prediction")
     return np.array(found, dtype=np.int64)
 
