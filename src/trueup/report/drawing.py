@@ -39,6 +39,8 @@ LINE = 1.3
 """Pixels: the width of a curve; what matters most is twice as wide, what is there for comparison half."""
 SAMPLES = 1600
 """Samples of a line in a picture: about two for each pixel."""
+MARGIN = 0.06
+"""Share of a range that an axis leaves free on both sides."""
 OVERFLOW = 100
 """Heights of a box that a curve may leave it by; far beyond, renderers draw nonsense."""
 

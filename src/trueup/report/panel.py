@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.calibration import Array, Replay
-from trueup.report.drawing import EDGE, FOOT, LINE, SAMPLES, WIDTH, Box, words
+from trueup.report.drawing import EDGE, FOOT, LINE, MARGIN, SAMPLES, WIDTH, Box, words
 from trueup.report.encoding import kept_samples
 from trueup.report.marks import nice_marks
 from trueup.report.markup import Markup, tag
@@ -34,8 +34,6 @@ _MOTION, _GAP, _NUMBERS = 126, 14, 64
 """Pixels: from the panel's top to the end of the motion, between it and the error, and left of both for numbers."""
 _RUN_AWAY = 15
 """Times its own range that the error after calibration leaves to the error before it."""
-_MARGIN = 0.06
-"""Share of a range that is left free on both sides."""
 _LOOKS = {"command": (1.0, "4 3"), "measured": (1.25 * LINE, None)}
 """Width and dashes of lines that are not drawn as the others."""
 
@@ -100,7 +98,7 @@ def _range(main: Sequence[Array], other: Array, spare: float = 0.5) -> tuple[flo
             max(min(low, float(other.min())), low - spare * size),
             min(max(high, float(other.max())), high + spare * size),
         )
-    margin = _MARGIN * ((high - low) or size)
+    margin = MARGIN * ((high - low) or size)
     return low - margin, high + margin
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from trueup.calibration import Array
-from trueup.report.drawing import EDGE, HEAD, LINE, TEXT, Box, path_of
+from trueup.report.drawing import EDGE, HEAD, LINE, MARGIN, TEXT, Box, path_of
 from trueup.report.marks import mark_texts, nice_marks
 from trueup.report.markup import Markup, tag
 
@@ -134,7 +134,7 @@ class Plot:
         return rows
 
 
-def span(values: Iterable[float], *, zero: bool = False, margin: float = 0.06) -> tuple[float, float]:
+def span(values: Iterable[float], *, zero: bool = False, margin: float = MARGIN) -> tuple[float, float]:
     """The range of the finite values with a margin; with `zero` it holds zero too."""
     known = [v for v in values if math.isfinite(v)] + ([0.0] if zero else [])
     if not known:
