@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -110,7 +111,8 @@ class Preparation:
         every = self.family.judged(self.simulator, every)
         seen = sorted({c for r in every for c in self.simulator.observable(r)})
         found = replays(self.simulator, self.simulator.parameters.nominal, (), every,
-                        channels=channels or usual(seen), against=other)  # fmt: skip
+                        channels=channels or usual(seen), against=other,
+                        windows=inf if predictions else None)  # fmt: skip
         return Comparison(self.family.as_recorded(found, every), predictions, notes)
 
     def _other(self, path: Path, recordings: Sequence[Recording], step: float | None) -> Simulator:

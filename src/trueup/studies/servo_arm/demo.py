@@ -11,14 +11,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.articulated.declarations import declare
 from trueup.calibration import Calibration, TracePoint, pooled_rmse
-from trueup.engines.mujoco.model import load
-from trueup.engines.mujoco.rollout import MujocoSimulator
-from trueup.engines.mujoco.setup.proposal import propose
 from trueup.errors import OutputError
 from trueup.formats import read
-from trueup.loop.calibrate import calibrate
+from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 from trueup.report import write_report
 from trueup.robots.stand_in import StandInArm
@@ -43,10 +39,9 @@ def run(folder: Path, say: Callable[[str], None], progress: Callable[[TracePoint
     held_out = [r for r in recordings if r.name in HELD_OUT]
     seconds = sum(r.duration for r in training)
     say(f"recorded a stand-in arm: {len(training)} motions, {seconds:.0f} s in all, and {len(held_out)} more held out")
-    model = load(model_path())
-    space, quantities = declare(model, propose(model, training))
-    say(f"calibrating {int(space.free.sum())} parameters of {model.path.name}")
-    calibration = calibrate(MujocoSimulator(model, space, quantities), training, held_out, progress=progress)
+    ready = prepare(model_path(), training, held_out)
+    say(f"calibrating {int(ready.simulator.parameters.free.sum())} parameters of {model_path().name}")
+    calibration = ready.calibrate(progress=progress)
     for name, replays in (("fitted motions", calibration.training()), ("held out", calibration.held_out())):
         before, after = pooled_rmse(replays, after=False), pooled_rmse(replays, after=True)
         say(f"{name}: replay error {1e3 * before:.1f} -> {1e3 * after:.1f} mrad")
