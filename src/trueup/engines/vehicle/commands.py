@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.engines.vehicle.driving import COMMAND, driven_by
+from trueup.engines.vehicle.driving import COMMAND, MOST, driven_by
 from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.tracking import cleaned
 from trueup.engines.vehicle.vehicle import Vehicle
@@ -18,7 +18,6 @@ from trueup.recording import Channel, Recording
 
 Array = NDArray[np.float64]
 
-_MOST = 2.0  # commands beyond are no shares of the full command
 _ASIDE = 0.25  # share of the full steering: a car that drives straight on so far from zero counts from elsewhere
 _PULSES = (500.0, 2500.0)  # us: of a servo's signal, whose middle is at 1500 and whose end 500 beside it
 
@@ -67,7 +66,7 @@ def _middle_and_full(commands: Sequence[Channel], label: str) -> tuple[float, fl
     moved = values[values != 0.0]  # zero: nothing sent yet
     if len(moved) and _PULSES[0] <= moved.min() and moved.max() <= _PULSES[1]:
         return float(np.mean(_PULSES)), 500.0
-    return 0.0, _rounded(values) if float(np.abs(values).max()) > _MOST else 1.0
+    return 0.0, _rounded(values) if float(np.abs(values).max()) > MOST else 1.0
 
 
 def _rounded(values: Array) -> float:

@@ -15,7 +15,8 @@ Array = NDArray[np.float64]
 COMMAND = ("throttle", "steering")
 """Labels of the command channel: both without unit, usually -1 ... 1."""
 
-_MOST = 2.0  # commands beyond are no shares of the full command
+MOST = 2.0
+"""Commands beyond are no shares of the full command."""
 _SWITCHES = ("safety", "enable", "enabled", "deadman", "armed")
 _DRIVES, _STEERS = ("throttle", "speed"), ("steering", "turn")
 _STANDS = 0.05  # share of the greatest commanded speed: below, a turn rate says no wheel angle
@@ -81,7 +82,7 @@ def effective(
         command = command.replace(values=(sent - middle) / full)
     for label in COMMAND if full is None else ():
         largest = float(np.nanmax(np.abs(command.column(label)), initial=0.0))
-        if largest > _MOST:
+        if largest > MOST:
             raise RecordingError(
                 f"recording '{recording.name}': {label} reaches {largest:.4g}; a car's commands are shares, -1 ... 1: say in "
                 f"the mapping's [channels.command] scale = [...] with {1.0 / _round_up(largest):.3g} for {label} (and offset "
