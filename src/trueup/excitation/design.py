@@ -17,7 +17,7 @@ from trueup.excitation.criteria import Criterion
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.periodic import MotionClass, Sines, at_rest, joint_box
 from trueup.excitation.planner import ViaPoints
-from trueup.excitation.trajectories import Motions, Trajectory
+from trueup.excitation.trajectories import RATE, Motions, Trajectory
 from trueup.search.evolution import Evolution
 from trueup.search.genetic import Genetic
 from trueup.search.quasi_newton import QuasiNewton
@@ -128,7 +128,7 @@ class _Run:
 
 def design(
     kind: MotionClass, criterion: Criterion, options: Options | None = None, *, penalty: Penalty | None = None,
-    starts: Array | None = None, told: Told | None = None, name: str = "excitation", rate: float = 500.0,
+    starts: Array | None = None, told: Told | None = None, name: str = "excitation", rate: float = RATE,
 ) -> Excitation:  # fmt: skip
     """The motion of a class that is best by a criterion, sampled at `rate` Hz.
 
@@ -170,7 +170,7 @@ def _first_possible(
 
 def algorithm_a(
     criterion: Criterion, limits: JointLimits, options: Options | None = None, *, terms: int = 5, longest: float = 20.0,
-    rest: bool = True, told: Told | None = None, rate: float = 500.0,
+    rest: bool = True, told: Told | None = None, rate: float = RATE,
 ) -> Excitation:  # fmt: skip
     """Sums of sines over the whole range (Local identification, section II-1); `rest` adds a start and a stop."""
     found = design(Sines(limits, terms, longest=longest), criterion, options, told=told, name="A", rate=rate)
@@ -179,7 +179,7 @@ def algorithm_a(
 
 def algorithm_a_local(
     criterion: Criterion, cell: Cell, options: Options | None = None, *, terms: int = 5, longest: float = 20.0,
-    rest: bool = True, told: Told | None = None, rate: float = 500.0,
+    rest: bool = True, told: Told | None = None, rate: float = RATE,
 ) -> Excitation:  # fmt: skip
     """The same sums of sines bounded to the joint positions of a region (section II-3)."""
     middle, reach = joint_box(cell)
@@ -190,7 +190,7 @@ def algorithm_a_local(
 
 def algorithm_b(
     criterion: Criterion, cell: Cell, options: Options | None = None, *, via_points: int = 6,
-    settings: Settings | None = None, slowest: float = 0.2, told: Told | None = None, rate: float = 500.0,
+    settings: Settings | None = None, slowest: float = 0.2, told: Told | None = None, rate: float = RATE,
 ) -> Excitation:  # fmt: skip
     """Via points in a region and one speed, through the motion planner (section II-2)."""
     kind = ViaPoints(cell, via_points, settings or Settings(), slowest)

@@ -20,8 +20,8 @@ from trueup.excitation.feasibility import Feasibility, spread
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.periodic import Fourier, MotionClass, Sines, at_rest, joint_box
 from trueup.excitation.planner import ViaPoints
-from trueup.excitation.proximity import Proxies, Proximity
-from trueup.excitation.trajectories import Trajectory
+from trueup.excitation.proximity import SOFT, Proxies, Proximity
+from trueup.excitation.trajectories import RATE, Trajectory
 
 Array = NDArray[np.float64]
 
@@ -38,11 +38,11 @@ class Wish:
 
     motion: str = "fourier"
     """'fourier', 'via-points' or 'sines'."""
-    duration: float | None = None
-    """s in all, about; None: 30."""
+    duration: float = 30.0
+    """s in all, about."""
     via_points: int = 6
     settings: Settings | None = None
-    rate: float = 500.0
+    rate: float = RATE
     """Hz of the trajectory."""
     spare: float = 0.95
     """Share of the limits of range, speed and acceleration that is used."""
@@ -90,7 +90,7 @@ def _feasible(
     Between coarse samples, and where shapes are not capsules, a motion comes nearer than the search has seen; each
     further round keeps as much more distance as was missing. Raises IdentificationError after six.
     """
-    margin, weight = feasibility.margin + 0.01, 30.0
+    margin, weight = feasibility.margin + 0.5 * SOFT, Proximity.weight
     starts, spare, problems, began = None, 0.0, (), time.perf_counter()
     for _ in range(6):
         penalty = None
@@ -103,8 +103,8 @@ def _feasible(
         if not problems:
             return trajectory, found
         starts, weight = found.genes[None], 3.0 * weight
-        margin += max([0.01, *(p.limit - p.value for p in problems if p.kind == "collision")])
-        spare += max([0.0, *(p.value - p.limit + 0.005 for p in problems if p.kind == "region")])
+        margin += max([0.5 * SOFT, *(p.limit - p.value for p in problems if p.kind == "collision")])
+        spare += max([0.0, *(p.value - p.limit + SOFT / 4 for p in problems if p.kind == "region")])
     left_over = "; ".join(str(p) for p in problems)
     raise IdentificationError(
         f"no motion was found that keeps all limits; what remains: {left_over}; try another --seed"
@@ -176,13 +176,13 @@ def _series(wish: Wish, limits: JointLimits) -> Fourier | Sines:
 
 def _period(wish: Wish) -> float:
     """S of one pass at full speed."""
-    whole = wish.duration or 30.0
+    whole = wish.duration
     return whole if whole <= _ONE_PASS else min(whole / 3.0, _LONGEST)
 
 
 def _passes(seconds: float, wish: Wish) -> tuple[float, ...]:
     """Slower passes over the same path until the duration is filled: the cheapest way to tell friction from inertia."""
-    left, factors = (wish.duration or 30.0) - seconds, [1.0]
+    left, factors = wish.duration - seconds, [1.0]
     for factor in (2.0, 1.4, 2.8, 4.0):
         if left > 0.7 * factor * seconds:
             factors.append(factor)

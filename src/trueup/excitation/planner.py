@@ -19,7 +19,7 @@ from trueup.errors import ModelError
 from trueup.excitation.cell import Cell, Settings, failures, overridden
 from trueup.excitation.joint_moves import joint_programs
 from trueup.excitation.limits import JointLimits
-from trueup.excitation.trajectories import Motions, Trajectory
+from trueup.excitation.trajectories import RATE, Motions, Trajectory
 
 if TYPE_CHECKING:
     from trueup.identification.kinematic_tree import KinematicTree
@@ -77,7 +77,7 @@ def joint_moves(
 
 def random_planner_motion(
     tree: KinematicTree, limits: JointLimits, rng: np.random.Generator, *, region: Cell | None = None, via_points: int = 6,
-    speed: float | tuple[float, float] = (0.2, 1.0), settings: Settings | None = None, rate: float = 500.0,
+    speed: float | tuple[float, float] = (0.2, 1.0), settings: Settings | None = None, rate: float = RATE,
     range_share: float = 0.8, tries: int = 200,
 ) -> Trajectory:  # fmt: skip
     """A random motion of the planner from rest to rest: straight moves in a region, or joint moves over the whole range.

@@ -22,6 +22,7 @@ from trueup.excitation.limits import JointLimits
 from trueup.excitation.periodic import Fourier
 from trueup.excitation.planner import ViaPoints
 from trueup.excitation.regions import Region
+from trueup.excitation.trajectories import RATE
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.model_file import load_tree
@@ -46,7 +47,7 @@ class Asked:
     criterion: Kind = "D"
     friction: Friction = "with"
     margin: float = 0.02
-    rate: float = 500.0
+    rate: float = RATE
     budget: float = 20.0
     seed: int = 0
 
@@ -106,7 +107,7 @@ def excitation_problem(
         criterion = criterion.for_motions(kind.motions(genes, 200))
     feasibility = Feasibility(limits, distance, asked.margin, model, parameters, cell, 0.0)
     settings = Settings(speed=asked.speed, turn=2.0 * asked.speed)
-    wish = Wish(asked.motion, asked.duration, asked.via_points, settings, asked.rate)
+    wish = Wish(asked.motion, asked.duration or Wish.duration, asked.via_points, settings, asked.rate)
     options = Options(
         samples=1000, seed=asked.seed, budget=asked.budget, candidates=12000, threads=min(4, os.cpu_count() or 1)
     )

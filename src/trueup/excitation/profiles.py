@@ -31,9 +31,9 @@ def ramps(distance: float, speed: float, acceleration: float, jerk: float) -> tu
     if first >= second + third:  # else the end of speeding up would meet the beginning of slowing down
         return first, second, third
     third = acceleration / jerk
-    second = 0.5 * (np.sqrt(third * third + 4.0 * distance / acceleration) - third)
+    second = 0.5 * (np.sqrt(third * third + 4 * distance / acceleration) - third)
     if second < third:
-        second = third = (0.5 * distance / jerk) ** (1.0 / 3.0)
+        second = third = np.cbrt(0.5 * distance / jerk)
     return second + third, second, third
 
 
@@ -59,7 +59,7 @@ def _rising(t: float, first: float, second: float, third: float) -> tuple[float,
             left = t - (i & 1) * first - (i >> 1 & 1) * second - (i >> 2) * third
             if left > 0.0:
                 sign = 1.0 - 2.0 * ((i & 1) ^ (i >> 1 & 1) ^ (i >> 2))
-                s += sign * left * left * left / 6.0
+                s += sign * left * left * left / 6
                 rate += sign * left * left / 2.0
                 bend += sign * left
         scale = 1.0 / (first * second * third)

@@ -22,7 +22,7 @@ from trueup.identification.poses import TreeArrays, link_poses, place_links
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_SOFT = 0.02
+SOFT = 0.02
 """m; coming this much nearer than the margin counts 1."""
 
 
@@ -70,7 +70,7 @@ class Proximity:
         if self.cell is not None:
             box = self.cell.region
             away = np.abs(self.cell.chain.poses(motions.q)[1] - box.centre) - 0.5 * box.size + self.inside
-            total += (np.maximum(away / _SOFT, 0.0) ** 2).sum(axis=(1, 2))
+            total += (np.maximum(away / SOFT, 0.0) ** 2).sum(axis=(1, 2))
         return self.weight * total / motions.q.shape[1]
 
     def _in_links(self) -> Proxies:
@@ -103,13 +103,13 @@ def _nearness(tree: TreeArrays, q: Array, shapes: Proxies, margin: float, total:
                 i, j = shapes.pairs[k, 0], shapes.pairs[k, 1]
                 short = margin + shapes.radius[i] + shapes.radius[j] - _between(A[i], B[i], A[j], B[j])
                 if short > 0.0:
-                    total[b] += (short / _SOFT) ** 2
+                    total[b] += (short / SOFT) ** 2
             for k in range(len(shapes.box_pairs)):
                 i, j = shapes.box_pairs[k, 0], shapes.box_pairs[k, 1]
                 far = _to_box(A[i], B[i], shapes.box_centre[j], shapes.box_rotation[j], shapes.box_half[j])
                 short = margin + shapes.radius[i] - far
                 if short > 0.0:
-                    total[b] += (short / _SOFT) ** 2
+                    total[b] += (short / SOFT) ** 2
 
 
 @njit(cache=True, nogil=True)
@@ -134,13 +134,13 @@ def _between(a: Array, b: Array, c: Array, d: Array) -> float:
 @njit(cache=True, nogil=True)
 def _to_box(a: Array, b: Array, centre: Array, rotation: Array, half: Array) -> float:
     """Least signed distance of points along the segment ab from a box, negative inside."""
-    best = 1e9
+    best = np.inf
     for k in range(5):
-        outside, inside = 0.0, -1e9
+        outside, inside = 0.0, -np.inf
         for i in range(3):
             x = 0.0
             for m in range(3):
-                x += rotation[m, i] * (a[m] + 0.25 * k * (b[m] - a[m]) - centre[m])
+                x += rotation[m, i] * (a[m] + k * (b[m] - a[m]) / 4 - centre[m])
             over = abs(x) - half[i]
             inside = max(inside, over)
             if over > 0.0:

@@ -15,6 +15,10 @@ from trueup.recording import Channel, Recording
 Array = NDArray[np.float64]
 
 
+RATE = 500.0
+"""Hz at which trajectories are sampled unless another rate is asked for, as cyclic interfaces of arms take them."""
+
+
 @dataclass(frozen=True, eq=False)
 class Motions:
     """B motions of n joints at S instants each, spread evenly over a motion's own duration."""

@@ -100,12 +100,15 @@ def base_parameters(stacked: Array, columns: tuple[str, ...], preference: ArrayL
     kept = _kept(R, rank, least, most)
     rest = np.setdiff1d(np.arange(len(order)), kept)
     share = np.linalg.lstsq(R[:, kept], R[:, rest], rcond=None)[0]
-    share[np.abs(share) < max(1e-9, min(1e2 * most, 1e-3))] = 0.0
+    rounding = max(
+        _UNSEEN, min(100.0 * most, 1e-3)
+    )  # coefficients this near to 0 or 1 are that, but for angles in the file
+    share[np.abs(share) < rounding] = 0.0
     chosen, gone = order[kept], order[rest]
     grouping = np.zeros((rank, p))
     grouping[np.arange(rank), chosen] = 1.0
     grouping[:, gone] = share * scale[gone] / scale[chosen][:, None]
-    whole = np.abs(np.abs(grouping) - 1.0) < max(1e-9, min(1e2 * most, 1e-3))
+    whole = np.abs(np.abs(grouping) - 1.0) < rounding
     grouping[whole] = np.sign(grouping[whole])
     by_column = np.argsort(chosen)
     return BaseParameters(columns, chosen[by_column], grouping[by_column], least / max(most, np.finfo(float).eps))
@@ -131,7 +134,7 @@ def _rank(R: Array) -> tuple[int, float, float]:
     of numbers.
     """
     pivots = np.abs(np.diag(scipy.linalg.qr(R, mode="r", pivoting=True)[0]))
-    pivots = np.append(pivots[pivots > 0.0], np.finfo(float).eps * 1e-2)
+    pivots = np.append(pivots[pivots > 0.0], np.finfo(float).eps / 100.0)
     falls = (pivots[1:] < _SMALL) & (pivots[:-1] >= _CLEAR * pivots[1:]) & (pivots[:-1] > _NOTHING)
     rank = int(np.argmax(falls)) + 1
     if not falls.any():
@@ -144,11 +147,15 @@ def _rank(R: Array) -> tuple[int, float, float]:
 
 def _kept(R: Array, rank: int, least: float, most: float) -> list[int]:
     """`rank` columns of R, each independent of those preferred to it. Raises ModelError where that is not clear."""
-    smallest = max(most, 1e-2 * np.finfo(float).eps)
-    for share in (0.5, 0.7, 0.85, 0.3, 0.95):  # between pivots that count and those that do not, on a log scale
-        kept = _greedy(R, float(least**share * smallest ** (1.0 - share)))
+    smallest = max(most, np.finfo(float).eps / 100.0)
+    low, high = np.log(smallest), np.log(least)  # between pivots that count and those that do not
+    kept: list[int] = []
+    for _ in range(16):  # the higher the threshold, the fewer are kept
+        middle = 0.5 * (low + high)
+        kept = _greedy(R, float(np.exp(middle)))
         if len(kept) == rank:
             return kept
+        low, high = (middle, high) if len(kept) > rank else (low, middle)
     raise ModelError(
         f"{rank} columns are independent, but {len(kept)} in the preferred order: choose another preference"
     )

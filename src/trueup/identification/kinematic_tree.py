@@ -16,6 +16,10 @@ from trueup.identification.inertial import moved
 Array = NDArray[np.float64]
 
 
+GRAVITY = 9.81
+"""m/s^2, downwards, where a file says nothing else."""
+
+
 @dataclass(frozen=True, eq=False)
 class KinematicTree:
     """n revolute and prismatic joints on a fixed base, parents before children; arrays are read-only.
@@ -153,7 +157,7 @@ def joint_pose(tree: KinematicTree, i: int, q: float) -> tuple[Array, Array]:
 def from_dh(
     a: Sequence[float], alpha: Sequence[float], d: Sequence[float], theta: Sequence[float] | None = None, *,
     prismatic: Sequence[bool] | None = None, convention: Literal["standard", "modified"] = "standard",
-    joints: Sequence[str] | None = None, name: str = "arm", gravity: ArrayLike = (0.0, 0.0, -9.81), **given: ArrayLike,
+    joints: Sequence[str] | None = None, name: str = "arm", gravity: ArrayLike = (0.0, 0.0, -GRAVITY), **given: ArrayLike,
 ) -> KinematicTree:  # fmt: skip
     """A chain from Denavit-Hartenberg rows (m, rad); `theta` are the offsets of revolute joints, `given` other fields.
 

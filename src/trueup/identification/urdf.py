@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from trueup.errors import ModelError
 from trueup.identification.inertial import from_com, moved
-from trueup.identification.kinematic_tree import KinematicTree, about
+from trueup.identification.kinematic_tree import GRAVITY, KinematicTree, about
 
 Array = NDArray[np.float64]
 Element = ElementTree.Element
@@ -118,7 +118,7 @@ def _tree(chain: _Chain, name: str) -> KinematicTree:
         name=name, joints=tuple(j.get("name", "") for j in chain.joints), links=tuple(chain.links),
         parent=np.array(chain.parent), prismatic=np.array([j.get("type") == "prismatic" for j in chain.joints]),
         axis=np.array([_axis(j) for j in chain.joints]), rotation=np.array(chain.rotation), offset=np.array(chain.offset),
-        gravity=np.array([0.0, 0.0, -9.81]), lower=_limits(bounded, "lower"), upper=_limits(bounded, "upper"),
+        gravity=np.array([0.0, 0.0, -GRAVITY]), lower=_limits(bounded, "lower"), upper=_limits(bounded, "upper"),
         speed=_limits(limits, "velocity"), effort=_limits(limits, "effort"), inertial=np.array(chain.mass),
         armature=np.zeros(len(chain.joints)), notes=tuple(chain.notes),
     )  # fmt: skip

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 DOUBTFUL, POOR = 0.1, 0.35
 """Relative errors of a fit from which on simple mistakes are looked for, and from which on it is said to be poor."""
-_BETTER = 0.5
+BETTER = 0.5
 """Of the error that is left when a mistake is taken out, for it to be named."""
 _SLIGHTLY, _MUCH = 0.9, 0.1
 """The same where friction would drive joints with more than this share of their torque: chance does not do that."""
@@ -90,7 +90,7 @@ def mistakes(motion: Motion, tree: KinematicTree, fit: Fit) -> Iterator[str]:
     relative, found = fit(motion), list[tuple[float, str]]()
     for said, changed in _candidates(motion, tree):
         error = fit(changed)
-        if error < _BETTER * relative:
+        if error < BETTER * relative:
             found.append((error, said))
     if found:
         error, said = min(found)
@@ -112,7 +112,7 @@ def signs(motion: Motion, tree: KinematicTree, driven: Mapping[int, float], fit:
     if max(entry[1] for entry in tried) < _AS_GOOD * error:
         channel = "torque or the position"
     everywhere = len(driven) == tree.n and error < _AS_GOOD * before
-    enough = _SLIGHTLY if min(driven.values()) > _MUCH else _BETTER
+    enough = _SLIGHTLY if min(driven.values()) > _MUCH else BETTER
     if error > enough * before and not everywhere:
         return []
     names = ", ".join(tree.joints[j] for j in driven)
@@ -124,7 +124,7 @@ def signs(motion: Motion, tree: KinematicTree, driven: Mapping[int, float], fit:
 
 def _candidates(motion: Motion, tree: KinematicTree) -> Iterator[tuple[str, Motion]]:
     joints, n = tree.joints, tree.n
-    degrees = np.where(tree.prismatic, 1.0, np.pi / 180.0)
+    degrees = np.where(tree.prismatic, 1.0, np.radians(1.0))
     scaled = replace(motion, q=motion.q * degrees, v=motion.v * degrees, a=motion.a * degrees)
     yield 'positions seem to be in degrees (unit = "deg" in the mapping)', scaled
     for j in range(n):

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
-from trueup.identification.estimation.diagnosis import DOUBTFUL, POOR, Fit, mistakes, signs
+from trueup.identification.estimation.diagnosis import BETTER, DOUBTFUL, POOR, Fit, mistakes, signs
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import Estimate, least_squares
 from trueup.identification.estimation.moments import TINY, moments_of, solve
 from trueup.identification.estimation.motion import Log, Motion, Piece, pieces_of
 from trueup.identification.estimation.pool import BASIC, Pool, pool_for
-from trueup.identification.kinematic_tree import KinematicTree
+from trueup.identification.kinematic_tree import GRAVITY, KinematicTree
 from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
@@ -24,8 +24,6 @@ _SLOW = 5.0
 """Hz: cut-off for the quick fits that look for mistakes."""
 _TILTS = (0.4, 0.1, 0.03)
 """rad: steps in which the direction of gravity is sought."""
-_NO_GRAVITY = 0.7
-"""Of the error, below which a model without gravity is believed: it has no more to fit with."""
 _SMALL, _SURELY = 0.02, 0.5
 """Of a joint's torque, below which friction is not looked at; correlation with speed that is certain."""
 
@@ -90,7 +88,7 @@ def quick_fit(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float
 
 def _hanging(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, relative: float) -> list[str]:
     """Whether the torque fits another direction of gravity far better: an arm on a wall, a ceiling, a slope."""
-    size = float(np.linalg.norm(tree.gravity)) or 9.81
+    size = float(np.linalg.norm(tree.gravity)) or GRAVITY
 
     def error(gravity: Array) -> float:
         return quick_fit(motion, tree.replace(gravity=gravity), drives, cutoff)(motion)
@@ -105,12 +103,12 @@ def _hanging(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float,
             turned = [np.cos(step) * gravity + sign * np.sin(step) * size * a for a in across for sign in (1.0, -1.0)]
             best, gravity = min([(best, gravity), *((error(g), g) for g in turned)], key=lambda entry: entry[0])
     best, gravity = min([(best, gravity), (error(-gravity), -gravity)], key=lambda entry: entry[0])
-    if (without := error(np.zeros(3))) < min(best, _NO_GRAVITY * relative):
+    if (without := error(np.zeros(3))) < min(best, BETTER * relative):
         return [
             "the torque seems to hold no gravity, as where a controller takes it out: with --gravity 0 0 0 the error would "
             f"fall from {100 * relative:.0f} % to {100 * without:.0f} % of the torque"
         ]
-    if best > 0.5 * relative:
+    if best > BETTER * relative:
         return []
     x, y, z = (round(float(g), 2) + 0.0 for g in gravity)
     return [

@@ -119,7 +119,7 @@ def _channels(arm: KinematicTree, block: Channel, layout: _Layout) -> dict[str, 
     """Channels in SI; hinges that turn more than arms do are in degrees."""
     place, turning = block.values[:, list(layout.position)], ~np.asarray(arm.prismatic)
     degrees = turning.any() and hardly_radians(float(np.nanmax(np.abs(place[:, turning]))))
-    unit = np.where(turning & degrees, np.pi / 180.0, 1.0)
+    unit = np.where(turning & degrees, np.radians(1.0), 1.0)
     made = {
         "position": Channel("position", arm.joints, "rad", block.time, unit * place),
         "torque": Channel("torque", arm.joints, "N m", block.time, block.values[:, list(layout.torque)]),
