@@ -127,26 +127,51 @@ def inertial_rows(tree: Layout, work: Array, count: int, place: Ints, out: Array
 def further_rows(
     tree: Layout, q: Array, qd: Array, qdd: Array, first: int, count: int, place: Ints, out: Array, stride: int, at: int
 ) -> None:
-    """As `inertial_rows` for what drives add."""
+    """As `inertial_rows` for what drives add; the papers' four effects as loops without a branch."""
     n = len(tree.parent)
     for k in range(len(tree.kind)):
-        d, kind, scale = tree.drive[k], tree.kind[k], tree.scale[k]
-        for j in range(n):
-            row, share = place[j, 10 * n + k], tree.drives[d, j]
-            if row < 0 or share == 0.0:
-                continue
+        d, kind = tree.drive[k], tree.kind[k]
+        row = place[d, 10 * n + k]
+        if not tree.single[d]:
+            coupled_rows(tree, q, qd, qdd, first, count, place, out, stride, at, k)
+        elif row >= 0:
             to = out[row * stride + at : row * stride + at + count]
-            if tree.single[d]:
+            if kind == 0:  # rotor
                 for s in range(count):
-                    to[s] = of_state(kind, q[first + s, d], qd[first + s, d], qdd[first + s, d], scale, tree.rest)
-                continue
-            for s in range(count):
-                x, v, a = 0.0, 0.0, 0.0
-                for i in range(n):
-                    x += tree.drives[d, i] * q[first + s, i]
-                    v += tree.drives[d, i] * qd[first + s, i]
-                    a += tree.drives[d, i] * qdd[first + s, i]
-                to[s] = share * of_state(kind, x, v, a, scale, tree.rest)
+                    to[s] = qdd[first + s, d]
+            elif kind == 2:  # viscous
+                for s in range(count):
+                    to[s] = qd[first + s, d]
+            elif kind == 1 and tree.rest == 0.0:  # Coulomb
+                for s in range(count):
+                    to[s] = np.sign(qd[first + s, d])
+            elif kind == 3 and tree.rest == 0.0:  # quadratic
+                for s in range(count):
+                    to[s] = qd[first + s, d] * abs(qd[first + s, d])
+            else:
+                for s in range(count):
+                    t = first + s
+                    to[s] = of_state(kind, q[t, d], qd[t, d], qdd[t, d], tree.scale[k], tree.rest)
+
+
+@njit(cache=True, nogil=True, fastmath=_FUSED)
+def coupled_rows(
+    tree: Layout, q: Array, qd: Array, qdd: Array, first: int, count: int, place: Ints, out: Array, stride: int, at: int,
+    k: int,
+) -> None:  # fmt: skip
+    """The rows of further column k, whose drive turns with several joints."""
+    n, turns = len(tree.parent), tree.drives[tree.drive[k]]
+    for s in range(count):
+        x, v, a = 0.0, 0.0, 0.0
+        for i in range(n):
+            x += turns[i] * q[first + s, i]
+            v += turns[i] * qd[first + s, i]
+            a += turns[i] * qdd[first + s, i]
+        torque = of_state(tree.kind[k], x, v, a, tree.scale[k], tree.rest)
+        for j in range(n):
+            row = place[j, 10 * n + k]
+            if row >= 0 and turns[j] != 0.0:
+                out[row * stride + at + s] = turns[j] * torque
 
 
 @njit(cache=True, nogil=True)

@@ -40,7 +40,7 @@ def sines(x: Array, sine: Array, cosine: Array) -> None:
         a = r + r * z * (_TAYLOR[3] + z * (_TAYLOR[5] + z * (_TAYLOR[7] + z * a)))
         b = _TAYLOR[10] + z * (_TAYLOR[12] + z * (_TAYLOR[14] + z * _TAYLOR[16]))
         b = 1.0 - 0.5 * z + z * z * (_TAYLOR[4] + z * (_TAYLOR[6] + z * (_TAYLOR[8] + z * b)))
-        quarter = k % 4
+        quarter = k - 4 * np.floor(k / 4)
         odd = (quarter == 1) | (quarter == 3)
         first, second = (b if odd else a), (a if odd else b)
         sine[s] = -first if quarter >= 2 else first
