@@ -210,6 +210,7 @@ def test_a_calibration_with_lone_joints_is_at_least_as_good_at_a_tenth_of_the_st
         fit = calibrate(counted, recordings, options=Options(stages=DESCENT, cross_validate=False))
         errors.append(np.abs(space.to_unit(fit.values) - space.to_unit(truth)))
         steps.append(counted.steps[0])
+        assert any("approximation" in note for note in fit.notes) == offers
     assert steps[0] < 0.1 * steps[1]
     assert errors[0].max() < max(errors[1].max(), 0.01)
 

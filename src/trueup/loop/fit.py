@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.engines.mixed import Mixed
 from trueup.errors import CalibrationError
 from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Watch
 from trueup.loop.elsewhere import EVOLVING
@@ -105,7 +106,15 @@ def fit(
     )
     for stage in stages[_begin(run, stages, resume) :]:
         stage.act(run)
-    return replace(run.found, notes=tuple(run.notes))
+    return replace(run.found, notes=(*run.notes, *_approximated(run.found.near or run.coarse)))
+
+
+def _approximated(problem: Problem) -> tuple[str, ...]:
+    """A note where recordings were searched in an approximation of the simulator."""
+    if not isinstance(problem.simulator, Mixed):
+        return ()
+    but = f" but {', '.join(sorted(problem.simulator.exact))}, where it is off" if problem.simulator.exact else ""
+    return (f"searched with an approximation of the simulator in all recordings{but}; the simulator had the last word",)
 
 
 def searched_by(name: str) -> tuple[Stage, ...]:

@@ -64,7 +64,7 @@ class Run:
 
     @property
     def seen(self) -> Problem:
-        """Where the effect of starts is seen: in an approximation at the same step, where there is one."""
+        """Where small differences are seen: in an approximation at the same step, where there is one."""
         return self.problem if self.coarse.approximate_part is None else self.coarse
 
     def go(self, look: Look) -> LeastSquares:
@@ -138,7 +138,7 @@ def coarse_step(run: Run) -> None:
 def refinement(run: Run) -> None:
     """All recordings as they are, from where an earlier fit ended, until steps gain no more than chance would."""
     run.resumed = True  # nothing is to be moved off its bound
-    run.go(Look("refinement", run.problem, run.problem, 1.0, 20, last=True))
+    run.go(Look("refinement", run.problem, run.seen, 1.0, 20, last=True))
 
 
 def full_step(run: Run) -> None:
