@@ -52,9 +52,11 @@ _FULL, _HYBRID, _GROWTH = Stage("all, full step", full_step), Stage("hybrid", hy
 _SHOOTING = Stage("multiple shooting", multiple_shooting)
 _AROUND = (_SHOOTING, Stage("implicit filtering", implicit_filtering), Stage("probe", probing))
 
+_ELSEWHERE = (_HYBRID, _LINES, _EVOLUTION)
+
 STAGES = (
-    _APART, _FIRST, _HYBRID, _LINES, _EVOLUTION, _COARSE_STEP, _HYBRID, _LINES, _EVOLUTION, _SELECTION, _GROWTH, _FULL,
-    _HYBRID, Stage("lines, full step", lines), _EVOLUTION, _SELECTION, _GROWTH, Stage("off bounds", off_bounds), *_AROUND,
+    _APART, _FIRST, *_ELSEWHERE, _COARSE_STEP, *_ELSEWHERE, _SELECTION, _GROWTH, _FULL, *_ELSEWHERE, _SELECTION, _GROWTH,
+    Stage("off bounds", off_bounds), *_AROUND,
 )  # fmt: skip
 """What a search does unless told otherwise."""
 DESCENT = (_APART, _FIRST, _COARSE_STEP, _SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH)

@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.loop.descent import Fit
-from trueup.loop.uncertainty import intervals
+from trueup.loop.uncertainty import intervals, vague
 from trueup.parameters import Parameter
 
 Array = NDArray[np.float64]
 
-# Shares of the box: an interval this wide says nothing; a direction this uncertain is named.
-_USELESS = 0.25
+# Share of the box: a direction with an interval this wide is named.
 _LOOSE = 0.12
 NO_EFFECT = 1e-3
 
@@ -51,7 +50,7 @@ def _verdict(
 ) -> Verdict:
     if strength < NO_EFFECT:
         return Verdict("no effect", f"changing it changes nothing in these recordings{_advice(p)}")
-    if spread > _USELESS / 1.96:
+    if vague(spread):
         return Verdict("not identified", f"the recordings leave it open{_advice(p)}")
     if unit < 2e-3 or unit > 1 - 2e-3:
         which = "lower" if unit < 0.5 else "upper"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Looks around an optimum: slopes over the estimate's own uncertainty, and how unsure jumps leave it beyond that."""
+"""Looks around an optimum: cracks and stairs that slopes do not show, and how unsure these leave the estimates."""
 
 from __future__ import annotations
 
@@ -13,43 +13,46 @@ from trueup.loop.identifiability import NO_EFFECT, effects
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR
 from trueup.search.filtering import ImplicitFiltering
-from trueup.search.robust import robust_weights
+from trueup.search.robust import robust_losses, robust_weights
 
 Array = NDArray[np.float64]
 
 _REACH = 2.5  # standard deviations: 95 % intervals end at two
-_PAIRS = 8  # points looked at, each with its mirror image
-_ROUNDS = 3  # of looks, each as wide as the last one shows that it must be
+_PAIRS = 5  # points looked at, each with its mirror image
 ROUGH = 0.15  # share of a wide difference that slopes do not explain; smooth problems stay below 0.05
 
 
 def probed(problem: Problem, fit: Fit, seed: int) -> Fit:
-    """The fit with `scatter` filled in, and with slopes as wide as it is unsure where those at the optimum do not hold.
+    """The fit with the uncertainty in its `scatter` that slopes do not know of.
 
     Contacts, saturated drives and dry friction switch from one step of a simulation to the next: the loss is a bowl with
-    cracks, and a slope at a crack foretells nothing. From every probe one step with the slopes leads back to the optimum
-    in a bowl; across a crack it leads elsewhere. Where it leads is what an estimate from that side would be, so the scatter
-    of these ends is uncertainty that no slope knows of.
+    cracks. From every probe one step with the slopes leads back to the optimum in a bowl; across a crack it leads elsewhere.
+    Where it leads is what an estimate from that side would be, so these ends scatter as estimates do. And among stairs
+    that are higher all around than the bowl foretells, the lowest may be any where the bowl is no deeper than they are.
     """
     problem = fit.near or problem
     search = ImplicitFiltering(fit.unit, fit.bend, fit.jacobian, fit.residual, chance=problem.chance, seed=seed)
+    points = search.around(_REACH, _PAIRS)
     weak = effects(fit) < NO_EFFECT
-    points = residuals = np.zeros((0, 0))
-    for _ in range(_ROUNDS):
-        points = search.around(_REACH, _PAIRS)
-        points[:, weak] = fit.unit[weak]
-        residuals = problem.residuals(fit.space.from_unit(points))
-        if not np.isfinite(residuals).all(axis=1).any():
-            return fit
-        if unexplained(points, residuals, search.slopes) < ROUGH:
-            break
-        search.see(points, residuals, _REACH)
+    points[:, weak] = fit.unit[weak]
+    residuals = problem.residuals(fit.space.from_unit(points))
+    rough = unexplained(points, residuals, fit.jacobian) >= ROUGH
     good = np.isfinite(residuals).all(axis=1)
+    if not good.any():
+        return fit
     points, residuals = points[good], residuals[good]
-    steps = -(robust_weights(residuals, fit.bend) * residuals) @ search.slopes @ _inverse(problem, fit, search.slopes)
-    away = np.clip(points + steps, 0.0, 1.0) - fit.unit
-    scatter = away.T @ away / len(away)
-    return replace(fit, jacobian=search.slopes, scatter=scatter if fit.scatter is None else scatter + fit.scatter)
+    inverse = _inverse(problem, fit)
+    away = points - fit.unit
+    ends = (
+        np.clip(points - (robust_weights(residuals, fit.bend) * residuals) @ fit.jacobian @ inverse, 0.0, 1.0)
+        - fit.unit
+    )
+    scatter = ends.T @ ends / len(ends)
+    if rough:
+        bowl = 0.5 * np.sum(((away @ fit.jacobian.T) ** 2) * fit.weights, axis=1)
+        stairs = robust_losses(residuals, fit.bend) - fit.loss - bowl
+        scatter += 2.0 * max(0.0, float(np.median(stairs))) * inverse
+    return replace(fit, scatter=scatter if fit.scatter is None else scatter + fit.scatter)
 
 
 def unexplained(points: Array, residuals: Array, slopes: Array) -> float:
@@ -62,8 +65,8 @@ def unexplained(points: Array, residuals: Array, slopes: Array) -> float:
     return float(np.median(shares)) if len(shares) else 0.0
 
 
-def _inverse(problem: Problem, fit: Fit, slopes: Array) -> Array:
+def _inverse(problem: Problem, fit: Fit) -> Array:
     """(n, n) inverse of the loss' curvature."""
-    curvature = slopes.T @ (slopes * fit.weights[:, None])
+    curvature = fit.jacobian.T @ (fit.jacobian * fit.weights[:, None])
     inverse = np.linalg.inv(curvature + 2.0 * problem.chance(fit.residual) * PRIOR * np.eye(len(curvature)))
     return 0.5 * (inverse + inverse.T)

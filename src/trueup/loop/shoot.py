@@ -88,16 +88,22 @@ class Starts:
     """(R, K) corrections, in these."""
 
     @classmethod
+    def every(cls, problem: Problem) -> Starts:
+        """No corrections, of whatever was measured."""
+        widths = {n: len(c.labels) for t in problem.trials for n, c in t.initial.items()}
+        handles = tuple((name, j, order) for name, width in widths.items() for j in range(width) for order in (0, 1))
+        sizes = np.array([[_size(t, *handle) for handle in handles] for t in problem.trials])
+        return cls(problem.trials, handles, sizes, np.zeros_like(sizes))
+
+    @classmethod
     def as_measured(cls, problem: Problem, values: Array) -> Starts:
         """No corrections, of whatever changes the first samples at values (n,)."""
-        widths = {n: len(c.labels) for t in problem.trials for n, c in t.initial.items()}
-        handles = [(name, j, order) for name, width in widths.items() for j in range(width) for order in (0, 1)]
-        sizes = np.array([[_size(t, *handle) for handle in handles] for t in problem.trials])
+        every = cls.every(problem)
         begun = problem.replayed_by([cut(t, t.start, _GLANCE) for t in problem.trials], problem.owners)
-        _, _, changes = cls(begun.trials, tuple(handles), sizes, np.zeros_like(sizes)).changes(begun, values)
+        _, _, changes = replace(every, measured=begun.trials).changes(begun, values)
         seen = np.flatnonzero(changes.any(axis=1))
-        none = np.zeros((len(sizes), len(seen)))
-        return cls(problem.trials, tuple(handles[k] for k in seen), sizes[:, seen], none)
+        sizes = every.sizes[:, seen]
+        return cls(problem.trials, tuple(every.handles[k] for k in seen), sizes, np.zeros_like(sizes))
 
     def changes(self, problem: Problem, values: Array) -> tuple[list[Trial], Array, Array]:
         """The corrected trials, their residuals (m,), and (K, m) how one standard deviation more of each changes them."""
@@ -230,9 +236,7 @@ def _until(trial: Trial, end: float) -> Trial:
 
 def _reached(problem: Problem, values: Array) -> float:
     """From when on two starts are `_GROWTH` further apart, in the median over trials; inf where they do not stay so."""
-    starts = Starts.as_measured(problem, values)
-    if not starts.handles:
-        return np.inf
+    starts = Starts.every(problem)
     apart = replace(starts, amounts=np.ones_like(starts.amounts)).trials()
     both = problem.replayed_by([*problem.trials, *apart], problem.owners * 2)
     near, far = both.plain_residuals(values[None]).reshape(2, -1)

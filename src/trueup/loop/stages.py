@@ -222,9 +222,9 @@ def hybrid(run: Run) -> None:
 
 
 def lines(run: Run) -> None:
-    """Looks along the axes of single parameters."""
+    """Looks along the axes of single parameters, as long as more of the recordings are still to come."""
     found = run.descent.search
-    if run.looks and found is not None:
+    if run.looks and found is not None and (run.looks == 1 or not run.look.last):
         run.from_there(along_axes(run.look.problem, run.descent.space, found, run.first))
 
 
@@ -236,18 +236,16 @@ def evolution(run: Run) -> None:
     run.from_there(anywhere(run.look.problem, run_.space, found, run_.watch, run.seed))
 
 
-def evolve_first(run: Run) -> None:
+def evolve_first(run: Run, short: bool = True) -> None:
     """CMA-ES before anything else, briefly."""
     run.descent.point = evolved(
-        run.first, run.descent.space, run.start, run.descent.watch, run.seed, short=True, saved=_taken(run)
+        run.first, run.descent.space, run.start, run.descent.watch, run.seed, short=short, saved=_taken(run)
     )
 
 
 def evolve_long(run: Run) -> None:
     """CMA-ES before anything else, to its end."""
-    run.descent.point = evolved(
-        run.first, run.descent.space, run.start, run.descent.watch, run.seed, short=False, saved=_taken(run)
-    )
+    evolve_first(run, short=False)
 
 
 def off_bounds(run: Run) -> None:
