@@ -71,6 +71,11 @@ LIVE = [
 ]  # fmt: skip
 
 
+@pytest.fixture(autouse=True)
+def _short_ones_stand_for_long_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("trueup.loop.problem.WORTH", 0.0)
+
+
 def arm(folder: Path, lines: list[Declaration], **design: str) -> MujocoSimulator:
     path = folder / "arm.xml"
     path.write_text(ARM.format(**{**GEARED, **design}), encoding="utf-8")

@@ -28,6 +28,10 @@ _MOST_RESIDUALS = 600_000
 
 FAITHFUL = 0.3
 """Share of the residuals by which a coarser step, or an approximation, may change them and be searched in their place."""
+WORTH = 60.0
+"""s of motion in all: with less, slopes cost the engine seconds, and its own coarser step is the surer approximation. Where
+drives saturate, joints replayed alone end in other valleys of the loss: pendulums with a force limit of 6 N m and 6 s of
+steps were fitted with 13 N m by them, and right without (tests/engines/test_drives.py)."""
 
 
 class Problem:
@@ -107,6 +111,8 @@ class Problem:
 
     def _mixed(self) -> Mixed | None:
         if self._controllers is not None or not isinstance(self._finest, Approximated):
+            return None
+        if self.duration < WORTH:
             return None
         other = self._finest.approximation(self.trials)
         return None if other is None else Mixed(self.simulator, other)
