@@ -72,7 +72,7 @@ LIVE = [
 
 
 @pytest.fixture(autouse=True)
-def _short_ones_stand_for_long_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+def short_recordings_stand_for_long_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("trueup.loop.problem.WORTH", 0.0)
 
 
