@@ -86,7 +86,7 @@ def test_a_table_is_noticed_found_and_written(arm: Path) -> None:
     assert any("stopped above where its commands" in n for n in notes)
     found = calibrate(simulator, recordings[:2], recordings[2:], options=Options(cross_validate=False))
     values = {e.name: e.value for e in found.estimates}
-    # Height and pitch trade where all touches lie on one side of the origin: the height that counts is the one below the hand.
+    # Height and pitch trade where all touches lie on one side of the origin: what counts is the height below the hand.
     touched = 0.36
     assert values["floor_height"] - touched * values["floor_pitch"] == pytest.approx(-0.08, abs=1e-3)
     height = next(e for e in found.estimates if e.name == "floor_height")
