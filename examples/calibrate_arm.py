@@ -8,14 +8,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from trueup.articulated.declarations import declare
+from trueup import prepare, read, write_report
 from trueup.calibration import pooled_rmse
-from trueup.engines.mujoco.model import load
-from trueup.engines.mujoco.rollout import MujocoSimulator
-from trueup.engines.mujoco.setup.proposal import propose
-from trueup.formats import read
-from trueup.loop.calibrate import calibrate
-from trueup.report import write_report
 from trueup.studies.servo_arm.demo import model_path, record
 
 folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(tempfile.mkdtemp(prefix="arm-"))
@@ -25,12 +19,12 @@ if len(sys.argv) == 1:
 # ---- the ten lines ----
 recordings = [r for path in sorted(folder.glob("*.csv")) for r in read(path)]
 training, held_out = recordings[:-1], recordings[-1:]
-model = load(model_path())
-space, quantities = declare(model, propose(model, training))
-simulator = MujocoSimulator(model, space, quantities)
-calibration = calibrate(simulator, training, held_out)
+ready = prepare(model_path(), training, held_out)  # proposes what to calibrate
+print(*ready.notes, sep="\n")
+calibration = ready.calibrate()
 for estimate in calibration.estimates:
     print(f"{estimate.name:26} {estimate.start:9.4g} -> {estimate.value:9.4g} {estimate.unit:12} {estimate.verdict}")
 before, after = (1e3 * pooled_rmse(calibration.held_out(), after=x) for x in (False, True))
 print(f"held out ({held_out[0].name}): {before:.1f} -> {after:.1f} mrad")
+ready.write(calibration, folder / "calibrated.xml", folder / "parameters.toml")
 write_report(calibration, folder / "report.html")
