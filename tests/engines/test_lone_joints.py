@@ -19,7 +19,7 @@ from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.loop.calibrate import Options, calibrate
-from trueup.loop.fit import DESCENT
+from trueup.loop.fit import DESCENT, STAGES
 from trueup.loop.problem import Problem
 from trueup.recording import Channel, Recording
 from trueup.testing import check_simulator
@@ -87,7 +87,7 @@ def arm(folder: Path, lines: list[Declaration], **design: str) -> MujocoSimulato
 def commands(duration: float, seed: int) -> Channel:
     """Multisines on steps at 50 Hz, from rest, with the time stamps of a real clock."""
     rng = np.random.default_rng(seed)
-    time = 0.02 * np.arange(round(50 * duration))
+    time = 0.02 * np.arange(round(50 * duration), dtype=np.float64)
     frequency, phase = rng.uniform(0.2, 2.0, (2, 5, len(JOINTS))) * [[[1.0]], [[3.0]]]
     waves = 0.12 * np.sin(2.0 * np.pi * frequency * time[:, None, None] + phase).sum(axis=1)
     steps = rng.uniform(-0.5, 0.5, (int(duration) + 1, len(JOINTS)))[time.astype(int)]
@@ -240,3 +240,20 @@ def test_only_the_recording_that_touches_something_is_simulated_by_the_engine(tm
     _, approximated = problem_of(simulator, [free, stopped])
     assert isinstance(approximated.simulator, Mixed)
     assert approximated.simulator.exact == {"stopped"}
+
+
+def test_joints_alone_that_end_in_another_valley_are_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulator = arm(tmp_path, FITTED)
+    space = simulator.parameters
+    away = np.random.default_rng(0).uniform(-0.1, 0.1, len(space))
+    truth = space.from_unit(np.clip(space.to_unit(space.nominal), 0.1, 0.9) + away)
+    recordings = [recorded(simulator, 6.0, truth, name) for name in ("a", "b")]
+    monkeypatch.setattr("trueup.loop.stages.apart", lambda *_: np.full(len(space), 0.97))
+    stages = tuple(s for s in STAGES if s in DESCENT or s.name == "glance")
+    fit = calibrate(simulator, recordings, options=Options(stages=stages, cross_validate=False))
+    assert not any("approximation" in note for note in fit.notes)
+    monkeypatch.setattr("trueup.loop.problem.WORTH", np.inf)
+    plain = calibrate(simulator, recordings, options=Options(stages=DESCENT, cross_validate=False))
+    np.testing.assert_allclose(fit.values, plain.values, rtol=1e-9)  # as if there had never been any

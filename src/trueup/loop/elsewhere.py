@@ -51,7 +51,7 @@ def evolved(
 def anywhere(problem: Problem, space: ParameterSpace, last: LeastSquares, watch: Watch, seed: int) -> Array | None:
     """A better point wherever it is, if there is one: a foot that sticks has no slope towards the friction it slides with."""
     point = evolved(problem, space, last.point, watch, seed, short=True)
-    there, here = _losses(problem, space, np.stack([point, last.point]))
+    there, here = losses_at(problem, space, np.stack([point, last.point]))
     return point if there < _BETTER * here else None
 
 
@@ -76,9 +76,9 @@ def along_axes(problem: Problem, space: ParameterSpace, last: LeastSquares, firs
         point, loss = _along(problem, space, last.point, blind)
         return point if loss < _BETTER * here else None
     point, loss = _along(first, space, last.point, blind)
-    if loss >= _BETTER * _losses(first, space, last.point[None])[0]:
+    if loss >= _BETTER * losses_at(first, space, last.point[None])[0]:
         return None
-    return point if _losses(problem, space, point[None])[0] < _BETTER * here else None
+    return point if losses_at(problem, space, point[None])[0] < _BETTER * here else None
 
 
 def _along(problem: Problem, space: ParameterSpace, point: Array, columns: NDArray[np.intp]) -> tuple[Array, float]:
@@ -87,7 +87,7 @@ def _along(problem: Problem, space: ParameterSpace, point: Array, columns: NDArr
     def seen(columns: NDArray[np.intp], places: Array) -> tuple[Array, Array]:
         points = np.repeat(point[None], len(columns), axis=0)
         points[np.arange(len(points)), columns] = places
-        return points, _losses(problem, space, points)
+        return points, losses_at(problem, space, points)
 
     # Ground friction counts in a narrow range only: above it a foot sticks, below it the robot slips away.
     places = np.linspace(0.05, 0.95, 28 if len(point) <= FEW else 10)
@@ -100,7 +100,7 @@ def _along(problem: Problem, space: ParameterSpace, point: Array, columns: NDArr
     return points[best], float(losses[best])
 
 
-def _losses(problem: Problem, space: ParameterSpace, points: Array) -> Array:
+def losses_at(problem: Problem, space: ParameterSpace, points: Array) -> Array:
     """(b,) what points in the unit box cost; inf where the simulation fails."""
     losses = robust_losses(problem.residuals(space.from_unit(points)), _BEND)
     return np.where(np.isfinite(losses), losses, np.inf)

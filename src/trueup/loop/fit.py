@@ -16,6 +16,7 @@ from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Watc
 from trueup.loop.elsewhere import EVOLVING
 from trueup.loop.problem import FAITHFUL, Problem
 from trueup.loop.stages import (
+    GLANCE,
     Run,
     Stage,
     coarse_step,
@@ -25,6 +26,7 @@ from trueup.loop.stages import (
     evolve_long,
     first_seconds,
     full_step,
+    glance,
     growth,
     hybrid,
     implicit_filtering,
@@ -42,11 +44,12 @@ __all__ = ["DESCENT", "REFINEMENT", "SEARCHES", "STAGES", "Checkpoint", "Fit", "
 
 Array = NDArray[np.float64]
 
-_SHORT = (2.5, 15.0)  # s: the first stage looks at the first quarter of the recordings, within these bounds
+_SHORT = (GLANCE, 15.0)  # s: the first stage looks at the first quarter of the recordings, within these bounds
 _COARSE = (2.5, 2.0, 1.5)  # factors on the integration step while far from the optimum; the first that is faithful
 
 _LINES, _EVOLUTION, _SELECTION = Stage("lines", lines), Stage("evolution", evolution), Stage("selection", selection)
-_APART, _FIRST = Stage("joint by joint", each_apart), Stage("first seconds", first_seconds)
+_APART, _GLANCE = Stage("joint by joint", each_apart), Stage("glance", glance)
+_FIRST = Stage("first seconds", first_seconds)
 _COARSE_STEP = Stage("all, coarse step", coarse_step)
 _FULL, _HYBRID, _GROWTH = Stage("all, full step", full_step), Stage("hybrid", hybrid), Stage("growth", growth)
 _SHOOTING = Stage("multiple shooting", multiple_shooting)
@@ -55,8 +58,8 @@ _AROUND = (_SHOOTING, Stage("implicit filtering", implicit_filtering), Stage("pr
 _ELSEWHERE = (_HYBRID, _LINES, _EVOLUTION)
 
 STAGES = (
-    _APART, _FIRST, *_ELSEWHERE, _COARSE_STEP, *_ELSEWHERE, _SELECTION, _GROWTH, _FULL, *_ELSEWHERE, _SELECTION, _GROWTH,
-    Stage("off bounds", off_bounds), *_AROUND,
+    _APART, _GLANCE, _FIRST, *_ELSEWHERE, _COARSE_STEP, *_ELSEWHERE, _SELECTION, _GROWTH,
+    _FULL, *_ELSEWHERE, _SELECTION, _GROWTH, Stage("off bounds", off_bounds), *_AROUND,
 )  # fmt: skip
 """What a search does unless told otherwise."""
 DESCENT = (_APART, _FIRST, _COARSE_STEP, _SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH)

@@ -29,9 +29,7 @@ _MOST_RESIDUALS = 600_000
 FAITHFUL = 0.3
 """Share of the residuals by which a coarser step, or an approximation, may change them and be searched in their place."""
 WORTH = 60.0
-"""s of motion in all: with less, slopes cost the engine seconds, and its own coarser step is the surer approximation. Where
-drives saturate, joints replayed alone end in other valleys of the loss: pendulums with a force limit of 6 N m and 6 s of
-steps were fitted with 13 N m by them, and right without (tests/engines/test_drives.py)."""
+"""s of motion in all from which an approximation is worth its trouble: with less, slopes cost the engine seconds."""
 
 
 class Problem:
@@ -51,6 +49,7 @@ class Problem:
         self._finest = simulator  # as it was before steps became coarser
         self._counted = [0]  # shared by all versions of this problem
         self._controllers = controllers
+        self._exactly = False
         self._offset: Array | None = None
         self._last: tuple[bytes, Array] | None = None  # values and residuals of the last candidate that came alone
         self.eliminated: tuple[Eliminated, ...] = ()
@@ -109,10 +108,18 @@ class Problem:
         twin.simulator = mixed.whole if all_missed else replace(mixed, exact=exact)
         return twin
 
+    def exactly(self) -> Problem:
+        """The same problem without approximations of its simulator, now and later."""
+        twin = self._twin()
+        twin._exactly = True
+        if isinstance(self.simulator, Mixed):
+            twin.simulator = self.simulator.whole
+        return twin
+
     def _mixed(self) -> Mixed | None:
         if self._controllers is not None or not isinstance(self._finest, Approximated):
             return None
-        if self.duration < WORTH:
+        if self._exactly or self.duration < WORTH:
             return None
         other = self._finest.approximation(self.trials)
         return None if other is None else Mixed(self.simulator, other)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from trueup.loop.apart import apart
 from trueup.loop.descent import Descent, Fit, Look, Select, Watch, explained, last_look
-from trueup.loop.elsewhere import EDGE, FEW, LOOKED_AT, along_axes, anywhere, evolved
+from trueup.loop.elsewhere import EDGE, FEW, LOOKED_AT, along_axes, anywhere, evolved, losses_at
 from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
 from trueup.loop.selection import compared, told
@@ -25,6 +25,7 @@ from trueup.search.least_squares import LeastSquares
 
 Array = NDArray[np.float64]
 
+GLANCE = 2.5  # s: the least of each recording that a first look takes
 _ROUNDS = 4  # of corrections of the starts, each of which halves what slopes do not foretell
 
 
@@ -116,9 +117,29 @@ def each_apart(run: Run) -> None:
     descent, longest = run.descent, max(t.duration for t in run.first.trials)
     starts = [run.start, np.full(len(run.start), 0.5)]
     point = apart(part.shortened(longest), descent.space, starts, descent.robust)
-    descent.point, run.begun = apart(part, descent.space, [point], descent.robust), True
-    residual = part.residuals(descent.space.from_unit(descent.point[None]))[0]
+    point = apart(part, descent.space, [point], descent.robust)
+    residual = part.residuals(descent.space.from_unit(point[None]))[0]
     descent.watch.saw("joint by joint", part, float(0.5 * residual @ residual), part.rmse(residual))
+    descent.point, run.begun = point, True
+
+
+def glance(run: Run) -> None:
+    """Leaves approximations alone where the simulator itself, in a glance at each recording, comes to a lower place from the
+    start than joints that were searched one by one.
+
+    Joints that saturate, have play or share a delay may have their least loss elsewhere when each is replayed alone.
+    """
+    if not run.begun:
+        return
+    exact, space = run.coarse.exactly(), run.descent.space
+    look = exact.shortened(GLANCE)
+    own = Descent(space, run.start, Watch(), run.descent.robust)
+    own.descend(Look("glance", look, look, 30.0, 15), nudge=0.05)
+    here, there = losses_at(exact, space, np.stack([run.descent.point, own.point]))
+    if there < here:
+        run.coarse, run.first = exact, exact.shortened(max(t.duration for t in run.first.trials))
+        run.begun = False
+        run.descent.restart(run.start)
 
 
 def first_seconds(run: Run) -> None:
