@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from trueup.engines.mixed import Mixed
 from trueup.errors import CalibrationError
+from trueup.loop.apart import GLANCE
 from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Watch
 from trueup.loop.elsewhere import EVOLVING
 from trueup.loop.problem import FAITHFUL, Problem
 from trueup.loop.stages import (
-    GLANCE,
     Run,
     Stage,
     coarse_step,

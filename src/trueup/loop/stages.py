@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a search may do, one thing a stage: least squares on more and more, and looks where slopes do not lead."""
+"""What a search may do, one thing a stage: least squares on more and more, and looks where slopes do not lead.
+
+Longer than 300 lines because all that a search may do stands here side by side.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.loop.apart import apart
+from trueup.loop.apart import apart, confirmed
 from trueup.loop.descent import Descent, Fit, Look, Select, Watch, explained, last_look
-from trueup.loop.elsewhere import EDGE, FEW, LOOKED_AT, along_axes, anywhere, evolved, losses_at
+from trueup.loop.elsewhere import EDGE, FEW, LOOKED_AT, along_axes, anywhere, evolved
 from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
 from trueup.loop.selection import compared, told
@@ -25,7 +28,6 @@ from trueup.search.least_squares import LeastSquares
 
 Array = NDArray[np.float64]
 
-GLANCE = 2.5  # s: the least of each recording that a first look takes
 _ROUNDS = 4  # of corrections of the starts, each of which halves what slopes do not foretell
 
 
@@ -124,22 +126,12 @@ def each_apart(run: Run) -> None:
 
 
 def glance(run: Run) -> None:
-    """Leaves approximations alone where the simulator itself, in a glance at each recording, comes to a lower place from the
-    start than joints that were searched one by one.
-
-    Joints that saturate, have play or share a delay may have their least loss elsewhere when each is replayed alone.
-    """
-    if not run.begun:
-        return
-    exact, space = run.coarse.exactly(), run.descent.space
-    look = exact.shortened(GLANCE)
-    own = Descent(space, run.start, Watch(), run.descent.robust)
-    own.descend(Look("glance", look, look, 30.0, 15), nudge=0.05)
-    here, there = losses_at(exact, space, np.stack([run.descent.point, own.point]))
-    if there < here:
+    """Leaves approximations alone in this search where a glance by the simulator itself does not confirm them."""
+    exact, descent = run.coarse.exactly(), run.descent
+    if run.begun and not confirmed(exact, descent.space, run.start, descent.point, descent.robust):
         run.coarse, run.first = exact, exact.shortened(max(t.duration for t in run.first.trials))
         run.begun = False
-        run.descent.restart(run.start)
+        descent.restart(run.start)
 
 
 def first_seconds(run: Run) -> None:
