@@ -80,10 +80,10 @@ def test_weights_by_noise_beat_equal_ones(motion: tuple[DynamicModel, Integers, 
         logged = [_noisy(rows, level * rng.normal(size=rows.torque.shape))]
         plain, weighted = (f(logged, active) for f in (least_squares, weighted_least_squares))
         errors.append([(x.parameters - truth)[active] for x in (plain, weighted)])
+        assert np.allclose(weighted.noise, [20.0, 20.0, 0.5, 0.1], rtol=0.1)
     size = np.sqrt(np.mean(np.square(errors), axis=0))  # (2, parameters)
     assert np.median(size[1] / size[0]) < 0.7
     assert np.linalg.norm(size[1]) < np.linalg.norm(size[0])
-    assert np.allclose(weighted.noise, [20.0, 20.0, 0.5, 0.1], rtol=0.1)
 
 
 def test_spikes_in_the_torque_are_weighed_down_unasked(motion: tuple[DynamicModel, Integers, Array, Rows]) -> None:
