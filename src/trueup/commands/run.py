@@ -11,12 +11,10 @@ from typing import cast
 from rich.console import Console
 from rich.markup import escape
 
-from trueup.campaign.campaign import Campaign
 from trueup.campaign.folder import Folder
 from trueup.campaign.history import History
 from trueup.campaign.journal import Journal, read_journal
 from trueup.campaign.plan import read_plan
-from trueup.campaign.resolve import parts_of
 from trueup.commands.campaign_view import CampaignView, Unknown
 from trueup.commands.status import as_json, show_status
 from trueup.report.campaign import write_campaign_report
@@ -60,6 +58,9 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
 
 def go_on(folder: Folder, args: argparse.Namespace, console: Console, told: Console) -> int:
     """Runs the campaign in `folder` from wherever it is."""
+    from trueup.campaign.campaign import Campaign  # with all that a calibration needs: --help must not wait for it
+    from trueup.campaign.resolve import parts_of
+
     if folder.note and not args.quiet:
         told.print(f"[yellow]note[/] {escape(folder.note)}", soft_wrap=True, highlight=False)
 
