@@ -48,6 +48,7 @@ class DartCopies(StoredCopies):
         self._columns = [model.columns()[a] for _, a in self._driven]
         self._whole = np.zeros((rows, self.robots[0].getNumDofs()))
         self._drives: tuple[Array, ...] | None = None
+        self.substep = LONGEST
         for joint in self._joints:
             for attribute in ("joint.damping", "joint.friction"):
                 self._apply(attribute, joint)
@@ -103,12 +104,13 @@ class DartCopies(StoredCopies):
     def step(self, command: Array, step: float) -> None:
         """See Running."""
         count = int(np.ceil(step / LONGEST - 1e-9))
+        self.substep = step / count
         going = np.flatnonzero(~(self._stopped | self._lost))
         law = self._law(command)
         damped = bool(np.any(law.kv))  # by the servos: only then are speeds asked for between two commands
         pairs = [(row, self.worlds[row], self.robots[row]) for row in going.tolist()]
         for _, world, _ in pairs:
-            world.setTimeStep(step / count)
+            world.setTimeStep(self.substep)
         for _ in range(count):
             forces = self._forces(law)
             for row, world, robot in pairs:
@@ -119,7 +121,7 @@ class DartCopies(StoredCopies):
         self._gather_joints(pairs)
         self._gather_base(pairs)
 
-    def _law(self, command: Array) -> _Law:
+    def _law(self, command: Array) -> ServoLaw:
         """What the drives do about positions and speeds during a step: position servos within their limits, or motors."""
         if self._drives is None:
             servo = np.array([self.get("actuator.servo", a)[0] for _, a in self._driven]) > 0.0
@@ -128,9 +130,9 @@ class DartCopies(StoredCopies):
             limit = np.where(limit > 0.0, limit, np.inf)
             self._drives = gain * np.where(servo, kp, motor), gain * kp * zero, gain * kp, gain * kv, limit
         given, offset, kp, kv, limit = self._drives
-        return _Law(given * command[:, self._columns] + offset, kp, kv, limit)
+        return ServoLaw(given * command[:, self._columns] + offset, kp, kv, limit)
 
-    def _forces(self, law: _Law) -> Array:
+    def _forces(self, law: ServoLaw) -> Array:
         """(b, dofs) in DART's order; the base is not driven."""
         position, velocity = self.position[:, self._at], self.velocity[:, self._at]
         self.force[:, self._at] = np.clip(
@@ -203,7 +205,7 @@ class DartCopies(StoredCopies):
                 self.base_orientation[row] = angles_of(_quaternion(placed))
 
 
-class _Law(NamedTuple):
+class ServoLaw(NamedTuple):
     """force = given - kp position - kv velocity within +- limit; (b, k) of the driven joints."""
 
     given: Array

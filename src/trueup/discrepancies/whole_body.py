@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Residuals of a robot with a free base: joint angles, where the torso is, and above all how it is turned.
+
+J. Tan et al., "Simulation-based design of dynamic controllers for humanoid balancing", IROS 2016, equation 4, whose weights
+"heavily penalize the difference in the torso orientation".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.discrepancies.discrepancy import measured_at
+from trueup.engines.simulator import Rollout
+from trueup.recording import Recording
+
+Array = NDArray[np.float64]
+
+SCALES = {"base_orientation": 0.1, "base_position": 0.05, "position": 0.3}
+"""rad, m, rad that count as one: a torso that leans 0.1 rad more is about to fall, a joint that lags as much is not."""
+
+
+class WholeBody:
+    """(simulated - measured) / scale; of the torso's orientation the rotation that leads from one to the other.
+
+    Angles of roll, pitch and yaw jump where a robot goes head over; the rotation vector between two orientations, (3,) in
+    rad in the measured torso's axes, does not.
+    """
+
+    def __init__(self, scales: Mapping[str, float] = SCALES) -> None:
+        self._scales = dict(scales)
+
+    def scale(self, channel: str, labels: tuple[str, ...]) -> Array:
+        """(k,) see Discrepancy."""
+        return np.full(len(labels), self._scales.get(channel, 1.0))
+
+    def residual(self, real: Recording, simulated: Rollout) -> Array:
+        """See Discrepancy."""
+        parts = []
+        for name, values in simulated.channels.items():
+            observed = simulated.trial.observed[name]
+            measured = measured_at(real, name, observed.labels, observed.time)
+            turned = name == "base_orientation" and observed.labels == ("roll", "pitch", "yaw")
+            apart = rotation_between(measured, values) if turned else values - measured
+            parts.append((apart / self.scale(name, observed.labels)).reshape(len(values), -1))
+        return np.concatenate(parts, axis=1)
+
+
+def rotation_between(first: Array, second: Array) -> Array:
+    """(..., 3) rotation vectors in rad that lead from the first roll, pitch, yaw (..., 3) to the second, in its axes."""
+    w, x, y, z = np.moveaxis(_quaternions(first), -1, 0)
+    vw, vx, vy, vz = np.moveaxis(_quaternions(second), -1, 0)
+    # The conjugate of the first times the second.
+    scalar = w * vw + x * vx + y * vy + z * vz
+    vector = np.stack([
+        w * vx - x * vw - y * vz + z * vy, w * vy - y * vw - z * vx + x * vz, w * vz - z * vw - x * vy + y * vx
+    ], axis=-1)  # fmt: skip
+    sine = np.linalg.norm(vector, axis=-1)
+    angle = 2.0 * np.arctan2(sine, np.abs(scalar))
+    factor = np.where(sine > 1e-9, angle / np.maximum(sine, 1e-12), 2.0) * np.where(scalar < 0.0, -1.0, 1.0)
+    return vector * factor[..., None]
+
+
+def orientation_error(real: Sequence[Recording], simulated: Sequence[Rollout], row: int = 0) -> float:
+    """Root mean square angle in rad between the torso's measured and simulated orientation, over all recordings."""
+    squares, count = 0.0, 0
+    for recording, rollout in zip(real, simulated, strict=True):
+        held = rollout.held()
+        observed = held.trial.observed["base_orientation"]
+        measured = measured_at(recording, "base_orientation", observed.labels, observed.time)
+        angle = np.linalg.norm(rotation_between(measured, held.channels["base_orientation"][row]), axis=-1)
+        squares, count = squares + float(np.nansum(angle**2)), count + int(np.isfinite(angle).sum())
+    return float(np.sqrt(squares / max(count, 1)))
+
+
+def _quaternions(angles: Array) -> Array:
+    """(..., 4) w, x, y, z of roll, pitch, yaw (..., 3)."""
+    (cr, cp, cy), (sr, sp, sy) = (np.moveaxis(f(0.5 * angles), -1, 0) for f in (np.cos, np.sin))
+    return np.stack([
+        cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
+    ], axis=-1)  # fmt: skip
