@@ -17,7 +17,7 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -32,6 +32,7 @@ from results import result
 from scipy.stats import t
 from vehicle import loop_seconds
 
+from trueup.campaign.history import History
 from trueup.engines.vehicle import BETAS, BicycleSimulator
 from trueup.engines.vehicle.drives import noise_of
 from trueup.loop.optimize import optimize
@@ -41,7 +42,7 @@ from trueup.search.cma_es import CmaEs
 from trueup.studies.stanley import chasi
 from trueup.studies.stanley.courses import across_courses, true_errors
 from trueup.studies.stanley.paper import paper_study
-from trueup.studies.stanley.tuning import tune
+from trueup.studies.stanley.rounds import in_rounds
 
 Array = NDArray[np.float64]
 
@@ -95,7 +96,7 @@ def all_ways(number: int) -> Outcome:
     first = try_on_robot(robot, task, start)
     noise = noise_of([r for runs in first.recordings for r in runs])
     simulator = chasi.simulator(position_noise=noise[0], heading_noise=noise[1], threads=1)
-    tuned = tune(robot, task, simulator, seed=number, evaluations=EVALUATIONS, start=first)
+    story = in_rounds(robot, seed=number)
     shipped = chasi.simulator(BETAS, 0.0, 0.0, threads=1)
     rng = np.random.default_rng(number)
     prior = simulator.parameters.from_unit(rng.random((8, int(simulator.parameters.free.sum()))))
@@ -104,13 +105,18 @@ def all_ways(number: int) -> Outcome:
         "random": tuned_in(simulator, prior, number),
         "paper": np.array([*paper.tuning.found, 0.0]),
         "once": tuned_in(shipped, paper.calibration.found, number),
-        "first": tuned.rounds[0].best,
-        "rounds": tuned.best,
+        "first": np.array(list(best_after(story, 1).values())),
+        "rounds": np.array(list(story.best[0].values())),
     }
     errors = true_errors(robot, "hairpin", np.array([start, oracle(robot, number), *gains.values()]), repeats=6)
     best = {way: float(e) for way, e in zip(gains, errors[2:], strict=True)}
-    tau = float(np.mean([r.agreement.tau for r in tuned.rounds]))
+    tau = float(np.mean([r.validated.tau for r in story.rounds if r.validated is not None]))
     return Outcome(number, float(errors[0]), float(errors[1]), best, seconds, tau)
+
+
+def best_after(story: History, rounds: int) -> Mapping[str, float]:
+    """The settings that the robot had shown to be best after so many rounds."""
+    return History(story.begun, story.rounds[:rounds]).best[0]
 
 
 def on_other_courses(number: int) -> HeldOut:

@@ -12,23 +12,19 @@ from __future__ import annotations
 import numpy as np
 
 from trueup import Belief, TrustRegion, optimize, shortlist, transfer
-from trueup.campaign.kinds import drives
+from trueup.campaign.kinds import bicycle, drives
 from trueup.controllers.stanley import StanleySettings
-from trueup.engines.vehicle import BicycleSimulator, Vehicle, vehicle_space
 from trueup.loop.transfer import try_on_robot
 from trueup.paths.courses import slalom
 from trueup.robots.stand_in_vehicle import StandInVehicle
 from trueup.search.cma_es import CmaEs
 from trueup.tasks.follow_path import FollowPath
 
-TOLD = ("speed_lag", "wheel_scale", "steering_delay", "steering_lag", "steering_scale", "understeer")
-
 
 def main() -> None:
-    vehicle = Vehicle("rover", wheelbase=0.55, max_steering=0.698)
-    settings = StanleySettings(wheelbase=vehicle.wheelbase, max_steering=vehicle.max_steering)
+    simulator = bicycle(wheelbase=0.55, max_steering=0.698)
+    settings = StanleySettings(wheelbase=0.55, max_steering=0.698)
     task = FollowPath([slalom()], settings, names=("k1", "k2", "k3", "lead"))
-    simulator = BicycleSimulator(vehicle, vehicle_space(vehicle, TOLD))
     robot = StandInVehicle(3, settings)
 
     today = try_on_robot(robot, task, task.parameters.nominal)

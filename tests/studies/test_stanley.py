@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import io
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -12,20 +11,18 @@ import pytest
 from rich.console import Console
 
 from trueup.campaign.kinds import drives as calibrate_drives
-from trueup.campaign.plan import read_plan
 from trueup.commands.study_view import study_table
 from trueup.engines.vehicle import BETAS
 from trueup.engines.vehicle.drives import doubted, noise_of
 from trueup.errors import UnknownNameError
-from trueup.loop.transfer import try_on_robot
 from trueup.recording import Recording
 from trueup.studies.stanley import chasi
 from trueup.studies.stanley.courses import across_courses, drawn_courses, true_errors
 from trueup.studies.stanley.paper import PaperStudy, calibrate_betas, paper_study
 from trueup.studies.stanley.profile import profiles
+from trueup.studies.stanley.rounds import in_rounds
 from trueup.studies.stanley.run import run_study
 from trueup.studies.stanley.table import costs, improvement
-from trueup.studies.stanley.tuning import tune
 from trueup.tasks.task import robot_trials
 
 
@@ -77,13 +74,12 @@ def test_a_drive_tells_what_the_vehicle_is(drive: Recording) -> None:
 
 def test_the_loop_in_rounds_never_makes_the_robot_worse_and_here_halves_its_error() -> None:
     robot, task = chasi.robot(1), chasi.task()
-    first = try_on_robot(robot, task, task.parameters.nominal)
-    noise = noise_of([r for runs in first.recordings for r in runs])
-    tuned = tune(robot, task, chasi.simulator(position_noise=noise[0], heading_noise=noise[1]), rounds=1, candidates=2,
-                 evaluations=60, samples=4, start=first)  # fmt: skip
-    before, after = true_errors(robot, "hairpin", np.array([task.parameters.nominal, tuned.best]))
+    story = in_rounds(robot, rounds=1, candidates=2, evaluations=60, samples=4)
+    gains, score = story.best
+    assert tuple(gains) == task.parameters.names, "the shipped plan tunes what the study does"
+    before, after = true_errors(robot, "hairpin", np.array([task.parameters.nominal, list(gains.values())]))
     assert after < 0.49 * before
-    assert tuned.score <= first.score
+    assert score <= story.first_score
 
 
 def test_warping_hides_what_only_time_can_tell(drive: Recording, study: PaperStudy) -> None:
@@ -102,11 +98,6 @@ def test_localisation_noise_is_found_where_it_counts(drive: Recording) -> None:
     found = dict(zip(names, calibrate_betas(drive, names, trials=60).found, strict=True))
     assert found["position_noise"] == pytest.approx(truth.position_noise, rel=0.6)
     assert found["heading_noise"] == pytest.approx(truth.heading_noise, rel=0.6)
-
-
-def test_its_campaign_is_a_plan() -> None:
-    plan = read_plan(Path(str(resources.files("trueup.studies.stanley") / "campaign.toml"))).plan
-    assert plan.stop.rounds == 2
 
 
 def test_the_method_of_earlier_plans_is_that_of_the_product() -> None:
@@ -139,7 +130,7 @@ def test_the_whole_study_ends_with_a_table_and_a_report_of_all_its_parts(tmp_pat
     shown.print(study_table(study))
     words = shown.export_text()
     assert f"{1e3 * study.errors[2]:.1f} mm" in words
-    assert f"{study.tuned.runs}" in words
+    assert f"{len(study.rounds.trials)}" in words
 
 
 def test_drawn_courses_cover_the_speeds_and_radii_that_they_are_drawn_from() -> None:

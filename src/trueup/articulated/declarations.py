@@ -103,7 +103,7 @@ def _parameter(model: Model, q: Quantity, line: Declaration, group: tuple[str, .
     usual = q.bounds(nominal)
     lower = line.lower if line.lower is not None else usual[0]
     reach = [q.reach(model, n) for n in group] if q.reach is not None else []
-    upper = line.upper if line.upper is not None else max(usual[1], *reach, 0.0)
+    upper = line.upper if line.upper is not None else max([usual[1], *reach])
     scale = line.scale or q.scale
     if scale == "log" and not line.frozen and line.nominal is None:
         nominal = min(max(nominal, lower), upper)  # a nominal of zero cannot start on a log scale

@@ -45,10 +45,11 @@ DISCREPANCIES = {
 }
 CALIBRATIONS = {"fit": "", "none": "", "drives": "trueup.campaign.kinds:drives"}
 
-_DRIVES = (
+DRIVES = (
     "speed_delay", "speed_lag", "acceleration_limit", "wheel_scale", "steering_delay", "steering_lag",
-    "steering_rate_limit", "steering_scale", "steering_offset", "steering_slack", "understeer",
+    "steering_rate_limit", "steering_scale", "steering_offset", "steering_slack", "understeer", "localisation_latency",
 )  # fmt: skip
+"""What a recorded drive tells when it is compared instant by instant."""
 
 
 def mujoco(
@@ -76,21 +77,25 @@ def mujoco(
 
 
 def bicycle(
-    wheelbase: float, max_steering: float = 0.6, parameters: tuple[str, ...] = _DRIVES, step: float = 0.02, seed: int = 0,
+    wheelbase: float, max_steering: float = 0.6, parameters: tuple[str, ...] = DRIVES, step: float = 0.02, seed: int = 0,
     name: str = "vehicle", values: Mapping[str, float] | None = None,
 ) -> BicycleSimulator:  # fmt: skip
     """A vehicle that steers its front axle: `wheelbase` in m, `max_steering` in rad; `values` of what is known of it.
 
+    The noise of its localisation is taken from its drives (method 'drives') where `values` do not say it.
     Raises ParameterError, and UnknownNameError for a parameter that a vehicle does not have.
     """
     from trueup.engines.vehicle import BicycleSimulator, Vehicle, vehicle_space
+    from trueup.engines.vehicle.quantities import NOISES
 
     vehicle = Vehicle(name, wheelbase, max_steering, dict(values or {}))
-    return BicycleSimulator(vehicle, vehicle_space(vehicle, parameters), step=step, seed=seed)
+    measured = [n for n in NOISES if n not in parameters and n not in vehicle.values]
+    space = vehicle_space(vehicle, (*parameters, *measured)).freeze(measured)
+    return BicycleSimulator(vehicle, space, step=step, seed=seed)
 
 
 def follow_path(
-    paths: tuple[str, ...], simulator: Simulator, folder_of_plan: Path, gains: tuple[str, ...] = ("k1", "k2", "k3"),
+    paths: tuple[str, ...], simulator: Simulator, folder_of_plan: Path, gains: tuple[str, ...] = ("k1", "k2", "k3", "lead"),
     nominal: Mapping[str, float] | None = None, measure: str = "rms", point: str = "front", rate: float = 20.0,
     max_speed: float = 1.0, edges: tuple[float, float] = (0.5, 0.8), period: float = 0.02, speed: float | None = None,
 ) -> FollowPath:  # fmt: skip

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from importlib import resources
 from pathlib import Path
 from typing import Literal
 
@@ -184,6 +185,12 @@ class PlanFile:
     plan: Plan
     path: Path
     text: str
+
+
+def templates() -> dict[str, Path]:
+    """What `trueup new` begins with: name -> folder with a campaign.toml and the files that it needs."""
+    root = Path(str(resources.files("trueup.campaign") / "plans"))
+    return {f.name: f for f in sorted(root.iterdir()) if f.is_dir()}
 
 
 def read_plan(path: Path) -> PlanFile:

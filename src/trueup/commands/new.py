@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import argparse
-from importlib import resources
 from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
 
 from trueup.campaign.journal import keep_text
+from trueup.campaign.plan import templates
 from trueup.errors import OutputError, unknown_name
 
 ABOUT = """\
@@ -32,20 +32,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Writes the folder. Raises UnknownNameError for another template, OutputError where NAME exists."""
-    templates = _templates()
-    if args.template not in templates:
-        raise unknown_name("plan", args.template, templates, "what trueup can begin with")
+    known = templates()
+    if args.template not in known:
+        raise unknown_name("plan", args.template, known, "what trueup can begin with")
     folder = Path(args.name)
     if folder.exists() and any(folder.iterdir() if folder.is_dir() else [folder]):
         raise OutputError(f"'{folder}' exists already; name another folder")
-    source = templates[args.template]
+    source = known[args.template]
     for file in sorted(f for f in source.iterdir() if f.is_file()):
         keep_text(folder / file.name, file.read_text(encoding="utf-8").replace("NAME", folder.name))
     console.print(escape(f"{folder}/campaign.toml is yours to edit; then: cd {folder} && trueup run"), soft_wrap=True)
     return 0
-
-
-def _templates() -> dict[str, Path]:
-    """Name -> folder of files to copy."""
-    root = Path(str(resources.files("trueup.commands") / "plans"))
-    return {f.name: f for f in sorted(root.iterdir()) if f.is_dir()}

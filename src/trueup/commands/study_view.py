@@ -71,7 +71,7 @@ def study_table(study: Study) -> Table:
     initial, paper, rounds = study.errors
     searched = len(study.paper.calibration.losses) + len(study.paper.tuning.losses)
     rows = (("initial gains", initial, 1, ""), ("calibrated once, three gains (the paper)", paper, 2, str(searched)),
-            ("in rounds, under doubt, with lead", rounds, study.tuned.runs, ""))  # fmt: skip
+            ("in rounds, under doubt, with lead", rounds, len(study.rounds.trials), ""))  # fmt: skip
     for name, error, runs, simulated in rows:
         less = "" if error is initial else f"{100.0 * (1.0 - error / initial):.1f} %"
         table.add_row(name, f"{1e3 * error:.1f} mm", less, str(runs), simulated)

@@ -4,17 +4,19 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.calibration import Calibration
+from trueup.calibration import Calibration, Estimate
 from trueup.discrepancies.rigid import RigidlyAligned
 from trueup.engines.family import Family, Fit
 from trueup.engines.simulator import Simulator
 from trueup.engines.vehicle.past import PAST
+from trueup.engines.vehicle.quantities import NOISES
 from trueup.engines.vehicle.reading import CHANNELS
 from trueup.errors import RecordingError
 from trueup.noise import estimate_noise
@@ -33,6 +35,8 @@ DOUBT = {
 """Least standard deviation that tuning reckons with, in the parameters' units: the vehicle is no bicycle. Least squares
 tells a parameter far better than this, but only as far as the model's structure is right."""
 _DOUBTED_LIMITS = 0.25  # the same for limits, as a share of their value
+_NORMAL_95 = 1.959964
+_NOTE = "intervals hold more doubt than the residuals show: the vehicle is no bicycle, and tuning reckons with that"
 _TRADED = 0.06
 """Standard deviation in s by which a delay may be a lag instead, their sum the same: smooth driving hardly tells them
 apart, but a controller that is pushed to its limit becomes unstable with the one sooner than with the other."""
@@ -60,7 +64,8 @@ class Drives(Family):
         pieces, kept = ([p for r in rs for p in windows(r, self.length)] for rs in (training, held_out))
         pieces = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, self.most).round().astype(int))]
         measure = RigidlyAligned.estimated(pieces, list(CHANNELS))
-        return doubted(fit(simulator, pieces, kept, discrepancy=measure, cross_validate=False))
+        found = doubted(fit(simulator, pieces, kept, discrepancy=measure, cross_validate=False))
+        return with_noise(found, noise_of(training))
 
 
 def windows(recording: Recording, length: float = LENGTH) -> list[Recording]:
@@ -105,6 +110,18 @@ def noise_of(recordings: Sequence[Recording]) -> tuple[float, float]:
     return float(position), float(heading)
 
 
+def with_noise(calibration: Calibration, noise: tuple[float, float]) -> Calibration:
+    """The same with the localisation's noise (m, rad) as the drives show it, where the simulator declares it and no fit
+    has found it: what acts in closed loop only cannot be seen in a replay.
+    """
+    shown = dict(zip(NOISES, noise, strict=True))
+    return dataclasses.replace(calibration, estimates=tuple(
+        dataclasses.replace(e, value=min(max(shown[e.name], e.lower_bound), e.upper_bound), note="measured in the drives")
+        if e.name in shown and not e.fitted else e
+        for e in calibration.estimates
+    ))  # fmt: skip
+
+
 def doubted(calibration: Calibration) -> Calibration:
     """The same values with a wider covariance, because the structure is surely wrong somewhere (`DOUBT`, delay or lag)."""
     fitted = [e for e in calibration.estimates if e.fitted]
@@ -118,5 +135,20 @@ def doubted(calibration: Calibration) -> Calibration:
         if f"{kind}_delay" in place and f"{kind}_lag" in place:
             pair = [place[f"{kind}_delay"], place[f"{kind}_lag"]]
             covariance[np.ix_(pair, pair)] += _TRADED**2 * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    note = "tuning reckons with more doubt than the intervals say: the vehicle is no bicycle"
-    return dataclasses.replace(calibration, covariance=covariance, notes=(*calibration.notes, note))
+    widened = dict(zip(place, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+    return dataclasses.replace(
+        calibration, covariance=covariance, notes=(*calibration.notes, _NOTE),
+        estimates=tuple(_widened(e, widened[e.name]) if e.name in widened else e for e in calibration.estimates),
+    )  # fmt: skip
+
+
+def _widened(estimate: Estimate, deviation: float) -> Estimate:
+    """With the 95 % interval of a greater standard deviation (in its unit), within its bounds; limits on a log scale."""
+    half = _NORMAL_95 * deviation
+    if estimate.name.endswith("_limit"):
+        factor = math.exp(half / estimate.value)
+        low, high = estimate.value / factor, estimate.value * factor
+    else:
+        low, high = estimate.value - half, estimate.value + half
+    low, high = max(min(low, estimate.low), estimate.lower_bound), min(max(high, estimate.high), estimate.upper_bound)
+    return dataclasses.replace(estimate, low=low, high=high)

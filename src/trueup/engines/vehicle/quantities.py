@@ -40,15 +40,15 @@ _QUICK, _SLOW = "quick changes of steering", "slow changes of steering to and fr
 _CURVES, _FAST = "curves taken at several speeds", "curves at the speed where tyres slide"
 
 SPEED_DRIVEN = (
-    Quantity("speed_delay", "s", 0.0, 0.0, 0.0, 1.0, "linear", "pure delay of the speed command (beta_1)", _STARTS,
+    Quantity("speed_delay", "s", 0.0, 0.1, 0.0, 1.0, "linear", "pure delay of the speed command (beta_1)", _STARTS,
              "drive_delay"),
-    Quantity("steering_delay", "s", 0.0, 0.0, 0.0, 1.0, "linear", "pure delay of the steering command (beta_2)", _QUICK),
+    Quantity("steering_delay", "s", 0.0, 0.15, 0.0, 1.0, "linear", "pure delay of the steering command (beta_2)", _QUICK),
     Quantity("acceleration_limit", "m/s^2", 1e3, 0.5, 0.1, 2.0, "log", "greatest change of speed (beta_3)", _STARTS),
     Quantity("yaw_rate_limit", "rad/s", 1e3, 1.0, 0.2, 2.0, "log", "greatest turn rate (beta_4)", "sharp curves at speed"),
     Quantity("yaw_acceleration_limit", "rad/s^2", 1e3, 1.0, 0.1, 5.0, "log", "greatest change of turn rate (beta_5)",
              "sharp curves at speed"),
-    Quantity("speed_lag", "s", 0.0, 0.05, 0.0, 1.0, "linear", "first-order lag of the speed", _STARTS, "drive_lag"),
-    Quantity("steering_lag", "s", 0.0, 0.05, 0.0, 1.0, "linear", "first-order lag of the steering", _QUICK),
+    Quantity("speed_lag", "s", 0.0, 0.1, 0.0, 1.0, "linear", "first-order lag of the speed", _STARTS, "drive_lag"),
+    Quantity("steering_lag", "s", 0.0, 0.1, 0.0, 1.0, "linear", "first-order lag of the steering", _QUICK),
     Quantity("steering_rate_limit", "rad/s", 1e3, 1.0, 0.1, 10.0, "log", "greatest steering speed",
              "large, quick changes of steering"),
     Quantity("wheel_scale", "", 1.0, 1.0, 0.7, 1.3, "linear", "speed over ground / speed of the wheels", _STRAIGHT),
@@ -61,10 +61,16 @@ SPEED_DRIVEN = (
              "closed-loop driving"),
     Quantity("heading_noise", "rad", 0.0, 0.003, 0.0, 0.1, "linear", "localisation noise of the heading",
              "closed-loop driving"),
-    Quantity("localisation_latency", "s", 0.0, 0.0, 0.0, 0.5, "linear", "age of the pose that is seen",
+    Quantity("localisation_latency", "s", 0.0, 0.03, 0.0, 0.5, "linear", "age of the pose that is seen",
              "quick changes of heading"),
 )  # fmt: skip
-"""Commands are the speed of the wheels in m/s and the angle of the front wheels in rad; wheels roll where they point."""
+"""Commands are the speed of the wheels in m/s and the angle of the front wheels in rad; wheels roll where they point.
+
+Delays, lags and the latency start as measured on small real vehicles: a fit that starts without any delay easily ends in a
+lag or a latency that stands for it, and a controller near its limit tells these apart."""
+
+NOISES = ("position_noise", "heading_noise")
+"""What a vehicle shows of its localisation without being simulated; it acts in closed loop only."""
 
 
 def _usual(

@@ -19,13 +19,15 @@ Array = NDArray[np.float64]
     STEERING_DELAY, STEERING_LAG, STEERING_RATE, STEERING_SLACK,
     STEERING_SCALE, STEERING_OFFSET, SPEED_DELAY, SPEED_LAG,
     ACCELERATION, WHEEL_SCALE, LATENCY, POSITION_NOISE,
-    HEADING_NOISE, DRIFT,
-) = range(22)  # fmt: skip
+    HEADING_NOISE, DRIFT, ASYMMETRY, SLOPE,
+    RELAXATION, COMPLIANCE, STEERING_QUANTUM, ORDER_PERIOD,
+    POSE_PERIOD, SAG,
+) = range(30)  # fmt: skip
 """Columns of the truth, in the order of `VehicleTruth`."""
 
-STATE = 10
+STATE = 14
 """x, y, heading of the rear axle; wheel speed; yaw rate; lateral speed of the centre of mass; steering after lag, slack,
-rate limit; speed wanted."""
+rate limit; speed wanted; slip of both axles as the tyres have taken it up; side force in front; time."""
 KEPT = 5
 _SLOW = 0.15  # m/s: below, slip angles are taken at this speed, and steering counts less
 
@@ -38,19 +40,27 @@ def advance(p: Array, s: Array, speed: float, steering: float, h: float) -> None
     s[6] += (min(max(steering, -p[MAX_STEERING]), p[MAX_STEERING]) - s[6]) * (1.0 - math.exp(-h / p[STEERING_LAG]))
     s[7] = min(max(s[7], s[6] - 0.5 * p[STEERING_SLACK]), s[6] + 0.5 * p[STEERING_SLACK])
     s[8] += min(max(s[7] - s[8], -p[STEERING_RATE] * h), p[STEERING_RATE] * h)
-    delta = p[STEERING_SCALE] * s[8] + p[STEERING_OFFSET]
-    u = p[WHEEL_SCALE] * s[3]
+    delta = p[STEERING_SCALE] * s[8] * (1.0 - p[ASYMMETRY] if s[8] < 0.0 else 1.0) + p[STEERING_OFFSET]
+    delta -= p[COMPLIANCE] * s[12]
+    u = p[WHEEL_SCALE] * (1.0 - p[SAG] * s[13] / 100.0) * s[3]
+    s[13] += h
     ahead, behind = p[WHEELBASE] - p[FORWARD], p[FORWARD]
     floor = max(u, _SLOW)
     slip_front = delta * min(u / _SLOW, 1.0) - math.atan((s[5] + ahead * s[4]) / floor)
     slip_rear = -math.atan((s[5] - behind * s[4]) / floor)
+    if p[RELAXATION] > 0.0:
+        taken = 1.0 - math.exp(-h * floor / p[RELAXATION])
+        s[10] += taken * (slip_front - s[10])
+        s[11] += taken * (slip_rear - s[11])
+        slip_front, slip_rear = s[10], s[11]
     hold_front, hold_rear = (
         p[FRICTION] * p[MASS] * 9.81 * behind / p[WHEELBASE],
         p[FRICTION] * p[MASS] * 9.81 * ahead / p[WHEELBASE],
     )
     front = hold_front * math.tanh(p[FRONT_STIFFNESS] * slip_front / hold_front) * math.cos(delta)
     rear = hold_rear * math.tanh(p[REAR_STIFFNESS] * slip_rear / hold_rear)
-    s[5] += h * ((front + rear) / p[MASS] - u * s[4])
+    s[12] = front
+    s[5] += h * ((front + rear) / p[MASS] - u * s[4] - p[SLOPE] * math.cos(s[2]))
     s[4] += h * (ahead * front - behind * rear) / p[YAW_INERTIA]
     sideways = s[5] - behind * s[4]
     s[0] += h * (u * math.cos(s[2]) - sideways * math.sin(s[2]))
@@ -59,40 +69,39 @@ def advance(p: Array, s: Array, speed: float, steering: float, h: float) -> None
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def in_force(orders: Array, column: int, last: int, tick: float) -> float:
-    """The order that has arrived: held since the tick at which it was given, zero before the first."""
+def in_force(orders: Array, column: int, last: int, tick: float, every: int) -> float:
+    """The order that has arrived: held since the tick at which it was given (or `every` so many), zero before the first."""
     n = min(math.floor(tick + 1e-9), last)
-    return orders[n, column] if n >= 0 else 0.0
+    return orders[n - n % every, column] if n >= 0 else 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def measure(p: Array, truth: Array, n: int, period: float, noise: Array, out: Array) -> None:
-    """What is known at tick n: a late, noisy, drifting pose; wheel speed and turn rate with little noise."""
-    back = max(n - p[LATENCY] / period, 0.0)
+    """What is known at tick n: a late, noisy, drifting pose; wheel speed and turn rate with little noise (ticks, 7)."""
+    fixed = n - n % max(1, round(p[POSE_PERIOD] / period))
+    back = max(fixed - p[LATENCY] / period, 0.0)
     i = min(int(back), max(n - 1, 0))
     part = back - i
     for c in range(3):
         out[c] = truth[i, c] + part * (truth[min(i + 1, n), c] - truth[i, c])
-    out[0] += p[POSITION_NOISE] * noise[0] + p[DRIFT] * noise[5]
-    out[1] += p[POSITION_NOISE] * noise[1] + p[DRIFT] * noise[6]
-    out[2] += p[HEADING_NOISE] * noise[2]
-    out[3] = truth[n, 3] + 0.004 * noise[3]
-    out[4] = truth[n, 4] + 0.01 * noise[4]
+    out[0] += p[POSITION_NOISE] * noise[fixed, 0] + p[DRIFT] * noise[fixed, 5]
+    out[1] += p[POSITION_NOISE] * noise[fixed, 1] + p[DRIFT] * noise[fixed, 6]
+    out[2] += p[HEADING_NOISE] * noise[fixed, 2]
+    out[3] = truth[n, 3] + 0.004 * noise[n, 3]
+    out[4] = truth[n, 4] + 0.01 * noise[n, 4]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def between(p: Array, s: Array, orders: Array, n: int, period: float, h: float) -> None:
     """From tick n to the next one, under the orders (ticks, 2) given so far."""
-    count = round(period / h)
+    count, every = round(period / h), max(1, round(p[ORDER_PERIOD] / period))
     for j in range(count):
         now = n + j / count
-        advance(
-            p,
-            s,
-            in_force(orders, 0, n, now - p[SPEED_DELAY] / period),
-            in_force(orders, 1, n, now - p[STEERING_DELAY] / period),
-            h,
-        )
+        speed = in_force(orders, 0, n, now - p[SPEED_DELAY] / period, every)
+        steering = in_force(orders, 1, n, now - p[STEERING_DELAY] / period, every)
+        if p[STEERING_QUANTUM] > 0.0:
+            steering = p[STEERING_QUANTUM] * round(steering / p[STEERING_QUANTUM])
+        advance(p, s, speed, steering, h)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -108,7 +117,7 @@ def follow(
         memory[:] = 0.0
         for n in range(truth.shape[1]):
             truth[i, n] = s[:KEPT]
-            measure(p, truth[i], n, period, noise[i, n], seen[i, n])
+            measure(p, truth[i], n, period, noise[i], seen[i, n])
             o = seen[i, n]
             speed, steering = stanley(gains[i], settings, path, memory, o[0], o[1], o[2], o[3], o[4])
             orders[i, n, 0], orders[i, n, 1] = speed, steering
@@ -124,5 +133,5 @@ def play(
     s[:3] = start
     for n in range(truth.shape[0]):
         truth[n] = s[:KEPT]
-        measure(p, truth, n, period, noise[n], seen[n])
+        measure(p, truth, n, period, noise, seen[n])
         between(p, s, orders, n, period, h)

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What is hidden in the stand-in vehicle: tyres that slip, a steering with delay, lag, rate limit and slack, a noisy pose."""
+"""What is hidden in the stand-in vehicle: tyres that slip, a steering with delay, lag, rate limit and slack, a noisy pose.
+
+The last eight fields are structure that robots of the series do not have.
+"""
 
 from __future__ import annotations
 
@@ -69,6 +72,22 @@ class VehicleTruth:
     """In rad."""
     drift: float = 0.006
     """Slow error of the localisation, standard deviation, in m."""
+    asymmetry: float = 0.0
+    """Share of the steering angle that is missing to the right."""
+    slope: float = 0.0
+    """Pull of a floor that falls towards -y, in m/s^2."""
+    relaxation: float = 0.0
+    """Way rolled until the tyres take up a new slip angle, in m."""
+    compliance: float = 0.0
+    """Steering angle that gives way under the front tyres, in rad/N."""
+    steering_quantum: float = 0.0
+    """Least step of the steering, in rad."""
+    order_period: float = 0.0
+    """Time between two orders that the drives take, in s; 0: every one."""
+    pose_period: float = 0.0
+    """Time between two poses of the localisation, each held until the next, in s; 0: one at every tick."""
+    sag: float = 0.0
+    """Share of the wheels' speed over ground that is lost in 100 s (a battery, a tyre that warms)."""
 
     @classmethod
     def drawn(cls, seed: int) -> VehicleTruth:
@@ -78,5 +97,5 @@ class VehicleTruth:
 
     @property
     def row(self) -> Array:
-        """(21,) all of it, in the order above, as the compiled truth reads it."""
+        """(30,) all of it, in the order above, as the compiled truth reads it."""
         return np.array(astuple(self), dtype=np.float64)

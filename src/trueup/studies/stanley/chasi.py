@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from trueup.campaign.kinds import DRIVES
 from trueup.controllers.stanley import GAINS, StanleySettings
 from trueup.engines.vehicle import BETAS, BicycleSimulator, Vehicle, vehicle_space
 from trueup.errors import unknown_name
@@ -20,21 +21,10 @@ SETTINGS = StanleySettings()
 
 CHASI = Vehicle(
     "chasi", wheelbase=0.55, max_steering=0.698,
-    values={"acceleration_limit": 0.5, "yaw_rate_limit": 1.0, "yaw_acceleration_limit": 1.0},
+    values={"speed_delay": 0.0, "steering_delay": 0.0, "acceleration_limit": 0.5, "yaw_rate_limit": 1.0,
+            "yaw_acceleration_limit": 1.0},
 )  # fmt: skip
 """With the defaults of the paper's Table II, as estimated from its Figure 4 (c): no delays."""
-
-DRIVES = (
-    "speed_delay", "speed_lag", "acceleration_limit", "wheel_scale", "steering_delay", "steering_lag",
-    "steering_rate_limit", "steering_scale", "steering_offset", "steering_slack", "understeer", "localisation_latency",
-)  # fmt: skip
-"""What a recorded drive tells when it is compared instant by instant."""
-
-USUAL = {
-    "speed_delay": 0.1, "speed_lag": 0.1, "steering_delay": 0.15, "steering_lag": 0.1, "localisation_latency": 0.03,
-}  # fmt: skip
-"""Where a fit to drives starts, in s: as measured on small real vehicles. A fit that starts without any delay easily ends
-in a lag or a latency that stands for it, and a controller near its limit tells these apart."""
 
 TUNED = (*GAINS, "lead")
 """The paper's three gains, and how far ahead in time the law looks, which makes up for the delays that it found."""
@@ -45,10 +35,9 @@ DURATION = 170.0
 
 def simulator(parameters: tuple[str, ...] = DRIVES, position_noise: float = 0.006, heading_noise: float = 0.005,
               seed: int = 0, threads: int | None = None) -> BicycleSimulator:  # fmt: skip
-    """The bicycle with `parameters` to calibrate; the five of Table II start from its defaults, all of DRIVES from USUAL."""
+    """The bicycle with `parameters` to calibrate; those of Table II alone start from its defaults."""
     noise = {"position_noise": position_noise, "heading_noise": heading_noise}
-    asked = set(parameters)
-    values = dict(CHASI.values) if asked <= set(BETAS) else USUAL if set(USUAL) <= asked else {}
+    values = {n: v for n, v in CHASI.values.items() if n in parameters} if set(parameters) <= {*BETAS, *noise} else {}
     vehicle = Vehicle(CHASI.name, CHASI.wheelbase, CHASI.max_steering, {**values, **noise})
     return BicycleSimulator(vehicle, vehicle_space(vehicle, parameters), seed=seed, threads=threads)
 

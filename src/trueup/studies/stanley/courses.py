@@ -25,7 +25,6 @@ from trueup.paths.courses import LIMITS, Piece, from_pieces
 from trueup.robots.stand_in_vehicle import StandInVehicle
 from trueup.search.cma_es import CmaEs
 from trueup.studies.stanley import chasi
-from trueup.studies.stanley.tuning import RISK
 from trueup.tasks.follow_path import FollowPath
 
 Array = NDArray[np.float64]
@@ -33,6 +32,7 @@ Array = NDArray[np.float64]
 TRAINING, HELD_OUT = 4, 6
 """How many courses are drawn of each kind."""
 _POPULATION = 6  # of a search that may look at a hundred candidates: larger ones are still on their way by then
+_RISK = 0.3  # deviations between samples count little, since the robot itself tries what comes out
 _APART = 0.15  # share of the range by which candidates for the robot differ
 
 
@@ -124,7 +124,7 @@ def _tuned(
     space = task.parameters
     region = TrustRegion(np.clip(space.to_unit(space.nominal), 0.0, 1.0), 1.0)
     search = CmaEs(region.inside(region.centre), seed=seed, population=_POPULATION, max_evaluations=evaluations)
-    found = optimize(task, simulator, models, search, region, risk=RISK)
+    found = optimize(task, simulator, models, search, region, risk=_RISK)
     chosen = shortlist(
         found, region, tries, apart=_APART, incumbent=False, task=task, simulator=simulator, models=models
     )

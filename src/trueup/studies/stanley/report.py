@@ -54,7 +54,7 @@ def _headline(study: Study) -> Markup:
         ("initial gains (1, 1, 1)", _mm(initial), "", "1 run"),
         ("the paper's way: five parameters by time warping, three gains", _mm(paper), _percent(initial, paper), "2 runs"),
         ("in rounds: calibrated instant by instant, gains and lead tuned under doubt", _mm(rounds),
-         _percent(initial, rounds), f"{study.tuned.runs} runs"),
+         _percent(initial, rounds), f"{len(study.rounds.trials)} runs"),
     ]  # fmt: skip
     words = (
         "Distance of the steered axle from the path, root mean square along it, as it truly is (localisation aside)."
@@ -119,19 +119,18 @@ def _profiles(study: Study) -> Markup:
 
 def _rounds(study: Study) -> Markup:
     rows: list[Sequence[Child]] = []
-    for number, one in enumerate(study.tuned.rounds, 1):
-        for k, (gains, said, was) in enumerate(zip(one.candidates, one.predicted, one.measured, strict=True)):
-            label = "the best so far" if k == 0 else f"candidate {k}"
-            rows.append((f"{number}", label, _gains(gains), _mm(said), _mm(was)))
-    found = study.tuned.rounds[-1].calibration.estimates
+    for number, one in enumerate(study.rounds.rounds, 1):
+        if one.chosen is None or one.validated is None:
+            continue
+        seen = zip(one.transferred, one.validated.predicted, one.validated.measured, strict=True)
+        for k, (tried, said, was) in enumerate(seen):
+            label = "the best so far" if k == one.chosen.incumbent else f"candidate {k}"
+            rows.append((f"{number}", label, _gains(study.rounds.settings(tried.unit).values()), _mm(said), _mm(was)))
+    e = next(r.calibrated for r in reversed(study.rounds.rounds) if r.calibrated is not None)
+    each = zip(e.names, e.values, e.units, e.fitted, e.low, e.high, e.verdicts, strict=True)
     numbers = [
-        (
-            e.name.replace("_", " "),
-            f"{e.value:.4g} {squared(e.unit)}",
-            f"{e.low:.4g} ... {e.high:.4g}" if e.fitted else "",
-            e.verdict,
-        )
-        for e in found
+        (name.replace("_", " "), f"{value:.4g} {squared(unit)}", f"{low:.4g} ... {high:.4g}" if fitted else "", verdict)
+        for name, value, unit, fitted, low, high, verdict in each
     ]
     words = (
         "Recorded drives cut into windows of 6 s and replayed under the commands that were sent, compared instant by "

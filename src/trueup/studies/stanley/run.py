@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.campaign.history import History
 from trueup.engines.vehicle import BETAS
-from trueup.engines.vehicle.drives import noise_of
 from trueup.loop.transfer import try_on_robot
 from trueup.robots.stand_in_vehicle import StandInVehicle
 from trueup.studies.stanley import chasi
@@ -26,8 +26,8 @@ from trueup.studies.stanley.paper import (
     paper_study,
 )  # fmt: skip
 from trueup.studies.stanley.profile import profiles
+from trueup.studies.stanley.rounds import in_rounds
 from trueup.studies.stanley.study import Study
-from trueup.studies.stanley.tuning import Tuned, tune
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ def run_study(
 ) -> Study:  # fmt: skip
     """The study on stand-in `number`; the report goes to folder/report.html unless `folder` is None.
 
-    `evaluations` candidates are tried in each of the `rounds` beyond the paper. `say` is given one line at each step.
+    `evaluations` candidates are tried in each of the `rounds` of the shipped plan. `say` is given one line at each step.
     Raises OutputError where the folder cannot be written.
     """
     began = time.perf_counter()
@@ -54,12 +54,9 @@ def run_study(
     trials = calibration_trials + tuning_trials
     say(f"the paper's way: {trials} simulated runs of {chasi.DURATION:.0f} s and 2 on the robot in {lasted:.1f} s; "
         f"robot {_mm(paper.scores[0])} -> {_mm(paper.scores[1])} from its path")  # fmt: skip
+    story = in_rounds(robot, seed=seed, say=say, rounds=rounds, evaluations=evaluations)
     task = chasi.task()
-    first = try_on_robot(robot, task, task.parameters.nominal)
-    drives = [r for runs in first.recordings for r in runs]
-    noise = noise_of(drives)
-    simulator = chasi.simulator(position_noise=noise[0], heading_noise=noise[1])
-    tuned = tune(robot, task, simulator, seed=seed, say=say, start=first, rounds=rounds, evaluations=evaluations)
+    drives = [r for runs in try_on_robot(robot, task, task.parameters.nominal).recordings for r in runs]
     betas = chasi.simulator(BETAS, 0.0, 0.0)
     seen = profiles(chasi.task(gains=("k1", "k2", "k3")), betas, paper.calibration.found, np.ones(3), drives[0])
     noisy = calibrate_betas(drives[0], NOISY, seed=seed, trials=calibration_trials, told=told)
@@ -70,8 +67,8 @@ def run_study(
         f"{_mm(several)} on {courses.trained}"
     )
     study = Study(
-        paper, lasted, tuned, noisy, (robot.truth.position_noise, robot.truth.heading_noise), seen, courses,
-        _errors(robot, paper, tuned), time.perf_counter() - began,
+        paper, lasted, story, noisy, (robot.truth.position_noise, robot.truth.heading_noise), seen, courses,
+        _errors(robot, paper, story), time.perf_counter() - began,
     )  # fmt: skip
     return study if folder is None else _reported(study, Path(folder), say)
 
@@ -84,10 +81,10 @@ def _reported(study: Study, folder: Path, say: Callable[[str], None]) -> Study:
     return dataclasses.replace(study, report=path)
 
 
-def _errors(robot: StandInVehicle, paper: PaperStudy, tuned: Tuned) -> Array:
+def _errors(robot: StandInVehicle, paper: PaperStudy, rounds: History) -> Array:
     """(3,) what really happens, localisation noise aside."""
     initial = np.array([*paper.tuning.start, 0.0])
-    gains = np.array([initial, [*paper.tuning.found, 0.0], tuned.best])
+    gains = np.array([initial, [*paper.tuning.found, 0.0], list(rounds.best[0].values())])
     return true_errors(robot, "hairpin", gains)
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.campaign.history import History
 from trueup.studies.stanley.courses import Courses
 from trueup.studies.stanley.paper import PaperStudy, Searched
 from trueup.studies.stanley.profile import Profile
-from trueup.studies.stanley.tuning import Tuned
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,8 @@ class Study:
     paper: PaperStudy
     paper_seconds: float
     """Wall time of the paper's part, both runs of the robot and all trials."""
-    tuned: Tuned
+    rounds: History
+    """The campaign of the shipped plan."""
     noise: Searched
     """The paper's search with localisation noise among the parameters."""
     noise_truth: tuple[float, float]
