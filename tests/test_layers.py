@@ -78,6 +78,8 @@ RULES = (
     Rule("engines", ("engines.simulator", "engines.family", "articulated", "controllers.controller", *NOUNS)),
     # MJCF and URDF are read by MuJoCo's reader, whatever simulates them
     Rule("engines.dart", ("engines.mujoco", "articulated", *NOUNS)),
+    # what a walk must know of a biped is read off a model
+    Rule("engines.mujoco.biped", ("engines.mujoco", "controllers.walk_engine", *NOUNS)),
     # the vehicle runs the compiled Stanley law inside its own loop, and says what counts as an error of a prediction
     Rule(
         "engines.vehicle",

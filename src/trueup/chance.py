@@ -56,7 +56,31 @@ class CommandNoise:
     """In s."""
 
 
-Disturbance = Push | StartScatter | CommandNoise
+@dataclass(frozen=True)
+class Buffeting:
+    """A body that is never left in peace: a horizontal force that wanders, for uneven ground, cables and wind.
+
+    A first-order Gauss-Markov process along each of the world's axes x and y, drawn anew every `every` s.
+    """
+
+    body: str
+    force: float
+    """Standard deviation along each axis, in N."""
+    memory: float = 0.15
+    """Time constant, in s."""
+    every: float = 0.1
+    """In s."""
+
+    def forces(self, duration: float, streams: Streams) -> Array:
+        """(b, n, 2) N, from each `every` s on."""
+        drawn = streams.normal(int(np.ceil(duration / self.every)) + 1, 2)
+        kept = np.exp(-self.every / self.memory)
+        for k in range(1, drawn.shape[1]):
+            drawn[:, k] = kept * drawn[:, k - 1] + np.sqrt(1.0 - kept**2) * drawn[:, k]
+        return self.force * drawn
+
+
+Disturbance = Push | StartScatter | CommandNoise | Buffeting
 
 
 @dataclass(frozen=True)
@@ -74,6 +98,8 @@ class Sensing:
     """In s."""
     labels: tuple[str, ...] = ()
     """Which columns are noisy; () for all. All are late."""
+    bias: float = 0.0
+    """Standard deviation, in the channel's unit, of an error that stays for a whole run, of controllers' sensors."""
 
 
 @dataclass(frozen=True)

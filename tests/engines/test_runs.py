@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.articulated.declarations import Declaration, declare
-from trueup.chance import CommandNoise, Disturbance, Push, Sensing, StartScatter
+from trueup.chance import Buffeting, Chance, CommandNoise, Disturbance, Push, Sensing, StartScatter
 from trueup.controllers.controller import Observation
 from trueup.ends import LOOK, Arrived, Fallen, Left, When, ended
 from trueup.engines.mujoco.model import load
@@ -353,3 +353,36 @@ def test_an_end_on_a_channel_that_is_not_there_and_chance_without_a_seed_are_ref
         cart(tmp_path).rollout([riding(ends=(Arrived("base_height", {"h": 1.0}, 0.1),))], no_damping())
     with pytest.raises(TrialError, match=r"trial 'ride' declares CommandNoise, .* trial.seeded"):
         cart(tmp_path).rollout([riding(disturbances=(CommandNoise(1.0),))], no_damping())
+
+
+def test_a_buffeted_body_gains_the_impulse_of_its_wandering_force(tmp_path: Path) -> None:
+    buffeting = Buffeting("stone", 3.0, memory=0.15, every=0.1)
+    trial = falling(1.0, disturbances=(buffeting,)).seeded(np.random.default_rng(5))
+    (run,) = stone(tmp_path, gravity=0.0).rollout([trial], np.full((4, 1), 2.0))
+    forces = buffeting.forces(1.0, trial.settled().streams("fall/0", 4))[:, :10]
+    speed = np.concatenate([np.zeros((4, 1, 2)), 0.1 * np.cumsum(forces, axis=1) / 2.0], axis=1)
+    gone = np.sum(0.5 * (speed[:, 1:] + speed[:, :-1]) * 0.1, axis=1)  # of a force that is constant for 0.1 s
+    assert run.channels["base_position"][:, -1, :2] == pytest.approx(gone, rel=0.01, abs=1e-3)
+    assert run.channels["base_position"][:, -1, 2] == pytest.approx(2.0, abs=1e-9)
+    many = buffeting.forces(200.0, Chance(1).streams("many", 5))
+    assert many.std() == pytest.approx(3.0, rel=0.05)
+    assert np.mean(many[:, 1:] * many[:, :-1]) / 9.0 == pytest.approx(np.exp(-0.1 / 0.15), abs=0.05)
+
+
+def test_a_sensor_that_is_late_shows_the_past_and_one_that_is_off_stays_off(tmp_path: Path) -> None:
+    made: list[Force] = []
+
+    def factory(values: Array) -> Force:
+        made.append(Force(values, 2.0))
+        return made[-1]
+
+    simulator = cart(tmp_path)
+    for sensing in (Sensing("place", latency=0.05), Sensing("place", latency=0.05, bias=0.3)):
+        simulator.rollout([riding(sensing=(sensing,)).seeded(np.random.default_rng(3))], no_damping(), factory)
+    late, off = (np.array(m.sensed) for m in made)
+    time = np.array([o.time for o in made[0].seen])
+    assert late == pytest.approx(np.tile(0.5 * np.maximum(time - 0.05, 0.0)[:, None] ** 2, (1, 3)), abs=5e-3)
+    away = off - late
+    assert away == pytest.approx(np.repeat(away[:1], len(away), axis=0), abs=1e-9)
+    assert np.ptp(away[0]) > 0.05
+    assert np.abs(away).max() < 1.5

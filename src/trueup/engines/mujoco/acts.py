@@ -10,7 +10,7 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from trueup.chance import CommandNoise, Push, Pushed
+from trueup.chance import Buffeting, CommandNoise, Push, Pushed
 from trueup.controllers.controller import Observation
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.sensing import Senses
@@ -44,7 +44,15 @@ class Acts:
             if isinstance(d, Push)
         ]
         self._bodies = [_body(compiled, push.body) for _, push in self._pushes]
+        self._buffets = [
+            (k, _body(compiled, d.body), d.every, d.forces(t.duration, streams))
+            for k, t in enumerate(trials)
+            for i, d in enumerate(t.disturbances)
+            if isinstance(d, Buffeting)
+            for streams in (t.settled().streams(f"{t.name}/{i}", candidates),)
+        ]
         edges = [np.ceil(t / step - 1e-9) for _, p in self._pushes for t in (p.start, p.stop)]
+        edges += [np.ceil(np.arange(f.shape[1]) * every / step - 1e-9) for _, _, every, f in self._buffets]
         self._edges = np.unique(np.concatenate(edges)).astype(np.int64) if edges else np.zeros(0, dtype=np.int64)
         self._noise = {k: noise for k, t in enumerate(trials) if (noise := _noises(model, t, candidates))}
         self._senses = [Senses(model, compiled, t, candidates, step) for t in trials]
@@ -61,17 +69,20 @@ class Acts:
             senses.begin({field: self._batch.bind(field)[self._of(k)] for field in senses.late})
 
     def next_after(self, at: int) -> int:
-        """The first step after `at` before which a push begins or ends."""
+        """The first step after `at` before which a force changes."""
         later = int(np.searchsorted(self._edges, at, side="right"))
         return int(self._edges[later]) if later < len(self._edges) else _NEVER
 
     def push(self, at: int) -> None:
-        """Sets the forces on bodies where one begins or ends before step `at`."""
+        """Sets the forces on bodies where one changes before step `at`."""
         if not len(self._edges) or at not in self._edges:
             return
         applied, now = self._batch.bind("xfrc_applied"), at * self._step
-        for (k, _), body in zip(self._pushes, self._bodies, strict=True):
+        pushed = [(k, body) for (k, _), body in zip(self._pushes, self._bodies, strict=True)]
+        for k, body in [*pushed, *((k, body) for k, body, _, _ in self._buffets)]:
             applied[self._of(k), body] = 0.0
+        for k, body, every, forces in self._buffets:
+            applied[self._of(k), body, :2] += forces[:, min(int(now / every + 1e-9), forces.shape[1] - 1)]
         for (k, push), body in zip(self._pushes, self._bodies, strict=True):
             on = (push.start <= now + 1e-9) & (now + 1e-9 < push.stop)
             applied[self._of(k), body, :3] += on[:, None] * push.force

@@ -34,6 +34,8 @@ class _Sense:
     latency: float
     """In steps."""
     streams: Streams | None
+    bias: Array | None
+    """(b, k) of the noisy columns, for the whole run."""
 
 
 class Senses:
@@ -58,11 +60,13 @@ class Senses:
             past[rows] = np.concatenate([past[rows], history[field]], axis=1)[:, -self._kept :]
 
     def of(self, field: str, now: Callable[[], Array]) -> Array:
-        """(b, size) a field as it is seen; `now` gives what it is."""
+        """(b, size) a field as it is seen; `now` gives what it is, and is not asked where all of it is seen late."""
         mine = [s for s in self._all if s.source.field == field]
         if not mine:
             return now()
-        seen = np.array(now())
+        late = [s.source.columns for s in mine if s.latency >= 1.0]
+        wholly = field in self._past and len(np.unique(np.concatenate([*late, [-1]]))) > self._past[field].shape[2]
+        seen = np.array(self._past[field][:, -1] if wholly else now())
         for sense in mine:
             if sense.latency > 0.0:
                 seen[:, sense.source.columns] = self._before(field, sense)[:, sense.source.columns]
@@ -73,6 +77,11 @@ class Senses:
                     seen[:, sense.source.columns] = turned(seen[:, sense.source.columns], noise)
                 else:
                     seen[:, sense.noisy] += noise
+        for sense in mine:
+            if sense.bias is not None and sense.source.turned:
+                seen[:, sense.source.columns] = turned(seen[:, sense.source.columns], sense.bias)
+            elif sense.bias is not None:
+                seen[:, sense.noisy] += sense.bias
         return seen
 
     def _before(self, field: str, sense: _Sense) -> Array:
@@ -116,7 +125,11 @@ def _sense(model: Model, compiled: mujoco.MjModel, trial: Trial, s: Sensing, row
     source = _source(model, compiled, trial, s.channel, ())
     noisy = _source(model, compiled, trial, s.channel, s.labels).columns if s.labels else source.columns
     streams = trial.settled().streams(f"{trial.name}/seen {s.channel}", rows) if s.noise > 0.0 else None
-    return _Sense(source, noisy, s.noise, s.latency / step, streams)
+    bias = None
+    if s.bias > 0.0:
+        width = 3 if source.turned else len(noisy)
+        bias = s.bias * trial.settled().streams(f"{trial.name}/bias of {s.channel}", rows).normal(width)
+    return _Sense(source, noisy, s.noise, s.latency / step, streams, bias)
 
 
 def _source(model: Model, compiled: mujoco.MjModel, trial: Trial, channel: str, labels: tuple[str, ...]) -> Source:

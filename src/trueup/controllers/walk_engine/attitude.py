@@ -1,0 +1,75 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How far a body leans, from its gyros and accelerometer: what closes the loop of a walk."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.controllers.controller import Observation
+from trueup.errors import unknown_name
+
+Array = NDArray[np.float64]
+
+_FREE_FALL = 2.0  # m/s2: an accelerometer that shows less says nothing of where down is
+
+
+@dataclass(frozen=True, eq=False)
+class Lean:
+    """Attitude of b bodies and how fast it changes; roll to the right and pitch forward are positive, in rad and rad/s."""
+
+    roll: Array
+    pitch: Array
+    roll_rate: Array
+    pitch_rate: Array
+
+
+class Attitude(Protocol):
+    """Says how far bodies lean; a user's own estimator fits here."""
+
+    def reset(self, observation: Observation) -> None:
+        """Called once before a trial."""
+        ...
+
+    def update(self, observation: Observation, period: float) -> Lean:
+        """Called every `period` s."""
+        ...
+
+
+class Complementary:
+    """Gyros, followed, and led back to what the accelerometer shows as down, with a time constant of `memory` s.
+
+    Rates are smoothed with a time constant of `smooth` s. R. Mahony, T. Hamel and J.-M. Pflimlin, IEEE Trans. Automatic
+    Control 53(5), 2008, in the small angles of a walk. Sensors are in the body's frame: x forward, y left, z up.
+    """
+
+    def __init__(
+        self, gyro: str = "gyro", accelerometer: str = "accelerometer", *, memory: float = 1.0, smooth: float = 0.02
+    ) -> None:
+        self._gyro, self._accelerometer, self._memory, self._smooth = gyro, accelerometer, memory, smooth
+        self._angles = self._rates = np.zeros((0, 2))
+        self._begun = False
+
+    def reset(self, observation: Observation) -> None:
+        """See Attitude. Raises UnknownNameError where the robot has no such sensor."""
+        for name in (self._gyro, self._accelerometer):
+            if name not in observation.sensors:
+                raise unknown_name("sensor", name, observation.sensors, "the robot (a walk needs to feel its lean)")
+        self._angles, self._rates = np.zeros((2, len(observation.position), 2))
+        self._begun = False
+
+    def update(self, observation: Observation, period: float) -> Lean:
+        """See Attitude."""
+        rates = observation.sensors[self._gyro][:, :2]
+        ax, ay, az = observation.sensors[self._accelerometer].T
+        felt = ax * ax + ay * ay + az * az > _FREE_FALL**2
+        shown = np.where(felt[:, None], np.stack([np.arctan2(ay, az), np.arctan2(-ax, np.hypot(ay, az))], axis=1), 0.0)
+        self._rates = self._rates + period / (self._smooth + period) * (rates - self._rates)
+        turned = self._angles + period * rates
+        pull = period / (self._memory + period) if self._begun else 1.0
+        self._angles = turned + np.where(felt[:, None], pull * (shown - turned), 0.0)
+        self._begun = self._begun or bool(felt.all())
+        return Lean(self._angles[:, 0], self._angles[:, 1], self._rates[:, 0], self._rates[:, 1])

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Legs of six joints: from where a leg points, how long it is and how its foot lies to joint angles, in closed form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import ModelError
+
+Array = NDArray[np.float64]
+
+JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")
+"""The order of a leg's joints from the hip down; the first may turn about any axis (a NAO's about yaw and pitch at once)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Legs:
+    """Geometry of both legs, left before right, at zero joint angles in the base's frame (x forward, y left, z up), in m.
+
+    The axes of hip and ankle meet in one point each; feet are parallel to the base at zero. Raises ModelError where a leg
+    does not bend, or its hip yaw does not turn the foot.
+    """
+
+    joints: tuple[tuple[str, ...], tuple[str, ...]]
+    hips: Array
+    """(2, 3) centres of the hips."""
+    yaw: Array
+    """(2, 3) unit axes of the first joints."""
+    signs: Array
+    """(2, 6) -1 where a joint turns about -x (rolls) or -y (pitches)."""
+    thigh: Array
+    """(2, 2) knee from hip, forward and up."""
+    shank: Array
+    """(2, 2) ankle from knee."""
+    lower: Array
+    upper: Array
+    """(2, 6) ranges of the joints, in rad."""
+    shared: bool = False
+    """One motor turns both first joints."""
+
+    def __post_init__(self) -> None:
+        """Checks the geometry."""
+        for side, joints in enumerate(self.joints):
+            if min(np.hypot(*self.thigh[side]), np.hypot(*self.shank[side])) < 1e-3:
+                raise ModelError(f"leg {', '.join(joints)}: thigh and shank must be longer than a millimetre")
+            if abs(self.yaw[side, 2]) < 0.1:
+                raise ModelError(f"joint '{joints[0]}' turns about {self.yaw[side]}: the first joint must yaw the leg")
+
+    @property
+    def longest(self) -> Array:
+        """(2,) m from hip to ankle of straight legs."""
+        return np.hypot(*self.thigh.T) + np.hypot(*self.shank.T)
+
+    def yawing(self, wanted: Array) -> Array:
+        """(b, 2) angles of the first joints that yaw the legs by `wanted` (b, 2) rad, or nearly so where they are shared."""
+        turned = wanted / self.yaw[:, 2]
+        return np.repeat(turned.mean(axis=1, keepdims=True), 2, axis=1) if self.shared else turned
+
+    def angles(
+        self, yaw: Array, roll: Array, pitch: Array, length: Array, foot_roll: Array, foot_pitch: Array
+    ) -> Array:
+        """(b, 2, 6) joint angles in rad, not yet within their ranges. Arguments are (b, 2), in rad and m.
+
+        `yaw` is the angle of the first joint. The ankle lies `length` from the hip, in the direction that points down, turned
+        forward by `pitch`, then outward about x by `roll`, then about z by as much as the first joint yaws. The sole's
+        normal is turned by `foot_pitch` about y (toes down), `foot_roll` about x, and that same yaw, all in the base's frame.
+        """
+        l1, l2 = np.hypot(*self.thigh.T), np.hypot(*self.shank.T)
+        d = np.clip(length, np.abs(l1 - l2) + 1e-6, l1 + l2 - 1e-6)
+        bend = np.arccos(np.clip((d * d - l1 * l1 - l2 * l2) / (2.0 * l1 * l2), -1.0, 1.0))
+        before = np.arcsin(np.clip(l2 * np.sin(bend) / d, -1.0, 1.0))  # between thigh and the line to the ankle
+        before = np.where(l1 + l2 * np.cos(bend) < 0.0, np.pi - before, before)
+        psi = yaw * self.yaw[:, 2]
+        # Directions before the first joint turns them: the other hip joints make these.
+        down = _turned(
+            self.yaw, -yaw, _yawed(psi, np.sin(pitch), np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch))
+        )
+        hip_roll = np.arctan2(down[1], -down[2])
+        forward = np.arcsin(np.clip(down[0], -1.0, 1.0))
+        hip_pitch = _pitch(self.thigh) - forward - before
+        knee = _pitch(self.shank) - _pitch(self.thigh) + bend
+        normal = _yawed(
+            psi, np.sin(foot_pitch), -np.sin(foot_roll) * np.cos(foot_pitch), np.cos(foot_roll) * np.cos(foot_pitch)
+        )
+        x, y, z = _turned(self.yaw, -yaw, normal)
+        c, s = np.cos(hip_roll), np.sin(hip_roll)
+        y, z = c * y + s * z, -s * y + c * z
+        c, s = np.cos(hip_pitch + knee), np.sin(hip_pitch + knee)
+        x, z = c * x - s * z, s * x + c * z
+        ankle_roll, ankle_pitch = np.arcsin(np.clip(-y, -1.0, 1.0)), np.arctan2(x, z)
+        return np.stack([yaw, hip_roll, hip_pitch, knee, ankle_pitch, ankle_roll], axis=2) * self.signs
+
+
+@dataclass(frozen=True, eq=False)
+class Biped:
+    """What a walk must know of a robot: its legs, and where their joints stand in commands and observations."""
+
+    legs: Legs
+    columns: NDArray[np.int64]
+    """(2, 6) of the legs' joints in commands; -1 where no motor turns one."""
+    places: NDArray[np.int64]
+    """(2, 6) of the legs' joints in `Observation.position`."""
+    rest: Array
+    """(nu,) what all motors are commanded that do not move legs (in rad): arms and head keep still."""
+
+    def commands(self, angles: Array) -> Array:
+        """(b, nu) of angles (b, 2, 6), within the joints' ranges."""
+        out = np.repeat(self.rest[None], len(angles), axis=0)
+        moved = self.columns >= 0
+        out[:, self.columns[moved]] = np.clip(angles, self.legs.lower, self.legs.upper)[:, moved]
+        return out
+
+
+def _pitch(link: Array) -> Array:
+    """(2,) rad by which links (2, 2) point forward of straight down."""
+    return np.arctan2(link[:, 0], -link[:, 1])
+
+
+def _yawed(psi: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
+    """Components of vectors turned about z."""
+    c, s = np.cos(psi), np.sin(psi)
+    return c * x - s * y, s * x + c * y, z
+
+
+def _turned(axis: Array, angle: Array, v: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+    """Components (b, 2) of vectors turned about axes (2, 3): Rodrigues' formula."""
+    (kx, ky, kz), (x, y, z) = axis.T, v
+    c, s = np.cos(angle), np.sin(angle)
+    along = (kx * x + ky * y + kz * z) * (1.0 - c)
+    return (
+        c * x + s * (ky * z - kz * y) + kx * along,
+        c * y + s * (kz * x - kx * z) + ky * along,
+        c * z + s * (kx * y - ky * x) + kz * along,
+    )

@@ -1,0 +1,272 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Walking as tasks: straight ahead for a while, through a course of targets, or to a line; means over disturbed runs.
+
+A. Farchy, S. Barrett, P. MacAlpine and P. Stone, "Humanoid robots learning to walk faster", AAMAS 2013, section 4.1; the
+course after goToTarget of P. MacAlpine et al., "Design and optimization of an omnidirectional humanoid walk", AAAI 2012.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.chance import Disturbance, Sensing
+from trueup.controllers.controller import Controller, ControllerFactory
+from trueup.controllers.walk_engine.requests import TARGETS, targets
+from trueup.ends import End, Fallen, Left
+from trueup.engines.simulator import Rollout
+from trueup.parameters import ParameterSpace
+from trueup.trial import Observed, Trial
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+PLACE, ANGLES = "base_position", "base_orientation"
+TILT = 0.8
+"""rad from upright beyond which a robot counts as fallen."""
+_LOW = 0.62  # of its standing height: below, it lies, or sits on its knees
+_BALL = 1.0  # m beyond the line, so that steering never becomes abrupt
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Walk(ABC):
+    """A Task: b walks, each judged by the mean over `runs` runs that meet different disturbances.
+
+    Any engine fits that is made from values of `parameters` and follows a trial's targets (`walk_engine.requests`).
+    """
+
+    parameters: ParameterSpace
+    make: ControllerFactory
+    """Makes the engine of b robots from values (b, m)."""
+    height: float
+    """Of the base of the standing robot, in m."""
+    share: float = 0.67
+    """Of the largest step."""
+    runs: int = 7
+    seed: int = 0
+    disturbances: tuple[Disturbance, ...] = ()
+    sensing: tuple[Sensing, ...] = ()
+    fall: float
+    """What a fall costs, in the unit of what is made good."""
+    rate: float = 20.0
+    """Of observation, in Hz."""
+    trials: tuple[Trial, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Makes the trials."""
+        time = np.arange(round(self.duration * self.rate) + 1) / self.rate
+        plain = Trial(
+            name=self.name, start=0.0, duration=float(time[-1]), command=None,
+            observed={
+                PLACE: Observed(("x", "y", "z"), "m", time), ANGLES: Observed(("roll", "pitch", "yaw"), "rad", time),
+            },
+            references={TARGETS: targets(self.course)}, ends=self.ends, disturbances=self.disturbances,
+            sensing=self.sensing,
+        )  # fmt: skip
+        seeds = (np.random.default_rng([self.seed, k]) for k in range(self.runs))
+        runs = tuple(replace(plain, name=f"{self.name} {k + 1}").seeded(s) for k, s in enumerate(seeds))
+        object.__setattr__(self, "trials", runs)
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """See Task."""
+
+    @property
+    @abstractmethod
+    def unit(self) -> str:
+        """Of the score."""
+
+    @property
+    @abstractmethod
+    def duration(self) -> float:
+        """Of a run, in s."""
+
+    @property
+    @abstractmethod
+    def course(self) -> Array:
+        """(k, 5) targets, see `walk_engine.requests.targets`."""
+
+    @abstractmethod
+    def made_good(self, rollout: Rollout) -> Array:
+        """(b,) of one run, falls not yet counted."""
+
+    @property
+    def ends(self) -> tuple[End, ...]:
+        """What ends a run before its time."""
+        return (Fallen(height=_LOW * self.height, tilt=TILT),)
+
+    def controllers(self, values: Array) -> Controller:
+        """See Task."""
+        return self.make(values)
+
+    def made_anew(self, seed: int) -> Walk:
+        """The same task with other disturbances: a generation's lucky ones are not lucky twice."""
+        return replace(self, seed=seed)
+
+    def score(self, rollouts: Sequence[Rollout]) -> Array:
+        """(b,) minus what is made good on average, `fall` taken off for each fall; NaN where no run was measured."""
+        made = np.stack([self.made_good(r) - self.fall * fell(r) for r in rollouts])
+        failed = np.stack([np.isin(np.arange(made.shape[1]), list(r.failures)) for r in rollouts])
+        return -np.where(failed.any(axis=0), np.nan, made.mean(axis=0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WalkFront(Walk):
+    """Straight ahead for `seconds`: metres per second toward a far target. A fall ends what is made good."""
+
+    seconds: float = 15.0
+    fall: float = 0.15
+    """m/s: some more than a walk is fast, so that a walk that falls every second time is no gain."""
+
+    @property
+    def name(self) -> str:
+        """See Task."""
+        return "walk front"
+
+    @property
+    def unit(self) -> str:
+        """Of the score."""
+        return "m/s"
+
+    @property
+    def duration(self) -> float:
+        """See Walk."""
+        return self.seconds
+
+    @property
+    def course(self) -> Array:
+        """See Walk."""
+        return np.array([[0.0, 100.0, 0.0, self.share, 0.0]])
+
+    def made_good(self, rollout: Rollout) -> Array:
+        """(b,) m/s."""
+        x = rollout.held().channels[PLACE][:, :, 0]
+        return (x[:, -1] - x[:, 0]) / self.seconds
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LineWalk(Walk):
+    """To a line `line` m ahead, steering to a ball beyond it: the distance over the time it takes, as on the robot.
+
+    A run that does not arrive counts as far as it came, over the whole time; one that leaves the lane of `lane` m to each
+    side is over ('veered').
+    """
+
+    line: float = 2.38
+    lane: float = 0.75
+    slowest: float = 0.05
+    """m/s: who is slower does not arrive."""
+    fall: float = 0.15
+
+    @property
+    def name(self) -> str:
+        """See Task."""
+        return "walk to the line"
+
+    @property
+    def unit(self) -> str:
+        """Of the score."""
+        return "m/s"
+
+    @property
+    def duration(self) -> float:
+        """See Walk."""
+        return self.line / self.slowest
+
+    @property
+    def course(self) -> Array:
+        """See Walk."""
+        return np.array([[0.0, self.line + _BALL, 0.0, self.share, 0.0]])
+
+    @property
+    def ends(self) -> tuple[End, ...]:
+        """See Walk."""
+        far = (-np.inf, np.inf)
+        return (
+            Left(PLACE, {"x": (-np.inf, self.line)}, name=ARRIVED),
+            Left(PLACE, {"x": far, "y": (-self.lane, self.lane)}, name=VEERED), *super().ends,
+        )  # fmt: skip
+
+    def made_good(self, rollout: Rollout) -> Array:
+        """(b,) m/s."""
+        x = rollout.held().channels[PLACE][:, :, 0]
+        arrived = {row: end.at - rollout.trial.start for row, end in rollout.ends.items() if end.name == ARRIVED}
+        speed = np.clip(x[:, -1] - x[:, 0], 0.0, self.line) / self.duration
+        speed[list(arrived)] = self.line / np.array(list(arrived.values()))
+        return speed
+
+
+ARRIVED, VEERED = "at the line", "veered"
+"""Names of ends of a walk to the line."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OmniWalk(Walk):
+    """Through a course of targets in all directions: metres made good toward each while it is the present one.
+
+    Where the robot is to step on the spot, metres that it drifts are taken off. `sideways` False: it turns to each target
+    and walks ahead, as where a real robot explores.
+    """
+
+    sideways: bool = True
+    stretch: float = 1.0
+    """Factor on all times of the course: longer for slower walks."""
+    fall: float = 5.0
+    """m, as in goToTarget."""
+
+    @property
+    def name(self) -> str:
+        """See Task."""
+        return "walk around"
+
+    @property
+    def unit(self) -> str:
+        """Of the score."""
+        return "m"
+
+    @property
+    def duration(self) -> float:
+        """See Walk."""
+        return self.stretch * sum(leg[0] for leg in COURSE)
+
+    @property
+    def course(self) -> Array:
+        """See Walk."""
+        lasting, x, y = np.array(COURSE).T
+        begun = self.stretch * (np.cumsum(lasting) - lasting)
+        every = np.ones(len(x))
+        return np.stack([begun, x, y, self.share * every, float(self.sideways) * every], axis=1)
+
+    def made_good(self, rollout: Rollout) -> Array:
+        """(b,) m."""
+        place = rollout.held().channels[PLACE][:, :, :2]
+        time, begun = rollout.trial.observed[PLACE].time, [*self.course[:, 0], self.duration]
+        made = np.zeros(len(place))
+        for k, target in enumerate(self.course[:, 1:3]):
+            first, last = (place[:, np.searchsorted(time, begun[i] - 1e-9)] for i in (k, k + 1))
+            if np.isnan(target).any():
+                made -= np.linalg.norm(last - first, axis=1)
+            else:
+                made += np.linalg.norm(target - first, axis=1) - np.linalg.norm(target - last, axis=1)
+        return made
+
+
+_STOP = float("nan")
+COURSE = (
+    (8.0, 2.0, 0.0), (6.0, -1.0, 0.0), (5.0, 0.0, 1.0), (5.0, 0.0, -1.0), (2.0, _STOP, _STOP),  # the four directions
+    (6.0, 1.5, 1.5), (6.0, 1.5, -1.5), (2.0, _STOP, _STOP), (6.0, -2.0, 0.0),  # obliquely, and about turn
+    *((1.5, 0.6 * np.cos(a), 0.6 * np.sin(a)) for a in np.linspace(0.0, 2.0 * np.pi, 9)),  # a circle
+    *((0.5, 3.0, 3.0 * side) for side in (1.0, -1.0) * 5), (1.0, _STOP, _STOP),  # quick changes, and a stop
+)  # fmt: skip
+"""Targets in the field's frame: for how long (s), x and y (m)."""
+
+
+def fell(rollout: Rollout) -> Mask:
+    """(b,) which runs ended by a fall."""
+    rows = len(next(iter(rollout.channels.values())))
+    return np.array([row in rollout.ends and rollout.ends[row].name == "fallen" for row in range(rows)])

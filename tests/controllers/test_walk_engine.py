@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The walk's legs go where they are told, both sides alike, and its feet clear the ground."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from trueup.controllers.controller import Observation
+from trueup.controllers.walk_engine.attitude import Complementary
+from trueup.controllers.walk_engine.engine import PARAMETERS, WalkEngine
+from trueup.controllers.walk_engine.requests import REQUESTS, TARGETS, OfTrial, requests, targets
+from trueup.engines.mujoco.biped import biped_of
+from trueup.engines.mujoco.model import Model, load
+from trueup.errors import ModelError, ParameterError, TrialError, UnknownNameError
+from trueup.studies.walk.scenes import LEFT, NAO, RIGHT, SIMSPARK, biped
+from trueup.trial import Reference, Trial
+
+Array = NDArray[np.float64]
+
+
+def going(reference: dict[str, Reference]) -> Trial:
+    return Trial("walk", 0.0, 10.0, None, {}, references=reference)
+
+
+def seen(model: Model, time: float, trial: Trial, rows: int = 1, **sensors: Array) -> Observation:
+    still = {"gyro": np.zeros((rows, 3)), "accelerometer": np.tile([0.0, 0.0, 9.81], (rows, 1)), **sensors}
+    position = np.tile(model.compiled.key_qpos[0], (rows, 1))
+    return Observation(time, position, np.zeros((rows, model.compiled.nv)), still, trial)
+
+
+def walked(model: Model, seconds: float, values: Array, **request: float) -> Array:
+    """(T, b, nu) what an upright robot is commanded every 10 ms while it is asked for the same all the time."""
+    row = [0.0, *(request.get(k, 0.0) for k in ("forward", "left", "turn"))]
+    trial, walk = going({REQUESTS: requests(np.array([row]))}), WalkEngine(biped(model), values)
+    walk.reset(seen(model, 0.0, trial, len(values)))
+    return np.array([walk.command(seen(model, t, trial, len(values))) for t in np.arange(0.0, seconds, 0.01)])
+
+
+def soles(model: Model, command: Array) -> Array:
+    """(2,) heights of the lowest points of both soles, in m, of a torso that is held at 0 and upright."""
+    m, data = model.compiled, mujoco.MjData(model.compiled)
+    data.qpos[:] = m.qpos0
+    data.qpos[:7] = (0, 0, 0, 1, 0, 0, 0)
+    for joint, actuator in model.drives().items():
+        if actuator:
+            data.qpos[m.jnt_qposadr[model.index("joint", joint)]] = command[model.columns()[actuator]]
+    data.joint("RHipYawPitch").qpos[:] = data.joint("LHipYawPitch").qpos
+    mujoco.mj_kinematics(m, data)
+    lowest = []
+    for side in "LR":
+        ids = [i for i, n in enumerate(model.names("geom")) if m.geom_contype[i] and n.startswith(f"{side}_")]
+        box = [m.geom_type[i] == mujoco.mjtGeom.mjGEOM_BOX for i in ids]
+        down = [
+            abs(data.geom_xmat[i].reshape(3, 3)[2]) @ m.geom_size[i] if b else m.geom_size[i, 0]
+            for i, b in zip(ids, box, strict=True)
+        ]
+        lowest.append(min(data.geom_xpos[ids, 2] - down))
+    return np.array(lowest)
+
+
+@pytest.mark.parametrize("path", [NAO, SIMSPARK], ids=["nao", "simspark"])
+def test_legs_reach_the_pose_they_are_asked_for_by_mujocos_own_kinematics(path) -> None:
+    model = load(path)
+    robot, m, rng = biped(model), load(path).compiled, np.random.default_rng(0)
+    yaw, data = rng.uniform(-0.4, 0.4, (40, 2)), mujoco.MjData(m)
+    roll, pitch, foot_roll, foot_pitch = rng.uniform(-0.3, 0.3, (4, 40, 2))
+    length = robot.legs.longest * rng.uniform(0.7, 0.99, (40, 2))
+    angles = robot.legs.angles(yaw, roll, pitch, length, foot_roll, foot_pitch)
+    for i in range(40):
+        data.qpos[:] = m.qpos0
+        data.qpos[:7], data.qpos[robot.places] = (0, 0, 0, 1, 0, 0, 0), angles[i]
+        mujoco.mj_kinematics(m, data)
+        for side, names in enumerate((LEFT, RIGHT)):
+            turned = Rotation.from_euler("z", yaw[i, side] * robot.legs.yaw[side, 2])
+            leg = turned * Rotation.from_euler("x", roll[i, side])
+            down = leg.apply([np.sin(pitch[i, side]), 0.0, -np.cos(pitch[i, side])])
+            ankle = data.xanchor[model.index("joint", names[4])]
+            assert ankle == pytest.approx(robot.legs.hips[side] + length[i, side] * down, abs=1e-9)
+            sole = turned * Rotation.from_euler("x", foot_roll[i, side]) * Rotation.from_euler("y", foot_pitch[i, side])
+            normal = data.body(f"{'LR'[side]}_foot").xmat.reshape(3, 3)[:, 2]
+            assert normal == pytest.approx(sole.apply([0.0, 0.0, 1.0]), abs=1e-9)
+
+
+def test_the_right_leg_does_half_a_cycle_later_what_the_left_leg_does() -> None:
+    model = load(NAO)
+    values = PARAMETERS.nominal[None].copy()
+    values[0, PARAMETERS.index("stepPeriod")] = 0.5
+    columns = biped(model).columns
+    commands = walked(model, 4.0, values, forward=0.7)[:, 0]
+    mirror = np.array([1.0, -1.0, 1.0, 1.0, 1.0, -1.0])[1:]  # rolls turn the other way
+    left, right = commands[:, columns[0, 1:]], commands[:, columns[1, 1:]]
+    steady = slice(300, 350)
+    assert left[steady] * mirror == pytest.approx(right[325:375], abs=1e-9)
+    assert np.ptp(left[steady, 1]) > 0.1  # and it does something
+
+
+@pytest.mark.parametrize("path", [NAO, SIMSPARK], ids=["nao", "simspark"])
+def test_one_foot_clears_the_ground_while_the_other_carries(path) -> None:
+    model = load(path)
+    heights = np.array([soles(model, c) for c in walked(model, 3.5, PARAMETERS.nominal[None], forward=0.67)[290:, 0]])
+    between = heights[:, 0] - heights[:, 1]
+    assert between.max() > 0.008
+    assert between.min() < -0.008
+
+
+def test_turning_left_turns_the_lifted_left_foot_outward_and_the_standing_one_back() -> None:
+    model = load(NAO)
+    robot = biped(model)
+    commands = walked(model, 4.0, PARAMETERS.nominal[None], turn=1.0)[:, 0]
+    shared = commands[250:, robot.columns[0, 0]]
+    assert np.ptp(shared) > 0.1
+    heights = np.array([soles(model, c) for c in commands[250:]])
+    up_left = heights[:, 0] - heights[:, 1]
+    # Positive angles of the shared joint turn both toes inward: the left foot turns left while it is up.
+    assert np.corrcoef(np.gradient(shared), up_left)[0, 1] < -0.3
+
+
+def test_rows_walk_as_each_would_alone() -> None:
+    model, rng = load(SIMSPARK), np.random.default_rng(1)
+    values = PARAMETERS.from_unit(rng.uniform(0.3, 0.7, (4, len(PARAMETERS))))
+    together = walked(model, 2.0, values, forward=0.5, left=0.3, turn=-0.4)
+    for k in range(4):
+        alone = walked(model, 2.0, values[k : k + 1], forward=0.5, left=0.3, turn=-0.4)
+        assert together[:, k] == pytest.approx(alone[:, 0], abs=1e-12)
+
+
+def test_commands_stay_within_the_joints_ranges_and_begin_at_the_start_pose() -> None:
+    model = load(NAO)
+    robot = biped(model)
+    values = PARAMETERS.from_unit(np.random.default_rng(2).uniform(0.0, 1.0, (20, len(PARAMETERS))))
+    commands = walked(model, 3.0, values, forward=1.0, left=1.0, turn=1.0)
+    moved = robot.columns >= 0
+    angles = commands[:, :, robot.columns[moved]]
+    assert np.all(angles >= robot.legs.lower[moved])
+    assert np.all(angles <= robot.legs.upper[moved])
+    start = model.compiled.key_qpos[0][robot.places[moved]]
+    assert commands[0][:, robot.columns[moved]] == pytest.approx(np.tile(start, (20, 1)), abs=1e-9)
+
+
+def test_the_lean_is_found_from_gyro_and_accelerometer_though_the_gyro_is_off() -> None:
+    model, attitude = load(NAO), Complementary(memory=0.5)
+    trial, dt = going({}), 0.01
+    times = np.arange(0.0, 8.0, dt)
+    pitch = 0.1 * np.sin(2.0 * times)
+    rates = 0.2 * np.cos(2.0 * times) + 0.02  # what the gyro is off by
+    found = []
+    attitude.reset(seen(model, 0.0, trial))
+    for p, w in zip(pitch, rates, strict=True):
+        gravity = 9.81 * np.array([[-np.sin(p), 0.0, np.cos(p)]])
+        lean = attitude.update(seen(model, 0.0, trial, gyro=np.array([[0.0, w, 0.0]]), accelerometer=gravity), dt)
+        found.append(lean.pitch[0])
+    late = times > 3.0
+    assert np.array(found)[late] == pytest.approx(pitch[late], abs=0.02 * 0.5 + 0.004)  # bias x memory, and a step
+
+
+def test_a_walk_turns_toward_its_target_and_stands_where_there_is_none() -> None:
+    model = load(NAO)
+    trial = going({TARGETS: targets(np.array([[0.0, 0.0, 5.0, 0.6, 0.0], [1.0, 0.0, 5.0, 1.0, 1.0],
+                                              [2.0, np.nan, np.nan, 1.0, 0.0]]))})  # fmt: skip
+    asked = [OfTrial()(seen(model, t, trial))[0] for t in (0.5, 1.5, 2.5)]
+    assert asked[0] == pytest.approx([0.0, 0.0, 0.6], abs=1e-6)  # straight to the left: it turns first
+    assert asked[1] == pytest.approx([0.0, 1.0, 1.0], abs=1e-6)
+    assert asked[2] == pytest.approx([0.0, 0.0, 0.0])
+
+
+def test_what_cannot_walk_is_named() -> None:
+    model = load(NAO)
+    with pytest.raises(ParameterError, match="17 parameters"):
+        WalkEngine(biped(model), np.zeros((2, 3)))
+    with pytest.raises(ModelError, match=r"LHipPitch.*hip roll turns about x"):
+        biped_of(model, (LEFT[0], LEFT[2], LEFT[1], *LEFT[3:]), RIGHT)
+    with pytest.raises(TrialError, match="does not say where to walk"):
+        OfTrial()(seen(model, 0.0, going({})))
+    with pytest.raises(UnknownNameError, match="feel"):
+        Complementary("gyroscope").reset(seen(model, 0.0, going({})))
