@@ -85,11 +85,12 @@ def test_one_motor_turns_both_hip_yaw_pitch_joints() -> None:
 
 
 def test_the_start_walk_walks_on_stand_ins_and_in_the_simulator() -> None:
-    for noisy, falls in ((False, 0), (True, 1)):  # with noise it falls in one of ten runs
-        walk = task(WalkFront, runs=6, seconds=10.0, noisy=noisy)
-        done = simulator(threads=1).rollout(walk.trials, walk.parameters.nominal[None], walk.controllers)
-        assert sum(len(r.ends) for r in done) <= falls
-        assert 0.08 < np.mean([walk.made_good(r)[0] for r in done if not r.ends]) < 0.14
+    for noisy, falls in ((False, 0), (True, 3)):  # with noise it falls in one of ten runs
+        walk = task(WalkFront, runs=1, seconds=10.0, noisy=noisy)
+        values = np.tile(walk.parameters.nominal, (12, 1))
+        (done,) = simulator(threads=1).rollout(walk.trials, values, walk.controllers)
+        assert len(done.ends) <= falls
+        assert 0.08 < np.mean(np.delete(walk.made_good(done), list(done.ends))) < 0.14
     walk = task(WalkFront, runs=1, seconds=10.0)
     for seed in (0, 1):
         robot = StandInNao(truth(seed), seed=seed, threads=1, log=0.0)
