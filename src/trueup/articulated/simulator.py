@@ -104,6 +104,7 @@ class _Run:
         every, count = LOOK / self._step, int(trial.duration / LOOK) + 1 if trial.ends else 0
         self._looks = {int(np.ceil(k * every - 1e-9)) for k in range(count)}
         self._ends: dict[int, Ended] = {}
+        self._settings = values[:, own:] if values.shape[1] > own else None
 
     def rollout(self) -> Rollout:
         """Steps to the end of the trial and reads its channels off."""
@@ -184,7 +185,8 @@ class _Run:
             int(row): f"the simulation became unstable after {self._step * int(np.argmax(lost[row])):.3g} s"
             for row in np.flatnonzero(lost.any(axis=1))
         }
-        rollout = Rollout(self._trial, channels, failures, {r: e for r, e in self._ends.items() if r not in failures})
+        ended = {r: e for r, e in self._ends.items() if r not in failures}
+        rollout = Rollout(self._trial, channels, failures, ended, self._settings)
         for name, values in channels.items():
             values[~rollout.lasted(name)] = np.nan
         return rollout

@@ -146,7 +146,8 @@ class Hardware:
             scores = np.full(repeats, np.nan)
             if all(d.outcome == "done" for d in done):
                 runs = [[self._recording(f, c) for f, c in zip(d.recordings, d.checksums, strict=True)] for d in done]
-                scores = robot_scores(self._parts.task, runs)
+                task = self._parts.task
+                scores = robot_scores(task, runs, task.parameters.from_unit(unit))
             fell = any(d.outcome == "fell" for d in done)
             return Scored(round_, step, candidate, tuple(unit.tolist()), tuple(np.asarray(scores).tolist()), fell)
 

@@ -34,6 +34,8 @@ class Rollout:
     """Row to the reason why its simulation broke off; empty if all went well."""
     ends: Mapping[int, Ended] = field(default_factory=dict)
     """Row to when and why its run ended before its time, on the trial's clock: an outcome, not a failure."""
+    settings: Array | None = None
+    """(b, m) parameters of the controller of each row, for scores that depend on them; None where they are not known."""
 
     def lasted(self, channel: str) -> NDArray[np.bool_]:
         """(b, T) which samples of a channel lie before the end of their run."""

@@ -20,17 +20,18 @@ _FLOOR = 0.005  # m: contacts are soft by less; what rises by more was thrown ou
 
 
 def settled(
-    simulator: Simulator, joints: Sequence[str], pose: Array, heights: Sequence[float], *, pitch: float = 0.0,
-    seconds: float = 2.0, name: str = "start",
+    simulator: Simulator, joints: Sequence[str], pose: Array, heights: Sequence[float], *, roll: float = 0.0,
+    pitch: float = 0.0, seconds: float = 2.0, name: str = "start",
 ) -> Mapping[str, Channel]:  # fmt: skip
     """'position', 'base_position' and 'base_orientation' of a robot that rests in `pose` (k,), in rad.
 
-    It is let down from each of `heights` of its base, in m and with its base pitched by `pitch` rad, and holds the pose for
-    `seconds`; the lowest height from which nothing throws it up counts. Raises TrialError where the pose penetrates
+    It is let down from each of `heights` of its base, in m, turned by `roll` and `pitch` rad, and holds the pose
+    for `seconds`; the lowest height from which nothing throws it up counts. Raises TrialError where the pose penetrates
     something at all of them, or does not come to rest.
     """
     time = np.arange(round(seconds * _RATE) + 1) / _RATE
-    trials = [_let_down(tuple(joints), pose, float(z), pitch, time, f"{name} from {z:.4g} m") for z in sorted(heights)]
+    turned = (roll, pitch)
+    trials = [_let_down(tuple(joints), pose, float(z), turned, time, f"{name} from {z:.4g} m") for z in sorted(heights)]
     done = simulator.rollout(trials, simulator.parameters.nominal[None])
     for rollout, z in zip(done, sorted(heights), strict=True):
         if not rollout.failures and rollout.channels["base_position"][0, :, 2].max() < z + _FLOOR:
@@ -41,7 +42,9 @@ def settled(
     )
 
 
-def _let_down(joints: tuple[str, ...], pose: Array, z: float, pitch: float, time: Array, name: str) -> Trial:
+def _let_down(
+    joints: tuple[str, ...], pose: Array, z: float, turned: tuple[float, float], time: Array, name: str
+) -> Trial:
     start = np.zeros(1)
     return Trial(
         name=name, start=0.0, duration=float(time[-1]), command=Channel("command", joints, "rad", start, pose[None]),
@@ -53,7 +56,7 @@ def _let_down(joints: tuple[str, ...], pose: Array, z: float, pitch: float, time
             "position": Channel("position", joints, "rad", start, pose[None]),
             "base_position": Channel("base_position", ("x", "y", "z"), "m", start, np.array([[0.0, 0.0, z]])),
             "base_orientation": Channel(
-                "base_orientation", ("roll", "pitch", "yaw"), "rad", start, np.array([[0.0, pitch, 0.0]])
+                "base_orientation", ("roll", "pitch", "yaw"), "rad", start, np.array([[*turned, 0.0]])
             ),
         },
     )  # fmt: skip
@@ -64,6 +67,8 @@ def _at_rest(rollout: Rollout, name: str) -> Mapping[str, Channel]:
     last: dict[str, Channel] = {}
     for channel, o in rollout.trial.observed.items():
         values = rollout.channels[channel][0]
+        if o.unit == "rad":  # a robot on its head rests where one angle may be told as another
+            values = np.unwrap(values, axis=0)
         moving = np.abs(values[-1] - values[-round(0.1 * _RATE)]) / 0.1
         if moving.max() > 0.1:
             worst = int(moving.argmax())

@@ -92,7 +92,7 @@ def try_on_robot(
             runs.append(tuple(robot.perform(trial)))
         except (RobotFellError, TrialAbortedError) as error:
             return Tested(np.full(repeats, np.nan), tuple(runs), isinstance(error, RobotFellError))
-    return Tested(robot_scores(task, runs), tuple(runs))
+    return Tested(robot_scores(task, runs, candidate), tuple(runs))
 
 
 def prepared(trial: Trial, limits: Limits | None, repeats: int) -> Trial:

@@ -71,6 +71,14 @@ class Plans(Protocol):
         ...
 
 
+class DoneOrNot(Task, Protocol):
+    """A task that is done or not, whatever its score: what seems to do it can be confirmed."""
+
+    def succeeded(self, rollouts: Sequence[Rollout]) -> NDArray[np.bool_]:
+        """(b,) from one Rollout of b rows for each of the task's trials, by simulations and recordings alike."""
+        ...
+
+
 def unit_of(task: Task) -> str:
     """The unit of a task's score; '' where it has none."""
     return task.unit if isinstance(task, ScoredIn) else ""
@@ -102,16 +110,20 @@ def robot_trials(task: Task, candidate: Array, label: str = "") -> tuple[Trial, 
     return tuple(dataclasses.replace(t, name=t.name + label, settings=settings, tuned=tuned) for t in trials)
 
 
-def robot_scores(task: Task, recordings: Sequence[Sequence[Recording]]) -> Array:
-    """(b,) scores of what the robot did: for each of the task's trials its b repeats, by the task's own score."""
-    return task.score([as_rollout(t, r) for t, r in zip(task.trials, recordings, strict=True)])
+def robot_scores(task: Task, recordings: Sequence[Sequence[Recording]], candidate: Array | None = None) -> Array:
+    """(b,) scores of what the robot did: for each of the task's trials its b repeats, by the task's own score.
+
+    `candidate` (m,) is what was tried, for scores that depend on it.
+    """
+    return task.score([as_rollout(t, r, candidate) for t, r in zip(task.trials, recordings, strict=True)])
 
 
-def as_rollout(trial: Trial, recordings: Sequence[Recording]) -> Rollout:
+def as_rollout(trial: Trial, recordings: Sequence[Recording], candidate: Array | None = None) -> Rollout:
     """Recordings of one trial in the shape of a rollout: one row a recording, read off at the trial's instants.
 
     Each recording's clock is moved so that it begins at the trial's start. Instants after its end are NaN; where that is an
-    end before its time (as the robot's driver says, or by the trial's own conditions), the rollout says so.
+    end before its time (as the robot's driver says, or by the trial's own conditions), the rollout says so. `candidate`
+    (m,) are the controller's parameters with which they were made, where these are known.
     Raises RecordingError where there is none, UnknownNameError where a recording lacks an observed channel.
     """
     if not recordings:
@@ -125,7 +137,8 @@ def as_rollout(trial: Trial, recordings: Sequence[Recording]) -> Rollout:
     }  # fmt: skip
     known = ((row, r, end_of(r, trial.ends)) for row, r in enumerate(recordings))
     ends = {row: Ended(e.at - r.start + trial.start, e.name) for row, r, e in known if e is not None}
-    rollout = Rollout(trial, channels, {}, ends)
+    settings = None if candidate is None else np.tile(candidate, (len(recordings), 1))
+    rollout = Rollout(trial, channels, {}, ends, settings)
     for name, values in channels.items():
         values[~rollout.lasted(name)] = np.nan
     return rollout

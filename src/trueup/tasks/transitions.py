@@ -30,17 +30,20 @@ _JUDGED = 0.5  # s at the end over which it must be upright and still
 _UPRIGHT = 0.25  # rad: a small humanoid that leans further does not come back by itself
 _HIGH = 0.93  # share of the settled final height: below, a knee or a hand carries it
 _STILL = 0.5  # rad/s of tilting, on average over `_JUDGED`
-_FLOOR = 0.1  # rad: upright is worth 1 / _FLOOR, in the paper's integrand 1 / (|angle| + 0.1)
+_EPSILON = 0.1  # rad, in the paper's integrand 1 / (|angle| + 0.1)
+_GRAVITY = 9.81  # m/s2
 
 
 @dataclass(frozen=True, eq=False)
 class Transition:
     """A Task: the keyframes and times with which a humanoid gets from one pose to another, and stays there.
 
-    Every candidate is judged over the same time, the longest motion and `AFTER`, so that none gains by being slow. The
-    score is minus a fitness: 'paper' is the mean of 1 / (|angle| + 0.1), their integrand, which pays for falling late;
-    'repaired' (default) adds what counts, being upright, high and still at the end. A run that ended by a fall keeps its
-    last tilt for the rest of the time.
+    Every candidate is watched for the same time, the longest motion and `AFTER`, and stands or falls at its end; one that
+    fell keeps its last tilt for the rest of the time. The score is minus a fitness. 'paper' is theirs as printed, eq. 3: the
+    integral of 1 / (|angle| + 0.1) from 0 to T + 1, which grows with T and pays for waiting and then falling. 'repaired'
+    (default) counts nothing before the last pose is reached: from there on the mean of their integrand, times the square
+    of the share of the final height, both at most 1; and how near it ever came to being upright, high and about to rest
+    (extrapolated centre of mass: A. L. Hof et al., J. Biomechanics 38, 2005), so that those who fall can be compared.
     """
 
     name: str
@@ -94,16 +97,23 @@ class Transition:
     def score(self, rollouts: Sequence[Rollout]) -> Array:
         """(b,) minus the fitness, NaN where a simulation failed or nothing was measured. See Task.score."""
         (rollout,) = rollouts
-        angle, height, _ = self._seen(rollout)
-        upright = 1.0 / (angle + _FLOOR)
+        angle, height, rate = self._seen(rollout)
+        time, arrival = rollout.trial.observed[ANGLES].time, self.arrivals(rollout)
         if self.fitness == "paper":
-            return -upright.mean(axis=1)
-        late = upright.shape[1] - round(AFTER * self.rate)
-        high = np.clip(height[:, late:] / self.final_height, 0.0, 1.0)
-        return -(
-            upright.mean(axis=1) + 2.0 * (upright[:, late:] * high**2).mean(axis=1) + 10.0 * high.mean(axis=1)
-            + 10.0 * self.succeeded(rollouts)
-        )  # fmt: skip
+            counted = np.clip((arrival + AFTER)[:, None] - time[:-1], 0.0, 1.0 / self.rate)
+            return -(counted / (angle[:, :-1] + _EPSILON)).sum(axis=1)
+        high = np.clip(height / self.final_height, 0.0, 1.0) ** 2
+        there = np.where(time > arrival[:, None], high * _EPSILON / (angle + _EPSILON), np.nan)
+        # Of a pendulum as long as the robot is high: zero if it is going to come to rest upright (capture point).
+        capture = np.minimum(np.hypot(angle, rate * np.sqrt(self.final_height / _GRAVITY)), np.pi)
+        nearest = (high * (0.5 * (1.0 + np.cos(capture)) + _EPSILON / (capture + _EPSILON))).max(axis=1)
+        return -(np.nanmean(there, axis=1) + 0.5 * nearest)
+
+    def arrivals(self, rollout: Rollout) -> Array:
+        """(b,) when each motion reaches its last pose, in s; the latest that may be where nobody says which motion it was."""
+        if rollout.settings is None:
+            return np.full(len(rollout.channels[ANGLES]), self.duration - AFTER)
+        return rollout.settings[:, [n.startswith("interval") for n in self.parameters.names]].sum(axis=1)
 
     def succeeded(self, rollouts: Sequence[Rollout]) -> NDArray[np.bool_]:
         """(b,) whether it ended upright (or inverted), high and still, by simulations and recordings alike."""

@@ -46,8 +46,10 @@ class Run:
         controllers: ControllerFactory | None, contacts: bool,
     ) -> None:  # fmt: skip
         self.simulator, self.trials, self.candidates = simulator, trials, len(values)
+        count = len(simulator.quantities)
+        self.settings = values[:, count:] if values.shape[1] > count else None
         self.contacts, self.compiled = contacts, simulator.compiled
-        self.signals = Signals(simulator.model, simulator.quantities, trials, values[:, : len(simulator.quantities)])
+        self.signals = Signals(simulator.model, simulator.quantities, trials, values[:, :count])
         self.failures: list[dict[int, str]] = [{} for _ in trials]
         self.ends: list[dict[int, Ended]] = [{} for _ in trials]
         self._stopped: list[dict[int, float]] = [{} for _ in trials]  # row to the instant up to which it is known
@@ -91,7 +93,13 @@ class Run:
     def rollouts(self) -> list[Rollout]:
         """What was read off, one Rollout a trial."""
         return [
-            Rollout(trial, {name: self._seen(k, name) for name in self.out[k]}, self.failures[k], self.ends[k])
+            Rollout(
+                trial,
+                {name: self._seen(k, name) for name in self.out[k]},
+                self.failures[k],
+                self.ends[k],
+                self.settings,
+            )
             for k, trial in enumerate(self.trials)
         ]
 

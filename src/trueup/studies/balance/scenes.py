@@ -69,7 +69,6 @@ SCENES = {
         inverted=True, heights=(0.28, 0.33),
     ),
 }  # fmt: skip
-_INVERTED_HEIGHT = 0.112  # m, of the torso on its hands: as a first trial settled
 
 
 def model_of(name: str) -> Model:
@@ -109,13 +108,13 @@ def transition(name: str, *, step: float = 0.002, fitness: str = "repaired") -> 
     simulator = MujocoSimulator(model, step=step)
     heights = np.linspace(*scene.heights, 25)
     start = settled(simulator, motion.joints, motion.first, heights.tolist(), pitch=scene.pitch, name=name)
-    height = _INVERTED_HEIGHT if scene.inverted else _standing_height(model, step)
+    height = _final_height(motion, step, inverted=scene.inverted)
     return simulator, Transition(name, motion, start, height, inverted=scene.inverted, fitness=fitness)
 
 
-def _standing_height(model: Model, step: float) -> float:
-    joints = model.names("actuator")
-    rest = settled(
-        MujocoSimulator(load(PATH), step=step), joints, pose_of(joints, STAND), np.linspace(0.29, 0.32, 13).tolist()
-    )
+def _final_height(motion: Motion, step: float, *, inverted: bool) -> float:
+    """m, of the torso that rests in the last pose, on its feet or its hands, with nothing beside it."""
+    heights = np.linspace(0.07, 0.16, 19) if inverted else np.linspace(0.29, 0.32, 13)
+    bare = MujocoSimulator(load(PATH), step=step)
+    rest = settled(bare, motion.joints, motion.last, heights.tolist(), roll=np.pi if inverted else 0.0, name="last")
     return float(rest["base_position"].column("z")[0])
