@@ -23,6 +23,7 @@ SOURCE = ROOT / "src" / "trueup"
 
 NOUNS = (
     "evidence",
+    "files",
     "extensions",
     "parameters",
     "recording",

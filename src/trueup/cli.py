@@ -94,9 +94,9 @@ def _message(error: Exception) -> str | None:
 
 def _consoles(args: argparse.Namespace) -> tuple[Console, Console]:
     """Results go to standard output, progress, notes and errors to standard error."""
-    from rich.console import Console
+    from trueup.commands.console import PlainConsole
 
-    return Console(), Console(stderr=True)
+    return PlainConsole(), PlainConsole(stderr=True)
 
 
 def _parser(given: Sequence[str]) -> argparse.ArgumentParser:

@@ -23,6 +23,10 @@ class MappingError(RecordingError):
     """The mapping from columns to channels does not fit the file."""
 
 
+class OtherFilesMappingError(MappingError):
+    """A mapping names not one column that the file has: it was written for other files."""
+
+
 class ParameterError(TrueupError):
     """A parameter declaration or a value is impossible (bounds crossed, unknown scale, wrong shape)."""
 

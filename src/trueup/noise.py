@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import comb, sqrt
 
 import numpy as np
@@ -18,13 +19,14 @@ _FEWEST = 8  # samples below which nothing is estimated
 _LEVELS = 6  # distinct values needed to tell a grid
 
 
-def estimate_noise(values: ArrayLike, time: ArrayLike) -> Array:
+def estimate_noise(values: ArrayLike, time: ArrayLike, grid: Sequence[float | None] | None = None) -> Array:
     """(k,) standard deviation of the measurement noise of each column, in the unit of `values` (T, k); time (T,) in s.
 
     Divided differences of high order remove every motion that is smooth over a few samples, at uneven instants too,
     and leave white noise with a known factor. The median over short blocks passes over bursts (impacts, steps). Where
-    values lie on an encoder grid the result is at least its quantisation error, step / sqrt(12). NaN where a column
-    has fewer than 8 samples. Noise that is slow (drift, filtered signals) is not seen.
+    values lie on an encoder grid (`grid`, where each column's step is known already) the result is at least its
+    quantisation error, step / sqrt(12). NaN where a column has fewer than 8 samples. Noise that is slow (drift, filtered
+    signals) is not seen.
     """
     matrix = np.asarray(values, dtype=np.float64)
     columns = matrix[:, None] if matrix.ndim == 1 else matrix
@@ -32,10 +34,11 @@ def estimate_noise(values: ArrayLike, time: ArrayLike) -> Array:
     noise = np.full(columns.shape[1], np.nan)
     finite = np.isfinite(columns)
     gaps = ~finite.all(axis=0)
-    noise[~gaps] = _noise(columns[:, ~gaps], instants)
+    noise[~gaps] = _scattered(columns[:, ~gaps], instants)
     for k in np.flatnonzero(gaps):
-        noise[k] = _noise(columns[finite[:, k], k : k + 1], instants[finite[:, k]])[0]
-    return noise
+        noise[k] = _scattered(columns[finite[:, k], k : k + 1], instants[finite[:, k]])[0]
+    steps = [estimate_grid(column) for column in columns.T] if grid is None else grid
+    return np.maximum(noise, np.array([step or 0.0 for step in steps]) / sqrt(12.0))
 
 
 def spread(errors: ArrayLike) -> Array:
@@ -68,14 +71,12 @@ def estimate_grid(values: ArrayLike) -> float | None:
     return best
 
 
-def _noise(columns: Array, time: Array) -> Array:
-    """(k,) noise of columns (T, k) without gaps."""
+def _scattered(columns: Array, time: Array) -> Array:
+    """(k,) what scatters in columns (T, k) without gaps."""
     if len(time) < _FEWEST:
         return np.full(columns.shape[1], np.nan)
     orders = [order for order in _ORDERS if len(time) >= 4 * order] or [_ORDERS[0]]
-    spread = np.min([_scatter(columns, time, order) for order in orders], axis=0)
-    steps = [estimate_grid(column) or 0.0 for column in columns.T]
-    return np.maximum(spread, np.array(steps) / sqrt(12.0))
+    return np.min([_scatter(columns, time, order) for order in orders], axis=0)
 
 
 def _scatter(columns: Array, time: Array, order: int) -> Array:

@@ -85,7 +85,7 @@ def test_via_points_keep_the_tool_in_its_box(arm: Path) -> None:
         (["--via-points", "6"], "needs a region"),
         (["--floor", "low"], "choices are auto, none, or a height"),
         (["--duration", "-3"], "a number above 0 is needed"),
-        (["--region", "nowhere.toml"], "does not exist"),
+        (["--region", "nowhere.toml"], "no such file"),
         (["--limits", "limits.toml"], "joint 'bnd' is not in the model"),
         (["--region", "far.toml"], "no posture reaches the middle of the box"),
         (["--region", "low.toml", "--margin", "10"], "collides"),

@@ -72,7 +72,7 @@ def test_a_ball_joint_and_a_missing_file_are_named(tmp_path: Path) -> None:
     )
     with pytest.raises(ModelError, match="joint 'eye' of 'ball' is ball"):
         load_tree(file, fix_base=True)
-    with pytest.raises(ModelError, match=r"no\.urdf' does not exist"):
+    with pytest.raises(ModelError, match=r"no\.urdf: no such file"):
         load_tree(tmp_path / "no.urdf")
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import json
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from trueup import files
 from trueup.articulated.assignments import Assignment
 from trueup.articulated.declarations import Declaration
 from trueup.articulated.model import WORLD
@@ -59,12 +59,7 @@ def read_gains(path: str | Path | None) -> dict[str, float]:
 
 
 def _read(path: str | Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ParameterError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ParameterError(f"{path}: not valid TOML ({error})") from None
+    return files.toml(Path(path), ParameterError)
 
 
 def write_parameters(

@@ -7,11 +7,14 @@ import dataclasses
 import hashlib
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from trueup.campaign.events import Begun, Ended
-from trueup.campaign.journal import JOURNAL, keep_text, read_journal
+from trueup import files
+from trueup.campaign.events import Begun, Ended, Event
+from trueup.campaign.journal import JOURNAL, keep_text, read_journal, read_whole
 from trueup.campaign.plan import PlanFile, plan_in
 from trueup.errors import JournalError, PlanError, TrueupError
 
@@ -56,19 +59,33 @@ class Folder:
     def open(cls, path: Path) -> Folder:
         """A campaign begun before. Raises JournalError where there is none, PlanError where its plan cannot be used."""
         try:
-            origin = json.loads((path / _ORIGIN).read_text(encoding="utf-8"))
-            text = (path / PLAN).read_text(encoding="utf-8")
+            origin = json.loads(files.text(path / _ORIGIN, JournalError))
+            check = _check_of(origin)
+            text = files.text(path / PLAN, JournalError)
             where, seed = Path(os.path.normpath(path / origin["plan"])), int(origin["seed"])
-        except (OSError, ValueError, KeyError, TypeError):
+        except (JournalError, ValueError, KeyError, TypeError):
             raise JournalError(f"{path}: this is not a campaign's folder; `trueup run PLAN` makes one") from None
+        if origin.get("check", check) != check:
+            raise JournalError(f"{path / _ORIGIN}: altered or damaged; restore it from a copy")
         file = PlanFile(plan_in(text, where), where, text)
         used = dataclasses.replace(file, plan=dataclasses.replace(file.plan, seed=seed))
         return cls(path, used, _checksum(used))
 
+    def events(self) -> tuple[Event, ...]:
+        """What its journal holds, for reading. Raises JournalError, also where it is the journal of another plan."""
+        events = read_whole(self.path)
+        if events and not (isinstance(events[0], Begun) and events[0].plan == self.checksum):
+            raise JournalError(
+                f"{self.path / JOURNAL} is not of the plan in {self.path / PLAN} with the seed in {_ORIGIN}: one of them was "
+                "altered; restore it from a copy"
+            )
+        return events
+
     def _keep(self) -> None:
         origin = os.path.relpath(self.file.path.resolve(), self.path.resolve())
         keep_text(self.path / PLAN, self.file.text)
-        keep_text(self.path / _ORIGIN, json.dumps({"plan": origin, "seed": self.file.plan.seed}))
+        known = {"plan": origin, "seed": self.file.plan.seed}
+        keep_text(self.path / _ORIGIN, json.dumps({**known, "check": _check_of(known)}))
 
 
 def _elsewhere(asked: Path, at: Path, file: PlanFile) -> str:
@@ -115,6 +132,11 @@ def _unclaimed(path: Path, check: str) -> bool:
         return not (path / _ORIGIN).exists() or Folder.open(path).checksum == check
     except TrueupError:
         return False
+
+
+def _check_of(origin: Mapping[str, Any]) -> str:
+    """A check sum of what stands in a campaign's origin.json."""
+    return hashlib.sha256(json.dumps([origin["plan"], origin["seed"]]).encode()).hexdigest()[:16]
 
 
 def _checksum(file: PlanFile) -> str:

@@ -22,6 +22,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TextIO, TypeVar
 
+from trueup import files
 from trueup.campaign.events import Event, from_plain, to_plain
 from trueup.errors import JournalError, OutputError
 from trueup.formats.aside import written_aside
@@ -41,6 +42,14 @@ def read_journal(folder: Path) -> tuple[Event, ...]:
     Raises JournalError where there is no journal, or a line is damaged, altered or of another version.
     """
     return _Content.of(folder / JOURNAL).events
+
+
+def read_whole(folder: Path) -> tuple[Event, ...]:
+    """The same, where no line that was written is missing at the end either. Raises JournalError."""
+    noted = _noted(folder)  # before the journal: what another process writes in between is no line that is missing
+    events = _Content.of(folder / JOURNAL).events
+    _check_whole(folder, len(events), noted)
+    return events
 
 
 def set_back(folder: Path, line: int) -> Path:
@@ -72,8 +81,8 @@ def read_times(folder: Path) -> dict[int, float]:
     """Event number -> when it was written, in s since the epoch; whatever can be read."""
     found: dict[int, float] = {}
     try:
-        lines = (folder / TIMES).read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError):
+        lines = files.text(folder / TIMES, JournalError).splitlines()
+    except JournalError:
         return found
     for line in lines:
         try:
@@ -101,7 +110,7 @@ class Journal:
         path = folder / JOURNAL
         try:
             content = _Content.of(path) if path.exists() else _Content((), 0, hashlib.sha256())
-            _check_whole(folder, len(content.events))
+            _check_whole(folder, len(content.events), _noted(folder))
         except JournalError:
             self._lock.close()
             raise
@@ -251,7 +260,12 @@ def _check(before: hashlib._Hash, body: bytes) -> str:
     return digest.hexdigest()[:16]
 
 
-def _check_whole(folder: Path, events: int) -> None:
+def _noted(folder: Path) -> int:
+    """How many lines were written, by the instants that stand beside the journal."""
+    return 1 + max(read_times(folder), default=-1)
+
+
+def _check_whole(folder: Path, events: int, noted: int) -> None:
     """Raises JournalError where lines are missing at the end: when each was written is noted after it was safe."""
     path = folder / JOURNAL
     outcome = next(iter(sorted(folder.glob(OUTCOMES))), None)
@@ -260,7 +274,6 @@ def _check_whole(folder: Path, events: int) -> None:
             f"{path}: empty, though {outcome} is the outcome of a trial. Restore the journal from a copy; a new campaign "
             "needs another folder (--out)"
         )
-    noted = 1 + max(read_times(folder), default=-1)
     if noted > events:
         raise JournalError(
             f"{path}: has {events} whole lines where {noted} were written ({TIMES}). Restore it from a copy, or go on from "
@@ -273,9 +286,4 @@ def _time_line(number: int, at: float) -> str:
 
 
 def _bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise JournalError(
-            f"{path}: cannot be read ({error.strerror or error}); is this a campaign's folder?"
-        ) from None
+    return files.content(path, JournalError)

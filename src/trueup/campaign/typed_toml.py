@@ -14,6 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
+from trueup import files
 from trueup.errors import PlanError
 
 T = TypeVar("T")
@@ -45,14 +46,9 @@ class Component:
 
 def read_text(path: Path) -> str:
     """The text of a file. Raises PlanError."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise PlanError(f"{path}: no such file; `trueup new NAME` writes a plan to edit") from None
-    except UnicodeDecodeError as error:
-        raise PlanError(f"{path}: is not text in UTF-8 ({error.reason} at byte {error.start})") from None
-    except OSError as error:
-        raise PlanError(f"{path}: cannot be read ({error.strerror or error})") from None
+    if not path.exists() and not path.is_symlink():
+        raise PlanError(f"{path}: no such file{files.hint(path)}; `trueup new NAME` writes a plan to edit")
+    return files.text(path, PlanError)
 
 
 def parse_toml(text: str, where: Path) -> dict[str, Value]:

@@ -10,16 +10,27 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich.box import SIMPLE
 from rich.console import Console
 from rich.markup import escape
+from rich.table import Table
 
 from trueup.calibration import Calibration
 from trueup.campaign.output import Output, fingerprint
 from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
-from trueup.commands.sources import STEP, add_refuse, mapping_for, readable, refusable, split, step_of, while_driven
+from trueup.commands.sources import (
+    STEP,
+    add_refuse,
+    mapping_for,
+    readable,
+    recordings_in,
+    refusable,
+    split,
+    step_of,
+    while_driven,
+)
 from trueup.errors import ModelError
-from trueup.formats import read
 from trueup.recording import Recording
 from trueup.report import replay_picture, write_report
 from trueup.report.writing import write_aside
@@ -57,7 +68,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What this command takes."""
     parser.add_argument("model", metavar="MODEL", help="MJCF or URDF of the robot, or TOML of a car")
     parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="files or folders")
-    parser.add_argument("--out", required=True, metavar="DIR", help="folder for the results; the next run takes DIR-2")
+    parser.add_argument("--out", metavar="DIR", default="fit",
+                        help="folder for the results; the next run takes DIR-2 (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--dry-run", action="store_true",
+                        help="read everything, say what would be calibrated and from where to where, and stop")  # fmt: skip
     parser.add_argument("--hold-out", nargs="+", action="append", default=[], metavar="NAME",
                         help="recordings to judge by and not to fit: names, patterns ('fast_*') or paths")  # fmt: skip
     parser.add_argument("--parameters", metavar="FILE", help="what to calibrate (TOML); proposed if absent")
@@ -92,18 +106,21 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     ready = prepare(args.model, training, held_out, parameters=args.parameters, beyond_mjcf=args.beyond_mjcf,
                     step=args.step, refuse=args.refuse)  # fmt: skip
     family, simulator = ready.family, ready.simulator
-    output = _output(args, ready)
+    output = None if args.dry_run else _output(args, ready)
     if not args.quiet:
         more = (
             *ready.notes,
             *refusable(ready.diagnoses),
             *ready.unused(),
             *family.advice(simulator),
-            *([output.note] if output.note else []),
+            *([output.note] if output and output.note else []),
         )
         for note in (*notes, *more):
             told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
         told.print(escape(proposal_line(family.kinds(simulator), given=args.parameters is not None)), soft_wrap=True)
+    if output is None:
+        _show_proposal(ready, console)
+        return 0
     calibration = _calibrated(args, ready, output, told)
     files, said = _write(args, output, ready, calibration)
     if args.json:
@@ -116,13 +133,26 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     return 0
 
 
+def _show_proposal(ready: Preparation, console: Console) -> None:
+    """What would be calibrated, each from where, and within what."""
+    table = Table(box=SIMPLE, title_justify="left", title="would be calibrated")
+    for name in ("parameter", "unit", "start", "lowest", "highest"):
+        table.add_column(name, justify="left" if name in ("parameter", "unit") else "right")
+    for p in ready.simulator.parameters.parameters:
+        if not p.frozen:
+            table.add_row(escape(p.name), escape(p.unit), *(f"{v:.4g}" for v in (p.nominal, p.lower, p.upper)))
+    console.print(table)
+    fitted, judged = (", ".join(r.name for r in rows) or "none" for rows in (ready.recordings, ready.hold_out))
+    console.print(f"  fitted: {escape(fitted)}; held out: {escape(judged)}", soft_wrap=True, highlight=False)
+
+
 def _recordings(args: argparse.Namespace) -> tuple[list[Recording], list[Recording], list[str]]:
     paths, notes = readable(args.recordings)
     mapping, more = mapping_for(args.mapping)
-    recordings = [r for path in paths for r in read([path], mapping)]
+    recordings, others = recordings_in(paths, mapping, named=args.mapping is not None)
     recordings, cut = while_driven(recordings)
     training, held_out = split(recordings, [h for group in args.hold_out for h in group], mapping)
-    return training, held_out, [*notes, *more, *cut]
+    return training, held_out, [*notes, *more, *others, *cut]
 
 
 def _output(args: argparse.Namespace, ready: Preparation) -> Output:

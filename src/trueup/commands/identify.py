@@ -16,9 +16,9 @@ from rich.console import Console
 from rich.markup import escape
 
 from trueup.campaign.output import free_folder
-from trueup.commands.sources import mapping_for, readable, split
+from trueup.commands.sources import Mapped, mapping_for, readable, recordings_in, split
 from trueup.errors import IdentificationError, OutputError
-from trueup.formats import ChannelMap, TimeColumn, guess_mapping, read
+from trueup.formats import ChannelMap, TimeColumn, guess_mapping
 from trueup.formats.aside import written_aside
 from trueup.recording import Recording
 
@@ -151,12 +151,12 @@ def _recordings(
 ) -> tuple[list[Recording], list[Recording], list[str]]:
     paths, notes = readable(args.recordings)
     mapping, more = mapping_for(args.mapping)
-    used: ChannelMap | Path | None = mapping
+    used: Mapped = mapping
     if args.rate is not None:
         used = _with_rate(ChannelMap.load(mapping) if mapping else guess_mapping(paths), args.rate)
-    recordings = [r for path in paths for r in read([path], used)]
+    recordings, others = recordings_in(paths, used, named=args.mapping is not None)
     training, held_out = split(recordings, hold_out, mapping)
-    return training, held_out, [*notes, *more]
+    return training, held_out, [*notes, *more, *others]
 
 
 def _weighed(
@@ -167,7 +167,7 @@ def _weighed(
     from trueup.identification.estimation.payload import drives_from_payload, payload_inertial
 
     mapping, _ = mapping_for(args.mapping)
-    loaded = [r for path in args.payload for r in read([Path(path)], mapping)]
+    loaded, _ = recordings_in([Path(path) for path in args.payload], mapping, named=args.mapping is not None)
     _, (loaded, _), _ = matched(tree, (loaded, []))
     load = payload_inertial(args.payload_mass, args.payload_com)
     return drives_from_payload(tree, training, loaded, drives, load, cutoff=args.cutoff)

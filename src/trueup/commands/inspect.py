@@ -14,7 +14,7 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from trueup.commands.sources import MAPPING, mapping_for, readable
+from trueup.commands.sources import MAPPING, mapping_for, readable, recordings_in
 from trueup.errors import MappingError
 from trueup.formats import ChannelMap, TimeColumn, guess_mapping, read
 from trueup.inspection import ChannelInspection, Inspection, inspect
@@ -51,7 +51,8 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     target = Path(args.write_mapping or MAPPING)
     mapping, more = (None, []) if args.force and not args.mapping else mapping_for(args.mapping or _existing(target))
     notes += more
-    recordings = _read(paths, mapping, args.rate, target)
+    recordings, other = _read(paths, mapping, args.rate, target, named=args.mapping is not None)
+    notes += other
     if args.model is not None:
         notes += _unknown(recordings, args.model) if mapping is not None else []
     found = [inspect(r) for r in (_in_units_of(args.model, recordings) if args.model is not None else recordings)]
@@ -83,14 +84,18 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     return 0
 
 
-def _read(paths: Sequence[Path], mapping: Path | None, rate: float | None, target: Path) -> list[Recording]:
-    """The recordings; where nothing but the time of the samples is missing, the guess is kept for the user to fill in."""
+def _read(
+    paths: Sequence[Path], mapping: Path | None, rate: float | None, target: Path, *, named: bool
+) -> tuple[list[Recording], list[str]]:
+    """The recordings and notes; where nothing but the time of the samples is missing, the guess is kept for the user to
+    fill in.
+    """
     if mapping is not None:
-        return read(paths, mapping)
+        return recordings_in(paths, mapping, named=named)
     if rate is not None:
-        return read(paths, _with_rate(guess_mapping(paths), rate))
+        return read(paths, _with_rate(guess_mapping(paths), rate)), []
     try:
-        return read(paths)
+        return read(paths), []
     except MappingError as error:
         if not guess_mapping(paths).time.column and not guess_mapping(paths).time.file:
             guess_mapping(paths).save(target)

@@ -18,8 +18,16 @@ from rich.table import Table
 from trueup.calibration import Replay, pooled_rmse
 from trueup.campaign.output import free_folder
 from trueup.commands.replay_drives import drive_table, plain_drive, write_drives
-from trueup.commands.sources import STEP, add_refuse, mapping_for, readable, refusable, step_of, while_driven
-from trueup.formats import read
+from trueup.commands.sources import (
+    STEP,
+    add_refuse,
+    mapping_for,
+    readable,
+    recordings_in,
+    refusable,
+    step_of,
+    while_driven,
+)
 from trueup.formats.plain import finite
 from trueup.report import replay_picture
 from trueup.report.numbers import ratio_text, scale_for
@@ -64,10 +72,11 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Replays, shows a table, writes pictures if asked. Raises TrueupError. Returns the exit code."""
     paths, notes = readable(args.recordings)
     mapping, more = mapping_for(args.mapping)
-    recordings, cut = while_driven([r for path in paths for r in read([path], mapping)])
+    recordings, others = recordings_in(paths, mapping, named=args.mapping is not None)
+    recordings, cut = while_driven(recordings)
     compared, taken = _compared(args, recordings)
     if not args.quiet:
-        for note in (*notes, *more, *cut, *taken):
+        for note in (*notes, *more, *others, *cut, *taken):
             told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
     beside = bool(args.against or args.parameters)
     found = compared.replays

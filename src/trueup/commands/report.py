@@ -31,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Writes the report. Raises JournalError where there is no campaign, OutputError. Returns the exit code."""
     folder = Folder.open(Path(args.folder))
+    folder.events()  # what was altered is said before anything is told of it
     path = write_campaign_report(folder.path, folder.file.plan, Path(args.out) if args.out else None)
     console.print(escape(str(path)), soft_wrap=True, highlight=False)
     return 0

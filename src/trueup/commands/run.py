@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.metadata
+import tempfile
 from pathlib import Path
 from typing import cast
 
@@ -13,8 +14,8 @@ from rich.markup import escape
 
 from trueup.campaign.folder import Folder
 from trueup.campaign.history import History
-from trueup.campaign.journal import Journal, read_journal
-from trueup.campaign.plan import read_plan
+from trueup.campaign.journal import Journal
+from trueup.campaign.plan import PlanFile, read_plan
 from trueup.commands.campaign_view import CampaignView, Unknown
 from trueup.commands.status import as_json, show_status
 from trueup.report.campaign import write_campaign_report
@@ -38,6 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("plan", nargs="?", default="campaign.toml", metavar="PLAN", help="default: %(default)s")
     parser.add_argument("--out", metavar="DIR", help="folder of the campaign (default: the plan's, or its name)")
     parser.add_argument("--seed", type=int, metavar="N", help="of all random numbers (default: the plan's)")
+    parser.add_argument("--dry-run", action="store_true",
+                        help="make everything that the plan names, say what it is, and stop")  # fmt: skip
     add_common(parser)
 
 
@@ -52,8 +55,30 @@ def add_common(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Runs the plan. Raises TrueupError, and KeyboardInterrupt after saying how to go on. Returns the exit code."""
-    folder = Folder.begin(read_plan(Path(args.plan)), Path(args.out) if args.out else None, args.seed)
+    file = read_plan(Path(args.plan))
+    if args.dry_run:
+        return _made(file, console)
+    folder = Folder.begin(file, Path(args.out) if args.out else None, args.seed)
     return go_on(folder, args, console, told)
+
+
+def _made(file: PlanFile, console: Console) -> int:
+    """Makes all parts of a plan, and says what they are."""
+    from trueup.campaign.resolve import parts_of
+
+    with tempfile.TemporaryDirectory() as folder:
+        parts = parts_of(file, Path(folder), lambda _line: None)
+        free = [p.name for p in parts.task.parameters.parameters if not p.frozen]
+        fitted = [p.name for p in parts.simulator.parameters.parameters if not p.frozen]
+        for line in (
+            f"{file.path}: the plan of '{file.plan.name}' can be run",
+            f"robot       {file.plan.robot.type}",
+            f"simulator   {parts.simulator.name}, calibrates: {', '.join(fitted) or 'nothing'}",
+            f"task        {parts.task.name}, tunes: {', '.join(free)}",
+            f"recordings  {', '.join(r.name for r in (*parts.recordings, *parts.held_out)) or 'none yet'}",
+        ):
+            console.print(escape(line), soft_wrap=True, highlight=False)
+    return 0
 
 
 def go_on(folder: Folder, args: argparse.Namespace, console: Console, told: Console) -> int:
@@ -86,7 +111,7 @@ def go_on(folder: Folder, args: argparse.Namespace, console: Console, told: Cons
 def told_outcome(folder: Folder, args: argparse.Namespace, console: Console) -> int:
     """Writes the report and shows the outcome."""
     report = write_campaign_report(folder.path, folder.file.plan)
-    history = History.of(read_journal(folder.path))
+    history = History.of(folder.events())
     if args.json:
         console.print_json(as_json(history))
         return 0

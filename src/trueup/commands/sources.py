@@ -10,11 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from trueup.errors import FormatError, RecordingError, unknown_name
-from trueup.formats import is_recording, read
+from trueup import files
+from trueup.errors import FormatError, OtherFilesMappingError, RecordingError, unknown_name
+from trueup.formats import ChannelMap, is_recording, read
 from trueup.inspection.diagnosis import Diagnosis
 from trueup.recording import Recording
 
+Mapped = ChannelMap | Path | None
+"""What says how columns become channels; None: guessed."""
 ENABLED = "torque_enable"
 """Channel that is zero while a drive is off."""
 STEP = 0.002
@@ -27,8 +30,8 @@ def readable(paths: Sequence[str]) -> tuple[list[Path], list[str]]:
     """The paths that may be recordings, and notes on those left out (a licence, a picture). Raises FormatError."""
     given = [Path(p) for p in paths]
     for path in given:
-        if not path.exists():
-            raise FormatError(f"{path}: no such file or folder")
+        if not path.is_dir():
+            files.check(path, FormatError)
     kept = [p for p in given if is_recording(p)] or given
     left = [p.name for p in given if p not in kept]
     return kept, [f"left out, no recordings: {', '.join(left)}"] if left else []
@@ -41,6 +44,26 @@ def mapping_for(named: str | None) -> tuple[Path | None, list[str]]:
     if MAPPING.is_file():
         return MAPPING, [f"columns are read as {MAPPING} in this folder says"]
     return None, []
+
+
+def recordings_in(paths: Sequence[Path], mapping: Mapped, *, named: bool) -> tuple[list[Recording], list[str]]:
+    """The recordings in files, and notes. A mapping that was found rather than `named` is not used for files of which it
+    names no column: theirs are guessed.
+
+    Raises what `formats.read` raises.
+    """
+    recordings: list[Recording] = []
+    others: list[str] = []
+    for path in paths:
+        try:
+            recordings += read([path], mapping)
+        except OtherFilesMappingError:
+            if named:
+                raise
+            recordings += read([path])
+            others.append(path.name)
+    more = f"{mapping} names no column of {', '.join(others[:5])}{' ...' * (len(others) > 5)}: theirs are guessed"
+    return recordings, [more] if others else []
 
 
 def split(

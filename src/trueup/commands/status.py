@@ -16,7 +16,6 @@ from rich.table import Table
 
 from trueup.campaign.folder import Folder
 from trueup.campaign.history import History, RoundStory
-from trueup.campaign.journal import read_journal
 from trueup.campaign.plan import Plan
 from trueup.formats.plain import finite
 
@@ -40,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Shows the state. Raises JournalError where there is no campaign. Returns the exit code."""
     folder = Folder.open(Path(args.folder))
-    history = History.of(read_journal(folder.path))
+    history = History.of(folder.events())
     if args.json:
         console.print_json(as_json(history))
     else:

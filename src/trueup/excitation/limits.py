@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup import files
 from trueup.errors import ModelError, unknown_name
 
 if TYPE_CHECKING:
@@ -92,12 +92,7 @@ class JointLimits:
         Raises ModelError and UnknownNameError that name file and key.
         """
         file = Path(path)
-        try:
-            given = tomllib.loads(file.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            raise ModelError(f"limits file '{file}' does not exist") from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise ModelError(f"limits file '{file}' is not TOML: {error}") from None
+        given = files.toml(file, ModelError)
         values: dict[str, dict[str, float]] = {}
         for table in given:
             if table not in ("all", "joints"):

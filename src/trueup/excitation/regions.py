@@ -18,7 +18,6 @@ As a file (SI units, base frame of the model):
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trueup import files
 from trueup.errors import ModelError, unknown_name
 
 Array = NDArray[np.float64]
@@ -68,13 +68,7 @@ class Region:
     def load(cls, path: str | Path) -> Region:
         """Reads a region file (see the module). Raises ModelError and UnknownNameError that name file and key."""
         file = Path(path)
-        try:
-            with file.open("rb") as opened:
-                given = tomllib.load(opened)
-        except FileNotFoundError:
-            raise ModelError(f"region file '{file}' does not exist (looked in {file.absolute().parent})") from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise ModelError(f"region file '{file}' is not TOML: {error}") from None
+        given = files.toml(file, ModelError)
         for table, keys in _KEYS.items():
             for key in given.get(table, {}) if table else given:
                 if key not in keys:

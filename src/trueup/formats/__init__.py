@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from trueup.errors import FormatError
+from trueup.errors import FormatError, RecordingError, UnknownNameError
 from trueup.formats import parquet
 from trueup.formats.assembly import assemble
 from trueup.formats.mapping import ChannelColumns, ChannelMap, TimeColumn
@@ -16,6 +16,10 @@ from trueup.recording import Recording
 
 __all__ = ["ChannelColumns", "ChannelMap", "TimeColumn", "guess_mapping", "is_recording", "read", "write"]
 
+_FEWEST = 3
+"""Samples without which there is neither speed nor rate."""
+_SLOWEST, _FASTEST = 1e-3, 1e6
+"""Hz: from one sample in a quarter of an hour to what oscilloscopes do."""
 Paths = str | Path | Sequence[str | Path]
 
 
@@ -48,10 +52,26 @@ def guess_mapping(source: Paths) -> ChannelMap:
 
     Raises FormatError for unsound files, and MappingError where there is nothing to guess from.
     """
-    for found in _found(source, None):
-        if found.tables:
-            return guess(found.tables)
+    for path in [source] if isinstance(source, (str, Path)) else source:
+        for found in _found(path, None):
+            if found.tables:
+                return guess(found.tables)
     raise FormatError(f"{source}: these files are recordings of trueup already and need no mapping")
+
+
+def _check_sampled(recording: Recording) -> None:
+    """Raises FormatError for a channel that is no signal: of too few samples, or at a rate that nothing is sampled at."""
+    for channel in recording.channels.values():
+        where = f"'{recording.name}', channel '{channel.name}'"
+        if len(channel.time) < _FEWEST:
+            count = f"{len(channel.time)} sample{'s' * (len(channel.time) != 1)}"
+            raise FormatError(f"{where}: {count}; at least {_FEWEST} are needed to tell how it moves")
+        rate = (len(channel.time) - 1) / float(channel.time[-1] - channel.time[0])
+        if not _SLOWEST <= rate <= _FASTEST:
+            raise FormatError(
+                f"{where}: {rate:.3g} samples per second, as nothing is sampled; say in [time] of the mapping which unit "
+                "the times have"
+            )
 
 
 def _found(source: Paths, mapping: ChannelMap | None) -> list[Source]:
@@ -75,7 +95,13 @@ def _recording(found: Source, mapping: ChannelMap | None, how: str) -> Recording
         **{f"sha256 of {name}": digest for name, digest in checksums(found.paths).items()},
     }
     used = guess(found.tables) if mapping is None else mapping
-    recording = assemble(found.tables, used, found.name, provenance)
+    try:
+        recording = assemble(found.tables, used, found.name, provenance)
+    except (RecordingError, UnknownNameError) as error:
+        if how in ("guessed", "given"):
+            raise
+        raise type(error)(f"{error} (columns are read as {how} says)") from None
+    _check_sampled(recording)
     if mapping is not None or not used.notes:
         return recording
     return recording.replace(provenance={**recording.provenance, "guesses": "\n".join(used.notes)})

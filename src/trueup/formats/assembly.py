@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.errors import FormatError, MappingError, unknown_name
+from trueup.errors import FormatError, MappingError, OtherFilesMappingError, unknown_name
 from trueup.formats.clock import Samples, guess_unit, increasing, row_offset, seconds
 from trueup.formats.mapping import ChannelColumns, ChannelMap, TimeColumn
 from trueup.formats.rules.joints import joint_labels
@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 _DATE = 1e7
 # From this share of empty rows on, a channel has a slower clock than its table, rather than missing samples.
 _BLANK = 0.4
+# The squares of such numbers overflow: damage, not a measurement.
+_ABSURD = 1e150
 # Tables of words with at most so many rows are lists of events.
 _EVENTS = 50
 
@@ -33,6 +35,7 @@ def assemble(tables: Sequence[Table], mapping: ChannelMap, name: str, provenance
 
     Raises MappingError where the mapping names what is not there, and FormatError where the data are unsound.
     """
+    _check_meant(tables, mapping)
     warnings = [warning for table in tables for warning in table.warnings]
     channels: dict[str, Channel] = {}
     for role, entry in mapping.channels.items():
@@ -41,7 +44,10 @@ def assemble(tables: Sequence[Table], mapping: ChannelMap, name: str, provenance
         samples = _without_blanks(_timed(role, entry, mapping.time, table, tables, values), role)
         missing = int(np.count_nonzero(np.isnan(samples.values)))
         warnings += samples.warnings
-        if missing:
+        gone = [label for label, column in zip(labels, samples.values.T, strict=True) if np.isnan(column).all()]
+        if gone:
+            warnings.append(f"{role}: no value at all of {listing(gone)}")
+        if missing > len(gone) * len(samples.values):
             warnings.append(f"{role}: {missing} of {samples.values.size} values are missing")
         unit = to_si(entry.unit)[0]
         channels[role] = Channel(role, labels, unit, samples.time, samples.values)
@@ -49,6 +55,16 @@ def assemble(tables: Sequence[Table], mapping: ChannelMap, name: str, provenance
     facts = {**provenance, **_metadata(tables), **({"time_origin": f"{origin!r} s"} if origin else {})}
     recording = Recording(name, channels, with_warnings(facts, dict.fromkeys(warnings)))
     return _renamed(recording, mapping.joints)
+
+
+def _check_meant(tables: Sequence[Table], mapping: ChannelMap) -> None:
+    """Raises OtherFilesMappingError where no column of any channel is there."""
+    named = [pattern for entry in mapping.channels.values() for pattern in entry.columns]
+    names = [name for table in tables for name in (*table.columns, *table.text)]
+    if not any(_matches(pattern, name) for pattern in named for name in names):
+        raise OtherFilesMappingError(
+            f"{tables[0].path} has no column '{named[0]}'; columns are: {listing(names)}. The mapping names none of them"
+        )
 
 
 def _table(role: str, entry: ChannelColumns, tables: Sequence[Table]) -> Table:
@@ -110,7 +126,7 @@ def _values(role: str, entry: ChannelColumns, table: Table) -> tuple[Array, tupl
     _, factor, zero = to_si(entry.unit)
     with np.errstate(over="ignore", invalid="ignore"):
         values = (raw * scale + offset) * sign * factor + zero
-    values[~np.isfinite(values)] = np.nan
+    values[~(np.abs(values) < _ABSURD)] = np.nan
     return values, tuple(labels)
 
 

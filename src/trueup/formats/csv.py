@@ -14,6 +14,7 @@ import pyarrow as pa
 import pyarrow.csv as pacsv
 from numpy.typing import NDArray
 
+from trueup import files
 from trueup.errors import FormatError
 from trueup.formats.cells import parse_clock, parse_lists
 from trueup.formats.dialect import Dialect, is_empty, is_number, sniff, split
@@ -65,6 +66,9 @@ def read(path: Path) -> Table:
             text[name] = values
         elif values is not None:
             columns[name] = values
+    empty = [name for name in dialect.names if name not in columns and name not in text]
+    if empty:
+        warnings.append(f"{path.name}: nothing at all stands in column {listing(empty, 8)}")
     if not columns:
         raise FormatError(f"{path}: no column of numbers; columns are: {listing(dialect.names)}")
     return Table(
@@ -83,10 +87,7 @@ def read(path: Path) -> Table:
 
 def _text(path: Path) -> bytes:
     """The file as UTF-8 with plain line ends. Raises FormatError where it is empty or no text."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
+    data = files.content(path, FormatError)
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         data = data.decode("utf-16", "replace").encode()
     data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from trueup import files
 from trueup.errors import FormatError
 from trueup.formats.table import Array, Table, numbers, shown
 
@@ -17,12 +18,7 @@ def read(path: Path) -> Table:
 
     Raises FormatError naming line and column of a syntax error, or entry, key and value of what is no number.
     """
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except UnicodeDecodeError as error:
-        raise FormatError(f"{path}: not a text file (byte {error.start} is no UTF-8)") from None
+    text = files.text(path, FormatError)
     if not text.strip():
         raise FormatError(f"{path} is empty")
     data, warnings = _parse(text, path)

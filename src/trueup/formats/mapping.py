@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
+from trueup import files
 from trueup.errors import MappingError
 from trueup.formats import keys
 from trueup.formats.aside import written_aside
@@ -126,13 +126,7 @@ class ChannelMap:
     @staticmethod
     def load(path: str | Path) -> ChannelMap:
         """The mapping in a TOML file. Raises MappingError, naming the key, for what is unknown or of the wrong kind."""
-        try:
-            data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        except OSError as error:
-            raise MappingError(f"{path}: cannot be read ({error.strerror or error})") from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-            raise MappingError(f"{path}: not valid TOML ({error})") from None
-        return ChannelMap.from_dict(data, str(path))
+        return ChannelMap.from_dict(files.toml(Path(path), MappingError), str(path))
 
     @staticmethod
     def from_dict(data: Mapping[str, Any], where: str = "mapping") -> ChannelMap:

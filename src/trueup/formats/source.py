@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from trueup import files
 from trueup.errors import FormatError
 from trueup.formats import csv, json, npz, parquet, rosbag
 from trueup.formats.episodes import described, episodes, is_description
@@ -48,8 +49,8 @@ def sources(paths: Iterable[str | Path], *, together: bool) -> list[Source]:
     found: list[Source] = []
     for entry in paths:
         path = Path(entry)
-        if not path.exists():
-            raise FormatError(f"{path}: no such file or folder")
+        if not path.is_dir():
+            files.check(path, FormatError)
         found += _folder(path, together) if path.is_dir() and not rosbag.is_bag(path) else _file(path)
     return found
 
@@ -69,6 +70,8 @@ def checksums(paths: Sequence[Path]) -> dict[str, str]:
 
 def _file(path: Path) -> list[Source]:
     """The recording in a file, or one for each run that it holds."""
+    for part in path.iterdir() if path.is_dir() else [path]:
+        files.check(part, FormatError)
     if rosbag.is_bag(path):
         return [Source(path.stem if path.is_file() else path.name, (path,), tuple(rosbag.read(path)), reader="bag")]
     reader = _READERS.get(path.suffix.lower())

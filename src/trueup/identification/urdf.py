@@ -22,12 +22,9 @@ _MOVING = ("revolute", "continuous", "prismatic")
 
 def is_urdf(path: str | Path) -> bool:
     """True where the file's first element is <robot>. Raises ModelError where there is no such file or it is not XML."""
-    file = Path(path)
-    if not file.is_file():
-        raise ModelError(f"model file '{file}' does not exist (looked in {file.absolute().parent})")
     from trueup.engines.mujoco.reading.urdf_text import root_tag
 
-    return root_tag(file) == "robot"
+    return root_tag(path) == "robot"
 
 
 @dataclass
@@ -134,14 +131,14 @@ def _end(joint: Element, which: str, links: dict[str, Element], file: Path) -> s
 
 def _limits(elements: list[Element | None], key: str) -> Array:
     """(n,) one limit of each joint; 0 for speed or effort means that nobody filled it in."""
-    values = np.array([float(e.get(key, "nan")) if e is not None else np.nan for e in elements])
+    values = np.array([_number(e.get(key, "nan")) if e is not None else np.nan for e in elements])
     return np.where(values == 0.0, np.nan, values) if key in ("velocity", "effort") else values
 
 
 def _axis(joint: Element) -> Array:
     element = joint.find("axis")
     axis = _numbers(element.get("xyz", "1 0 0")) if element is not None else np.array([1.0, 0.0, 0.0])
-    if not (length := float(np.linalg.norm(axis))) > 0.0:
+    if not 0.0 < (length := float(np.linalg.norm(axis))) < np.inf:
         raise ModelError(f"joint '{joint.get('name')}' has axis {axis}, which has no direction")
     return axis / length
 
@@ -160,10 +157,21 @@ def _inertial(element: Element, link: str) -> Array:
     if mass is None or inertia is None:
         raise ModelError(f"<inertial> of link '{link}' lacks {'<mass>' if mass is None else '<inertia>'}")
     R, p = _pose(element.find("origin"))
-    xx, xy, xz, yy, yz, zz = (float(inertia.get(k, "0")) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    xx, xy, xz, yy, yz, zz = (_number(inertia.get(k, "0")) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
     full = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return from_com(float(mass.get("value", "0")), p, R @ full @ R.T)
+    return from_com(_number(mass.get("value", "0")), p, R @ full @ R.T)
 
 
 def _numbers(text: str) -> Array:
-    return np.array([float(word) for word in text.split()])
+    """Three numbers, as an <origin> or <axis> has them. Raises ModelError."""
+    values = np.array([_number(word) for word in text.split()])
+    if len(values) != 3 or not np.isfinite(values).all():
+        raise ModelError(f"'{text}' are not three numbers")
+    return values
+
+
+def _number(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        raise ModelError(f"'{word}' is not a number") from None

@@ -111,8 +111,8 @@ def inspect(recording: Recording) -> Inspection:
 
 def _inspect(channel: Channel, recording: Recording) -> ChannelInspection:
     rate, jitter, gaps = _clock(channel.time)
-    noise = estimate_noise(channel.values, channel.time)
     grid = tuple(estimate_grid(column) for column in channel.values.T)
+    noise = estimate_noise(channel.values, channel.time, grid)
     motionless = tuple(
         label
         for label, column, sigma, step in zip(channel.labels, channel.values.T, noise, grid, strict=True)

@@ -9,6 +9,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
+from trueup import files
 from trueup.errors import FormatError, OutputError
 from trueup.paths.path import SPACING, Path
 from trueup.paths.speed import SpeedLimits
@@ -26,11 +27,7 @@ def read_path(
     `spline`: the points are waypoints of a smooth curve, not corners. Raises FormatError with file and line.
     """
     where = FilePath(file)
-    try:
-        with where.open(encoding="utf-8-sig", newline="") as opened:
-            text = opened.read()
-    except (OSError, UnicodeDecodeError) as error:
-        raise FormatError(f"path '{where}' cannot be read: {error}") from None
+    text = files.text(where, FormatError)
     delimiter = max(",;\t", key=text.count)
     rows = [
         (n, r) for n, r in enumerate(csv.reader(text.splitlines(), delimiter=delimiter), 1) if any(map(str.strip, r))

@@ -221,7 +221,7 @@ def _plan(history: History, plan: Plan, times: dict[int, float], plan_text: str)
     begun: list[tuple[str, str]] = [("seed", str(plan.seed))]
     if history.begun is not None:
         begun += [("trueup", history.begun.version), ("plan and seed, SHA-256", history.begun.plan[:16] + "…")]
-    if times:
+    if times and 0.0 < min(times.values()) <= max(times.values()) < 253e9:  # s: until the year 9999
         first, last = (datetime.fromtimestamp(f(times.values())) for f in (min, max))
         begun += [("begun", f"{first:%Y-%m-%d %H:%M}"), ("last event", f"{last:%Y-%m-%d %H:%M}"),
                   ("from first to last", duration_text((last - first).total_seconds()))]  # fmt: skip

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup import files
 from trueup.engines.mujoco.attributes import SLACK, MujocoAttributes, is_position_servo
 from trueup.engines.mujoco.fields import SingleModel
 from trueup.engines.mujoco.floor_plane import add_floor, plane_of
@@ -130,8 +131,7 @@ def load(path: str | Path) -> Model:
     Raises ModelError where the file does not exist or does not compile, with MuJoCo's reason.
     """
     file = Path(path)
-    if not file.is_file():
-        raise ModelError(f"model file '{file}' does not exist (looked in {file.absolute().parent})")
+    files.check(file, ModelError)
     tag = root_tag(file)
     if tag not in ("mujoco", "robot"):
         part = "; this is a part that a whole model includes: give that one" if tag == "mujocoinclude" else ""

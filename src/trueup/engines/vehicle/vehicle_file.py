@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
+from trueup import files
 from trueup.engines.vehicle.vehicle import Vehicle
 from trueup.errors import ModelError
 from trueup.formats.aside import written_aside
@@ -22,12 +22,7 @@ def read_vehicle(path: str | Path) -> Vehicle:
     Raises ModelError, naming file and key, for what is missing, unknown or of the wrong kind.
     """
     where = Path(path)
-    try:
-        data = tomllib.loads(where.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ModelError(f"vehicle '{where}' cannot be read: {error}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ModelError(f"vehicle '{where}' is not valid TOML: {error}") from None
+    data = files.toml(where, ModelError)
     table = data.get("vehicle")
     if not isinstance(table, Mapping):
         raise ModelError(f"vehicle '{where}' has no table [vehicle]; it needs at least: [vehicle] wheelbase = 0.17")

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -112,6 +113,7 @@ class Reading:
     """False where a word says that this is no joint's signal (a pose, a mode, a counter)."""
 
 
+@functools.lru_cache(1 << 15)
 def read(name: Name) -> Reading:
     """What a column's name says of a joint."""
     plain = name.words

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup import files
 from trueup.errors import IdentificationError, unknown_name
 
 Array = NDArray[np.float64]
@@ -47,13 +47,7 @@ class Drives:
     @classmethod
     def load(cls, path: str | Path, joints: Sequence[str]) -> Drives:
         """The drives in a TOML file. Raises IdentificationError naming key and value, UnknownNameError for a joint."""
-        try:
-            data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        except OSError as error:
-            raise IdentificationError(f"{path}: cannot be read ({error.strerror or error})") from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise IdentificationError(f"{path}: not valid TOML ({error})") from None
-        return cls.from_dict(data, joints, str(path))
+        return cls.from_dict(files.toml(Path(path), IdentificationError), joints, str(path))
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], joints: Sequence[str], where: str = "drives") -> Drives:

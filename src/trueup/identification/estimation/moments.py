@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.errors import IdentificationError
 from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
@@ -104,6 +105,8 @@ class Moments:
 
 def moments_of(parts: Sequence[Rows]) -> Moments:
     """The moments of blocks (one Rows each)."""
+    if not parts:
+        raise IdentificationError("no stretch of the logs holds motion and torque of all joints: nothing to fit")
     n, p = len(parts[0].values), parts[0].p
     gram, cross = np.zeros((len(parts), n, p, p)), np.zeros((len(parts), n, p))
     square, count = np.zeros((len(parts), n)), np.array([part.length for part in parts], dtype=float)

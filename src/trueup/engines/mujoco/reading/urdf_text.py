@@ -12,6 +12,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup import files
 from trueup.errors import ModelError
 
 Array = NDArray[np.float64]
@@ -30,7 +31,7 @@ def parsed(path: str | Path) -> Element:
 
     Raises ModelError where the file is no XML.
     """
-    content = Path(path).read_bytes()
+    content = files.content(Path(path), ModelError)
     try:
         root = _root(content)
     except _BROKEN as error:
@@ -67,7 +68,7 @@ def root_tag(path: str | Path) -> str:
     parser = expat.ParserCreate()
     parser.StartElementHandler = opened
     try:
-        parser.Parse(Path(path).read_bytes(), True)
+        parser.Parse(files.content(Path(path), ModelError), True)
     except expat.ExpatError as error:
         raise ModelError(f"model file '{path}' is not XML: {error}") from None
     return found[0] if found else "nothing"
