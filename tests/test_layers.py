@@ -36,6 +36,7 @@ NOUNS = (
     "calibration",
     "inspection",
     "formats",
+    "film",
 )
 FAMILIES = {  # folder -> its base, the protocol that the others may know
     "robots": "robots.robot",

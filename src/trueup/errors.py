@@ -75,6 +75,10 @@ class RobotFellError(TrialError):
     """The robot fell or failed in a run: what was tried is bad, and is scored so."""
 
 
+class RenderingError(TrueupError):
+    """This machine has no graphics to render pictures with; the message says what to install."""
+
+
 class MissingExtraError(TrueupError):
     """An optional dependency is absent; the message says which `pip install` mends it."""
 

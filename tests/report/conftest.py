@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from trueup.calibration import Array, Calibration, CrossValidation, Estimate, Replay, TracePoint
+from trueup.film import Film, Shape
 
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
 TRAINING = ("multisine", "chirp_sweep", "step_response", "friction_gravity", "backlash_detection", "random_waypoints")
@@ -169,3 +170,23 @@ def small() -> Callable[..., Calibration]:
 @pytest.fixture(scope="session")
 def replay() -> Callable[..., Replay]:
     return made_up_replay
+
+
+@pytest.fixture
+def swinging() -> Callable[..., Film]:
+    """Makes a film of a rod that swings about the world's y, and a block that lies."""
+
+    def made(name: str = "simulation", rate: float = 25.0) -> Film:
+        time = np.arange(20) / rate
+        angle = 0.8 * np.sin(2.0 * time)
+        place, turn = np.zeros((20, 2, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (20, 2, 1))
+        place[:, 1, 2] = 0.5
+        turn[:, 1, 0], turn[:, 1, 2] = np.cos(angle / 2), np.sin(angle / 2)
+        corners = 0.05 * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+        shapes = (
+            Shape(1, np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -0.4]]), 0.02, (0.2, 0.4, 0.8)),
+            Shape(0, corners, 0.0, (0.5, 0.5, 0.5)),
+        )
+        return Film(name, shapes, time, place, turn, 0.0, 1)
+
+    return made

@@ -6,13 +6,16 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
 import pytest
 
 from trueup.calibration import Calibration
+from trueup.film import Film
 from trueup.report import write_report
+from trueup.report.film_replay import write_film
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = (
@@ -39,11 +42,11 @@ def without_browser(reason: str) -> NoReturn:
     pytest.skip(found_out or reason)
 
 
-def test_the_figures_are_drawn_without_an_error(calibration: Calibration, tmp_path: Path) -> None:
+def opened(path: Path, profile: Path) -> str:
+    """The document as it stands once its scripts have run without an error."""
     if BROWSER is None:
         without_browser("no Chromium to open the report with")
-    path = write_report(calibration, tmp_path / "report.html")
-    command = [str(BROWSER), *FLAGS, f"--user-data-dir={tmp_path / 'profile'}", path.as_uri()]
+    command = [str(BROWSER), *FLAGS, f"--user-data-dir={profile}", path.as_uri()]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
     except subprocess.TimeoutExpired:
@@ -51,7 +54,20 @@ def test_the_figures_are_drawn_without_an_error(calibration: Calibration, tmp_pa
     if "</html>" not in done.stdout:
         without_browser("the browser does not start here")
     assert "CONSOLE" not in done.stderr, [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+    return done.stdout
+
+
+def test_the_figures_are_drawn_without_an_error(calibration: Calibration, tmp_path: Path) -> None:
+    shown = opened(write_report(calibration, tmp_path / "report.html"), tmp_path / "profile")
     for figure in ("replay-figure", "spectrum-figure", "speed-figure", "correlation-figure", "trace-figure"):
-        place = done.stdout.index(f'id="{figure}"')
-        assert "main-svg" in done.stdout[place : place + 3000], f"{figure} is drawn"
-    assert "held out, " in done.stdout, "the title of the first replay is filled in"
+        place = shown.index(f'id="{figure}"')
+        assert "main-svg" in shown[place : place + 3000], f"{figure} is drawn"
+    assert "held out, " in shown, "the title of the first replay is filled in"
+
+
+def test_films_are_drawn_without_an_error(swinging: Callable[..., Film], tmp_path: Path) -> None:
+    path = write_film({"Swinging": [swinging(), swinging("robot")]}, tmp_path / "film.html", title="Swinging")
+    assert "http" not in path.read_text(encoding="utf-8")  # it asks nothing of the network
+    shown = opened(path, tmp_path / "profile")
+    assert 'max="19"' in shown  # as many instants as the film has
+    assert shown.count('data-shapes="2"') == 2  # both canvases were drawn on
