@@ -19,9 +19,10 @@ def main() -> None:
     """Prints errors by joint and the result lines."""
     arguments(__doc__)
     folder = data_folder() / "panda"
-    tree, (runs, _), notes = matched(load_tree(folder / "panda.urdf"), (read(folder), []))
+    urdf = folder / "panda.urdf"
+    tree, (runs, _), notes = matched(load_tree(urdf), (read(folder), []))
     print(*notes, sep="\n")
-    held_out("panda", tree, runs, goal=1.30)
+    held_out("panda", urdf, tree, runs, goal=1.30)
 
 
 if __name__ == "__main__":

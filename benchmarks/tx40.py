@@ -17,7 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from real_arm import arguments, consistent_lines, data_folder, show, timed_consistent
+from real_arm import arguments, consistent_lines, data_folder, delivered_lines, show, timed_consistent
 from results import result
 from yardstick import READ, plain_identification_seconds
 
@@ -121,6 +121,7 @@ def main() -> None:
     )  # fmt: skip
     free = identify(tree, [recording], drives=drives, options=replace(options, consistent=False))
     consistent_lines("tx40", found, free, taken)
+    delivered_lines("tx40", found, tree, folder / "tx40_mdh_modified.urdf")
     result("cross_validation_Nm", cross_validated(tree, recording, drives, found), "N m", 1.70)
     peer = plain_identification_seconds([folder / "pos_read_data.csv", folder / "curr_data.csv"])
     result("wall_seconds", seconds(folder, tree), "s", 4.0, peer=READ, peer_value=peer, ratio_goal=True)

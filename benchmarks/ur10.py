@@ -18,7 +18,8 @@ def main() -> None:
     """Prints errors by joint and the result lines."""
     arguments(__doc__)
     folder = data_folder() / "ur10"
-    held_out("ur10", load_tree(folder / "ur10_robot.urdf"), read(folder / "bag_mcap"), goal=7.0)
+    urdf = folder / "ur10_robot.urdf"
+    held_out("ur10", urdf, load_tree(urdf), read(folder / "bag_mcap"), goal=7.0)
 
 
 if __name__ == "__main__":

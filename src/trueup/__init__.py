@@ -27,6 +27,7 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.formats import write as write
     from trueup.identification.estimation.identify import identify as identify
     from trueup.identification.model_file import load_tree as load_tree
+    from trueup.identification.torque_model import load as load
     from trueup.inspection import inspect as inspect
     from trueup.loop.belief import Belief as Belief
     from trueup.loop.calibrate import Options as Options
@@ -77,6 +78,7 @@ _HOME = {
     "declare": "trueup.articulated.declarations",
     "identify": "trueup.identification.estimation.identify",
     "inspect": "trueup.inspection",
+    "load": "trueup.identification.torque_model",
     "load_tree": "trueup.identification.model_file",
     "most_telling": "trueup.loop.experiment",
     "optimize": "trueup.loop.optimize",

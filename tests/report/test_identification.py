@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from trueup.identification.effects import Effect
 from trueup.identification.estimation.result import (
     Alignment,
     Identification,
@@ -18,8 +19,15 @@ from trueup.identification.estimation.result import (
     Prediction,
     relative_error,
 )
+from trueup.identification.kinematic_tree import from_dh
+from trueup.identification.torque_model import TorqueModel
 from trueup.report.identification import identification_html, write_identification_report
 from trueup.report.identification_figures import binned
+
+MODEL = TorqueModel(
+    from_dh([0.1, 0.2], [0.0, 0.0], [0.0, 0.0], joints=("a<b>", "elbow")), np.ones((2, 10)), np.eye(2),
+    ((0, Effect("viscous"), 1.0), (1, Effect("coulomb"), 2.0)), np.zeros((2, 10)), ("N m", "N m"),
+)  # fmt: skip
 
 
 def _prediction(name: str, *, held_out: bool, seed: int) -> Prediction:
@@ -46,8 +54,8 @@ def found() -> Identification:
         parameters=parameters, links=(Link("upper", 5.0, (0.1, 0.0, 0.0), (0.1, 0.2, 0.25), True, "mass -1 kg"),),
         predictions=(_prediction("train", held_out=False, seed=0), _prediction("unseen", held_out=True, seed=1)),
         noise=np.ones(2), cross_validation=np.ones((8, 2)), alignment=Alignment(0.004, 0.0001, 500.0, True, 0.1),
-        structure=(("viscous",), ("Coulomb",)), simple_friction=np.ones((2, 2)), armature=np.zeros(2),
-        inertial=np.ones((1, 10)), cutoff=10.0, rate=50.0, weighting="each joint by its noise", trust=1e-9, pull=1e-6,
+        structure=(("viscous",), ("Coulomb",)), model=MODEL, for_file=None,
+        cutoff=10.0, rate=50.0, weighting="each joint by its noise", trust=1e-9, pull=1e-6,
         advice=("not seen: mc2x. Accelerate elbow harder",), warnings=("torque comes late",), notes=(), seconds=1.0,
     )  # fmt: skip
 

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import re
 import shlex
 import sys
@@ -19,19 +18,23 @@ from trueup.campaign.output import free_folder
 from trueup.commands.sources import Mapped, mapping_for, readable, recordings_in, split
 from trueup.errors import IdentificationError, OutputError
 from trueup.formats import ChannelMap, TimeColumn, guess_mapping
-from trueup.formats.aside import written_aside
 from trueup.recording import Recording
 
 if TYPE_CHECKING:
     from trueup.identification.estimation.drives import Drives
     from trueup.identification.estimation.identify import Options
-    from trueup.identification.estimation.result import Identification
+    from trueup.identification.estimation.result import Deliverable, Identification
     from trueup.identification.kinematic_tree import KinematicTree
 
 ABOUT = """\
 Finds the dynamic model of an arm (URDF or MJCF) from logs of joint positions and torques or motor currents: inertias,
-rotors and friction, with standard deviations, judged on motion that was held out. In DIR you find the model file with
-bodies that can exist, report.html (start there) and identification.json.
+rotors and friction, with standard deviations, judged on motion that was held out. In DIR you find
+
+  report.html                     start there: how good each of these files is, read back from DIR
+  torque.json                     all that was identified: trueup.load(DIR).torque(q, qd, qdd) in Python
+  torque.h, torque.py             the same for a control loop: a C header, and a Python file that needs nothing
+  the model file                  for simulators: bodies that can exist, rotors, Coulomb and viscous friction
+  identification.json             all numbers and formulas
 
   trueup identify arm.urdf run1.csv run2.csv --hold-out run3.csv --out model
   trueup identify arm.urdf run.csv --hold-out 30% --out model            the last 30 % of each log is held out
@@ -54,7 +57,7 @@ Logs of motor angles or currents need a drives file; leave out what is one to on
   ratio = 1.0                  # motor angle = ratio of joint_6 x (joint_6 + 1.0 x joint_5)
 """
 
-_FILES = ("report.html", "identification.json")
+_FILES = ("report.html", "identification.json", "torque.json", "torque.h", "torque.py")
 _SHARE = re.compile(r"(\d+(?:\.\d+)?)\s*%")
 
 
@@ -120,8 +123,8 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
             told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
     progress = None if args.quiet else (lambda stage, share: told.print(f"  {stage}", highlight=False))
     found = identify(tree, training, held_out, drives=drives, options=options, told=progress)
-    files, more = _write(args, found, tree, folder)
-    _show(args, found, more, files, console)
+    delivered, more = _write(args, found, tree, folder)
+    _show(args, found, delivered, more, folder, console)
     return 0
 
 
@@ -189,34 +192,28 @@ def _free(at: Path, model: Path, *, force: bool) -> bool:
 
 def _write(
     args: argparse.Namespace, found: Identification, tree: KinematicTree, folder: Path
-) -> tuple[list[Path], tuple[str, ...]]:
+) -> tuple[Sequence[Deliverable], tuple[str, ...]]:
     """All result files; the plain numbers last, since they mark the folder as finished."""
-    from trueup.identification.estimation.result import numbers_of
-    from trueup.identification.estimation.write import write_identified
+    from trueup.identification.delivery.folder import deliver, save_numbers
+    from trueup.identification.delivery.numbers import numbers_of
     from trueup.report.identification import write_identification_report
 
-    files, notes = [], ()
-    if found.links:
-        files.append(folder / Path(args.model).name)
-        notes = write_identified(found, tree, args.model, files[-1])
+    delivered, notes = deliver(found, tree, args.model, folder)
     context = {"command": shlex.join(["trueup", *args.command_line]), "python": sys.version.split()[0]}
-    files.append(write_identification_report(found, folder / _FILES[0], context=context))
-    files.append(folder / _FILES[1])
-    with written_aside(files[-1]) as temporary:
-        text = json.dumps(numbers_of(found), indent=1, allow_nan=False)
-        temporary.write_text(text + "\n", encoding="utf-8")
-    return files, notes
+    write_identification_report(found, folder / _FILES[0], delivered=delivered, context=context)
+    save_numbers(numbers_of(found, delivered), folder / _FILES[1])
+    return delivered, notes
 
 
 def _show(
-    args: argparse.Namespace, found: Identification, notes: Sequence[str], files: Sequence[Path], console: Console
-) -> None:
+    args: argparse.Namespace, found: Identification, delivered: Sequence[Deliverable], notes: Sequence[str], folder: Path,
+    console: Console,
+) -> None:  # fmt: skip
     from trueup.commands.show_identification import show_identification
 
     if args.json:
-        console.print_json(files[-1].read_text(encoding="utf-8"))
+        console.print_json((folder / _FILES[1]).read_text(encoding="utf-8"))
         return
-    show_identification(found, console, quiet=args.quiet)
+    show_identification(found, delivered, folder, console, quiet=args.quiet)
     for note in notes if not args.quiet else ():
         console.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
-    console.print("  " + "  ".join(escape(str(f)) for f in files), soft_wrap=True, highlight=False)

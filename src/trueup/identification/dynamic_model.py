@@ -2,7 +2,7 @@
 """Torque as columns: ten inertial parameters a link and the effects of each drive.
 
 Compiled and batched where the state is all, as for the design of motions; as sparse rows along a log, where effects may
-depend on the path (hysteresis) and on the load that a first fit finds.
+depend on the path (hysteresis), and, once a first fit tells what gears carry, on the load.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from trueup.errors import ModelError, ParameterError
 from trueup.identification import regressors
 from trueup.identification.base_parameters import BaseParameters, base_parameters
 from trueup.identification.blocks import Layout, layout
-from trueup.identification.effects import OF_LOAD, PAPER, Effect
+from trueup.identification.effects import PAPER, Effect
 from trueup.identification.inertial import NAMES, UNITS, link_names
 from trueup.identification.information import information
 from trueup.identification.kinematic_tree import KinematicTree
@@ -161,24 +161,10 @@ class DynamicModel:
             np.full(q.shape, np.nan) if torque is None else torque, time, self.p, self.shrink,
         )  # fmt: skip
 
-    def loaded(self, rows: Rows, inertial: Array, direction: Integers) -> Rows:
-        """The rows with the columns of OF_LOAD effects, for bodies (10 n,) that a first fit found.
-
-        `direction` (n,): for each drive the column that is its direction of motion, -1 ... 1. Sensors and gears pass a
-        filter as slowly as loads change, so filtered rows may be multiplied.
-        """
-        n, load, sign = self.tree.n, [], []
-        for j, (c, v) in enumerate(zip(rows.columns, rows.values, strict=True)):
-            load.append(inertial[c[c < 10 * n]] @ v[c < 10 * n])
-            sign.append(v[int(np.flatnonzero(c == direction[j])[0])] / self.drives[j, j])
-        through = np.asarray(np.linalg.inv(self.drives)).T @ np.array(load)  # what each gear carries
-        values = [np.array(v) for v in rows.values]
-        for k, (d, effect) in enumerate(self.effects):
-            if effect.kind in OF_LOAD:
-                own = np.abs(through[d]) * sign[d] if effect.kind == "load" else through[d]
-                for j in np.flatnonzero(self.drives[d]):
-                    values[j][int(np.flatnonzero(rows.columns[j] == 10 * n + k)[0])] = self.drives[d, j] * own
-        return replace(rows, values=tuple(values))
+    def carried(self, inertial: Array, q: Array, v: Array, a: Array) -> Array:
+        """(S, n) torque that the gear of each drive carries with links `inertial` (n, 10), along a motion (S, n)."""
+        torque = regressors.inverse_dynamics(self.tree, inertial, q, v, a)
+        return torque @ np.linalg.inv(self.drives)
 
     def nominal(self) -> Array:
         """(p,) the file's inertial parameters and rotor inertias, zero for the rest. Raises ModelError for a link without."""

@@ -26,6 +26,8 @@ class _Kind(NamedTuple):
     """Of its coefficient: F a torque or force, L rad or m, I an inertia."""
     short: str
     """Its name in a list."""
+    formula: str
+    """For a coefficient of one, alike in C and Python: drive position q, speed v, acceleration a, scale s, load L."""
     growth: float = 1.0
     """Times that it is drawn to zero where it grows beyond the log: by its square at twice the speed, thrice the travel."""
     power: int = 0
@@ -35,24 +37,29 @@ class _Kind(NamedTuple):
 
 
 _KINDS: Mapping[str, _Kind] = MappingProxyType({
-    "rotor": _Kind("I{}m", "I", "rotor inertia", 0.0),
-    "coulomb": _Kind("f0", "F", "Coulomb"),
-    "viscous": _Kind("f1", "F s/L", "viscous", power=1),
-    "quadratic": _Kind("f2", "F s^2/L^2", "quadratic", 20.0, 2),
-    "offset": _Kind("fo", "F", "offset"),  # of a sensor or a current
-    "cubic": _Kind("f3", "F s^3/L^3", "cubic", power=3),
-    "stribeck": _Kind("fs", "F", "Stribeck", scaled=True),
-    "saturating": _Kind("ft", "F", "Coulomb that sets in with speed", scaled=True),
-    "root": _Kind("fr", "F s^.5/L^.5", "root of speed"),
-    "asymmetric": _Kind("fa", "F s/L", "asymmetric", 4.0, 1),  # friction that differs between both directions
-    "spring": _Kind("k", "F/L", "spring", 10.0),  # cables, a spring, a sensor that drifts with load
-    "lag": _Kind("I{}lag", "I", "torque that falls with acceleration", 0.0),  # friction behind its speed, or a late log
-    "hysteresis": _Kind("fh", "F", "hysteresis", scaled=True),  # builds up over a travel after each reversal
-    "load": _Kind("fl", "", "with load"),  # friction as a share of the torque that the gear carries
-    "gain": _Kind("g", "", "own gain"),  # out of scale with other joints, or a gear that loses more when the load drives it
+    "rotor": _Kind("I{}m", "I", "rotor inertia", "a", 0.0),
+    "coulomb": _Kind("f0", "F", "Coulomb", "sign(v)"),
+    "viscous": _Kind("f1", "F s/L", "viscous", "v", power=1),
+    "quadratic": _Kind("f2", "F s^2/L^2", "quadratic", "v*fabs(v)", 20.0, 2),
+    "offset": _Kind("fo", "F", "offset", "1.0"),  # of a sensor or a current
+    "cubic": _Kind("f3", "F s^3/L^3", "cubic", "v*v*v", power=3),
+    "stribeck": _Kind("fs", "F", "Stribeck", "sign(v)*exp(-(v/s)*(v/s))", scaled=True),
+    "saturating": _Kind("ft", "F", "Coulomb that sets in with speed", "tanh(v/s)", scaled=True),
+    "root": _Kind("fr", "F s^.5/L^.5", "root of speed", "sign(v)*sqrt(fabs(v))"),
+    # friction that differs between both directions
+    "asymmetric": _Kind("fa", "F s/L", "asymmetric", "fabs(v)", 4.0, 1),
+    "spring": _Kind("k", "F/L", "spring", "q", 10.0),  # cables, a spring, a sensor that drifts with load
+    # friction behind its speed, or a late log
+    "lag": _Kind("I{}lag", "I", "torque that falls with acceleration", "a", 0.0),
+    # builds up over a travel after each reversal
+    "hysteresis": _Kind("fh", "F", "hysteresis", "stop(q, s)", scaled=True),
+    # friction as a share of the torque that the gear carries
+    "load": _Kind("fl", "", "with load", "fabs(L)*tanh(v/s)", scaled=True),
+    # out of scale with other joints, or a gear that loses more when the load drives it
+    "gain": _Kind("g", "", "own gain", "L"),
 })  # fmt: skip
 OF_LOAD = ("load", "gain")
-"""Effects of the torque that a gear carries: their columns need a first fit, see DynamicModel.loaded."""
+"""Effects of the torque that a gear carries: their columns need a first fit, see `Effect.column`."""
 _OF_PATH = ("hysteresis", *OF_LOAD)
 _SHRINK = 1e-3
 """Of its own squares draws an effect to zero. Chosen on 48 simulated arms by the errors on motion of another kind."""
@@ -60,7 +67,7 @@ _SHRINK = 1e-3
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect; `scale` is the speed in rad/s (m/s) at which it saturates, or the travel in rad (m) of a hysteresis.
+    """One effect; `scale` is the speed in rad/s (m/s) over which it sets in, or the travel in rad (m) of a hysteresis.
 
     The papers' friction (evolved trajectories, eq. 2) is coulomb, viscous, quadratic:
     f0 sign(qd) + f1 qd + f2 sign(qd) qd^2. Raises UnknownNameError, or ParameterError where a scale is missing.
@@ -80,6 +87,16 @@ class Effect:
     def short(self) -> str:
         """Its name in a list."""
         return _KINDS[self.kind].short
+
+    @property
+    def formula(self) -> str:
+        """Its torque for a coefficient of one, see `_Kind.formula`."""
+        return _KINDS[self.kind].formula
+
+    @property
+    def scaled(self) -> bool:
+        """Whether it has a scale."""
+        return _KINDS[self.kind].scaled
 
     @property
     def power(self) -> int:
@@ -105,7 +122,7 @@ class Effect:
         kind = _KINDS[self.kind]
         if "{}" in kind.symbol:
             return kind.symbol.format(number)
-        return f"{kind.symbol}{f'{self.scale:.3g}' if kind.scaled else ''}_{number}"
+        return f"{kind.symbol}{f'{self.scale:.3g}' if kind.scaled and self.kind != 'load' else ''}_{number}"
 
     def unit(self, prismatic: bool) -> str:
         """The unit of its coefficient."""
@@ -113,16 +130,17 @@ class Effect:
         words = {"F": force, "L": travel, "I": inertia}
         return "".join(words.get(letter, letter) for letter in _KINDS[self.kind].unit)
 
-    def column(self, q: Array, v: Array, a: Array, rest: float = 0.0) -> Array:
+    def column(self, q: Array, v: Array, a: Array, rest: float = 0.0, load: Array | None = None) -> Array:
         """(S,) torque for a coefficient of one, along a motion of the drive: position, speed, acceleration (S,).
 
-        Below `rest` the sign of a speed fades linearly to zero. Zero for effects of the load, which the motion of one drive
-        does not tell.
+        Below `rest` the sign of a speed fades linearly to zero. `load` (S,) is what the gear carries; effects of it are zero
+        without.
         """
         if self.kind == "hysteresis":
             return stop_operator(q, self.scale)
         if self.kind in OF_LOAD:
-            return np.zeros_like(v)
+            carried = np.zeros_like(v) if load is None else load
+            return carried if self.kind == "gain" else np.abs(carried) * np.tanh(v / self.scale)
         column = np.empty(len(v))
         q, v, a = (np.ascontiguousarray(x) for x in (q, v, a))
         _of_states(self.code, q, v, a, self.scale, rest, column)

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Literal
 
 import numpy as np
@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 GRAVITY = 9.81
 """m/s^2, downwards, where a file says nothing else."""
+GEOMETRY = ("parent", "prismatic", "axis", "rotation", "offset", "gravity")
+"""Fields of a tree that say how it moves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +54,10 @@ class KinematicTree:
     """(n, 10) from the file, in the order of `trueup.identification.inertial`; NaN for a link that it does not weigh."""
     armature: Array
     """(n,) rotor inertia at the joint, kg m^2 (or kg)."""
+    damping: Array = field(default_factory=lambda: np.zeros(0))
+    """(n,) viscous friction that the file gives, N m s/rad (N s/m); zero where it gives none, as for `friction`."""
+    friction: Array = field(default_factory=lambda: np.zeros(0))
+    """(n,) Coulomb friction, N m (N)."""
     notes: tuple[str, ...] = ()
     """What was left out or assumed on reading, in words."""
 
@@ -59,17 +65,26 @@ class KinematicTree:
         """Copies arrays to read-only ones of the right kind. Raises ModelError where shapes disagree."""
         n = len(self.joints)
         shapes = {"axis": (n, 3), "rotation": (n, 3, 3), "offset": (n, 3), "gravity": (3,), "inertial": (n, 10)}
-        for field in fields(self):
-            if field.name in ("name", "joints", "links", "notes"):
-                continue
-            kind = {"parent": np.int64, "prismatic": np.bool_}.get(field.name, np.float64)
-            values = np.array(getattr(self, field.name), dtype=kind)
-            if values.shape != (wanted := shapes.get(field.name, (n,))):
-                raise ModelError(f"{field.name} of tree '{self.name}' has shape {values.shape}, expected {wanted}")
+        for name in (f.name for f in fields(self) if f.name not in ("name", "joints", "links", "notes")):
+            kind = {"parent": np.int64, "prismatic": np.bool_}.get(name, np.float64)
+            values = np.array(getattr(self, name), dtype=kind)
+            if name in ("damping", "friction") and not values.size:
+                values = np.zeros(n)
+            if values.shape != (wanted := shapes.get(name, (n,))):
+                raise ModelError(f"{name} of tree '{self.name}' has shape {values.shape}, expected {wanted}")
             values.flags.writeable = False
-            object.__setattr__(self, field.name, values)
+            object.__setattr__(self, name, values)
         if np.any(self.parent >= np.arange(n)):
             raise ModelError(f"joints of tree '{self.name}' must come after the joints that carry them")
+
+    @classmethod
+    def of_geometry(
+        cls, name: str, joints: Sequence[str], links: Sequence[str], geometry: Mapping[str, ArrayLike]
+    ) -> KinematicTree:
+        """A tree of which only the fields `GEOMETRY` are known: it weighs nothing and has no limits."""
+        n = len(joints)
+        given = {key: np.asarray(geometry[key]) for key in GEOMETRY}
+        return cls(name=name, joints=tuple(joints), links=tuple(links), **unknown(n), **given)  # type: ignore[arg-type]
 
     @property
     def n(self) -> int:
@@ -131,12 +146,20 @@ class KinematicTree:
         parent[parent > i] -= 1
         keep = np.arange(self.n) != i
         arrays = {
-            k: getattr(self, k)[keep] for k in ("prismatic", "axis", "lower", "upper", "speed", "effort", "armature")
+            k: getattr(self, k)[keep]
+            for k in ("prismatic", "axis", "lower", "upper", "speed", "effort", "armature", "damping", "friction")
         }
         return self.replace(
             joints=tuple(np.array(self.joints)[keep].tolist()), links=tuple(np.array(self.links)[keep].tolist()),
             parent=parent[keep], rotation=rotation[keep], offset=offset[keep], inertial=inertial[keep], **arrays,
         )  # fmt: skip
+
+
+def unknown(n: int) -> dict[str, Array]:
+    """Limits and inertias of a tree of which nobody has said any; no rotors."""
+    nothing = np.full(n, np.nan)
+    rest = dict.fromkeys(("lower", "upper", "speed", "effort"), nothing)
+    return {**rest, "inertial": np.full((n, 10), np.nan), "armature": np.zeros(n)}
 
 
 def about(axis: Array, angle: ArrayLike) -> Array:
@@ -179,9 +202,7 @@ def from_dh(
         axis, rotation = np.tile(z, (n, 1)), twist @ about(z, turns)
         offset = np.einsum("nij,nj->ni", twist, lengths)
     names = tuple(joints) if joints is not None else tuple(f"joint{i + 1}" for i in range(n))
-    unknown = np.full(n, np.nan)
-    rest = {"lower": unknown, "upper": unknown, "speed": unknown, "effort": unknown, "armature": np.zeros(n)}
-    values = {**rest, "inertial": np.full((n, 10), np.nan), "links": tuple(f"link{i + 1}" for i in range(n)), **given}
+    values = {**unknown(n), "links": tuple(f"link{i + 1}" for i in range(n)), **given}
     return KinematicTree(
         name=name, joints=names, parent=np.arange(n) - 1, axis=axis, rotation=rotation, offset=offset,
         prismatic=np.zeros(n, dtype=bool) if prismatic is None else np.asarray(prismatic, dtype=bool),

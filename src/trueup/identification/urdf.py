@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,6 +18,8 @@ from trueup.identification.kinematic_tree import GRAVITY, KinematicTree, about
 Array = NDArray[np.float64]
 Element = ElementTree.Element
 
+ROTOR, GEAR = "drake:rotor_inertia", "drake:gear_ratio"
+"""Elements of an <actuator> in a <transmission>: the one place that URDF has for rotors, as Drake reads it."""
 _MOVING = ("revolute", "continuous", "prismatic")
 
 
@@ -68,7 +71,7 @@ def tree_from_urdf(path: str | Path, *, fix_base: bool = False) -> KinematicTree
     _walk(chain, tops[0], -1, np.eye(3), np.zeros(3), links, below, fix_base)
     if not chain.joints:
         raise ModelError(f"'{file}' has no joint that moves")
-    return _tree(chain, root.get("name", file.stem))
+    return _tree(chain, root.get("name", file.stem), _rotors(file))
 
 
 def _walk(
@@ -105,7 +108,7 @@ def _walk(
             )
 
 
-def _tree(chain: _Chain, name: str) -> KinematicTree:
+def _tree(chain: _Chain, name: str, rotors: Mapping[str, float]) -> KinematicTree:
     limits = [j.find("limit") for j in chain.joints]
     bounded = [k if j.get("type") != "continuous" else None for j, k in zip(chain.joints, limits, strict=True)]
     unweighed = [k for k, mass in zip(chain.links, chain.mass, strict=True) if np.isnan(mass).any()]
@@ -117,7 +120,8 @@ def _tree(chain: _Chain, name: str) -> KinematicTree:
         axis=np.array([_axis(j) for j in chain.joints]), rotation=np.array(chain.rotation), offset=np.array(chain.offset),
         gravity=np.array([0.0, 0.0, -GRAVITY]), lower=_limits(bounded, "lower"), upper=_limits(bounded, "upper"),
         speed=_limits(limits, "velocity"), effort=_limits(limits, "effort"), inertial=np.array(chain.mass),
-        armature=np.zeros(len(chain.joints)), notes=tuple(chain.notes),
+        armature=np.array([rotors.get(j.get("name", ""), 0.0) for j in chain.joints]),
+        damping=_dynamics(chain.joints, "damping"), friction=_dynamics(chain.joints, "friction"), notes=tuple(chain.notes),
     )  # fmt: skip
 
 
@@ -127,6 +131,29 @@ def _end(joint: Element, which: str, links: dict[str, Element], file: Path) -> s
     if name not in links:
         raise ModelError(f"joint '{joint.get('name')}' of '{file}' has {which} link '{name}', which is not in the file")
     return name
+
+
+def _dynamics(joints: list[Element], key: str) -> Array:
+    """(n,) what <dynamics> says of each joint; zero without."""
+    elements = [j.find("dynamics") for j in joints]
+    return np.array([float(e.get(key, "0")) if e is not None else 0.0 for e in elements])
+
+
+def _rotors(path: Path) -> dict[str, float]:
+    """Joint -> inertia of its rotor at the joint, kg m^2: <drake:rotor_inertia> and <drake:gear_ratio> of transmissions."""
+    content = path.read_bytes()
+    if b"rotor_inertia" not in content:
+        return {}
+    from trueup.engines.mujoco.reading.mjcf_text import MjcfText
+
+    found = {}
+    for transmission in MjcfText(content).all("transmission"):
+        joint, actuator = transmission.child("joint"), transmission.child("actuator")
+        values = {e.tag: float(e.attributes.get("value", "nan")) for e in (actuator.children if actuator else ())
+                  if e.tag in (ROTOR, GEAR)}  # fmt: skip
+        if joint is not None and ROTOR in values:
+            found[joint.attributes.get("name", "")] = values[ROTOR] * values.get(GEAR, 1.0) ** 2
+    return found
 
 
 def _limits(elements: list[Element | None], key: str) -> Array:

@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from trueup.identification.estimation.result import Identification
+from trueup.identification.estimation.result import Deliverable, Identification
 from trueup.report.identification_sections import identification_sections
 from trueup.report.parts import counted, page
 from trueup.report.writing import write_aside
@@ -19,22 +19,29 @@ figure h4 { margin-top: 0; }
 #links td, #links th { white-space: nowrap; }
 #links td.words { white-space: normal; }
 table.compact th[scope="row"] { min-width: 92px; }
+#files pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: 13px; }
+#files details { margin-top: 12px; }
+#files summary { cursor: pointer; }
 table.compact td, table.compact th { padding: 4px 9px; }
 """
 
 
 def write_identification_report(
-    found: Identification, path: str | Path, *, title: str | None = None, context: Mapping[str, str] | None = None
-) -> Path:
-    """Writes the report to the HTML file `path` and returns it; it holds all it needs. Raises OutputError."""
+    found: Identification, path: str | Path, *, delivered: Sequence[Deliverable] = (), title: str | None = None,
+    context: Mapping[str, str] | None = None,
+) -> Path:  # fmt: skip
+    """Writes the report to the HTML file `path` and returns it; it holds all it needs. `delivered` are the files beside it,
+    with their errors. Raises OutputError.
+    """
     where = Path(path)
-    write_aside(identification_html(found, title=title, context=context), where)
+    write_aside(identification_html(found, delivered=delivered, title=title, context=context), where)
     return where
 
 
 def identification_html(
-    found: Identification, *, title: str | None = None, context: Mapping[str, str] | None = None
-) -> str:
+    found: Identification, *, delivered: Sequence[Deliverable] = (), title: str | None = None,
+    context: Mapping[str, str] | None = None,
+) -> str:  # fmt: skip
     """The report as the text of an HTML document."""
     recordings = len({p.recording for p in found.predictions})
     counts = ((len(found.joints), "joint"), (recordings, "recording"), (len(found.parameters), "parameter"))
@@ -42,6 +49,6 @@ def identification_html(
         "campaign.html",
         title or f"Dynamic model of {found.model_name}",
         [counted(count, noun) for count, noun in counts],
-        identification_sections(found, context or {}),
+        identification_sections(found, delivered, context or {}),
         style=_STYLE,
     )

@@ -5,12 +5,20 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from trueup.identification.estimation.result import Identification, Parameter, relative_error, relative_errors, rmse
+from trueup.identification.estimation.result import (
+    Deliverable,
+    Identification,
+    Parameter,
+    relative_error,
+    relative_errors,
+    rmse,
+)
 from trueup.report.identification_figures import error_figures, speed_figures, torque_figures, validity_map
+from trueup.report.identification_files import files_section
 from trueup.report.markup import Markup, breakable, join, tag
 from trueup.report.numbers import duration_text, fixed, significant, supported_decimals
 from trueup.report.parts import (
@@ -37,12 +45,16 @@ VERDICTS = {
 }
 
 
-def identification_sections(found: Identification, context: Mapping[str, str]) -> tuple[Section, ...]:
-    """All sections."""
+def identification_sections(
+    found: Identification, delivered: Sequence[Deliverable], context: Mapping[str, str]
+) -> tuple[Section, ...]:
+    """All sections; `delivered` are the files beside the report."""
     which = "fitted"
     shown = found.judged()[0]
     parts = [
         Section("answer", "How good", "How well does it predict torque?", _answer(found)),
+        *([Section("files", "Files", "Which file is for what, and how good is each?", files_section(found, delivered))]
+          if delivered else []),
         Section("torque", "Torque", f"Torque, measured and predicted: {shown.recording}", join(
             tag("p", "Black: measured. Blue: predicted, with a band of one root mean squared error either side. ",
                 "Held out: the model never saw this motion." if shown.held_out else "This motion was fitted."),
@@ -70,11 +82,9 @@ def _answer(found: Identification) -> Markup:
     number = join(tag("span", f"{100 * relative_error(judged):.2f}", class_="after" if held else "before"),
                   tag("span", " % of the torque", class_="unit"))  # fmt: skip
     beside = [("fitted", f"{100 * relative_error(found.training()):.2f} %")]
-    if found.links:
-        beside.append(("with bodies that can exist", f"{100 * relative_error(judged, 'consistent'):.2f} %"))
     by_file = relative_error(judged, "file")
     if math.isfinite(by_file):
-        beside.append(("by the model file's inertias alone", f"{100 * by_file:.0f} %"))
+        beside.append(("by the model file as it was given", f"{100 * by_file:.0f} %"))
     if math.isfinite(found.cross_validated()):
         beside.append(("cross-validated, all joints", f"{significant(found.cross_validated())} {found.unit}"))
     mind = [callout("warn" if held else "bad", "Mind", sentence) for sentence in found.warnings]
@@ -84,7 +94,6 @@ def _answer(found: Identification) -> Markup:
 def _joint_table(found: Identification) -> Markup:
     judged = found.judged()
     errors, shares = rmse(judged), relative_errors(judged)
-    possible = rmse(judged, "consistent") if found.links else None
     rows = []
     for j, joint in enumerate(found.joints):
         limit = found.effort[j]
@@ -92,11 +101,10 @@ def _joint_table(found: Identification) -> Markup:
             f"{significant(errors[j])} {found.units[j]}",
             f"{100 * shares[j]:.1f} %",
             f"{100 * errors[j] / limit:.2f} %" if np.isfinite(limit) else "–",
-            significant(possible[j]) if possible is not None else "–",
         )
         rows.append(row(breakable(joint), numbers, cells(", ".join(found.structure[j]), kind="")))
-    titles = ("Joint", "RMSE", "of its torque", "of its limit", "RMSE, possible bodies", "Effects kept")
-    return table(head(*titles, numbers=range(1, 5)), rows, "compact")
+    titles = ("Joint", "RMSE", "of its torque", "of its limit", "Effects kept")
+    return table(head(*titles, numbers=range(1, 4)), rows, "compact")
 
 
 def _friction(found: Identification, which: str) -> Markup:
@@ -110,7 +118,7 @@ def _friction(found: Identification, which: str) -> Markup:
 def _parameters(found: Identification) -> Markup:
     counts = Counter(p.verdict for p in found.parameters)
     told = ", ".join(f"{counts[v]} {v}" for v in VERDICTS if counts[v])
-    titles = ("Parameter", "Joint", "Value", "Standard deviation", "Model file", "Possible bodies", "Unit", "Verdict")
+    titles = ("Parameter", "Joint", "Value", "Standard deviation", "File as given", "File written", "Unit", "Verdict")
     return join(
         tag("p", f"{len(found.parameters)} combinations and effects were fitted: {told}."),
         table(

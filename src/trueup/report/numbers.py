@@ -92,6 +92,11 @@ def duration_text(seconds: float) -> str:
     return f"{minutes // 60} h {minutes % 60:02d} min"
 
 
+def duration_of_a_call(seconds: float) -> str:
+    """A time far below a second: '0.62 µs', '0.11 ms'."""
+    return f"{significant(1e6 * seconds, 2)} µs" if seconds < 1e-4 else f"{significant(1e3 * seconds, 2)} ms"
+
+
 def with_unit(number: str, unit: str) -> str:
     """The number and its unit, kept on one line."""
     return f"{number}\u00a0{unit}" if unit else number

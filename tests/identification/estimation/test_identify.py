@@ -73,12 +73,14 @@ def _group(name: str, truth: dict[str, float]) -> float:
 
 
 def test_friction_is_recovered(found: Identification, arms: SimpleNamespace) -> None:
-    assert np.allclose(found.simple_friction[:, 0], arms.coulomb, rtol=0.15)
-    assert np.allclose(found.simple_friction[:, 1], arms.viscous, rtol=0.15)
+    assert found.for_file is not None
+    assert np.allclose(found.for_file.friction, arms.coulomb, rtol=0.15)
+    assert np.allclose(found.for_file.damping, arms.viscous, rtol=0.15)
 
 
 def test_every_link_of_the_consistent_model_can_exist(found: Identification) -> None:
-    for row in found.inertial:
+    assert found.for_file is not None
+    for row in found.for_file.inertial:
         assert np.linalg.eigvalsh(pseudo_inertia(row))[0] > 0.0
 
 

@@ -46,7 +46,7 @@ class ConsistentFit:
 
 def consistent_fit(
     model: DynamicModel, normal: Normal, active: Integers, prior: Array, *, pull: float = PULL,
-    lagging: Collection[int] = (), near: ConsistentFit | None = None,
+    lagging: Collection[int] = (), near: ConsistentFit | None = None, positive: Integers | None = None,
 ) -> ConsistentFit:  # fmt: skip
     """Minimises the weighted squares over all inertial parameters and the `active` effects, with each link possible.
 
@@ -57,16 +57,20 @@ def consistent_fit(
     programming approach", IEEE T-RO 36(2), 2020, section IV): it decides what torque cannot tell, and is the barrier of
     the interior-point method as well.
     The torque of drives in `lagging` may fall with acceleration: what is below zero is their effect "lag", which is no
-    rotor. `near` is a fit of a similar problem to start from. Raises IdentificationError where no minimum is found.
+    rotor. `near` is a fit of a similar problem to start from. Effects `positive` (columns) stay above zero, as friction does
+    in simulators; `prior` has their sizes. Raises IdentificationError where no minimum is found.
     """
     n = model.tree.n
     # Rotors count even where torque cannot tell them from a link: a link cannot be as slender as a rotor is.
     rotors = model.columns_of("rotor")
-    bodies = np.concatenate([np.arange(10 * n), rotors])
+    more = np.concatenate([rotors, np.zeros(0, dtype=np.int64) if positive is None else positive])
+    bodies = np.concatenate([np.arange(10 * n), more])
     rest = np.setdiff1d(active, bodies)
     problem = _Squares.of(normal, bodies, rest)
     drives = [model.effects[int(k) - 10 * n][0] for k in rotors]
-    barrier = _Barrier.of(model, prior, np.array([d not in lagging for d in drives], dtype=bool), rotors)
+    held = np.ones(len(more), dtype=bool)
+    held[: len(rotors)] = [d not in lagging for d in drives]
+    barrier = _Barrier.of(model, prior, held, more)
     least = max(problem.least(), _LEAST_ERROR * float(normal.square))
     starts = [(barrier.start, _FIRST)]
     if near is not None:
@@ -149,7 +153,7 @@ class _Barrier:
     margin: Array
     """(n, 4, 4)."""
     held: NDArray[np.bool_]
-    """(m,) rotors that may not be negative."""
+    """(m,) rotors and friction that may not be negative."""
     free: Array
     """(m,) curvature for rotors that may: what torque cannot tell of them is zero."""
 

@@ -21,6 +21,7 @@ from trueup.identification.estimation.couplings import coupled
 from trueup.identification.estimation.diagnosis import check_log
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import Estimate, least_squares, weighted_least_squares
+from trueup.identification.estimation.file_fit import FileFit, file_fit
 from trueup.identification.estimation.filtering import derivative
 from trueup.identification.estimation.moments import TINY, Moments, blocks_of, moments_of
 from trueup.identification.estimation.motion import Log, Piece, log_of, pieces_of
@@ -36,8 +37,8 @@ from trueup.recording import Recording
 
 Array = NDArray[np.float64]
 Told = Callable[[str, float], None]
-Structured = tuple[list[Piece], Moments, Choice]
-"""Pieces with their effects of load, their moments, the model that predicts best."""
+Structured = tuple[list[Piece], Array, Moments, Choice]
+"""Pieces with their effects of load, the links (n, 10) that these were made of, moments, the model that predicts best."""
 
 _STAGES = (
     "reading the logs", "computing regressors", "comparing clocks",
@@ -96,13 +97,14 @@ def identify(
     say("choosing the structure of friction")
     nominal = _nominal(pool.model)
     structured = partial(_structured, pool, nominal=nominal, structure=wanted.structure, margin=1.0 / cutoff)
-    alignment, (pieces, moments, choice) = _believed(alignment, aligned, pieces, structured)
+    alignment, (pieces, carried, moments, choice) = _believed(alignment, aligned, pieces, structured)
     say("estimating")
-    estimate, bodies, choice = _estimated(pool, _training(pieces), nominal, choice, wanted)
+    estimate, bodies, written, choice = _estimated(pool, pieces, nominal, choice, wanted)
     say("writing")
     return outcome(
-        tree, pool, choice, estimate, bodies and bodies.fit, pieces, alignment, moments=moments, nominal=nominal,
-        units=logs[0].units, pull=bodies.pull if bodies else 0.0, cutoff=cutoff, warnings=warnings, rng=rng, started=started,
+        tree, pool, choice, estimate, bodies and bodies.fit, written, pieces, alignment, carried=carried, moments=moments,
+        nominal=nominal, units=logs[0].units, pull=bodies.pull if bodies else 0.0, cutoff=cutoff, warnings=warnings, rng=rng,
+        started=started,
     )  # fmt: skip
 
 
@@ -117,29 +119,30 @@ def _announced(told: Told | None) -> Callable[[str], None]:
 
 
 def _structured(pool: Pool, pieces: Sequence[Piece], nominal: Array, structure: str, margin: float) -> Structured:
-    """The pieces with their effects of load, their moments, and the model that predicts best.
+    """The pieces with their effects of load, and the model that predicts best.
 
     What gears carry comes from a first rough fit, then from possible bodies in the model chosen with it.
     """
 
-    def carrying(parameters: Array) -> tuple[list[Piece], Moments]:
-        made = [replace(p, rows=loaded(pool, p.rows, parameters)) for p in pieces]
-        return made, moments_of(blocks_of(_training(made), BLOCKS, margin))
+    def carrying(parameters: Array) -> tuple[list[Piece], Array, Moments]:
+        links = parameters[: 10 * pool.model.tree.n].reshape(-1, 10)
+        made = loaded(pool, pieces, links)
+        return made, links, moments_of(blocks_of(_training(made), BLOCKS, margin))
 
     prior = _prior(pool, nominal)
     rough = weighted_least_squares(_training(pieces), basic_columns(pool), prior=prior).parameters
-    made, moments = carrying(pool.base.full(pool.base.of(rough), nominal))
+    made, links, moments = carrying(pool.base.full(pool.base.of(rough), nominal))
     choice = chosen(pool, moments, prior * moments.scale, structure)
     if structure == "select":
         normal = moments.normal(choice.weights).whole()
         bodies = consistent_fit(pool.model, normal, np.flatnonzero(choice.active), nominal).parameters
-        again, their = carrying(bodies)
-        new = balanced(their, prior * their.scale, choice)
+        again = carrying(bodies)
+        new = balanced(again[-1], prior * again[-1].scale, choice)
         if new.loss < choice.loss:  # the same terms, of other bodies: nothing is added
-            made, moments, choice = again, their, new
+            (made, links, moments), choice = again, new
         moments, choice, left = loosened(moments, prior * moments.scale, choice)
         made = [replace(p, rows=p.rows.loosened(left)) for p in made]
-    return made, moments, choice
+    return made, links, moments, choice
 
 
 def _believed(
@@ -161,26 +164,30 @@ def _training(pieces: Sequence[Piece]) -> list[Rows]:
 
 
 def _estimated(
-    pool: Pool, parts: Sequence[Rows], nominal: Array, choice: Choice, wanted: Options
-) -> tuple[Estimate, Bodies | None, Choice]:
-    """The estimate, drawn to possible bodies as far as that predicts no worse, those bodies, and how strongly it is."""
-    active = np.flatnonzero(choice.active)
+    pool: Pool, pieces: Sequence[Piece], nominal: Array, choice: Choice, wanted: Options
+) -> tuple[Estimate, Bodies | None, FileFit | None, Choice]:
+    """The estimate, drawn to possible bodies as far as that predicts no worse, those bodies, what a model file can hold, and
+    how strongly the estimate is drawn.
+    """
+    active, parts = np.flatnonzero(choice.active), _training(pieces)
 
     def fit(prior: Array, strength: float, robust: bool | None) -> Estimate:
         return least_squares(parts, active, choice.weights, prior=prior, strength=strength, robust=robust)
 
     free = fit(_prior(pool, nominal), choice.strength, wanted.robust)
     if not wanted.consistent:
-        return free, None, choice
+        return free, None, None, choice
     # All samples, where the choice of the structure left out those at the borders of blocks.
     moments = moments_of(blocks_of(parts, BLOCKS, 0.0))
     bodies = cross_validated_fit(pool.model, moments, choice.weights, active, nominal)
+    written = file_fit(pool, moments, nominal, bodies.pull, [p.motion.v for p in pieces if not p.held_out])
     if len(bodies.folds) < 2:
-        return free, bodies, choice
+        return free, bodies, written, choice
     priors = np.array([_prior(pool, fold.parameters) for fold in bodies.folds])
     choice = drawn(moments, priors * moments.scale, choice)
     near = fit(_prior(pool, bodies.fit.parameters), choice.strength, free.robust)
-    return replace(near, covariance=free.covariance), bodies, choice  # deviations: what the logs tell by themselves
+    # Deviations: what the logs tell by themselves.
+    return replace(near, covariance=free.covariance), bodies, written, choice
 
 
 def natural_cutoff(logs: Sequence[Log]) -> float:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,6 +42,11 @@ _APART = 2.0
 """Between what is fitted and what is held out of the same recording, in periods of the cut-off."""
 _FEWEST = 40
 """Samples in a piece."""
+_ARRAYS = ("time", "q", "v", "a", "torque")
+
+
+Torque = Callable[[Array, Array, Array], Array]
+"""(S, n) torque at positions, speeds and accelerations (S, n) of a motion in the order of time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,10 +236,29 @@ def _values(channel: Channel, tree: KinematicTree, time: Array, recording: Recor
 class Piece:
     """A recording, or a part of one, ready to be compared."""
 
-    motion: Motion
-    """At the instants of `rows`."""
+    whole: Motion
+    """All of the recording, sampled finely."""
     rows: Rows
+    """Filtered, at the instants that are compared."""
     held_out: bool
+    lowpass: Lowpass | None
+    every: int
+    keep: NDArray[np.bool_]
+    """Which of every `every`-th instant of `whole` are compared."""
+
+    @property
+    def motion(self) -> Motion:
+        """At the instants of `rows`."""
+        arrays = {name: getattr(self.whole, name)[:: self.every][self.keep] for name in _ARRAYS}
+        return replace(self.whole, **arrays)
+
+    def passed(self, values: Array) -> Array:
+        """(S', ...) what is computed at all instants of `whole` (S, ...), through the filter of `rows`, thinned out."""
+        return (values if self.lowpass is None else self.lowpass(values))[:: self.every]
+
+    def predicted(self, torque: Torque) -> Array:
+        """(S, n) what any model says of this motion, filtered as the torque that was measured."""
+        return self.passed(torque(self.whole.q, self.whole.v, self.whole.a))[self.keep]
 
 
 def pieces_of(motion: Motion, model: DynamicModel, cutoff: float, hold_out: float) -> list[Piece]:
@@ -242,9 +267,10 @@ def pieces_of(motion: Motion, model: DynamicModel, cutoff: float, hold_out: floa
     Standstill at both ends is left out, and what a filter cannot know: one period of the cut-off there and around gaps.
     """
     rows = model.rows(motion.time, motion.q, motion.v, motion.a, motion.torque)
-    every = decimated(motion.rate, _COMPARED * cutoff)
+    every, lowpass = 1, None
     if cutoff < 0.45 * motion.rate:
-        rows = rows.filtered(Lowpass(motion.rate, cutoff), every)
+        every, lowpass = decimated(motion.rate, _COMPARED * cutoff), Lowpass(motion.rate, cutoff)
+        rows = rows.filtered(lowpass, every)
     (start, stop), margin = motion.span(), 1.0 / cutoff
     start, stop = max(start, float(rows.time[0]) + margin), min(stop, float(rows.time[-1]) - margin)
     edge = start + (1.0 - hold_out) * (stop - start)
@@ -259,10 +285,4 @@ def pieces_of(motion: Motion, model: DynamicModel, cutoff: float, hold_out: floa
             f"recording '{motion.name}': {max(stop - start, 0.0):.2g} s of motion are too little for a cut-off of "
             f"{cutoff:g} Hz{' and a part held out' if hold_out else ''}"
         )
-    whole = _at(motion, slice(None, None, every))
-    return [Piece(_at(whole, keep), rows.part(keep), held) for keep, held in keeps]
-
-
-def _at(motion: Motion, keep: slice | NDArray[np.bool_]) -> Motion:
-    arrays = {name: getattr(motion, name)[keep] for name in ("time", "q", "v", "a", "torque")}
-    return replace(motion, **arrays)
+    return [Piece(motion, rows.part(keep), held, lowpass, every, keep) for keep, held in keeps]

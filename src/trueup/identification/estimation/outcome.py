@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.consistent import ConsistentFit, violation, violations
 from trueup.identification.estimation.estimate import Estimate
-from trueup.identification.estimation.moments import TINY, Moments
+from trueup.identification.estimation.file_fit import FileFit
+from trueup.identification.estimation.moments import Moments
 from trueup.identification.estimation.pool import Pool
 from trueup.identification.estimation.result import (
     Alignment,
@@ -29,9 +30,10 @@ from trueup.identification.estimation.verdicts import advice, parameters_of
 from trueup.identification.inertial import pseudo_inertia
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.poses import link_poses
+from trueup.identification.torque_model import TorqueModel
 
 if TYPE_CHECKING:
-    from trueup.identification.estimation.motion import Piece
+    from trueup.identification.estimation.motion import Piece, Torque
 
 Array = NDArray[np.float64]
 
@@ -47,30 +49,31 @@ _COSTLY = 1.02
 
 def outcome(
     tree: KinematicTree, pool: Pool, choice: Choice, estimate: Estimate, bodies: ConsistentFit | None,
-    pieces: Sequence[Piece], alignment: Alignment | None, *, moments: Moments, pull: float, nominal: Array,
-    units: tuple[str, ...], cutoff: float, warnings: Sequence[str], rng: np.random.Generator, started: float,
+    written: FileFit | None, pieces: Sequence[Piece], alignment: Alignment | None, *, carried: Array, moments: Moments,
+    pull: float, nominal: Array, units: tuple[str, ...], cutoff: float, warnings: Sequence[str], rng: np.random.Generator,
+    started: float,
 ) -> Identification:  # fmt: skip
-    """The result. `nominal` (p,) are the file's parameters, `pull` what drew the consistent fit to them."""
+    """The result. `nominal` (p,) are the file's parameters, `pull` what drew the consistent fit to them, `carried` (n, 10)
+    the links that effects of load were computed from, `written` what a model file can hold.
+    """
     model, active = pool.model, estimate.active
-    weighed = bool(np.isfinite(tree.inertial).all())
-    rigid = np.where(np.arange(model.p) < 10 * tree.n, nominal, 0.0) if weighed else None
-    predictions = tuple(_prediction(p, tree, estimate.parameters, bodies, rigid) for p in pieces)
+    given = TorqueModel.of_file(tree, units).torque if np.isfinite(tree.inertial).all() else None
+    predictions = tuple(_prediction(p, tree, estimate.parameters, bodies, given) for p in pieces)
     parts = [p.rows for p in pieces if not p.held_out]
-    parameters = parameters_of(model, pool.base, estimate, parts, nominal, bodies.parameters if bodies else None)
-    full = bodies.parameters if bodies is not None else pool.base.full(pool.base.of(estimate.parameters), nominal)
-    speed = np.concatenate([p.motion.v for p in pieces if not p.held_out])
+    held = None if written is None else _in_columns(pool, written)
+    parameters = parameters_of(model, pool.base, estimate, parts, nominal, held)
     errors = np.zeros((0, tree.n)) if choice.errors is None else np.sqrt(choice.errors / moments.count[:, None])
     made = Identification(
         model_name=tree.name, joints=tree.joints, prismatic=tuple(bool(x) for x in tree.prismatic),
         units=units, effort=np.asarray(tree.effort), parameters=parameters,
-        links=_links(model, pool, estimate, bodies, nominal), predictions=predictions, noise=estimate.noise,
+        links=_links(model, pool, estimate, written, nominal), predictions=predictions, noise=estimate.noise,
         cross_validation=errors, alignment=alignment, structure=_structure(model, active),
-        simple_friction=_simple_friction(model, full, speed), armature=_armature(model, full), cutoff=cutoff,
+        model=TorqueModel.of(model, estimate.parameters, carried, units), for_file=written, cutoff=cutoff,
         rate=1.0 / float(np.median(np.diff(parts[0].time))), weighting="each joint by its noise (weighted least squares)",
         trust=choice.strength, pull=pull, advice=advice(model, pool.base, parameters, rng),
         warnings=(*warnings, *_warnings(predictions, alignment), *_thin(predictions, parameters)),
         notes=_notes(tree, estimate, bodies, predictions),
-        seconds=time.perf_counter() - started, inertial=full[: 10 * tree.n].reshape(-1, 10),
+        seconds=time.perf_counter() - started,
     )  # fmt: skip
     return made if all(unit.startswith("N") for unit in units) else _unweighed(made)
 
@@ -85,38 +88,47 @@ def _unweighed(found: Identification) -> Identification:
     )
     parameters = tuple(replace(p, unit=f"{p.unit} x A/(N m)") for p in found.parameters)
     unlimited, warnings = np.full(len(found.joints), np.nan), (said, *found.warnings)
-    return replace(found, parameters=parameters, links=(), warnings=warnings, effort=unlimited)
+    return replace(found, parameters=parameters, links=(), for_file=None, warnings=warnings, effort=unlimited)
+
+
+def _in_columns(pool: Pool, written: FileFit) -> Array:
+    """(p,) what is written to a model file, at the columns of the pool; NaN for effects that it has no place for."""
+    made = np.full(pool.model.p, np.nan)
+    made[: written.inertial.size] = written.inertial.ravel()
+    for kind, values in (("rotor", written.armature), ("coulomb", written.friction), ("viscous", written.damping)):
+        made[list(pool.groups[kind])] = values
+    return made
 
 
 def _prediction(
-    piece: Piece, tree: KinematicTree, fitted: Array, bodies: ConsistentFit | None, rigid: Array | None
+    piece: Piece, tree: KinematicTree, fitted: Array, bodies: ConsistentFit | None, given: Torque | None
 ) -> Prediction:
     rows, motion = piece.rows, piece.motion
     return Prediction(
         recording=motion.name, held_out=piece.held_out, time=rows.time, measured=rows.torque,
         fitted=rows.predict(fitted), consistent=None if bodies is None else rows.predict(bodies.parameters),
-        file=None if rigid is None else rows.predict(rigid), position=motion.q, velocity=motion.v,
-        reach=link_poses(tree, motion.q)[1][:, -1],
+        file=None if given is None else piece.predicted(given), position=motion.q, velocity=motion.v,
+        reach=link_poses(tree, motion.q)[1][:, -1], by=piece.predicted,
     )  # fmt: skip
 
 
 def _links(
-    model: DynamicModel, pool: Pool, estimate: Estimate, bodies: ConsistentFit | None, nominal: Array
+    model: DynamicModel, pool: Pool, estimate: Estimate, written: FileFit | None, nominal: Array
 ) -> tuple[Link, ...]:
-    if bodies is None:
+    if written is None:
         return ()
     nearest = pool.base.full(pool.base.of(estimate.parameters), nominal)
     impossible, made = violations(model, nearest), []
     for j, name in enumerate(model.tree.links):
-        row = bodies.parameters[10 * j : 10 * j + 10]
+        row = written.inertial[j]
         mass, sigma = float(row[0]), pseudo_inertia(row)
         com = row[1:4] / mass
         moments = sigma[:3, :3] - mass * np.outer(com, com)
         principal = np.sort(np.linalg.eigvalsh(np.trace(moments) * np.eye(3) - moments))
-        said = impossible.get(j, "") if j in bodies.boundary else ""
+        said = impossible.get(j, "") if j in written.boundary else ""
         x, y, z = (float(c) for c in com)
         small, middle, large = (float(m) for m in principal)
-        made.append(Link(name, mass, (x, y, z), (small, middle, large), j in bodies.boundary, said))
+        made.append(Link(name, mass, (x, y, z), (small, middle, large), j in written.boundary, said))
     return tuple(made)
 
 
@@ -127,41 +139,6 @@ def _structure(model: DynamicModel, active: NDArray[np.int64]) -> tuple[tuple[st
         d, effect = model.effects[int(k) - 10 * model.tree.n]
         said[d].append(effect.short)
     return tuple(tuple(dict.fromkeys(each)) for each in said)
-
-
-def _simple_friction(model: DynamicModel, parameters: Array, speed: Array) -> Array:
-    """(n, 2) f0 and f1 >= 0 of f0 sign(v) + f1 v nearest to the identified friction over the speeds (S, n) that occurred."""
-    n, found = model.tree.n, np.zeros((model.tree.n, 2))
-    turning = speed @ model.drives.T
-    for d in range(n):
-        v = turning[:: max(1, len(turning) // 2000), d]
-        torque = np.zeros_like(v)
-        for k, (owner, effect) in enumerate(model.effects):
-            if owner == d and effect.kind in ("coulomb", "viscous", "saturating", "quadratic", "root", "cubic"):
-                torque += parameters[10 * n + k] * effect.column(np.zeros_like(v), v, np.zeros_like(v))
-            elif owner == d and effect.kind == "hysteresis":  # fully built up, once moving
-                torque += parameters[10 * n + k] * np.sign(v)
-        found[d] = _nonnegative(np.column_stack([np.sign(v), v]), torque)
-    return found
-
-
-def _nonnegative(columns: Array, target: Array) -> Array:
-    """(2,) the best coefficients that are not negative: the free ones, else the best of one column alone."""
-    both = np.asarray(np.linalg.lstsq(columns, target, rcond=None)[0], dtype=np.float64)
-    if both.min() >= 0.0:
-        return both
-    alone = np.maximum(columns.T @ target / np.maximum(np.sum(columns**2, axis=0), TINY), 0.0)
-    trials = np.diag(alone)
-    return trials[int(np.argmin([np.sum((target - columns @ x) ** 2) for x in trials]))]
-
-
-def _armature(model: DynamicModel, parameters: Array) -> Array:
-    """(n,) rotor inertias that stand apart from the links."""
-    found = np.zeros(model.tree.n)
-    for k, (d, effect) in enumerate(model.effects):
-        if effect.kind == "rotor":
-            found[d] = max(float(parameters[10 * model.tree.n + k]), 0.0)
-    return found
 
 
 def _warnings(predictions: Sequence[Prediction], alignment: Alignment | None) -> list[str]:

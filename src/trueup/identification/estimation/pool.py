@@ -13,10 +13,9 @@ from trueup.identification.base_parameters import BaseParameters
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.effects import OF_LOAD, Effect
 from trueup.identification.estimation.moments import RIDGE, Moments
-from trueup.identification.estimation.motion import Motion
+from trueup.identification.estimation.motion import Motion, Piece
 from trueup.identification.estimation.selection import Choice, balanced, evaluated, grown, reweighed
 from trueup.identification.kinematic_tree import KinematicTree
-from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -84,8 +83,9 @@ def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion]) -> P
         add(f"saturating {s:g}", "saturating", s * top)
     for s in _TRAVELS:
         add(f"hysteresis {s:g}", "hysteresis", s * span)
-    for kind in (*OF_LOAD, "lag"):
-        add(kind, kind)
+    add("load", "load", _USUAL * top)
+    add("gain", "gain")
+    add("lag", "lag")
     model = DynamicModel.of(tree, effects, drives)
     base = _base(model, tree.n)
     independent = np.ones(model.p, dtype=bool)
@@ -95,10 +95,32 @@ def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion]) -> P
     return Pool(model, groups, base, independent)
 
 
-def loaded(pool: Pool, rows: Rows, parameters: Array) -> Rows:
-    """The rows with the effects of load, for the bodies among all parameters (p,)."""
-    direction = np.array(pool.groups[f"saturating {_USUAL:g}"])
-    return pool.model.loaded(rows, parameters[: 10 * pool.model.tree.n], direction)
+def loaded(pool: Pool, pieces: Sequence[Piece], bodies: Array) -> list[Piece]:
+    """The pieces with the effects of load, for links `bodies` (n, 10) that a first fit found.
+
+    Columns are made where the motion is still sampled finely and then filtered, as all others are.
+    """
+    made, columns = [], dict[int, dict[int, Array]]()
+    for p in pieces:
+        if id(p.whole) not in columns:
+            columns[id(p.whole)] = {k: p.passed(c) for k, c in _of_load(pool.model, p.whole, bodies).items()}
+        values = [np.array(v) for v in p.rows.values]
+        for k, column in columns[id(p.whole)].items():
+            own = pool.model.drives[pool.model.effect(k)[0]]
+            for j in np.flatnonzero(own):
+                values[j][int(np.flatnonzero(p.rows.columns[j] == k)[0])] = own[j] * column[p.keep]
+        made.append(replace(p, rows=replace(p.rows, values=tuple(values))))
+    return made
+
+
+def _of_load(model: DynamicModel, motion: Motion, bodies: Array) -> dict[int, Array]:
+    """Column -> (S,) torque of one unit of each effect of load at its drive."""
+    carried = model.carried(bodies, motion.q, motion.v, motion.a)
+    speed = motion.v @ model.drives.T
+    return {
+        int(k): effect.column(speed[:, d], speed[:, d], speed[:, d], load=carried[:, d])
+        for k, (d, effect) in ((k, model.effects[int(k) - 10 * model.tree.n]) for k in model.columns_of(*OF_LOAD))
+    }
 
 
 def _base(model: DynamicModel, n: int) -> BaseParameters:

@@ -4,15 +4,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.formats.plain import finite
-from trueup.identification.inertial import NAMES
+if TYPE_CHECKING:
+    from trueup.identification.estimation.file_fit import FileFit
+    from trueup.identification.torque_model import TorqueModel
 
 Array = NDArray[np.float64]
 
@@ -31,11 +32,13 @@ class Prediction:
     consistent: Array | None
     """By the physically consistent one."""
     file: Array | None
-    """By the inertias of the model file alone, without friction; None where it has none."""
+    """By the model file as it was given; None where it has no inertias."""
     position: Array
     velocity: Array
     reach: Array
     """(S, 3) where the last link's frame is, in m in the base frame."""
+    by: Callable[[Callable[[Array, Array, Array], Array]], Array] | None = None
+    """(S, n) what any other function of positions, speeds and accelerations (T, n) says of this motion."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,7 @@ class Parameter:
     file: float
     """What the model file says; NaN where it says nothing."""
     consistent: float
-    """In the physically consistent model; NaN without one."""
+    """In the model file that is written; NaN where it has no place for it."""
     verdict: str
     """'identified', 'roughly', 'small', 'shared' or 'not seen'."""
     note: str = ""
@@ -67,7 +70,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Link:
-    """One link's ten inertial parameters in the consistent model, and what to mind."""
+    """One link's ten inertial parameters as they are written to a model file, and what to mind."""
 
     name: str
     mass: float
@@ -121,12 +124,10 @@ class Identification:
     alignment: Alignment | None
     structure: tuple[tuple[str, ...], ...]
     """For each joint the effects that were kept, in words."""
-    simple_friction: Array
-    """(n, 2) Coulomb and viscous friction that come closest to what was identified, for URDF and MJCF."""
-    armature: Array
-    """Rotor inertias that stand apart from the links, kg m^2 (kg)."""
-    inertial: Array
-    """(n, 10) inertial parameters of the links in their joints' frames, consistent ones where they were asked for."""
+    model: TorqueModel
+    """All that was identified: predicts torque for any motion."""
+    for_file: FileFit | None
+    """Bodies that can exist, rotors, Coulomb and viscous friction, fitted together: what a URDF or MJCF can hold."""
     cutoff: float
     """Hz."""
     rate: float
@@ -188,60 +189,54 @@ def relative_errors(predictions: Sequence[Prediction], which: str = "fitted") ->
     return rmse(predictions, which) / np.maximum(size, np.finfo(float).tiny)
 
 
-def numbers_of(found: Identification) -> dict[str, Any]:
-    """SI units; null where there is no number. Errors are given for held-out motion and for the training data."""
-    return finite(
-        {
-            "model": found.model_name,
-            "joints": list(found.joints), "units": list(found.units),
-            "held_out": _errors(found, held_out=True),
-            "training": _errors(found, held_out=False),
-            "cross_validation": {
-                "rmse": found.cross_validated(),
-                "blocks": found.cross_validation.tolist(),
-                "note": "the structure of friction was chosen by the same blocks",
-            },
-            "parameters": [vars(p) for p in found.parameters],
-            "links": [
-                {**vars(link), "inertial": dict(zip(NAMES, row.tolist(), strict=True))}
-                for link, row in zip(found.links, found.inertial, strict=False)
-            ],
-            "joints_friction": [
-                {
-                    "joint": j,
-                    "coulomb": float(f[0]),
-                    "viscous": float(f[1]),
-                    "rotor_inertia": float(a),
-                    "effects": list(e),
-                }
-                for j, f, a, e in zip(found.joints, found.simple_friction, found.armature, found.structure, strict=True)
-            ],
-            "noise": found.noise.tolist(),
-            "alignment": None
-            if found.alignment is None
-            else {**vars(found.alignment), "samples": found.alignment.samples},
-            "cutoff": found.cutoff,
-            "rate": found.rate,
-            "weighting": found.weighting,
-            "advice": list(found.advice),
-            "warnings": list(found.warnings),
-            "notes": list(found.notes),
-            "seconds": found.seconds,
-        }
-    )  # fmt: skip
+@dataclass(frozen=True, eq=False)
+class LogError:
+    """How far a model's torque is from that of one log; arrays are (n,)."""
+
+    recording: str
+    held_out: bool
+    count: int
+    squares: Array
+    """Sums of squared errors, (N m)^2."""
+    power: Array
+    """Sums of squared torques that were measured."""
 
 
-def _errors(found: Identification, *, held_out: bool) -> dict[str, Any] | None:
-    """Errors of the fitted, the consistent and the file's model; None where there is nothing of the kind."""
-    chosen = found.held_out() if held_out else found.training()
-    if not chosen:
-        return None
-    said: dict[str, Any] = {"recordings": list(dict.fromkeys(p.recording for p in chosen))}
-    for which in ("fitted", "consistent", "file"):
-        if all(getattr(p, which) is not None for p in chosen):
-            said[which] = {
-                "relative_error": relative_error(chosen, which),
-                "relative_error_by_joint": relative_errors(chosen, which).tolist(),
-                "rmse_by_joint": rmse(chosen, which).tolist(),
-            }
-    return said
+@dataclass(frozen=True, eq=False)
+class Deliverable:
+    """One thing that is handed over, and how good it is as it was read back from its file."""
+
+    name: str
+    """'fit', 'predictor', 'C header', 'Python file', 'model file' or 'model file as given'."""
+    files: tuple[str, ...]
+    """In the folder; none for what is no file."""
+    use: str
+    """What it is for."""
+    errors: tuple[LogError, ...] = ()
+    difference: float = math.nan
+    """Largest difference of its torque from the fit's, N m (N)."""
+    seconds: float = math.nan
+    """A call, for one instant."""
+    note: str = ""
+
+    def relative(self, *, held_out: bool) -> float:
+        """||measured - predicted|| / ||measured|| over all joints and samples of one kind; NaN without any."""
+        chosen = [e for e in self.errors if e.held_out == held_out]
+        power = sum(float(e.power.sum()) for e in chosen)
+        return math.sqrt(sum(float(e.squares.sum()) for e in chosen) / power) if power else math.nan
+
+    def relative_by_joint(self, *, held_out: bool) -> Array:
+        """(n,) the same of each joint."""
+        chosen = [e for e in self.errors if e.held_out == held_out]
+        power = np.sum([e.power for e in chosen], axis=0)
+        return np.sqrt(np.sum([e.squares for e in chosen], axis=0) / np.maximum(power, np.finfo(float).tiny))
+
+
+def log_errors(predictions: Sequence[Prediction], predicted: Sequence[Array]) -> tuple[LogError, ...]:
+    """The errors of what is `predicted` (S, n) for each log."""
+    return tuple(
+        LogError(
+            p.recording, p.held_out, len(p.time), np.sum((p.measured - x) ** 2, axis=0), np.sum(p.measured**2, axis=0)
+        )
+        for p, x in zip(predictions, predicted, strict=True)
+    )

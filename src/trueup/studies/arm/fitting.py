@@ -99,7 +99,7 @@ def _loaded(rows: Rows, parameters: Array) -> Rows:
     extra = load_columns(rows, parameters)
     columns = tuple(np.append(c, rows.p + j) for j, c in enumerate(rows.columns))
     values = tuple(np.vstack([v, extra[:, j]]) for j, v in enumerate(rows.values))
-    more = Effect("load").shrink * np.ones(extra.shape[1])
+    more = Effect("load", 1.0).shrink * np.ones(extra.shape[1])
     shrink = np.append(np.broadcast_to(rows.shrink, rows.p), more)
     return replace(rows, columns=columns, values=values, p=rows.p + extra.shape[1], shrink=shrink)
 

@@ -1,21 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Writes identified links and friction back into the URDF or MJCF they came from; comments and meshes stay."""
+"""Writes bodies, friction and rotors into the URDF or MJCF they came from, and reads them back; comments and meshes stay."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import ModelError
 from trueup.formats.aside import written_aside
-from trueup.identification.estimation.result import Identification
+from trueup.identification.estimation.file_fit import FileFit
 from trueup.identification.inertial import NAMES, from_com, moved, pseudo_inertia, tensor
 from trueup.identification.kinematic_tree import KinematicTree, about
-from trueup.identification.urdf import is_urdf
+from trueup.identification.model_file import load_tree
+from trueup.identification.urdf import GEAR, ROTOR, is_urdf
 
 if TYPE_CHECKING:
     import mujoco
@@ -28,21 +30,28 @@ _TENSOR = tuple(name.casefold() for name in NAMES if name.startswith("I"))
 """Attributes of <inertia>, in the order of the ten numbers."""
 
 
-def write_identified(
-    found: Identification, tree: KinematicTree, model: str | Path, target: str | Path
+def write_model_file(
+    fit: FileFit | None, tree: KinematicTree, model: str | Path, target: str | Path
 ) -> tuple[str, ...]:
-    """Writes `model` with the identified bodies, damping, friction and (MJCF) rotor inertias to `target`.
+    """Writes `model` with these bodies, damping, friction and rotor inertias to `target`.
 
-    `tree` is the one that was identified, with its joints locked. Only the numbers change. Returns notes on what the
-    file cannot say. Raises ModelError where there are no possible bodies to write, and OutputError.
+    `tree` is the one that was identified, with its joints locked. Only the numbers change; beside a URDF goes an SRDF with
+    the rotors, as Pinocchio reads them. Returns notes. Raises ModelError where there are no possible bodies to write, and
+    OutputError.
     """
-    if not found.links:
+    if fit is None:
         raise ModelError("bodies that cannot exist are not written: identify with physically consistent links")
     source, path = Path(model), Path(target)
-    return _write_urdf(found, tree, source, path) if is_urdf(source) else _write_mjcf(found, tree, source, path)
+    return _write_urdf(fit, tree, source, path) if is_urdf(source) else _write_mjcf(fit, tree, source, path)
 
 
-def _write_urdf(found: Identification, tree: KinematicTree, source: Path, path: Path) -> tuple[str, ...]:
+def read_back(path: str | Path, tree: KinematicTree) -> KinematicTree:
+    """The tree of a file that was written, locked and mounted as `tree` is."""
+    again = load_tree(path)
+    return again.lock([j for j in again.joints if j not in tree.joints]).replace(gravity=tree.gravity)
+
+
+def _write_urdf(fit: FileFit, tree: KinematicTree, source: Path, path: Path) -> tuple[str, ...]:
     from trueup.engines.mujoco.reading.mjcf_text import MjcfText
 
     text = MjcfText(source.read_bytes())
@@ -53,34 +62,65 @@ def _write_urdf(found: Identification, tree: KinematicTree, source: Path, path: 
         element = links[name]
         file = np.nan_to_num(tree.inertial[j])
         attached = file - _own(element)
-        own, share = _without(found.inertial[j], attached)
+        own, share = _without(fit.inertial[j], attached)
         if share < 1.0:
             notes.append(_lightened(f"link '{name}'", _lighten(text, name, share, tree, joints, links), share))
         _set_inertial(text, element, own)
     for j, name in enumerate(tree.joints):
-        coulomb, viscous = (f"{x:.6g}" for x in found.simple_friction[j])
+        coulomb, viscous = f"{fit.friction[j]:.9g}", f"{fit.damping[j]:.9g}"
         dynamics = joints[name].child("dynamics")
         if dynamics is None:
             text.insert_first(joints[name], f'<dynamics damping="{viscous}" friction="{coulomb}"/>')
         else:
             text.change(dynamics, damping=viscous, friction=coulomb)
-    seen = found.armature > 1e-3 * max(float(found.armature.max()), 1e-6)
-    if seen.any():
-        notes.append(
-            "URDF has no place for rotor inertias; they are in identification.json: "
-            + ", ".join(
-                f"{joint} {found.armature[j]:.3g} {'kg' if tree.prismatic[j] else 'kg m^2'}"
-                for j, joint in enumerate(tree.joints)
-                if seen[j]
-            )
-        )
+        _set_rotor(text, joints[name], float(fit.armature[j]))
+    notes.append(
+        f"rotors stand in <transmission> (as Drake reads them) and in {path.with_suffix('.srdf').name} (as Pinocchio does, "
+        "loadRotorParameters); in simulators that read neither set each joint's armature: "
+        + ", ".join(f"{joint} {fit.armature[j]:.3g}" for j, joint in enumerate(tree.joints))
+    )
     _relocate_meshes(text, source.absolute().parent, path.absolute().parent)
     with written_aside(path) as temporary:
         temporary.write_bytes(text.render())
+    _write_srdf(fit, tree, text.root.attributes.get("name", tree.name), path.with_suffix(".srdf"))
     return tuple(notes)
 
 
-def _write_mjcf(found: Identification, tree: KinematicTree, source: Path, path: Path) -> tuple[str, ...]:
+def _set_rotor(text: MjcfText, joint: Element, inertia: float) -> None:
+    """Writes a rotor's inertia at the joint to the transmission of the joint, which is made where there is none."""
+    name, value = joint.attributes.get("name", ""), f"{inertia:.9g}"
+    text.change(text.root, **{"xmlns:drake": "http://drake.mit.edu"})
+    for transmission in text.all("transmission"):
+        of, actuator = transmission.child("joint"), transmission.child("actuator")
+        if of is None or of.attributes.get("name") != name or actuator is None or actuator.stop == actuator.end:
+            continue
+        for tag, new in ((GEAR, "1"), (ROTOR, value)):
+            if (element := actuator.child(tag)) is not None:
+                text.change(element, value=new)
+            elif tag == ROTOR:
+                text.insert_first(actuator, f'<{ROTOR} value="{value}"/>')
+        return
+    own = quoteattr(name)
+    text.insert_after(
+        joint,
+        f"<transmission name={quoteattr(name + '_transmission')}><type>transmission_interface/SimpleTransmission</type>"
+        f"<joint name={own}><hardwareInterface>hardware_interface/EffortJointInterface</hardwareInterface></joint>"
+        f'<actuator name={quoteattr(name + "_motor")}><{ROTOR} value="{value}"/></actuator></transmission>',
+    )
+
+
+def _write_srdf(fit: FileFit, tree: KinematicTree, name: str, path: Path) -> None:
+    """The rotors as Pinocchio reads them: their inertia at the joint, geared one to one."""
+    lines = [f'    <joint name={quoteattr(joint)} mass="{fit.armature[j]:.9g}" gear_ratio="1"/>'
+             for j, joint in enumerate(tree.joints)]  # fmt: skip
+    text = "\n".join(
+        [f"<robot name={quoteattr(name)}>", "  <rotor_params>", *lines, "  </rotor_params>", "</robot>", ""]
+    )
+    with written_aside(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _write_mjcf(fit: FileFit, tree: KinematicTree, source: Path, path: Path) -> tuple[str, ...]:
     from trueup.engines.mujoco.inertia import body_inertia
     from trueup.engines.mujoco.model import load
     from trueup.engines.mujoco.writing.bodies import Body, JointFriction, write_bodies
@@ -94,7 +134,7 @@ def _write_mjcf(found: Identification, tree: KinematicTree, source: Path, path: 
             continue
         anchor = np.array(compiled.jnt_pos[model.index("joint", joint)])
         file = from_com(float(compiled.body_mass[at]), np.array(compiled.body_ipos[at]), body_inertia(compiled, at))
-        here = moved(np.stack([found.inertial[j], np.nan_to_num(tree.inertial[j])]), np.eye(3), anchor)
+        here = moved(np.stack([fit.inertial[j], np.nan_to_num(tree.inertial[j])]), np.eye(3), anchor)
         own, share = _without(here[0], here[1] - file)
         bodies[name] = Body(*_about_com(own))
         if share < 1.0:
@@ -104,9 +144,7 @@ def _write_mjcf(found: Identification, tree: KinematicTree, source: Path, path: 
                 bodies[compiled.body(b).name] = Body(mass, com, share * body_inertia(compiled, b))
             notes.append(_lightened(f"body '{name}'", [compiled.body(b).name for b in hanging], share))
     joints = {
-        name: JointFriction(
-            float(found.simple_friction[j, 1]), float(found.simple_friction[j, 0]), float(found.armature[j])
-        )
+        name: JointFriction(float(fit.damping[j]), float(fit.friction[j]), float(fit.armature[j]))
         for j, name in enumerate(tree.joints)
     }
     return (*notes, *write_bodies(model, bodies, joints, path))

@@ -13,9 +13,9 @@ import pytest
 
 from trueup.cli import main
 from trueup.formats import write
+from trueup.identification.delivery.model_file import write_model_file
 from trueup.identification.estimation.identify import Options, identify
 from trueup.identification.estimation.result import Identification
-from trueup.identification.estimation.write import write_identified
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.model_file import load_tree
 from trueup.recording import Channel, Recording
@@ -109,23 +109,25 @@ def test_the_written_file_holds_what_was_identified(
 ) -> None:
     tree, result = found
     target = tmp_path / "out" / model.name
-    write_identified(result, tree, model, target)
+    write_model_file(result.for_file, tree, model, target)
     again = load_tree(target)
-    assert np.allclose(again.inertial, result.inertial, rtol=1e-5, atol=1e-6)
-    assert np.allclose(result.inertial[:, 0], np.asarray(_truth(tree).inertial)[:, 0], rtol=0.6)
+    assert result.for_file is not None
+    assert np.allclose(again.inertial, result.for_file.inertial, rtol=1e-5, atol=1e-6)
+    assert np.allclose(result.for_file.inertial[:, 0], np.asarray(_truth(tree).inertial)[:, 0], rtol=0.6)
 
 
 def test_what_hangs_on_a_link_gets_lighter_where_less_was_identified_than_its_file_says(
     found: tuple[KinematicTree, Identification], model: Path, tmp_path: Path
 ) -> None:
     _, result = found
+    assert result.for_file is not None
     heavy, tool = tmp_path / f"heavy{model.suffix}", '<inertial pos="0 0 0" mass="30" diaginertia="1 1 1"/>'
     text = model.read_text().replace('mass value="0.4"', 'mass value="30"')
     text = text.replace('0.03 0.02"/>', f'0.03 0.02"/><body name="tool" pos="0 0 0.1">{tool}</body>')
     heavy.write_text(text)
     target = tmp_path / "out" / heavy.name
-    notes = write_identified(result, load_tree(heavy), heavy, target)
-    assert np.allclose(load_tree(target).inertial, result.inertial, rtol=1e-5, atol=1e-6)
+    notes = write_model_file(result.for_file, load_tree(heavy), heavy, target)
+    assert np.allclose(load_tree(target).inertial, result.for_file.inertial, rtol=1e-5, atol=1e-6)
     assert any("hangs on it (tool)" in note for note in notes)
 
 
@@ -134,7 +136,7 @@ def test_nothing_but_numbers_changes_in_the_text(
 ) -> None:
     tree, result = found
     target = tmp_path / "out" / model.name
-    write_identified(result, tree, model, target)
+    write_model_file(result.for_file, tree, model, target)
     text = target.read_text()
     assert "<!-- the base: nobody touches this comment -->" in text
     assert ("package://arm/upper.stl" in text) == (model.suffix == ".urdf")
@@ -146,10 +148,12 @@ def test_friction_is_written_where_the_format_has_a_place(
 ) -> None:
     tree, result = found
     target = tmp_path / "out" / model.name
-    write_identified(result, tree, model, target)
+    write_model_file(result.for_file, tree, model, target)
     friction = [float(x) for x in re.findall(r'friction(?:loss)?="([\d.]+)"', target.read_text())]
     assert np.allclose(friction, 3.0, atol=0.4)
     assert np.allclose([float(x) for x in re.findall(r'damping="([\d.]+)"', target.read_text())], 1.5, atol=0.4)
+    assert result.for_file is not None
+    assert np.allclose(load_tree(target).armature, result.for_file.armature, rtol=1e-6, atol=1e-12)
 
 
 def test_the_command_writes_model_report_and_numbers_and_never_over_them(
@@ -163,7 +167,7 @@ def test_the_command_writes_model_report_and_numbers_and_never_over_them(
     assert said["held_out"]["fitted"]["relative_error"] < 0.05
     assert {"report.html", "identification.json", model.name} <= {f.name for f in (tmp_path / "fit").iterdir()}
     page = (tmp_path / "fit" / "report.html").read_text()
-    for question in ("How well does it predict torque?", "Where was the model verified?", "Can these bodies exist?"):
+    for question in ("How well does it predict torque?", "Which file is for what", "Can these bodies exist?"):
         assert question in page
     before = (tmp_path / "fit" / "report.html").read_bytes()
     assert main(call) == 0

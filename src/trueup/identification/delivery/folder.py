@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The model folder: every form of what was identified, written, read back from disk, and judged as it is there."""
+
+from __future__ import annotations
+
+import json
+import runpy
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import OutputError
+from trueup.formats.aside import written_aside
+from trueup.formats.plain import finite
+from trueup.identification.delivery.compiled import Compiled, compiled
+from trueup.identification.delivery.model_file import read_back, write_model_file
+from trueup.identification.delivery.source import c_header, prefix, python_file
+from trueup.identification.estimation.result import Deliverable, Identification, Prediction, log_errors
+from trueup.identification.kinematic_tree import KinematicTree
+from trueup.identification.torque_model import FILE, TorqueModel, load
+
+Array = NDArray[np.float64]
+
+HEADER, PYTHON = "torque.h", "torque.py"
+_COMPARED = 100
+"""Instants at which the Python file is compared: it takes a tenth of a millisecond for each."""
+
+
+def deliver(
+    found: Identification, tree: KinematicTree, model: str | Path, folder: str | Path
+) -> tuple[tuple[Deliverable, ...], tuple[str, ...]]:
+    """Writes predictor, header, Python file and model file into `folder`; returns each with its errors, and notes.
+
+    `model` is the file that `tree` was read from; the tree is the one that was identified, with its joints locked. Raises
+    OutputError, and ModelError for a model file that cannot be written.
+    """
+    where, source, notes = Path(folder), Path(model), tuple[str, ...]()
+    if (where / source.name).resolve() == source.resolve():
+        raise OutputError(f"{source} is the model that was given; name another folder")
+    parts = [_fit(found)]
+    texts = ((FILE, json.dumps(found.model.to_dict(), indent=1) + "\n"), (HEADER, c_header(found.model)),
+             (PYTHON, python_file(found.model)))  # fmt: skip
+    for name, text in texts:
+        with written_aside(where / name) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    predictor = load(where)
+    parts += [_predictor(found, predictor), _header(found, where / HEADER), _python(found, predictor, where / PYTHON)]
+    if found.for_file is not None:
+        notes = write_model_file(found.for_file, tree, source, where / source.name)
+        parts += _model_file(found, tree, where / source.name, parts[0])
+    return tuple(parts), notes
+
+
+def _fit(found: Identification) -> Deliverable:
+    errors = log_errors(found.predictions, [p.fitted for p in found.predictions])
+    return Deliverable("fit", (), "all that was identified; what the files below are compared with", errors, 0.0)
+
+
+def _said(found: Identification, model: TorqueModel | Compiled) -> list[Array]:
+    """(S, n) what a model says of each log; the fit itself where the log is no longer at hand."""
+    return [p.fitted if p.by is None else p.by(model.torque) for p in found.predictions]
+
+
+def _predictor(found: Identification, predictor: TorqueModel) -> Deliverable:
+    use, said = "computed torque, observers, analysis: trueup.load(FOLDER).torque(q, qd, qdd)", _said(found, predictor)
+    return Deliverable(
+        "predictor", (FILE,), use, log_errors(found.predictions, said), _furthest(found.predictions, said)
+    )
+
+
+def _header(found: Identification, path: Path) -> Deliverable:
+    use, p = "control loops in C or C++: the same, without memory or libraries", found.predictions[0]
+    with compiled(path, prefix(found.model)) as runs:
+        if isinstance(runs, str):
+            return Deliverable("C header", (path.name,), use, note=f"not run here: {runs}")
+        said = _said(found, runs)
+        seconds = runs.seconds(p.position, p.velocity, np.zeros_like(p.velocity))
+    return Deliverable(
+        "C header", (path.name,), use, log_errors(found.predictions, said), _furthest(found.predictions, said), seconds
+    )
+
+
+def _python(found: Identification, predictor: TorqueModel, path: Path) -> Deliverable:
+    """The Python file, compared with the predictor at the first instants of a log."""
+    p = found.predictions[0]
+    q, v = p.position[:_COMPARED], p.velocity[:_COMPARED]
+    a = np.gradient(v, p.time[:_COMPARED], axis=0)
+    names = runpy.run_path(str(path))
+    state, begun = names["State"](), time.perf_counter()
+    said = [names["torque"](*instant, state) for instant in zip(q.tolist(), v.tolist(), a.tolist(), strict=True)]
+    seconds = (time.perf_counter() - begun) / len(said)
+    return Deliverable(
+        "Python file", (path.name,), "the same where trueup is not installed", (),
+        float(np.abs(np.array(said) - predictor.torque(q, v, a)).max()), seconds,
+        f"compared with the predictor at {len(said)} instants",
+    )  # fmt: skip
+
+
+def _model_file(found: Identification, tree: KinematicTree, path: Path, fit: Deliverable) -> list[Deliverable]:
+    """The model file that was written, and the one that was given."""
+    written, held = TorqueModel.of_file(read_back(path, tree), found.units), bool(found.held_out())
+    files = tuple(f.name for f in (path, path.with_suffix(".srdf")) if f.is_file())
+    errors = log_errors(found.predictions, _said(found, written))
+    made = Deliverable("model file", files, "simulators: possible bodies, rotors, Coulomb and viscous friction", errors)
+    note = f"{made.relative(held_out=held) / fit.relative(held_out=held):.2f} times the error of the fit: what its form costs"
+    if np.count_nonzero(found.model.drives) > tree.n:
+        note += "; it has no place for friction and rotors of drives that turn with two joints"
+    given = [p.file for p in found.predictions if p.file is not None]
+    before = (
+        [Deliverable("model file as given", (), "for comparison", log_errors(found.predictions, given))]
+        if given
+        else []
+    )
+    return [replace(made, note=note), *before]
+
+
+def _furthest(predictions: Sequence[Prediction], said: Sequence[Array]) -> float:
+    return max(float(np.abs(p.fitted - x).max()) for p, x in zip(predictions, said, strict=True))
+
+
+def save_numbers(numbers: object, path: Path) -> Path:
+    """Plain numbers as a JSON file. Raises OutputError."""
+    with written_aside(path) as temporary:
+        temporary.write_text(json.dumps(finite(numbers), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    return path
