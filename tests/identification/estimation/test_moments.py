@@ -23,7 +23,7 @@ def test_borders_give_the_errors_of_new_solutions() -> None:
     for error, column in zip(errors_beside(moments, prior, choice, np.array([5, 8])), (5, 8), strict=True):
         mask = active.copy()
         mask[column] = True
-        anew = evaluated(moments, prior, replace(choice, active=mask)).errors
+        anew = evaluated(moments, prior, replace(choice, active=mask))[0].errors
         assert anew is not None
         np.testing.assert_allclose(error, anew, rtol=1e-4)
 

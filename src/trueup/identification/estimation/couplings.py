@@ -33,11 +33,11 @@ def coupled(
     turns with two joints. A ratio of one, as most gears are cut, gives way only to one that is clearly better. Nothing is
     looked for where couplings are given or the log is of motors. The share held out is not looked at.
     """
-    from scipy.optimize import minimize_scalar  # half a second to load, and rarely needed
-
     n, C = tree.n, drives.coupling
     if n < _WRIST or np.count_nonzero(C) > n or drives.motor_positions or drives.motor_torques:
         return drives, ()
+    from scipy.optimize import minimize_scalar  # half a second to load, and rarely needed
+
     basic = _Basic(motion, tree, cutoff, hold_out)
     pairs, notes = [(n - 2, n - 3), (n - 1, n - 2), (n - 1, n - 3)], []
     best = basic.choice(C)

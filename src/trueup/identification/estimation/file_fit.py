@@ -87,7 +87,10 @@ def _at_joints(
 
 
 def _nonnegative(columns: Array, target: Array) -> Array:
-    """(2,) the best coefficients that are not negative."""
-    from scipy.optimize import nnls
-
-    return np.asarray(nnls(columns, target)[0], dtype=np.float64)
+    """(2,) the best coefficients that are not negative: the free ones, else the best of one column alone."""
+    both = np.asarray(np.linalg.lstsq(columns, target, rcond=None)[0], dtype=np.float64)
+    if both.min() >= 0.0:
+        return both
+    alone = np.maximum(columns.T @ target / np.maximum(np.sum(columns**2, axis=0), TINY), 0.0)
+    trials = np.diag(alone)
+    return trials[int(np.argmin([np.sum((target - columns @ x) ** 2) for x in trials]))]

@@ -147,8 +147,8 @@ def chosen(pool: Pool, moments: Moments, prior: Array, structure: str = "select"
     choice = reweighed(moments, prior, Choice(pool.with_groups(*start), RIDGE, np.ones(pool.model.tree.n)))
     if structure != "select":
         return choice
-    forms = [pool.with_groups(*start[:-1], form) for form in pool.forms()]
-    choice = min((evaluated(moments, prior, replace(choice, active=f)) for f in forms), key=lambda c: c.loss)
+    forms = [replace(choice, active=pool.with_groups(*start[:-1], form)) for form in pool.forms()]
+    choice = min(evaluated(moments, prior, *forms), key=lambda c: c.loss)
     more = [name for name in pool.groups if name not in ("rotor", "offset", "viscous")]
     groups = [pool.columns(name) for name in more]
     groups = [g for k in groups if (g := [c for c in k if not choice.active[c]])]

@@ -74,19 +74,26 @@ def loss_of(errors: Array) -> float:
     return float(0.5 * np.log(each.sum()) + 0.5 * np.mean(np.log(np.maximum(each, TINY))))
 
 
-def evaluated(moments: Moments, prior: Array, choice: Choice) -> Choice:
-    """The choice with its errors on blocks that were left out."""
-    act = np.flatnonzero(choice.active)
-    part = moments.only(act)
-    gram, cross = part.weighted(choice.weights)
-    x = solve(gram.sum(axis=0) - gram, cross.sum(axis=0) - cross, prior[..., act], part.ridge(choice.strength))
-    return replace(choice, errors=part.errors(x))
+def evaluated(moments: Moments, prior: Array, *choices: Choice) -> list[Choice]:
+    """Choices that weigh joints alike, each with its errors on blocks that were left out; `prior` (p,), or (K, p)."""
+    wide = np.flatnonzero(np.any([c.active for c in choices], axis=0))
+    part, made, act = moments.only(wide), list[Choice](), np.zeros(0, dtype=np.int64)
+    gram, cross = part.weighted(choices[0].weights)
+    gram, cross = gram.sum(axis=0) - gram, cross.sum(axis=0) - cross  # of the blocks that a fit saw
+    for choice in choices:
+        own = np.flatnonzero(choice.active[wide])
+        if not np.array_equal(own, act):
+            act, small = own, part if len(own) == len(wide) else part.only(own)
+            normal, right = gram[:, own[:, None], own], cross[:, own]
+        x = solve(normal, right, prior[..., wide[own]], small.ridge(choice.strength))
+        made.append(replace(choice, errors=small.errors(x)))
+    return made
 
 
 def reweighed(moments: Moments, prior: Array, choice: Choice) -> Choice:
     """The choice with error variances that fit it, and its errors on left-out blocks."""
     variance = weighted_fit(moments, np.flatnonzero(choice.active), prior, choice.strength, choice.variance)[1]
-    return evaluated(moments, prior, replace(choice, variance=variance))
+    return evaluated(moments, prior, replace(choice, variance=variance))[0]
 
 
 def grown(moments: Moments, prior: Array, choice: Choice, groups: Sequence[Sequence[int]]) -> Choice:
@@ -111,7 +118,7 @@ def _with_each(moments: Moments, prior: Array, choice: Choice, groups: Sequence[
         active[list(columns)] = True
         larger.append(replace(choice, active=active))
     if any(len(columns) > 1 for columns in groups):
-        return [evaluated(moments, prior, each) for each in larger]
+        return evaluated(moments, prior, *larger)
     errors = errors_beside(moments, prior, choice, np.array([columns[0] for columns in groups]))
     return [replace(each, errors=error) for each, error in zip(larger, errors, strict=True)]
 
@@ -152,7 +159,7 @@ def _moved_errors(moments: Moments, at: Integers, x: Array, along: Array, step: 
 def balanced(moments: Moments, prior: Array, choice: Choice) -> Choice:
     """The choice with weights that fit it, and drawn to the prior where that predicts clearly better."""
     choice = reweighed(moments, prior, choice)
-    best = min((evaluated(moments, prior, replace(choice, strength=s)) for s in _STRENGTHS), key=lambda c: c.loss)
+    best = min(evaluated(moments, prior, *(replace(choice, strength=s) for s in _STRENGTHS)), key=lambda c: c.loss)
     return best if best.beats(choice) else choice
 
 
@@ -161,7 +168,7 @@ def drawn(moments: Moments, priors: Array, choice: Choice) -> Choice:
 
     Blocks of one log hardly ask what other motion will: directions that the log tells badly cost little here, and there much.
     """
-    tried = [evaluated(moments, priors, replace(choice, strength=s)) for s in _STRENGTHS]
+    tried = evaluated(moments, priors, *(replace(choice, strength=s) for s in _STRENGTHS))
     best = min(tried, key=lambda c: c.loss)
     return replace(choice, strength=max(c.strength for c in tried if c is best or not best.beats(c)))
 
@@ -173,7 +180,7 @@ def loosened(moments: Moments, prior: Array, choice: Choice) -> tuple[Moments, C
     """
     left = 1.0
     for share in _SHARES:
-        new = evaluated(moments.loosened(share), prior, choice)
+        (new,) = evaluated(moments.loosened(share), prior, choice)
         if not new.beats(choice):
             break
         left, choice = share, new
