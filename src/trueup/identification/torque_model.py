@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trueup import files
 from trueup.errors import ModelError, TrueupError
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.effects import OF_LOAD, Effect
@@ -153,6 +154,9 @@ class TorqueModel:
         )  # fmt: skip
         links, load = (np.asarray(data[k], dtype=float).reshape(tree.n, 10) for k in ("links", "load_links"))
         drives = np.asarray(data["drives"], dtype=float).reshape(tree.n, tree.n)
+        numbers = [links, load, drives, *(getattr(tree, k) for k in GEOMETRY), [c for _, _, c in terms]]
+        if not all(np.isfinite(x).all() for x in numbers) or len(data["units"]) != tree.n:
+            raise ValueError("numbers are missing or not finite")
         return cls(tree, links, drives, terms, load, tuple(str(u) for u in data["units"]))
 
 
@@ -164,13 +168,13 @@ def load(folder: str | Path) -> TorqueModel:
     """
     path = Path(folder)
     file = path / FILE if path.is_dir() else path
-    try:
-        data = json.loads(file.read_text(encoding="utf-8"))
-    except OSError:
+    if not file.exists():
         raise ModelError(
             f"there is no torque model in '{path}': {FILE} is missing; `trueup identify ... --out DIR` writes one to DIR"
-        ) from None
-    except ValueError as error:
+        )
+    try:
+        data = json.loads(files.text(file, ModelError))
+    except (ValueError, RecursionError) as error:
         raise ModelError(f"'{file}' is not a torque model: {error}") from None
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         said = data.get("format") if isinstance(data, dict) else type(data).__name__

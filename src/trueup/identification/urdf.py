@@ -136,7 +136,7 @@ def _end(joint: Element, which: str, links: dict[str, Element], file: Path) -> s
 def _dynamics(joints: list[Element], key: str) -> Array:
     """(n,) what <dynamics> says of each joint; zero without."""
     elements = [j.find("dynamics") for j in joints]
-    return np.array([float(e.get(key, "0")) if e is not None else 0.0 for e in elements])
+    return np.array([_number(e.get(key, "0")) if e is not None else 0.0 for e in elements])
 
 
 def _rotors(path: Path) -> dict[str, float]:
@@ -149,7 +149,7 @@ def _rotors(path: Path) -> dict[str, float]:
     found = {}
     for transmission in MjcfText(content).all("transmission"):
         joint, actuator = transmission.child("joint"), transmission.child("actuator")
-        values = {e.tag: float(e.attributes.get("value", "nan")) for e in (actuator.children if actuator else ())
+        values = {e.tag: _number(e.attributes.get("value", "nan")) for e in (actuator.children if actuator else ())
                   if e.tag in (ROTOR, GEAR)}  # fmt: skip
         if joint is not None and ROTOR in values:
             found[joint.attributes.get("name", "")] = values[ROTOR] * values.get(GEAR, 1.0) ** 2

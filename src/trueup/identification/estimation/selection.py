@@ -77,14 +77,14 @@ def loss_of(errors: Array) -> float:
 def evaluated(moments: Moments, prior: Array, *choices: Choice) -> list[Choice]:
     """Choices that weigh joints alike, each with its errors on blocks that were left out; `prior` (p,), or (K, p)."""
     wide = np.flatnonzero(np.any([c.active for c in choices], axis=0))
-    part, made, act = moments.only(wide), list[Choice](), np.zeros(0, dtype=np.int64)
+    part, made, act = moments.only(wide), list[Choice](), np.arange(len(wide))
     gram, cross = part.weighted(choices[0].weights)
     gram, cross = gram.sum(axis=0) - gram, cross.sum(axis=0) - cross  # of the blocks that a fit saw
+    small, normal, right = part, gram, cross
     for choice in choices:
         own = np.flatnonzero(choice.active[wide])
         if not np.array_equal(own, act):
-            act, small = own, part if len(own) == len(wide) else part.only(own)
-            normal, right = gram[:, own[:, None], own], cross[:, own]
+            act, small, normal, right = own, part.only(own), gram[:, own[:, None], own], cross[:, own]
         x = solve(normal, right, prior[..., wide[own]], small.ridge(choice.strength))
         made.append(replace(choice, errors=small.errors(x)))
     return made
