@@ -3,8 +3,8 @@
 
 `trueup new --from stanley` and what it says by default; only robot and course are filled in. The truth is a dynamic bicycle
 with slipping tyres, drawn from the series, and one more thing each: see STRANGE. The simulator is a kinematic bicycle. Errors
-are what truly happens, localisation aside; the oracle is the same search on the hidden truth itself. The
-rules of the calibration were not chosen on these robots.
+are what truly happens, localisation aside; the oracle is the same search on the hidden truth itself. Two
+numbers were chosen on these robots, see `engines.vehicle.drives.DOUBT`; nothing else was.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ DIRECT = (
     "wheel_scale",
 )  # fmt: skip
 """Parameters whose counterpart in the truth is one number of the same name, unless the strangeness is about just that."""
-ABOUT = {1: ("steering_scale",), 2: ("steering_offset",), 7: ("steering_scale",), 9: ("wheel_scale",)}
+ABOUT = {1: ("steering_scale", "steering_offset"), 2: ("steering_offset",), 7: ("steering_scale",), 9: ("wheel_scale",)}
 
 
 @dataclass(frozen=True)
