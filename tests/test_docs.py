@@ -12,9 +12,12 @@ import pytest
 
 from trueup.articulated.declaration_file import read_declarations
 from trueup.articulated.quantities.known import quantities
-from trueup.campaign.plan import read_plan
+from trueup.campaign.history import History
+from trueup.campaign.journal import read_journal
+from trueup.campaign.plan import read_plan, templates
 from trueup.campaign.rehearsal import rehearse
 from trueup.campaign.resolve import parts_of
+from trueup.cli import main
 from trueup.tasks.task import robot_trials, simulated_scores
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "calibrate.md"
@@ -77,3 +80,50 @@ def test_the_task_of_the_page_on_campaigns_is_one_that_a_plan_can_name(
     late = simulated_scores(task, simulator, simulator.parameters.nominal, np.zeros((1, 2)))[0, 0]
     assert 0.0 < late < 0.05  # it begins where the model is put
     assert abs(by_controller - late) > 1e-3
+
+
+ROBOT = """
+import numpy as np
+from trueup.loop.prepare import prepare
+from trueup.recording import Channel, Recording
+
+
+class Arm:  # another arm than the file's: softer servos, with friction
+    repeatable = True
+
+    def __init__(self, folder_of_plan):
+        self.simulator = prepare(folder_of_plan / "robot_as_it_is.xml", (), propose=False).simulator
+
+    def perform(self, trial):
+        (run,) = self.simulator.rollout([trial], np.zeros((1, 0)))
+        return [Recording(trial.name, {"command": trial.command, "position": run.recording(0).channel("position")})]
+"""
+
+
+def test_a_blank_plan_runs_once_model_task_and_robot_are_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (PAGE.parent / "campaigns.md").read_text("utf-8")
+    (code,) = (b for b in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if b.startswith("# task.py"))
+    plan = (templates()["blank"] / "campaign.toml").read_text("utf-8").replace('"by-hand"', '"driver:Arm"')
+    plan = plan.replace('"task:Task"', '"task:Move"').replace("# rounds = 3", "rounds = 1")
+    plan = plan.replace("# evaluations = 200", "evaluations = 40").replace("# samples = 8", "samples = 2")
+    soft = ARM.replace("<joint ", '<joint frictionloss="0.05" ').replace('kp="60', 'kp="42')
+    for name, text in (("task.py", code), ("driver.py", ROBOT), ("robot.xml", ARM), ("robot_as_it_is.xml", soft),
+                       ("campaign.toml", plan)):  # fmt: skip
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    for module in ("task", "driver"):
+        monkeypatch.delitem(sys.modules, module, raising=False)
+    assert main(["run", "-q"]) == 0
+    history = History.of(read_journal(tmp_path))
+    first = history.rounds[0].calibrated
+    assert first is not None
+    assert {n.rpartition(".")[2] for n in first.names} >= {"kp"}, "proposed from the first experiment"
+    assert first.error_after < 0.3 * first.error_before
+    assert history.best[1] < history.first_score
+    before = (tmp_path / "journal.jsonl").read_bytes()
+    lines = before.splitlines(keepends=True)
+    assert (
+        main(["resume", str(tmp_path), "--from-line", str(len(lines) // 2), "-q"]) == 0
+    )  # it goes on as it would have
+    assert (tmp_path / "journal.jsonl").read_bytes() == before

@@ -120,7 +120,9 @@ def test_a_finished_campaign_is_not_overwritten_and_another_one_gets_another_fol
     run(plan, tmp_path / "out")
     kept = (tmp_path / "out" / JOURNAL).read_bytes()
     assert Folder.begin(read_plan(plan), tmp_path / "out", None).path == tmp_path / "out-2"
-    assert Folder.begin(read_plan(plan), tmp_path / "out", 99).path == tmp_path / "out-3"
+    assert Folder.begin(read_plan(plan), tmp_path / "out", 99).path == tmp_path / "out-2", (
+        "nothing has happened there yet"
+    )
     assert (tmp_path / "out" / JOURNAL).read_bytes() == kept
 
 

@@ -26,6 +26,7 @@ from trueup.campaign.events import (
     Validated,
 )
 from trueup.campaign.hardware import Hardware
+from trueup.campaign.history import unlike
 from trueup.campaign.journal import Journal
 from trueup.campaign.outcomes import belief_of, calibrated, chosen, generation, pairs, tried_in, validated
 from trueup.campaign.parts import Listener, Parts, Silent
@@ -109,6 +110,9 @@ class Campaign:
             Chosen, lambda: chosen(number, self._plan.transfer, self._parts, optimum, region, models, self._room())
         )
         known = self._best()[1] if self._scored() else score
+        far = unlike(picked.predicted[picked.incumbent], known) if picked.incumbent >= 0 else ""
+        if far and not self._journal.replaying:
+            self._listener.doubt(far)
         fresh = len(self._hardware.recordings())
         plan = self._plan.transfer
         tested = self._hardware.test(number, "transfer", np.array(picked.candidates), plan.repeats, plan.again)
@@ -172,6 +176,8 @@ class Campaign:
         fitted = (*self._parts.recordings, *self._hardware.recordings())
         if not fitted:
             return self._prior()
+        if self._parts.later is not None:
+            self._parts = self._parts.later(fitted)
         last = self._calibrated
         event = self._once(Calibrated, lambda: calibrated(number, self._parts, fitted, self._listener, last))
         self._calibrated = event

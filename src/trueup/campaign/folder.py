@@ -113,7 +113,8 @@ def _numbered(path: Path, number: int) -> Path:
 def _state(path: Path, check: str) -> str:
     """'free', 'unfinished' (this very campaign, to go on with) or 'other'."""
     if not (path / JOURNAL).exists():
-        return "free" if _unclaimed(path, check) else "other"
+        recorded = any((path / "recordings").glob("*"))  # a folder is a campaign's from its first event on
+        return "other" if recorded and not _unclaimed(path, check) else "free"
     try:
         events = read_journal(path)
     except JournalError:

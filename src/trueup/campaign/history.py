@@ -27,6 +27,9 @@ from trueup.campaign.events import (
 )
 from trueup.loop.transfer import best_known
 
+_FAR = 2.0
+"""Ratio of scores, robot over simulator, from which on they hardly do the same run."""
+
 
 @dataclass
 class TrialStory:
@@ -187,18 +190,29 @@ class History:
 def astray(event: Validated) -> str:
     """A sentence where the robot's scores are not near what was expected of any candidate; '' where they are.
 
-    A calibrated simulator may be wrong by some share. By more than a factor of two it mostly does not do the same run.
+    A calibrated simulator may be wrong by some share; beyond `_FAR` it mostly does not do the same run.
     """
     both = [(p, m) for p, m in zip(event.predicted, event.measured, strict=True) if p > 0.0 and m > 0.0]
     if len(both) < 2:
         return ""
     ratio = statistics.median(m / p for p, m in both)
-    if 0.5 <= ratio <= 2.0:
+    if 1.0 / _FAR <= ratio <= _FAR:
         return ""
     words = f"{ratio:.2g} times" if ratio > 1.0 else f"only {100 * ratio:.2g} % of"
     return (
         f"the robot scored {words} what was expected: do both runs begin alike (the task's trials say with `initial` where), "
         "end alike, and is the same observed?"
+    )
+
+
+def unlike(predicted: float, measured: float) -> str:
+    """A sentence where the calibrated simulator is far off the robot's score with settings that have been run already."""
+    if not (predicted > 0.0 and measured > 0.0) or 1.0 / _FAR <= measured / predicted <= _FAR:
+        return ""
+    return (
+        f"the calibrated simulator scores {predicted:.3g} with settings that the robot has run at {measured:.3g}: what it "
+        "proposes may not work there. Do both runs begin and end alike, and is the same observed? Ctrl-C stops here; "
+        "nothing is lost"
     )
 
 

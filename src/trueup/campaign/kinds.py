@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,23 +58,28 @@ def mujoco(
     refuse: tuple[str, ...] = (),
 ) -> Preparation:  # fmt: skip
     """A robot model with the parameters of a file, or those proposed for the plan's recordings; says what was done to both.
-    `refuse` names what shall stay as it is though the recordings show it to be wrong or missing.
+    Without either they are proposed once the first experiment is recorded. `refuse` names what shall stay as it is though
+    the recordings show it to be wrong or missing.
 
-    Raises PlanError where there is neither, ModelError, ParameterError.
+    Raises PlanError where there is no model, ModelError, ParameterError.
     """
     from trueup.loop.prepare import prepare
 
     if not model.is_file():
         raise PlanError(f"[simulator], model: there is no file '{model}'; name your robot's MJCF or URDF")
+
+    def told(ready: Preparation) -> Preparation:
+        for note in ready.notes:
+            say(f"note: {note}")
+        return ready
+
     if parameters is None and not recordings:
-        raise PlanError(
-            f"{model}: what is to be calibrated? Name recordings in [calibrate], from which parameters are proposed, or a "
-            "parameters file in [simulator]"
+        say(
+            "what is to be calibrated is proposed after the first experiment; a parameters file in [simulator] says it now"
         )
-    ready = prepare(model, recordings, parameters=parameters, refuse=refuse)
-    for note in ready.notes:
-        say(f"note: {note}")
-    return ready
+        plain = told(prepare(model, (), propose=False, refuse=refuse))
+        return replace(plain, later=lambda seen: told(prepare(model, seen, refuse=refuse)))
+    return told(prepare(model, recordings, parameters=parameters, refuse=refuse))
 
 
 def bicycle(

@@ -49,6 +49,8 @@ class Parts:
     limits: Limits | None = None
     suited: Callable[[Sequence[Recording]], Sequence[Recording]] = tuple
     """Makes the robot's recordings what the simulator can replay: names, units, pieces."""
+    later: Callable[[Sequence[Recording]], Parts] | None = None
+    """The same with what the first experiment's recordings propose to calibrate; None where that is known."""
 
 
 class Listener(Protocol):

@@ -69,19 +69,44 @@ def parts_of(file: PlanFile, folder: Path, say: Callable[[str], None]) -> Parts:
     if plan.calibrate.discrepancy is not None:
         discrepancy = made(plan.calibrate.discrepancy, "discrepancy", DISCREPANCIES, given, base)
     given["discrepancy"] = discrepancy
-    suits = _suited(plan, ready)
-    return Parts(
+    parts = Parts(
         robot, simulator, task, _search(file, task.parameters), _calibrator(file, given, ready), tuple(recordings),
-        tuple(held_out), discrepancy, plan.calibrate.channels or None, plan.limits.limits(), suits,
+        tuple(held_out), discrepancy, plan.calibrate.channels or None, plan.limits.limits(), _suited(plan, ready),
     )  # fmt: skip
+    later = ready.later
+    if later is None:
+        return parts
+
+    def proposed(seen: Sequence[Recording]) -> Parts:
+        new = _limited(plan, later(seen))
+        return replace(
+            parts, simulator=new.simulator, calibrator=_calibrator(file, given, new), suited=_suited(plan, new)
+        )
+
+    return replace(parts, later=proposed)
 
 
 def _prepared(plan: Plan, given: Mapping[str, Any], base: Path) -> Preparation:
-    """The plan's simulator, prepared: one with a model file is so already, another takes recordings as they are."""
+    """The plan's simulator, prepared: one with a model file is so already, another takes recordings as they are.
+
+    Raises PlanError where nothing is declared to be calibrated and no experiment will show what to propose.
+    """
     part = made(plan.simulator, "simulator", SIMULATORS, given, base)
     ready = (
         part if isinstance(part, Preparation) else Preparation(Family(), _with(plan.simulator, part, "simulator"), ())
     )
+    if ready.later is None:
+        return _limited(plan, ready)
+    if not plan.experiment.settings:
+        raise PlanError(
+            f"{plan.simulator.where}: what is to be calibrated? Name recordings in [calibrate] or a parameters file in "
+            "[simulator], or let [experiment] settings = 1 make a recording from which parameters are proposed"
+        )
+    return ready
+
+
+def _limited(plan: Plan, ready: Preparation) -> Preparation:
+    """With only those parameters free that the plan calibrates."""
     if not plan.calibrate.parameters:
         return ready
     return replace(ready, simulator=Restricted.to(ready.simulator, plan.calibrate.parameters))

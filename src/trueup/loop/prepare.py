@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
@@ -49,6 +49,8 @@ class Preparation:
     """Names of diagnoses whose edits were not wanted."""
     model: Any = None
     """The model as it was read from its file; None where there is no file."""
+    later: Callable[[Sequence[Recording]], Preparation] | None = None
+    """Makes it anew with what recordings propose to calibrate, where nothing is declared and nothing was recorded yet."""
 
     @property
     def notes(self) -> tuple[str, ...]:
