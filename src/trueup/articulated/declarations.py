@@ -98,7 +98,8 @@ def _mirrored(names: Sequence[str]) -> list[tuple[str, ...]]:
 def _parameter(model: Model, q: Quantity, line: Declaration, group: tuple[str, ...]) -> tuple[Parameter, Assignment]:
     values = [q.nominal(model, n) for n in group]
     mirrored = line.tie == "mirror" and q.mirrored
-    signs = tuple(1.0 if v * values[0] >= 0 else -1.0 for v in values) if mirrored else ()
+    # Where a value is zero on both sides, only the sides' mirror can tell which way it grows.
+    signs = tuple(1.0 if i == 0 or v * values[0] > 0 else -1.0 for i, v in enumerate(values)) if mirrored else ()
     nominal = line.nominal if line.nominal is not None else float(values[0])
     usual = q.bounds(nominal)
     lower = line.lower if line.lower is not None else usual[0]

@@ -9,10 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from trueup.errors import OutputError
-from trueup.studies.arm.study import FULL, QUICK, Told, performed
+from trueup.studies.arm.study import FULL, QUICK, performed
+from trueup.studies.progress import telling
 
 
 def main() -> int:
@@ -26,8 +26,8 @@ def main() -> int:
     scale = replace(QUICK if options.quick else FULL, seed=options.seed)
     regions = ("B",) if options.quick else ("B", "A", "C")
     try:
-        with _progress(told) as bar:
-            shares = performed(options.out, scale, _teller(bar, told), regions)
+        with telling(told, "designing excitations") as tell:
+            shares = performed(options.out, scale, tell, regions)
     except OutputError as error:
         told.print(str(error), style="red", markup=False)
         return 2
@@ -38,28 +38,6 @@ def main() -> int:
         console.print(f"region {name}: ours is best, or not surely worse, in {100 * share:.0f} % of cells")
     console.print(f"report: {options.out / 'report.html'}", soft_wrap=True, markup=False)
     return 0
-
-
-def _progress(told: Console) -> Progress:
-    columns = (
-        BarColumn(30),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}"),
-    )
-    return Progress(*columns, console=told, transient=True, disable=not told.is_terminal)
-
-
-def _teller(bar: Progress, told: Console) -> Told:
-    """Moves the bar of a terminal; elsewhere writes one line a step."""
-    task = bar.add_task("designing excitations", total=1.0)
-
-    def tell(text: str, share: float) -> None:
-        if bar.disable:
-            told.print(f"{100 * share:3.0f} %  {text}", markup=False, highlight=False)
-        bar.update(task, completed=share, description=text)
-
-    return tell
 
 
 if __name__ == "__main__":

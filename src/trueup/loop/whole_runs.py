@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Calibration on whole runs that fall and touch: CMA-ES to a valley, least squares down it, for several priors at once.
+
+J. Tan et al., "Simulation-based design of dynamic controllers for humanoid balancing", IROS 2016, VI: CMA-ES alone. Some
+seconds of one motion leave most of 30 parameters open. A prior keeps these where they were; and each member of an ensemble
+has a prior of its own, drawn around the file's values, so that the members differ where the recordings do not tell (randomized
+maximum likelihood: D. S. Oliver, N. He and A. C. Reynolds, ECMOR V, 1996).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.loop.problem import Problem
+from trueup.parameters import ParameterSpace
+from trueup.search.cma_es import CmaEs
+from trueup.search.robust import robust_weights
+
+Array = NDArray[np.float64]
+
+Told = Callable[[int, float], None]
+"""Candidates tried, and the lowest loss."""
+
+_BEND = 5.0  # residuals from which losses grow linearly: one fall is not all
+
+
+_SPREAD = 0.25  # of the prior, as a share of the box
+_DAMPINGS = np.array([0.01, 0.1, 1.0, 10.0, 100.0])
+_STEP = 0.01  # share of the box over which slopes are taken: contacts have none over less
+
+
+@dataclass(frozen=True, eq=False)
+class WholeRuns:
+    """What was found, the best first."""
+
+    values: Array
+    """(k, n) one row a member of the ensemble."""
+    losses: Array
+    """(k,)"""
+    evaluations: int
+
+
+def whole_runs(
+    problems: Sequence[Problem], space: ParameterSpace, *, seed: int, population: int = 32, generations: int = 10,
+    members: int = 4, descents: int = 6, prior: float = 0.02, told: Told | None = None,
+) -> WholeRuns:  # fmt: skip
+    """Values of `space` with the least losses plus `prior` times the squared distance from nominal, in quarters of the box.
+
+    `generations` of CMA-ES, then so many `descents` by least squares of `members`, of which the first has the nominal values
+    as its prior; no descents: the best of CMA-ES alone. Several `problems` are several simulators of the same parameters.
+    """
+    begin, rng = np.clip(space.to_unit(space.nominal), 0.02, 0.98), np.random.default_rng(seed)
+    search = CmaEs(begin, seed=seed, sigma=0.12, population=population, restarts=0, tolerance=1e-3,
+                   max_evaluations=population * generations)  # fmt: skip
+    kept: list[tuple[float, Array]] = [(np.inf, begin)]
+    while generations and not search.done:
+        candidates = search.ask()
+        values = space.from_unit(candidates)
+        seen = np.mean([losses(problem, values) for problem in problems], axis=0)
+        seen = seen + prior * np.sum(((candidates - begin) / _SPREAD) ** 2, axis=1)
+        search.tell(candidates, seen)
+        kept += zip(np.nan_to_num(seen, nan=np.inf).tolist(), candidates, strict=True)
+        if told is not None:
+            told(problems[0].evaluations, search.best[1])
+    best = sorted(kept, key=lambda k: k[0])[:members]
+    points = np.array([p for _, p in best])[np.arange(members) % len(best)]
+    if not descents:
+        return WholeRuns(space.from_unit(points[:1]), np.array([best[0][0]]), problems[0].evaluations)
+    centres = begin + 0.5 * _SPREAD * rng.standard_normal(points.shape) * (np.arange(members) > 0)[:, None]
+    descent = _Descent(problems, space, np.clip(centres, 0.0, 1.0), prior)
+    points, found = descent.run(np.clip(points, 0.01, 0.99), descents, told)
+    order = np.argsort(found)
+    return WholeRuns(space.from_unit(points[order]), found[order], problems[0].evaluations)
+
+
+class _Descent:
+    """Levenberg-Marquardt of several members in lockstep, each with a prior of its own: batches, not loops."""
+
+    def __init__(self, problems: Sequence[Problem], space: ParameterSpace, centres: Array, prior: float) -> None:
+        self._problems, self._space, self._centres, self._prior = problems, space, centres, prior
+        self._weights = np.concatenate([weights(p) for p in problems]) / np.sqrt(len(problems))
+
+    def run(self, points: Array, iterations: int, told: Told | None) -> tuple[Array, Array]:
+        """(k, n) points in the unit box and (k,) losses."""
+        k, n = points.shape
+        members, damping = np.arange(k), np.ones(k)
+        residuals = self._residuals(points)
+        loss = self._losses(residuals, points, members)
+        for _ in range(iterations):
+            shifted = np.concatenate([p + _STEP * np.where(p > 0.5, -1.0, 1.0) * np.eye(n) for p in points])
+            moved = self._residuals(shifted).reshape(k, n, -1)
+            tried, lambdas = [], damping[:, None] * _DAMPINGS
+            for i, p in enumerate(points):
+                slopes = (moved[i] - residuals[i]) / (_STEP * np.where(p > 0.5, -1.0, 1.0))[:, None]
+                tried.append(self._steps(p, residuals[i], slopes, self._centres[i], lambdas[i]))
+            candidates, owners = np.concatenate(tried), np.repeat(members, len(_DAMPINGS))
+            seen = self._residuals(candidates)
+            found = self._losses(seen, candidates, owners).reshape(k, -1)
+            chosen = found.argmin(axis=1)
+            better = found[members, chosen] < loss
+            rows = members * len(_DAMPINGS) + chosen
+            damping = np.where(better, np.maximum(lambdas[members, chosen], 1e-4), 10.0 * damping)
+            points, residuals = (
+                np.where(better[:, None], x[rows], y) for x, y in ((candidates, points), (seen, residuals))
+            )
+            loss = np.where(better, found[members, chosen], loss)
+            if told is not None:
+                told(self._problems[0].evaluations, float(loss.min()))
+        return points, loss
+
+    def _steps(self, point: Array, residual: Array, slopes: Array, centre: Array, lambdas: Array) -> Array:
+        """(5, n) the next point with several dampings; `slopes` are (n, m)."""
+        share = self._weights * np.sqrt(robust_weights(residual, _BEND))
+        slopes = np.where(np.isfinite(slopes), slopes, 0.0) * share
+        pull = self._prior / _SPREAD**2
+        normal = slopes @ slopes.T + pull * np.eye(len(point))
+        slope = slopes @ (residual * share) + pull * (point - centre)
+        steps = [np.linalg.solve(normal + x * np.diag(np.diag(normal)), slope) for x in lambdas]
+        return np.clip(point - np.array(steps), 0.01, 0.99)
+
+    def _residuals(self, points: Array) -> Array:
+        """(b, m); what fails is far off."""
+        values = self._space.from_unit(points)
+        found = np.concatenate([p.residuals(values) for p in self._problems], axis=1)
+        return np.where(np.isfinite(found), found, 10.0 * _BEND)
+
+    def _losses(self, residuals: Array, points: Array, members: NDArray[np.int64]) -> Array:
+        away = np.sum(((points - self._centres[members]) / _SPREAD) ** 2, axis=1)
+        return _robust(residuals, self._weights) + self._prior * away
+
+
+def losses(problem: Problem, values: Array) -> Array:
+    """(b,) robust mean squares of the residuals, added over channels and averaged over trials; NaN where one failed."""
+    return _robust(problem.residuals(values), weights(problem))
+
+
+def weights(problem: Problem) -> Array:
+    """(m,) such that each channel of each trial counts alike, however many samples it has."""
+    found = np.empty(problem.segments[-1].columns.stop)
+    for segment in problem.segments:
+        found[segment.columns] = 1.0 / np.sqrt(max(segment.count, 1) * len(problem.trials))
+    return found
+
+
+def _robust(residuals: Array, weights: Array) -> Array:
+    return 2.0 * _BEND**2 * ((np.sqrt(1.0 + (residuals / _BEND) ** 2) - 1.0) @ weights**2)

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Runs the study: `python -m trueup.studies.balance --out out/study-balance`, an hour of one core; `--quick` some minutes."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+
+from trueup.errors import TrueupError
+from trueup.formats.aside import written_aside
+from trueup.studies.balance.report import html
+from trueup.studies.balance.study import QUICK, SCENES, Size, studied
+from trueup.studies.progress import telling
+
+
+def main() -> int:
+    """Writes report.html and parts of the results into the folder given; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m trueup.studies.balance", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("out/study-balance"), help="folder of the results")
+    parser.add_argument("--quick", action="store_true", help="three stand-ins, two tasks, nothing beside them")
+    parser.add_argument("--scenes", nargs="+", choices=SCENES, help="only these tasks")
+    parser.add_argument("--stand-ins", type=int, help="how many robots, from number 0 (10)")
+    parser.add_argument("--seed", type=int, default=0, help="of the searches; the stand-ins' truths are fixed")
+    asked = parser.parse_args()
+    size = replace(QUICK if asked.quick else Size(), seed=asked.seed)
+    size = replace(size, scenes=tuple(asked.scenes or size.scenes), stand_ins=asked.stand_ins or size.stand_ins)
+    told = Console(stderr=True)
+    try:
+        with telling(told, "searching the first motions") as tell:
+            findings = studied(asked.out, size, tell)
+        with written_aside(asked.out / "report.html") as aside:
+            aside.write_text(html(findings), encoding="utf-8")
+    except TrueupError as error:
+        told.print(str(error), style="red", markup=False)
+        return 2
+    except KeyboardInterrupt:
+        told.print("stopped; the same command goes on with what is not there yet", markup=False)
+        return 130
+    for scene in findings.campaigns:
+        words = ", ".join(f"{100 * findings.share(scene, k):.0f} % after {k}" for k in range(size.rounds + 1))
+        Console().print(f"{scene}: works on {words} calibrations", markup=False)
+    Console().print(f"report: {asked.out / 'report.html'}", soft_wrap=True, markup=False)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One transition on one stand-in: try the motion, calibrate on what the robot did, search again, at most so many rounds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.inspection.repeats import bridged
+from trueup.recording import Recording
+from trueup.robots.robot import Robot
+from trueup.studies.balance.calibration import Runs, calibrated, simulator_of
+from trueup.studies.balance.robot import led
+from trueup.studies.balance.searching import CALIBRATED, Effort, Found, searched
+from trueup.tasks.task import as_rollout
+from trueup.tasks.transitions import Transition
+
+Array = NDArray[np.float64]
+Told = Callable[[str], None]
+
+REPEATS = 3
+"""Runs of a motion, as the paper has them. A motion works where most of them end as wanted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """A motion on the robot, and what the simulator made of it."""
+
+    motion: Array
+    recordings: tuple[Recording, ...]
+    stood: tuple[bool, ...]
+    expected: float
+    """Share of the simulator's models in which it stood."""
+    values: Array
+    """(n,) of the simulator's parameters with which it was found."""
+    errors: tuple[float, float]
+    """rad from the torso as recorded to the simulated one: by the model file, and with `values`, which never saw them."""
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether most repeats did."""
+        return 2 * sum(self.stood) > len(self.stood)
+
+    @property
+    def seconds(self) -> float:
+        """Of the robot's time: each motion until it had to stand still, or fell."""
+        return float(sum(max(0.0, float(r.channel("base_position").time[-1])) for r in self.recordings))
+
+
+@dataclass(frozen=True)
+class Scale:
+    """How much is done in each round."""
+
+    rounds: int = 2
+    generations: int = 10
+    """Of CMA-ES in the calibration, of 32."""
+    effort: Effort = field(default_factory=Effort)
+    parameters: str = "wider"
+
+
+def performed(
+    robot: Robot, task: Transition, motion: Array, name: str, repeats: int = REPEATS
+) -> tuple[tuple[Recording, ...], tuple[bool, ...]]:
+    """What the robot does with a motion (m,), and which of the repeats end as wanted.
+
+    Raises RecordingError where the motion capture lost it for too long.
+    """
+    (planned,) = task.planned(motion)
+    recordings = robot.perform(led(replace(planned, name=name, repeats=repeats)))
+    seen = [bridged(r) for r in recordings]
+    done = as_rollout(task.trials[0], [r.slice(0.0, r.stop) for r in seen])
+    return tuple(recordings), tuple(bool(x) for x in task.succeeded([done]))
+
+
+def campaign(
+    scene: str, robot: Robot, task: Transition, first: Array, *, seed: int, scale: Scale | None = None,
+    told: Told = lambda line: None,
+) -> tuple[Round, ...]:  # fmt: skip
+    """Rounds until a motion works on the robot, the first with motion `first` (m,) of the model file as it is."""
+    given = scale or Scale()
+    simulator, rng = simulator_of(scene, given.parameters), np.random.default_rng(seed)
+    values, motion, expected, rounds = simulator.parameters.nominal, first, 1.0, []
+    for number in range(given.rounds + 1):
+        recordings, stood = performed(robot, task, motion, f"{scene}-{number}")
+        runs = Runs(scene, recordings, task.trials[0].ends)
+        errors = (runs.error(simulator, simulator.parameters.nominal), runs.error(simulator, values))
+        rounds.append(Round(motion, recordings, stood, expected, values, errors))
+        told(f"{scene}, round {number}: {sum(stood)} of {len(stood)} repeats stood")
+        if rounds[-1].succeeded or number == given.rounds:
+            break
+        known = [Runs(scene, r.recordings, task.trials[0].ends) for r in rounds]
+        seed = int(rng.integers(2**31))
+        models = calibrated(known, given.parameters, seed=seed, generations=given.generations).values
+
+        def search(begin: Array | None, models: Array = models) -> Found:
+            return searched(
+                scene, models, rng, doubt=CALIBRATED, begin=begin, effort=given.effort, parameters=given.parameters
+            )
+
+        values, found = models[0], search(motion)
+        if found.share < 0.5:  # not from there: from the scene's own seeds
+            found = max(found, search(None), key=lambda f: f.share)
+        motion, expected = found.motion, found.share
+    return tuple(rounds)

@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole study: each transition on stand-ins with different hidden truths, beside two other ways; into a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.inspection.repeats import bridged, together
+from trueup.recording import Recording
+from trueup.search.cma_es import CmaEs
+from trueup.studies.balance.calibration import Runs, calibrated, simulator_of
+from trueup.studies.balance.campaign import Round, Scale, campaign, performed
+from trueup.studies.balance.pictures import poses_of
+from trueup.studies.balance.robot import StandInHumanoid
+from trueup.studies.balance.scenes import transition
+from trueup.studies.balance.searching import CALIBRATED, NUMERICAL, RANDOM, Effort, searched
+from trueup.studies.saved import Parts
+from trueup.tasks.transitions import Transition
+
+Array = NDArray[np.float64]
+Told = Callable[[str, float], None]
+
+SCENES: tuple[str, ...] = ("lean-to-stand", "sit-to-stand", "kneel-to-stand", "stand-to-handstand")
+"""The paper's tasks I to IV."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """How large a study is."""
+
+    stand_ins: int = 10
+    scenes: tuple[str, ...] = SCENES
+    rounds: int = 2
+    generations: int = 10
+    """Of CMA-ES in each calibration, of 32."""
+    searched: int = 24
+    """Generations of each search, of 32; half as many follow in several models."""
+    oracle: int = 24
+    """Runs of the robot that a search on it may take; 0: none is made."""
+    subsets: int = 2
+    """Stand-ins on which the paper's Table I is regenerated."""
+    first: int = 0
+    """Number of the first stand-in; those of the study are 0 to 9."""
+    seed: int = 0
+
+    @property
+    def scale(self) -> Scale:
+        """Of each campaign."""
+        return Scale(self.rounds, self.generations, Effort(generations=self.searched))
+
+    @property
+    def numbers(self) -> range:
+        """The stand-ins."""
+        return range(self.first, self.first + self.stand_ins)
+
+
+QUICK = Size(stand_ins=3, scenes=("lean-to-stand", "sit-to-stand"), searched=16, oracle=0, subsets=0)
+
+
+@dataclass
+class Findings:
+    """All that the report tells, as it was saved."""
+
+    size: Size
+    first: dict[str, Any] = field(default_factory=dict)
+    """Scene to the motions found in the model as it is, and in many random ones."""
+    campaigns: dict[str, dict[int, Any]] = field(default_factory=dict)
+    """Scene to stand-in to rounds."""
+    randomised: dict[str, dict[int, list[bool]]] = field(default_factory=dict)
+    oracle: dict[str, dict[int, int]] = field(default_factory=dict)
+    """Runs of the robot until a search on it succeeded; 0: it did not."""
+    subsets: dict[str, dict[str, list[bool]]] = field(default_factory=dict)
+    """Table I: scenes calibrated on, joined by '+', to scene tried to whether each stand-in succeeded."""
+
+    def share(self, scene: str, rounds: int) -> float:
+        """Of the stand-ins on which a scene's motion worked after so many calibrations; NaN without any."""
+        done = self.campaigns.get(scene, {}).values()
+        return (
+            float(np.mean([any(r["succeeded"] for r in each[: rounds + 1]) for each in done])) if done else float("nan")
+        )
+
+    def needed(self, scene: str) -> list[int]:
+        """Calibrations until it worked, of the stand-ins on which it did."""
+        done = [[r["succeeded"] for r in each] for each in self.campaigns.get(scene, {}).values()]
+        return [each.index(True) for each in done if True in each]
+
+
+def studied(folder: Path, size: Size, told: Told) -> Findings:
+    """Computes what is not in the folder yet. Raises OutputError where another study is in it."""
+    parts, findings = Parts.at(folder, size), Findings(size)
+    steps = len(size.scenes) * (1 + size.stand_ins * (2 + (size.oracle > 0))) + 7 * size.subsets
+    done = 0
+
+    def kept(name: str, compute: Callable[[], object]) -> Any:
+        nonlocal done
+        told(name, done / steps)
+        done += 1
+        return parts.text(name, compute)
+
+    for scene in size.scenes:
+        found = kept(f"{scene}, first motion", lambda s=scene: _first(s, size))
+        findings.first[scene] = found
+        if found["share"] < 0.5:  # not even its own simulator
+            continue
+        task = transition(scene, step=0.004)[1]
+        for n in size.numbers:
+            robot = StandInHumanoid(scene, n)
+            motions = {w: np.array(found[w]) for w in ("motion", "randomised")}
+            name = f"{scene}, stand-in {n}"
+            findings.campaigns.setdefault(scene, {})[n] = kept(
+                name,
+                lambda r=robot, t=task, m=motions: _rounds(r, t, m["motion"], size, lambda s: told(s, done / steps)),
+            )
+            findings.randomised.setdefault(scene, {})[n] = kept(
+                f"{name}, randomised",
+                lambda r=robot, t=task, m=motions: performed(r, t, m["randomised"], "randomised")[1],
+            )
+            if size.oracle:
+                findings.oracle.setdefault(scene, {})[n] = kept(
+                    f"{name}, searched on it", lambda r=robot, t=task, m=motions: _oracle(r, t, m["motion"], size)
+                )
+    findings.subsets = _generalised(findings, size, kept)
+    return findings
+
+
+def _first(scene: str, size: Size) -> dict[str, Any]:
+    """The motions of the model file as it is, and of models drawn widely around it."""
+    file = simulator_of(scene).parameters.nominal[None]
+    rng = np.random.default_rng([size.seed, SCENES.index(scene)])
+    effort = Effort(generations=2 * size.searched)
+    found = searched(scene, file, rng, doubt=NUMERICAL, effort=effort)
+    other = searched(scene, file, rng, doubt=RANDOM, effort=effort)
+    return {"motion": found.motion.tolist(), "share": found.share, "simulations": found.simulations,
+            "randomised": other.motion.tolist(), "randomised_share": other.share}  # fmt: skip
+
+
+def _rounds(
+    robot: StandInHumanoid, task: Transition, first: Array, size: Size, told: Callable[[str], None]
+) -> list[dict[str, Any]]:
+    rounds = campaign(robot.scene, robot, task, first, seed=robot.number, scale=size.scale,
+                      told=lambda line: told(f"stand-in {robot.number}: {line}"))  # fmt: skip
+    return [_told(robot.scene, task, r) for r in rounds]
+
+
+def _told(scene: str, task: Transition, one: Round) -> dict[str, Any]:
+    """A round in numbers, with what its pictures need."""
+    simulator = simulator_of(scene)
+    shown = {"robot": together([bridged(r) for r in one.recordings]).average if len(set(one.stood)) == 1
+             else bridged(one.recordings[0])}  # fmt: skip
+    (planned,) = task.planned(one.motion)
+    for word, values in (("file", simulator.parameters.nominal), ("calibrated", one.values)):
+        shown[word] = simulator.rollout([planned], values[None])[0].recording()
+    return {
+        "motion": one.motion.tolist(), "stood": list(one.stood), "succeeded": one.succeeded, "expected": one.expected,
+        "values": one.values.tolist(), "errors": list(one.errors), "seconds": one.seconds,
+        "poses": {word: poses_of(recording, task.motion.joints) for word, recording in shown.items()},
+    }  # fmt: skip
+
+
+def _oracle(robot: StandInHumanoid, task: Transition, first: Array, size: Size) -> int:
+    """Runs of the robot until CMA-ES on the robot itself, from the same first motion, finds one that works; 0: too many."""
+    space, rng = task.parameters, np.random.default_rng([size.seed, robot.number])
+    search = CmaEs(space.to_unit(first), seed=int(rng.integers(2**31)), sigma=0.08, population=8, restarts=0,
+                   max_evaluations=size.oracle)  # fmt: skip
+    count = 0
+    while not search.done and count < size.oracle:
+        asked, scores = search.ask(), []
+        for unit in asked:
+            (run,), (stood,) = performed(robot, task, space.from_unit(unit), f"oracle-{count}", 1)
+            count += 1
+            if stood and all(performed(robot, task, space.from_unit(unit), f"oracle-{count}-again", 2)[1]):
+                return count + 2
+            scores.append(_score(task, run))
+        search.tell(asked, np.array(scores))
+    return 0
+
+
+def _score(task: Transition, run: Recording) -> float:
+    from trueup.tasks.task import as_rollout
+
+    seen = bridged(run)
+    return float(task.score([as_rollout(task.trials[0], [seen.slice(0.0, seen.stop)])])[0])
+
+
+def _generalised(
+    findings: Findings, size: Size, kept: Callable[[str, Callable[[], object]], Any]
+) -> dict[str, dict[str, list[bool]]]:
+    """Table I: calibrated on the first runs of some scenes, tried on each of tasks I to III."""
+    scenes = [s for s in SCENES[:3] if s in findings.campaigns]
+    found: dict[str, dict[str, list[bool]]] = {}
+    for n in list(size.numbers)[: size.subsets]:
+        for on in _subsets(scenes):
+            cells: Mapping[str, bool] = kept(
+                f"calibrated on {'+'.join(on)}, stand-in {n}", lambda n=n, on=on: _cells(findings, n, on, scenes, size)
+            )
+            for scene, stood in cells.items():
+                found.setdefault("+".join(on), {}).setdefault(scene, []).append(stood)
+    return found
+
+
+def _subsets(scenes: Sequence[str]) -> list[tuple[str, ...]]:
+    """As the paper's table has them: one, two, three of them."""
+    masks = sorted(
+        range(1, 2 ** len(scenes)), key=lambda m: (m.bit_count(), [-(m >> k & 1) for k in range(len(scenes))])
+    )
+    return [tuple(s for k, s in enumerate(scenes) if m >> k & 1) for m in masks]
+
+
+def _cells(findings: Findings, number: int, on: Sequence[str], scenes: Sequence[str], size: Size) -> dict[str, bool]:
+    """Whether each scene's motion, searched with values from the scenes `on`, works on a stand-in."""
+    rng, runs = np.random.default_rng([size.seed, number, 7]), []
+    for scene in on:
+        task = transition(scene, step=0.004)[1]
+        motion = np.array(findings.first[scene]["motion"])
+        recordings, _ = performed(StandInHumanoid(scene, number), task, motion, f"{scene}-0")
+        runs.append(Runs(scene, recordings, task.trials[0].ends))
+    models = calibrated(runs, seed=number, generations=size.generations).values
+    stood = {}
+    for scene in scenes:
+        task = transition(scene, step=0.004)[1]
+        begin = np.array(findings.first[scene]["motion"])
+        found = searched(scene, models, rng, doubt=CALIBRATED, begin=begin, effort=size.scale.effort)
+        worked = performed(StandInHumanoid(scene, number), task, found.motion, f"{scene} after {'+'.join(on)}")[1]
+        stood[scene] = bool(2 * sum(worked) > len(worked))
+    return stood
