@@ -3,8 +3,8 @@
 
 J. Tan et al., "Simulation-based design of dynamic controllers for humanoid balancing", IROS 2016, VI: CMA-ES alone. Some
 seconds of one motion leave most of 30 parameters open. A prior keeps these where they were; and each member of an ensemble
-has a prior of its own, drawn around the file's values, so that the members differ where the recordings do not tell (randomized
-maximum likelihood: D. S. Oliver, N. He and A. C. Reynolds, ECMOR V, 1996).
+has a prior of its own, drawn around the file's values, so that the members differ where the recordings do not tell
+(randomized maximum likelihood: D. S. Oliver, N. He and A. C. Reynolds, ECMOR V, 1996).
 """
 
 from __future__ import annotations
