@@ -55,7 +55,7 @@ LOCK := CUSTOM_COMPILE_COMMAND='make lock' $(VENV)/bin/pip-compile --quiet --gen
   --no-emit-index-url --no-emit-find-links --no-emit-trusted-host --build-deps-for editable
 lock: $(DEV_READY) ## pin the versions in requirements/ anew from pyproject.toml
 	@$(LOCK) $(ARGS) --output-file requirements/run.txt pyproject.toml
-	@$(LOCK) $(ARGS) --extra ros,dart,bench,dev --constraint requirements/run.txt --output-file requirements/dev.txt pyproject.toml
+	@$(LOCK) $(ARGS) --extra ros,dart,grounding,bench,dev --constraint requirements/run.txt --output-file requirements/dev.txt pyproject.toml
 
 clean: ## remove .venv, caches and the demo's results
 	rm -rf $(VENV) out/demo build dist .pytest_cache .ruff_cache .hypothesis

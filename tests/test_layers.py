@@ -112,7 +112,7 @@ RULES = (
     # excitation is designed with the searches, which are arithmetic; MJCF is read and written as MuJoCo has it
     Rule("identification", ("engines.simulator", "controllers.playback", "search", *NOUNS), ("engines.mujoco",)),
     Rule("excitation", ("identification", "search", *NOUNS), ("engines.mujoco",)),
-    Rule("grounding", ("engines.simulator", "controllers.playback", *NOUNS)),
+    Rule("grounding", ("engines.simulator", "controllers.controller", "controllers.playback", *NOUNS)),
     # what the loop computes with when nobody gives it something else; never a concrete simulator or robot
     Rule("loop", (*BASES, "identification", "grounding", "discrepancies", "search", *NOUNS)),
     Rule("campaign", ("loop", "campaign", *BASES, *NOUNS)),

@@ -51,6 +51,10 @@ class IdentificationError(TrueupError):
     """A dynamic model cannot be identified: no motion, torque that does not fit the joints, impossible settings."""
 
 
+class GroundingError(TrueupError):
+    """A simulator cannot be grounded: nothing to learn from, or what is asked lies outside of what was learned."""
+
+
 class OutputError(TrueupError):
     """A result could not be written; what was there before is untouched."""
 

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
 from trueup.articulated.kernels import own_delayed_commands
-from trueup.controllers.controller import Controller, Observation
+from trueup.controllers.controller import Controller, Looking, Observation
 
 Array = NDArray[np.float64]
 
@@ -28,6 +30,11 @@ class ClosedLoop:
     def due(self) -> int:
         """Number of the step before which the next command is asked for."""
         return int(np.ceil((self._asked * self._controller.period - 1e-9) / self._step))
+
+    @property
+    def looks_at(self) -> Mapping[str, tuple[str, ...]]:
+        """Channels that the controller wants to see."""
+        return self._controller.looks_at if isinstance(self._controller, Looking) else {}
 
     def ask(self, observation: Observation) -> None:
         """Takes the controller's next command. Raises ValueError where it has another shape than (b, width)."""

@@ -16,7 +16,7 @@ from trueup.articulated.kernels import read_off
 from trueup.articulated.model import Engine, Running, Stopping
 from trueup.articulated.signals import Signals
 from trueup.articulated.starts import measured_base
-from trueup.articulated.wiring import commanded
+from trueup.articulated.wiring import commanded, joints_commanded
 from trueup.controllers.controller import ControllerFactory, Observation
 from trueup.ends import LOOK, Ended, which_end
 from trueup.engines.simulator import Rollout, refuse_unsupported
@@ -70,6 +70,15 @@ class ArticulatedSimulator:
         channels = self.engine.channels().items()
         own = [n for n, labels in channels if recording.has(n) and set(recording.channel(n).labels) <= set(labels)]
         return (*(c.name for c in seen), *own)
+
+    @property
+    def commanded(self) -> tuple[str, ...]:
+        """(width,) the joint that each column of a controller's command drives."""
+        return joints_commanded(self.engine)
+
+    def held(self, trial: Trial) -> Array:
+        """(width,) what is told to drives that nobody commands in a trial."""
+        return Signals(self.engine, (), [trial], np.zeros((1, 0))).hold(0)
 
     def rollout(
         self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None = None
@@ -151,7 +160,7 @@ class _Run:
         if self._loop is None:
             raise RuntimeError("no controller in this run")
         if self._loop.due <= s:
-            self._loop.ask(self._observation(s))
+            self._loop.ask(self._observation(s, **self._shown(self._loop.looks_at)))
         return self._loop.commands(s, 1)[:, 0]
 
     def _look(self, s: int) -> None:

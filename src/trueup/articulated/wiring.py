@@ -28,6 +28,15 @@ def commanded(model: Model, command: Channel) -> list[str]:
     return driven
 
 
+def joints_commanded(model: Model) -> tuple[str, ...]:
+    """(width,) the joint that each column of the commands drives, or the actuator's name where it drives no single one."""
+    joints = {actuator: joint for joint, actuator in model.drives().items() if actuator}
+    named = [""] * model.width
+    for actuator, column in model.columns().items():
+        named[column] = joints.get(actuator, actuator)
+    return tuple(named)
+
+
 def control_of(model: Model, actuator: str, unit: str) -> float:
     """What a command in `unit` is multiplied by to become the actuator's: a motor's gear and gain taken out of a torque."""
     whole = float(model.get("actuator.torque", actuator)[0]) if unit in ("N m", "N") else 0.0

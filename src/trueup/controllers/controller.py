@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,8 @@ class Observation:
     trial: Trial | None = None
     """The trial that all b copies are in: its references are what is to be followed. Every simulator says it."""
     channels: Mapping[str, Array] = field(default_factory=dict)
-    """Channel name to (b, k): for the conditions that end a run, the channels that they look at (see `ends.End`)."""
+    """Channel name to (b, k): for the conditions that end a run, the channels that they look at (see `ends.End`), for a
+    controller those that it asked for (see `Looking`)."""
 
 
 class Controller(Protocol):
@@ -47,6 +48,16 @@ class Controller(Protocol):
 
     def command(self, observation: Observation) -> Array:
         """(b, nu) what is commanded from now on."""
+        ...
+
+
+@runtime_checkable
+class Looking(Protocol):
+    """A Controller that wants channels by their names, whatever simulator it runs in, in `Observation.channels`."""
+
+    @property
+    def looks_at(self) -> Mapping[str, tuple[str, ...]]:
+        """Channels, each to its labels; they come late and noisy where the trial's sensing says so."""
         ...
 
 

@@ -143,3 +143,17 @@ class Approximated(Protocol):
     def approximation(self, trials: Sequence[Trial]) -> Simulator | None:
         """A Simulator with the same parameters, for these trials; None where there is none."""
         ...
+
+
+@runtime_checkable
+class Commanded(Protocol):
+    """A Simulator that says what the columns of a controller's command are."""
+
+    @property
+    def commanded(self) -> tuple[str, ...]:
+        """(width,) the joint that each column drives, or the actuator's name where it drives no single joint."""
+        ...
+
+    def held(self, trial: Trial) -> Array:
+        """(width,) what is told to drives that nobody commands in a trial."""
+        ...

@@ -4,17 +4,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
+from trueup.articulated.pose import angles_of
 from trueup.chance import Buffeting, CommandNoise, Push, Pushed
 from trueup.controllers.controller import Observation
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.sensing import Senses
-from trueup.errors import unknown_name
+from trueup.engines.mujoco.wiring import Source, source_of
+from trueup.errors import ModelError, unknown_name
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -36,6 +39,7 @@ class Acts:
         step: float,
     ) -> None:
         self._batch, self._compiled, self._trials = batch, compiled, trials
+        self._model, self._sources = model, dict[tuple[str, tuple[str, ...]], Source]()
         self._candidates, self._step = candidates, step
         self._pushes = [
             (k, Pushed.of(d, t.settled().streams(f"{t.name}/{i}", candidates)))
@@ -93,8 +97,13 @@ class Acts:
             noise.add(at * self._step + self._step * np.arange(commands.shape[1]), commands)
         return commands
 
-    def seen(self, k: int, now: float, rows: Rows) -> Observation:
-        """What the controllers of one trial see, of which `rows` still run; the others as they ended."""
+    def seen(
+        self, k: int, now: float, rows: Rows, channels: Mapping[str, tuple[str, ...]] = MappingProxyType({})
+    ) -> Observation:
+        """What the controllers of one trial see, of which `rows` still run; the others as they ended.
+
+        `channels` that they want, each with its labels. Raises ModelError for one that the model has not.
+        """
         own, senses = self._of(k), self._senses[k]
         position, velocity = (senses.of(f, lambda f=f: self._batch.bind(f)[own]) for f in ("qpos", "qvel"))
 
@@ -103,9 +112,27 @@ class Acts:
             self._batch.forward(rows, stage=int(mujoco.mjtStage.mjSTAGE_VEL))
             return self._batch.bind("sensordata")[own]
 
-        return Observation(
-            now, position, velocity, Sensors(self._names, lambda: senses.of("sensordata", sensors)), self._trials[k]
-        )
+        shown = Sensors(self._names, lambda: senses.of("sensordata", sensors))
+        state = {"qpos": lambda: position, "qvel": lambda: velocity, "sensordata": shown.whole}
+        named = {}
+        for name, labels in channels.items():
+            source = self._source(k, name, labels)
+            read = source.read(state.get(source.field, lambda f=source.field: self._batch.bind(f)[own])()[:, None])[
+                :, 0
+            ]
+            named[name] = angles_of(read) if source.turned else read
+        return Observation(now, position, velocity, shown, self._trials[k], named)
+
+    def _source(self, k: int, channel: str, labels: tuple[str, ...]) -> Source:
+        if (channel, labels) not in self._sources:
+            source = source_of(self._model, self._compiled, channel, labels)
+            if source is None:
+                raise ModelError(
+                    f"the controller of trial '{self._trials[k].name}' looks at '{channel}' ({', '.join(labels)}), which is "
+                    f"no signal of '{self._model.name}'"
+                )
+            self._sources[channel, labels] = source
+        return self._sources[channel, labels]
 
     def note(self, history: Mapping[str, Array], rows: Rows) -> None:
         """Takes what `rows` went through, where controllers see the past."""
@@ -129,9 +156,13 @@ class Sensors(Mapping[str, Array]):
     def __getitem__(self, name: str) -> Array:
         """Raises KeyError for a sensor that is not in the model."""
         place = self._places[name]
+        return self.whole()[:, place]
+
+    def whole(self) -> Array:
+        """(b, all) every sensor's numbers, in the model's order."""
         if self._data is None:
             self._data = self._compute()
-        return self._data[:, place]
+        return self._data
 
     def __iter__(self) -> Iterator[str]:
         """The names, in the model's order."""

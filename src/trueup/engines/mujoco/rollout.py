@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from trueup.articulated.assignments import Assignment, needs
 from trueup.articulated.gains import Gains
+from trueup.articulated.signals import Signals
+from trueup.articulated.wiring import joints_commanded
 from trueup.controllers.controller import ControllerFactory
 from trueup.engines.mujoco.batches import Batches
 from trueup.engines.mujoco.engine_log import unlogged
@@ -101,6 +103,15 @@ class MujocoSimulator:
             actuators_of(self.model, command)
         measured = [c for name, c in recording.channels.items() if not is_command(name)]
         return tuple(c.name for c in measured if source_of(self.model, self.compiled, c.name, c.labels) is not None)
+
+    @property
+    def commanded(self) -> tuple[str, ...]:
+        """(width,) the joint that each column of a controller's command drives."""
+        return joints_commanded(self.model)
+
+    def held(self, trial: Trial) -> Array:
+        """(width,) what is told to drives that nobody commands in a trial."""
+        return Signals(self.model, (), [trial], np.zeros((1, 0))).hold(0)
 
     def rollout(
         self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None = None

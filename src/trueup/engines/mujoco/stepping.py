@@ -99,7 +99,7 @@ class Stepper:
         for k, loop in self._loops.items():
             own = self._own(k, rows)
             if len(own) and loop.due <= now:
-                loop.ask(self._acts.seen(k, now * self._step, own))
+                loop.ask(self._acts.seen(k, now * self._step, own, loop.looks_at))
 
     def _own(self, k: int, rows: Rows) -> Rows:
         """Those of `rows` that belong to one trial."""

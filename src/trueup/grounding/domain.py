@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where a learned model may be asked: as far from its rows as runs that were left out were from the others, no farther.
+
+A distance is Mahalanobis', the leverage of a row up to a constant (Belsley, Kuh and Welsch, Regression Diagnostics, 1980,
+chapter 2). One frame far away is nothing; how many there are in a row at most is seen in each of the recorded runs, left
+out in turn, and what a further such run may show follows from these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.grounding.comparison import folds_by_run
+from trueup.grounding.rows import Rows
+
+Array = NDArray[np.float64]
+Whole = NDArray[np.int64]
+
+_FAR = 0.99  # of the frames left out lie nearer than what is called far
+_REFUSED = 0.01  # of runs like the recorded ones
+_RESOLUTION = 1e-3  # of the largest spread in a block: what moves less is as still as it can be seen to be
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Inputs that belong together (commands, positions, a sensor), and how far from their rows they may be."""
+
+    name: str
+    columns: Whole
+    centre: Array
+    whiten: Array
+    """(m, r): offsets from the centre times this have unit covariance."""
+    limit: float
+    """Distance beyond which a frame is far: as for one in a hundred frames of runs left out."""
+    patience: int
+    """Frames in a row that may be far."""
+    scale: Array
+    """(m,) standard deviations."""
+
+    def distance(self, X: Array) -> Array:
+        """(n,) in standard deviations."""
+        return np.linalg.norm((X[:, self.columns] - self.centre) @ self.whiten, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Domain:
+    """The blocks of all inputs."""
+
+    names: tuple[str, ...]
+    """(d,) of the inputs."""
+    blocks: tuple[Block, ...]
+
+    def far(self, X: Array) -> NDArray[np.bool_]:
+        """(n, blocks) which frames are far in which block."""
+        return np.stack([b.distance(X) > b.limit for b in self.blocks], axis=1)
+
+    @property
+    def patience(self) -> Whole:
+        """(blocks,) frames in a row that may be far."""
+        return np.array([b.patience for b in self.blocks])
+
+    def reason(self, x: Array, block: int, frames: int) -> str:
+        """Why a run is refused, with the input that is farthest off in its present frame (d,)."""
+        b = self.blocks[block]
+        worst = int(np.argmax(np.abs(x[b.columns] - b.centre) / b.scale))
+        column = int(b.columns[worst])
+        return (
+            f"'{b.name}' was outside of what was learned for {frames} frames in a row (at most {b.patience}); "
+            f"farthest is {self.names[column]} = {x[column]:.4g}, learned from {b.centre[worst]:.4g} +- {b.scale[worst]:.2g}"
+        )
+
+
+def domain_of(rows: Rows) -> Domain:
+    """The domain of rows, its limits from left-out runs."""
+    folds = folds_by_run(rows)
+    blocks = rows.inputs.blocks
+    share = _REFUSED / len(blocks)  # Bonferroni
+    return Domain(rows.inputs.names, tuple(_block(n, c, rows, folds, share) for n, c in blocks.items()))
+
+
+def _block(name: str, columns: Whole, rows: Rows, folds: Sequence[Whole], refused: float) -> Block:
+    V = rows.X[:, columns]
+    distance = np.empty(len(V))
+    for left_out in folds:
+        kept = np.delete(V, left_out, axis=0)
+        centre, whiten, _ = _shape(kept)
+        distance[left_out] = np.linalg.norm((V[left_out] - centre) @ whiten, axis=1)
+    limit = float(np.quantile(distance, _FAR))
+    longest = [_longest(distance[rows.run == run] > limit) for run in np.unique(rows.run)]
+    centre, whiten, scale = _shape(V)
+    return Block(name, columns, centre, whiten, limit, _exceeded(longest, refused), scale)
+
+
+def _exceeded(lengths: Sequence[int], share: float) -> int:
+    """What a further one of these lengths exceeds with a probability of `share`, were they exponential.
+
+    The mean of R lengths is chi-squared with 2 R degrees of freedom, so a further one over it is F-distributed with 2 and
+    2 R (G. Hahn and W. Meeker, Statistical Intervals, 1991, section 4.7): P(x > t) = (1 + t / (R mean))^-R.
+    """
+    R, mean = len(lengths), max(float(np.mean(lengths)), 1.0)
+    return int(np.ceil(R * mean * (share ** (-1.0 / R) - 1.0)))
+
+
+def _shape(V: Array) -> tuple[Array, Array, Array]:
+    """Centre (m,), whitening (m, r) and standard deviations (m,) of rows (n, m)."""
+    centre, scale = V.mean(axis=0), V.std(axis=0)
+    scale = np.maximum(scale, max(_RESOLUTION * float(scale.max()), 1e-9))
+    values, vectors = np.linalg.eigh((V - centre).T @ (V - centre) / len(V) / np.outer(scale, scale))
+    return centre, vectors / np.sqrt(np.maximum(values, _RESOLUTION**2)) / scale[:, None], scale
+
+
+def _longest(far: NDArray[np.bool_]) -> int:
+    """How many frames in a row are far at most."""
+    edges = np.diff(np.concatenate([[0], far.astype(np.int64), [0]]))
+    lengths = np.flatnonzero(edges < 0) - np.flatnonzero(edges > 0)
+    return int(lengths.max(initial=0))

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Any simulator, grounded: each controller's commands are changed to what makes the simulated joints move as the robot's."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.controllers.controller import Controller, ControllerFactory, Looking, Observation
+from trueup.controllers.playback import Playback
+from trueup.engines.simulator import Commanded, Rollout, Simulator
+from trueup.errors import GroundingError
+from trueup.grounding.grounding import Grounding
+from trueup.parameters import ParameterSpace
+from trueup.recording import Recording
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+
+_EVEN = 0.02  # share by which a frame may miss a whole number of the controller's periods
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """That a run asked for what the grounding had not learned."""
+
+    time: float
+    """Since the start of the trial, in s."""
+    reason: str
+
+
+class GroundedController:
+    """A Controller that passes another one's commands through a grounding, for b copies in lockstep.
+
+    What the grounding changes is found once a frame, as it was learned, and held; commands come as often as they are asked.
+    `columns` names the joint of each command. `weights` (b, 2) go before the grounding's own. Rows that ask for what was not
+    learned are kept in `refused`; they are commanded on as asked. Raises GroundingError for a period that does not fit.
+    """
+
+    def __init__(
+        self, inner: Controller, grounding: Grounding, columns: Sequence[str], weights: Array | None = None
+    ) -> None:
+        self._inner, self._grounding, self._weights = inner, grounding, weights
+        inputs = grounding.inputs
+        missing = [j for j in inputs.commands if j not in columns]
+        if missing:
+            raise GroundingError(
+                f"the grounding was learned for joint '{missing[0]}', which the simulator does not command; it commands: "
+                f"{', '.join(columns)}"
+            )
+        self._columns = np.array([list(columns).index(j) for j in inputs.commands])
+        self.period = min(inner.period, inputs.period)
+        self._every = round(inputs.period / self.period)
+        if abs(self._every * self.period - inputs.period) > _EVEN * inputs.period:
+            raise GroundingError(
+                f"the controller's period of {1e3 * inner.period:g} ms does not divide the grounding's frame of "
+                f"{1e3 * inputs.period:g} ms; learn with --period {inner.period:g}"
+            )
+        self.refused: dict[int, Refusal] = {}
+        self._past: deque[tuple[Array, Array]] = deque(maxlen=inputs.history)
+
+    @property
+    def looks_at(self) -> dict[str, tuple[str, ...]]:
+        """Channels that the grounding and the controller within want to see."""
+        within = dict(self._inner.looks_at) if isinstance(self._inner, Looking) else {}
+        own = self._grounding.inputs.looks_at
+        for name, labels in within.items():
+            if name in own and tuple(labels) != own[name]:
+                raise GroundingError(f"the controller and its grounding look at different columns of '{name}'")
+        return {**within, **own}
+
+    def reset(self, observation: Observation) -> None:
+        """Forgets the frames before."""
+        self._inner.reset(observation)
+        self._past.clear()
+        self.refused = {}
+        self._due, self._ticks = 0.0, 0
+        self._asked = self._correction = np.zeros((0, 0))
+        self._far = np.zeros((0, len(self._grounding.domain.blocks)), dtype=np.int64)
+
+    def command(self, observation: Observation) -> Array:
+        """(b, nu) the commands to give in place of those that the controller within asks for."""
+        if observation.time >= self._due - 1e-9:
+            self._asked = np.asarray(self._inner.command(observation), dtype=np.float64)
+            self._due += self._inner.period
+        if self._ticks % self._every == 0:
+            self._correction = self._corrected(observation)
+        self._ticks += 1
+        out = np.array(self._asked)
+        out[:, self._columns] += self._correction
+        return out
+
+    def _corrected(self, observation: Observation) -> Array:
+        """(b, k) what is added to the commands of the learned joints in this frame."""
+        inputs = self._grounding.inputs
+        if "position" not in observation.channels:
+            raise GroundingError("this simulator does not show its controllers the channel 'position' by its labels")
+        asked = self._asked[:, self._columns]
+        self._past.appendleft((np.array(observation.channels["position"]), asked))
+        # Before its first frame a run stood as it stands there.
+        frames = [self._past[min(k, len(self._past) - 1)] for k in range(inputs.history)]
+        positions, commands = zip(*frames, strict=True)
+        X = inputs.row(positions, commands, inputs.seen(observation.channels))
+        if self._weights is not None or self._grounding.weights[1]:
+            self._watch(X, observation.time)
+        correction = self._grounding.commands(X, self._weights) - asked
+        correction[list(self.refused)] = 0.0
+        return correction
+
+    def _watch(self, X: Array, now: float) -> None:
+        """Counts how many frames in a row each run is outside of what was learned."""
+        domain = self._grounding.domain
+        far = domain.far(np.nan_to_num(X))
+        self._far = np.where(far, (self._far if len(self._far) else 0) + 1, 0)
+        over = self._far > domain.patience
+        for row in np.flatnonzero(over.any(axis=1)):
+            if int(row) not in self.refused:
+                block = int(np.argmax(over[row]))
+                frames = int(self._far[row, block])
+                self.refused[int(row)] = Refusal(now, domain.reason(X[row], block, frames))
+
+
+@dataclass(frozen=True, eq=False)
+class GroundedSimulator:
+    """A Simulator whose commands pass through a grounding. Rows that ask for what was not learned fail, and say why.
+
+    With `extrapolate` they do not. `weights` (b, 2), one row for each row of values, go before the grounding's own.
+    """
+
+    whole: Simulator
+    grounding: Grounding
+    extrapolate: bool = False
+    weights: Array | None = None
+
+    @property
+    def name(self) -> str:
+        """The model's name."""
+        return self.whole.name
+
+    @property
+    def parameters(self) -> ParameterSpace:
+        """What may be calibrated."""
+        return self.whole.parameters
+
+    @property
+    def step(self) -> float:
+        """Integration step, in s."""
+        return self.whole.step
+
+    def at_step(self, step: float) -> GroundedSimulator:
+        """The same with another step."""
+        return dataclasses.replace(self, whole=self.whole.at_step(step))
+
+    def shipped(self) -> Simulator:
+        """The simulator as it came, without a grounding."""
+        return self.whole.shipped()
+
+    def observable(self, recording: Recording) -> tuple[str, ...]:
+        """The channels of a recording that the simulator can reproduce."""
+        return self.whole.observable(recording)
+
+    def rollout(
+        self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None = None
+    ) -> list[Rollout]:
+        """See Simulator. Recorded commands are played by a controller. Raises GroundingError where nothing commands."""
+        made: list[list[GroundedController]] = [[] for _ in trials]
+        # Each trial's own factory goes before that of the call, so every trial gets its own.
+        changed = [self._grounded(t, controllers, kept) for t, kept in zip(trials, made, strict=True)]
+        done = self.whole.rollout(changed, values, controllers)
+        return [self._judged(r, t, kept) for r, t, kept in zip(done, trials, made, strict=True)]
+
+    def _grounded(self, trial: Trial, controllers: ControllerFactory | None, made: list[GroundedController]) -> Trial:
+        inner = trial.controller or controllers
+        columns = self.whole.commanded if isinstance(self.whole, Commanded) else ()
+        if inner is None:
+            if trial.command is None:
+                raise GroundingError(f"trial '{trial.name}' has neither a controller nor commands to play")
+            inner = self._playing(trial)
+            columns = columns or trial.command.labels
+        factory = inner
+
+        def grounded(values: Array) -> Controller:
+            made.append(GroundedController(factory(values), self.grounding, columns, self.weights))
+            return made[-1]
+
+        return dataclasses.replace(trial, controller=grounded)
+
+    def _playing(self, trial: Trial) -> ControllerFactory:
+        """A controller that plays a trial's commands, in the order in which the simulator takes them."""
+        command = trial.command
+        if command is None:
+            raise GroundingError(f"trial '{trial.name}' has no commands to play")
+        if isinstance(self.whole, Commanded):
+            labels, held = self.whole.commanded, self.whole.held(trial)
+            each = [command.column(x) if x in command.labels else np.full(len(command.time), h)
+                    for x, h in zip(labels, held, strict=True)]  # fmt: skip
+            command = command.replace(labels=labels, values=np.stack(each, axis=1), units=())
+        played, frame = command, self.grounding.inputs.period
+        spacing = float(np.median(np.diff(command.time))) if len(command.time) > 1 else frame
+        period = frame / max(round(frame / spacing), 1)  # as often as it was commanded, in whole parts of a frame
+        return lambda values: Playback(played, len(values), period=period, start=trial.start)
+
+    def _judged(self, rollout: Rollout, trial: Trial, made: Sequence[GroundedController]) -> Rollout:
+        refused = {} if self.extrapolate else {row: r for c in made for row, r in c.refused.items()}
+        failures = dict(rollout.failures)
+        channels = {n: np.array(v) for n, v in rollout.channels.items()} if refused else rollout.channels
+        for row, refusal in refused.items():
+            failures.setdefault(row, f"refused after {refusal.time:.3g} s: {refusal.reason}")
+            for name, observed in trial.observed.items():
+                channels[name][row, observed.time > trial.start + refusal.time] = np.nan
+        ends = {row: e for row, e in rollout.ends.items() if row not in refused}
+        return dataclasses.replace(rollout, trial=trial, channels=channels, failures=failures, ends=ends)

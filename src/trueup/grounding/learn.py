@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Learns how a robot's joints answer to commands: what to look at, by which learner, and where it may be asked."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from trueup.grounding.comparison import (
+    MOST,
+    Comparison,
+    Progress,
+    Score,
+    compare,
+    cross_validated,
+    folds_by_run,
+    surely,
+)
+from trueup.grounding.domain import domain_of
+from trueup.grounding.grounding import Grounding
+from trueup.grounding.learners import LEARNERS, Learner, learners
+from trueup.grounding.rows import Inputs, Rows, inputs_of, rows_of
+from trueup.grounding.views import VIEWS, fitted, view_named
+from trueup.recording import Recording
+
+_PROBE_ROWS = 4000  # by which inputs are chosen
+_LONGEST = 6  # frames of history that are tried
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What a user may settle; None: the recordings do."""
+
+    period: float | None = None
+    """Frame in s."""
+    history: int | None = None
+    view: str | None = None
+    others: tuple[str, ...] | None = None
+    """Channels beside joints and commands."""
+    joints: tuple[str, ...] | None = None
+    learners: tuple[str, ...] | None = None
+    budget: float = 120.0
+    """CPU seconds for the comparison of learners."""
+    by_row: bool = True
+    """Whether rows are left out too, as the paper did."""
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """A grounding, and how it was come by."""
+
+    grounding: Grounding
+    comparison: Comparison
+    rows: Rows
+    view: str
+    tried: tuple[tuple[str, float], ...]
+    """Inputs that were tried, in words, each with its typical error on runs left out, in spreads of the outputs."""
+    seconds: float
+
+
+def learn(
+    recordings: Sequence[Recording], wishes: Wishes | None = None, *, progress: Progress | None = None
+) -> Learned:
+    """Chooses inputs and learner by runs left out, and fits. Raises GroundingError, UnknownNameError, MissingExtraError."""
+    wish, begun = wishes or Wishes(), time.process_time()
+    every = learners(wish.learners)
+    inputs, view, tried = _inputs(recordings, wish, every, progress)
+    rows = rows_of(recordings, inputs)
+    found = compare(every, rows, view, budget=wish.budget, seed=wish.seed, by_row=wish.by_row, progress=progress)
+    best = found.chosen or "linear"
+    model = fitted(LEARNERS[best], rows.thinned(MOST), np.random.default_rng(wish.seed), view)
+    about = {"learner": best, "view": view, "why": found.why, "recordings": "\n".join(r.name for r in recordings)}
+    return Learned(
+        Grounding(inputs, model, domain_of(rows), about=about), found, rows, view, tried, time.process_time() - begun
+    )
+
+
+def _inputs(
+    recordings: Sequence[Recording], wish: Wishes, every: Sequence[Learner], progress: Progress | None
+) -> tuple[Inputs, str, tuple[tuple[str, float], ...]]:
+    """What to look at: a view, then as many frames before, then other channels, as the evidence of left-out runs holds."""
+    named = [x.name for x in every]
+    probe = LEARNERS[next((n for n in ("model-tree", "tree", "linear") if n in named), named[0])]
+    tried: list[tuple[str, float]] = []
+
+    def tell(inputs: Inputs, view: str) -> Score:
+        rows = rows_of(recordings, inputs)
+        found = cross_validated(probe, rows, folds_by_run(rows), view, seed=wish.seed, most=_PROBE_ROWS)
+        if found is None:
+            raise RuntimeError("a cross-validation without a limit of time was not done")
+        more = f" with {', '.join(inputs.others)}" if inputs.others else ""
+        tried.append((f"{view}, {inputs.history} frame{'s' * (inputs.history > 1)}{more}", found.typical))
+        if progress is not None:
+            progress(f"inputs: {tried[-1][0]}", 0.0)
+        return found
+
+    whole = inputs_of(recordings, period=wish.period, history=wish.history or 2, others=wish.others, joints=wish.joints)
+    inputs = whole if wish.others is not None else dataclasses.replace(whole, others={})
+    views = [wish.view] if wish.view is not None else list(VIEWS)
+    scores = {v: tell(inputs, v) for v in views if view_named(v)}
+    view = min(scores, key=lambda v: scores[v].typical)
+    best = scores[view]
+    if wish.history is None:
+        shorter = tell(dataclasses.replace(inputs, history=1), view)
+        if not surely(shorter, best):
+            inputs, best = dataclasses.replace(inputs, history=1), shorter
+        while 1 < inputs.history < _LONGEST:
+            longer = tell(dataclasses.replace(inputs, history=inputs.history + 1), view)
+            if not surely(best, longer):
+                break
+            inputs, best = dataclasses.replace(inputs, history=inputs.history + 1), longer
+    for name, labels in whole.others.items() if wish.others is None else ():
+        more = dataclasses.replace(inputs, others={**inputs.others, name: labels})
+        told = tell(more, view)
+        if surely(best, told):
+            inputs, best = more, told
+    return inputs, view, tuple(tried)

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Linear learners: of one input, of all, with shrunken coefficients, and by the least median of squares."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from trueup.grounding.predictors import Affine
+
+Array = NDArray[np.float64]
+
+_SUBSETS = 500  # drawn for the least median of squares
+_JUDGED = 2000  # rows by which a subset is judged
+_GRID = 60  # sizes of a coefficient among which their distribution is estimated
+
+
+def standard(X: Array) -> tuple[Array, Array]:
+    """(d,), (d,) mean and standard deviation of inputs (n, d); 1 where an input does not move."""
+    scale = X.std(axis=0)
+    return X.mean(axis=0), np.where(scale > 1e-9 * np.maximum(np.abs(X).max(axis=0), 1e-300), scale, 1.0)
+
+
+def least_squares(X: Array, Y: Array, rng: np.random.Generator) -> Affine:
+    """Ordinary least squares; of several solutions the shortest."""
+    centre, scale = standard(X)
+    W, *_ = np.linalg.lstsq((X - centre) / scale, Y - Y.mean(axis=0), rcond=1e-10)
+    return _affine(W, Y.mean(axis=0), centre, scale)
+
+
+def simple(X: Array, Y: Array, rng: np.random.Generator) -> Affine:
+    """For each output the one input that explains most."""
+    centre, scale = standard(X)
+    Z, V = (X - centre) / scale, Y - Y.mean(axis=0)
+    slopes = Z.T @ V / np.maximum(np.sum(Z**2, axis=0), 1e-300)[:, None]
+    best = np.argmax(np.abs(slopes) * np.sqrt(np.sum(Z**2, axis=0))[:, None], axis=0)
+    W, k = np.zeros_like(slopes), np.arange(Y.shape[1])
+    W[best, k] = slopes[best, k]
+    return _affine(W, Y.mean(axis=0), centre, scale)
+
+
+def pace(X: Array, Y: Array, rng: np.random.Generator) -> Affine:
+    """Coefficients in orthogonal directions, each shrunk to what is expected given all of them.
+
+    After Y. Wang and I. H. Witten, "Modeling for optimal probability prediction", ICML 2002 (PACE regression): sizes of
+    the true coefficients, in units of their standard error, follow a mixing distribution that is estimated from the
+    coefficients seen, by non-negative least squares on their distribution function (Wang 2000, chapter 5). Here
+    directions are those of the singular values and the estimate is the posterior mean.
+    """
+    centre, scale = standard(X)
+    Z, V = (X - centre) / scale, Y - Y.mean(axis=0)
+    U, s, Vt = np.linalg.svd(Z, full_matrices=False)
+    kept = s > 1e-10 * s[0]
+    U, s, Vt = U[:, kept], s[kept], Vt[kept]
+    seen = U.T @ V  # (r, k)
+    freedom = max(len(X) - len(s) - 1, 1)
+    sigma = np.sqrt(np.maximum(np.sum((V - U @ seen) ** 2, axis=0) / freedom, 1e-300))
+    shrunk = np.stack([_posterior_mean(z) for z in (seen / sigma).T], axis=1) * sigma
+    return _affine(Vt.T @ (shrunk / s[:, None]), Y.mean(axis=0), centre, scale)
+
+
+def _posterior_mean(z: Array) -> Array:
+    """(r,) expected means of normal numbers z (r,) of unit deviation, from a mixture over sizes estimated from them."""
+    from scipy.stats import norm
+
+    size = np.abs(z)
+    top = max(float(size.max()), 1.0)
+    grid = np.concatenate([[0.0], np.geomspace(0.1, top + 1.0, _GRID - 1)])
+    at = np.sort(size)
+    spread = norm.cdf(at[:, None] - grid) - norm.cdf(-at[:, None] - grid)  # P(|Z| <= at) for each true size
+    share, _ = nnls(spread, (np.arange(len(at)) + 0.5) / len(at))
+    up, down = (norm.pdf(size[:, None] - sign * grid) * share for sign in (1.0, -1.0))
+    weight = np.sum(up + down, axis=1)
+    known = weight > 1e-200  # far beyond all of the mixture a coefficient stays as it is
+    mean = np.where(known, np.sum((up - down) * grid, axis=1) / np.where(known, weight, 1.0), size)
+    return np.sign(z) * np.minimum(mean, size)
+
+
+def least_median(X: Array, Y: Array, rng: np.random.Generator) -> Affine:
+    """The fit to a random subset with the least median of squared residuals, then least squares without outliers.
+
+    P. J. Rousseeuw, "Least median of squares regression", JASA 79, 1984, with his reweighting: residuals beyond 2.5
+    deviations, these from the median with his correction for small samples, do not count.
+    """
+    centre, scale = standard(X)
+    Z = np.concatenate([np.ones((len(X), 1)), (X - centre) / scale], axis=1)
+    n, p = Z.shape
+    few = rng.choice(n, min(n, _JUDGED), replace=False)
+    subsets = np.stack([rng.choice(n, min(p + 1, n), replace=False) for _ in range(_SUBSETS)])
+    A = Z[subsets]  # (m, p + 1, p)
+    gram = np.einsum("mij,mik->mjk", A, A) + 1e-8 * np.eye(p)
+    W = np.empty((p, Y.shape[1]))
+    for k, y in enumerate(Y.T):
+        fits = np.linalg.solve(gram, np.einsum("mij,mi->mj", A, y[subsets])[:, :, None])[:, :, 0]
+        medians = np.median((y[few, None] - Z[few] @ fits.T) ** 2, axis=0)
+        best = fits[int(np.argmin(medians))]
+        deviation = 1.4826 * (1.0 + 5.0 / max(n - p, 1)) * np.sqrt(medians.min())
+        good = np.abs(y - Z @ best) <= 2.5 * deviation
+        W[:, k] = np.linalg.lstsq(Z[good], y[good], rcond=1e-10)[0] if good.sum() > p else best
+    return Affine(W[1:] / scale[:, None], W[0] - centre / scale @ W[1:])
+
+
+def _affine(W: Array, middle: Array, centre: Array, scale: Array) -> Affine:
+    """From standardised inputs and centred outputs to plain ones."""
+    slopes = W / scale[:, None]
+    return Affine(slopes, middle - centre @ slopes)

@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings as rows to learn from: joints, commands and whatever else was measured in one frame, joints in the next.
+
+A. Farchy, S. Barrett, P. MacAlpine and P. Stone, "Humanoid robots learning to walk faster: from the real world to
+simulation and back", AAMAS 2013, section 4.3: 11 joints, 3 coordinates of the centre of mass and 11 commands in, 11 joints
+out. Here these are whatever a robot's recordings have, and several past frames if wanted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.errors import GroundingError, unknown_name
+from trueup.recording import Recording, is_command
+from trueup.trial import command_of
+
+Array = NDArray[np.float64]
+
+FRAME = 0.02
+"""s: the paper's frame, in which simulator and robot are compared; the shortest one that is taken by itself."""
+_SAME_RATE = 0.02  # samples whose spacing divides the frame but for this share are taken as they are
+_JOINT_CHANNELS = ("position", "velocity", "torque", "current", "acceleration")
+_ANGLES = {"base_orientation": ("roll", "pitch", "yaw")}  # channels that are seen whole or not at all
+_UNBOUNDED = ("x", "y", "yaw")  # of a free base: where it has walked to says nothing of its joints
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What goes into a prediction, in this order: joints, commands and other channels of a frame, then earlier frames."""
+
+    joints: tuple[str, ...]
+    """Whose positions go in."""
+    commands: tuple[str, ...]
+    """Joints whose commands go in, and whose next positions come out."""
+    period: float
+    """From one frame to the next, in s."""
+    history: int = 1
+    """Frames of joints and commands that go in, the present one included."""
+    others: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Other channels, each to the labels that go in, of the present frame."""
+    unit: str = "rad"
+
+    def __post_init__(self) -> None:
+        """Raises GroundingError for a frame or a history that cannot be."""
+        if not self.period > 0.0 or self.history < 1:
+            raise GroundingError(
+                f"a frame of {self.period:g} s and a history of {self.history} frames: both must be above zero"
+            )
+
+    @property
+    def looks_at(self) -> dict[str, tuple[str, ...]]:
+        """Channels that a controller must see to predict, each to its labels."""
+        return {"position": self.joints, **{n: _ANGLES.get(n, labels) for n, labels in self.others.items()}}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(d,) of the inputs: 'position.knee', 'command.knee', 'com.z', 'position.knee 1 before'."""
+        first = [f"position.{j}" for j in self.joints] + [f"command.{j}" for j in self.commands]
+        more = [f"{channel}.{label}" for channel, labels in self.others.items() for label in labels]
+        return (*first, *more, *(f"{name} {k} before" for k in range(1, self.history) for name in first))
+
+    @property
+    def blocks(self) -> dict[str, NDArray[np.int64]]:
+        """Columns that belong together: commands of all frames, positions and each other channel of the present one.
+
+        How joints moved in the frames before is what simulator and robot differ in, and no part.
+        """
+        first = len(self.joints) + len(self.commands) + sum(len(labels) for labels in self.others.values())
+        kinds = [name.split(".", 1)[0] for name in self.names]
+        kinds = [kind if i < first or kind == "command" else "" for i, kind in enumerate(kinds)]
+        return {kind: np.array([i for i, k in enumerate(kinds) if k == kind]) for kind in dict.fromkeys(kinds) if kind}
+
+    @property
+    def asked(self) -> slice:
+        """Where the present commands stand."""
+        return slice(len(self.joints), len(self.joints) + len(self.commands))
+
+    @property
+    def frames(self) -> list[int]:
+        """Where each frame's joints stand, followed by its commands; the present one first."""
+        both = len(self.joints) + len(self.commands)
+        later = both + sum(len(labels) for labels in self.others.values())
+        return [0, *(later + k * both for k in range(self.history - 1))]
+
+    @property
+    def own(self) -> NDArray[np.int64]:
+        """(k,) which of the inputs is the present position of each output."""
+        return np.array([self.joints.index(j) for j in self.commands])
+
+    def seen(self, channels: Mapping[str, Array]) -> list[Array]:
+        """(b, m) each: the other channels that go in, from those that `looks_at` asks for."""
+        picked = ((n, labels, _ANGLES.get(n, labels)) for n, labels in self.others.items())
+        return [channels[n][:, [every.index(x) for x in labels]] for n, labels, every in picked]
+
+    def row(self, positions: Sequence[Array], commands: Sequence[Array], others: Sequence[Array] = ()) -> Array:
+        """(b, d) inputs; positions (b, j) and commands (b, c) of the present frame, of the one before, ..."""
+        past = [x for k in range(1, self.history) for x in (positions[k], commands[k])]
+        return np.concatenate([positions[0], commands[0], *others, *past], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """N frames of several runs."""
+
+    inputs: Inputs
+    X: Array
+    """(N, d) as `Inputs.names`."""
+    Y: Array
+    """(N, k) positions of the commanded joints one frame later."""
+    run: NDArray[np.int64]
+    """(N,) number of the run."""
+    frame: NDArray[np.int64]
+    """(N,) number of the frame within its run; one that follows another has the next number."""
+    names: tuple[str, ...]
+    """Of the runs."""
+
+    @property
+    def held(self) -> Array:
+        """(N, k) the present positions: what is predicted by holding the last value."""
+        return self.X[:, self.inputs.own]
+
+    def inverse(self) -> Rows:
+        """Rows that ask which command led to the next positions: these stand where the commands stood."""
+        X = np.array(self.X)
+        X[:, self.inputs.asked] = self.Y
+        return replace(self, X=X, Y=np.array(self.X[:, self.inputs.asked]))
+
+    def where(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> Rows:
+        """Some of the frames."""
+        return replace(self, X=self.X[keep], Y=self.Y[keep], run=self.run[keep], frame=self.frame[keep])
+
+    def thinned(self, most: int) -> Rows:
+        """At most so many frames, evenly spread over all runs."""
+        count = len(self.X)
+        return self if count <= most else self.where(np.linspace(0, count - 1, most).round().astype(np.int64))
+
+
+def inputs_of(
+    recordings: Sequence[Recording], *, period: float | None = None, history: int = 1,
+    others: Sequence[str] | None = None, joints: Sequence[str] | None = None,
+) -> Inputs:  # fmt: skip
+    """The inputs that all recordings have: joints that are commanded and measured, other channels (None: all of them).
+
+    `period` in s (None: that of the recordings, but at least `FRAME`). Raises GroundingError and UnknownNameError.
+    """
+    if not recordings:
+        raise GroundingError("there are no recordings to learn from")
+    measured = _common([_labels(r, "position") for r in recordings])
+    commanded = _common([_commanded(r) for r in recordings])
+    both = [label for label in measured if label in commanded]
+    if not both:
+        raise GroundingError(
+            f"no joint is both commanded and measured in all {len(recordings)} recordings; commanded are: "
+            f"{', '.join(commanded) or 'none'}; measured are: {', '.join(measured) or 'none'}"
+        )
+    for name in joints or ():
+        if name not in both:
+            raise unknown_name("joint", name, both, "what is commanded and measured in all recordings")
+    kept = tuple(joints or both)
+    channels = _others(recordings)
+    for name in others or ():
+        if name not in channels:
+            raise unknown_name("channel", name, channels, "what may go in beside joints and commands")
+    chosen = {n: x for n, x in channels.items() if others is None or n in others}
+    unit = recordings[0].channel("position").unit_of(kept[0])
+    went = tuple(j for j in measured if joints is None or j in kept)
+    return Inputs(went, kept, _period(recordings) if period is None else period, history, chosen, unit)
+
+
+def rows_of(recordings: Sequence[Recording], inputs: Inputs) -> Rows:
+    """All frames of all recordings that have a next one. Raises GroundingError where there is none."""
+    parts = [_rows(r, inputs) for r in recordings]
+    if not sum(len(x) for x, _, _ in parts):
+        longest = max(r.duration for r in recordings)
+        raise GroundingError(
+            f"no recording holds two frames of {1e3 * inputs.period:g} ms with all inputs; the longest lasts {longest:g} s"
+        )
+    X, Y, frame = (np.concatenate(each) for each in zip(*parts, strict=True))
+    run = np.repeat(np.arange(len(parts)), [len(x) for x, _, _ in parts])
+    return Rows(inputs, X, Y, run, frame.astype(np.int64), tuple(r.name for r in recordings))
+
+
+def _rows(recording: Recording, inputs: Inputs) -> tuple[Array, Array, NDArray[np.intp]]:
+    position = recording.channel("position").select(inputs.joints)
+    command = command_of(recording)
+    if command is None:
+        raise GroundingError(f"recording '{recording.name}' holds no commands")
+    instants = _instants(position.time, inputs.period)
+    at, asked = position.at(instants), command.select(inputs.commands).at(instants, hold=True)
+    others = [recording.channel(name).select(labels).at(instants) for name, labels in inputs.others.items()]
+    # Before its first frame a run stood as it stands there.
+    back = [np.maximum(np.arange(len(instants)) - k, 0) for k in range(inputs.history)]
+    X = inputs.row([at[k] for k in back], [asked[k] for k in back], others)[:-1]
+    Y = at[1:, inputs.own]
+    whole = np.asarray(np.isfinite(np.concatenate([X, Y], axis=1)).all(axis=1))
+    gap = np.diff(instants) > 1.5 * inputs.period
+    for k in range(inputs.history):  # a gap spoils the frames after it too, as far as they look back
+        whole[k:] &= ~gap[: len(gap) - k]
+    return X[whole], Y[whole], np.flatnonzero(whole)
+
+
+def _instants(time: Array, period: float) -> Array:
+    """(T,) the samples' own instants, every so many, where these are as far apart as frames are; else evenly spaced."""
+    if len(time) < 2:
+        return time
+    every = period / float(np.median(np.diff(time)))
+    if every > 1.0 - _SAME_RATE and abs(every - round(every)) <= _SAME_RATE * every:
+        return time[:: max(round(every), 1)]
+    return time[0] + period * np.arange(int((time[-1] - time[0]) / period + 1e-6) + 1)
+
+
+def _period(recordings: Sequence[Recording]) -> float:
+    spacing = [float(np.median(np.diff(r.channel("position").time))) for r in recordings if len(r.time) > 1]
+    if not spacing:
+        raise GroundingError("every recording has a single sample; learning needs pairs of them")
+    return max(float(np.median(spacing)), FRAME)
+
+
+def _labels(recording: Recording, channel: str) -> tuple[str, ...]:
+    return recording.channel(channel).labels if recording.has(channel) else ()
+
+
+def _commanded(recording: Recording) -> tuple[str, ...]:
+    """Labels whose command is in the unit of their position: an angle for an angle, never a torque."""
+    command = command_of(recording)
+    if command is None or not recording.has("position"):
+        return ()
+    position = recording.channel("position")
+    same = [x for x in command.labels if x in position.labels and command.unit_of(x) == position.unit_of(x)]
+    return tuple(same)
+
+
+def _common(each: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
+    return tuple(label for label in each[0] if all(label in labels for labels in each))
+
+
+def _others(recordings: Sequence[Recording]) -> dict[str, tuple[str, ...]]:
+    """Channels beside those of joints that all recordings have, without what has no bounds."""
+    found = {}
+    for name in recordings[0].channels:
+        if is_command(name) or name in _JOINT_CHANNELS or not all(r.has(name) for r in recordings):
+            continue
+        labels = _common([r.channel(name).labels for r in recordings])
+        kept = tuple(x for x in labels if not (name.startswith("base_") and x in _UNBOUNDED))
+        if kept:
+            found[name] = kept
+    return found
