@@ -39,7 +39,7 @@ def recordings(
 ) -> list[Recording]:
     made = []
     for k in range(runs):
-        time = PERIOD * np.arange(frames)
+        time = PERIOD * np.arange(frames, dtype=np.float64)
         rates, phases = rng.uniform(0.2, 1.5, (3, 2)), rng.uniform(0.0, 6.0, (3, 2))
         command = 0.3 * np.sin(2 * np.pi * rates * time[:, None, None] + phases).sum(axis=1)
         state = np.zeros((frames, 2))
