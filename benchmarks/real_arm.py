@@ -119,7 +119,7 @@ def consistent_lines(name: str, found: Identification, free: Identification, sec
 def delivered_lines(name: str, found: Identification, tree: KinematicTree, urdf: Path) -> None:
     """How good the files are that are handed over: evaluated by others (Pinocchio, a C compiler) from the files alone."""
     with tempfile.TemporaryDirectory() as scratch:
-        parts, _ = deliver(found, tree, urdf, scratch)
+        parts, _ = deliver(found, urdf, scratch)
         by_name = {d.name: d for d in parts}
         evaluated = _in_pinocchio(Path(scratch) / urdf.name, tree)
         held = found.held_out()

@@ -89,6 +89,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--friction", default="select", choices=("select", "paper", "common"),
                         help="select: by cross-validation; paper: f0 sign(v) + f1 v + f2 sign(v) v^2; common: Coulomb, "
                              "viscous, offset (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--gains", action="store_true",
+                        help="give each joint's torque a scale of its own, where it is known in N m too")  # fmt: skip
+    parser.add_argument("--torque", default="", metavar="WHICH",
+                        help="the torque that is fitted, where a log holds several (measured, commanded, computed): a "
+                             "channel or columns, as the message lists them")  # fmt: skip
     parser.add_argument("--no-consistent", dest="consistent", action="store_false",
                         help="no physically possible bodies, and so no model file")  # fmt: skip
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all random numbers (default: %(default)s)")
@@ -112,7 +117,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     tree = load_tree(args.model).lock(args.lock)
     if args.gravity is not None:
         tree = tree.replace(gravity=args.gravity)
-    tree, (training, held_out), said = matched(tree, (training, held_out))
+    tree, (training, held_out), said = matched(tree, (training, held_out), args.torque)
     drives = Drives.load(args.drives, tree.joints) if args.drives else Drives.direct(tree.joints)
     if args.payload:
         drives, more = _weighed(args, tree, training, drives)
@@ -123,7 +128,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
             told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
     progress = None if args.quiet else (lambda stage, share: told.print(f"  {stage}", highlight=False))
     found = identify(tree, training, held_out, drives=drives, options=options, told=progress)
-    delivered, more = _write(args, found, tree, folder)
+    delivered, more = _write(args, found, folder)
     _show(args, found, delivered, more, folder, console)
     return 0
 
@@ -145,7 +150,7 @@ def _options(args: argparse.Namespace) -> tuple[Options, list[str]]:
         except ValueError:
             raise IdentificationError(f"--align {args.align}: choices are auto, off, or a number of seconds") from None
     made = Options(cutoff=args.cutoff, align=align, hold_out=share, structure=args.friction,  # type: ignore[arg-type]
-                   consistent=args.consistent, seed=args.seed)  # fmt: skip
+                   consistent=args.consistent, gains=args.gains, seed=args.seed)  # fmt: skip
     return made, names
 
 
@@ -171,7 +176,7 @@ def _weighed(
 
     mapping, _ = mapping_for(args.mapping)
     loaded, _ = recordings_in([Path(path) for path in args.payload], mapping, named=args.mapping is not None)
-    _, (loaded, _), _ = matched(tree, (loaded, []))
+    _, (loaded, _), _ = matched(tree, (loaded, []), args.torque)
     load = payload_inertial(args.payload_mass, args.payload_com)
     return drives_from_payload(tree, training, loaded, drives, load, cutoff=args.cutoff)
 
@@ -191,14 +196,14 @@ def _free(at: Path, model: Path, *, force: bool) -> bool:
 
 
 def _write(
-    args: argparse.Namespace, found: Identification, tree: KinematicTree, folder: Path
+    args: argparse.Namespace, found: Identification, folder: Path
 ) -> tuple[Sequence[Deliverable], tuple[str, ...]]:
     """All result files; the plain numbers last, since they mark the folder as finished."""
     from trueup.identification.delivery.folder import deliver, save_numbers
     from trueup.identification.delivery.numbers import numbers_of
     from trueup.report.identification import write_identification_report
 
-    delivered, notes = deliver(found, tree, args.model, folder)
+    delivered, notes = deliver(found, args.model, folder)
     context = {"command": shlex.join(["trueup", *args.command_line]), "python": sys.version.split()[0]}
     write_identification_report(found, folder / _FILES[0], delivered=delivered, context=context)
     save_numbers(numbers_of(found, delivered), folder / _FILES[1])

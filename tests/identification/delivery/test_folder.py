@@ -146,7 +146,7 @@ def handed(
     (folder / "given.urdf").write_text(URDF)
     tree = load_tree(folder / "given.urdf")
     found = identify(tree, [log(tree, arms, 0), log(tree, arms, 1)], [log(tree, arms, 2)], options=Options())
-    parts, _ = deliver(found, tree, folder / "given.urdf", folder / "out")
+    parts, _ = deliver(found, folder / "given.urdf", folder / "out")
     return found, {d.name: d for d in parts}, folder / "out"
 
 

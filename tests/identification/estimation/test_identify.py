@@ -317,7 +317,9 @@ def test_torques_out_of_scale_with_one_another_are_still_predicted(tree: Kinemat
     gains = np.array([1.0, 0.7, 1.3, 0.8])
     runs = [_loaded(tree, arms, seed, gains, 0.0) for seed in (1, 2, 3)]
     found, common = (
-        identify(arms.without_file(tree), runs[:2], runs[2:], options=Options(structure=s, consistent=False))
+        identify(
+            arms.without_file(tree), runs[:2], runs[2:], options=Options(structure=s, consistent=False, gains=True)
+        )
         for s in ("select", "common")
     )
     assert relative_error(found.held_out()) < 0.6 * relative_error(common.held_out())

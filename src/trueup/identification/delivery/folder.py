@@ -31,14 +31,14 @@ _COMPARED = 100
 
 
 def deliver(
-    found: Identification, tree: KinematicTree, model: str | Path, folder: str | Path
+    found: Identification, model: str | Path, folder: str | Path
 ) -> tuple[tuple[Deliverable, ...], tuple[str, ...]]:
     """Writes predictor, header, Python file and model file into `folder`; returns each with its errors, and notes.
 
-    `model` is the file that `tree` was read from; the tree is the one that was identified, with its joints locked. Raises
-    OutputError, and ModelError for a model file that cannot be written.
+    `model` is the file that the tree was read from. Raises OutputError, and ModelError for a model file that cannot be
+    written.
     """
-    where, source, notes = Path(folder), Path(model), tuple[str, ...]()
+    tree, where, source, notes = found.model.tree, Path(folder), Path(model), tuple[str, ...]()
     if (where / source.name).resolve() == source.resolve():
         raise OutputError(f"{source} is the model that was given; name another folder")
     parts = [_fit(found)]

@@ -31,13 +31,13 @@ class Bodies:
 
 
 def cross_validated_fit(
-    model: DynamicModel, moments: Moments, weights: Array, active: Integers, prior: Array
+    model: DynamicModel, moments: Moments, weights: Array, active: Integers, prior: Array, *, lag: bool = True
 ) -> Bodies:  # fmt: skip
     """Possible bodies with the `active` effects, as near to the model file as no farther ones are clearly better.
 
     A file that does not weigh all links draws no more than it must. Torque may fall with acceleration where it does so
-    clearly: drives are asked whose inertia would be clearly below zero, and it stays where left-out blocks are clearly
-    better predicted with it.
+    clearly, unless `lag` is false: drives are asked whose inertia would be clearly below zero, and it stays where left-out
+    blocks are clearly better predicted with it.
     """
     folds = _Folds(model, moments, weights, active, prior)
     best = folds.bodies(PULL)
@@ -49,6 +49,8 @@ def cross_validated_fit(
         if clearly_smaller(best.errors, nearer.errors):
             break
         best = nearer
+    if not lag:
+        return best
     lags = model.columns_of("lag")
     drives = [model.effects[int(k) - 10 * model.tree.n][0] for k in lags]
     below = np.array([fit.parameters[lags] for fit in folds.bodies(best.pull, tuple(drives), best.fit).folds])

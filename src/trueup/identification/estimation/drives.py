@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +77,15 @@ class Drives:
             coupling[drive, joint] = _number(values.get("ratio", 1.0), f"{here}, ratio")
         positions, torques = (_side(data.get(key, "joint"), f"{where}, {key}") for key in ("positions", "torques"))
         return cls(names, ratios, offsets, constants, coupling, positions, torques, tuple(given))
+
+    def only(self, joints: Sequence[str]) -> Drives:
+        """The drives of some joints, in their order. Raises UnknownNameError."""
+        at = [_index(name, self.joints, "drives") for name in joints]
+        known = tuple(name for name in self.known_constants if name in joints)
+        arrays = {name: getattr(self, name)[at] for name in ("ratios", "offsets", "constants")}
+        return replace(
+            self, joints=tuple(joints), coupling=self.coupling[np.ix_(at, at)], known_constants=known, **arrays
+        )
 
     def joint_positions(self, logged: Array) -> Array:
         """(S, n) joint positions of logged ones (S, n)."""

@@ -23,6 +23,7 @@ from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import Estimate, least_squares, weighted_least_squares
 from trueup.identification.estimation.file_fit import FileFit, file_fit
 from trueup.identification.estimation.filtering import derivative
+from trueup.identification.estimation.matching import matched
 from trueup.identification.estimation.moments import TINY, Moments, blocks_of, moments_of
 from trueup.identification.estimation.motion import Log, Piece, log_of, pieces_of
 from trueup.identification.estimation.outcome import outcome
@@ -64,6 +65,10 @@ class Options:
     robust: bool | None = None
     """Whether to weigh outliers down; None decides by their share."""
     consistent: bool = True
+    gains: bool = False
+    """Whether each joint may have a scale of its own where logs hold torque in N m; where they do not, it may anyway."""
+    torque: str = ""
+    """Which torque is fitted where logs hold several, see torque_choice."""
     seed: int = 0
 
 
@@ -73,20 +78,24 @@ def identify(
 ) -> Identification:  # fmt: skip
     """The dynamic model of `tree` from recordings of position and torque (or current), judged on what was held out.
 
+    Columns become joints by name, joints that no log has are locked (`matched`): `found.model.tree` is what was identified.
     Raises IdentificationError and UnknownNameError, naming the recording and what to do, for logs that cannot be used.
     """
     started, wanted, say = time.perf_counter(), options or Options(), _announced(told)
     _check_options(wanted, training)
-    gears, rng = drives or Drives.direct(tree.joints), np.random.default_rng(wanted.seed)
     say("reading the logs")
+    tree, (training, held_out), told_by_names = matched(tree, (list(training), list(held_out)), wanted.torque)
+    gears, rng = drives.only(tree.joints) if drives else Drives.direct(tree.joints), np.random.default_rng(wanted.seed)
     logs, judged = ([log_of(r, tree, gears) for r in group] for group in (training, held_out))
-    warnings = list(dict.fromkeys(n for log in [*logs, *judged] for n in (*log.notes, *check_log(log, tree))))
+    said = dict.fromkeys(n for log in [*logs, *judged] for n in (*log.notes, *check_log(log, tree)))
+    warnings = [*told_by_names, *said]
     cutoff = wanted.cutoff or natural_cutoff(logs)
     measured = measured_speed(logs, tree, gears, cutoff, wanted.hold_out)
     say("computing regressors")
     motions = [log.motion(cutoff, measured_speed=measured) for log in logs]
     gears, said = coupled(motions[0], tree, gears, cutoff, wanted.hold_out)
-    pool = pool_for(tree, gears.coupling, motions)
+    # What scales measured torque compensates something else: a pull towards the file, or friction of another form.
+    pool = pool_for(tree, gears.coupling, motions, gains=wanted.gains or not all(log.measured for log in logs))
     pieces = [p for m in motions for p in pieces_of(m, pool.model, cutoff, wanted.hold_out)]
     for log in judged:
         motion = log.motion(cutoff, measured_speed=measured)
@@ -179,7 +188,8 @@ def _estimated(
         return free, None, None, choice
     # All samples, where the choice of the structure left out those at the borders of blocks.
     moments = moments_of(blocks_of(parts, BLOCKS, 0.0))
-    bodies = cross_validated_fit(pool.model, moments, choice.weights, active, nominal)
+    lag = wanted.structure == "select"
+    bodies = cross_validated_fit(pool.model, moments, choice.weights, active, nominal, lag=lag)
     written = file_fit(pool, moments, nominal, bodies.pull, [p.motion.v for p in pieces if not p.held_out])
     if len(bodies.folds) < 2:
         return free, bodies, written, choice

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueup.errors import UnknownNameError, unknown_name
+from trueup.identification.estimation.torque_choice import with_one_torque
 from trueup.identification.estimation.unnamed import named_by_motion
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.inspection.joint_names import sure_names
@@ -18,13 +19,14 @@ _CHANNELS = ("position", "velocity", "torque", "current", "load")
 Groups = tuple[list[Recording], list[Recording]]
 
 
-def matched(tree: KinematicTree, groups: Groups) -> tuple[KinematicTree, Groups, tuple[str, ...]]:
+def matched(tree: KinematicTree, groups: Groups, torque: str = "") -> tuple[KinematicTree, Groups, tuple[str, ...]]:
     """Recordings with the joints' names of the model, the tree with joints locked that no log has, and what was done.
 
-    Joints are found as `inspection.joint_names.sure_names` does, columns without names as `unnamed` does. Raises
-    UnknownNameError where no joint is found, IdentificationError where columns without names fit no joint.
+    Joints are found as `inspection.joint_names.sure_names` does, columns without names as `unnamed` does, the torque that is
+    fitted as `torque_choice` does, or the one that `torque` names. Raises UnknownNameError where no joint is found,
+    IdentificationError where columns without names fit no joint, or it is open which torque was measured.
     """
-    said = [[named_by_motion(tree, r) for r in group] for group in groups]
+    said = [[named_by_motion(tree, r, torque) for r in group] for group in groups]
     groups = ([r for r, _ in said[0]], [r for r, _ in said[1]])
     labels = list(
         dict.fromkeys(x for group in groups for r in group if r.has("position") for x in r.channel("position").labels)
@@ -38,7 +40,9 @@ def matched(tree: KinematicTree, groups: Groups) -> tuple[KinematicTree, Groups,
     if missing and names:
         notes.append(f"no log has {', '.join(missing)}: locked at zero")
         tree = tree.lock(missing)
-    training, held_out = ([_renamed(r, tree, changed) for r in group] for group in groups)
+    one = [[with_one_torque(_renamed(r, tree, changed), tree, torque) for r in group] for group in groups]
+    training, held_out = ([r for r, _ in group] for group in one)
+    notes += dict.fromkeys(note for group in one for _, note in group if note)
     return tree, (training, held_out), tuple(notes)
 
 

@@ -89,6 +89,11 @@ class Log:
     notes: tuple[str, ...] = ()
     """What was done to the log, in words."""
 
+    @property
+    def measured(self) -> bool:
+        """Whether all torques are in N m (N), measured or by constants that were given."""
+        return all(unit.startswith("N") for unit in self.units)
+
     def motion(self, cutoff: float, *, measured_speed: bool) -> Motion:
         """The motion at about ten times `cutoff` Hz; position and torque have passed the same filter.
 

@@ -64,8 +64,10 @@ class Pool:
         return ["coulomb", *(f"saturating {s:g}" for s in _SPEEDS)]
 
 
-def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion]) -> Pool:
-    """Every effect of every drive, with speeds and travels taken from what the drives do in `motions`."""
+def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion], *, gains: bool = False) -> Pool:
+    """Every effect of every drive, with speeds and travels taken from what the drives do in `motions`; their own scale only
+    with `gains`.
+    """
     speed = np.concatenate([np.abs(m.v @ drives.T) for m in motions])
     place = np.concatenate([m.q @ drives.T for m in motions])
     top, span = np.maximum(np.quantile(speed, 0.99, axis=0), 1e-6), np.maximum(np.ptp(place, axis=0), 1e-6)
@@ -84,7 +86,8 @@ def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion]) -> P
     for s in _TRAVELS:
         add(f"hysteresis {s:g}", "hysteresis", s * span)
     add("load", "load", _USUAL * top)
-    add("gain", "gain")
+    if gains:
+        add("gain", "gain")
     add("lag", "lag")
     model = DynamicModel.of(tree, effects, drives)
     base = _base(model, tree.n)

@@ -13,15 +13,18 @@ from trueup.identification.estimation.diagnosis import BETTER, DOUBTFUL, POOR, F
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import Estimate, least_squares
 from trueup.identification.estimation.moments import TINY, moments_of, solve
-from trueup.identification.estimation.motion import Log, Motion, Piece, pieces_of
+from trueup.identification.estimation.motion import Log, Motion, Piece, log_of, pieces_of
 from trueup.identification.estimation.pool import BASIC, Pool, pool_for
 from trueup.identification.kinematic_tree import GRAVITY, KinematicTree
 from trueup.identification.rows import Rows
+from trueup.recording import Channel, Recording
 
 Array = NDArray[np.float64]
 
 _SLOW = 5.0
 """Hz: cut-off for the quick fits that look for mistakes."""
+_LONGEST = 20.0
+"""s of a log that a rough fit looks at."""
 _TILTS = (0.4, 0.1, 0.03)
 """rad: steps in which the direction of gravity is sought."""
 _SMALL, _SURELY = 0.02, 0.5
@@ -84,6 +87,20 @@ def quick_fit(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float
         return float(np.sqrt(np.mean(moments.errors(x)[0] / power)))
 
     return error
+
+
+def rough_error(tree: KinematicTree, recording: Recording, channels: dict[str, Channel]) -> float:
+    """Relative error of a rough model of position and torque; infinite where there is no motion to fit."""
+    start = float(channels["position"].time[0])
+    part = recording.replace(channels=channels).slice(start, start + _LONGEST)
+    drives = Drives.direct(tree.joints)
+    try:
+        log = log_of(part, tree, drives)
+        slow = min(_SLOW, 0.08 * log.rate)
+        motion = log.motion(slow, measured_speed=False)
+        return quick_fit(motion, tree, drives, slow)(motion)
+    except IdentificationError:
+        return np.inf
 
 
 def _hanging(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, relative: float) -> list[str]:

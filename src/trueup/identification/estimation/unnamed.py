@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,19 +12,18 @@ from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.diagnosis import POOR
-from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.filtering import Lowpass, derivative, even, grid
 from trueup.identification.estimation.moments import TINY
-from trueup.identification.estimation.motion import log_of
-from trueup.identification.estimation.quick import quick_fit
+from trueup.identification.estimation.quick import rough_error
+from trueup.identification.estimation.torque_choice import Torque, choice
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.recording import Channel, Recording
 from trueup.units import hardly_radians
 
 Array = NDArray[np.float64]
 
-_SLOW, _LONGEST = 5.0, 20.0
-"""Hz: cut-off for the fits that tell layouts apart; s of the log that they look at."""
+_SLOW = 5.0
+"""Hz: cut-off for the comparison of signals."""
 _KINDS = 6
 """The most signals of a joint that a log is taken to hold: position, speed, torque, and what was asked of each."""
 _ALIKE = 0.97
@@ -42,21 +41,24 @@ class _Layout:
     speed: tuple[int, ...] = ()
 
 
-def named_by_motion(tree: KinematicTree, recording: Recording) -> tuple[Recording, str]:
+def named_by_motion(tree: KinematicTree, recording: Recording, torque: str = "") -> tuple[Recording, str]:
     """The recording with channels for the columns without names of its only channel, and a note; others as they are.
 
     Signals follow each other (all positions, then all speeds, ...) or joints do; a rigid arm tells which are which: with
-    the right ones a rough model explains the torque. Raises IdentificationError where none of them does.
+    the right ones a rough model explains the torque. Raises IdentificationError where none of them does, or several sets
+    of columns could be the torque and `torque` does not name one of them.
     """
     block = _block(recording)
     if block is None:
         return recording, ""
     tried = [
-        (_error(arm, recording, _channels(arm, block, layout)), layout, arm)
+        (rough_error(arm, recording, _channels(arm, block, layout)), layout, arm)
         for arm in _arms(tree, len(block.labels))
         for layout in _layouts(block, arm.n)
     ]
     error, layout, arm = min(tried, key=lambda t: t[0], default=(np.inf, None, tree))
+    if layout is not None and error <= POOR:
+        layout = _asked(recording, block, arm, [(x, own) for e, own, x in tried if e <= POOR], layout, torque)
     if layout is None or error > POOR:
         raise IdentificationError(
             f"recording '{recording.name}': its {len(block.labels)} columns have no names, and none of them are positions "
@@ -67,6 +69,20 @@ def named_by_motion(tree: KinematicTree, recording: Recording) -> tuple[Recordin
     said = ", ".join(f"{name} {_counted(block, columns)}" for name, columns in parts if columns)
     note = f"columns have no names; by what they do they were taken as {said} of {', '.join(arm.joints)}"
     return recording.replace(channels=_channels(arm, block, layout)), note
+
+
+def _asked(
+    recording: Recording, block: Channel, arm: KinematicTree, likely: Sequence[tuple[KinematicTree, _Layout]], best: _Layout,
+    wanted: str,
+) -> _Layout:  # fmt: skip
+    """The layout whose torque is wanted, where several sets of columns could be it. Raises IdentificationError."""
+    own = {x.torque: x for a, x in reversed(likely) if a is arm and x.position == best.position}
+    titles = {f"columns {_counted(block, columns)}": columns for columns in sorted(own)}
+    torques = [Torque(title, _channels(arm, block, own[x])["torque"], True) for title, x in titles.items()]
+    if len(torques) < 2 and not wanted:
+        return best
+    named = recording.replace(channels=_channels(arm, block, best))
+    return own[titles[choice(torques, named, arm, wanted).title]]
 
 
 def _block(recording: Recording) -> Channel | None:
@@ -128,20 +144,6 @@ def _channels(arm: KinematicTree, block: Channel, layout: _Layout) -> dict[str, 
         speed = unit * block.values[:, list(layout.speed)]
         made["velocity"] = Channel("velocity", arm.joints, "rad/s", block.time, speed)
     return made
-
-
-def _error(arm: KinematicTree, recording: Recording, channels: dict[str, Channel]) -> float:
-    """Relative error of a rough model; infinite where there is no motion to fit."""
-    start = float(channels["position"].time[0])
-    part = recording.replace(channels=channels).slice(start, start + _LONGEST)
-    drives = Drives.direct(arm.joints)
-    try:
-        log = log_of(part, arm, drives)
-        slow = min(_SLOW, 0.08 * log.rate)
-        motion = log.motion(slow, measured_speed=False)
-        return quick_fit(motion, arm, drives, slow)(motion)
-    except IdentificationError:
-        return np.inf
 
 
 def _counted(block: Channel, columns: tuple[int, ...]) -> str:
