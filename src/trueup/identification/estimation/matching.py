@@ -26,12 +26,13 @@ def matched(tree: KinematicTree, groups: Groups, torque: str = "") -> tuple[Kine
     fitted as `torque_choice` does, or the one that `torque` names. Raises UnknownNameError where no joint is found,
     IdentificationError where columns without names fit no joint, or it is open which torque was measured.
     """
-    said = [[named_by_motion(tree, r, torque) for r in group] for group in groups]
-    groups = ([r for r, _ in said[0]], [r for r, _ in said[1]])
+    named = [[named_by_motion(tree, r, torque) for r in group] for group in groups]
+    bare = {r.name for group in named for r, note in group if note}  # their torque is chosen already
+    groups = ([r for r, _ in named[0]], [r for r, _ in named[1]])
     labels = list(
         dict.fromkeys(x for group in groups for r in group if r.has("position") for x in r.channel("position").labels)
     )
-    names, notes = _names(tree, labels), list(dict.fromkeys(note for group in said for _, note in group if note))
+    names, notes = _names(tree, labels), list(dict.fromkeys(note for group in named for _, note in group if note))
     changed = {old: new for old, new in names.items() if old != new}
     if changed and any(_plain(new) not in _plain(old) for old, new in changed.items()):
         said = ", ".join(f"{old} -> {new}" for old, new in changed.items())
@@ -40,7 +41,10 @@ def matched(tree: KinematicTree, groups: Groups, torque: str = "") -> tuple[Kine
     if missing and names:
         notes.append(f"no log has {', '.join(missing)}: locked at zero")
         tree = tree.lock(missing)
-    one = [[with_one_torque(_renamed(r, tree, changed), tree, torque) for r in group] for group in groups]
+    one = [
+        [with_one_torque(_renamed(r, tree, changed), tree, "" if r.name in bare else torque) for r in group]
+        for group in groups
+    ]
     training, held_out = ([r for r, _ in group] for group in one)
     notes += dict.fromkeys(note for group in one for _, note in group if note)
     return tree, (training, held_out), tuple(notes)
