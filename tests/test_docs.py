@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -127,3 +128,18 @@ def test_a_blank_plan_runs_once_model_task_and_robot_are_given(tmp_path: Path, m
         main(["resume", str(tmp_path), "--from-line", str(len(lines) // 2), "-q"]) == 0
     )  # it goes on as it would have
     assert (tmp_path / "journal.jsonl").read_bytes() == before
+
+
+def test_the_example_of_the_page_on_motions_finds_one_that_holds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", (PAGE.parent / "motions.md").read_text("utf-8"), re.DOTALL)
+    model = PAGE.parents[1] / "examples" / "small_humanoid.xml"
+    (tmp_path / model.name).write_text(model.read_text("utf-8"), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    exec(code, names)
+    assert names["found"].winners
+    assert all(min(w.shares) >= 5 / 6 for w in names["found"].winners)
+    assert names["command"].labels == names["task"].motion.joints
+    assert "</html>" in (tmp_path / "film.html").read_text("utf-8")

@@ -16,6 +16,8 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.articulated.quantities.quantity import Quantity as Quantity
     from trueup.articulated.simulator import ArticulatedSimulator as ArticulatedSimulator
     from trueup.calibration import Calibration as Calibration
+    from trueup.campaign.motions import transition as transition
+    from trueup.engines.mujoco.filming import filmed as filmed
     from trueup.engines.mujoco.rollout import MujocoSimulator as MujocoSimulator
     from trueup.engines.mujoco.setup.proposal import propose as propose
     from trueup.engines.mujoco.writing.write import write_model as write_model
@@ -32,6 +34,7 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.loop.belief import Belief as Belief
     from trueup.loop.calibrate import Options as Options
     from trueup.loop.calibrate import calibrate as calibrate
+    from trueup.loop.confirm import hunt as hunt
     from trueup.loop.experiment import most_telling as most_telling
     from trueup.loop.optimize import TrustRegion as TrustRegion
     from trueup.loop.optimize import optimize as optimize
@@ -46,6 +49,7 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.recording import Channel as Channel
     from trueup.recording import Recording as Recording
     from trueup.report import write_report as write_report
+    from trueup.report.film_replay import write_film as write_film
     from trueup.robots.by_hand import ByHand as ByHand
     from trueup.tasks.follow_path import FollowPath as FollowPath
     from trueup.trial import Trial as Trial
@@ -54,8 +58,8 @@ __version__ = "0.1.0"
 
 _HOME = {
     "ArticulatedSimulator": "trueup.articulated.simulator",
-    "BicycleSimulator": "trueup.engines.vehicle",
     "Belief": "trueup.loop.belief",
+    "BicycleSimulator": "trueup.engines.vehicle",
     "ByHand": "trueup.robots.by_hand",
     "Calibration": "trueup.calibration",
     "Channel": "trueup.recording",
@@ -76,6 +80,8 @@ _HOME = {
     "Vehicle": "trueup.engines.vehicle",
     "calibrate": "trueup.loop.calibrate",
     "declare": "trueup.articulated.declarations",
+    "filmed": "trueup.engines.mujoco.filming",
+    "hunt": "trueup.loop.confirm",
     "identify": "trueup.identification.estimation.identify",
     "inspect": "trueup.inspection",
     "load": "trueup.identification.torque_model",
@@ -88,7 +94,9 @@ _HOME = {
     "shortlist": "trueup.loop.transfer",
     "simulator_for": "trueup.loop.prepare",
     "transfer": "trueup.loop.transfer",
+    "transition": "trueup.campaign.motions",
     "write": "trueup.formats",
+    "write_film": "trueup.report.film_replay",
     "write_model": "trueup.engines.mujoco.writing.write",
     "write_report": "trueup.report",
 }

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.engines.mujoco.filming import film, pictures, postures
+from trueup.engines.mujoco.filming import filmed, pictures, postures
 from trueup.engines.mujoco.model import Model, load
 from trueup.errors import RecordingError, RenderingError, UnknownNameError
 from trueup.recording import Channel, Recording
@@ -62,7 +62,7 @@ def run(place: Array, angle: Array, **more: Channel) -> Recording:
 def test_bodies_are_where_geometry_says(model: Model) -> None:
     angle = np.linspace(0.0, 0.8, 6)
     place = np.column_stack([np.linspace(0.0, 1.0, 6), np.zeros(6), np.full(6, 0.5)])
-    shown = film(model, run(place, angle), rate=20.0, lasting=0.7)
+    shown = filmed(model, run(place, angle), rate=20.0, lasting=0.7)
     assert len(shown.time) == 15
     assert shown.floor == 0.0
     x, pitch = (

@@ -100,7 +100,7 @@ def test_what_succeeds_by_luck_or_at_one_step_only_does_not_hold() -> None:
 def test_a_hunt_brings_home_distinct_winners_the_sturdiest_first() -> None:
     seen: list[tuple[int, float, int]] = []
     found = hunt(
-        Landing(), Jump(), Everywhere(np.array([0.5]), seed=1), np.random.default_rng(1), wanted=2, apart=0.15,
+        Landing(), Jump(), np.random.default_rng(1), Everywhere(np.array([0.5]), seed=1), wanted=2, apart=0.15,
         noise=NOISE, simulations=4000, watch=lambda *now: seen.append(now),
     )  # fmt: skip
     places = [float(w.values[0]) for w in found.winners]
@@ -122,8 +122,8 @@ def test_margins_tell_how_much_more_than_its_noise_a_candidate_stands() -> None:
 
 def test_simulations_that_run_out_and_engines_that_diverge_are_said() -> None:
     out = hunt(
-        Landing(), Jump(), Everywhere(np.array([0.5]), seed=1), np.random.default_rng(0), noise=NOISE, simulations=30
+        Landing(), Jump(), np.random.default_rng(0), Everywhere(np.array([0.5]), seed=1), noise=NOISE, simulations=30
     )
     assert out.ended.startswith("stopped after")
     with pytest.raises(CalibrationError, match=r"'landing'.* 4 ms: it became unstable after 0\.2 s.* shorter step"):
-        hunt(Landing(), Jump(broken=True), Everywhere(np.array([0.5]), seed=1), np.random.default_rng(0))
+        hunt(Landing(), Jump(broken=True), np.random.default_rng(0), Everywhere(np.array([0.5]), seed=1))

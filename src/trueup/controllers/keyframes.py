@@ -22,6 +22,8 @@ from trueup.recording import Channel
 Array = NDArray[np.float64]
 
 INTERPOLATIONS = ("linear", "smooth")
+_PEAK = {"linear": 1.0, "smooth": 1.5}
+"""Largest speed between two poses over the mean one (of a cubic from rest to rest)."""
 
 Tilt = Callable[[Observation], tuple[Array, Array]]
 """From an observation: how far the torso is tilted forward (b,) in rad, and how fast that grows (b,) in rad/s."""
@@ -70,6 +72,8 @@ class Motion:
     """'linear' (the paper), or 'smooth': through all keyframes with continuous speed, from rest to rest."""
     feedback: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Degree to the largest gains that are searched on top of the motion: rad per rad of tilt, rad per rad/s."""
+    speeds: Array | None = None
+    """(k,) what each joint's servo can do, in rad/s: intervals that ask for more are stretched."""
 
     def __post_init__(self) -> None:
         """Checks shapes, names and ranges."""
@@ -92,6 +96,7 @@ class Motion:
             if name not in names:
                 raise unknown_name("degree", name, names, "this motion")
         poses, _ = self.knots(self.nominal[None])
+        self._check_speeds()
         for number, pose in enumerate(poses[0]):
             for joint, value, low, high in zip(self.joints, pose, self.lower, self.upper, strict=True):
                 if not low <= value <= high:
@@ -124,14 +129,45 @@ class Motion:
         """(b, n + 2, k) poses in rad and (b, n + 2) times in s, from 0, of values (b, m)."""
         n, d = np.shape(self.seeds)
         searched = values[:, : n * d].reshape(len(values), n, d)
-        times = np.concatenate([np.zeros((len(values), 1)), values[:, n * d : n * d + n + 1].cumsum(axis=1)], axis=1)
+        intervals = values[:, n * d : n * d + n + 1]
+        times = np.concatenate([np.zeros((len(values), 1)), intervals.cumsum(axis=1)], axis=1)
         share = (times / times[:, -1:])[:, :, None]
         poses = (1.0 - share) * self.first + share * self.last
         poses[:, 0], poses[:, -1] = self.first, self.last
         for column, degree in enumerate(self.degrees):
             for i, joint in enumerate(degree.joints):
                 poses[:, 1:-1, self.joints.index(joint)] = degree.sign(i) * searched[:, :, column]
+        if self.speeds is not None:
+            times[:, 1:] = np.maximum(intervals, self._least(poses)).cumsum(axis=1)
         return poses, times
+
+    @property
+    def latest(self) -> float:
+        """When the slowest motion arrives, in s."""
+        stretched = 0.0
+        if self.speeds is not None:
+            stretched = float((_PEAK[self.interpolation] * (self.upper - self.lower) / self.speeds).max())
+        return len(self.intervals) * max(self.longest, stretched)
+
+    def _least(self, poses: Array) -> Array:
+        """(b, n + 1) shortest times in which the servos get from pose to pose, in s."""
+        speeds = np.inf if self.speeds is None else self.speeds
+        return (_PEAK[self.interpolation] * np.abs(np.diff(poses, axis=1)) / speeds).max(axis=2)
+
+    def _check_speeds(self) -> None:
+        """Raises ParameterError where the nominal motion is faster than a servo."""
+        if self.speeds is None:
+            return
+        poses, _ = self.knots(self.nominal[None])
+        for number, given in enumerate(self.intervals):
+            needed = _PEAK[self.interpolation] * np.abs(poses[0, number + 1] - poses[0, number]) / given
+            worst = int(np.argmax(needed / self.speeds))
+            if needed[worst] > self.speeds[worst] * (1.0 + 1e-9):
+                raise ParameterError(
+                    f"interval {number + 1} of {given:.3g} s is too short: joint '{self.joints[worst]}' would need "
+                    f"{needed[worst]:.3g} rad/s, its servo can do {self.speeds[worst]:.3g} rad/s; give at least "
+                    f"{given * needed[worst] / self.speeds[worst]:.2g} s"
+                )
 
     def controller(self, values: Array, *, period: float = 0.008, tilt: Tilt | None = None) -> Keyframes:
         """The controller of b copies with values (b, m). Raises ParameterError for feedback without `tilt`."""
@@ -148,10 +184,10 @@ class Motion:
         return Channel("command", self.joints, "rad", time, values)
 
     def fastest(self, candidate: Array) -> dict[str, float]:
-        """Joint to the fastest speed that a linear motion asks of it, in rad/s: what a servo must be able to follow."""
+        """Joint to the fastest speed that a motion asks of it, in rad/s: what a servo must be able to follow."""
         poses, times = self.knots(np.asarray(candidate, dtype=np.float64)[None])
         speed = np.abs(np.diff(poses[0], axis=0)) / np.diff(times[0])[:, None]
-        return dict(zip(self.joints, speed.max(axis=0).tolist(), strict=True))
+        return dict(zip(self.joints, (_PEAK[self.interpolation] * speed.max(axis=0)).tolist(), strict=True))
 
     def _range(self, degree: Degree) -> tuple[float, float]:
         """The range that all joints of a degree allow."""

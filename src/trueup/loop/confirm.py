@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.chance import CommandNoise, Disturbance, Push, StartScatter
+from trueup.chance import Buffeting, CommandNoise, Disturbance, Push, StartScatter
 from trueup.engines.simulator import Simulator
 from trueup.errors import CalibrationError
+from trueup.search.cma_es import CmaEs
 from trueup.search.search import Search
 from trueup.tasks.task import DoneOrNot
 
@@ -57,17 +58,23 @@ class Hunt:
 
 
 def hunt(
-    task: DoneOrNot, simulator: Simulator, search: Search, rng: np.random.Generator, *, model: Array | None = None,
-    wanted: int = 3, apart: float = 0.1, simulations: int = 6400, noise: Sequence[Disturbance] = NOISE, replays: int = 6,
-    steps: Sequence[float] = STEPS, watch: Callable[[int, float, int], None] | None = None,
+    task: DoneOrNot, simulator: Simulator, rng: np.random.Generator, search: Search | None = None, *,
+    model: Array | None = None, wanted: int = 3, apart: float = 0.1, simulations: int = 6400,
+    noise: Sequence[Disturbance] = NOISE, replays: int = 6, steps: Sequence[float] = STEPS,
+    watch: Callable[[int, float, int], None] | None = None,
 ) -> Hunt:  # fmt: skip
     """Searches until `wanted` candidates hold that are `apart` in some coordinate of the unit box, or simulations run out.
 
+    `search` is CMA-ES by default, from the nominal values, a run no longer than 50 generations of 32, with restarts (IPOP).
     Of each generation the best candidate that succeeds, far enough from those that hold, is replayed (see `holds`).
     `model` (n,) are values of the simulator's parameters (None: the nominal ones). `watch` sees simulations so far, the
     generation's lowest loss and the number of winners. Raises CalibrationError where no run of a generation has a score.
     """
     space, values = task.parameters, simulator.parameters.nominal if model is None else np.asarray(model)
+    search = search or CmaEs(
+        space.to_unit(space.nominal), seed=int(rng.integers(2**31)), sigma=0.25, population=32, restarts=20, generations=50,
+        max_evaluations=simulations,
+    )  # fmt: skip
     held: list[tuple[Array, float, tuple[float, ...]]] = []
     count = doubted = 0
     while not search.done and len(held) < wanted and count < simulations:
@@ -158,6 +165,10 @@ def _rows(model: Array, candidates: Array) -> Array:
 
 
 def _scaled(disturbance: Disturbance, level: float) -> Disturbance:
-    if isinstance(disturbance, Push):
-        return replace(disturbance, force=(level * disturbance.force[0], level * disturbance.force[1]))
-    return replace(disturbance, deviation=level * disturbance.deviation)
+    match disturbance:
+        case Push(force=(low, high)):
+            return replace(disturbance, force=(level * low, level * high))
+        case Buffeting(force=force):
+            return replace(disturbance, force=level * force)
+        case _:
+            return replace(disturbance, deviation=level * disturbance.deviation)

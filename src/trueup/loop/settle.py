@@ -21,21 +21,34 @@ _FLOOR = 0.005  # m: contacts are soft by less; what rises by more was thrown ou
 
 def settled(
     simulator: Simulator, joints: Sequence[str], pose: Array, heights: Sequence[float], *, roll: float = 0.0,
-    pitch: float = 0.0, seconds: float = 2.0, name: str = "start",
+    pitch: float = 0.0, at: tuple[float, float] = (0.0, 0.0), seconds: float = 2.0, name: str = "start",
 ) -> Mapping[str, Channel]:  # fmt: skip
     """'position', 'base_position' and 'base_orientation' of a robot that rests in `pose` (k,), in rad.
 
-    It is let down from each of `heights` of its base, in m, turned by `roll` and `pitch` rad, and holds the pose
-    for `seconds`; the lowest height from which nothing throws it up counts. Raises TrialError where the pose penetrates
-    something at all of them, or does not come to rest.
+    It is let down from each of `heights` of its base, in m, above `at` (x, y) and turned by `roll` and `pitch` rad, and
+    holds the pose for `seconds`; the lowest height from which nothing throws it up, and from which it comes to rest, counts.
+    Raises TrialError where the pose penetrates something at all of them, or does not come to rest.
     """
     time = np.arange(round(seconds * _RATE) + 1) / _RATE
-    turned = (roll, pitch)
-    trials = [_let_down(tuple(joints), pose, float(z), turned, time, f"{name} from {z:.4g} m") for z in sorted(heights)]
+    trials = [
+        _let_down(tuple(joints), pose, (*at, float(z)), (roll, pitch), time, f"{name} from {z:.4g} m")
+        for z in sorted(heights)
+    ]
     done = simulator.rollout(trials, simulator.parameters.nominal[None])
+    restless: list[TrialError] = []
     for rollout, z in zip(done, sorted(heights), strict=True):
         if not rollout.failures and rollout.channels["base_position"][0, :, 2].max() < z + _FLOOR:
-            return _at_rest(rollout, name)
+            try:
+                return _at_rest(rollout, name)
+            except TrialError as error:
+                restless.append(error)
+    if restless:
+        raise restless[0]
+    broken = [reason for rollout in done for reason in rollout.failures.values()]
+    if len(broken) == len(done):
+        raise TrialError(
+            f"start pose '{name}' cannot be simulated at a step of {1e3 * simulator.step:.3g} ms from any height: {broken[0]}"
+        )
     raise TrialError(
         f"start pose '{name}' penetrates the floor or what stands on it, or flies apart, at every height of the base from "
         f"{min(heights):.4g} to {max(heights):.4g} m: give higher ones, or another pose"
@@ -43,8 +56,9 @@ def settled(
 
 
 def _let_down(
-    joints: tuple[str, ...], pose: Array, z: float, turned: tuple[float, float], time: Array, name: str
-) -> Trial:
+    joints: tuple[str, ...], pose: Array, place: tuple[float, float, float], turned: tuple[float, float], time: Array,
+    name: str,
+) -> Trial:  # fmt: skip
     start = np.zeros(1)
     return Trial(
         name=name, start=0.0, duration=float(time[-1]), command=Channel("command", joints, "rad", start, pose[None]),
@@ -54,7 +68,7 @@ def _let_down(
         },
         initial={
             "position": Channel("position", joints, "rad", start, pose[None]),
-            "base_position": Channel("base_position", ("x", "y", "z"), "m", start, np.array([[0.0, 0.0, z]])),
+            "base_position": Channel("base_position", ("x", "y", "z"), "m", start, np.array([place])),
             "base_orientation": Channel(
                 "base_orientation", ("roll", "pitch", "yaw"), "rad", start, np.array([[*turned, 0.0]])
             ),

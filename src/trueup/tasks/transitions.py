@@ -81,7 +81,7 @@ class Transition:
     @property
     def duration(self) -> float:
         """Of the trial, in s."""
-        return self.motion.longest * len(self.motion.intervals) + AFTER
+        return self.motion.latest + AFTER
 
     def controllers(self, values: Array) -> Keyframes:
         """The controller of b copies with values (b, m)."""
@@ -89,8 +89,8 @@ class Transition:
 
     def planned(self, candidate: Array) -> tuple[Trial, ...]:
         """The trial with the command channel of one candidate, for robots that play commands."""
-        total = float(candidate[[n.startswith("interval") for n in self.parameters.names]].sum())
-        command = self.motion.command(candidate, rate=1.0 / self.period, lasting=self.duration - total)
+        arrival = float(self.motion.knots(candidate[None])[1][0, -1])
+        command = self.motion.command(candidate, rate=1.0 / self.period, lasting=self.duration - arrival)
         (trial,) = self.trials
         return (replace(trial, command=command, controller=None),)
 
@@ -113,7 +113,7 @@ class Transition:
         """(b,) when each motion reaches its last pose, in s; the latest that may be where nobody says which motion it was."""
         if rollout.settings is None:
             return np.full(len(rollout.channels[ANGLES]), self.duration - AFTER)
-        return rollout.settings[:, [n.startswith("interval") for n in self.parameters.names]].sum(axis=1)
+        return self.motion.knots(rollout.settings)[1][:, -1]
 
     def succeeded(self, rollouts: Sequence[Rollout]) -> NDArray[np.bool_]:
         """(b,) whether it ended upright (or inverted), high and still, by simulations and recordings alike."""

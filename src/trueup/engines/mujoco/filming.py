@@ -61,7 +61,7 @@ def postures(model: Model, recording: Recording, time: Array) -> Array:
     return out
 
 
-def film(
+def filmed(
     model: Model, recording: Recording, *, name: str = "", rate: float = 25.0, lasting: float | None = None
 ) -> Film:
     """A recording as a Film of `rate` instants a second, of its whole length or `lasting` s. Needs no graphics.
