@@ -90,6 +90,11 @@ class CmaEs:
         """The best candidate and its loss."""
         return self._best, self._best_loss
 
+    @property
+    def centre(self) -> Array:
+        """(n,) the mean of the distribution: where losses are noisy, often better than the luckiest candidate."""
+        return np.clip(np.asarray(self._engine.mean, dtype=np.float64), 0.0, 1.0)[: len(self._start)]
+
     def state(self) -> SearchState:
         """The seed and every loss told."""
         return {"seed": self._seed, "n": len(self._start), "told": self._told}
