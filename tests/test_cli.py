@@ -369,7 +369,8 @@ def test_position_servos_are_added_where_a_model_has_none(call: Call) -> None:
     code, said = call(*CALIBRATE, "--out", "fit")
     assert code == 0, said
     assert "position servos (stiffness and damping to start from" in said
-    written = mujoco.MjModel.from_xml_path("fit/arm.xml")
+    assert mujoco.MjModel.from_xml_path("fit/arm.xml").nu == 0, "the file stays what it was"
+    written = mujoco.MjModel.from_xml_path("fit/arm_driven.xml")
     assert written.nu == 2
     assert written.actuator_gainprm[0, 0] == pytest.approx(9, rel=0.3)
 

@@ -216,16 +216,19 @@ def test_what_mjcf_cannot_say_is_said(arm: Path, tmp_path: Path) -> None:
     assert "parameters.toml" in notes
 
 
-def test_elements_of_an_included_file_are_written_by_mujoco_and_that_is_said(arm: Path, tmp_path: Path) -> None:
+def test_elements_of_an_included_file_are_written_in_its_place_with_all_comments(arm: Path, tmp_path: Path) -> None:
     text = ARM.format(angle="radian")
     actuators = re.search(r"<actuator>.*</actuator>", text, re.DOTALL)
     assert actuators is not None
-    (arm.parent / "servos.xml").write_text(f"<mujoco>{actuators.group()}</mujoco>")
+    (arm.parent / "servos.xml").write_text(
+        f"<!-- by the maker of servos --><mujoco>{actuators.group()}<!-- end --></mujoco>"
+    )
     arm.write_text(text.replace(actuators.group(), '<include file="servos.xml"/>'))
     sim, values = simulator(arm, [Declaration("kp"), Declaration("damping")])
     notes = write_model(sim, values, tmp_path / "fit" / "arm.xml")
-    assert "comments and layout" in notes[-1]
-    assert "actuator 'shoulder'" in notes[-1]
+    assert not any("comments and layout" in note for note in notes)
+    text = (tmp_path / "fit" / "arm.xml").read_text()
+    assert all(f"<!-- {c} -->" in text for c in ("a note of the maker", "by the maker of servos", "end"))
     written = mujoco.MjModel.from_xml_path(str(tmp_path / "fit" / "arm.xml"))
     assert written.actuator_gainprm[:, 0] == pytest.approx(values[:2])
 

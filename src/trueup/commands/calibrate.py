@@ -129,6 +129,9 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         show_outcome(calibration, console, quiet=args.quiet)
         for note in (*said, *family.advice(simulator, calibration)):
             console.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
+        for k, line in enumerate(ready.usage(calibration, output.model_file)):
+            console.print(("to simulate it as it was fitted:\n" if not k else "") + f"    {escape(line)}",
+                          soft_wrap=True, highlight=False)  # fmt: skip
         console.print("  " + "  ".join(escape(str(f)) for f in files), soft_wrap=True, highlight=False)
     return 0
 
@@ -214,5 +217,6 @@ def _write(
         pictures = [output.folder / "replay.svg"]
         write_aside(replay_picture(shown[0]), pictures[0])
     output.finish(calibration)
-    written = [f for f in (output.model_file, parameters) if f.is_file()]
+    driven = output.model_file.with_name(f"{output.model_file.stem}_driven{output.model_file.suffix}")
+    written = [f for f in (output.model_file, driven, parameters) if f.is_file()]
     return [*written, report, *pictures, output.outcome_file], notes

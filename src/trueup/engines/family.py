@@ -139,6 +139,10 @@ class Family:
         """
         raise ModelError(f"the calibrated model of '{simulator.name}' has no file")
 
+    def usage(self, simulator: Any, calibration: Calibration, model: Path, period: float) -> tuple[str, ...]:
+        """Lines of code that simulate the written `model` as it was fitted, commands held for `period` s; () for none."""
+        return ()
+
     def kinds(self, simulator: Any) -> tuple[tuple[str, str, int], ...]:
         """(quantity, kind of element, number of elements) of the free parameters, in order: what a summary says of them."""
         return tuple((p.name, simulator.name, 1) for p in simulator.parameters.parameters if not p.frozen)

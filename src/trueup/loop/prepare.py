@@ -9,6 +9,8 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from trueup.calibration import Calibration, Prediction, Replay
 from trueup.discrepancies.alignment import clock_errors
 from trueup.discrepancies.discrepancy import Discrepancy
@@ -21,6 +23,7 @@ from trueup.loop.fit import Checkpoint, Progress
 from trueup.loop.recalibrate import Earlier, recalibrate
 from trueup.loop.replay import replays
 from trueup.recording import Recording, is_command
+from trueup.trial import command_of
 
 
 @dataclass(frozen=True)
@@ -98,6 +101,14 @@ class Preparation:
         Raises OutputError and ModelError; older files are untouched then.
         """
         return self.family.write(self.simulator, calibration, Path(model), Path(parameters))
+
+    def usage(self, calibration: Calibration, model: str | Path) -> tuple[str, ...]:
+        """Lines of code that simulate the file written by `write` as it was fitted; () where it needs none."""
+        commands = [
+            c for r in (*self.recordings, *self.hold_out) if (c := command_of(r)) is not None and len(c.time) > 1
+        ]
+        period = min((float(np.median(np.diff(c.time))) for c in commands), default=inf)
+        return self.family.usage(self.simulator, calibration, Path(model), period)
 
     def compare(
         self, against: str | Path | None = None, *, channels: Sequence[str] | None = None, step: float | None = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from trueup.engines.mujoco.setup.overlaps import passable
 from trueup.engines.mujoco.setup.proposal import LOAD, moving_joints, propose
 from trueup.engines.mujoco.setup.scales import of_slides, with_units
 from trueup.engines.mujoco.setup.still import with_still_joints
+from trueup.engines.mujoco.writing.notes import usage_of
 from trueup.engines.mujoco.writing.write import write_model
 from trueup.errors import unknown_name
 from trueup.inspection.diagnosis import Diagnosis
@@ -84,12 +86,19 @@ class Articulated(Family):
         """See Family. A model without actuators gets servos or motors for the joints that the recordings command."""
         everything = (*training, *replayed)
         _check_joints(model, everything)
-        loaded, found = model.notes, []
+        loaded, found, given, drives = model.notes, [], model, None
         for name, change in _CHANGES:
             changed = change(model, everything)
             if changed is not model:
                 found.append(Diagnosis(name, changed.notes[-1]).unless(request.refuse))
-                model = model if found[-1].refused else changed
+                if found[-1].refused:
+                    continue
+                model = changed
+                if change is driven and given.is_mjcf:
+                    drives = change(given, everything)
+                elif not given.is_mjcf and change in (floating, driven, passable):
+                    given = changed  # what becomes an MJCF has them
+        model = replace(model, given=given, driven=drives)
         notes: tuple[Note, ...] = (*loaded, *found, *undriven(model, everything), *check_base(model, everything))
         lines, proposed = _lines(model, training, request)
         names = {
@@ -107,6 +116,12 @@ class Articulated(Family):
         """Writes the calibrated MJCF and the parameters file; notes on what the MJCF cannot say."""
         write_parameters(calibration, simulator.parameters, simulator.quantities, parameters, simulator.gains.given_for)
         return write_model(simulator, calibration.values, model)
+
+    def usage(
+        self, simulator: MujocoSimulator, calibration: Calibration, model: Path, period: float
+    ) -> tuple[str, ...]:
+        """See Family."""
+        return usage_of(simulator, calibration.values, model, period)
 
     def kinds(self, simulator: MujocoSimulator) -> tuple[tuple[str, str, int], ...]:
         """See Family."""

@@ -48,6 +48,10 @@ class Model:
     """What was changed or lost on loading, in words."""
     still: tuple[str, ...] = ()
     """Joints that are held in simulations, though the file lets them move (see `still.with_still_joints`)."""
+    given: Model | None = None
+    """What a calibrated file is made of, where this was changed for the fit alone: a base held, contacts left out."""
+    driven: Model | None = None
+    """The same with the drives that were added for the fit."""
 
     @property
     def name(self) -> str:

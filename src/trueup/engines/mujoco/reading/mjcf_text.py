@@ -6,10 +6,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
+from trueup import files
 from trueup.errors import ModelError
+
+_DEEPEST = 20  # includes in includes
 
 
 @dataclass(eq=False)
@@ -137,6 +141,29 @@ class MjcfText:
         except expat.ExpatError as error:
             raise ModelError(f"the model file is not sound XML: {error}") from None
         return roots[0]
+
+
+def with_includes(content: bytes, folder: Path) -> bytes:
+    """An MJCF with the files that it includes in their places, as MuJoCo reads them; their comments too.
+
+    Raises ModelError for one that is missing or includes itself.
+    """
+    for _ in range(_DEEPEST):
+        text = MjcfText(content)
+        included = text.all("include")
+        if not included:
+            return content
+        for element in reversed(included):
+            content = content[: element.start] + _inside(folder / element.attributes["file"]) + content[element.end :]
+    raise ModelError(f"the files of '{folder}' include each other")
+
+
+def _inside(path: Path) -> bytes:
+    """What a file that is included holds: comments before its root, and the root's content."""
+    content = files.content(path, ModelError)
+    root = MjcfText(content).root
+    before = re.sub(rb"<\?.*?\?>|<!DOCTYPE[^>]*>|\xef\xbb\xbf", b"", content[: root.start]).strip()
+    return before + content[root.stop : content.rfind(b"<", root.stop, root.end)]
 
 
 def _tag_end(content: bytes, start: int) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from xml.sax.saxutils import quoteattr
 
 import mujoco
 import numpy as np
@@ -52,17 +51,6 @@ class Edits:
         element = self._element("actuator", actuator)
         samples = math.ceil(seconds / step) + 2 if seconds > 0.0 else 0
         self._text.change(element, nsample=str(samples), interp="linear", delay=number(seconds))
-
-    def excludes(self) -> None:
-        """Pairs of bodies that do not touch each other, as far as the text does not say so."""
-        there = {frozenset((e.attributes.get("body1"), e.attributes.get("body2"))) for e in self._text.all("exclude")}
-        bodies = [self._wanted.body(i).name for i in range(self._wanted.nbody)]
-        pairs = [(bodies[s >> 16], bodies[s & 0xFFFF]) for s in self._wanted.exclude_signature.tolist()]
-        new = [
-            f"<exclude body1={quoteattr(a)} body2={quoteattr(b)}/>" for a, b in pairs if frozenset((a, b)) not in there
-        ]
-        if new:
-            self._text.insert_first(self._text.root, f"<contact>{''.join(new)}</contact>")
 
     def gravity(self) -> None:
         """The direction of gravity."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco
@@ -13,19 +14,21 @@ from numpy.typing import ArrayLike, NDArray
 from trueup.articulated.assignments import needs, write
 from trueup.articulated.model import WORLD
 from trueup.engines.mujoco.attributes import SLACK, MujocoAttributes
+from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.fields import SingleModel
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.inertia import body_inertia
+from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.reading.mjcf_spec import name_in_text
-from trueup.engines.mujoco.reading.mjcf_text import MjcfText
+from trueup.engines.mujoco.reading.mjcf_text import MjcfText, with_includes
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.writing.edits import Edits, numbers, read
+from trueup.engines.mujoco.writing.notes import delays_of, has_drive, notes_of
 from trueup.errors import ModelError, OutputError
 
 Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-6
-DELAY = "actuator.delay"
 _FIELDS = {
     **dict.fromkeys(("actuator.kp", "actuator.kv", "actuator.gain", "actuator.zero"),
                     ("actuator_gainprm", "actuator_biasprm")),
@@ -57,8 +60,10 @@ def write_model(simulator: MujocoSimulator, values: ArrayLike, path: str | Path)
     """Writes the model with parameter values (n,) as MJCF to `path`; returns notes on what MJCF cannot say.
 
     The file that was loaded is kept byte for byte but for the attributes that changed; what came from a default class
-    is written at the element itself. Where that cannot be (URDF, elements in included files) MuJoCo writes the model
-    anew, and a note says so. The result is loaded and compared with what was simulated before it takes its place.
+    is written at the element itself, what stands in an included file in its place. Where that cannot be (URDF) MuJoCo
+    writes the model anew, and a note says so. What was done for the fit alone (a base held, contacts left out, drives
+    added) is not written; with drives added a second file beside it has them. The result is loaded and compared with what
+    was simulated before it takes its place.
 
     Raises ModelError where the written model would not be the simulated one, and OutputError where the disk or folder
     does not take it; what was at `path` before is then untouched.
@@ -67,20 +72,32 @@ def write_model(simulator: MujocoSimulator, values: ArrayLike, path: str | Path)
     given = np.asarray(values, dtype=np.float64)
     if given.shape != (len(simulator.quantities),):
         raise ModelError(f"expected {len(simulator.quantities)} values, one for each parameter, got {given.shape}")
-    wanted = simulated_model(simulator, given)
-    notes = _notes(simulator, given)
+    model = simulator.model
+    lost = _written_of(simulator, given, model.given or model, target)
+    if model.driven is not None:
+        beside = target.with_name(f"{target.stem}_driven{target.suffix}")
+        _written_of(simulator, given, model.driven, beside)
+        lost += (f"{target.name} keeps the drives that it came with. {beside.name} has those that were fitted: errors shown "
+                 "are its errors; for a controller of your own their gains are in parameters.toml",)  # fmt: skip
+    return (*notes_of(simulator, given), *lost)
+
+
+def _written_of(simulator: MujocoSimulator, values: Array, base: Model, path: Path) -> tuple[str, ...]:
+    """Writes `base` with values (n,), as near to its text as can be; what could not be kept, in words."""
+    wanted = simulated_model(simulator, values)
     reason = "the model came as URDF"
-    if simulator.model.is_mjcf:
-        try:
-            content = simulator.model.path.read_bytes()
-            degrees = bool(simulator.model.spec.compiler.degree)
-            _write(simulator, given, wanted, content, target, degrees=degrees)
-            return tuple(notes)
-        except ModelError as error:
-            reason = str(error)
-    content = _possible(simulator.model.spec.to_xml().encode())
-    _write(simulator, given, wanted, content, target, degrees=_in_degrees(content))
-    return (*notes, f"comments and layout of the model file could not be kept: {reason}")
+    if base.is_mjcf:
+        content = base.path.read_bytes()
+        for whole in (lambda: content, lambda: with_includes(content, base.path.parent)):
+            try:
+                _write(simulator, values, wanted, base, whole(), path, degrees=bool(base.spec.compiler.degree))
+            except ModelError as error:
+                reason = str(error)
+            else:
+                return ()
+    content = _possible(base.spec.to_xml().encode())
+    _write(simulator, values, wanted, base, content, path, degrees=_in_degrees(content))
+    return (f"comments and layout of the model file could not be kept: {reason}",)
 
 
 def simulated_model(simulator: MujocoSimulator, values: ArrayLike) -> mujoco.MjModel:
@@ -92,24 +109,27 @@ def simulated_model(simulator: MujocoSimulator, values: ArrayLike) -> mujoco.MjM
 
 
 def _write(
-    simulator: MujocoSimulator, values: Array, wanted: mujoco.MjModel, content: bytes, path: Path, *, degrees: bool
-) -> None:
+    simulator: MujocoSimulator, values: Array, wanted: mujoco.MjModel, model: Model, content: bytes, path: Path, *,
+    degrees: bool,
+) -> None:  # fmt: skip
     """One attempt: edit the text, write it aside, load it, compare, rename."""
-    model = simulator.model
     text = MjcfText(content)
     name_in_text(text, model.spec)
     edits = Edits(text, model.compiled, wanted, degrees=degrees, autolimits=bool(model.spec.compiler.autolimits))
-    for attribute, target in _written(simulator):
+    attributes = _written(simulator, model)
+    for attribute, target in attributes:
         edits.write(attribute, target)
     step = min(float(model.compiled.opt.timestep), simulator.step)
-    delays = _delays(simulator, values)
+    delays = {a: s for a, s in delays_of(simulator, values).items() if has_drive(simulator, model, a)}
     for actuator, seconds in delays.items():
         edits.delay(actuator, seconds, step)
-    edits.gravity()
-    edits.excludes()
+    if ("world.gravity", WORLD) in attributes:
+        edits.gravity()
     edits.gains(simulator.gains.given_for)
     if model.compiled.opt.integrator != wanted.opt.integrator:
         edits.option("integrator", "implicitfast")
+    if float(model.compiled.opt.timestep) > 1.01 * simulator.step:
+        edits.option("timestep", f"{simulator.step:g}")
     relocate(text, model.path.absolute().parent, path.absolute().parent)
     aside = path.with_name(f".{path.stem}.{os.getpid()}.part.xml")
     try:
@@ -118,7 +138,7 @@ def _write(
             file.write(text.render())
             file.flush()
             os.fsync(file.fileno())
-        _compare(simulator, wanted, _loaded(aside), delays)
+        _compare(simulator, attributes, wanted, _loaded(aside), delays)
         os.replace(aside, path)
     except OSError as error:
         raise OutputError(
@@ -136,10 +156,11 @@ def _loaded(path: Path) -> mujoco.MjModel:
 
 
 def _compare(
-    simulator: MujocoSimulator, wanted: mujoco.MjModel, written: mujoco.MjModel, delays: dict[str, float]
-) -> None:
+    simulator: MujocoSimulator, attributes: Sequence[tuple[str, str]], wanted: mujoco.MjModel, written: mujoco.MjModel,
+    delays: dict[str, float],
+) -> None:  # fmt: skip
     """Every calibrated field of the written model against the simulated one. Raises ModelError, naming the first."""
-    for attribute, target in _written(simulator):
+    for attribute, target in attributes:
         family = attribute.partition(".")[0]
         if family == "body":
             _close(target, "inertia", _inertia(written, target), _inertia(wanted, target))
@@ -153,24 +174,25 @@ def _compare(
         for field in ("geom_pos", "geom_quat", "geom_friction", "geom_priority", "geom_contype", "geom_conaffinity"):
             there, here = (np.atleast_1d(getattr(m, field)[g]) for m, g in zip((written, wanted), planes, strict=True))
             _close("floor", field, there, here)
-    if written.nexclude != wanted.nexclude:
-        raise ModelError(
-            f"the written model spares {written.nexclude} pairs of bodies from contact, not {wanted.nexclude}"
-        )
     for actuator, seconds in delays.items():
         _close(actuator, "delay", read(written, "actuator", actuator, "actuator_delay"), np.array([seconds]))
-    if ("world.gravity", WORLD) in _written(simulator):
+    if ("world.gravity", WORLD) in attributes:
         _close("world", "gravity", np.asarray(written.opt.gravity), np.asarray(wanted.opt.gravity))
 
 
-def _written(simulator: MujocoSimulator) -> list[tuple[str, str]]:
-    """(attribute, element) of all that the parameters write into the model, in their order."""
+def _written(simulator: MujocoSimulator, model: Model) -> list[tuple[str, str]]:
+    """(attribute, element) of all that the parameters write into a model, in their order: not into drives that it lacks,
+    and not how the stand leaned that its free base was held by.
+    """
+    stood = free_joint(model.compiled) >= 0 > free_joint(simulator.model.compiled)
     return [
         (attribute, target)
         for assignment in simulator.quantities
         if assignment.quantity.written
         for target in assignment.targets
         for attribute in assignment.quantity.attributes
+        if (assignment.quantity.family != "actuator" or has_drive(simulator, model, target))
+        and not (stood and attribute == "world.gravity")
     ]
 
 
@@ -185,46 +207,6 @@ def _close(name: str, field: str, written: Array, wanted: Array) -> None:
 def _inertia(model: mujoco.MjModel, body: str) -> Array:
     found = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body))
     return body_inertia(model, found) if found >= 0 else np.full((3, 3), np.nan)
-
-
-def _delays(simulator: MujocoSimulator, values: Array) -> dict[str, float]:
-    return {
-        target: float(value)
-        for quantity, value in zip(simulator.quantities, values, strict=True)
-        for target in quantity.targets
-        if DELAY in quantity.quantity.attributes and (value > 0.0 or simulator.model.get(DELAY, target)[0] > 0.0)
-    }
-
-
-def _notes(simulator: MujocoSimulator, values: Array) -> list[str]:
-    model = simulator.model
-    notes: list[str] = []
-    outside: dict[str, list[str]] = {}
-    for assignment, value in zip(simulator.quantities, values, strict=True):
-        if value and not assignment.quantity.attributes:
-            outside.setdefault(assignment.quantity.title, []).extend(assignment.targets)
-    for title, there in outside.items():
-        notes.append(f"{title} ({', '.join(there[:12])}) is no part of MJCF: take it from parameters.toml")
-    delays = {actuator: seconds for actuator, seconds in _delays(simulator, values).items() if seconds > 0.0}
-    step = float(model.compiled.opt.timestep)
-    if delays:
-        notes.append("delayed actuators start with commands of zero: call mj_initCtrlHistory after a reset")
-        short = [a for a, seconds in delays.items() if seconds < step]
-        if short:
-            notes.append(f"MuJoCo delays by a step ({1e3 * step:g} ms) at least; shorter ones: {', '.join(short)}")
-    if model.compiled.opt.integrator != simulator.compiled.opt.integrator:
-        notes.append("the integrator is now implicitfast, with which the values were found")
-    if model.compiled.opt.iterations < simulator.compiled.opt.iterations:
-        notes.append(
-            f"the model's solver stops after {model.compiled.opt.iterations} iterations: the values were found with one that "
-            "converges"
-        )
-    if step > 1.01 * simulator.step:
-        notes.append(
-            f"the model steps by {1e3 * step:g} ms, the values were found at {1e3 * simulator.step:g} ms: "
-            "set the smaller step for the same motion"
-        )
-    return notes
 
 
 def relocate(text: MjcfText, old: Path, new: Path) -> None:

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What a calibrated MJCF cannot say by itself: notes, and the lines of code that simulate it as it was fitted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.engines.mujoco.base import free_joint
+from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.rollout import MujocoSimulator
+
+Array = NDArray[np.float64]
+
+DELAY = "actuator.delay"
+
+
+def usage_of(simulator: MujocoSimulator, values: Array, path: Path, period: float) -> tuple[str, ...]:
+    """Three lines of Python that simulate the file at `path` as it was fitted, with commands held for `period` s."""
+    model = (simulator.model.driven or simulator.model.given or simulator.model).compiled
+    file = path.with_name(f"{path.stem}_driven{path.suffix}") if simulator.model.driven is not None else path
+    step = min(float(model.opt.timestep), simulator.step)
+    begin = "mujoco.mj_resetDataKeyframe(model, data, 0)" if model.nkey else "mujoco.mj_resetData(model, data)"
+    if any(seconds > 0.0 for seconds in delays_of(simulator, values).values()):
+        begin += (
+            "; [mujoco.mj_initCtrlHistory(model, data, i, None, np.full((n, 1), data.ctrl[i])) "
+            "for i, n in enumerate(model.actuator_history[:, 0]) if n]"
+        )
+    steps = max(1, round(period / step)) if np.isfinite(period) else 1
+    held = f"again every {1e3 * steps * step:g} ms: commands are held in between, as in the recordings"
+    return (
+        f'model = mujoco.MjModel.from_xml_path("{file.as_posix()}"); data = mujoco.MjData(model)',
+        begin,
+        f"data.ctrl[:] = command; mujoco.mj_step(model, data, {steps})  # {held}",
+    )
+
+
+def has_drive(simulator: MujocoSimulator, model: Model, actuator: str) -> bool:
+    """Whether a model has an actuator as it is simulated, rather than none or one of another kind."""
+    kinds = [(int(m.actuator_gaintype[i]), int(m.actuator_biastype[i]))
+             for m in (model.compiled, simulator.model.compiled)
+             for i in (mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_ACTUATOR, actuator),) if i >= 0]  # fmt: skip
+    return len(kinds) == 2 and kinds[0] == kinds[1]
+
+
+def delays_of(simulator: MujocoSimulator, values: Array) -> dict[str, float]:
+    """Delays of commands in s, by actuator: those found, and those that a file has."""
+    return {
+        target: float(value)
+        for quantity, value in zip(simulator.quantities, values, strict=True)
+        for target in quantity.targets
+        if DELAY in quantity.quantity.attributes and (value > 0.0 or simulator.model.get(DELAY, target)[0] > 0.0)
+    }
+
+
+def notes_of(simulator: MujocoSimulator, values: Array) -> list[str]:
+    """What to mind with a file that holds values (n,), in words."""
+    model = simulator.model
+    notes: list[str] = []
+    free = (model.given or model).compiled
+    if free_joint(free) >= 0 > free_joint(model.compiled):
+        notes.append("the base was held for the fit alone: in the file it is free, with the keyframes that it had")
+    if model.compiled.nexclude > free.nexclude:
+        notes.append(
+            "parts that overlap touch each other in the file as they did; only the fit left these contacts out"
+        )
+    outside: dict[str, list[str]] = {}
+    for assignment, value in zip(simulator.quantities, values, strict=True):
+        if value and not assignment.quantity.attributes:
+            outside.setdefault(assignment.quantity.title, []).extend(assignment.targets)
+    for title, there in outside.items():
+        notes.append(f"{title} ({', '.join(there[:12])}) is no part of MJCF: take it from parameters.toml")
+    delays = {actuator: seconds for actuator, seconds in delays_of(simulator, values).items() if seconds > 0.0}
+    step = float(model.compiled.opt.timestep)
+    if delays:
+        notes.append("delayed actuators start with commands of zero: call mj_initCtrlHistory after a reset")
+        short = [a for a, seconds in delays.items() if seconds < step]
+        if short:
+            notes.append(f"MuJoCo delays by a step ({1e3 * step:g} ms) at least; shorter ones: {', '.join(short)}")
+    if model.compiled.opt.integrator != simulator.compiled.opt.integrator:
+        notes.append("the integrator is now implicitfast, with which the values were found")
+    if model.compiled.opt.iterations < simulator.compiled.opt.iterations:
+        notes.append(
+            f"the model's solver stops after {model.compiled.opt.iterations} iterations: the values were found with one that "
+            "converges"
+        )
+    if step > 1.01 * simulator.step:
+        notes.append(
+            f"the step is now {1e3 * simulator.step:g} ms, at which the values were found (it was {1e3 * step:g} ms)"
+        )
+    return notes
