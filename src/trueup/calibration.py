@@ -142,7 +142,9 @@ def pooled_rmse(replays: Sequence[Replay], *, after: bool) -> float:
     squares = [(r.measured - (r.after if after else r.before)) ** 2 for r in replays]
     if not squares:
         return float("nan")
-    return float(np.sqrt(np.nanmean(np.concatenate([s.ravel() for s in squares]))))
+    every = np.concatenate([s.ravel() for s in squares])
+    every = every[np.isfinite(every)]
+    return float(np.sqrt(every.mean())) if every.size else float("nan")
 
 
 def by_unit(replays: Sequence[Replay], recordings: Sequence[Recording]) -> tuple[Replay, ...]:
@@ -166,4 +168,6 @@ def _columns(replay: Replay, unit: str, columns: list[int]) -> Replay:
 
 
 def _rmse(measured: Array, simulated: Array) -> Array:
-    return np.sqrt(np.nanmean((measured - simulated) ** 2, axis=0))
+    squares = (measured - simulated) ** 2
+    count = np.isfinite(squares).sum(axis=0)
+    return np.sqrt(np.divide(np.nansum(squares, axis=0), count, out=np.full(len(count), np.nan), where=count > 0))

@@ -61,11 +61,12 @@ class Folder:
         try:
             origin = json.loads(files.text(path / _ORIGIN, JournalError))
             check = _check_of(origin)
+            strange = set(origin) - {"plan", "seed", "check"}
             text = files.text(path / PLAN, JournalError)
             where, seed = Path(os.path.normpath(path / origin["plan"])), int(origin["seed"])
         except (JournalError, ValueError, KeyError, TypeError):
             raise JournalError(f"{path}: this is not a campaign's folder; `trueup run PLAN` makes one") from None
-        if origin.get("check", check) != check:
+        if strange or origin.get("check", check) != check:
             raise JournalError(f"{path / _ORIGIN}: altered or damaged; restore it from a copy")
         file = PlanFile(plan_in(text, where), where, text)
         used = dataclasses.replace(file, plan=dataclasses.replace(file.plan, seed=seed))

@@ -88,7 +88,7 @@ def read_times(folder: Path) -> dict[int, float]:
         try:
             one = json.loads(line)
             found[int(one["number"])] = float(one["at"])
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, OverflowError):
             continue
     return found
 
@@ -238,7 +238,8 @@ class _Content:
             if torn and b"\0" in line and size + len(line) + 1 == len(content):
                 break  # a power cut may leave the last line's length without its content
             match = _CHECKED.fullmatch(line)
-            if (checked and match is None) or (match is not None and match[2].decode() != _check(digest, match[1])):
+            wanted = checked or b'"check"' in line
+            if wanted if match is None else match[2].decode() != _check(digest, match[1]):
                 raise JournalError(f"{where}: altered or damaged, its check sum does not fit. {mend}")
             try:
                 plain = json.loads(line)
@@ -250,6 +251,11 @@ class _Content:
             events.append(from_plain({k: v for k, v in plain.items() if k != "check"}, where))
             digest.update(line + b"\n")
             size += len(line) + 1
+        begun = f'{{"number":{len(events)},'.encode()
+        tail = content[size:].rstrip(b"\0")
+        if torn and b"\n" not in tail and tail[: len(begun)] != begun[: len(tail)]:
+            raise JournalError(f"{path}: what follows line {len(events)} was not written by trueup. "
+                               + _MEND.format(path.parent, len(events) + 1))  # fmt: skip
         return cls(tuple(events), size, digest)
 
 

@@ -106,7 +106,9 @@ def convert(hint: Any, value: Value, where: str, key: str) -> Any:
         return build(hint, value, _inside(where, key))
     if origin is tuple or origin is list or _is_sequence(origin):
         return _several(arguments, value, table)
-    if origin is not None and isinstance(value, Mapping):
+    if origin is Mapping or (origin is not None and isinstance(value, Mapping)):
+        if not isinstance(value, Mapping):
+            raise PlanError(f"{table} = {value!r}: must be a table")
         return {k: convert(arguments[1], v, _inside(where, key), k) for k, v in value.items()}
     return _scalar(hint, value, table)
 

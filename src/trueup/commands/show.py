@@ -73,7 +73,9 @@ def _line(console: Console, title: str, replays: Sequence[Replay], unit: str, *,
     score: Score = pooled_score(replays)
     scale = scale_for(unit, [score.before, score.after])
     colour = "red" if score.worse else "green" if score.better else "white"
-    text = f"{scale.text(score.before)} -> [{colour}]{scale.text(score.after)}[/] {scale.unit}  ({_ratio(score)})"
+    text = f"[{colour}]{scale.text(score.after)}[/] {scale.unit}"
+    if score.compared:
+        text = f"{scale.text(score.before)} -> {text}  ({_ratio(score)})"
     if floor and math.isfinite(score.noise):
         text += f"   noise floor {scale.text(score.noise, 2)} {scale.unit}"
     if score.worse:

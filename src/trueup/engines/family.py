@@ -120,6 +120,10 @@ class Family:
         """Replays of `suited` recordings as the recordings were: one unit each."""
         return by_unit(replays, recordings)
 
+    def known_before(self, simulator: Any) -> bool:
+        """Whether the model as it was given can be compared with: False where what drives it had to be guessed."""
+        return True
+
     def judged(self, simulator: Any, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
         """Recordings without what a simulator as it is should not be judged by."""
         return tuple(recordings)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from math import inf
+from math import inf, nan
 from pathlib import Path
 from typing import Any
 
@@ -93,7 +93,12 @@ class Preparation:
             return recalibrate(simulator, recordings, hold_out, before, asked, **how)
 
         done = self.family.calibrate(self.simulator, self.recordings, self.hold_out, fit)
-        return replace(done, replays=self.family.as_recorded(done.replays, (*self.recordings, *self.hold_out)))
+        shown = self.family.as_recorded(done.replays, (*self.recordings, *self.hold_out))
+        if self.family.known_before(self.simulator):
+            return replace(done, replays=shown)
+        crossed = tuple(replace(c, rmse_before=nan) for c in done.cross_validation)
+        unknown = tuple(replace(r, before=np.full_like(r.before, nan)) for r in shown)
+        return replace(done, replays=unknown, cross_validation=crossed)
 
     def write(self, calibration: Calibration, model: str | Path, parameters: str | Path) -> tuple[str, ...]:
         """Writes the calibrated model and, where that cannot hold them all, its parameters; notes on what is lost.

@@ -12,7 +12,16 @@ from trueup.report.figures import error_scale
 from trueup.report.markup import Markup, join, tag
 from trueup.report.numbers import Scale, ratio_text, significant, with_unit
 from trueup.report.parts import LISTED, callout, caption, cells, change, facts, group_row, hero, table
-from trueup.report.summary import Comparison, Score, broken_off, comparisons, pooled_score, signal_size, worsened
+from trueup.report.summary import (
+    Comparison,
+    Score,
+    amounts,
+    broken_off,
+    comparisons,
+    pooled_score,
+    signal_size,
+    worsened,
+)
 
 RAN_AWAY = 3.0
 """A model whose error is this many times the size of the motion did not follow it at all."""
@@ -39,6 +48,8 @@ def verdict_sentence(group: Comparison, scale: Scale) -> str:
     count = len(group.held_out)
     where = f"On {count} recording{'s' if count > 1 else ''} that the fit never saw, the replay error"
     before, after = _amounts(score, scale)
+    if not score.compared and math.isfinite(score.after):
+        return f"{where} is {after}. The model as it was given has nothing to compare with: its drives were unknown."
     if math.isnan(score.after):
         return f"{where} cannot be told: the calibrated model could not be simulated."
     if score.worse:
@@ -55,6 +66,8 @@ def verdict_sentence(group: Comparison, scale: Scale) -> str:
 
 def _fitted_sentence(score: Score, scale: Scale) -> str:
     before, after = _amounts(score, scale)
+    if not score.compared:
+        return f"On the recordings that were fitted, the replay error is {after}; there is no model to compare with."
     moved = "fell" if score.better else "rose" if score.worse else "went"
     return f"On the recordings that were fitted, the replay error {moved} from {before} to {after}."
 
@@ -89,22 +102,24 @@ def _nothing_held_out(calibration: Calibration, scale: Scale) -> Markup:
 
 def _hero(group: Comparison, score: Score, scale: Scale) -> Markup:
     kind = "worse" if score.worse else "better" if score.better else "same"
-    beside = [("of the error before", ratio_text(score.after, score.before))]
+    beside = [("of the error before", ratio_text(score.after, score.before))] if score.compared else []
     if math.isfinite(score.noise):
         beside.append(("measurement noise", with_unit(scale.text(score.noise, 2), scale.unit)))
     if group.held_out and group.training:
         trained = pooled_score(group.training)
-        beside.append(("on the fitted recordings", " → ".join(_amounts(trained, scale))))
+        beside.append(("on the fitted recordings", amounts(trained, scale)))
     return hero(
         "replay error, held-out recordings" if group.held_out else "replay error, fitted recordings only",
-        change(scale.text(score.before), scale.text(score.after), scale.unit),
+        change(scale.text(score.before) if score.compared else "", scale.text(score.after), scale.unit),
         tag("div", tag("p", verdict_sentence(group, scale), class_="verdict-sentence"), facts(beside, "hero-facts")),
         kind=f"hero {kind}" if group.held_out else f"hero {kind} unproven",
     )
 
 
 def _broken(replays: Sequence[Replay], *, after: bool) -> list[Markup]:
-    moments = [(r.recording, broken_off(r, after=after)) for r in replays]
+    moments = [
+        (r.recording, broken_off(r, after=after)) for r in replays if after or math.isfinite(pooled_score([r]).before)
+    ]
     found = [
         tag("li", tag("b", name), f" has no simulated values from {significant(at)} s")
         for name, at in moments
@@ -133,7 +148,7 @@ def _worse(replays: Sequence[Replay], scale: Scale, *, held_out: bool) -> list[M
     if not found:
         return []
     listed = [
-        tag("li", tag("b", f"{replay.recording}, {label}"), f": {' → '.join(_amounts(score, scale))}")
+        tag("li", tag("b", f"{replay.recording}, {label}"), f": {amounts(score, scale)}")
         for replay, label, score in found[:LISTED]
     ]
     if len(found) > LISTED:

@@ -11,7 +11,16 @@ from trueup.report.hints import Hint, hints
 from trueup.report.markup import Markup, breakable, join, tag
 from trueup.report.numbers import Scale, fixed, ratio_text
 from trueup.report.parts import caption, drawn_later, empty, figure, group_row, table
-from trueup.report.summary import Comparison, Score, column_score, comparisons, label_score, noise_of, pooled_score
+from trueup.report.summary import (
+    Comparison,
+    Score,
+    amounts,
+    column_score,
+    comparisons,
+    label_score,
+    noise_of,
+    pooled_score,
+)
 
 
 def joints(calibration: Calibration) -> Markup:
@@ -85,7 +94,7 @@ def _cell(score: Score | None, scale: Scale, largest: float, index: int, replay:
         type="button",
         data_replay=str(index),
         data_column=str(replay.labels.index(label)),
-        title=f"{replay.recording}, {label}: {scale.text(score.before)} → {scale.text(score.after)} {scale.unit}",
+        title=f"{replay.recording}, {label}: {amounts(score, scale)}",
     )
     return tag("td", button, class_="number cell", style=f"--heat:{strength:.0f}%")
 

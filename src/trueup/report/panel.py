@@ -14,8 +14,8 @@ from trueup.report.drawing import EDGE, FOOT, LINE, MARGIN, SAMPLES, WIDTH, Box,
 from trueup.report.encoding import kept_samples
 from trueup.report.marks import nice_marks
 from trueup.report.markup import Markup, tag
-from trueup.report.numbers import Scale, shortened, with_unit
-from trueup.report.summary import column_score
+from trueup.report.numbers import Scale, shortened
+from trueup.report.summary import amounts, column_score
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,6 @@ def replay_panel(
     kept = kept_samples([lines["measured"], errors["before"], errors["after"]], SAMPLES)
     upper, lower = _boxes(panel, float(start), float(stop), lines, errors)
     score = column_score(replay, column)
-    amounts = f"{scale.text(score.before)} → {with_unit(scale.text(score.after), scale.unit)}"
     parts = [
         *upper.rows(nice_marks(upper.y0, upper.y1, 4)),
         *lower.rows(_either_side(lower.y1)),
@@ -65,7 +64,7 @@ def replay_panel(
         words(
             shortened(replay.labels[column], 30 if panel.width < WIDTH else 60), upper.left, upper.top - 7, bold=True
         ),
-        words(amounts, upper.right, upper.top - 7, anchor="end", colour="soft"),
+        words(amounts(score, scale), upper.right, upper.top - 7, anchor="end", colour="soft"),
     ]
     return tag("g", parts)
 

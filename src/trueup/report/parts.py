@@ -62,8 +62,13 @@ def hero(label: str, numbers: Child, *beside: Child, kind: str = "hero") -> Mark
 
 
 def change(before: str, after: str, unit: str) -> Markup:
-    """A number before and after, for a headline."""
-    parts = ((before, "before"), (" → ", "arrow"), (after, "after"), (f" {unit}" if unit else "", "unit"))
+    """A number before ('' for none) and after, for a headline."""
+    parts = (
+        (before, "before"),
+        (" → " if before else "", "arrow"),
+        (after, "after"),
+        (f" {unit}" if unit else "", "unit"),
+    )
     return join(tag("span", text, class_=kind) for text, kind in parts if text)
 
 

@@ -9,15 +9,17 @@ import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from trueup.calibration import Calibration, Replay
 from trueup.errors import unknown_name
 from trueup.report.drawing import COLOURS, EDGE, HEAD, LINE, WIDTH, document, line, title, words
 from trueup.report.dumbbell import Axis
 from trueup.report.figures import error_scale
 from trueup.report.markup import Markup, tag
-from trueup.report.numbers import Scale, ratio_text, scale_for, shortened, with_unit
+from trueup.report.numbers import Scale, ratio_text, scale_for, shortened
 from trueup.report.panel import Panel, replay_panel
-from trueup.report.summary import Comparison, Score, column_score, comparisons, pooled_score
+from trueup.report.summary import Comparison, Score, amounts, column_score, comparisons, pooled_score
 from trueup.report.writing import write_aside
 
 _PANEL = 230
@@ -75,9 +77,7 @@ def replay_picture(
         panel = Panel(*corner, width, height, first=index % across == 0, last=index + across >= len(chosen))
         parts.append(replay_panel(replay, replay.labels.index(label), panel, scale, (start, stop)))
     kind = "held out" if replay.held_out else "fitted"
-    return document(
-        parts, top + rows * height + 8, f"Replay of {replay.recording} ({kind}), before and after calibration"
-    )
+    return document(parts, top + rows * height + 8, f"Replay of {replay.recording} ({kind})")
 
 
 def before_after_picture(calibration: Calibration) -> str:
@@ -129,8 +129,7 @@ def _before_after_row(
     if len(shown) == 2:
         parts.append(line(shown["before"], middle, shown["after"], middle, "command", width=2 * LINE))
     parts += [tag("circle", cx=x, cy=middle, r=5, fill=COLOURS[kind]) for kind, x in shown.items()]
-    amounts = f"{scale.text(score.before)} → {with_unit(scale.text(score.after), scale.unit)}"
-    parts.append(words(amounts, WIDTH - 66, y, anchor="end"))
+    parts.append(words(amounts(score, scale), WIDTH - 66, y, anchor="end"))
     ratio = ratio_text(score.after, score.before)
     parts.append(words(ratio, WIDTH - EDGE, y, anchor="end", bold=True, colour="bad" if score.worse else "ink"))
     return parts
@@ -140,7 +139,8 @@ def _key(replay: Replay, *, with_command: bool) -> Markup:
     kind = "held out" if replay.held_out else "fitted"
     parts = [title(f"{shortened(replay.recording, 44)} ({kind})")]
     x = WIDTH - EDGE
-    for name in ("after", "before", "measured") + (("command",) if with_command else ()):
+    known = ("before",) if np.isfinite(replay.before).any() else ()
+    for name in ("after", *known, "measured") + (("command",) if with_command else ()):
         parts.append(words(name, x, 24, anchor="end"))
         x -= 9 * len(name) + 5
         dash = "4 3" if name == "command" else None

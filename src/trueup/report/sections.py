@@ -135,11 +135,10 @@ def _crossed(crossed: tuple[CrossValidation, ...]) -> list[Markup]:
     scales = {u: scale_for(u, [c.rmse_after for c in crossed if c.unit == u]) for u in {c.unit for c in crossed}}
     rows = [_crossed_row(c, scales[c.unit]) for c in crossed]
     worse = sum(c.rmse_after > c.rmse_before * (1 + SAME) for c in crossed)
-    text = "Each recording was replayed with a fit that never saw it. " + (
-        f"{worse} of {len(crossed)} came out worse than before."
-        if worse
-        else "Every one came out no worse than before."
-    )
+    text = "Each recording was replayed with a fit that never saw it."
+    if any(math.isfinite(c.rmse_before) for c in crossed):
+        came = f"{worse} of {len(crossed)} came out worse" if worse else "Every one came out no worse"
+        text += f" {came} than before."
     titles = head("Recording left out", "Before", "Fit without it", "Ratio", numbers=range(1, 4))
     return [tag("p", text), table(titles, rows, "crossed")]
 

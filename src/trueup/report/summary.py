@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.calibration import Array, Calibration, Replay
+from trueup.report.numbers import Scale, with_unit
 
 SAME = 0.01
 """Changes smaller than one percent count as neither better nor worse."""
@@ -23,6 +24,11 @@ class Score:
     after: float
     noise: float
     """NaN where the noise is unknown."""
+
+    @property
+    def compared(self) -> bool:
+        """Whether there is anything to compare with: no model of guessed gains is shown as 'before'."""
+        return math.isfinite(self.before)
 
     @property
     def worse(self) -> bool:
@@ -84,6 +90,12 @@ def pooled_score(replays: Sequence[Replay]) -> Score:
     after = [(r.after - r.measured).ravel() for r in replays]
     noise = [np.broadcast_to(noise_of(r), r.measured.shape)[np.isfinite(r.measured)] for r in replays]
     return Score(_rms(before), _rms(after), _rms(noise, every=True))
+
+
+def amounts(score: Score, scale: Scale) -> str:
+    """'before → after unit', or the error alone where there is nothing to compare with."""
+    after = with_unit(scale.text(score.after), scale.unit)
+    return f"{scale.text(score.before)} → {after}" if score.compared else after
 
 
 def column_score(replay: Replay, column: int) -> Score:

@@ -86,19 +86,20 @@ class Articulated(Family):
         """See Family. A model without actuators gets servos or motors for the joints that the recordings command."""
         everything = (*training, *replayed)
         _check_joints(model, everything)
-        loaded, found, given, drives = model.notes, [], model, None
+        loaded, found, given, drives, guessed = model.notes, [], model, None, False
         for name, change in _CHANGES:
             changed = change(model, everything)
             if changed is not model:
                 found.append(Diagnosis(name, changed.notes[-1]).unless(request.refuse))
                 if found[-1].refused:
                     continue
+                guessed |= change is driven and _servos(changed) > _servos(model)
                 model = changed
                 if change is driven and given.is_mjcf:
                     drives = change(given, everything)
                 elif not given.is_mjcf and change in (floating, driven, passable):
                     given = changed  # what becomes an MJCF has them
-        model = replace(model, given=given, driven=drives)
+        model = replace(model, given=given, driven=drives, guessed=guessed)
         notes: tuple[Note, ...] = (*loaded, *found, *undriven(model, everything), *check_base(model, everything))
         lines, proposed = _lines(model, training, request)
         names = {
@@ -117,6 +118,10 @@ class Articulated(Family):
         write_parameters(calibration, simulator.parameters, simulator.quantities, parameters, simulator.gains.given_for)
         return write_model(simulator, calibration.values, model)
 
+    def known_before(self, simulator: MujocoSimulator) -> bool:
+        """See Family."""
+        return not simulator.model.guessed
+
     def usage(
         self, simulator: MujocoSimulator, calibration: Calibration, model: Path, period: float
     ) -> tuple[str, ...]:
@@ -132,6 +137,10 @@ class Articulated(Family):
     def advice(self, simulator: MujocoSimulator, calibration: Calibration | None = None) -> tuple[str, ...]:
         """See Family: smaller steps before a calibration, friction with load after it."""
         return _about_step(simulator) if calibration is None else _about_load(simulator, calibration)
+
+
+def _servos(model: Model) -> int:
+    return sum(model.is_position_servo(i) for i in range(model.compiled.nactuator))
 
 
 def _about_step(simulator: MujocoSimulator) -> tuple[str, ...]:

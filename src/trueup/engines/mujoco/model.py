@@ -52,6 +52,8 @@ class Model:
     """What a calibrated file is made of, where this was changed for the fit alone: a base held, contacts left out."""
     driven: Model | None = None
     """The same with the drives that were added for the fit."""
+    guessed: bool = False
+    """Whether servos were added whose gains nobody has said: there is no such robot to compare with."""
 
     @property
     def name(self) -> str:

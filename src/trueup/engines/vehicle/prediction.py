@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from trueup.engines.vehicle.kernels import MOVES
 from trueup.engines.vehicle.past import PAST, Past
 from trueup.engines.vehicle.rollout import VehicleSimulator
+from trueup.errors import RecordingError
 from trueup.recording import Recording
 from trueup.trial import Trial
 
@@ -79,6 +80,8 @@ def begun_at(drive: Past, longest: float, every: float) -> NDArray[np.int64]:
 def _tracked(time: Array, values: Array, instants: Array) -> Array:
     """(..., 2) the mean of a line through the samples within 0.05 s, at the instants."""
     good = np.isfinite(values).all(axis=1)
+    if not good.any():
+        raise RecordingError("there is not one sample in which the position was tracked: nothing to predict")
     grid = np.linspace(-0.05, 0.05, 11)
     return np.stack(
         [np.interp(instants[..., None] + grid, time[good], column).mean(axis=-1) for column in values[good].T], axis=-1

@@ -30,7 +30,8 @@ function replayTraces(replay, lines) {
       { line: { color: p.command, width: 1, dash: "4px,3px", shape: "hv" } }));
   }
   traces.push(line("measured", lines.time, lines.measured, p.measured, { line: { color: p.measured, width: 1.9 } }));
-  traces.push(line("before", lines.time, lines.before, p.before, { line: { color: p.before, width: 1.3 } }));
+  const compared = lines.before.some((v) => Number.isFinite(v));
+  if (compared) traces.push(line("before", lines.time, lines.before, p.before, { line: { color: p.before, width: 1.3 } }));
   traces.push(line("after", lines.time, lines.after, p.after));
   const unit = plain(replay.errorUnit);
   for (const [name, y, colour] of [["before", lines.errorBefore, p.before], ["after", lines.errorAfter, p.after]]) {
@@ -105,7 +106,7 @@ function titleReplay(replay, series) {
   const detail = document.createElement("span");
   detail.className = "detail";
   detail.textContent = `${replay.heldOut ? "held out" : "fitted"}, ` +
-    `${digits(before, 3)} → ${digits(after, 3)} ${replay.errorUnit}${ratio(after, before)}`;
+    `${before === null ? "" : digits(before, 3) + " → "}${digits(after, 3)} ${replay.errorUnit}${ratio(after, before)}`;
   title.append(detail);
   const kept = column(series.time).length, thinned = kept < replay.samples;
   const parts = ["Error is simulated minus measured."];
