@@ -78,6 +78,8 @@ RULES = (
     # what bodies, joints and drives have in common whatever simulates them
     Rule("articulated", ("engines.simulator", "controllers.controller", *NOUNS)),
     Rule("engines", ("engines.simulator", "engines.family", "articulated", "controllers.controller", *NOUNS)),
+    # one servo by itself: gains that recordings name and compiled loops are those of articulated; it is fitted by arithmetic
+    Rule("actuators", ("articulated", "search", *NOUNS)),
     # MJCF and URDF are read by MuJoCo's reader, whatever simulates them
     Rule("engines.dart", ("engines.mujoco", "articulated", *NOUNS)),
     # what a walk must know of a biped is read off a model
@@ -134,7 +136,7 @@ RULES = (
     Rule(
         "commands",
         ("report", "campaign", "identification.estimation.result", *NOUNS),
-        lazily=("loop", "identification", "excitation", "studies", "engines.simulator", "engines.family"),
+        lazily=("loop", "identification", "excitation", "actuators", "studies", "engines.simulator", "engines.family"),
     ),
     Rule("cli", ("report", "campaign"), lazily=("commands", "loop", *NOUNS)),
     Rule("testing", ("articulated", *BASES, *NOUNS)),  # contract checks, for those who extend it

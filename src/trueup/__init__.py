@@ -11,6 +11,8 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
+    from trueup.actuators.bench import Bench as Bench
+    from trueup.actuators.identify import identify_actuator as identify_actuator
     from trueup.articulated.declarations import Declaration as Declaration
     from trueup.articulated.declarations import declare as declare
     from trueup.articulated.quantities.quantity import Quantity as Quantity
@@ -59,6 +61,7 @@ __version__ = "0.1.0"
 _HOME = {
     "ArticulatedSimulator": "trueup.articulated.simulator",
     "Belief": "trueup.loop.belief",
+    "Bench": "trueup.actuators.bench",
     "BicycleSimulator": "trueup.engines.vehicle",
     "ByHand": "trueup.robots.by_hand",
     "Calibration": "trueup.calibration",
@@ -83,6 +86,7 @@ _HOME = {
     "filmed": "trueup.engines.mujoco.filming",
     "hunt": "trueup.loop.confirm",
     "identify": "trueup.identification.estimation.identify",
+    "identify_actuator": "trueup.actuators.identify",
     "inspect": "trueup.inspection",
     "load": "trueup.identification.torque_model",
     "load_tree": "trueup.identification.model_file",

@@ -22,6 +22,7 @@ Makes a robot's simulator agree with the robot, from a handful of recordings.
   trueup inspect logs/*.csv --model robot.xml        what is in the logs; writes mapping.toml
   trueup calibrate robot.xml logs/*.csv --hold-out fast --out fit
   trueup identify arm.urdf logs/*.csv --hold-out 30% --out model   an arm's dynamic model, which predicts torque
+  trueup identify-actuator logs/*.json --mass 0.5 --length 0.1 --out servo   one servo that moves a known load
   trueup new NAME && cd NAME && trueup run            a campaign: experiment, calibrate, optimize, transfer, in rounds
   trueup demo                                        the whole, on a simulated robot, nothing needed
 """
@@ -33,6 +34,7 @@ _COMMANDS = {
     "replay": "how well a model replays recordings as it is, or two models side by side",
     "excite": "a motion that identifies an arm, and that it can perform",
     "identify": "a dynamic model of an arm that predicts torque",
+    "identify-actuator": "a servo's law from recordings of it with a known load",
     "demo": "the whole, on a simulated robot",
     "new": "write a campaign's plan, to edit",
     "run": "run a campaign: experiment, calibrate, optimize, transfer",
@@ -118,7 +120,7 @@ def _parser(given: Sequence[str]) -> argparse.ArgumentParser:
 
 
 def _module(command: str) -> Any:
-    return importlib.import_module(f"trueup.commands.{command}")
+    return importlib.import_module(f"trueup.commands.{command.replace('-', '_')}")
 
 
 def _version() -> str:

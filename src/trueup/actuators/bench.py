@@ -1,0 +1,224 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A servo on a bench: what it moves, and recordings of it as arrays that are replayed."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.articulated.gains import Gains
+from trueup.articulated.kernels import held_integral
+from trueup.errors import ParameterError, RecordingError, unknown_name
+from trueup.noise import estimate_noise
+from trueup.recording import Recording
+from trueup.trial import command_of
+
+Array = NDArray[np.float64]
+
+_AROUND = 0.04  # s that a line is laid through to know position and speed at an instant
+_OUTPUTS = ("torque", "current", "load", "effort", "pwm", "duty", "present_load", "present_current", "present_pwm")
+"""Channels that may show what the servo gives; the first that is there."""
+ENABLED = "torque_enable"
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What the servo moves about its axis, SI units. NaN is unknown."""
+
+    mass: float = float("nan")
+    """kg."""
+    length: float = float("nan")
+    """m, from the axis to the centre of mass."""
+    inertia: float = 0.0
+    """kg m2: about the centre of mass where mass and length are given, else about the axis."""
+    hangs_at: float = 0.0
+    """rad, position of the joint at which the centre of mass hangs straight down."""
+    gravity: float = 9.81
+    """m/s2, across the axis: 0 where the axis is vertical."""
+
+    def __post_init__(self) -> None:
+        """Raises ParameterError for what cannot be."""
+        for name in ("mass", "length", "inertia", "gravity"):
+            if getattr(self, name) < 0.0:
+                raise ParameterError(f"bench: {name} is {getattr(self, name):g}; it cannot be below zero")
+        if np.isnan(self.mass) != np.isnan(self.length):
+            given = "mass" if np.isnan(self.length) else "length"
+            raise ParameterError(f"bench: {given} is given alone; a pendulum needs mass (kg) and length (m)")
+
+    @property
+    def known(self) -> bool:
+        """Whether torques can be told in N m: without mass or inertia only their ratios can."""
+        return self.moment > 0.0 or self.about_axis > 0.0
+
+    @property
+    def moment(self) -> float:
+        """Largest torque of gravity in N m."""
+        return 0.0 if np.isnan(self.mass) else self.mass * self.length * self.gravity
+
+    @property
+    def about_axis(self) -> float:
+        """Inertia in kg m2 about the axis."""
+        return self.inertia + (0.0 if np.isnan(self.mass) else self.mass * self.length**2)
+
+    @classmethod
+    def read(cls, path: Path) -> Bench:
+        """From a TOML file with these names. Raises ParameterError."""
+        try:
+            table = tomllib.loads(path.read_text("utf-8"))
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise ParameterError(f"{path}: {error}") from None
+        return cls().but(table, str(path))
+
+    def but(self, values: Mapping[str, object], where: str) -> Bench:
+        """With other values, by name. Raises ParameterError naming what is no number, UnknownNameError."""
+        names = [f.name for f in fields(self)]
+        found: dict[str, float] = {}
+        for name, value in values.items():
+            if name not in names:
+                raise unknown_name("key", name, names, where)
+            try:
+                found[name] = float(value)  # type: ignore[arg-type]
+            except (TypeError, ValueError):
+                raise ParameterError(f"{where}: {name} = {value!r} is not a number") from None
+        return replace(self, **found)
+
+    def named_by(self, recording: Recording) -> dict[str, float]:
+        """Mass and length that a recording names beside its signals and that are not known here."""
+        if not np.isnan(self.mass) or self.inertia > 0.0:
+            return {}
+        found = {}
+        for name in ("mass", "length"):
+            try:
+                found[name] = float(recording.provenance[name])
+            except (KeyError, ValueError):
+                return {}
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One recording of the servo, ready to be replayed; times in s since its start."""
+
+    name: str
+    bench: Bench
+    gain: float
+    """The servo's proportional setting over the one that the model stands for."""
+    command_time: Array
+    command: Array
+    """(n,) held from then on; where the motor is off, the last one before."""
+    integral: Array
+    on: NDArray[np.bool_]
+    """(n,) whether the motor is."""
+    time: Array
+    position: Array
+    """(T,) rad, as measured."""
+    smooth: Array
+    """(T, 2) position and speed, by lines through the samples around."""
+    noise: float
+    output: Array
+    """(T,) what a channel shows of the servo's output, in a unit of its own; empty where none does."""
+
+    def states(self, time: Array) -> Array:
+        """(k, 2) position and speed as measured at `time` (k,)."""
+        return np.stack([np.interp(time, self.time, column) for column in self.smooth.T], axis=1)
+
+    @property
+    def driven(self) -> NDArray[np.bool_]:
+        """(T,) whether the motor is on."""
+        return self.on[np.clip(np.searchsorted(self.command_time, self.time, side="right") - 1, 0, None)]
+
+
+def runs_of(
+    recordings: Sequence[Recording], bench: Bench, joint: str = "", known: Mapping[str, float] | None = None
+) -> tuple[list[Run], Gains, list[str]]:
+    """Recordings as runs, the settings of the servo that they name, and notes.
+
+    `known` is the setting that a model stands for, where there is one. Raises RecordingError where there is no command
+    or position, UnknownNameError for another joint, ParameterError where recordings name impossible loads.
+    """
+    gains, notes = Gains.named_by(recordings, known)
+    runs = [_run(r, bench, gains.factors.get("kp", {}).get(r.name, 1.0), joint) for r in recordings]
+    if any(b.bench != bench for b in runs):
+        said = sorted({f"{b.bench.mass:g} kg at {b.bench.length:g} m" for b in runs})
+        notes.append(f"the recordings name what the servo carries: {', '.join(said)}")
+    if any(not r.on.all() for r in runs):
+        notes.append("stretches with the motor off are replayed too: they show friction without the motor")
+    return runs, gains, notes
+
+
+def _run(recording: Recording, bench: Bench, gain: float, joint: str) -> Run:
+    told = command_of(recording)
+    if told is None or not recording.has("position"):
+        lacking = "command" if told is None else "position"
+        raise RecordingError(f"recording '{recording.name}' has no {lacking}; its channels are: "
+                             f"{', '.join(recording.channels)}")  # fmt: skip
+    position = recording.channel("position")
+    shared = [x for x in told.labels if x in position.labels]
+    if joint and joint not in shared:
+        raise unknown_name("joint", joint, shared, f"recording '{recording.name}'")
+    if not joint and len(shared) != 1:
+        raise RecordingError(
+            f"recording '{recording.name}' has {len(shared)} joints with command and position "
+            f"({', '.join(shared) or 'none'}); say which with --joint"
+        )
+    label = joint or shared[0]
+    measured, command = position.column(label), told.column(label)
+    good = np.isfinite(measured)
+    if good.sum() < 10:
+        raise RecordingError(f"recording '{recording.name}': {good.sum()} positions of '{label}'; ten are needed")
+    zero = position.time[good][0]
+    time, measured = position.time[good] - zero, measured[good]
+    on = np.isfinite(command) & _enabled(recording, told.time)
+    held = _filled(command)
+    noise = float(estimate_noise(measured, time)[0])
+    carried = bench.but(bench.named_by(recording), f"recording '{recording.name}'")
+    return Run(
+        recording.name, carried, gain, told.time - zero, held, held_integral(told.time, held[:, None])[:, 0], on, time,
+        measured, _lines(time, measured), noise if noise > 0.0 else 1e-6, _output(recording, position.time[good], label),
+    )  # fmt: skip
+
+
+def _lines(time: Array, position: Array) -> Array:
+    """(T, 2) place and slope at each sample of the line through the samples around."""
+    n = np.arange(len(time))
+    first = np.minimum(np.searchsorted(time, time - 0.5 * _AROUND), np.maximum(n - 1, 0))
+    last = np.maximum(np.searchsorted(time, time + 0.5 * _AROUND, side="right"), np.minimum(n + 2, len(time)))
+    sums = [np.concatenate([[0.0], np.cumsum(x)]) for x in (time, position, time**2, time * position)]
+    t, q, tt, tq = (s[last] - s[first] for s in sums)
+    count = last - first
+    slope = (tq - t * q / count) / np.maximum(tt - t**2 / count, 1e-300)
+    return np.stack([q / count + slope * (time - t / count), slope], axis=1)
+
+
+def _enabled(recording: Recording, time: Array) -> NDArray[np.bool_]:
+    if not recording.has(ENABLED):
+        return np.ones(len(time), dtype=bool)
+    return np.nan_to_num(recording.channel(ENABLED).at(time, hold=True)[:, 0]) != 0.0
+
+
+def _filled(values: Array) -> Array:
+    """Missing values as the last one before, the first ones as the first that is there."""
+    good = np.flatnonzero(np.isfinite(values))
+    if not len(good):
+        raise RecordingError("no command is ever given")
+    return values[good[np.clip(np.searchsorted(good, np.arange(len(values)), side="right") - 1, 0, None)]]
+
+
+def _output(recording: Recording, time: Array, label: str) -> Array:
+    """(T,) samples of the first channel of the servo's output; numbers that wrapped below zero at 16 bits are unwrapped."""
+    for name in _OUTPUTS:
+        if not recording.has(name):
+            continue
+        channel = recording.channel(name)
+        if label not in channel.labels and len(channel.labels) != 1:
+            continue
+        raw = channel.column(label if label in channel.labels else channel.labels[0])
+        if 60000.0 < np.nanmax(raw) < 65536.0:  # before it is interpolated
+            raw = np.where(raw > 32767.0, raw - 65536.0, raw)
+        return channel.replace(values=raw[:, None], labels=(label,), units=()).at(time)[:, 0]
+    return np.zeros(0)

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which structure a servo has: candidates are asked about in turn, each kept if left-out recordings want it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.actuators.fit import WINDOWS, Found, Problem, fit, left_out, lowest, widening
+from trueup.actuators.structures import BASE, BY_NAME, LOAD, STRUCTURES, Structure
+from trueup.evidence import Evidence, evidence
+from trueup.parameters import Parameter
+
+Array = NDArray[np.float64]
+
+_QUICK = 8  # iterations that show what a structure promises
+_TRIED = 4  # structures that promise the most are fitted in earnest
+_STIFF = (0.4, 1.0)  # of the stiffness guessed from errors and loads, to begin from
+_SIZES = (0.02, 0.1, 0.3, 0.5, 0.7, 0.9)  # of its box, at which a structure is tried before it is searched
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A structure that was asked about, last of all with what else was kept."""
+
+    name: str
+    evidence: Evidence
+    without: float
+    with_it: float
+    """Geometric mean left-out error in rad."""
+
+    @classmethod
+    def of(cls, name: str, without: Model, with_it: Model) -> Asked:
+        """What left-out errors of two models say."""
+        return cls(name, evidence(without.errors, with_it.errors), without.error, with_it.error)
+
+    @property
+    def kept(self) -> bool:
+        """Whether it stays: left-out data want it, or, of what is expected of any servo, do not speak against it."""
+        return self.evidence.holds if self.name != LOAD else self.evidence.gain > 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A servo with some structures."""
+
+    structures: tuple[str, ...]
+    found: Found
+    left_out: Sequence[Mapping[str, float]]
+    """Values of fits that never saw one block each."""
+    errors: Array
+    """(B,) rad, of each block by the fit that never saw it."""
+
+    @property
+    def error(self) -> float:
+        """Their geometric mean."""
+        return float(np.exp(np.mean(np.log(self.errors))))
+
+
+class Chooser:
+    """Fits of servos with different structures, to the same runs."""
+
+    def __init__(
+        self, problem: Problem, declared: Mapping[str, Parameter], fixed: Mapping[str, float] | None = None
+    ) -> None:
+        self.problem, self.declared = problem, declared
+        self._fixed = fixed or {}
+
+    def plain(self, structures: tuple[str, ...] = ()) -> Model:
+        """The servo of BASE, with some structures, from the best of several starts."""
+        self._starts = [{**self._fixed, "stiffness": f * self.declared["stiffness"].nominal} for f in _STIFF]
+        parameters = self.parameters(structures)
+        return self._best(structures, [widening(self.problem, parameters, start) for start in self._starts])
+
+    def promise(self, model: Model, structure: Structure) -> Found:
+        """What a structure would do to a model's replays in windows: quickly fitted."""
+        parameters = self.parameters((*model.structures, structure.name))
+        return fit(self.problem, parameters, model.found.values, iterations=_QUICK, window=WINDOWS[-2])
+
+    def with_structure(self, model: Model, structure: Structure, promised: Found) -> Model:
+        """A model with one more structure: from windows, and from the best of its sizes beside what was found."""
+        names = (*model.structures, structure.name)
+        parameters = self.parameters(names)
+        starts = (promised.values, self._sized(model.found, structure))
+        fits = [fit(self.problem, parameters, start) for start in starts]
+        # and without regard to what was found before: the order of questions must not decide
+        return self._best(names, [*fits, widening(self.problem, parameters, self._starts[-1])])
+
+    def without(self, model: Model, name: str) -> Model:
+        """A model with one structure less."""
+        names = tuple(s for s in model.structures if s != name)
+        parameters = self.parameters(names)
+        start = {**self._fixed, **{p.name: model.found.values[p.name] for p in parameters}}
+        return self._best(names, [fit(self.problem, parameters, start), widening(self.problem, parameters, start)])
+
+    def _sized(self, less: Found, structure: Structure) -> Mapping[str, float]:
+        """The best of a structure's sizes beside what else was found."""
+        first, *more = (self.declared[n] for n in structure.parameters if n not in less.values)
+        space = [first.lower + u * (first.upper - first.lower) if first.scale == "linear"
+                 else first.lower * (first.upper / first.lower) ** u for u in _SIZES]  # fmt: skip
+        rows = [{**less.values, **{p.name: p.nominal for p in more}, first.name: x} for x in space]
+        return lowest(self.problem, rows, less.bend)
+
+    def _best(self, names: tuple[str, ...], fits: Sequence[Found]) -> Model:
+        """The lowest of several fits, by one and the same loss, with what left-out runs say of it."""
+        found = fits[int(np.argmin(self.problem.losses([f.values for f in fits], min(f.bend for f in fits))))]
+        each = left_out(self.problem, self.parameters(names), found)
+        return Model(names, found, each, self.problem.block_errors(each))
+
+    def parameters(self, structures: Sequence[str]) -> list[Parameter]:
+        """Those that are searched."""
+        names = dict.fromkeys([*BASE, *(p for s in structures for p in BY_NAME[s].parameters)])
+        return [self.declared[n] for n in names if n not in self._fixed]
+
+
+def choose(chooser: Chooser, offered: Sequence[str], told: Callable[[str, float], None]) -> tuple[Model, list[Asked]]:
+    """The model whose structures left-out data want, and what was asked; candidates go in by their gain, then each is asked
+    again whether the others have made it needless.
+
+    It begins with friction under load, which four of four servos had that were studied for it (Duclusaud et al. 2025), and
+    which stays unless left-out errors are as low without it.
+    """
+    model, asked = chooser.plain((LOAD,)), {}
+    while True:
+        promised = {}
+        for s in STRUCTURES:
+            if (
+                s.name in offered
+                and s.name not in model.structures
+                and (not s.requires or s.requires in model.structures)
+            ):
+                told(s.name, model.error)
+                promised[s.name] = chooser.promise(model, s)
+        bend = min((f.bend for f in promised.values()), default=1.0)
+        losses = chooser.problem.losses([f.values for f in promised.values()], bend, WINDOWS[-2])
+        tried = {}
+        for name in [list(promised)[k] for k in np.argsort(losses)[:_TRIED]]:
+            tried[name] = chooser.with_structure(model, BY_NAME[name], promised[name])
+            asked[name] = Asked.of(name, model, tried[name])
+        good = [n for n in tried if asked[n].kept]
+        if not good:
+            break
+        model = tried[max(good, key=lambda n: asked[n].evidence.gain)]
+    for name in (*model.structures[1:-1], LOAD):
+        if not any(BY_NAME[s].requires == name for s in model.structures):
+            told(f"without {name}", model.error)
+            less = chooser.without(model, name)
+            asked[name] = Asked.of(name, less, model)
+            if not asked[name].kept:
+                model = less
+    return model, sorted(asked.values(), key=lambda a: -a.evidence.gain)

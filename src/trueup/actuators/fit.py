@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Numbers of a law that make it replay recordings, and what they would have been without each part of these."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.actuators.bench import Run
+from trueup.actuators.replay import STEP, replay
+from trueup.actuators.structures import law_of
+from trueup.errors import CalibrationError
+from trueup.parameters import Parameter, ParameterSpace
+from trueup.search.least_squares import LeastSquares
+from trueup.search.robust import robust_losses
+
+Array = NDArray[np.float64]
+
+BLOCKS = 6  # parts that are left out in turn, at least: of fewer the spread is itself hardly known
+WINDOWS = (0.3, 1.0, np.inf)  # s: strokes of a servo, motions of several, all
+_AGAIN = 4  # iterations of a fit that begins where the whole one ended
+_NUDGE = 1e-3  # share of the box: a structure may be absent
+
+
+@dataclass(frozen=True)
+class Block:
+    """A stretch of one run that is left out of a fit as a whole."""
+
+    run: int
+    samples: slice
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A fit: values by name, and the robust loss that is left."""
+
+    values: Mapping[str, float]
+    loss: float
+    bend: float
+    searched: tuple[Parameter, ...] = ()
+    slopes: Array | None = None
+    """(m, n) of the residuals, each times the root of its weight, over the box of what was searched."""
+    misses: Array | None = None
+    """(m,) residuals, weighted likewise."""
+
+
+class Problem:
+    """Runs of a servo as residuals of values of its law, in units of the measurement noise."""
+
+    def __init__(self, runs: Sequence[Run], step: float = STEP) -> None:
+        if not runs:
+            raise CalibrationError("no recordings to identify a servo from")
+        self.runs, self.step = tuple(runs), step
+        parts = int(np.ceil(BLOCKS / len(runs)))
+        self.blocks = [
+            Block(k, slice(round(len(r.time) * p / parts), round(len(r.time) * (p + 1) / parts)))
+            for k, r in enumerate(runs) for p in range(parts)
+        ]  # fmt: skip
+
+    def residuals(self, rows: Sequence[Mapping[str, float]], without: Block | None = None,
+                  window: float = np.inf) -> Array:  # fmt: skip
+        """(b, m) of b sets of values; without a block its samples are missing. `window` as `replay` has it."""
+        done = []
+        for values in rows:
+            law, parts = law_of(values), []
+            for k, run in enumerate(self.runs):
+                out = without.samples if without is not None and without.run == k else slice(0, 0)
+                if out.stop - out.start < len(run.time):
+                    misses = (replay(law, run, self.step, window) - run.position) / run.noise
+                    parts.append(np.delete(misses, out))
+            done.append(np.concatenate(parts))
+        return np.stack(done)
+
+    def losses(self, rows: Sequence[Mapping[str, float]], bend: float, window: float = np.inf) -> Array:
+        """(b,) robust loss of sets of values; inf where a replay fails."""
+        losses = robust_losses(self.residuals(rows, window=window), bend)
+        return np.where(np.isfinite(losses), losses, np.inf)
+
+    def block_errors(self, each: Sequence[Mapping[str, float]]) -> Array:
+        """(B,) root mean square error in rad of each block with values of its own; inf where a replay fails."""
+        errors = np.empty(len(self.blocks))
+        for b, (block, values) in enumerate(zip(self.blocks, each, strict=True)):
+            run = self.runs[block.run]
+            misses = replay(law_of(values), run, self.step)[block.samples] - run.position[block.samples]
+            errors[b] = np.sqrt(np.mean(misses**2))
+        return np.where(np.isfinite(errors), errors, np.inf)
+
+
+def fit(problem: Problem, parameters: Sequence[Parameter], start: Mapping[str, float], *, without: Block | None = None,
+        iterations: int = 30, window: float = np.inf) -> Found:  # fmt: skip
+    """Least squares from a start; `start` also holds values that are not searched. Raises CalibrationError."""
+    space = ParameterSpace(tuple(parameters))
+    fixed = {n: v for n, v in start.items() if n not in space.names}
+    ranges = np.array([np.log(p.upper / p.lower) if p.scale == "log" else 0.0 for p in parameters])
+    begin = space.to_unit([start.get(p.name, p.nominal) for p in parameters])
+    search = LeastSquares(
+        np.clip(begin, 0.0, 1.0), ranges, max_iterations=iterations, confirm=without is None, nudge=_NUDGE
+    )
+
+    def named(points: Array) -> list[dict[str, float]]:
+        return [{**fixed, **dict(zip(space.names, row, strict=True))} for row in space.from_unit(points).tolist()]
+
+    while not search.done:
+        points = search.ask()
+        search.tell(points, problem.residuals(named(points), without, window))
+    end = Found(named(search.best[0][None])[0], search.best[1], search.delta, tuple(parameters))
+    if search.jacobian is None or search.residual is None:
+        return end
+    root = np.sqrt(search.weights())
+    return replace(end, slopes=search.jacobian * root[:, None], misses=search.residual * root)
+
+
+def widening(
+    problem: Problem, parameters: Sequence[Parameter], start: Mapping[str, float], windows: Sequence[float] = WINDOWS
+) -> Found:
+    """A fit through ever longer windows, up to whole runs.
+
+    A replay of seconds goes astray for good where a servo sticks or slips once too often, and least squares is caught
+    there; windows begin where it was measured to be (multiple shooting: H. Bock and K. Plitt, IFAC World Congress 1984).
+    """
+    found = fit(problem, parameters, start, window=windows[0])
+    for window in windows[1:]:
+        found = fit(problem, parameters, found.values, window=window)
+    return found
+
+
+def spread(problem: Problem, found: Found) -> Array:
+    """(n, n) covariance over the box of what was searched, from how differently the blocks pull.
+
+    The sandwich with one term a block (K. Liang, S. Zeger, Biometrika 73(1), 1986), so that errors which last as long as a
+    block, and what the model misses, count; nothing is less certain than a uniform guess (variance 1 / 12).
+    """
+    if found.slopes is None or found.misses is None:
+        raise CalibrationError("a fit without slopes has no intervals")
+    B, n = len(problem.blocks), found.slopes.shape[1]
+    edges = np.cumsum([0, *(b.samples.stop - b.samples.start for b in problem.blocks)])
+    pulls = np.stack([found.slopes[a:b].T @ found.misses[a:b] for a, b in pairwise(edges)])
+    curvature = found.slopes.T @ found.slopes
+    between = B / (B - 1) * (pulls.T @ pulls)
+    size = max(float(np.trace(between) / np.trace(curvature)), 1e-12)
+    inverse = np.linalg.inv(curvature + size * 12.0 * np.eye(n))
+    return inverse @ (between + size**2 * 12.0 * np.eye(n)) @ inverse
+
+
+def left_out(problem: Problem, parameters: Sequence[Parameter], found: Found) -> list[dict[str, float]]:
+    """Values of fits that never saw one block each; they begin where the whole one ended."""
+    return [dict(fit(problem, parameters, found.values, without=b, iterations=_AGAIN).values) for b in problem.blocks]
+
+
+def lowest(problem: Problem, rows: Sequence[Mapping[str, float]], bend: float) -> Mapping[str, float]:
+    """The set of values with the least robust loss. Raises CalibrationError where no replay succeeds."""
+    losses = problem.losses(rows, bend)
+    if not np.isfinite(losses).any():
+        raise CalibrationError("no start value gives a replay that is finite; check mass, length and inertia")
+    return rows[int(np.argmin(losses))]

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+"""From recordings of one servo to a model of it: what joins the rest."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from trueup.actuators.bench import Bench, Run, runs_of
+from trueup.actuators.choose import Asked, Chooser, Model, choose
+from trueup.actuators.experiment import Experiment, Value, experiment
+from trueup.actuators.fit import Problem, spread
+from trueup.actuators.output import output_of
+from trueup.actuators.replay import STEP, replay
+from trueup.actuators.servo import Law
+from trueup.actuators.structures import BY_NAME, LIMIT, LIMITS, Scales, declared, law_of
+from trueup.errors import CalibrationError, unknown_name
+from trueup.parameters import ParameterSpace
+from trueup.recording import Recording
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """How one recording is replayed: mean absolute errors in rad over the whole of it."""
+
+    name: str
+    held_out: bool
+    """Whether it was kept from every fit; else errors are those of fits that never saw this recording, or stretch."""
+    model: float
+    file: float
+    """With the nearest law that a file in MJCF can hold."""
+
+
+@dataclass(frozen=True, eq=False)
+class Actuator:
+    """A servo as recordings show it."""
+
+    law: Law | None
+    """None where nothing is known of the load: then only `experiment` says something."""
+    file_law: Law | None
+    """The nearest that MJCF can hold."""
+    values: tuple[Value, ...]
+    """With intervals that count what the model misses."""
+    structures: tuple[str, ...]
+    asked: tuple[Asked, ...]
+    experiment: Experiment
+    judged: tuple[Judged, ...]
+    runs: tuple[Run, ...]
+    """Those fitted, then those held out."""
+    bench: Bench
+    setting: float
+    """The proportional setting of the servo that the law stands for; 0 where recordings name none."""
+    step: float
+    notes: tuple[str, ...]
+    seconds: float
+
+    def error(self, *, held_out: bool, file: bool = False) -> float:
+        """Mean over recordings in rad; NaN where there are none."""
+        found = [(j.file if file else j.model) for j in self.judged if j.held_out == held_out]
+        return float(np.mean(found)) if found else float("nan")
+
+    def write(self, folder: Path | str) -> list[Path]:
+        """Writes actuator.py, actuator.xml and actuator.json. Raises OutputError."""
+        from trueup.actuators.write import write_actuator
+
+        return write_actuator(self, Path(folder))
+
+
+def identify_actuator(
+    recordings: Sequence[Recording], hold_out: Sequence[Recording] = (), *, bench: Bench | None = None, joint: str = "",
+    step: float = STEP, ask: Sequence[str] | None = None, told: Callable[[str, float], None] = lambda *_: None,
+) -> Actuator:  # fmt: skip
+    """A servo that moves a known load: its law, by the structures that left-out recordings want.
+
+    `bench` says what it carries (where the recordings do not name mass and length), `ask` which structures are asked about
+    (None: all), `told(what, error)` is called on the way.
+
+    Raises RecordingError, ParameterError, CalibrationError, UnknownNameError.
+    """
+    began = time.perf_counter()
+    for name in ask or ():
+        if name not in BY_NAME:
+            raise unknown_name("structure", name, list(BY_NAME), "those of a servo")
+    runs, gains, notes = runs_of([*recordings, *hold_out], bench or Bench(), joint)
+    fitted, kept = runs[: len(recordings)], runs[len(recordings) :]
+    if not fitted:
+        raise CalibrationError("no recordings to identify a servo from: all are held out")
+    shown = output_of(fitted)
+    full = shown.full_error if shown is not None else np.inf
+    seen = experiment(fitted, full)
+    notes += [shown.sentence] if shown is not None else []
+    common = {"experiment": seen, "bench": fitted[0].bench, "setting": gains.given_for.get("kp", 0.0), "step": step}
+    if not all(run.bench.known for run in runs):
+        notes.append(
+            "nothing is simulated: without a known load (--mass and --length, or --inertia) torques have no scale"
+        )
+        return Actuator(None, None, (), (), (), judged=(), runs=tuple(runs), notes=tuple(notes),
+                        seconds=time.perf_counter() - began, **common)  # fmt: skip
+    problem = Problem(fitted, step)
+    fixed = {"full_error": full} if np.isfinite(full) else {}
+    chooser = Chooser(problem, declared(Scales.of(fitted)), fixed)
+    never = () if shown is None else (LIMIT,) if fixed else LIMITS
+    model, asked = choose(chooser, [n for n in (BY_NAME if ask is None else ask) if n not in never], told)
+    told("what a file can hold", model.error)
+    file = chooser.plain()
+    judged = [*_left_out(problem, model, file), *(_held_out(r, model, file, step) for r in kept)]
+    return Actuator(law_of(model.found.values), law_of(file.found.values), tuple(_values(problem, model)),
+                    (*([LIMIT] if fixed else []), *model.structures), tuple(asked), judged=tuple(judged), runs=tuple(runs),
+                    notes=tuple(notes), seconds=time.perf_counter() - began, **common)  # fmt: skip
+
+
+def _values(problem: Problem, model: Model) -> list[Value]:
+    """Values with 95 % intervals by Student's t with as many degrees of freedom as blocks but one.
+
+    The wider of two: by how differently the blocks pull at the optimum, and by where fits without each of them went (the
+    jackknife), which also sees what is not smooth.
+    """
+    found, B = model.found, len(problem.blocks)
+    space = ParameterSpace(found.searched)
+    whole = space.to_unit([found.values[n] for n in space.names])
+    each = space.to_unit([[v[n] for n in space.names] for v in model.left_out])
+    jackknife = (B - 1) / B * ((each - each.mean(axis=0)) ** 2).sum(axis=0)
+    half = float(student.ppf(0.975, B - 1)) * np.sqrt(np.maximum(np.diag(spread(problem, found)), jackknife))
+    low, high = (space.from_unit(np.clip(whole + sign * half, 0.0, 1.0)) for sign in (-1.0, 1.0))
+    return [
+        Value(p.name, found.values[p.name], float(a), float(b), p.unit)
+        for p, a, b in zip(space.parameters, low, high, strict=True)
+    ]
+
+
+def _left_out(problem: Problem, model: Model, file: Model) -> list[Judged]:
+    """Each fitted run by fits that never saw it, stretch by stretch where stretches were left out."""
+    rows = []
+    for k, run in enumerate(problem.runs):
+        total = np.zeros(2)
+        for b, block in enumerate(problem.blocks):
+            if block.run == k:
+                for column, fits in enumerate((model.left_out, file.left_out)):
+                    misses = replay(law_of(fits[b]), run, problem.step)[block.samples] - run.position[block.samples]
+                    total[column] += np.abs(misses).sum() / len(run.time)
+        rows.append(Judged(run.name, False, float(total[0]), float(total[1])))
+    return rows
+
+
+def _held_out(run: Run, model: Model, file: Model, step: float) -> Judged:
+    errors = [float(np.mean(np.abs(replay(law_of(m.found.values), run, step) - run.position))) for m in (model, file)]
+    return Judged(run.name, True, *errors)

@@ -1,0 +1,94 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A servo with what it carries, replayed: the law compiled, in MuJoCo's step (implicitfast) with one degree of freedom."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import FunctionType
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from trueup.actuators import servo
+from trueup.actuators.bench import Run
+from trueup.actuators.servo import STATES, Law
+from trueup.articulated.lone_joint import friction_force
+
+Array = NDArray[np.float64]
+
+STEP = 2e-3  # s, as MuJoCo's models have it
+SOFTNESS = 1e-4  # (1 - d) / d of MuJoCo's dry friction at its hardest, d = 0.9999
+
+
+def _compiled(function: FunctionType, **names: object) -> Any:
+    """A function of the delivered law, compiled, with other compiled ones under the names by which it calls them."""
+    return njit(nogil=True)(FunctionType(function.__code__, {**function.__globals__, **names}, function.__name__))
+
+
+_demand = _compiled(servo.demand, set_point=_compiled(servo.set_point))
+_drive = _compiled(servo.drive, demand=_demand)
+
+
+@njit(nogil=True)
+def _replay(
+    law: Law, gain: float, time: Array, value: Array, integral: Array, on: NDArray[np.bool_], moment: float, hangs: float,
+    inertia: float, starts: Array, every: int, step: float, out: Array,
+) -> None:  # fmt: skip
+    """Writes positions (steps + 1,) to `out`; begins anew after `every` steps, from one of `starts` (k, 2) after the other.
+
+    The load's torque is that of the step before, as a simulation shows it.
+    """
+    n = len(time)
+    q, v = starts[0]
+    state = np.zeros(STATES)
+    external = -moment * np.sin(q - hangs)
+    mass = inertia + law.armature
+    at = 0
+    begin = -law.delay
+    while at + 1 < n and time[at + 1] <= begin:
+        at += 1
+    before = integral[at] + value[at] * (begin - time[at])
+    out[0] = q
+    now = 0
+    for s in range(1, len(out)):
+        t = s * step - law.delay
+        while at + 1 < n and time[at + 1] <= t:
+            at += 1
+        area = integral[at] + value[at] * (t - time[at])
+        wanted, before = (area - before) / step, area
+        while now + 1 < n and time[now + 1] <= (s - 1) * step:
+            now += 1
+        torque, damping, dry = _drive(law, gain, on[now], state, wanted, q, v, external, step)
+        external = -moment * np.sin(q - hangs)
+        total = torque - damping * v + external
+        if dry > 0.0:
+            total += friction_force(total / mass, mass, -v / step, SOFTNESS / mass, dry)
+        v += step * total / (mass + step * damping)
+        q += step * v
+        out[s] = q
+        if s % every == 0 and s // every < len(starts):
+            q, v = starts[s // every]
+            external = -moment * np.sin(q - hangs)
+
+
+def replay(law: Law, run: Run, step: float = STEP, window: float = np.inf) -> Array:
+    """(T,) rad, where the servo with this law would have been at the run's samples; NaN where the law is unstable.
+
+    With a `window` in s it begins anew from where it was measured to be, each time that has passed.
+    """
+    steps = max(int(np.ceil(run.time[-1] / step + 1e-9)), 2)
+    out = np.empty(steps + 1)
+    bench, every = run.bench, max(round(min(window / step, steps + 1)), 1)
+    starts = run.states(np.arange(0, steps + 1, every, dtype=np.float64) * step)
+    _replay(
+        law, run.gain, run.command_time, run.command, run.integral, run.on, bench.moment, bench.hangs_at,
+        bench.about_axis, starts, every, step, out,
+    )  # fmt: skip
+    return np.interp(run.time, step * np.arange(steps + 1), out)
+
+
+def errors(law: Law, runs: Sequence[Run], step: float = STEP) -> list[Array]:
+    """(T,) rad of each run: replayed minus measured."""
+    return [replay(law, run, step) - run.position for run in runs]

@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: Apache-2.0
+"""An identified servo as files: a law in Python that needs nothing, the nearest MJCF, and all figures."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.actuators import servo
+from trueup.actuators.bench import Bench, Run
+from trueup.actuators.servo import Law
+from trueup.errors import OutputError
+
+if TYPE_CHECKING:
+    from trueup.actuators.identify import Actuator
+
+Array = NDArray[np.float64]
+
+PYTHON, MJCF, FIGURES = "actuator.py", "actuator.xml", "actuator.json"
+HARD = 'solreffriction="0.0001 1" solimpfriction="0.9999 0.9999 0.001 0.5 2"'
+"""Dry friction that holds, within MuJoCo's limits: it takes all speed in one step."""
+
+_HEAD = '''"""A servo, identified by trueup: replayed recordings are met to {error:.3g} rad in the mean ({which}).
+
+In plain MuJoCo, with one <motor> at the joint and, in the MJCF,
+<joint armature="{armature:.6g}" {hard}/>:
+
+    servo = Servo()                        # Servo(gain=0.5) for half the proportional setting{setting}
+    servo.reset(data.qpos[q])              # q, v: where the joint stands in qpos and qvel; a: the motor
+    mujoco.mj_forward(model, data)
+    while data.time < 5.0:
+        servo.step(command, data.qpos[q], data.qvel[v], model.opt.timestep, -data.qfrc_bias[v])
+        data.ctrl[a] = servo.torque
+        model.dof_damping[v], model.dof_frictionloss[v] = servo.damping, servo.friction
+        mujoco.mj_step(model, data)
+"""
+
+'''
+
+
+def write_actuator(found: Actuator, folder: Path) -> list[Path]:
+    """Writes the files and returns their paths. Raises OutputError; without a law only the figures are written."""
+    texts = {FIGURES: json.dumps(figures(found), indent=2, allow_nan=False) + "\n"}
+    if found.law is not None and found.file_law is not None:
+        texts |= {PYTHON: python_text(found), MJCF: mjcf_text(found.file_law, found.bench, found.step)}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, text in texts.items():
+            aside = folder / f".{name}.part"
+            aside.write_text(text, encoding="utf-8")
+            os.replace(aside, folder / name)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written ({error.strerror or error})") from None
+    return [folder / name for name in texts]
+
+
+def python_text(found: Actuator) -> str:
+    """The law's own source with this servo's numbers: Servo() is this servo."""
+    if found.law is None:
+        raise OutputError("no law was found that could be written: the load is unknown")
+    held = found.error(held_out=True)
+    source = Path(servo.__file__).read_text("utf-8")
+    body = source[source.index("from __future__") :]
+    numbers = ", ".join(f"{n}={_number(v)}" for n, v in found.law._asdict().items() if v != Law._field_defaults.get(n))
+    body = body.replace("def __init__(self, law: Law, gain", "def __init__(self, law: Law = LAW, gain")
+    body = body.replace("\n\nSTATES = ", f"\n\nLAW = Law({numbers})\n\nSTATES = ", 1)
+    head = _HEAD.format(
+        hard=HARD, armature=found.law.armature,
+        error=held if math.isfinite(held) else found.error(held_out=False),
+        which="held-out recordings" if math.isfinite(held) else "left out of the fit in turn",
+        setting=f" of {found.setting:g}" if found.setting else "",
+    )  # fmt: skip
+    return f"# SPDX-License-Identifier: Apache-2.0\n{head}{body}"
+
+
+def mjcf_text(law: Law, bench: Bench, step: float) -> str:
+    """The bench with the nearest servo that MJCF can hold: stiffness, back-EMF and viscous friction as damping, Coulomb
+    friction, rotor, and full duty as a range of force (which ends before back-EMF, as a motor's voltage does).
+    """
+    limit = law.voltage_limit
+    ranged = f' forcerange="{-limit:.6g} {limit:.6g}"' if math.isfinite(limit) else ""
+    pendulum = bench.moment > 0.0 or not math.isnan(bench.mass)
+    mass, length = (bench.mass, bench.length) if pendulum else (1.0, 0.0)
+    inertia = max(bench.inertia, 1e-9)
+    return f"""<mujoco model="servo on its bench">
+  <!-- the setting of the servo's gain scales kp (and biasprm) in proportion -->
+  <option timestep="{step:g}" integrator="implicitfast" gravity="0 0 {-bench.gravity:g}"/>
+  <worldbody><body name="load">
+    <joint name="joint" axis="0 1 0" ref="{math.degrees(bench.hangs_at):.9g}" armature="{law.armature:.6g}"
+           damping="{law.back_emf + law.viscous:.6g}" frictionloss="{law.coulomb:.6g}" {HARD}/>
+    <inertial pos="0 0 {-length:.9g}" mass="{mass:.9g}" diaginertia="{inertia:.6g} {inertia:.6g} {inertia:.6g}"/>
+  </body></worldbody>
+  <actuator><position name="servo" joint="joint" kp="{law.stiffness:.6g}"{ranged}/></actuator>
+</mujoco>
+"""
+
+
+def replay_file(path: Path, run: Run) -> Array:
+    """(T,) rad at the run's samples: a written MJCF, stepped by MuJoCo itself with the run's commands held.
+
+    It stands for the load that is in the file. Raises OutputError where it cannot be read back.
+    """
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise OutputError(f"{path} cannot be read back: {error}") from None
+    data = mujoco.MjData(model)
+    model.actuator_gainprm[0, 0] *= run.gain
+    model.actuator_biasprm[0, 1] *= run.gain
+    (data.qpos[0], data.qvel[0]) = run.states(np.zeros(1))[0]
+    step = model.opt.timestep
+    instants = step * np.arange(int(np.ceil(run.time[-1] / step)) + 1)
+    at = np.clip(np.searchsorted(run.command_time, instants, side="right") - 1, 0, None)
+    out = np.empty(len(instants))
+    for k, s in enumerate(at):
+        out[k] = data.qpos[0]
+        data.ctrl[0] = run.command[s]
+        model.opt.disableactuator = 0 if run.on[s] else 1
+        mujoco.mj_step(model, data)
+    return np.interp(run.time, instants, out)
+
+
+def figures(found: Actuator) -> dict[str, Any]:
+    """All that was found, as plain numbers in SI units; None for what is infinite or unknown."""
+
+    def plain(thing: Any) -> dict[str, Any]:
+        return {k: _plain(v) for k, v in dataclasses.asdict(thing).items()}
+
+    seen = found.experiment
+    return {
+        "law": None if found.law is None else {k: _plain(v) for k, v in found.law._asdict().items()},
+        "mjcf": None if found.file_law is None else {k: _plain(v) for k, v in found.file_law._asdict().items()},
+        "values": [plain(v) for v in found.values],
+        "structures": list(found.structures),
+        "asked": [
+            {"structure": a.name, "kept": a.name in found.structures, "without_rad": _plain(a.without),
+             "with_rad": _plain(a.with_it), **plain(a.evidence)}
+            for a in found.asked
+        ],
+        "experiment": {"ratios": [plain(v) for v in seen.ratios], "gains": [plain(v) for v in seen.gains],
+                       "explained": seen.explained, "cannot": list(seen.cannot)},
+        "errors_rad": [plain(j) for j in found.judged],
+        "bench": plain(found.bench), "setting": found.setting, "step_s": found.step, "notes": list(found.notes),
+    }  # fmt: skip
+
+
+def _plain(value: Any) -> Any:
+    return (float(value) if math.isfinite(value) else None) if isinstance(value, float) else value
+
+
+def _number(value: float) -> str:
+    return "math.inf" if math.isinf(value) else f"{value:.9g}"

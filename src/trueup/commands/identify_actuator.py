@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`trueup identify-actuator`: recordings of one servo that moves a known load in, its law out, for any simulator."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from trueup.campaign.output import free_folder
+from trueup.commands.sources import mapping_for, readable, split, step_of
+from trueup.formats import read
+from trueup.report.numbers import duration_text
+
+if TYPE_CHECKING:
+    from trueup.actuators.experiment import Value
+    from trueup.actuators.identify import Actuator
+
+ABOUT = """\
+Finds the law of one servo from recordings in which it moves a load that is known: firmware gain, full duty, DC motor,
+friction, and what else left-out recordings want (delay, punch, dead band, PD, PI, profile ...). Log commands and positions,
+at 100 Hz or more, of slow and fast motion, with loads up to what it can lift; a stretch with torque off, swinging free, tells
+friction from back-EMF. Several settings of the gain may be mixed if the logs name them (kp).
+
+  trueup identify-actuator logs/*.json --mass 0.49 --length 0.1 --out servo     a pendulum: kg, m from the axis
+  trueup identify-actuator logs/*.csv --bench bench.toml --hold-out fast --out servo
+  trueup identify-actuator foot.csv                                        load unknown: ratios of the gains only
+
+In DIR you find actuator.py (the law; needs nothing but Python; its first lines say how to use it in plain MuJoCo),
+actuator.xml (the nearest that MJCF can hold, with its load) and actuator.json (all figures). A bench file, in SI units:
+
+  mass = 0.49        # kg
+  length = 0.1       # m, from the axis to the centre of mass
+  inertia = 2e-4     # kg m2, about the centre of mass; about the axis where no mass is given
+  hangs_at = 0.0     # rad, where the load hangs straight down
+  gravity = 9.81     # m/s2; 0 where the axis is vertical
+"""
+_FILES = ("actuator.py", "actuator.xml", "actuator.json")
+_LOADS = {
+    "mass": "kg that the servo carries",
+    "length": "m from the axis to the load's centre of mass",
+    "inertia": "kg m2 about the load's centre of mass; about the axis where no mass is given",
+    "hangs-at": "rad, position at which the load hangs straight down (default 0)",
+    "gravity": "m/s2 across the axis (default 9.81); 0 for a vertical axis",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What this command takes."""
+    parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="logs of commands and positions, or folders")
+    parser.add_argument("--bench", metavar="FILE", help="what the servo carries, as TOML (see above)")
+    for name, line in _LOADS.items():
+        parser.add_argument(f"--{name}", type=float, metavar="X", help=line)
+    parser.add_argument("--joint", default="", metavar="NAME", help="which joint, where the recordings have several")
+    parser.add_argument("--hold-out", nargs="+", action="extend", default=[], metavar="NAME",
+                        help="recordings to judge by: names, patterns, files or folders")  # fmt: skip
+    parser.add_argument("--ask", nargs="*", metavar="STRUCTURE",
+                        help='ask about these structures only, by their names in the table ("dead band")')  # fmt: skip
+    parser.add_argument("--mapping", metavar="FILE", help="read with this mapping instead of guessing")
+    parser.add_argument(
+        "--step", type=step_of, default=0.002, metavar="S", help="integration step in s (default 0.002)"
+    )
+    parser.add_argument("--out", metavar="DIR", help="where to write actuator.py, actuator.xml and actuator.json")
+    parser.add_argument(
+        "--force", action="store_true", help="overwrite them in DIR; otherwise DIR-2, DIR-3 ... are used"
+    )
+    parser.add_argument("--quiet", action="store_true", help="no progress and no notes")
+
+
+def run(args: argparse.Namespace, console: Console, told: Console) -> int:
+    """Identifies, shows and writes. Returns the exit code."""
+    from trueup.actuators.bench import Bench
+    from trueup.actuators.identify import identify_actuator
+
+    bench = Bench.read(Path(args.bench)) if args.bench else Bench()
+    given = {n.replace("-", "_"): getattr(args, n.replace("-", "_")) for n in _LOADS}
+    bench = bench.but({n: v for n, v in given.items() if v is not None}, "the command line")
+    folder = Path(args.out) if args.out else None
+    if folder is not None and not args.force:
+        folder = free_folder(folder, lambda at: not any((at / name).exists() for name in _FILES))
+    paths, notes = readable(args.recordings)
+    mapping, more = mapping_for(args.mapping)
+    fitted, kept = split(read(paths, mapping), args.hold_out, mapping)
+    with _progress(told, quiet=args.quiet) as watch:
+        found = identify_actuator(fitted, kept, bench=bench, joint=args.joint, step=args.step, ask=args.ask, told=watch)
+    for note in (*notes, *more, *found.notes) if not args.quiet else ():
+        console.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True, highlight=False)
+    _show(found, console)
+    if folder is not None:
+        _written(found, found.write(folder), console)
+    return 0
+
+
+@contextmanager
+def _progress(told: Console, *, quiet: bool) -> Any:
+    """A line that says what is asked and how good replays of left-out recordings are by now."""
+    if quiet:
+        yield lambda *_: None
+        return
+    with told.status("replaying ...") as status:
+        yield lambda what, error: status.update(f"left-out error {1e3 * error:.3g} mrad; asking about: {what}")
+
+
+def _show(found: Actuator, console: Console) -> None:
+    seen = found.experiment
+    if seen.ratios:
+        console.print(
+            _numbers("by regression (error = load / kp + kd / kp speed + kc / kp sign)", [*seen.ratios, *seen.gains])
+        )
+        console.print(f"explains {100 * seen.explained:.0f} % of the error while it moves", highlight=False)
+    for sentence in seen.cannot:
+        console.print(f"[cyan]cannot tell[/] {escape(sentence)}", soft_wrap=True, highlight=False)
+    if found.law is None:
+        return
+    console.print(_asked(found))
+    console.print(_numbers("by simulation", found.values))
+    for value in found.values:
+        if value.high > 3.0 * max(value.low, 0.0) and value.value > 0.0:
+            console.print(f"[cyan]cannot tell[/] {value.name} to better than {value.low:.3g} ... {value.high:.3g} "
+                          f"{value.unit}: the recordings see it in combination with others only",
+                          soft_wrap=True, highlight=False)  # fmt: skip
+    console.print(_errors(found))
+    console.print(f"took {duration_text(found.seconds)}", highlight=False)
+
+
+def _numbers(title: str, values: Sequence[Value]) -> Table:
+    table = Table("", "value", "95 % interval", "", box=SIMPLE, title=title, title_justify="left")
+    for v in values:
+        table.add_row(v.name, f"{v.value:.4g}", f"{v.low:.3g} ... {v.high:.3g}", v.unit)
+    return table
+
+
+def _asked(found: Actuator) -> Table:
+    table = Table("structure", "left-out error without", "with, mrad", "gain", "", box=SIMPLE, title_justify="left",
+                  title="what it is made of: kept where left-out recordings want it by two standard errors")  # fmt: skip
+    for a in found.asked:
+        kept = "[bold]kept[/]" if a.name in found.structures else "left out"
+        table.add_row(a.name, f"{1e3 * a.without:.1f}", f"{1e3 * a.with_it:.1f}",
+                      f"{100 * a.evidence.gain:.0f} +- {100 * a.evidence.standard_error:.0f} %", kept)  # fmt: skip
+    return table
+
+
+def _errors(found: Actuator) -> Table:
+    table = Table("recording", "actuator.py", "actuator.xml, mrad", "", box=SIMPLE, title_justify="left",
+                  title="mean absolute error of whole replays by fits that never saw them")  # fmt: skip
+    for j in found.judged:
+        table.add_row(escape(j.name), f"{1e3 * j.model:.1f}", f"{1e3 * j.file:.1f}", "held out" if j.held_out else "")
+    for held, word in ((False, "mean, left out in turn"), (True, "mean, held out")):
+        if math.isfinite(found.error(held_out=held)):
+            both = (f"{1e3 * found.error(held_out=held, file=f):.1f}" for f in (False, True))
+            table.add_row(f"[bold]{word}[/]", *both, "")
+    return table
+
+
+def _written(found: Actuator, paths: Sequence[Path], console: Console) -> None:
+    """Names the files; the MJCF is read back and replayed by the engine itself, on the load that it holds."""
+    from trueup.actuators.write import MJCF, replay_file
+
+    console.print(f"wrote {', '.join(escape(str(p)) for p in paths)}", soft_wrap=True, highlight=False)
+    for path in paths:
+        runs = [r for r in found.runs if r.bench == found.bench] if path.name == MJCF else []
+        if runs:
+            errors = [abs(replay_file(path, r) - r.position).mean() for r in runs]
+            console.print(f"{path.name} read back replays {len(runs)} recordings (fitted ones among them) to "
+                          f"{1e3 * sum(errors) / len(errors):.1f} mrad", soft_wrap=True, highlight=False)  # fmt: skip

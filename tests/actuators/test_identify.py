@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A simulated servo of hidden truth is found again; what an experiment cannot tell is said."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import trueup
+from trueup.actuators.bench import Bench, runs_of
+from trueup.actuators.experiment import experiment
+from trueup.actuators.identify import Actuator, identify_actuator
+from trueup.actuators.output import output_of
+from trueup.actuators.replay import replay
+from trueup.actuators.servo import Law
+from trueup.cli import main
+from trueup.errors import ParameterError, RecordingError, UnknownNameError
+from trueup.formats import write
+from trueup.recording import Recording
+
+sys.path.insert(0, str(Path(__file__).parent))
+from servo_bench import BENCH, logged
+
+TRUTH = Law(1.5, 2e-3, 0.05, 0.02, load_motor=0.2, load_external=0.15, voltage_limit=0.9)
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "actuators.md"
+
+
+def recordings(law: Law, kinds: tuple[str, ...] = ("steps", "sines", "drop"), bench: Bench = BENCH) -> list[Recording]:
+    rng = np.random.default_rng(3)
+    return [logged(law, kind, rng, seconds=3.0, bench=bench) for kind in kinds]
+
+
+@pytest.fixture(scope="module")
+def found() -> Actuator:
+    held = logged(TRUTH, "chirp", np.random.default_rng(4), seconds=3.0)
+    return identify_actuator(recordings(TRUTH), [held], bench=BENCH, ask=("voltage limit", "dead band", "delay"))
+
+
+def test_the_structure_and_the_numbers_of_a_hidden_servo_are_found(found: Actuator) -> None:
+    assert set(found.structures) == {"voltage limit", "friction under load"}
+    assert found.law is not None
+    for name in ("stiffness", "armature", "back_emf", "coulomb", "load_motor", "load_external", "voltage_limit"):
+        assert getattr(found.law, name) == pytest.approx(getattr(TRUTH, name), rel=0.1), name
+    covered = [v.low <= getattr(TRUTH, v.name) <= v.high for v in found.values if v.name in Law._fields and v.value > 0]
+    assert np.mean(covered) > 0.5
+
+
+def test_a_motion_that_was_held_out_is_met_to_the_encoder(found: Actuator) -> None:
+    assert found.error(held_out=True) < 4e-3
+    assert found.error(held_out=True) < 0.3 * found.error(held_out=True, file=True)
+
+
+def test_what_is_written_says_what_was_found(found: Actuator, tmp_path: Path) -> None:
+    paths = found.write(tmp_path / "servo")
+    assert sorted(p.name for p in paths) == ["actuator.json", "actuator.py", "actuator.xml"]
+    plain = json.loads((tmp_path / "servo" / "actuator.json").read_text("utf-8"))
+    assert found.law is not None
+    assert plain["law"]["stiffness"] == found.law.stiffness
+    assert plain["law"]["force_limit"] is None
+
+
+def test_without_a_known_load_only_ratios_are_told() -> None:
+    foot = Bench(inertia=1e-3, gravity=0.0)
+    law = Law(2.0, 0.0, 0.1, 0.05)
+    logs = recordings(law, ("sines", "chirp"), foot)
+    unknown = identify_actuator(logs)
+    assert unknown.law is None
+    ratios = {v.name: v.value for v in unknown.experiment.ratios}
+    assert ratios["kd / kp"] == pytest.approx(0.05, rel=0.1)
+    assert ratios["kc / kp"] == pytest.approx(0.025, rel=0.15)
+    assert "only their ratios are seen" in unknown.experiment.cannot[0]
+    runs, _, _ = runs_of(logs, replace(foot, inertia=2e-3))  # twice the inertia: twice every gain
+    assert experiment(runs).ratios == unknown.experiment.ratios
+
+
+def test_a_heavy_pendulum_fixes_the_gains_in_newton_metres() -> None:
+    law = Law(3.0, 0.0, 0.1, 0.03)
+    runs, _, _ = runs_of(recordings(law, ("slow", "sines", "chirp")), BENCH)
+    for value, true in zip(experiment(runs).gains, (3.0, 0.1, 0.03), strict=True):
+        assert value.low < true < value.high, value
+        assert value.value == pytest.approx(true, rel=0.15)
+
+
+def test_a_duty_channel_shows_where_it_ends() -> None:
+    (run,), _, _ = runs_of(recordings(TRUTH, ("sines",)), BENCH)
+    at = np.searchsorted(run.command_time, run.time, side="right") - 1
+    duty = np.round(885 * np.clip((run.command[at] - replay(TRUTH, run)) / 0.25, -1.0, 1.0))
+    shown = output_of([replace(run, output=duty)])
+    assert shown is not None
+    assert shown.full_error == pytest.approx(0.25, rel=0.03)
+    current = np.abs(run.position - 0.1)
+    assert output_of([replace(run, output=current)]) is None
+
+
+def test_the_command_says_what_a_log_without_a_load_cannot_tell(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (recording,) = recordings(Law(2.0, 0.0, 0.1, 0.05), ("sines",), Bench(inertia=1e-3))
+    write(recording, tmp_path / "log.parquet")
+    assert main(["identify-actuator", str(tmp_path / "log.parquet"), "--out", str(tmp_path / "servo")]) == 0
+    printed = capsys.readouterr().out
+    assert "kd / kp" in printed
+    assert "the load is unknown" in printed.replace("\n", " ")
+    assert [p.name for p in (tmp_path / "servo").iterdir()] == ["actuator.json"]
+    assert main(["identify-actuator", str(tmp_path / "log.parquet"), "--mass", "1"]) == 1
+    assert "mass is given alone" in capsys.readouterr().err
+
+
+def test_impossible_benches_and_recordings_are_named(tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match="mass is -1"):
+        Bench(mass=-1.0, length=0.1)
+    path = tmp_path / "bench.toml"
+    path.write_text("mas = 1.0\n", encoding="utf-8")
+    with pytest.raises(UnknownNameError, match="mass"):
+        Bench.read(path)
+    (one,) = recordings(TRUTH, ("sines",))
+    with pytest.raises(UnknownNameError, match="elbow"):
+        runs_of([one], BENCH, "elbow")
+    with pytest.raises(UnknownNameError, match="dead band"):
+        identify_actuator([one], bench=BENCH, ask=["dead-band"])
+    without = Recording("log", {"position": one.channel("position")})
+    with pytest.raises(RecordingError, match="no command"):
+        runs_of([without], BENCH)
+
+
+def test_the_page_shows_what_works(found: Actuator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = re.findall(r"```python\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    for recording in recordings(Law(2.0, 0.0, 0.1, 0.05), ("sines",), Bench(inertia=1e-3)):
+        (tmp_path / "logs").mkdir()
+        write(recording, tmp_path / "logs" / "sines.parquet")
+    names: dict[str, object] = {}
+    unknown = first.replace("bench=trueup.Bench(mass=0.49, length=0.1)", "bench=trueup.Bench()")
+    assert unknown != first
+    exec(unknown, names)
+    assert (tmp_path / "servo" / "actuator.json").exists()
+    found.write(tmp_path / "servo")
+    monkeypatch.syspath_prepend(str(tmp_path / "servo"))
+    exec(second, names)
+    data: object = names["data"]
+    assert abs(data.qpos[0] - 0.8) < 0.4  # type: ignore[attr-defined]
+    assert trueup.identify_actuator is identify_actuator
