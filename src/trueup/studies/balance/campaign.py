@@ -55,6 +55,7 @@ class Scale:
     """How much is done in each round."""
 
     rounds: int = 2
+    repeats: int = REPEATS
     generations: int = 10
     """Of CMA-ES in the calibration, of 32."""
     effort: Effort = field(default_factory=Effort)
@@ -84,7 +85,7 @@ def campaign(
     simulator, rng = simulator_of(scene, given.parameters), np.random.default_rng(seed)
     values, motion, expected, rounds = simulator.parameters.nominal, first, 1.0, []
     for number in range(given.rounds + 1):
-        recordings, stood = performed(robot, task, motion, f"{scene}-{number}")
+        recordings, stood = performed(robot, task, motion, f"{scene}-{number}", given.repeats)
         runs = Runs(scene, recordings, task.trials[0].ends)
         errors = (runs.error(simulator, simulator.parameters.nominal), runs.error(simulator, values))
         rounds.append(Round(motion, recordings, stood, expected, values, errors))
@@ -93,7 +94,9 @@ def campaign(
             break
         known = [Runs(scene, r.recordings, task.trials[0].ends) for r in rounds]
         seed = int(rng.integers(2**31))
-        models = calibrated(known, given.parameters, seed=seed, generations=given.generations).values
+        models = calibrated(
+            known, given.parameters, seed=seed, generations=given.generations, members=given.effort.models
+        ).values
 
         def search(begin: Array | None, models: Array = models) -> Found:
             return searched(

@@ -19,15 +19,6 @@ TABLE_ONE = {
 }  # fmt: skip
 """The paper's Table I: calibrated on, and whether tasks I, II and III succeeded."""
 _NUMERALS: dict[str, str] = dict(zip(SCENES, ("I", "II", "III", "IV"), strict=True))
-_WORDS = {
-    "robot": "robot",
-    "file": "simulator as the model file has it",
-    "calibrated": "simulator as it was calibrated",
-}
-_STYLE = """
-.strip { display: grid; grid-template-columns: repeat(auto-fit, minmax(105px, 1fr)); gap: 4px; }
-.strip svg { width: 100%; }
-"""
 
 
 def html(findings: Findings) -> str:
@@ -46,7 +37,7 @@ def html(findings: Findings) -> str:
     size = findings.size
     subtitle = [f"{size.stand_ins} stand-ins in DART, truths fixed by their numbers from {size.first}",
                 f"at most {size.rounds} calibrations", "three repeats a round"]  # fmt: skip
-    return page("campaign.html", "Humanoid transitions by calibrated simulation", subtitle, parts, style=_STYLE)
+    return page("campaign.html", "Humanoid transitions by calibrated simulation", subtitle, parts)
 
 
 def _transfer(f: Findings) -> Markup:
@@ -89,11 +80,11 @@ def _scene(f: Findings, scene: str) -> Markup:
     first, last = shown[0]["poses"], shown[-1]["poses"]
     parts = [
         tag("h3", "A motion as the robot did it, and as the simulator foretold it"),
-        strip(scene, {w: last[w] for w in ("robot", "calibrated")}, _WORDS),
-        replay(scene, last, _WORDS, f"film-{scene}"),
-        tag("h3", "Before calibration"),
-        strip(scene, {w: first[w] for w in ("robot", "file")}, _WORDS),
-        orientation({w: first[w] for w in ("robot", "file")}), orientation(last),
+        strip(scene, {w: last[w] for w in ("calibrated", "robot")}),
+        replay(scene, {w: last[w] for w in ("file", "calibrated", "robot")}),
+        tag("h3", "The first motion, before any calibration"),
+        strip(scene, {w: first[w] for w in ("file", "robot")}),
+        orientation({w: first[w] for w in ("robot", "file", "fitted") if w in first}),
         table(head("", "repeats that stood, by round", "error by the file, rad", "by the last calibration, rad",
                    numbers=(2, 3)), rows),
     ]  # fmt: skip

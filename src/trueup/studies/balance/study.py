@@ -5,13 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.inspection.repeats import bridged, together
+from trueup.inspection.repeats import bridged
 from trueup.recording import Recording
 from trueup.search.cma_es import CmaEs
 from trueup.studies.balance.calibration import Runs, calibrated, simulator_of
@@ -52,7 +53,7 @@ class Size:
     @property
     def scale(self) -> Scale:
         """Of each campaign."""
-        return Scale(self.rounds, self.generations, Effort(generations=self.searched))
+        return Scale(self.rounds, generations=self.generations, effort=Effort(generations=self.searched))
 
     @property
     def numbers(self) -> range:
@@ -145,16 +146,18 @@ def _rounds(
 ) -> list[dict[str, Any]]:
     rounds = campaign(robot.scene, robot, task, first, seed=robot.number, scale=size.scale,
                       told=lambda line: told(f"stand-in {robot.number}: {line}"))  # fmt: skip
-    return [_told(robot.scene, task, r) for r in rounds]
+    later = [r.values for r in rounds[1:]]
+    return [as_told(robot.scene, task, r, values) for r, values in zip_longest(rounds, later)]
 
 
-def _told(scene: str, task: Transition, one: Round) -> dict[str, Any]:
-    """A round in numbers, with what its pictures need."""
+def as_told(scene: str, task: Transition, one: Round, later: Array | None) -> dict[str, Any]:
+    """A round in numbers, with what its pictures need; `later` are the values that its recordings led to."""
     simulator = simulator_of(scene)
-    shown = {"robot": together([bridged(r) for r in one.recordings]).average if len(set(one.stood)) == 1
-             else bridged(one.recordings[0])}  # fmt: skip
     (planned,) = task.planned(one.motion)
-    for word, values in (("file", simulator.parameters.nominal), ("calibrated", one.values)):
+    usual = next(r for r, stood in zip(one.recordings, one.stood, strict=True) if stood == one.succeeded)
+    shown = {"robot": bridged(usual)}
+    fitted = {} if later is None else {"fitted": later}
+    for word, values in {"file": simulator.parameters.nominal, "calibrated": one.values, **fitted}.items():
         shown[word] = simulator.rollout([planned], values[None])[0].recording()
     return {
         "motion": one.motion.tolist(), "stood": list(one.stood), "succeeded": one.succeeded, "expected": one.expected,

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Humanoid transitions on stand-in robots of another engine: how many work as they are, and after at most two calibrations.
+
+The study of `make study-balance` on a few stand-ins whose truths are fixed by their numbers; the peers are the same motions
+without calibration, and one motion searched in models drawn widely around the file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+from pathlib import Path
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+import numpy as np
+from results import result
+
+from trueup.studies.balance.study import QUICK, SCENES, Size, studied
+
+
+def main() -> None:
+    """Prints shares by task, and those of all."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="two stand-ins, leaning and sitting, coarsely searched")
+    parser.add_argument(
+        "--folder", type=Path, help="a folder of `make study-balance` whose results are read, or gone on with"
+    )
+    asked = parser.parse_args()
+    quick = Size(**{**QUICK.__dict__, "stand_ins": 2, "searched": 10})
+    size = quick if asked.quick else Size(scenes=SCENES, oracle=0, subsets=0)
+    with tempfile.TemporaryDirectory() as made:
+        found = studied(asked.folder or Path(made) / "study", size, lambda text, share: None)
+    for scene in found.campaigns:
+        shares = [f"{100 * found.share(scene, k):.0f} %" for k in range(size.rounds + 1)]
+        random = [2 * sum(x) > len(x) for x in found.randomised[scene].values()]
+        print(f"{scene:20} {len(found.campaigns[scene])} stand-ins: as it was {shares[0]}, then {', '.join(shares[1:])}; "
+              f"randomised alone {100 * np.mean(random):.0f} %")  # fmt: skip
+    without = float(np.mean([found.share(s, 0) for s in found.campaigns]))
+    share = float(np.mean([found.share(s, size.rounds) for s in found.campaigns]))
+    needed = [n for s in found.campaigns for n in found.needed(s)]
+    result("transitions_succeeded_share", share, "", 0.9, peer="without calibration", peer_value=without, at_most=False)
+    result("uncalibrated_share", without, "", 0.5)
+    result(
+        "median_rounds", float(np.median(needed)) if needed else float("nan"), "", 1.0, peer="the paper", peer_value=1.0
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The study, small: a motion that fails on the robot is replaced, after a calibration on its runs, by one that works."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dartpy", reason="the second engine is an extra: pip install trueup[dart]")
+
+from trueup.errors import OutputError
+from trueup.studies.balance.calibration import Runs, calibrated, simulator_of
+from trueup.studies.balance.campaign import Round, Scale, campaign, performed
+from trueup.studies.balance.report import html
+from trueup.studies.balance.robot import StandInHumanoid
+from trueup.studies.balance.scenes import transition
+from trueup.studies.balance.searching import Effort
+from trueup.studies.balance.study import Findings, Size, as_told
+from trueup.studies.saved import Parts
+from trueup.tasks.transitions import Transition
+
+SCENE, NUMBER = "lean-to-stand", 100
+SLOW = np.array([0.5])
+
+
+@pytest.fixture(scope="module")
+def task() -> Transition:
+    return transition(SCENE, step=0.004)[1]
+
+
+@pytest.fixture(scope="module")
+def rounds(task: Transition) -> tuple[Round, ...]:
+    scale = Scale(rounds=1, repeats=1, generations=2, effort=Effort(population=12, models=2))
+    return campaign(SCENE, StandInHumanoid(SCENE, NUMBER), task, SLOW, seed=0, scale=scale)
+
+
+def test_a_motion_that_fails_is_replaced_after_one_calibration_by_one_that_works(rounds: tuple[Round, ...]) -> None:
+    assert [r.succeeded for r in rounds] == [False, True]
+    assert rounds[1].motion[0] < SLOW[0]
+    assert rounds[0].seconds < 3.0
+
+
+def test_a_calibration_on_one_motion_halves_the_error_of_another_that_was_not_fitted(task: Transition) -> None:
+    far = StandInHumanoid(SCENE, NUMBER, gap=2.0)
+    fitted, unseen = (
+        Runs(SCENE, performed(far, task, np.array([seconds]), f"{seconds}", 1)[0]) for seconds in (0.08, 0.12)
+    )
+    simulator = simulator_of(SCENE)
+    found = calibrated([fitted], generations=0, members=1, descents=4)
+    before, after = (unseen.error(simulator, v) for v in (simulator.parameters.nominal, found.values[0]))
+    assert before > 0.1
+    assert after < 0.5 * before
+
+
+def test_the_report_tells_the_rounds_and_shows_them(
+    task: Transition, rounds: tuple[Round, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("trueup.studies.balance.pictures._PICTURES", 2)
+    told = [as_told(SCENE, task, rounds[0], rounds[1].values), as_told(SCENE, task, rounds[1], None)]
+    found = Findings(Size(stand_ins=1, scenes=(SCENE, "kneel-to-stand")), campaigns={SCENE: {NUMBER: told}})
+    assert found.share(SCENE, 0) == 0.0
+    assert found.share(SCENE, 1) == 1.0
+    assert found.needed(SCENE) == [1]
+    page = html(found)
+    assert "0 of 1, 1 of 1" in page
+    assert "no motion was found in the simulator itself" in page
+    assert page.count("<canvas") == 3
+
+
+def test_a_study_goes_on_in_its_folder_and_refuses_one_of_another_size(tmp_path: Path) -> None:
+    parts, computed = Parts.at(tmp_path, Size()), []
+    for _ in range(2):
+        assert Parts.at(tmp_path, Size()).text("a part", lambda: computed.append(1) or [1.5]) == [1.5]
+    assert len(computed) == 1
+    assert parts.has("a part")
+    with pytest.raises(OutputError, match="another size"):
+        Parts.at(tmp_path, Size(stand_ins=3))
