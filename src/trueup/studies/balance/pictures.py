@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION
-from trueup.engines.mujoco.filming import film, pictures
+from trueup.engines.mujoco.filming import filmed, pictures
 from trueup.errors import RenderingError
 from trueup.recording import Channel, Recording
 from trueup.report.film_replay import film_replay
@@ -60,7 +60,7 @@ def replay(scene: str, runs: Mapping[str, Frames]) -> Markup:
     """The runs side by side, moved by a slider."""
     lasting = (max(len(each) for each in runs.values()) - 1) / RATE
     return film_replay([
-        film(model_of(scene), _recording(scene, w, each), name=WORDS[w], rate=RATE, lasting=lasting)
+        filmed(model_of(scene), _recording(scene, w, each), name=WORDS[w], rate=RATE, lasting=lasting)
         for w, each in runs.items()
     ])  # fmt: skip
 

@@ -19,9 +19,9 @@ from trueup.tasks.transitions import Transition
 
 Array = NDArray[np.float64]
 
-NUMERICAL, CALIBRATED, RANDOM = 0.02, 0.05, 0.2
-"""Standard deviation, as a share of each parameter's box, of draws around models: so that no winner hangs on a last digit, of
-what the members of a calibration have in common, and of what a model file does not know."""
+CALIBRATED, RANDOM = 0.05, 0.2
+"""Standard deviation in shares of each parameter's box of draws around models: what a calibration leaves open in all its
+members, and what a model file does not know."""
 _CONFIRMED = 12  # models that a winner is tried in
 _FINE = 0.002  # s, at which it is
 

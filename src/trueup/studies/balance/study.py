@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.inspection.repeats import bridged
+from trueup.loop.confirm import hunt
 from trueup.recording import Recording
 from trueup.search.cma_es import CmaEs
 from trueup.studies.balance.calibration import Runs, calibrated, simulator_of
@@ -20,7 +21,7 @@ from trueup.studies.balance.campaign import Round, Scale, campaign, performed
 from trueup.studies.balance.pictures import poses_of
 from trueup.studies.balance.robot import StandInHumanoid
 from trueup.studies.balance.scenes import transition
-from trueup.studies.balance.searching import CALIBRATED, NUMERICAL, RANDOM, Effort, searched
+from trueup.studies.balance.searching import CALIBRATED, RANDOM, Effort, searched, task_of
 from trueup.studies.saved import Parts
 from trueup.tasks.transitions import Transition
 
@@ -42,6 +43,8 @@ class Size:
     """Of CMA-ES in each calibration, of 32."""
     searched: int = 24
     """Generations of each search, of 32; half as many follow in several models."""
+    hunted: int = 3200
+    """Simulations that the search of a first motion may take."""
     oracle: int = 24
     """Runs of the robot that a search on it may take; 0: none is made."""
     subsets: int = 2
@@ -131,13 +134,16 @@ def studied(folder: Path, size: Size, told: Told) -> Findings:
 
 
 def _first(scene: str, size: Size) -> dict[str, Any]:
-    """The motions of the model file as it is, and of models drawn widely around it."""
-    file = simulator_of(scene).parameters.nominal[None]
-    rng = np.random.default_rng([size.seed, SCENES.index(scene)])
-    effort = Effort(generations=2 * size.searched)
-    found = searched(scene, file, rng, doubt=NUMERICAL, effort=effort)
-    other = searched(scene, file, rng, doubt=RANDOM, effort=effort)
-    return {"motion": found.motion.tolist(), "share": found.share, "simulations": found.simulations,
+    """The motion that the model file as it is leads to, and the one that many models drawn widely around it lead to."""
+    simulator, rng = simulator_of(scene), np.random.default_rng([size.seed, SCENES.index(scene)])
+    file = simulator.parameters.nominal
+    task = task_of(scene, simulator, file)
+    found = hunt(task, simulator, rng, wanted=1, simulations=size.hunted)
+    if not found.winners:
+        return {"motion": found.best.tolist(), "share": 0.0, "simulations": found.simulations}
+    motion = found.winners[0].values
+    other = searched(scene, file[None], rng, doubt=RANDOM, begin=motion, effort=size.scale.effort)
+    return {"motion": motion.tolist(), "share": found.winners[0].shares[-1], "simulations": found.simulations,
             "randomised": other.motion.tolist(), "randomised_share": other.share}  # fmt: skip
 
 
@@ -179,16 +185,16 @@ def _oracle(robot: StandInHumanoid, task: Transition, first: Array, size: Size) 
             count += 1
             if stood and all(performed(robot, task, space.from_unit(unit), f"oracle-{count}-again", 2)[1]):
                 return count + 2
-            scores.append(_score(task, run))
+            scores.append(_score(task, run, space.from_unit(unit)))
         search.tell(asked, np.array(scores))
     return 0
 
 
-def _score(task: Transition, run: Recording) -> float:
+def _score(task: Transition, run: Recording, motion: Array) -> float:
     from trueup.tasks.task import as_rollout
 
     seen = bridged(run)
-    return float(task.score([as_rollout(task.trials[0], [seen.slice(0.0, seen.stop)])])[0])
+    return float(task.score([as_rollout(task.trials[0], [seen.slice(0.0, seen.stop)], motion)])[0])
 
 
 def _generalised(
