@@ -17,6 +17,7 @@ from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
+from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
@@ -89,16 +90,18 @@ class Crouch:
 
     def __init__(self, gains: Array) -> None:
         self._gains = gains
-        self._swing = np.zeros(len(gains))
+        self._swing, self._begun = 0.0, 0.0
 
     def reset(self, observation: Observation) -> None:
-        """Runs that squat begin a little deeper: the controller reads from the start pose which one it is."""
-        self._swing = observation.position[:, 3] - CROUCH[1]
+        """Which run it is, and at which instant of it a replay begins."""
+        trial = observation.trial
+        self._swing = next(run.swing for run in RUNS if trial is not None and run.name == trial.name)
+        self._begun = 0.0 if trial is None else trial.start
 
     def command(self, observation: Observation) -> Array:
         """(b, 2) torques in N m."""
-        phase = np.sin(2 * np.pi * 1.5 * observation.time)
-        goal = CROUCH + np.stack([-0.5 * self._swing, self._swing], axis=1) * (1.0 - phase)
+        phase = np.sin(2 * np.pi * 1.5 * (self._begun + observation.time))
+        goal = CROUCH + np.array([-0.5, 1.0]) * self._swing * (1.0 - phase)
         error = goal - observation.position[:, 2:]
         return self._gains[:, :1] * error - self._gains[:, 1:] * observation.velocity[:, 2:]
 
@@ -112,12 +115,13 @@ def record(run: Run, truth: Truth, rng: np.random.Generator) -> Recording:
     data.qpos[1] -= data.geom("foot").xpos[2] - 0.02 - run.height
     data.qvel[0] = run.speed
     controller = Crouch(np.array([[truth.kp, truth.kd]]))
+    trial = Trial(run.name, 0.0, run.duration, None, {})
     count = round(run.duration / model.opt.timestep)
     rows = np.empty((count, 2, 4))
     for k in range(count):
         rows[k] = data.qpos, data.qvel
         if k % round(PERIOD / model.opt.timestep) == 0:
-            seen = Observation(data.time, data.qpos[None], data.qvel[None], {})
+            seen = Observation(data.time, data.qpos[None], data.qvel[None], {}, trial)
             if k == 0:
                 controller.reset(seen)
             data.ctrl[:] = controller.command(seen)[0]

@@ -29,6 +29,7 @@ NOUNS = (
     "recording",
     "units",
     "noise",
+    "instant",
     "trial",
     "ends",
     "chance",

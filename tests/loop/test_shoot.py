@@ -13,8 +13,9 @@ from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
-from trueup.loop.shoot import Starts, in_windows, window_length
+from trueup.loop.shoot import Starts
 from trueup.loop.uncertainty import unit_covariance
+from trueup.loop.windows import in_windows, window_length
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial

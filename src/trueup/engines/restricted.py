@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.controllers.controller import ControllerFactory
-from trueup.engines.simulator import Approximated, Rollout, Simulator
+from trueup.engines.simulator import Approximated, Controlled, Rollout, Simulator
 from trueup.errors import unknown_name
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
@@ -46,6 +46,11 @@ class Restricted:
     def step(self) -> float:
         """Integration step, in s."""
         return self.whole.step
+
+    @property
+    def period(self) -> float:
+        """That of the whole."""
+        return self.whole.period if isinstance(self.whole, Controlled) else 0.0
 
     def at_step(self, step: float) -> Restricted:
         """The same with another step."""

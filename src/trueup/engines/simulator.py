@@ -157,3 +157,13 @@ class Commanded(Protocol):
     def held(self, trial: Trial) -> Array:
         """(width,) what is told to drives that nobody commands in a trial."""
         ...
+
+
+@runtime_checkable
+class Controlled(Protocol):
+    """A Simulator with a controller of its own for trials that command nothing."""
+
+    @property
+    def period(self) -> float:
+        """Time between two commands of the controller, in s; 0 without one."""
+        ...

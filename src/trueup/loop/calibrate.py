@@ -24,9 +24,9 @@ from trueup.loop.identifiability import unseen_directions, verdicts
 from trueup.loop.problem import Problem
 from trueup.loop.replay import replays
 from trueup.loop.selection import Choice, choose
-from trueup.loop.shoot import in_windows, window_length
 from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.validate import block_errors, by_recording, left_out_errors
+from trueup.loop.windows import in_windows, window_length
 from trueup.parameters import ParameterSpace
 from trueup.recording import PART_OF, Recording
 from trueup.search.least_squares import LeastSquares

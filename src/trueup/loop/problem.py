@@ -13,10 +13,10 @@ from trueup.controllers.controller import ControllerFactory
 from trueup.discrepancies.discrepancy import Discrepancy, compared
 from trueup.ends import End
 from trueup.engines.mixed import Mixed
-from trueup.engines.simulator import Approximated, Rollout, Simulator
+from trueup.engines.simulator import Approximated, Controlled, Rollout, Simulator
 from trueup.errors import CalibrationError, SimulationFailedError
+from trueup.loop.condensing import Eliminated, cut
 from trueup.loop.segment import Segment
-from trueup.loop.shoot import Eliminated, cut
 from trueup.recording import Recording
 from trueup.trial import Observed, Trial
 
@@ -69,6 +69,13 @@ class Problem:
         twin.__dict__.update(self.__dict__)
         twin._last = None
         return twin
+
+    @property
+    def period(self) -> float:
+        """Time between two commands of the simulator's own controller, in s; 0 where there is none."""
+        if self._controllers is None and isinstance(self.simulator, Controlled):
+            return self.simulator.period
+        return 0.0
 
     @property
     def evaluations(self) -> int:

@@ -16,7 +16,7 @@ from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Simulator
 from trueup.errors import SimulationFailedError, TrueupError
 from trueup.loop.problem import Problem
-from trueup.loop.shoot import in_windows, window_length
+from trueup.loop.windows import in_windows, window_length
 from trueup.recording import Channel, Recording
 from trueup.trial import Observed, command_of
 

@@ -25,6 +25,7 @@ from trueup.loop.validate import by_stretch, left_out_errors
 from trueup.loop.wide import widened
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.search.least_squares import LeastSquares
+from trueup.search.robust import robust_losses
 
 Array = NDArray[np.float64]
 
@@ -215,16 +216,34 @@ def growth(run: Run) -> None:
     without = run.descent.finished(run.look)
     errors = left_out_errors(run.look.problem, without, blocks)
     for structure, declared in later.items():
-        grown = replace(run.descent, space=_thawed(run.descent.space, declared), watch=Watch(), search=None)
-        values = np.where([n in declared for n in grown.space.names], grown.space.nominal, without.values)
-        grown.restart(np.clip(grown.space.to_unit(values), 0.0, 1.0))
-        grown.descend(run.look)
+        grown = _grown(run, without, declared)
         with_it = grown.finished(run.look)
         lower = left_out_errors(run.look.problem, with_it, blocks)
         shown = compared(errors, lower)
         run.notes.append(told(structure, shown))
         if shown.holds:
             grown.watch, run.descent, without, errors = run.descent.watch, grown, with_it, lower
+
+
+def _grown(run: Run, without: Fit, declared: Mapping[str, Parameter]) -> Descent:
+    """Where least squares lead with a structure, the lower of two: from none of it, and from the middle of its range, where
+    the other parameters settle first. What it explains another parameter may have taken, and a ridge lie between.
+    """
+    space = _thawed(run.descent.space, declared)
+    entering = np.array([n in declared for n in space.names])
+    middle = np.where(entering, space.from_unit(np.full(int(space.free.sum()), 0.5)), without.values)
+    settled = replace(run.descent, space=space.freeze(list(declared), dict(zip(declared, middle[entering], strict=True))),
+                      watch=Watch(), search=None)  # fmt: skip
+    settled.restart(without.unit)
+    settled.descend(replace(run.look, tolerance=1.0, last=False), confirm=False)
+    middle = np.where(entering, middle, settled.space.from_unit(settled.point))
+    tried = []
+    for values in (np.where(entering, space.nominal, without.values), middle):
+        grown = replace(run.descent, space=space, watch=Watch(), search=None)
+        grown.restart(np.clip(space.to_unit(values), 0.0, 1.0))
+        grown.descend(run.look)
+        tried.append(grown)
+    return min(tried, key=lambda g: robust_losses(g.finished(run.look).residual[None], without.bend)[0])
 
 
 def hybrid(run: Run) -> None:

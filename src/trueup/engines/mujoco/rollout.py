@@ -61,6 +61,12 @@ class MujocoSimulator:
         """The model file's name without its ending."""
         return self.model.name
 
+    @property
+    def period(self) -> float:
+        """Time between two commands of the simulator's own controller, in s; 0 without one."""
+        own = self.parameters.nominal[None, len(self.quantities) :]
+        return 0.0 if self.controller is None else float(self.controller(own).period)
+
     def shipped(self) -> MujocoSimulator:
         """The same model as it came: no parameter applied, the same step."""
         own = self._as_declared()

@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where something was at an instant and how fast, from noisy samples around it, with standard deviations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.evidence import STANDARD_ERRORS
+from trueup.noise import estimate_noise
+from trueup.recording import Channel
+
+Array = NDArray[np.float64]
+
+_REACH = 0.25  # s to either side: what lies further off says nothing of an instant
+_GROWTH = 1.5  # each window holds so many times the samples of the one before
+_FEWEST = 4  # samples of a parabola that has a degree of freedom left
+_EXACT = 1e-9  # rad, m: least noise, of simulated recordings
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """Values and speeds (k,) of a channel's labels at one instant, with standard deviations; NaN where unmeasured."""
+
+    value: Array
+    speed: Array
+    value_sd: Array
+    speed_sd: Array
+
+
+@lru_cache(maxsize=4096)
+def at_instant(position: Channel, velocity: Channel | None, time: float) -> Instant:
+    """The state at `time` by a parabola through positions, and measured velocities of the same labels, around it.
+
+    Long windows average noise, short ones follow the motion: the longest is taken whose estimates lie within two standard
+    errors of those of all shorter ones (O. Lepski, Theory Probab. Appl. 35(3), 1990; A. Goldenshluger and A. Nemirovski,
+    Math. Methods Stat. 6(2), 1997), and of these the last but one, so that noise is more than what bends (P. Hall, Ann.
+    Statist. 20(2), 1992). The shortest is one position and one velocity, where both were measured. A speed that is not seen
+    to differ from zero is zero.
+    """
+    return Instant(*np.array([_state(position, velocity, label, time) for label in position.labels]).reshape(-1, 4).T)
+
+
+def _state(position: Channel, velocity: Channel | None, label: str, time: float) -> tuple[float, float, float, float]:
+    """Value, speed and their standard deviations."""
+    t, rows, seen = _samples(position, label, time, 0)
+    if not len(t):
+        return np.nan, np.nan, np.nan, np.nan
+    level = float(seen[0] / rows[0, 0])
+    seen = seen - level * rows[:, 0]
+    if velocity is not None and label in velocity.labels:
+        more = _samples(velocity, label, time, 1)
+        t, rows, seen = (np.concatenate(pair) for pair in zip((t, rows, seen), more, strict=True))
+    order = np.argsort(np.abs(t), kind="stable")
+    states, covariances = _windows(rows[order], seen[order])
+    if not len(states):
+        return level, 0.0, float(1.0 / rows[0, 0]), np.nan
+    sd = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    last = 0
+    while last + 1 < len(states) and np.all(
+        np.abs(states[last + 1] - states[: last + 1]) <= STANDARD_ERRORS * sd[: last + 1]
+    ):
+        last += 1
+    last = max(0, last - 1)
+    (value, speed), covariance = states[last], covariances[last]
+    if abs(speed) < STANDARD_ERRORS * sd[last, 1]:
+        value, speed = value - covariance[0, 1] / covariance[1, 1] * speed, 0.0
+    return float(level + value), float(speed), float(sd[last, 0]), float(sd[last, 1])
+
+
+def _windows(rows: Array, seen: Array) -> tuple[Array, Array]:
+    """(w, 2) value and speed by the samples (n, 3), (n,) of each window, the nearest first, and (w, 2, 2) covariances."""
+    normal = np.cumsum(rows[:, :, None] * rows[:, None, :], axis=0)
+    slope = np.cumsum(rows * seen[:, None], axis=0)
+    places = np.cumsum(rows[:, 0] > 0.0)
+    # A parabola with a degree of freedom left: three positions, and one sample more.
+    first, both = int(np.searchsorted(places, 3)) + 2, int(np.searchsorted(np.arange(1, len(rows) + 1) - places, 1)) + 1
+    counts = [first]
+    while counts[-1] < len(rows):
+        counts.append(min(int(np.ceil(counts[-1] * _GROWTH)), len(rows)))
+    sizes = [(max(both, 2), 2)] * (both < first) + [(count, 3) for count in counts]
+    sizes = [(count, width) for count, width in sizes if count <= len(rows)]
+    inverses = [np.linalg.inv(normal[count - 1][:width, :width]) for count, width in sizes]
+    states = [inverse @ slope[count - 1][:width] for inverse, (count, width) in zip(inverses, sizes, strict=True)]
+    return np.array([s[:2] for s in states]), np.array([inverse[:2, :2] for inverse in inverses])
+
+
+def _samples(channel: Channel, label: str, time: float, order: int) -> tuple[Array, Array, Array]:
+    """(n,) instants of samples near `time`, from there on; (n, 3) what each is of value, speed and acceleration; (n,) the
+    samples; both in units of their noise.
+    """
+    values = channel.column(label)
+    good = np.flatnonzero(np.isfinite(values))
+    away = np.abs(channel.time[good] - time)
+    near = good[np.argsort(away, kind="stable")[: max(_FEWEST, int((away <= _REACH).sum()))]]
+    t, one = channel.time[near] - time, np.ones(len(near))
+    noise = max(float(np.nan_to_num(_noise(channel)[channel.labels.index(label)])), _EXACT)
+    rows = [one, t, 0.5 * t**2] if order == 0 else [0.0 * one, one, t]
+    return t, np.stack(rows, axis=1) / noise, values[near] / noise
+
+
+@lru_cache(maxsize=256)
+def _noise(channel: Channel) -> Array:
+    return estimate_noise(channel.values, channel.time)

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Start corrections eliminated from the residuals of a trial, and a trial cut out of a longer one.
+
+H. G. Bock and K. J. Plitt, A multiple shooting algorithm for direct solution of optimal control problems, IFAC 1984.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.trial import Observed, Trial
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Eliminated:
+    """Start corrections of one trial, eliminated from its residuals (condensing, by a Schur complement).
+
+    A start that is off by d changes the residuals r, in units of their size, by S d, and costs |d|^2, where d is in standard
+    deviations of the measured start. The least over d of |r + S d|^2 + |d|^2 is r' (1 + S S')^-1 r: plain least squares of r
+    times the root of that inverse, which takes the share `shrink` off each of the `directions`. What bends, B, no slope
+    foretells: it counts as noise of that size, (1 + S S' + B B')^-1 (the second-order filter of M. Athans, R. Wishner and
+    A. Bertolini, IEEE Trans. Automatic Control 13(5), 1968).
+    """
+
+    columns: slice
+    """The trial's part of the residual vector."""
+    changes: Array
+    """(m, k) S."""
+    begun: Array
+    """(k,) corrections that the trial begins with already."""
+    size: float
+    """Of the residuals, in units of noise."""
+    directions: Array
+    """(m, 2 k) orthonormal."""
+    shrink: Array
+    """(2 k,)"""
+
+    @classmethod
+    def of(cls, columns: slice, changes: Array, bends: Array, begun: Array, size: float) -> Eliminated:
+        """From the `changes` (m, k) of residuals of some `size` (in noise units) by a standard deviation of each number, and
+        what of them is the same to either side.
+        """
+        directions, sizes, _ = np.linalg.svd(np.concatenate([changes, bends], axis=1) / size, full_matrices=False)
+        return cls(columns, changes / size, begun, size, directions, 1.0 - 1.0 / np.sqrt(1.0 + sizes**2))
+
+    def apply(self, residuals: Array) -> None:
+        """Changes residuals (b, M) in place."""
+        part = residuals[:, self.columns]
+        part -= self.size * (self.changes @ self.begun)
+        part -= ((part @ self.directions) * self.shrink) @ self.directions.T
+
+    def solved(self, residuals: Array, damping: float) -> Array:
+        """(k,) the corrections, those begun with included, that go best with residuals (M,), damped."""
+        slopes = self.changes.T @ residuals[self.columns] / self.size + self.begun
+        normal = self.changes.T @ self.changes
+        normal += np.eye(len(slopes)) + damping * np.diag(np.diag(normal))
+        return self.begun - np.linalg.solve(normal, slopes)
+
+    def loss(self, residuals: Array, amounts: Array) -> Array:
+        """(b,) half the squares of residuals (b, M), in units of their size, and of corrections (b, k)."""
+        return 0.5 * (np.sum((residuals[:, self.columns] / self.size) ** 2, axis=1) + np.sum(amounts**2, axis=1))
+
+
+def cut(trial: Trial, start: float, length: float) -> Trial:
+    """The part of a trial from an instant on, `length` s at most; it starts where the robot was measured to be then."""
+    stop = start + length
+    observed = {}
+    for name, o in trial.observed.items():
+        inside = (o.time >= start - 1e-9) & (o.time <= stop)
+        if inside.any():
+            observed[name] = Observed(o.labels, o.unit, o.time[inside])
+    left = trial.start + trial.duration - start
+    return replace(trial, start=start, duration=min(length, left), observed=observed)

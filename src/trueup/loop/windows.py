@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+"""How long replays may be that begin at measured instants, and recordings cut into windows of that length."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.loop.condensing import cut
+from trueup.loop.problem import Problem
+from trueup.loop.shoot import Starts
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+
+_GROWTH = np.log(5.0)  # so many times an error at the start of a window may grow in it
+_FEWEST = 8  # samples in a window
+_PARTS = 4  # windows that a recording is cut into to see how fast errors grow: all kinds of motion have their say
+
+
+def window_length(problem: Problem, values: Array) -> float:
+    """How long trials may be in s, so that an error at their start grows fivefold at most; inf where none grows so.
+
+    Two starts a standard deviation of the measurements apart are followed at values (n,), in each part of every trial. Their
+    distance counts speeds by how far these lead until then, so that what drifts apart steadily does not grow: only what is
+    unstable does, at the rate of its largest Lyapunov exponent (A. Wolf et al., Physica D 16(3), 1985). Runs under a
+    controller of the simulator's own begin only where it does, unless windows of some length are asked for.
+    """
+    if any(t.command is None for t in problem.trials):
+        return np.inf
+    longest = max(t.duration for t in problem.trials)
+    for length in (longest / _PARTS, longest):
+        reached = _reached(in_windows(problem, length), values)
+        if np.isfinite(reached):
+            return reached
+    return np.inf
+
+
+def in_windows(problem: Problem, length: float) -> Problem:
+    """The same problem with every trial cut into equal parts of about `length` s, each begun where the robot was then."""
+    parts = [
+        (part, owner)
+        for t, owner in zip(problem.trials, problem.owners, strict=True)
+        for part in _cut(t, length, problem.period)
+    ]
+    if len(parts) == len(problem.trials):
+        return problem
+    return problem.replayed_by([part for part, _ in parts], [owner for _, owner in parts])
+
+
+def _cut(trial: Trial, length: float, period: float) -> list[Trial]:
+    samples = max(len(o.time) for o in trial.observed.values())
+    count = max(1, min(round(trial.duration / length), samples // _FEWEST))
+    step = trial.duration / count
+    # A controller's commands are due at multiples of its period.
+    begins = step * np.arange(count) if not period else period * np.round(step / period * np.arange(count))
+    lengths = np.diff(np.append(begins, trial.duration))
+    parts = [cut(trial, trial.start + a, length) for a, length in zip(begins.tolist(), lengths.tolist(), strict=True)]
+    # What is seen at the instant where the next part begins is seen there.
+    ends = [p.start + p.duration - 1e-9 for p in parts[:-1]] + [np.inf]
+    return [_until(part, end) for part, end in zip(parts, ends, strict=True)] if count > 1 else [trial]
+
+
+def _until(trial: Trial, end: float) -> Trial:
+    observed = {n: replace(o, time=o.time[o.time < end]) for n, o in trial.observed.items()}
+    return replace(trial, observed={n: o for n, o in observed.items() if len(o.time)})
+
+
+def _reached(problem: Problem, values: Array) -> float:
+    """From when on two starts are `_GROWTH` further apart, in the median over trials; inf where they do not stay so."""
+    starts = Starts.every(problem)
+    apart = replace(starts, amounts=np.ones_like(starts.amounts)).trials()
+    both = problem.replayed_by([*problem.trials, *apart], problem.owners * 2)
+    near, far = both.plain_residuals(values[None]).reshape(2, -1)
+    times, grown = [], []
+    for k, trial in enumerate(problem.trials):
+        time, growth = _growth(problem, k, far - near)
+        times.append(time - trial.start)
+        grown.append(growth)
+    grid = np.unique(np.concatenate(times))
+    curves = [np.interp(grid, t, g, right=np.nan) for t, g in zip(times, grown, strict=True) if len(t)]
+    known = [c for c in curves if np.isfinite(c).any()]
+    if not known:
+        return np.inf
+    below = np.flatnonzero(~(np.nanmedian(known, axis=0) >= _GROWTH))
+    # What a touch-down parts comes together again: only growth that lasts counts.
+    return float(grid[below[-1] + 1]) if len(below) and below[-1] + 1 < len(grid) else np.inf
+
+
+def _growth(problem: Problem, trial: int, change: Array) -> tuple[Array, Array]:
+    """(T,) instants and ln of how many times further apart two runs of a trial are then; both empty where they are one."""
+    place = pace = time = np.zeros(0)
+    for segment in problem.segments:
+        if segment.trial == trial and segment.samples > 2:
+            own = problem.trials[trial].observed[segment.channel].time
+            if len(time) and len(own) != len(time):
+                continue  # another rate
+            time, seen = own, segment.shaped(change)
+            place = np.sum(seen**2, axis=1) + (place if len(place) else 0.0)
+            pace = np.sum(np.gradient(seen, own, axis=0) ** 2, axis=1) + (pace if len(pace) else 0.0)
+    if not len(time) or not np.isfinite(place).all() or not np.any(place):
+        return np.zeros(0), np.zeros(0)
+    until = (time - time[0]) ** 2
+    first, last = place[0] + until * pace[0], place + until * pace
+    return time, 0.5 * np.log(np.maximum(last, 1e-300) / np.maximum(first, 1e-300))

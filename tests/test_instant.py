@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Where something was and how fast, from noisy samples: right within the standard deviations that are claimed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trueup.instant import at_instant
+from trueup.recording import Channel
+
+Array = NDArray[np.float64]
+TIME = np.arange(0.0, 2.0, 0.005)
+SIGMA = np.array([3e-4, 1e-2])  # rad, rad/s
+
+
+def jerked(t: Array) -> tuple[Array, Array]:
+    """A stiff drive that is off its goal by 0.15 rad at 0: it is at full speed after three samples."""
+    decay = np.exp(-80.0 * np.maximum(t, 0.0))
+    return 0.15 * (1.0 - decay * (1.0 + 80.0 * np.maximum(t, 0.0))), 0.15 * 6400.0 * np.maximum(t, 0.0) * decay
+
+
+def swung(t: Array) -> tuple[Array, Array]:
+    """A slow swing."""
+    return 0.4 * np.sin(3.0 * t), 1.2 * np.cos(3.0 * t)
+
+
+def resting(t: Array) -> tuple[Array, Array]:
+    """Nothing."""
+    return 0.0 * t, 0.0 * t
+
+
+@pytest.mark.parametrize("motion", [jerked, swung, resting])
+@pytest.mark.parametrize("speeds", [True, False])
+def test_a_state_is_within_its_standard_deviations(motion: Callable[[Array], tuple[Array, Array]], speeds: bool) -> None:
+    off = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        values = np.stack(motion(TIME), axis=1) + SIGMA * rng.standard_normal((len(TIME), 2))
+        channels = [Channel(n, ("j",), u, TIME, values[:, k]) for k, (n, u) in enumerate((("p", "rad"), ("v", "rad/s")))]
+        for at in (0.0, 0.1, 0.7) if motion is swung else (0.0,):
+            found = at_instant(channels[0], channels[1] if speeds else None, at)
+            place, pace = (float(m) for m in motion(np.array(at)))
+            off.append([(found.value[0] - place) / found.value_sd[0], (found.speed[0] - pace) / found.speed_sd[0]])
+    if motion is jerked and not speeds:
+        return  # positions alone cannot tell what happens between two of them
+    assert np.all(np.sqrt(np.mean(np.square(off), axis=0)) < 1.7)
+
+
+def test_a_swing_is_known_far_better_than_by_a_single_sample() -> None:
+    rng = np.random.default_rng(0)
+    place, _ = swung(TIME)
+    channel = Channel("position", ("j",), "rad", TIME, place + SIGMA[0] * rng.standard_normal(len(TIME)))
+    inside, edge = at_instant(channel, None, 1.0), at_instant(channel, None, 0.0)
+    assert inside.value_sd[0] < 0.4 * SIGMA[0]
+    assert inside.speed_sd[0] < 0.25 * edge.speed_sd[0]  # samples on both sides
+
+
+def test_missing_samples_and_labels_are_no_state() -> None:
+    values = np.stack([np.sin(TIME), np.full(len(TIME), np.nan)], axis=1)
+    values[:3, 0] = np.nan
+    found = at_instant(Channel("position", ("a", "b"), "rad", TIME, values), None, 0.0)
+    assert found.value[0] == pytest.approx(0.0, abs=1e-4)
+    assert np.isnan(found.value[1])
