@@ -50,30 +50,31 @@ class Starts:
         """No corrections, of whatever changes the first samples at values (n,)."""
         every = cls.every(problem)
         begun = problem.replayed_by([cut(t, t.start, _GLANCE) for t in problem.trials], problem.owners)
-        _, _, slopes, bends = replace(every, measured=begun.trials).changes(begun, values)
-        seen = np.flatnonzero((slopes != 0.0).any(axis=1) | (bends != 0.0).any(axis=1))
+        _, _, slopes, _ = replace(every, measured=begun.trials).changes(begun, values, bent=False)
+        seen = np.flatnonzero(slopes.any(axis=1))
         sizes = every.sizes[:, seen]
         return cls(problem.trials, tuple(every.handles[k] for k in seen), sizes, np.zeros_like(sizes))
 
-    def changes(self, problem: Problem, values: Array) -> tuple[list[Trial], Array, Array, Array]:
+    def changes(self, problem: Problem, values: Array, *, bent: bool = True) -> tuple[list[Trial], Array, Array, Array]:
         """The corrected trials, their residuals (m,), and (K, m) how one standard deviation more of each changes them: the
-        part that turns its sign with the correction's, and the part that does not.
+        part that turns its sign with the correction's, and the part that does not (0 where it is not asked for).
         """
         k = len(self.handles)
-        steps = np.concatenate([np.zeros((1, k)), np.eye(k), -np.eye(k)])
+        steps = np.concatenate([np.zeros((1, k)), np.eye(k), -np.eye(k if bent else 0, k)])
         begun = [replace(self, amounts=self.amounts + step).trials() for step in steps]
         several = problem.replayed_by([t for own in begun for t in own], problem.owners * len(begun))
         residuals = several.plain_residuals(values[None]).reshape(len(begun), -1)
-        more, less = residuals[1 : k + 1] - residuals[0], residuals[k + 1 :] - residuals[0]
+        more = residuals[1 : k + 1] - residuals[0]
+        less = residuals[k + 1 :] - residuals[0] if bent else -more
         known = np.isfinite(more + less).all(axis=1, keepdims=True)  # what cannot be simulated is not corrected
         slopes, bends = (np.where(known, 0.5 * (more + side * less), 0.0) for side in (-1.0, 1.0))
         return begun[0], residuals[0], slopes, bends
 
-    def eliminated_from(self, problem: Problem, values: Array) -> Problem:
+    def eliminated_from(self, problem: Problem, values: Array, *, bent: bool = True) -> Problem:
         """The problem begun with these corrections and with further ones eliminated, as seen at values (n,)."""
         if not self.handles:
             return problem
-        begun, residual, slopes, bends = self.changes(problem, values)
+        begun, residual, slopes, bends = self.changes(problem, values, bent=bent)
         size = max(1.0, 1.4826 * float(np.median(np.abs(residual))))
         parts = [problem.columns(r) for r in range(len(self.measured))]
         gone = [

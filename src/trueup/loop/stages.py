@@ -176,7 +176,7 @@ def multiple_shooting(run: Run) -> None:
     """
     before, values = run.found, run.descent.space.from_unit(run.descent.point)
     starts = Starts.as_measured(run.seen, values)
-    shot = _shot(run, starts, values)
+    shot = _shot(run, starts, values, bent=False)
     if not shot.eliminated:
         return
     scatter, own = start_scatter(shot, before), unit_covariance(run.problem, before)
@@ -184,6 +184,7 @@ def multiple_shooting(run: Run) -> None:
         run.ended = replace(before, scatter=scatter)
         return
     for _ in range(_ROUNDS):
+        shot = _shot(run, starts, values, bent=True)
         coarse = run.coarse.with_starts(shot.trials, shot.eliminated)
         run.problem, run.coarse, run.ended = shot, shot if run.coarse is run.problem else coarse, None
         run.go(last_look(run.problem, run.coarse))
@@ -191,14 +192,13 @@ def multiple_shooting(run: Run) -> None:
         starts, surprise = starts.corrected(run.seen, values)
         if surprise < run.problem.chance(run.found.residual) * len(run.descent.point):
             break
-        shot = _shot(run, starts, values)
     # Starts moved further than their noise: it is not all that is wrong there (R. T. Birge, Phys. Rev. 40, 1932).
     ratio = max(1.0, float(np.mean(starts.amounts**2)))
     run.ended = replace(run.found, scatter=(ratio - 1.0) * unit_covariance(run.problem, run.found))
 
 
-def _shot(run: Run, starts: Starts, values: Array) -> Problem:
-    begun = starts.eliminated_from(run.seen, values)
+def _shot(run: Run, starts: Starts, values: Array, *, bent: bool) -> Problem:
+    begun = starts.eliminated_from(run.seen, values, bent=bent)
     return run.problem.with_starts(begun.trials, begun.eliminated)
 
 
