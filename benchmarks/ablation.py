@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What each stage of the search earns: several families calibrated with all stages, and with each one left out in turn."""
+"""What each stage of the search earns: several families calibrated with all stages, and with each one left out in turn.
+
+With `--windows`: a leg and an arm replayed in windows of several lengths, and by how much that changes the estimates.
+"""
 
 from __future__ import annotations
 
@@ -38,6 +41,7 @@ from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]
 
+FACTORS = (0.3, 0.5, 1.0, 2.0)  # of the length of windows
 _LOSS, _CPU = 0.01, 0.1  # shares of which a stage must earn one on some family
 _DRIVEN = {
     "position": (("x", "y"), "m"), "heading": (("heading",), "rad"), "speed": (("speed",), "m/s"),
@@ -153,6 +157,31 @@ def measured(family: str, seeds: int, without: str) -> Row:
     return Row(*np.array(rows, dtype=np.float64).T)
 
 
+def windowed(family: str, seeds: int) -> None:
+    """Prints how far estimates of other windows are from those of the chosen one, and the RESULT line of a family.
+
+    In units of what the intervals of both leave open: half their widths, squared and added (the difference of two
+    estimates is no surer than that). Where whole recordings are chosen the longest of them is the length.
+    """
+    changes = []
+    for seed in range(seeds):
+        with tempfile.TemporaryDirectory() as folder:
+            case = FAMILIES[family](seed, Path(folder))
+            longest = max(float(r.time[-1] - r.time[0]) for r in case.recordings)
+            lengths = {factor: factor * longest if factor < 1.0 else np.inf for factor in FACTORS}
+            done = {w: case.solved(replace(case.options, windows=w))[0].estimates for w in set(lengths.values())}
+        found = {factor: done[length] for factor, length in lengths.items()}
+        for factor in FACTORS:
+            pairs = [(a, b) for a, b in zip(found[factor], found[1.0], strict=True) if a.fitted and b.fitted]
+            shares = [abs(a.value - b.value) / (0.5 * np.hypot(a.high - a.low, b.high - b.low)) for a, b in pairs]
+            errors = [100.0 * abs(a.value / case.truth[a.name] - 1.0) for a, _ in pairs if a.name in case.truth]
+            changes += shares
+            print(f"{family:8s} {seed:3d}  windows x {factor:3.1f}  change / interval: median {np.median(shares):5.2f}, "
+                  f"largest {max(shares):5.2f}; largest error {max(errors):6.2f} %", flush=True)  # fmt: skip
+    named = f"largest, windows of 0.3 to 2, {seeds} robots"
+    result(f"windows_change_over_interval_{family}", float(max(changes)), named, 1.0)
+
+
 def main() -> None:
     """Prints a table, one line a family and stage, and the RESULT lines."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -161,7 +190,12 @@ def main() -> None:
     parser.add_argument("--families", nargs="*", choices=FAMILIES, default=list(FAMILIES))
     names = list(dict.fromkeys(s.name for s in STAGES if s.name not in NEEDED))
     parser.add_argument("--stages", nargs="*", choices=[*names, *SOLVERS], default=[*names, *SOLVERS])
+    parser.add_argument("--windows", action="store_true", help="windows of several lengths in place of stages")
     options = parser.parse_args()
+    if options.windows:
+        for family in ("leg", "servos"):
+            windowed(family, 1 if options.quick else options.seeds)
+        return
     families, seeds = (["servos", "vehicle"], 1) if options.quick else (options.families, options.seeds)
     print(f"{'family':12s} {'without':20s} {'loss':>9s} {'error %':>9s} {'evaluations':>12s} {'CPU s':>8s}")
     earned = dict.fromkeys(options.stages, (0.0, 0.0))
