@@ -35,12 +35,16 @@ def resting(t: Array) -> tuple[Array, Array]:
 
 @pytest.mark.parametrize("motion", [jerked, swung, resting])
 @pytest.mark.parametrize("speeds", [True, False])
-def test_a_state_is_within_its_standard_deviations(motion: Callable[[Array], tuple[Array, Array]], speeds: bool) -> None:
+def test_a_state_is_within_its_standard_deviations(
+    motion: Callable[[Array], tuple[Array, Array]], speeds: bool
+) -> None:
     off = []
     for seed in range(60):
         rng = np.random.default_rng(seed)
         values = np.stack(motion(TIME), axis=1) + SIGMA * rng.standard_normal((len(TIME), 2))
-        channels = [Channel(n, ("j",), u, TIME, values[:, k]) for k, (n, u) in enumerate((("p", "rad"), ("v", "rad/s")))]
+        channels = [
+            Channel(n, ("j",), u, TIME, values[:, k]) for k, (n, u) in enumerate((("p", "rad"), ("v", "rad/s")))
+        ]
         for at in (0.0, 0.1, 0.7) if motion is swung else (0.0,):
             found = at_instant(channels[0], channels[1] if speeds else None, at)
             place, pace = (float(m) for m in motion(np.array(at)))
