@@ -72,8 +72,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--payload", nargs="+", default=[], metavar="LOG",
                         help="runs with a known payload at the last link: torque constants from currents")  # fmt: skip
     parser.add_argument("--payload-mass", type=float, default=0.0, metavar="KG", help="its mass")
-    parser.add_argument("--payload-com", nargs=3, type=float, default=(0.0, 0.0, 0.0), metavar=("X", "Y", "Z"),
-                        help="its centre of mass in the last link's frame, m")  # fmt: skip
+    parser.add_argument("--payload-com", nargs=3, type=float, metavar=("X", "Y", "Z"),
+                        help="its centre of mass in the last link's frame, m (default: found too)")  # fmt: skip
     parser.add_argument("--mapping", metavar="FILE", help="how columns become channels (default: mapping.toml if here)")
     parser.add_argument(
         "--rate", type=float, metavar="HZ", help="samples per second, for logs without a column of time"

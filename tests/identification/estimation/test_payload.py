@@ -21,7 +21,7 @@ def test_a_payload_without_mass_is_refused() -> None:
 def test_logs_of_currents_become_torques_by_a_run_with_a_payload(arms: SimpleNamespace) -> None:
     tree, rng = arms.arm(), np.random.default_rng(3)
     hidden, load = np.array([11.0, 9.0, 6.0, 2.5]), payload_inertial(4.0, (0.05, 0.0, 0.1))
-    heavy = tree.replace(inertial=np.asarray(tree.inertial) + np.outer([0, 0, 0, 1], load))
+    heavy = tree.replace(inertial=np.asarray(tree.inertial) + np.outer([0, 0, 0, 1], np.nan_to_num(load)))
     runs = []
     for real in (tree, heavy):
         run = arms.recording(real, rng, seconds=30.0)
@@ -31,4 +31,7 @@ def test_logs_of_currents_become_torques_by_a_run_with_a_payload(arms: SimpleNam
         )
     drives, notes = drives_from_payload(tree, runs[:1], runs[1:], Drives.direct(tree.joints), load)
     assert np.allclose(drives.constants[1:3], hidden[1:3], rtol=0.05)
-    assert "torque constants from the payload: " in notes[0]
+    assert "torque constants from the payload" in notes[0]
+    unknown, notes = drives_from_payload(tree, runs[:1], runs[1:], Drives.direct(tree.joints), payload_inertial(4.0))
+    assert np.allclose(unknown.constants[1:3], hidden[1:3], rtol=0.1)
+    assert "--payload-com" in notes[1]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
-from trueup.identification.estimation.motion import Log, Motion
+from trueup.identification.estimation.motion import STILL, Log, Motion
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.units import FURTHEST_TURN
 
@@ -26,24 +26,26 @@ _SLIGHTLY, _MUCH = 0.9, 0.1
 _AS_GOOD = 1.1
 _TORQUE_FACTOR = 30.0
 """Times the torque limit of the model file that no drive delivers."""
-_STILL = 0.02
-"""rad (m): a joint that moves less shows no dynamics."""
 
 Fit = Callable[[Motion], float]
 """The relative error of a basic model on a motion."""
 
 
-def check_log(log: Log, tree: KinematicTree) -> list[str]:
-    """What to mind in a log. Raises IdentificationError for what makes any fit meaningless."""
+def check_log(log: Log, tree: KinematicTree, *, judged: bool = False) -> list[str]:
+    """What to mind in a log that is fitted, or only `judged`. Raises IdentificationError for what makes it meaningless."""
     span, notes = np.ptp(log.position, axis=0), []
-    if np.all(span < _STILL):
+    if np.all(span < STILL) and judged:
+        return [
+            f"recording '{log.name}': no joint moves; it judges gravity alone, and friction may hold a part of the load"
+        ]
+    if np.all(span < STILL):
         raise IdentificationError(
             f"recording '{log.name}': no joint moves (the largest span is {span.max():.2g} rad). A dynamic model needs "
             "motion of every joint: `trueup excite` designs one"
         )
     _check_angles(log, tree)
     _check_torque(log, tree)
-    still = [joint for joint, s in zip(tree.joints, span, strict=True) if s < _STILL]
+    still = [joint for joint, s in zip(tree.joints, span, strict=True) if s < STILL]
     if still:
         notes.append(
             f"recording '{log.name}': {', '.join(still)} hardly moves; what depends on its motion cannot be told from it"

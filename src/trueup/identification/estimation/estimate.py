@@ -94,18 +94,27 @@ def instrumental(
     variable approach for industrial robot identification", IEEE TCST 22(1), 2014, eq. 17.
     """
     act = np.asarray(active, dtype=np.int64)
-    place = {int(k): i for i, k in enumerate(act)}
-    joint_weights = np.ones(len(rows[0].values)) if weights is None else weights
-    left, right = np.zeros((len(act), len(act))), np.zeros(len(act))
-    for r, z in zip(rows, instruments, strict=True):
-        for j, (c, v, w) in enumerate(zip(r.columns, r.values, z.values, strict=True)):
-            own = [i for i, k in enumerate(c) if int(k) in place]
-            at = [place[int(c[i])] for i in own]
-            left[np.ix_(at, at)] += joint_weights[j] * w[own] @ v[own].T
-            right[at] += joint_weights[j] * w[own] @ r.torque[:, j]
+    left, right = crossed(rows, instruments, act)
+    joint_weights = np.ones(left.shape[1]) if weights is None else weights
     parameters = np.zeros(rows[0].p)
-    parameters[act] = np.linalg.lstsq(left, right, rcond=1e-12)[0]
+    gram, cross = np.einsum("kjab,j->ab", left, joint_weights), np.einsum("kja,j->a", right, joint_weights)
+    parameters[act] = np.linalg.lstsq(gram, cross, rcond=1e-12)[0]
     return parameters
+
+
+def crossed(rows: Sequence[Rows], instruments: Sequence[Rows], active: Integers) -> tuple[Array, Array]:
+    """(K, n, m, m) instruments with regressors, (K, n, m) with torque, of `active` columns (m,), for each Rows and joint."""
+    m, n = len(active), len(rows[0].values)
+    place = np.full(rows[0].p, -1)
+    place[active] = np.arange(m)
+    left, right = np.zeros((len(rows), n, m, m)), np.zeros((len(rows), n, m))
+    for k, (r, z) in enumerate(zip(rows, instruments, strict=True)):
+        for j, (c, v, w) in enumerate(zip(r.columns, r.values, z.values, strict=True)):
+            own = np.flatnonzero(place[c] >= 0)
+            at = place[c[own]]
+            left[k, j][np.ix_(at, at)] = w[own] @ v[own].T
+            right[k, j, at] = w[own] @ r.torque[:, j]
+    return left, right
 
 
 def _solved(

@@ -87,7 +87,10 @@ def identify(
     tree, (training, held_out), told_by_names = matched(tree, (list(training), list(held_out)), wanted.torque)
     gears, rng = drives.only(tree.joints) if drives else Drives.direct(tree.joints), np.random.default_rng(wanted.seed)
     logs, judged = ([log_of(r, tree, gears) for r in group] for group in (training, held_out))
-    said = dict.fromkeys(n for log in [*logs, *judged] for n in (*log.notes, *check_log(log, tree)))
+    groups = ((logs, False), (judged, True))
+    said = dict.fromkeys(
+        n for group, j in groups for log in group for n in (*log.notes, *check_log(log, tree, judged=j))
+    )
     warnings = [*told_by_names, *said]
     cutoff = wanted.cutoff or natural_cutoff(logs)
     measured = measured_speed(logs, tree, gears, cutoff, wanted.hold_out)

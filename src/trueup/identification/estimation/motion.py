@@ -38,6 +38,8 @@ _RESTING = 0.01
 """Of the top speed: slower samples at either end of a log are standstill."""
 _COMPARED = 5.0
 """Samples per second that are compared, over the cut-off."""
+STILL = 0.02
+"""rad (m): a joint that moves less shows no dynamics."""
 _APART = 2.0
 """Between what is fitted and what is held out of the same recording, in periods of the cut-off."""
 _FEWEST = 40
@@ -64,7 +66,11 @@ class Motion:
     """First and last instant in s of stretches that the log does not hold."""
 
     def span(self) -> tuple[float, float]:
-        """First and last instant in s of the motion, without standstill at either end, where friction may hold any load."""
+        """First and last instant in s of the motion, without standstill at either end, where friction may hold any load; of
+        the log, where nothing moves.
+        """
+        if np.ptp(self.q, axis=0).max() < STILL:
+            return float(self.time[0]), float(self.time[-1])
         speed = np.abs(self.v).max(axis=1)
         fast = np.flatnonzero(speed > _RESTING * float(np.quantile(speed, 0.99)))
         return (float(self.time[fast[0]]), float(self.time[fast[-1]])) if fast.size else (0.0, 0.0)

@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.drives import Drives
+from trueup.identification.estimation.estimate import crossed
 from trueup.identification.estimation.identify import natural_cutoff
-from trueup.identification.estimation.moments import blocks_of, moments_of, solve, weighted_fit
+from trueup.identification.estimation.moments import TINY, blocks_of, solve
 from trueup.identification.estimation.motion import log_of, pieces_of
 from trueup.identification.estimation.pool import pool_for
 from trueup.identification.estimation.quick import basic_columns
@@ -30,6 +31,8 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _POOR = 0.2
+_NINETY_FIVE = 2.13
+"""Standard deviations: Student's t with the fifteen degrees of freedom that a jackknife over sixteen blocks has."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +44,8 @@ class DriveGains:
     """From leaving out one stretch of time after the other."""
     parameters: Array
     """Of the arm without the payload, in SI units."""
+    payload: Array
+    """(10,) of the payload: what was given, and what was found of the rest."""
 
     def poor(self) -> NDArray[np.int64]:
         """Joints whose gain is uncertain by more than a fifth: the payload hardly loads them in these runs."""
@@ -50,10 +55,11 @@ class DriveGains:
 def drive_gains(
     free: Sequence[Rows], loaded: Sequence[Rows], payload: ArrayLike, columns: Sequence[int] | Integers, *, link: int = -1
 ) -> DriveGains:  # fmt: skip
-    """Gains g with g_j current_j = regressor row j @ parameters (+ what the payload adds), by weighted least squares.
+    """Gains g with g_j current_j = regressor row j @ parameters (+ what the payload adds), by two-stage least squares.
 
     `free`, `loaded`: runs without and with the payload, `torque` holding currents (S, n). `payload` (10,): its inertial
-    parameters in the frame of link number `link` (the last). `columns`: independent columns of the model. Raises
+    parameters in the frame of link number `link` (the last), NaN for those that nobody knows. `columns`: independent columns
+    of the model. Raises
     IdentificationError where a run is missing, the payload weighs nothing, or no gain comes out above zero.
     """
     known = np.asarray(payload, dtype=float)
@@ -65,45 +71,87 @@ def drive_gains(
         )
     n, p, act = len(free[0].values), free[0].p, np.asarray(columns, dtype=np.int64)
     body = np.arange(10) + 10 * (link % n)
-    rows = [*(_with_currents(r, None, body) for r in free), *(_with_currents(r, known, body) for r in loaded)]
-    moments = moments_of(blocks_of(rows, BLOCKS, 0.0))
-    active = np.append(act, p + np.arange(n))
-    currents = np.concatenate([r.torque for r in (*free, *loaded)])
-    scaled, variance = weighted_fit(moments, active, np.zeros(p + n), variance=np.mean(currents**2, axis=0))
-    found = moments.parameters(scaled)
-    gram, cross = moments.only(active).weighted(1.0 / variance)
-    left = solve(gram.sum(axis=0) - gram, cross.sum(axis=0) - cross, np.zeros(len(active)))[:, len(act) :]
-    K, gains = len(left), found[p:]
-    deviations = np.sqrt((K - 1) / K * np.sum((left / moments.scale[p:] - gains) ** 2, axis=0))
+    open_ = np.flatnonzero(np.isnan(known))
+    wide = p + n + len(open_)
+    rows = [
+        *(_with_currents(r, None, body, open_) for r in free),
+        *(_with_currents(r, known, body, open_) for r in loaded),
+    ]
+    active = np.concatenate([act, np.arange(p, wide)])
+    blocks = blocks_of(rows, BLOCKS, 0.0)
+    left, right = crossed(blocks, _expected(blocks, np.setdiff1d(active, np.arange(p, p + n)), p), active)
+    scale = np.sqrt(np.maximum(np.einsum("kjmm->m", np.abs(left)), TINY))
+    left, right = left / scale[:, None] / scale, right / scale
+    found, variance = np.zeros(wide), np.mean(np.concatenate([r.torque for r in (*free, *loaded)]) ** 2, axis=0)
+    normal = right_side = np.zeros(0)
+    for _ in range(4):  # joints weighed by what is left of their own currents
+        normal, right_side = (np.tensordot(x, 1.0 / variance, (1, 0)) for x in (left, right))
+        found[active] = solve(normal.sum(axis=0), right_side.sum(axis=0), np.zeros(len(active))) / scale
+        errors = np.concatenate([r.torque - r.predict(found) for r in rows])
+        variance = np.maximum(np.mean(errors**2, axis=0), TINY)
+    without = solve(normal.sum(axis=0) - normal, right_side.sum(axis=0) - right_side, np.zeros(len(active))) / scale
+    K, gains = len(blocks), found[p : p + n]
+    deviations = np.sqrt((K - 1) / K * np.sum((without[:, len(act) : len(act) + n] - gains) ** 2, axis=0))
     if not (gains > 0.0).all():
         joint = int(np.argmin(gains))
         raise IdentificationError(
             f"the gain of drive {joint + 1} comes out as {gains[joint]:.3g}, which no drive has: is its current logged with "
             "the other sign, or does the payload not load it in these runs? Stretch the arm out, move slowly and fast"
         )
-    return DriveGains(gains, deviations, found[:p])
+    carried = known.copy()
+    carried[open_] = found[p + n :]
+    return DriveGains(gains, deviations, found[:p], carried)
 
 
-def _with_currents(rows: Rows, payload: Array | None, body: Integers) -> Rows:
-    """Rows with a column for each gain, the current with its sign turned, and the torque that the payload asks for."""
-    columns, values, known = [], [], np.zeros(rows.torque.shape)
+def _with_currents(rows: Rows, payload: Array | None, body: Integers, open_: Integers) -> Rows:
+    """Rows with a column for each gain, the current with its sign turned, one for each number of the payload that is not
+    known, and the torque that the payload asks for.
+    """
+    n, columns, values, known = len(rows.values), [], [], np.zeros(rows.torque.shape)
+    more = rows.p + n + np.arange(len(open_))
     for j, (c, v) in enumerate(zip(rows.columns, rows.values, strict=True)):
-        columns.append(np.append(c, rows.p + j))
-        values.append(np.vstack([v, -rows.torque[:, j]]))
+        held = np.zeros((10, rows.length))
         carried = np.isin(c, body)
         if payload is not None:
-            known[:, j] = -payload[c[carried] - body[0]] @ v[carried]
-    return Rows(tuple(columns), tuple(values), known, rows.time, rows.p + len(columns))
+            held[c[carried] - body[0]] = v[carried]
+            known[:, j] = -np.nan_to_num(payload) @ held
+        columns.append(np.concatenate([c, [rows.p + j], more]))
+        values.append(np.vstack([v, -rows.torque[:, j], held[open_]]))
+    return Rows(tuple(columns), tuple(values), known, rows.time, rows.p + n + len(open_))
 
 
-def payload_inertial(mass: float, com: Sequence[float], inertia: Array | None = None) -> Array:
-    """(10,) the payload in the last link's frame: kg, m; a point mass unless `inertia` (3, 3) about its CoM is given.
+def _expected(blocks: Sequence[Rows], motion: Integers, p: int) -> list[Rows]:
+    """The blocks with currents as motion and payload let expect them by all other blocks: instruments without their noise.
+
+    Each current on all columns that no noise of a current is in, and on the torque of the payload: two-stage least squares,
+    whose first stage leaves out what it predicts, so that it is not drawn to the noise where the payload is light (Angrist,
+    Imbens & Krueger, "Jackknife instrumental variables estimation", J. Applied Econometrics 14(1), 1999). As a regressor the
+    noisy current would draw its coefficient, a gain, to zero.
+    """
+    made = [[np.array(v) for v in r.values] for r in blocks]
+    for j, columns in enumerate(blocks[0].columns):
+        own, at = np.isin(columns, motion), int(np.flatnonzero(columns == p + j)[0])
+        told = [np.vstack([r.values[j][own], r.torque[:, j]]) for r in blocks]
+        size = np.sqrt(np.maximum(sum(np.sum(x**2, axis=1) for x in told), TINY))
+        gram = np.array([x @ x.T for x in told]) / size[:, None] / size
+        cross = np.array([x @ r.values[j][at] for x, r in zip(told, blocks, strict=True)]) / size
+        weights = solve(gram.sum(axis=0) - gram, cross.sum(axis=0) - cross, np.zeros(len(size))) / size
+        for v, x, w in zip(made, told, weights, strict=True):
+            v[j][at] = w @ x
+    return [replace(r, values=tuple(v)) for r, v in zip(blocks, made, strict=True)]
+
+
+def payload_inertial(mass: float, com: Sequence[float] | None = None, inertia: Array | None = None) -> Array:
+    """(10,) the payload in the last link's frame: kg, m, and kg m^2 (3, 3) about its CoM; NaN for what is not given.
 
     Raises IdentificationError for a mass that is not positive.
     """
     if not mass > 0.0:
         raise IdentificationError(f"a payload of {mass:g} kg cannot be: its mass must be above 0")
-    return from_com(mass, np.asarray(com, dtype=float), np.zeros((3, 3)) if inertia is None else inertia)
+    if com is None:
+        return np.concatenate([[mass], np.full(9, np.nan)])
+    given = from_com(mass, np.asarray(com, dtype=float), np.zeros((3, 3)) if inertia is None else inertia)
+    return given if inertia is not None else np.concatenate([given[:4], np.full(6, np.nan)])
 
 
 def drives_from_payload(
@@ -118,8 +166,9 @@ def drives_from_payload(
     used = cutoff or natural_cutoff([*logs, *carrying])
     motions = [log.motion(used, measured_speed=False) for log in (*logs, *carrying)]
     pool = pool_for(tree, drives.coupling, motions)
+    columns = basic_columns(pool)
     rows = [pieces_of(m, pool.model, used, 0.0)[0].rows for m in motions]
-    found = drive_gains(rows[: len(logs)], rows[len(logs) :], payload, basic_columns(pool))
+    found = drive_gains(rows[: len(logs)], rows[len(logs) :], payload, columns)
     poor = found.poor()
     if len(poor) == tree.n:
         raise IdentificationError(
@@ -127,9 +176,18 @@ def drives_from_payload(
         )
     sure = ~np.isin(np.arange(tree.n), poor)
     constants = np.where(sure, drives.constants * found.gains, drives.constants)
-    shares = 100.0 * found.deviations / np.abs(found.gains)
-    shown = ", ".join(f"{tree.joints[k]} {constants[k]:.4g} +- {shares[k]:.1f} %" for k in np.flatnonzero(sure))
-    notes = [f"torque constants from the payload: {shown}"]
+    shares = 100.0 * _NINETY_FIVE * found.deviations / np.abs(found.gains)
+    shown = ", ".join(f"{tree.joints[k]} {constants[k]:.4g} +- {shares[k]:.2g} %" for k in np.flatnonzero(sure))
+    notes = [f"torque constants from the payload, with 95 % intervals: {shown}"]
+    if np.isnan(payload[1:4]).any():
+        with_centre = np.where(np.arange(10) < 4, found.payload, payload)
+        known = drive_gains(rows[: len(logs)], rows[len(logs) :], with_centre, columns)
+        at = " ".join(f"{c:.3g}" for c in found.payload[1:4] / found.payload[0])
+        wider = np.median(found.deviations / known.deviations)
+        notes.append(
+            f"the payload's centre of mass was not given and was found with them (about {at} m in the last link's frame, as "
+            f"far as torque tells it): the intervals are {wider:.2g} times as wide as with it (--payload-com)"
+        )
     if len(poor):
         unsure = ", ".join(tree.joints[k] for k in poor)
         notes.append(f"the payload does not show the torque constants of {unsure}; they stay as given")
