@@ -87,11 +87,7 @@ def identify(
     tree, (training, held_out), told_by_names = matched(tree, (list(training), list(held_out)), wanted.torque)
     gears, rng = drives.only(tree.joints) if drives else Drives.direct(tree.joints), np.random.default_rng(wanted.seed)
     logs, judged = ([log_of(r, tree, gears) for r in group] for group in (training, held_out))
-    groups = ((logs, False), (judged, True))
-    said = dict.fromkeys(
-        n for group, j in groups for log in group for n in (*log.notes, *check_log(log, tree, judged=j))
-    )
-    warnings = [*told_by_names, *said]
+    warnings = [*told_by_names, *_minded(logs, judged, tree)]
     cutoff = wanted.cutoff or natural_cutoff(logs)
     measured = measured_speed(logs, tree, gears, cutoff, wanted.hold_out)
     say("computing regressors")
@@ -118,6 +114,14 @@ def identify(
         nominal=nominal, units=logs[0].units, pull=bodies.pull if bodies else 0.0, cutoff=cutoff, warnings=warnings, rng=rng,
         started=started,
     )  # fmt: skip
+
+
+def _minded(logs: Sequence[Log], judged: Sequence[Log], tree: KinematicTree) -> list[str]:
+    """What to mind in logs that are fitted and in those that only judge, each once."""
+    groups = ((logs, False), (judged, True))
+    return list(
+        dict.fromkeys(n for group, j in groups for x in group for n in (*x.notes, *check_log(x, tree, judged=j)))
+    )
 
 
 def _announced(told: Told | None) -> Callable[[str], None]:

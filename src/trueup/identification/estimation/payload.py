@@ -92,15 +92,19 @@ def drive_gains(
     without = solve(normal.sum(axis=0) - normal, right_side.sum(axis=0) - right_side, np.zeros(len(active))) / scale
     K, gains = len(blocks), found[p : p + n]
     deviations = np.sqrt((K - 1) / K * np.sum((without[:, len(act) : len(act) + n] - gains) ** 2, axis=0))
+    _check_gains(gains)
+    carried = known.copy()
+    carried[open_] = found[p + n :]
+    return DriveGains(gains, deviations, found[:p], carried)
+
+
+def _check_gains(gains: Array) -> None:
     if not (gains > 0.0).all():
         joint = int(np.argmin(gains))
         raise IdentificationError(
             f"the gain of drive {joint + 1} comes out as {gains[joint]:.3g}, which no drive has: is its current logged with "
             "the other sign, or does the payload not load it in these runs? Stretch the arm out, move slowly and fast"
         )
-    carried = known.copy()
-    carried[open_] = found[p + n :]
-    return DriveGains(gains, deviations, found[:p], carried)
 
 
 def _with_currents(rows: Rows, payload: Array | None, body: Integers, open_: Integers) -> Rows:
