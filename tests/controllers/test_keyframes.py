@@ -128,3 +128,24 @@ def test_what_a_robot_is_sent_is_what_the_simulator_plays() -> None:
     assert channel.time[-1] == pytest.approx(1.5)
     np.testing.assert_allclose(channel.values, driven(plan, plan.nominal[None], channel.time)[0], atol=1e-12)
     assert plan.fastest(plan.nominal)["l_hip"] == pytest.approx(0.5 / 0.2)
+
+
+def test_feedback_leads_no_joint_beyond_its_range() -> None:
+    plan = motion(feedback={"knee": (2.0, 0.5)})
+    values = plan.nominal[None].copy()
+    values[0, -2:] = 2.0, 0.0
+    commanded = plan.controller(values, tilt=pitch_of()).command(seen(0.1, 1, 1.4))
+    assert commanded[0, 2] == 1.5
+    assert np.all(np.abs(commanded) <= 1.5)
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "smooth"])
+def test_no_motion_is_faster_than_its_servos_on_the_way_either(interpolation: str) -> None:
+    speeds = np.array([3.0, 3.0, 4.0, 4.0, np.inf])
+    plan = motion(interpolation=interpolation, speeds=speeds, intervals=np.array([0.6, 0.6, 0.6]))
+    values = plan.parameters().from_unit(np.random.default_rng(0).uniform(size=(20, len(plan.parameters()))))
+    grid = np.arange(0.0, plan.latest, 1e-3)
+    paths = driven(plan, values, grid)
+    fastest = np.abs(np.diff(paths, axis=1) / 1e-3).max(axis=1)
+    assert np.all(fastest[:, :4] <= speeds[:4] + 1e-6)
+    assert np.all(fastest.max(axis=0)[:4] > 0.8 * speeds[:4])

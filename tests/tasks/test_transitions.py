@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.controllers.keyframes import Keyframes
+from trueup.controllers.keyframes import Keyframes, pitch_of
 from trueup.ends import Ended
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.simulator import Rollout
@@ -60,16 +60,20 @@ def test_only_who_ends_upright_high_and_still_has_succeeded(sitting: tuple[Any, 
 def test_waiting_and_then_falling_pays_by_the_printed_integral_alone() -> None:
     printed, repaired = (transition("sit-to-stand", step=0.004, fitness=f)[1] for f in ("paper", "repaired"))
     time = printed.trials[0].observed["base_position"].time
-    # One rises at once and stands, rocking a little; the other sits upright as long as it may, and falls 0.9 s later.
-    pitch = np.stack([0.1 + 0.0 * time, np.where(time < 2.5, 0.0, 1.4)])
-    height = np.stack([np.full(len(time), 0.3), np.where(time < 2.5, 0.2, 0.08)])
+    # One rises at once and stands, leaning a little; the other sits upright as long as it may, and falls 0.9 s later.
+    pitch = np.stack([np.full(len(time), 0.1), np.where(time < 2.5, 0.1, 1.4)])
+    height = np.stack([np.where(time < 0.4, 0.2, 0.3), np.where(time < 2.5, 0.2, 0.08)])
     settings = np.tile(printed.parameters.nominal, (2, 1))
     settings[:, -2:] = [[0.1, 0.3], [0.8, 0.8]]
     done = replace(runs(printed, pitch, height), settings=settings)
     assert np.argmin(printed.score([done])) == 1
     assert np.argmin(repaired.score([done])) == 0
-    # Eq. 3 by hand: 1.4 s at 0.1 rad, and 2.5 s upright with 0.1 s on the floor.
-    np.testing.assert_allclose(printed.score([done]), [-1.4 / 0.2, -(2.5 / 0.1 + 0.1 / 1.5)], rtol=0.02)
+    # Eq. 3 by hand: 1.4 s at 0.1 rad, and 2.5 s at 0.1 rad with 0.1 s on the floor.
+    np.testing.assert_allclose(printed.score([done]), [-1.4 / 0.2, -(2.5 / 0.2 + 0.1 / 1.5)], rtol=0.02)
+    # Whoever only sits has gained nothing; how long he does so does not matter.
+    sitting_still = replace(runs(repaired, pitch[:1] * 0.0 + 0.1, np.full((1, len(time)), 0.2)), settings=settings[:1])
+    later = replace(sitting_still, settings=settings[1:])
+    assert repaired.score([sitting_still])[0] == repaired.score([later])[0]
 
 
 def test_whoever_falls_early_keeps_the_tilt_of_the_fall(sitting: tuple[Any, Transition]) -> None:
@@ -138,3 +142,17 @@ def test_impossible_transitions_are_named(sitting: tuple[Any, Transition]) -> No
         Transition("x", task.motion, task.start, 0.3, fitness="printed")
     with pytest.raises(ParameterError, match="lacks 'base_position'"):
         Transition("x", task.motion, {"position": task.start["position"]}, 0.3)
+
+
+def test_what_reacts_to_the_tilt_reacts_on_a_robot_too(sitting: tuple[Any, Transition]) -> None:
+    simulator, plain = sitting
+    motion = replace(plain.motion, feedback={"heel": (1.0, 0.1)})
+    task = replace(plain, motion=motion, tilt=pitch_of())
+    candidate = np.concatenate([plain.parameters.nominal, [0.8, 0.05]])
+    (planned,) = task.planned(candidate)
+    played = simulator.rollout([planned], np.zeros((1, 0)))
+    with_it = simulator.rollout(task.trials, candidate[None], task.controllers)
+    without = simulator.rollout(plain.planned(plain.parameters.nominal), np.zeros((1, 0)))
+    same, other = (np.abs(played[0].channels["position"] - r[0].channels["position"]).max() for r in (with_it, without))
+    assert same < 1e-9
+    assert other > 0.05

@@ -174,7 +174,8 @@ class Motion:
         if self.feedback and tilt is None:
             raise ParameterError("feedback needs to know the torso's tilt")
         poses, times = self.knots(np.atleast_2d(np.asarray(values, dtype=np.float64)))
-        return Keyframes(poses, times, period, self.interpolation, self._gains(np.atleast_2d(values)), tilt)
+        gains = self._gains(np.atleast_2d(values)) if self.feedback else None
+        return Keyframes(poses, times, period, self.interpolation, gains, tilt, (self.lower, self.upper))
 
     def command(self, candidate: Array, *, rate: float = 125.0, lasting: float = 0.0) -> Channel:
         """What a robot is sent for one candidate (m,) at `rate` Hz, without feedback; at last held for `lasting` s."""
@@ -215,12 +216,15 @@ class Keyframes:
 
     def __init__(
         self, poses: Array, times: Array, period: float, interpolation: str = "linear", gains: Array | None = None,
-        tilt: Tilt | None = None,
+        tilt: Tilt | None = None, ranges: tuple[Array, Array] = (np.array(-np.inf), np.array(np.inf)),
     ) -> None:  # fmt: skip
-        """`poses` (b, n, k) in rad at `times` (b, n) in s from 0; `gains` (b, 2, k) of `tilt` and of its rate."""
+        """`poses` (b, n, k) in rad at `times` (b, n) in s from 0; `gains` (b, 2, k) of `tilt` and of its rate.
+
+        Feedback leads no further than `ranges`, (k,) and (k,) in rad.
+        """
         self.period = period
         self._poses, self._times, self._interpolation = poses, times, interpolation
-        self._gains, self._tilt = gains, tilt
+        self._gains, self._tilt, self._ranges = gains, tilt, ranges
 
     def reset(self, observation: Observation) -> None:
         """Nothing to forget: the motion depends on time, the feedback on the present state."""
@@ -231,7 +235,7 @@ class Keyframes:
         if self._tilt is None or self._gains is None:
             return wanted
         tilt, rate = self._tilt(observation)
-        return wanted + tilt[:, None] * self._gains[:, 0] + rate[:, None] * self._gains[:, 1]
+        return np.clip(wanted + tilt[:, None] * self._gains[:, 0] + rate[:, None] * self._gains[:, 1], *self._ranges)
 
 
 def _between(poses: Array, times: Array, now: float, interpolation: str) -> Array:

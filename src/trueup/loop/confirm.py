@@ -19,6 +19,7 @@ from trueup.errors import CalibrationError
 from trueup.search.cma_es import CmaEs
 from trueup.search.search import Search
 from trueup.tasks.task import DoneOrNot
+from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
@@ -61,14 +62,16 @@ def hunt(
     task: DoneOrNot, simulator: Simulator, rng: np.random.Generator, search: Search | None = None, *,
     model: Array | None = None, wanted: int = 3, apart: float = 0.1, simulations: int = 6400,
     noise: Sequence[Disturbance] = NOISE, replays: int = 6, steps: Sequence[float] = STEPS,
-    watch: Callable[[int, float, int], None] | None = None,
+    rough: Sequence[Disturbance] = (), watch: Callable[[int, float, int], None] | None = None,
 ) -> Hunt:  # fmt: skip
     """Searches until `wanted` candidates hold that are `apart` in some coordinate of the unit box, or simulations run out.
 
     `search` is CMA-ES by default, from the nominal values, a run no longer than 50 generations of 32, with restarts (IPOP).
     Of each generation the best candidate that succeeds, far enough from those that hold, is replayed (see `holds`).
-    `model` (n,) are values of the simulator's parameters (None: the nominal ones). `watch` sees simulations so far, the
-    generation's lowest loss and the number of winners. Raises CalibrationError where no run of a generation has a score.
+    `rough` is what happens to all candidates of a generation alike while they are searched, other in each: feedback can earn
+    nothing where nothing disturbs. `model` (n,) are values of the simulator's parameters (None: the nominal ones). `watch`
+    sees simulations so far, the generation's lowest loss and the number of winners. Raises CalibrationError where no run of
+    a generation has a score.
     """
     space, values = task.parameters, simulator.parameters.nominal if model is None else np.asarray(model)
     search = search or CmaEs(
@@ -80,7 +83,7 @@ def hunt(
     while not search.done and len(held) < wanted and count < simulations:
         asked = search.ask()
         tried = space.from_unit(asked)
-        losses, done = _judged(task, simulator, _rows(values, tried))
+        losses, done = _judged(task, simulator, _rows(values, tried), _disturbed(task, rough, rng, alike=True))
         search.tell(asked, losses)
         count += len(asked) * len(task.trials)
         far = np.array([all(np.abs(u - space.to_unit(h[0])).max() >= apart for h in held) for u in asked])
@@ -104,9 +107,20 @@ def hunt(
     return Hunt(tuple(sorted(found, key=lambda w: (-w.margin, w.loss))), count + spent, doubted, ended, best)
 
 
-def _judged(task: DoneOrNot, simulator: Simulator, rows: Array) -> tuple[Array, NDArray[np.bool_]]:
+def steadiness(
+    task: DoneOrNot, simulator: Simulator, models: Array, candidates: Array, rng: np.random.Generator, *,
+    noise: Sequence[Disturbance] = NOISE, replays: int = 6,
+) -> Array:  # fmt: skip
+    """(c,) share of replays of each candidate (c, m) under noise that succeed, over models (p, n) of the simulator."""
+    good = [_replayed(task, simulator, list(candidates), rng, model, noise, replays) for model in np.atleast_2d(models)]
+    return np.mean(good, axis=(0, 2))
+
+
+def _judged(
+    task: DoneOrNot, simulator: Simulator, rows: Array, trials: Sequence[Trial]
+) -> tuple[Array, NDArray[np.bool_]]:
     """(b,) losses, NaN where a simulation failed, and which rows succeeded. Raises CalibrationError where all failed."""
-    rollouts = simulator.rollout(task.trials, rows, task.controllers)
+    rollouts = simulator.rollout(trials, rows, task.controllers)
     losses = np.array(task.score(rollouts), dtype=np.float64)
     losses[sorted({row for r in rollouts for row in r.failures})] = np.nan
     if not np.isfinite(losses).any():
@@ -155,9 +169,17 @@ def _replayed(
 ) -> NDArray[np.bool_]:  # fmt: skip
     """(c, replays) which replays succeeded; every one of them meets noise of its own."""
     values = simulator.parameters.nominal if model is None else model
-    trials = [replace(t, disturbances=(*t.disturbances, *noise)).seeded(rng) for t in task.trials]
+    trials = _disturbed(task, noise, rng)
     rows = _rows(values, np.repeat(np.atleast_2d(candidates), replays, axis=0))
     return task.succeeded(simulator.rollout(trials, rows, task.controllers)).reshape(len(candidates), replays)
+
+
+def _disturbed(
+    task: DoneOrNot, noise: Sequence[Disturbance], rng: np.random.Generator, *, alike: bool = False
+) -> list[Trial]:
+    """The task's trials with noise beside what disturbs them anyway."""
+    trials = [replace(t, disturbances=(*t.disturbances, *noise)) for t in task.trials]
+    return [t.seeded(rng, alike=alike) if t.disturbances or t.sensing else t for t in trials]
 
 
 def _rows(model: Array, candidates: Array) -> Array:

@@ -12,15 +12,18 @@ from numpy.typing import NDArray
 
 from trueup.engines.simulator import Simulator
 from trueup.errors import RobotFellError, TrialAbortedError
+from trueup.loop.confirm import steadiness
 from trueup.loop.optimize import Optimum, TrustRegion, judge
 from trueup.loop.ranking import Agreement, agreement
 from trueup.loop.safety import require_safe
 from trueup.recording import Recording
 from trueup.robots.robot import Robot
-from trueup.tasks.task import Task, robot_scores, robot_trials
+from trueup.tasks.task import DoneOrNot, Task, robot_scores, robot_trials
 from trueup.trial import Limits, Trial
 
 Array = NDArray[np.float64]
+
+_REPLAYED = 4  # times as many candidates are replayed as are taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +43,19 @@ def shortlist(
     optimum: Optimum, region: TrustRegion, count: int, *, apart: float = 0.2, incumbent: bool = True,
     task: Task, simulator: Simulator, models: Array,
 ) -> Shortlist:  # fmt: skip
-    """The incumbent (the region's centre), then up to `count` candidates `apart` (a share of the region's width)."""
+    """The incumbent (the region's centre), then up to `count` candidates `apart` (a share of the region's width).
+
+    Of a task that is done or not (`tasks.task.DoneOrNot`) four times as many are replayed under noise over all models, and
+    those that succeed in most replays are taken: the best score may be luck.
+    """
     width = float((region.high - region.low).max())
-    rows = list(optimum.distinct(count, apart * width))
+    if isinstance(task, DoneOrNot):
+        most = np.array(optimum.distinct(_REPLAYED * count, apart * width), dtype=np.int64)
+        values = task.parameters.from_unit(optimum.unit[most])
+        steady = steadiness(task, simulator, models, values, np.random.default_rng(0))
+        rows = most[np.argsort(-steady, kind="stable")][:count]
+    else:
+        rows = np.array(optimum.distinct(count, apart * width), dtype=np.int64)
     unit, means, spreads = optimum.unit[rows], optimum.means[rows], optimum.spreads[rows]
     if not incumbent:
         return Shortlist(unit, means, spreads, -1)

@@ -35,12 +35,13 @@ class CmaEs:
     def __init__(
         self, start: Array, *, seed: int, sigma: float = 0.2, population: int | None = None, restarts: int = 1,
         max_evaluations: int = 4000, tolerance: float = 1e-4, regime: str = "ipop", generations: int | None = None,
+        guess: bool = False,
     ) -> None:  # fmt: skip
         """A run ends when 12 generations differ by less than `tolerance`, or after `generations`.
 
-        Then up to `restarts` others begin anywhere in the box. 'ipop': each with twice the population. 'bipop': in turn so,
-        and with a small population and step, whichever of the two has spent less so far. Raises UnknownNameError for another
-        regime.
+        Then up to `restarts` others begin anywhere in the box, or at the start again where that is a good `guess`. 'ipop':
+        each with twice the population. 'bipop': in turn so, and with a small population and step, whichever of the two has
+        spent less so far. Raises UnknownNameError for another regime.
         """
         if regime not in REGIMES:
             raise unknown_name("regime", regime, REGIMES, "the restarts of CMA-ES")
@@ -48,7 +49,7 @@ class CmaEs:
         self._seed, self._sigma = seed, sigma
         self._population = population or 4 + int(3 * math.log(max(2, len(self._start)))) + 4
         self._restarts_left, self._max, self._tolerance = restarts, max_evaluations, tolerance
-        self._regime, self._longest = regime, generations
+        self._regime, self._longest, self._guess = regime, generations, guess
         self._first, self._large = self._population, self._population
         self._spent = {"large": 0, "small": 0}
         self._now, self._most, self._begun = "large", math.inf, 0
@@ -148,4 +149,5 @@ class CmaEs:
             share, narrow = self._rng.uniform(size=2)
             self._population = max(4, int(self._first * (0.5 * self._large / self._first) ** (share**2)))
             self._most, sigma = self._spent["large"] / 2, sigma * 10.0 ** (-2.0 * narrow)
-        self._engine = self._new(self._rng.uniform(0.05, 0.95, len(self._start)), sigma)
+        begun = self._start if self._guess else self._rng.uniform(0.05, 0.95, len(self._start))
+        self._engine = self._new(begun, sigma)

@@ -71,6 +71,7 @@ class Plans(Protocol):
         ...
 
 
+@runtime_checkable
 class DoneOrNot(Task, Protocol):
     """A task that is done or not, whatever its score: what seems to do it can be confirmed."""
 

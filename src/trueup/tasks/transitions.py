@@ -41,9 +41,10 @@ class Transition:
     Every candidate is watched for the same time, the longest motion and `AFTER`, and stands or falls at its end; one that
     fell keeps its last tilt for the rest of the time. The score is minus a fitness. 'paper' is theirs as printed, eq. 3: the
     integral of 1 / (|angle| + 0.1) from 0 to T + 1, which grows with T and pays for waiting and then falling. 'repaired'
-    (default) counts nothing before the last pose is reached: from there on the mean of their integrand, times the square
-    of the share of the final height, both at most 1; and how near it ever came to being upright, high and about to rest
-    (extrapolated centre of mass: A. L. Hof et al., J. Biomechanics 38, 2005), so that those who fall can be compared.
+    (default) counts what is gained over the start: the mean over the trial of their integrand times the square of the share
+    of the final height, both at most 1, less what the start has of it, so that waiting earns nothing. And how near it ever
+    came to being upright, high and about to rest (extrapolated centre of mass: A. L. Hof et al., J. Biomechanics 38, 2005),
+    so that those who fall can be compared.
     """
 
     name: str
@@ -88,11 +89,15 @@ class Transition:
         return self.motion.controller(values, period=self.period, tilt=self.tilt)
 
     def planned(self, candidate: Array) -> tuple[Trial, ...]:
-        """The trial with the command channel of one candidate, for robots that play commands."""
+        """The trial with the command channel of one candidate, for robots that play commands.
+
+        With feedback it brings its controller too: a robot that plays commands alone does without the feedback.
+        """
         arrival = float(self.motion.knots(candidate[None])[1][0, -1])
         command = self.motion.command(candidate, rate=1.0 / self.period, lasting=self.duration - arrival)
         (trial,) = self.trials
-        return (replace(trial, command=command, controller=None),)
+        own = (lambda values: self.controllers(np.tile(candidate, (len(values), 1)))) if self.motion.feedback else None
+        return (replace(trial, command=command, controller=own),)
 
     def score(self, rollouts: Sequence[Rollout]) -> Array:
         """(b,) minus the fitness, NaN where a simulation failed or nothing was measured. See Task.score."""
@@ -103,11 +108,12 @@ class Transition:
             counted = np.clip((arrival + AFTER)[:, None] - time[:-1], 0.0, 1.0 / self.rate)
             return -(counted / (angle[:, :-1] + _EPSILON)).sum(axis=1)
         high = np.clip(height / self.final_height, 0.0, 1.0) ** 2
-        there = np.where(time > arrival[:, None], high * _EPSILON / (angle + _EPSILON), np.nan)
+        value = high * _EPSILON / (angle + _EPSILON)
+        gained = np.maximum(value - value[:, :1], 0.0).mean(axis=1)
         # Of a pendulum as long as the robot is high: zero if it is going to come to rest upright (capture point).
         capture = np.minimum(np.hypot(angle, rate * np.sqrt(self.final_height / _GRAVITY)), np.pi)
         nearest = (high * (0.5 * (1.0 + np.cos(capture)) + _EPSILON / (capture + _EPSILON))).max(axis=1)
-        return -(np.nanmean(there, axis=1) + 0.5 * nearest)
+        return -(gained + 0.5 * nearest)
 
     def arrivals(self, rollout: Rollout) -> Array:
         """(b,) when each motion reaches its last pose, in s; the latest that may be where nobody says which motion it was."""
