@@ -61,6 +61,35 @@ class Replay:
         """(k,) root mean square of measured - after, in `unit`; NaN samples are skipped."""
         return _rmse(self.measured, self.after)
 
+    def mae_after(self) -> Array:
+        """(k,) mean of the sizes of after - measured, in `unit`."""
+        size = np.abs(self.after - self.measured)
+        count = np.isfinite(size).sum(axis=0)
+        return np.divide(np.nansum(size, axis=0), count, out=np.full(len(count), np.nan), where=count > 0)
+
+    def end_after(self) -> Array:
+        """(k,) after - measured at the last sample that has both, in `unit`."""
+        error = self.after - self.measured
+        return np.array([c[np.isfinite(c)][-1] if np.isfinite(c).any() else np.nan for c in error.T])
+
+
+@dataclass(frozen=True, eq=False)
+class Ahead:
+    """One channel of a recording, predicted again and again from what was measured until then."""
+
+    recording: str
+    channel: str
+    labels: tuple[str, ...]
+    unit: str
+    horizons: tuple[float, ...]
+    """How far ahead, in s: the next sample first."""
+    errors: Array
+    """(S, len(horizons), k) simulated minus measured; NaN where the recording ends before."""
+
+    def rmse(self) -> Array:
+        """(len(horizons), k) root mean square over the predictions."""
+        return np.stack([_rmse(np.zeros_like(e), e) for e in self.errors.transpose(1, 0, 2)])
+
 
 @dataclass(frozen=True, eq=False)
 class Prediction:

@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +17,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from trueup.calibration import Replay, pooled_rmse
+from trueup.calibration import Ahead, Replay, pooled_rmse
 from trueup.campaign.output import free_folder
 from trueup.commands.replay_drives import drive_table, plain_drive, write_drives
 from trueup.commands.sources import (
@@ -29,13 +31,16 @@ from trueup.commands.sources import (
     while_driven,
 )
 from trueup.formats.plain import finite
+from trueup.formats.replayed import KINDS, write_replays
+from trueup.recording import Recording, is_command
 from trueup.report import replay_picture
 from trueup.report.numbers import ratio_text, scale_for
+from trueup.report.replay_page import ahead_of, errors_of, scale_of, write_replay_report
 from trueup.report.writing import write_aside
+from trueup.trial import command_of
 
 if TYPE_CHECKING:
     from trueup.loop.prepare import Comparison
-    from trueup.recording import Recording
 
 ABOUT = """\
 Replays recordings in a model (MJCF or URDF, or a car's TOML file) as it is and shows how far it is from them, joint by
@@ -46,6 +51,10 @@ and puts two models side by side. A car is predicted 1 s and 3 s ahead, again an
   trueup replay fit/robot.xml new/*.csv --against robot.xml --out compared
   trueup replay robot.xml new/*.csv --parameters fit/parameters.toml    with what an MJCF cannot say (sensor errors, ...)
   trueup replay fit/car.toml new_drives/*.csv --out predicted
+
+Root mean square, mean size and the error at the end are of one long replay; "ahead" are of predictions that begin again and
+again where the robot was measured to be. In DIR: report.html, pictures, and what was measured and simulated as CSV, NPZ or
+Parquet (--trajectories).
 """
 
 
@@ -63,7 +72,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         "position, or whatever there is)")  # fmt: skip
     parser.add_argument("--step", type=step_of, metavar="S", help=f"integration step in s (default: {STEP})")
     add_refuse(parser)
-    parser.add_argument("--out", metavar="DIR", help="folder for a picture of each recording; the next run takes DIR-2")
+    parser.add_argument("--commands", choices=("held", "interpolated"), default="held",
+                        help="between their samples commands are held, as by a bus, or interpolated, as by a controller that "
+                             "goes along a path (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--out", metavar="DIR", help="folder for report.html, a picture of each recording and trajectories; "
+                        "the next run takes DIR-2")  # fmt: skip
+    parser.add_argument("--trajectories", choices=KINDS, default="csv", metavar="KIND",
+                        help="how measured and simulated trajectories are written into DIR: csv, npz or parquet "
+                             "(default: %(default)s)")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print the errors as JSON, for scripts")
     parser.add_argument("-q", "--quiet", action="store_true", help="no notes")
 
@@ -74,26 +90,55 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     mapping, more = mapping_for(args.mapping)
     recordings, others = recordings_in(paths, mapping, named=args.mapping is not None)
     recordings, cut = while_driven(recordings)
+    recordings, between = _commanded(recordings, args.commands, args.step or STEP)
     compared, taken = _compared(args, recordings)
+    said = (*notes, *more, *others, *cut, *between, *taken)
     if not args.quiet:
-        for note in (*notes, *more, *others, *cut, *taken):
+        for note in said:
             told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
     beside = bool(args.against or args.parameters)
     found = compared.replays
     if args.json and compared.predictions:
         console.print_json(json.dumps([plain_drive(p) for p in compared.predictions]))
     elif args.json:
-        console.print_json(json.dumps([_plain(r, beside) for r in found]))
+        console.print_json(json.dumps([_plain(r, beside, compared.ahead) for r in found]))
     elif compared.predictions:
         console.print(drive_table(compared.predictions))
     else:
         for kind in dict.fromkeys((r.channel, r.unit) for r in found):
             console.print(_table([r for r in found if (r.channel, r.unit) == kind], beside))
+            console.print(_further([r for r in found if (r.channel, r.unit) == kind], compared.ahead))
     if args.out:
         folder = free_folder(Path(args.out), lambda at: not at.exists() or not any(at.iterdir()))
-        (write_drives if compared.predictions else _write)(compared, folder)
-        (told if args.json else console).print(f"  pictures in {escape(str(folder))}", soft_wrap=True, highlight=False)
+        if compared.predictions:
+            write_drives(compared, folder)
+        else:
+            _write(args, compared, folder, said)
+        what = "pictures" if compared.predictions else "report.html, pictures and trajectories"
+        (told if args.json else console).print(f"  {what} in {escape(str(folder))}", soft_wrap=True, highlight=False)
     return 0
+
+
+def _commanded(recordings: Sequence[Recording], between: str, step: float) -> tuple[list[Recording], list[str]]:
+    """Recordings with their commands interpolated at each `step` in s where that is asked for, and what is done between."""
+    if between == "held":
+        period = [
+            np.median(np.diff(c.time)) for r in recordings if (c := command_of(r)) is not None and len(c.time) > 1
+        ]
+        slow = [p for p in period if p > 1.5 * step]
+        if not slow:
+            return list(recordings), []
+        words = f"commands are held for the {1e3 * max(slow):.3g} ms between their samples"
+        return list(recordings), [f"{words} (--commands interpolated: on the way from one to the next)"]
+    fine = []
+    for recording in recordings:
+        channels = dict(recording.channels)
+        for name in (n for n in channels if is_command(n) and len(channels[n].time) > 1):
+            c = channels[name]
+            time = np.append(np.arange(c.time[0], c.time[-1], step), c.time[-1])
+            channels[name] = replace(c, time=time, values=c.at(time))
+        fine.append(recording.replace(channels=channels))
+    return fine, ["commands are interpolated between their samples"]
 
 
 def _compared(args: argparse.Namespace, recordings: list[Recording]) -> tuple[Comparison, tuple[str, ...]]:
@@ -107,8 +152,47 @@ def _compared(args: argparse.Namespace, recordings: list[Recording]) -> tuple[Co
     return compared, (*ready.notes, *refusable(ready.diagnoses), *compared.notes)
 
 
-def _write(compared: Comparison, folder: Path) -> None:
-    """A picture of each recording, and of each further channel."""
+def _further(found: Sequence[Replay], ahead: Sequence[Ahead]) -> Table:
+    """Other errors of the model, over all recordings, by joint: mean size, at the end, ahead."""
+    scale = scale_of(found)
+    own = [a for a in ahead if a.channel == found[0].channel]
+    horizons = own[0].horizons if own else ()
+    table = Table(box=SIMPLE, title=escape(f"{found[0].channel}, other errors in {scale.unit}"), title_justify="left",
+                  caption_justify="left")  # fmt: skip
+    table.add_column("")
+    for name in (
+        "mean size",
+        "at the end",
+        *(["next sample"] if horizons else []),
+        *(f"{h:g} s ahead" for h in horizons[1:]),
+    ):
+        table.add_column(name, justify="right")
+    labels = tuple(dict.fromkeys(label for r in found for label in r.labels))
+    for name, parts in (*((x, [_column(r, x) for r in found if x in r.labels]) for x in labels), ("all", list(found))):
+        seen = {(r.recording, label) for r in parts for label in r.labels}
+        values = (*errors_of(parts)[1:], *ahead_of(own, seen, len(horizons)))
+        table.add_row(escape(name), *(scale.text(v) for v in values), end_section=name == labels[-1])
+    if horizons:
+        table.caption = "ahead: predictions that begin again and again where the robot was measured to be"
+    return table
+
+
+def _write(args: argparse.Namespace, compared: Comparison, folder: Path, said: Sequence[str]) -> None:
+    """A report, a picture of each recording and of each further channel, trajectories."""
+    beside = bool(args.against or args.parameters)
+    against = (
+        Path(args.against).name if args.against else f"{Path(args.model).name} without parameters" if beside else ""
+    )
+    shown = (
+        compared.replays
+        if beside
+        else tuple(replace(r, before=np.full_like(r.before, np.nan)) for r in compared.replays)
+    )
+    compared = replace(compared, replays=shown)
+    context = {"command": shlex.join(["trueup", *args.command_line])}
+    write_replay_report(shown, folder / "report.html", model=Path(args.model).name, ahead=compared.ahead, against=against,
+                        notes=said, context=context)  # fmt: skip
+    write_replays(shown, folder, args.trajectories, compared=beside)
     first = compared.replays[0]
     for replay in compared.replays:
         same = replay.channel == first.channel
@@ -155,11 +239,16 @@ def _column(replay: Replay, label: str) -> Replay:
     return replace(replay, labels=(label,), command=None, **cut)
 
 
-def _plain(replay: Replay, compared: bool) -> dict[str, Any]:
+def _plain(replay: Replay, compared: bool, ahead: Sequence[Ahead]) -> dict[str, Any]:
     plain: dict[str, Any] = {
         "recording": replay.recording, "channel": replay.channel, "unit": replay.unit, "labels": list(replay.labels),
         "rmse": [finite(v) for v in replay.rmse_after()], "pooled": finite(pooled_rmse([replay], after=True)),
     }  # fmt: skip
+    plain["mae"], plain["end"] = ([finite(v) for v in of()] for of in (replay.mae_after, replay.end_after))
+    own = [a for a in ahead if (a.recording, a.channel, a.unit) == (replay.recording, replay.channel, replay.unit)]
+    plain["ahead"] = [
+        {"horizon": h, "rmse": finite(rmse.tolist())} for a in own for h, rmse in zip(a.horizons, a.rmse(), strict=True)
+    ]
     if compared:
         plain["rmse_against"] = [finite(v) for v in replay.rmse_before()]
         plain["pooled_against"] = finite(pooled_rmse([replay], after=False))

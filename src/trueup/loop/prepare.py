@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from trueup.calibration import Calibration, Prediction, Replay
+from trueup.calibration import Ahead, Calibration, Prediction, Replay
 from trueup.discrepancies.alignment import clock_errors
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.engines.family import Family, Note, Request, family_of
 from trueup.engines.simulator import Simulator
 from trueup.errors import ModelError
 from trueup.inspection.diagnosis import Diagnosis, check_refused
+from trueup.loop.ahead import predicted_ahead
 from trueup.loop.calibrate import Options, calibrate, usual
 from trueup.loop.fit import Checkpoint, Progress
 from trueup.loop.recalibrate import Earlier, recalibrate
@@ -33,6 +34,8 @@ class Comparison:
     replays: tuple[Replay, ...] = ()
     predictions: tuple[Prediction, ...] = ()
     """For families that are judged some seconds ahead."""
+    ahead: tuple[Ahead, ...] = ()
+    """Of the model: errors one sample, 0.1 s and 1 s after each of many starts."""
     notes: tuple[str, ...] = ()
 
 
@@ -131,7 +134,10 @@ class Preparation:
         found = replays(self.simulator, self.simulator.parameters.nominal, (), every,
                         channels=channels or usual(seen), against=other,
                         windows=inf if predictions else None)  # fmt: skip
-        return Comparison(self.family.as_recorded(found, every), predictions, notes)
+        shown = self.family.as_recorded(found, every)
+        judged, nominal = tuple(dict.fromkeys(r.channel for r in found)), self.simulator.parameters.nominal
+        ahead = () if predictions else predicted_ahead(self.simulator, nominal, every, judged)
+        return Comparison(shown, predictions, ahead, notes)
 
     def _other(self, path: Path, recordings: Sequence[Recording], step: float | None) -> Simulator:
         family = family_of(path)
