@@ -137,7 +137,16 @@ RULES = (
     Rule(
         "commands",
         ("report", "campaign", "identification.estimation.result", *NOUNS),
-        lazily=("loop", "identification", "excitation", "actuators", "studies", "engines.simulator", "engines.family"),
+        lazily=(
+            "loop",
+            "identification",
+            "excitation",
+            "actuators",
+            "grounding",
+            "studies",
+            "engines.simulator",
+            "engines.family",
+        ),
     ),
     Rule("cli", ("report", "campaign"), lazily=("commands", "loop", *NOUNS)),
     Rule("testing", ("articulated", *BASES, *NOUNS)),  # contract checks, for those who extend it

@@ -23,6 +23,7 @@ Makes a robot's simulator agree with the robot, from a handful of recordings.
   trueup calibrate robot.xml logs/*.csv --hold-out fast --out fit
   trueup identify arm.urdf logs/*.csv --hold-out 30% --out model   an arm's dynamic model, which predicts torque
   trueup identify-actuator logs/*.json --mass 0.5 --length 0.1 --out servo   one servo that moves a known load
+  trueup ground logs/*.csv --model robot.xml --out ground    what the joints do with commands, learned; told to a simulator
   trueup new NAME && cd NAME && trueup run            a campaign: experiment, calibrate, optimize, transfer, in rounds
   trueup demo                                        the whole, on a simulated robot, nothing needed
 """
@@ -32,6 +33,7 @@ _COMMANDS = {
     "inspect": "look at recordings, write a mapping",
     "calibrate": "make a model replay recordings",
     "replay": "how well a model replays recordings as it is, or two models side by side",
+    "ground": "learn what joints do with commands, and tell it to a simulator",
     "excite": "a motion that identifies an arm, and that it can perform",
     "identify": "a dynamic model of an arm that predicts torque",
     "identify-actuator": "a servo's law from recordings of it with a known load",

@@ -71,12 +71,13 @@ def test_a_model_tree_finds_a_limit_of_speed_that_a_line_cannot(rng: np.random.G
 
 
 def test_predicting_the_mean_is_an_error_of_a_hundred_percent(rng: np.random.Generator) -> None:
-    Y = rng.normal(size=(50, 2)) * [1.0, 30.0] + [5.0, 0.0]
-    mean = np.tile(Y.mean(axis=0), (50, 1))
-    found = score("mean", Y, mean, mean, [np.arange(25), np.arange(25, 50)], np.zeros(2))
+    rows = rows_of(recordings(rng), inputs_of(recordings(rng)))
+    mean = np.tile(rows.Y.mean(axis=0), (len(rows.Y), 1))
+    every = [np.arange(len(rows.Y))]
+    found = score("mean", rows, mean, mean, every, np.zeros(1))
     assert found.rae == pytest.approx(1.0)
     assert found.rrse == pytest.approx(1.0)
-    half = score("half way", Y, 0.5 * (Y + mean), mean, [np.arange(50)], np.zeros(1))
+    half = score("half way", rows, 0.5 * (rows.Y + mean), mean, every, np.zeros(1))
     assert half.rae == pytest.approx(0.5)
     assert half.rrse == pytest.approx(0.5)
 
@@ -161,10 +162,12 @@ def test_the_recordings_choose_history_and_learner(rng: np.random.Generator) -> 
         before.append(command)
         return limited(state, before[-2])
 
-    found = learn(recordings(rng, late), Wishes(learners=("simple-linear", "linear", "model-tree"), by_row=False))
+    found = learn(recordings(rng, late, 5, 150), Wishes(learners=("linear", "model-tree"), by_row=False))
     assert found.grounding.inputs.history >= 2
     assert found.comparison.chosen == "model-tree"
-    straight = learn(recordings(rng, noise=1e-3), Wishes(learners=("linear", "model-tree", "stump"), by_row=False))
+    straight = learn(
+        recordings(rng, lag, 5, 150, 1e-3), Wishes(learners=("linear", "model-tree", "stump"), by_row=False)
+    )
     assert straight.comparison.chosen == "linear"  # nothing is surely better than a line
 
 

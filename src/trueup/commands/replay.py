@@ -50,6 +50,7 @@ and puts two models side by side. A car is predicted 1 s and 3 s ahead, again an
   trueup replay robot.xml logs/*.csv
   trueup replay fit/robot.xml new/*.csv --against robot.xml --out compared
   trueup replay robot.xml new/*.csv --parameters fit/parameters.toml    with what an MJCF cannot say (sensor errors, ...)
+  trueup replay robot.xml new/*.csv --grounding ground/grounding.npz    grounded (`trueup ground`), beside as it is
   trueup replay fit/car.toml new_drives/*.csv --out predicted
 
 Root mean square, mean size and the error at the end are of one long replay; "ahead" are of predictions that begin again and
@@ -67,6 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--against", metavar="MODEL", help="another model to compare with (default with --parameters: "
                         "MODEL without them)")  # fmt: skip
+    parser.add_argument("--grounding", metavar="FILE", help="pass commands through what `trueup ground` has learned")
     parser.add_argument("--mapping", metavar="FILE", help="how columns become channels (default: mapping.toml if here)")
     parser.add_argument("--channels", metavar="LIST", help="measured channels to compare, with commas (default: "
                         "position, or whatever there is)")  # fmt: skip
@@ -96,7 +98,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     if not args.quiet:
         for note in said:
             told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
-    beside = bool(args.against or args.parameters)
+    beside = bool(args.against or args.parameters or args.grounding)
     found = compared.replays
     if args.json and compared.predictions:
         console.print_json(json.dumps([plain_drive(p) for p in compared.predictions]))
@@ -147,6 +149,11 @@ def _compared(args: argparse.Namespace, recordings: list[Recording]) -> tuple[Co
 
     ready = prepare(args.model, (), recordings, parameters=args.parameters, propose=False, step=args.step,
                     refuse=args.refuse)  # fmt: skip
+    if args.grounding:
+        from trueup.grounding.grounded import GroundedSimulator
+        from trueup.grounding.grounding import Grounding
+
+        ready = replace(ready, simulator=GroundedSimulator(ready.simulator, Grounding.load(args.grounding)))
     channels = [c.strip() for c in args.channels.split(",")] if args.channels else None
     compared = ready.compare(args.against, channels=channels, step=args.step)
     return compared, (*ready.notes, *refusable(ready.diagnoses), *compared.notes)

@@ -103,7 +103,7 @@ def cross_validated(
         spent = time.process_time() - begun
         if begun + spent * len(folds) / (k + 1) > until:
             return None
-    return score(learner.name, rows.Y, predicted, before, folds, ahead, fits / len(folds))
+    return score(learner.name, rows, predicted, before, folds, ahead, fits / len(folds))
 
 
 def error_ahead(model: Model | None, rows: Rows) -> float:
@@ -128,22 +128,26 @@ def error_ahead(model: Model | None, rows: Rows) -> float:
         now[going] = X[:, inputs.own] if model is None else model.predict(X)
         wrong[starts[going] + t] = np.abs(now[going] - rows.Y[starts[going] + t])
         past = [now, *past[: inputs.history - 1]]
-    return float(np.mean(wrong / np.maximum(rows.Y.std(axis=0), 1e-12)))
+    return _seen(wrong, rows)
 
 
 def score(
-    name: str, Y: Array, predicted: Array, mean: Array, folds: Sequence[Whole], ahead: Array, seconds: float = 0.0
+    name: str, rows: Rows, predicted: Array, mean: Array, folds: Sequence[Whole], ahead: Array, seconds: float = 0.0
 ) -> Score:
     """Errors of `predicted` (N, k) beside those of the training means (N, k)."""
-    wrong, base = predicted - Y, mean - Y
-    spread = np.maximum(Y.std(axis=0), 1e-12)
-    by_fold = np.array([np.mean(np.abs(wrong[f]) / spread) for f in folds])
+    wrong, base = predicted - rows.Y, mean - rows.Y
+    by_fold = np.array([_seen(np.abs(wrong[f]), rows) for f in folds])
     return Score(
         name,
         np.abs(wrong).sum(axis=0) / np.maximum(np.abs(base).sum(axis=0), 1e-300),
         np.sqrt(np.sum(wrong**2, axis=0) / np.maximum(np.sum(base**2, axis=0), 1e-300)),
         np.sqrt(np.mean(wrong**2, axis=0)), by_fold, ahead, seconds,
     )  # fmt: skip
+
+
+def _seen(wrong: Array, rows: Rows) -> float:
+    """The mean of absolute errors (n, k) in spreads of the outputs, and of the noise beneath which none can be seen."""
+    return float(np.mean(np.hypot(wrong.mean(axis=0), rows.noise) / rows.spread))
 
 
 def compare(
@@ -179,7 +183,7 @@ def held_score(rows: Rows) -> Score:
     for left_out in folds:
         mean[left_out] = np.delete(rows.Y, left_out, axis=0).mean(axis=0)
     ahead = np.array([error_ahead(None, rows.where(f)) for f in folds])
-    return score("hold the last value", rows.Y, rows.held, mean, folds, ahead)
+    return score("hold the last value", rows, rows.held, mean, folds, ahead)
 
 
 def chosen(by_run: dict[str, Score], plain: str = "linear") -> tuple[str, str]:

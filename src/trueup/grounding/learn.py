@@ -17,14 +17,16 @@ from trueup.grounding.comparison import (
     Score,
     compare,
     cross_validated,
+    error_ahead,
     folds_by_run,
+    score,
     surely,
 )
 from trueup.grounding.domain import domain_of
 from trueup.grounding.grounding import Grounding
 from trueup.grounding.learners import LEARNERS, Learner, learners
 from trueup.grounding.rows import Inputs, Rows, inputs_of, rows_of
-from trueup.grounding.views import VIEWS, fitted, view_named
+from trueup.grounding.views import VIEWS, Model, fitted, view_named
 from trueup.recording import Recording
 
 _PROBE_ROWS = 4000  # by which inputs are chosen
@@ -99,7 +101,8 @@ def _inputs(
             progress(f"inputs: {tried[-1][0]}", 0.0)
         return found
 
-    whole = inputs_of(recordings, period=wish.period, history=wish.history or 2, others=wish.others, joints=wish.joints)
+    first = 2 if wish.history is None else wish.history
+    whole = inputs_of(recordings, period=wish.period, history=first, others=wish.others, joints=wish.joints)
     inputs = whole if wish.others is not None else dataclasses.replace(whole, others={})
     views = [wish.view] if wish.view is not None else list(VIEWS)
     scores = {v: tell(inputs, v) for v in views if view_named(v)}
@@ -120,3 +123,21 @@ def _inputs(
         if surely(best, told):
             inputs, best = more, told
     return inputs, view, tuple(tried)
+
+
+def judged(learned: Learned, recordings: Sequence[Recording]) -> dict[str, Score]:
+    """How other recordings are predicted, run by run: by what was chosen, by a line with the same inputs, by holding.
+
+    Raises GroundingError where they have not the inputs.
+    """
+    rows, training = rows_of(recordings, learned.rows.inputs), learned.rows
+    folds = [np.flatnonzero(rows.run == k) for k in np.unique(rows.run)]
+    mean = np.tile(training.Y.mean(axis=0), (len(rows.Y), 1))
+    line = fitted(LEARNERS["linear"], training.thinned(MOST), np.random.default_rng(0), learned.view)
+    best = learned.grounding.about["learner"]
+    models: dict[str, Model | None] = {best: learned.grounding.forward, "linear": line, "hold the last value": None}
+    return {
+        name: score(name, rows, rows.held if model is None else model.predict(rows.X), mean, folds,
+                    np.array([error_ahead(model, rows.where(f)) for f in folds]))
+        for name, model in models.items()
+    }  # fmt: skip

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import GroundingError, unknown_name
+from trueup.noise import estimate_noise
 from trueup.recording import Recording, is_command
 from trueup.trial import command_of
 
@@ -46,7 +47,7 @@ class Inputs:
 
     def __post_init__(self) -> None:
         """Raises GroundingError for a frame or a history that cannot be."""
-        if not self.period > 0.0 or self.history < 1:
+        if not self.period > 0.0 or self.history < 1:  # `not >`: NaN is no period either
             raise GroundingError(
                 f"a frame of {self.period:g} s and a history of {self.history} frames: both must be above zero"
             )
@@ -117,6 +118,10 @@ class Rows:
     """(N,) number of the frame within its run; one that follows another has the next number."""
     names: tuple[str, ...]
     """Of the runs."""
+    spread: Array
+    """(k,) standard deviation of each output in all runs."""
+    noise: Array
+    """(k,) of its measurement: no error below it can be told from none."""
 
     @property
     def held(self) -> Array:
@@ -181,7 +186,14 @@ def rows_of(recordings: Sequence[Recording], inputs: Inputs) -> Rows:
         )
     X, Y, frame = (np.concatenate(each) for each in zip(*parts, strict=True))
     run = np.repeat(np.arange(len(parts)), [len(x) for x, _, _ in parts])
-    return Rows(inputs, X, Y, run, frame.astype(np.int64), tuple(r.name for r in recordings))
+    noise = np.ma.median(np.ma.masked_invalid([_noise(r, inputs) for r in recordings]), axis=0).filled(0.0)
+    spread = np.maximum(Y.std(axis=0), 1e-12)
+    return Rows(inputs, X, Y, run, frame.astype(np.int64), tuple(r.name for r in recordings), spread, noise)
+
+
+def _noise(recording: Recording, inputs: Inputs) -> Array:
+    position = recording.channel("position").select(inputs.commands)
+    return estimate_noise(position.values, position.time)
 
 
 def _rows(recording: Recording, inputs: Inputs) -> tuple[Array, Array, NDArray[np.intp]]:

@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: Apache-2.0
+"""`trueup ground`: what a robot's joints do with commands is learned from recordings, and told to a simulator."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from trueup.campaign.output import free_folder
+from trueup.commands.sources import mapping_for, readable, recordings_in, split, while_driven
+from trueup.errors import GroundingError
+from trueup.formats.plain import finite
+from trueup.recording import Recording
+from trueup.report.grounding import write_grounding_report
+from trueup.report.numbers import scale_for
+from trueup.report.writing import write_aside
+from trueup.trial import Trial
+
+if TYPE_CHECKING:
+    from trueup.grounding.comparison import Score
+    from trueup.grounding.grounded import GroundedSimulator
+    from trueup.grounding.grounding import Grounding
+    from trueup.grounding.learn import Learned, Wishes
+
+ABOUT = """\
+Learns from recordings what a robot's joints do with a command: their positions one frame later, from joints, commands and
+whatever else was measured. Ten learners are compared on whole runs that were left out (honest), and on rows that were left
+out (as papers do); the one that wins stays if it beats a line beyond doubt. With --model, a simulator is grounded by it: its
+commands pass through what was learned, as much of it as makes it replay the robot best. In DIR you find
+
+  grounding.npz     what was learned: trueup replay MODEL LOGS --grounding DIR/grounding.npz, trueup.grounding in Python
+  report.html       start there
+  grounding.json    all numbers
+
+  trueup ground logs/*.csv --out ground
+  trueup ground logs/*.csv --hold-out 'walk_*' --model robot.xml --out ground
+  trueup ground logs/*.csv --learners linear model-tree --history 3 --out ground
+
+A run that asks for what was not learned is refused in the simulator: it fails, and says which command was too far off.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What this command takes."""
+    parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="files or folders")
+    parser.add_argument("--out", required=True, metavar="DIR", help="folder for the results; the next run takes DIR-2")
+    parser.add_argument("--hold-out", nargs="+", action="append", default=[], metavar="NAME",
+                        help="recordings to judge by and not to learn from: names, patterns ('fast_*') or paths")  # fmt: skip
+    parser.add_argument("--model", metavar="MODEL", help="MJCF or URDF of a simulator to ground")
+    parser.add_argument("--learners", nargs="+", metavar="NAME", help="which to compare (default: all ten; a wrong name "
+                        "lists them)")  # fmt: skip
+    parser.add_argument("--period", type=float, metavar="S",
+                        help="frame in s (default: that of the recordings, at least 0.02)")  # fmt: skip
+    parser.add_argument("--history", type=int, metavar="N", help="frames that go in (default: as many as pay)")
+    parser.add_argument("--view", metavar="NAME", help="what a prediction looks at: plain (all as it is, the paper's), "
+                        "relative (to where joints stand), own (the joint alone), posed (that, and all positions); "
+                        "default: what predicts runs left out best")  # fmt: skip
+    parser.add_argument("--others", nargs="*", metavar="CHANNEL", help="other channels that go in, such as com (default: "
+                        "those that pay)")  # fmt: skip
+    parser.add_argument("--joints", nargs="+", metavar="NAME", help="joints to learn (default: all commanded ones)")
+    parser.add_argument("--share", type=float, metavar="X", help="how much of what is predicted is told to a simulator, 0 to "
+                        "1 (default: found with --model, else 0.3 as in the paper)")  # fmt: skip
+    parser.add_argument("--no-inverse", dest="inverse", action="store_false",
+                        help="without the simulator's inverse model, as the paper did")  # fmt: skip
+    parser.add_argument("--budget", type=float, default=120.0, metavar="S",
+                        help="CPU time for comparing learners (default: %(default)g s)")  # fmt: skip
+    parser.add_argument("--mapping", metavar="FILE", help="how columns become channels (default: mapping.toml if here)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all random numbers (default: %(default)s)")
+    parser.add_argument("--json", action="store_true", help="print the numbers as JSON, for scripts")
+    parser.add_argument("-q", "--quiet", action="store_true", help="no progress and no notes")
+
+
+def run(args: argparse.Namespace, console: Console, told: Console) -> int:
+    """Learns, judges, writes. Raises TrueupError. Returns the exit code."""
+    if args.share is not None and not 0.0 <= args.share <= 1.0:
+        raise GroundingError(f"--share {args.share:g}: what is predicted may have a share of 0 to 1")
+    training, held_out, notes = _recordings(args)
+    for note in () if args.quiet else notes:
+        told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
+    learned, scores = _learned(args, training, held_out, told)
+    story = _story(args, learned, scores, training, held_out)
+    grounding = (
+        learned.grounding.weighted(1.0 - args.share, args.share) if args.share is not None else learned.grounding
+    )
+    if args.model:
+        grounding, story["simulator"] = _grounded(args, grounding, training, held_out, told)
+    folder = free_folder(Path(args.out), lambda at: not at.exists() or not any(at.iterdir()))
+    grounding.save(folder / "grounding.npz")
+    write_grounding_report(story, folder / "report.html")
+    write_aside(json.dumps(finite(story), indent=1, allow_nan=False), folder / "grounding.json")
+    if args.json:
+        console.print_json(json.dumps(finite(story), allow_nan=False))
+    else:
+        _show(story, console)
+        console.print(f"  start with {escape(str(folder / 'report.html'))}", soft_wrap=True, highlight=False)
+    return 0
+
+
+def _recordings(args: argparse.Namespace) -> tuple[list[Recording], list[Recording], list[str]]:
+    paths, notes = readable(args.recordings)
+    mapping, more = mapping_for(args.mapping)
+    recordings, others = recordings_in(paths, mapping, named=args.mapping is not None)
+    recordings, cut = while_driven(recordings)
+    training, held_out = split(recordings, [n for each in args.hold_out for n in each], mapping)
+    if not training:
+        raise GroundingError(f"all {len(held_out)} recordings are held out; none is left to learn from")
+    return training, held_out, [*notes, *more, *others, *cut]
+
+
+def _learned(
+    args: argparse.Namespace, training: Sequence[Recording], held_out: Sequence[Recording], told: Console
+) -> tuple[Learned, dict[str, Score]]:
+    """What was learned, and how it does on what was held out; with progress."""
+    from trueup.grounding.learn import judged, learn
+
+    shown = Progress(
+        SpinnerColumn(), TextColumn("[bold]{task.description}"), BarColumn(24), TimeElapsedColumn(), console=told,
+        transient=True, disable=args.quiet or not told.is_terminal,
+    )  # fmt: skip
+    with shown:
+        task = shown.add_task("reading", total=1.0)
+        learned = learn(
+            training, _wishes(args), progress=lambda words, done: shown.update(task, description=words, completed=done)
+        )
+    return learned, judged(learned, held_out) if held_out else {}
+
+
+def _wishes(args: argparse.Namespace) -> Wishes:
+    from trueup.grounding.learn import Wishes
+
+    learners, others, joints = (
+        None if named is None else tuple(named) for named in (args.learners, args.others, args.joints)
+    )
+    return Wishes(args.period, args.history, args.view, others, joints, learners, args.budget, seed=args.seed)
+
+
+def _story(
+    args: argparse.Namespace, learned: Learned, scores: dict[str, Score], training: Sequence[Recording],
+    held_out: Sequence[Recording],
+) -> dict[str, Any]:  # fmt: skip
+    """All numbers, plain."""
+    from trueup.grounding.learners import LEARNERS
+
+    inputs, found = learned.grounding.inputs, learned.comparison
+    rows = [
+        {"learner": name, "weka": LEARNERS[name].weka, "by_run": _plain(found.by_run[name]),
+         "by_row": _plain(found.by_row[name]) if name in found.by_row else None}
+        for name in found.by_run
+    ]  # fmt: skip
+    return {
+        "command": shlex.join(["trueup", *args.command_line]),
+        "recordings": [r.name for r in training], "held_out": [r.name for r in held_out],
+        "frames": len(learned.rows.X), "period": inputs.period, "history": inputs.history, "view": learned.view,
+        "joints": list(inputs.commands), "unit": inputs.unit, "others": {n: list(x) for n, x in inputs.others.items()},
+        "tried": [{"inputs": words, "error": error} for words, error in learned.tried],
+        "learners": rows, "hold": _plain(found.held), "chosen": learned.grounding.about["learner"], "why": found.why,
+        "skipped": list(found.skipped), "judged": [_plain(s) for s in scores.values()],
+        "domain": [{"block": b.name, "limit": b.limit, "frames": b.patience} for b in learned.grounding.domain.blocks],
+        "seconds": learned.seconds,
+    }  # fmt: skip
+
+
+def _plain(score: Score) -> dict[str, Any]:
+    return {"name": score.name, "rae": score.rae.tolist(), "rrse": score.rrse.tolist(), "rmse": score.rmse.tolist(),
+            "ahead": score.typical, "seconds": score.seconds}  # fmt: skip
+
+
+def _grounded(
+    args: argparse.Namespace, grounding: Grounding, training: Sequence[Recording], held_out: Sequence[Recording],
+    told: Console,
+) -> tuple[Grounding, dict[str, Any]]:  # fmt: skip
+    """A simulator's replay grounded and not, with the share and the inverse model that serve it best."""
+    from trueup.grounding.blend import blended, replayed, with_inverse
+    from trueup.grounding.grounded import GroundedSimulator
+    from trueup.loop.prepare import prepare
+
+    ready = prepare(args.model, training, held_out, propose=False)
+    simulator, values = ready.simulator, ready.simulator.parameters.nominal
+    for note in () if args.quiet else ready.notes:
+        told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
+    best, why = grounding, f"a share of {grounding.weights[1]:g} was asked for"
+    if args.share is None:
+        best, found = blended(grounding, simulator, ready.recordings, values)
+        why, errors = found.why, found.errors
+        if args.inverse:
+            other, more = blended(
+                with_inverse(grounding, simulator, ready.recordings, values, seed=args.seed),
+                simulator, ready.recordings, values,
+            )  # fmt: skip
+            if _typical(more.errors) < _typical(errors):
+                best, why = other, f"{more.why}, with the simulator's inverse model"
+    told_of: dict[str, Any] = {
+        "share": best.weights[1],
+        "inverse": best.inverse is not None,
+        "why": why,
+        "model": simulator.name,
+    }
+    told_of["refused"] = {}
+    each = []
+    grounded = GroundedSimulator(simulator, best)
+    for kind, recordings in (("learned from", ready.recordings), ("held out", ready.hold_out)):
+        if recordings:
+            before, after = (replayed(s, recordings, values[None])[0] for s in (simulator, grounded))
+            each += [{"recording": r.name, "kind": kind, "before": b, "after": a}
+                     for r, b, a in zip(recordings, before.tolist(), after.tolist(), strict=True)]  # fmt: skip
+            told_of["refused"] |= _refused(grounded, recordings, values)
+    return best, {**told_of, "replays": each}
+
+
+def _refused(
+    simulator: GroundedSimulator, recordings: Sequence[Recording], values: np.ndarray[Any, Any]
+) -> dict[str, str]:
+    """Recordings whose replay failed, and why."""
+    done = simulator.rollout([Trial.of(r, ["position"]) for r in recordings], values[None])
+    return {r.name: o.failures[0] for r, o in zip(recordings, done, strict=True) if 0 in o.failures}
+
+
+def _typical(errors: np.ndarray[Any, Any]) -> float:
+    """The least geometric mean over recordings, of those shares with which none failed."""
+    whole = errors[np.isfinite(errors).all(axis=1)]
+    return float(np.exp(np.log(whole).mean(axis=1)).min()) if len(whole) else float("inf")
+
+
+def _show(story: dict[str, Any], console: Console) -> None:
+    mean = {k: float(np.mean(story["hold"][k])) for k in ("rae", "rrse")}
+    table = Table(box=SIMPLE, title=f"the next {1e3 * story['period']:.0f} ms of {len(story['joints'])} joints, predicted",
+                  title_justify="left", caption_justify="left")  # fmt: skip
+    table.caption = (
+        "rows, runs: left out at random, or whole. Errors in % of the mean's, averaged over joints;\n1 s on: going on "
+        "from own predictions, in spreads of the joints"
+    )
+    for name in ("", "rows: RAE", "RRSE", "runs: RAE", "RRSE", "1 s on", "fit s"):
+        table.add_column(name, justify="right" if name else "left", no_wrap=True)
+    for row in story["learners"]:
+        cells = []
+        for kind in ("by_row", "by_run"):
+            cells += ["", ""] if row[kind] is None else [f"{100 * np.mean(row[kind][k]):.2f}" for k in ("rae", "rrse")]
+        run, chosen = row["by_run"], row["learner"] == story["chosen"]
+        name = f"[bold green]{row['learner']}[/]" if chosen else row["learner"]
+        table.add_row(name, *cells, f"{run['ahead']:.3g}", f"{run['seconds']:.2f}")
+    table.add_row("hold the last value", "", "", f"{100 * mean['rae']:.2f}", f"{100 * mean['rrse']:.2f}",
+                  f"{story['hold']['ahead']:.3g}", "")  # fmt: skip
+    console.print(table)
+    more = f", with {', '.join(story['others'])}" if story["others"] else ""
+    console.print(f"  {story['chosen']}, {story['view']} view, {story['history']} frames{more}: {story['why']}",
+                  soft_wrap=True, highlight=False)  # fmt: skip
+    if story["skipped"]:
+        console.print(f"  left out, --budget was not enough: {', '.join(story['skipped'])}", soft_wrap=True)
+    for s in story["judged"]:
+        scale = scale_for(story["unit"], s["rmse"])
+        error = scale.text(float(np.sqrt(np.mean(np.square(s["rmse"])))))
+        words = f"{error} {scale.unit}, a second on {s['ahead']:.3g} spreads"
+        console.print(f"  held out: {s['name']:20} {words}", highlight=False)
+    if "simulator" in story:
+        _show_replays(story["simulator"], story["unit"], console)
+
+
+def _show_replays(told: dict[str, Any], unit: str, console: Console) -> None:
+    scale = scale_for(unit, [r["before"] for r in told["replays"]])
+    table = Table(box=SIMPLE, title=f"{told['model']}: replay error in {scale.unit}", title_justify="left")
+    for name in ("", "", "as it is", "grounded"):
+        table.add_column(name, justify="right" if name else "left")
+    for r in told["replays"]:
+        after = scale.text(r["after"]) if np.isfinite(r["after"]) else "refused"
+        table.add_row(escape(r["recording"]), r["kind"], scale.text(r["before"]), after)
+    console.print(table)
+    console.print(f"  share of what is predicted {told['share']:.2g}: {told['why']}", soft_wrap=True, highlight=False)
+    for name, reason in told["refused"].items():
+        console.print(f"  [yellow]{escape(name)}[/] {escape(reason)}", soft_wrap=True, highlight=False)

@@ -1,0 +1,129 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The report of a grounding: how well learners predict, what the chosen one looks at, what it does for a simulator."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from trueup.report.markup import Markup, join, tag
+from trueup.report.numbers import scale_for
+from trueup.report.parts import Section, callout, caption, cells, context_table, counted, head, hero, page, row, table
+from trueup.report.writing import write_aside
+
+Story = Mapping[str, Any]
+"""What `trueup ground` writes as grounding.json."""
+
+
+def write_grounding_report(story: Story, path: Path) -> Path:
+    """Writes the report to the HTML file `path` and returns it. Raises OutputError."""
+    counts = ((len(story["joints"]), "joint"), (len(story["recordings"]), "recording"), (story["frames"], "frame"))
+    sections = [
+        Section("learners", "Learners", "How well is the next frame predicted?", _learners(story)),
+        *([Section("held", "Held out", "And on runs that were held out?", _judged(story))] if story["judged"] else []),
+        *([Section("simulator", "Simulator", "Does the simulator move as the robot did?", _simulator(story))]
+          if "simulator" in story else []),
+        Section("joints", "Joints", "Which joints are hard?", _joints(story)),
+        Section("inputs", "Inputs", "What goes into a prediction?", _inputs(story)),
+        Section("details", "Details", "How was this done?", _details(story)),
+    ]  # fmt: skip
+    title = (
+        f"Grounding of {story['simulator']['model']}" if "simulator" in story else "What the joints do with commands"
+    )
+    write_aside(page("campaign.html", title, [counted(n, noun) for n, noun in counts], sections), path)
+    return path
+
+
+def _learners(story: Story) -> Markup:
+    titles = ("learner", "rows out: RAE %", "RRSE %", "runs out: RAE %", "RRSE %", "a second on", "fit, s")
+    rows = []
+    for each in story["learners"]:
+        numbers = [_percent(each[k], m) for k in ("by_row", "by_run") for m in ("rae", "rrse")]
+        more = (f"{each['by_run']['ahead']:.3g}", f"{each['by_run']['seconds']:.2f}")
+        name = tag("strong", each["learner"]) if each["learner"] == story["chosen"] else each["learner"]
+        rows.append(row(join([name, tag("span", f" {each['weka']}", class_="caption")]), cells(*numbers, *more)))
+    hold = story["hold"]
+    held = ("", "", _percent(hold, "rae"), _percent(hold, "rrse"), f"{hold['ahead']:.3g}", "")
+    rows.append(row("hold the last value", cells(*held)))
+    best = next(x["by_run"] for x in story["learners"] if x["learner"] == story["chosen"])
+    label = f"{story['chosen']}: error of the next frame, in % of the mean's; holding the last value: {_percent(hold, 'rae')}"
+    note = (
+        "Errors relative to those of the training mean, as Weka has them, means over joints: absolute (RAE) and root squared "
+        "(RRSE). Rows left out at random have neighbours among those learned from; whole runs have none, so these decide. "
+        "'A second on' goes on from its own predictions, as in a simulator, in spreads of the joints."
+    )
+    skipped = callout("warn", "Not compared", f"The time was not enough for {', '.join(story['skipped'])}.")
+    return join(
+        [hero(label, _percent(best, "rae")), table(head(*titles, numbers=range(1, 7)), rows), caption(note),
+         tag("p", f"Why {story['chosen']}: {story['why']}."), skipped if story["skipped"] else Markup("")]
+    )  # fmt: skip
+
+
+def _judged(story: Story) -> Markup:
+    scale = scale_for(story["unit"], [max(s["rmse"]) for s in story["judged"]])
+    rows = [
+        row(s["name"], cells(scale.text(_root(s["rmse"])), _percent(s, "rae"), f"{s['ahead']:.3g}"))
+        for s in story["judged"]
+    ]
+    titles = ("", f"one frame on, {scale.unit}", "RAE %", "a second on, spreads")
+    return join(
+        [table(head(*titles, numbers=range(1, 4)), rows), caption(f"Held out: {', '.join(story['held_out'])}.")]
+    )
+
+
+def _simulator(story: Story) -> Markup:
+    told = story["simulator"]
+    scale = scale_for(story["unit"], [r["before"] for r in told["replays"]])
+    rows = [
+        row(r["recording"], cells(r["kind"], kind=""), cells(scale.text(r["before"]),
+            scale.text(r["after"]) if math.isfinite(r["after"]) else "refused"))
+        for r in told["replays"]
+    ]  # fmt: skip
+    words = f"{told['share']:.2g} of what is told to it is predicted: {told['why']}."
+    note = "Root mean square of simulated minus measured joint positions. Refused: it asks for what was not learned."
+    why = [callout("warn", name, reason) for name, reason in told["refused"].items()]
+    titles = ("recording", "", f"as it is, {scale.unit}", f"grounded, {scale.unit}")
+    return join([tag("p", words), table(head(*titles, numbers=(2, 3)), rows), caption(note), *why])
+
+
+def _joints(story: Story) -> Markup:
+    best = next(x["by_run"] for x in story["learners"] if x["learner"] == story["chosen"])
+    scale, hold = scale_for(story["unit"], best["rmse"]), story["hold"]
+    rows = [
+        row(j, cells(scale.text(best["rmse"][k]), f"{100 * best['rae'][k]:.2f}", scale.text(hold["rmse"][k])))
+        for k, j in enumerate(story["joints"])
+    ]
+    titles = ("joint", f"{story['chosen']}, {scale.unit}", "RAE %", f"hold the last value, {scale.unit}")
+    return join([table(head(*titles, numbers=range(1, 4)), rows), caption("One frame on, whole runs left out.")])
+
+
+def _inputs(story: Story) -> Markup:
+    others = "".join(f", {name} ({', '.join(labels)})" for name, labels in story["others"].items())
+    frames = f"{story['history']} frames of {1e3 * story['period']:.3g} ms"
+    words = f"{frames} of joints and commands{others}; view: {story['view']}."
+    rows = [row(t["inputs"], cells(f"{t['error']:.3g}")) for t in story["tried"]]
+    limits = [row(b["block"], cells(f"{b['limit']:.3g}", str(b["frames"]))) for b in story["domain"]]
+    return join(
+        [tag("p", words), table(head("tried", "a second on", numbers=(1,)), rows),
+         caption("Errors on whole runs left out, in spreads of the joints. More goes in where it surely pays."),
+         table(head("asked", "far from, deviations", "frames in a row", numbers=(1, 2)), limits),
+         caption("Where it may be asked: farther off for longer, a run is refused: one in a hundred of those recorded.")]
+    )  # fmt: skip
+
+
+def _details(story: Story) -> Markup:
+    told = {
+        "command": tag("code", story["command"]), "learned from": ", ".join(story["recordings"]),
+        "CPU time": f"{story['seconds']:.0f} s",
+    }  # fmt: skip
+    return context_table(told)
+
+
+def _percent(score: Mapping[str, Any] | None, measure: str) -> str:
+    return "" if score is None else f"{100 * sum(score[measure]) / len(score[measure]):.2f}"
+
+
+def _root(errors: list[float]) -> float:
+    return math.sqrt(sum(e * e for e in errors) / len(errors))
