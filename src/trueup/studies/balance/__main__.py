@@ -25,13 +25,19 @@ def main() -> int:
     parser.add_argument("--scenes", nargs="+", choices=SCENES, help="only these tasks")
     parser.add_argument("--stand-ins", type=int, help="how many robots, from number 0 (10)")
     parser.add_argument("--seed", type=int, default=0, help="of the searches; the stand-ins' truths are fixed")
+    parser.add_argument(
+        "--oracle", type=int, help="runs that a search on the robot itself may take (24; 0: none is made)"
+    )
+    parser.add_argument("--subsets", type=int, help="stand-ins for the paper's Table I (2)")
+    parser.add_argument("--report", action="store_true", help="compute nothing: report what is in the folder already")
     asked = parser.parse_args()
     size = replace(QUICK if asked.quick else Size(), seed=asked.seed)
-    size = replace(size, scenes=tuple(asked.scenes or size.scenes), stand_ins=asked.stand_ins or size.stand_ins)
+    given = {k: getattr(asked, k) for k in ("stand_ins", "oracle", "subsets") if getattr(asked, k) is not None}
+    size = replace(size, scenes=tuple(asked.scenes or size.scenes), **given)
     told = Console(stderr=True)
     try:
         with telling(told, "searching the first motions") as tell:
-            findings = studied(asked.out, size, tell)
+            findings = studied(asked.out, size, tell, compute=not asked.report)
         with written_aside(asked.out / "report.html") as aside:
             aside.write_text(html(findings), encoding="utf-8")
     except TrueupError as error:

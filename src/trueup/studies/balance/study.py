@@ -95,40 +95,36 @@ class Findings:
         return [each.index(True) for each in done if True in each]
 
 
-def studied(folder: Path, size: Size, told: Told) -> Findings:
-    """Computes what is not in the folder yet. Raises OutputError where another study is in it."""
+def studied(folder: Path, size: Size, told: Told, *, compute: bool = True) -> Findings:
+    """Computes what is not in the folder yet, or leaves it out. Raises OutputError where another study is in it."""
     parts, findings = Parts.at(folder, size), Findings(size)
     steps = len(size.scenes) * (1 + size.stand_ins * (2 + (size.oracle > 0))) + 7 * size.subsets
     done = 0
 
-    def kept(name: str, compute: Callable[[], object]) -> Any:
+    def kept(name: str, made: Callable[[], object]) -> Any:
         nonlocal done
         told(name, done / steps)
         done += 1
-        return parts.text(name, compute)
+        return parts.text(name, made) if compute or parts.has(name) else None
+
+    def put(table: dict[str, dict[int, Any]], scene: str, number: int, found: Any) -> None:
+        if found is not None:
+            table.setdefault(scene, {})[number] = found
 
     for scene in size.scenes:
         found = kept(f"{scene}, first motion", lambda s=scene: _first(s, size))
-        findings.first[scene] = found
-        if found["share"] < 0.5:  # not even its own simulator
+        findings.first |= {scene: found} if found is not None else {}
+        if found is None or found["share"] < 0.5:  # not even in its own simulator
             continue
         task = transition(scene, step=0.004)[1]
+        motion, randomised = np.array(found["motion"]), np.array(found["randomised"])
         for n in size.numbers:
-            robot = StandInHumanoid(scene, n)
-            motions = {w: np.array(found[w]) for w in ("motion", "randomised")}
-            name = f"{scene}, stand-in {n}"
-            findings.campaigns.setdefault(scene, {})[n] = kept(
-                name,
-                lambda r=robot, t=task, m=motions: _rounds(r, t, m["motion"], size, lambda s: told(s, done / steps)),
-            )
-            findings.randomised.setdefault(scene, {})[n] = kept(
-                f"{name}, randomised",
-                lambda r=robot, t=task, m=motions: performed(r, t, m["randomised"], "randomised")[1],
-            )
+            name, robot = f"{scene}, stand-in {n}", StandInHumanoid(scene, n)
+            one = _Once(robot, task, size, motion, randomised, lambda line: told(line, done / steps))
+            put(findings.campaigns, scene, n, kept(name, one.rounds))
+            put(findings.randomised, scene, n, kept(f"{name}, randomised", one.blindly))
             if size.oracle:
-                findings.oracle.setdefault(scene, {})[n] = kept(
-                    f"{name}, searched on it", lambda r=robot, t=task, m=motions: _oracle(r, t, m["motion"], size)
-                )
+                put(findings.oracle, scene, n, kept(f"{name}, searched on it", one.oracle))
     findings.subsets = _generalised(findings, size, kept)
     return findings
 
@@ -147,13 +143,51 @@ def _first(scene: str, size: Size) -> dict[str, Any]:
             "randomised": other.motion.tolist(), "randomised_share": other.share}  # fmt: skip
 
 
-def _rounds(
-    robot: StandInHumanoid, task: Transition, first: Array, size: Size, told: Callable[[str], None]
-) -> list[dict[str, Any]]:
-    rounds = campaign(robot.scene, robot, task, first, seed=robot.number, scale=size.scale,
-                      told=lambda line: told(f"stand-in {robot.number}: {line}"))  # fmt: skip
-    later = [r.values for r in rounds[1:]]
-    return [as_told(robot.scene, task, r, values) for r, values in zip_longest(rounds, later)]
+@dataclass(frozen=True, eq=False)
+class _Once:
+    """One task on one stand-in, in three ways."""
+
+    robot: StandInHumanoid
+    task: Transition
+    size: Size
+    motion: Array
+    randomised: Array
+    told: Callable[[str], None]
+
+    def rounds(self) -> list[dict[str, Any]]:
+        """The campaign."""
+        scene, number = self.robot.scene, self.robot.number
+        rounds = campaign(scene, self.robot, self.task, self.motion, seed=number, scale=self.size.scale,
+                          told=lambda line: self.told(f"stand-in {number}: {line}"))  # fmt: skip
+        later = [r.values for r in rounds[1:]]
+        return [as_told(scene, self.task, r, values) for r, values in zip_longest(rounds, later)]
+
+    def blindly(self) -> list[bool]:
+        """Repeats that stood of the motion that was searched in random models."""
+        return list(performed(self.robot, self.task, self.randomised, "randomised")[1])
+
+    def oracle(self) -> int:
+        """Runs of the robot until CMA-ES on the robot itself, from the same first motion, finds one that works; 0: too many.
+
+        Works: three runs in a row end as wanted.
+        """
+        space, rng = self.task.parameters, np.random.default_rng([self.size.seed, self.robot.number])
+        search = CmaEs(space.to_unit(self.motion), seed=int(rng.integers(2**31)), sigma=0.08, population=8, restarts=0,
+                       max_evaluations=self.size.oracle)  # fmt: skip
+        count = 0
+        while not search.done and count < self.size.oracle:
+            asked, scores = search.ask(), []
+            for motion in space.from_unit(asked):
+                (run,), (stood,) = performed(self.robot, self.task, motion, f"oracle-{count}", 1)
+                count += 1
+                if stood:
+                    again = performed(self.robot, self.task, motion, f"oracle-{count}-again", 2)[1]
+                    count += 2
+                    if all(again):
+                        return count
+                scores.append(_score(self.task, run, motion))
+            search.tell(asked, np.array(scores))
+        return 0
 
 
 def as_told(scene: str, task: Transition, one: Round, later: Array | None) -> dict[str, Any]:
@@ -172,24 +206,6 @@ def as_told(scene: str, task: Transition, one: Round, later: Array | None) -> di
     }  # fmt: skip
 
 
-def _oracle(robot: StandInHumanoid, task: Transition, first: Array, size: Size) -> int:
-    """Runs of the robot until CMA-ES on the robot itself, from the same first motion, finds one that works; 0: too many."""
-    space, rng = task.parameters, np.random.default_rng([size.seed, robot.number])
-    search = CmaEs(space.to_unit(first), seed=int(rng.integers(2**31)), sigma=0.08, population=8, restarts=0,
-                   max_evaluations=size.oracle)  # fmt: skip
-    count = 0
-    while not search.done and count < size.oracle:
-        asked, scores = search.ask(), []
-        for unit in asked:
-            (run,), (stood,) = performed(robot, task, space.from_unit(unit), f"oracle-{count}", 1)
-            count += 1
-            if stood and all(performed(robot, task, space.from_unit(unit), f"oracle-{count}-again", 2)[1]):
-                return count + 2
-            scores.append(_score(task, run, space.from_unit(unit)))
-        search.tell(asked, np.array(scores))
-    return 0
-
-
 def _score(task: Transition, run: Recording, motion: Array) -> float:
     from trueup.tasks.task import as_rollout
 
@@ -205,10 +221,10 @@ def _generalised(
     found: dict[str, dict[str, list[bool]]] = {}
     for n in list(size.numbers)[: size.subsets]:
         for on in _subsets(scenes):
-            cells: Mapping[str, bool] = kept(
+            cells: Mapping[str, bool] | None = kept(
                 f"calibrated on {'+'.join(on)}, stand-in {n}", lambda n=n, on=on: _cells(findings, n, on, scenes, size)
             )
-            for scene, stood in cells.items():
+            for scene, stood in (cells or {}).items():
                 found.setdefault("+".join(on), {}).setdefault(scene, []).append(stood)
     return found
 
