@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from trueup.ends import Ended, ended, with_end
 from trueup.errors import RecordingError
-from trueup.inspection.repeats import bridged, together
+from trueup.inspection.repeats import bridged, grouped, together
+from trueup.loop.checks import check
 from trueup.recording import Channel, Recording
 
 TIME = np.arange(0.0, 2.0, 0.01)
@@ -58,3 +61,22 @@ def test_short_gaps_are_bridged_and_long_ones_are_named_with_their_instants() ->
         RecordingError, match=r"'long': 'base_orientation' was lost from 0\.49 to 1 s \(0\.51 s; .*perform"
     ):
         bridged(run("long", 0.0, 0, lost=(0.5, 1.0)))
+
+
+def commanded(name: str, seed: int, **how: Any) -> Recording:
+    """A run with a command and a place, as calibrations get it."""
+    made, still = run(name, 0.004, seed, **how), np.zeros((len(TIME), 3))
+    given = Channel("command", ("hip",), "rad", TIME, np.sin(TIME))
+    return made.with_channel(given).with_channel(Channel("base_position", ("x", "y", "z"), "m", TIME, still))
+
+
+def test_a_calibration_says_which_repeats_disagree_and_where_the_motion_capture_was_lost() -> None:
+    runs = [commanded("a", 0), commanded("b", 1, falls_at=1.2), commanded("c", 2, lost=(0.4, 1.1))]
+    other = commanded("d", 3)
+    other = other.with_channel(other.channel("command").replace(values=np.cos(TIME)))
+    assert [[r.name for r in group] for group in grouped([*runs, other])] == [["a", "b", "c"]]
+    said = "\n".join(check([*runs, other], []))
+    assert "repeats of 'a' differ by" in said
+    assert "they disagree from 1." in said
+    assert "'c': 'base_orientation' was lost from 0.39 to 1.1 s; nothing is compared there" in said
+    assert "disagree" not in "\n".join(check([runs[0], other], []))

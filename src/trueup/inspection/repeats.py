@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from trueup.ends import ENDED, ended
 from trueup.errors import RecordingError
-from trueup.recording import Recording, is_command, with_warnings
+from trueup.recording import Channel, Recording, is_command, with_warnings
+from trueup.trial import command_of
 
 Array = NDArray[np.float64]
 
@@ -19,7 +20,19 @@ LONGEST_GAP = 0.5
 """s without a measurement of the base after which nobody can say what a robot did there: a fall takes as long."""
 
 
-def bridged(recording: Recording, channels: Sequence[str] = ("base_position", "base_orientation")) -> Recording:
+BASE = ("base_position", "base_orientation")
+
+
+def lost(channel: Channel) -> tuple[float, float] | None:
+    """From when to when, in s, a channel has no sample for longest, where that is `LONGEST_GAP` or longer."""
+    known = channel.time[np.isfinite(channel.values).all(axis=1)]
+    edges = np.concatenate([channel.time[:1], known, channel.time[-1:]])
+    longest = int(np.diff(edges).argmax())
+    first, last = float(edges[longest]), float(edges[longest + 1])
+    return (first, last) if last - first >= LONGEST_GAP else None
+
+
+def bridged(recording: Recording, channels: Sequence[str] = BASE) -> Recording:
     """The recording with gaps of these channels closed by straight lines.
 
     Raises RecordingError, naming channel and instants, where something was lost for `LONGEST_GAP` or longer.
@@ -28,19 +41,26 @@ def bridged(recording: Recording, channels: Sequence[str] = ("base_position", "b
         if not recording.has(name):
             continue
         channel = recording.channel(name)
-        known = np.isfinite(channel.values).all(axis=1)
-        seen = channel.time[known]
-        edges = np.concatenate([channel.time[:1], seen, channel.time[-1:]])
-        longest = int(np.diff(edges).argmax())
-        if edges[longest + 1] - edges[longest] >= LONGEST_GAP:
+        if (gap := lost(channel)) is not None:
             raise RecordingError(
-                f"recording '{recording.name}': '{name}' was lost from {edges[longest]:.3g} to {edges[longest + 1]:.3g} s "
-                f"({edges[longest + 1] - edges[longest]:.2g} s; at most {LONGEST_GAP:g} s can be bridged): markers were out "
+                f"recording '{recording.name}': '{name}' was lost from {gap[0]:.3g} to {gap[1]:.3g} s "
+                f"({gap[1] - gap[0]:.2g} s; at most {LONGEST_GAP:g} s can be bridged): markers were out "
                 "of the cameras' sight; perform the run again"
             )
-        values = np.stack([np.interp(channel.time, seen, x) for x in channel.values[known].T], axis=1)
+        known = np.isfinite(channel.values).all(axis=1)
+        values = np.stack([np.interp(channel.time, channel.time[known], x) for x in channel.values[known].T], axis=1)
         recording = recording.with_channel(channel.replace(values=values))
     return recording
+
+
+def grouped(recordings: Sequence[Recording]) -> list[list[Recording]]:
+    """Recordings that were commanded alike from their start on, several a group; those that were alone are left out."""
+    groups: dict[tuple[tuple[str, ...], bytes], list[Recording]] = {}
+    for recording in recordings:
+        if (command := command_of(recording)) is not None:
+            given = np.column_stack([command.time - recording.start, command.values])
+            groups.setdefault((command.labels, np.round(given, 6).tobytes()), []).append(recording)
+    return [group for group in groups.values() if len(group) > 1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +81,7 @@ class Repeats:
         said = f"repeats of '{self.average.name}' differ by {words} (standard deviation, rad or m)"
         if self.parted is None:
             return said
-        return f"{said}; they disagree from {self.parted:.3g} s on, so that nothing later is averaged or fitted"
+        return f"{said}; they disagree from {self.parted:.3g} s on, where each does something else"
 
 
 def together(recordings: Sequence[Recording], name: str = "") -> Repeats:

@@ -9,6 +9,7 @@ import numpy as np
 
 from trueup.discrepancies.alignment import clock_errors
 from trueup.errors import CalibrationError
+from trueup.inspection.repeats import BASE, grouped, lost, together
 from trueup.recording import Channel, Recording
 from trueup.trial import command_of
 from trueup.units import hardly_radians
@@ -25,7 +26,7 @@ def check(training: Sequence[Recording], held_out: Sequence[Recording]) -> list[
     warnings: list[str] = []
     for recording in (*training, *held_out):
         warnings += _about(recording)
-    warnings += _clocks((*training, *held_out))
+    warnings += _clocks((*training, *held_out)) + _disagreeing(training)
     if not held_out:
         warnings.append("no recording was held out: nothing shows that this fit holds on motions that it has not seen")
     return warnings + _never_moving(training)
@@ -33,6 +34,7 @@ def check(training: Sequence[Recording], held_out: Sequence[Recording]) -> list[
 
 def _about(recording: Recording) -> list[str]:
     found = [f"'{recording.name}': {w}" for w in recording.provenance.get("warnings", "").split("\n") if w]
+    found += _lost(recording)
     command = command_of(recording)
     for name in ("position", "command", "command_sent"):
         if recording.has(name):
@@ -50,6 +52,25 @@ def _clocks(recordings: Sequence[Recording]) -> list[str]:
         f"the commands' clock seems {1000 * abs(late):.0f} ms {'late' if late > 0 else 'early'} (the quantity `clock` sets "
         "it right), or command and position are swapped"
         for name, late in clock_errors(recordings).items()
+    ]
+
+
+def _disagreeing(training: Sequence[Recording]) -> list[str]:
+    """Repeats of one command that part: what each does later is chance, and no parameter can replay all of them."""
+    found = [together(group) for group in grouped(training) if all(r.has(c) for r in group for c in BASE)]
+    return [
+        f"{f.said}: fit their average, which ends there (trueup.inspection.repeats.together), or a motion that repeats"
+        for f in found
+        if f.parted is not None
+    ]
+
+
+def _lost(recording: Recording) -> list[str]:
+    gaps = {name: lost(recording.channel(name)) for name in BASE if recording.has(name)}
+    return [
+        f"'{recording.name}': '{name}' was lost from {gap[0]:.3g} to {gap[1]:.3g} s; nothing is compared there"
+        for name, gap in gaps.items()
+        if gap is not None
     ]
 
 
