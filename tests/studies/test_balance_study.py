@@ -42,16 +42,14 @@ def test_a_motion_that_fails_is_replaced_after_one_calibration_by_one_that_works
     assert rounds[0].seconds < 3.0
 
 
-def test_a_calibration_on_one_motion_halves_the_error_of_another_that_was_not_fitted(task: Transition) -> None:
+def test_a_calibration_leaves_a_third_of_the_error_on_a_run_that_was_not_fitted(task: Transition) -> None:
     far = StandInHumanoid(SCENE, NUMBER, gap=2.0)
-    fitted, unseen = (
-        Runs(SCENE, performed(far, task, np.array([seconds]), f"{seconds}", 1)[0]) for seconds in (0.08, 0.12)
-    )
-    simulator = simulator_of(SCENE)
-    found = calibrated([fitted], generations=0, members=1, descents=4)
+    runs, _ = performed(far, task, np.array([0.08]), "far", 2)
+    simulator, unseen = simulator_of(SCENE), Runs(SCENE, runs[1:])
+    found = calibrated([Runs(SCENE, runs[:1])], generations=4, members=1, descents=4)
     before, after = (unseen.error(simulator, v) for v in (simulator.parameters.nominal, found.values[0]))
     assert before > 0.1
-    assert after < 0.5 * before
+    assert after < 0.3 * before
 
 
 def test_the_report_tells_the_rounds_and_shows_them(
