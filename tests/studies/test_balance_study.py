@@ -42,12 +42,12 @@ def test_a_motion_that_fails_is_replaced_after_one_calibration_by_one_that_works
     assert rounds[0].seconds < 3.0
 
 
-def test_a_calibration_leaves_a_third_of_the_error_on_a_run_that_was_not_fitted(task: Transition) -> None:
+def test_a_calibration_replays_a_failed_run_of_a_robot_that_lives_in_another_engine(task: Transition) -> None:
     far = StandInHumanoid(SCENE, NUMBER, gap=2.0)
-    runs, _ = performed(far, task, np.array([0.08]), "far", 2)
-    simulator, unseen = simulator_of(SCENE), Runs(SCENE, runs[1:])
-    found = calibrated([Runs(SCENE, runs[:1])], generations=4, members=1, descents=4)
-    before, after = (unseen.error(simulator, v) for v in (simulator.parameters.nominal, found.values[0]))
+    runs, _ = performed(far, task, np.array([0.08]), "far", 1)
+    simulator, fitted = simulator_of(SCENE), Runs(SCENE, runs)
+    found = calibrated([fitted], generations=4, members=1, descents=4)
+    before, after = (fitted.error(simulator, v) for v in (simulator.parameters.nominal, found.values[0]))
     assert before > 0.1
     assert after < 0.3 * before
 
