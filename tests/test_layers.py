@@ -121,7 +121,7 @@ RULES = (
     Rule("campaign", ("loop", "campaign", *BASES, *NOUNS)),
     # the names that a plan may use, and what is behind them; `engines.family` leads from model files to engines
     Rule("campaign.kinds", ("loop", *BASES, *NOUNS), lazily=ANYTHING),
-    Rule("campaign.motions", (*BASES, *NOUNS), lazily=ANYTHING),
+    *(Rule(name, (*BASES, *NOUNS), lazily=ANYTHING) for name in ("campaign.motions", "campaign.walks")),
     Rule(
         "report",
         (

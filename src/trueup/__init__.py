@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.articulated.simulator import ArticulatedSimulator as ArticulatedSimulator
     from trueup.calibration import Calibration as Calibration
     from trueup.campaign.motions import transition as transition
+    from trueup.campaign.walks import walk as walk
     from trueup.engines.mujoco.filming import filmed as filmed
     from trueup.engines.mujoco.rollout import MujocoSimulator as MujocoSimulator
     from trueup.engines.mujoco.setup.proposal import propose as propose
@@ -99,6 +100,7 @@ _HOME = {
     "simulator_for": "trueup.loop.prepare",
     "transfer": "trueup.loop.transfer",
     "transition": "trueup.campaign.motions",
+    "walk": "trueup.campaign.walks",
     "write": "trueup.formats",
     "write_film": "trueup.report.film_replay",
     "write_model": "trueup.engines.mujoco.writing.write",

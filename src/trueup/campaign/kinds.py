@@ -33,7 +33,11 @@ ROBOTS = {
     "stand-in-vehicle": "trueup.campaign.kinds:stand_in_vehicle",
 }
 SIMULATORS = {"mujoco": "trueup.campaign.kinds:mujoco", "bicycle": "trueup.campaign.kinds:bicycle"}
-TASKS = {"follow-path": "trueup.campaign.kinds:follow_path", "transition": "trueup.campaign.motions:task_of"}
+TASKS = {
+    "follow-path": "trueup.campaign.kinds:follow_path",
+    "transition": "trueup.campaign.motions:task_of",
+    "walk": "trueup.campaign.walks:task_of",
+}
 SEARCHES = {
     "cma-es": "trueup.search.cma_es:CmaEs",
     "optuna": "trueup.search.optuna:OptunaSearch",

@@ -24,7 +24,7 @@ from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.errors import unknown_name
 from trueup.parameters import ParameterSpace
 from trueup.recording import Channel, Recording
-from trueup.studies.walk.scenes import MOTORS, NAO, STEP, biped, sensing
+from trueup.studies.walk.scenes import MOTORS, NAO, NOISE, STEP, biped
 from trueup.tasks.walking import TILT
 from trueup.trial import Observed, Trial
 
@@ -46,6 +46,7 @@ _DRAWN: Mapping[str, tuple[float, float]] = MappingProxyType({
 _ZERO = 0.008  # rad by which the zeros of joints are off, one deviation
 _SCATTER = {"kp": 0.03, "delay": 0.03, "contact_friction": 0.06}
 """By which share these vary from run to run: battery, temperature, where on the carpet."""
+_PUSH = 1.0  # N
 _SLOPE = 0.004  # rad by which the floor is off level, from run to run
 _LOW = 0.62  # of the standing height: whoever is lower has fallen
 
@@ -161,8 +162,8 @@ class StandInNao:
         ends = (*(e for e in trial.ends if not isinstance(e, Fallen)), Fallen(height=height, tilt=TILT))
         return replace(
             trial, command=None, initial={}, ends=ends, observed={**(logged if self._log else {}), **trial.observed},
-            disturbances=(Buffeting("torso", 1.0), StartScatter("position", 0.01)),
-            sensing=sensing(latency=PERIOD, gyro=0.03, drift=0.01, accelerometer=0.3),
+            disturbances=(Buffeting("torso", _PUSH), StartScatter("position", 0.01)),
+            sensing=NOISE.sensing(PERIOD),
         ).seeded(rng)  # fmt: skip
 
     def _recording(self, name: str, run: Recording, drives: _Drives, row: int) -> Recording:

@@ -7,9 +7,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TypeVar
 
-from trueup.chance import Buffeting, CommandNoise, Disturbance, Sensing
-from trueup.controllers.controller import ControllerFactory
-from trueup.controllers.walk_engine.engine import PARAMETERS, WalkEngine
+from trueup.campaign.walks import STILL, Unrest, walking
 from trueup.controllers.walk_engine.legs import Biped
 from trueup.engines.mujoco.biped import biped_of
 from trueup.engines.mujoco.model import Model, load
@@ -25,6 +23,7 @@ STEP = 0.005
 """s of simulation."""
 CYCLE = 0.02
 """s from one command to the next in SimSpark; on the robot it is half of that."""
+NOISE = Unrest(push=1.0)
 
 AnyWalk = TypeVar("AnyWalk", bound=Walk)
 
@@ -34,35 +33,11 @@ def biped(model: Model) -> Biped:
     return biped_of(model, LEFT, RIGHT)
 
 
-def engine(model: Model, period: float) -> ControllerFactory:
-    """Makes walks (b, 17) of a model, commanded every `period` s."""
-    robot = biped(model)
-    return lambda values: WalkEngine(robot, values, period=period)
-
-
 def simulator(step: float = STEP, threads: int | None = None) -> MujocoSimulator:
     """The SimSpark-like simulator."""
     return MujocoSimulator(load(SIMSPARK), step=step, threads=threads)
 
 
-def sensing(
-    latency: float = CYCLE, gyro: float = 0.0, drift: float = 0.0, accelerometer: float = 0.0
-) -> tuple[Sensing, ...]:
-    """The inertial unit: noise of gyros (rad/s) and accelerometer (m/s2), what gyros are off by in a run (rad/s)."""
-    return Sensing("gyro", gyro, latency, bias=drift), Sensing("accelerometer", accelerometer, latency)
-
-
-QUIET = sensing()
-NOISY = sensing(gyro=0.03, drift=0.01, accelerometer=0.3)
-UNREST: tuple[Disturbance, ...] = (Buffeting("torso", 1.0), CommandNoise(0.008, MOTORS, every=1e3))
-"""Pushes, and joints whose zero is wrong by half a degree throughout a run."""
-
-
 def task(kind: type[AnyWalk] = WalkFront, *, noisy: bool = True, period: float = CYCLE, **more: object) -> AnyWalk:
     """A walking task of the SimSpark-like model; `more` are fields of the task (`share`, `runs`, `seed`, ...)."""
-    model = load(SIMSPARK)
-    fields: dict[str, object] = {
-        "parameters": PARAMETERS, "make": engine(model, period), "height": float(model.compiled.key_qpos[0, 2]),
-        "disturbances": UNREST if noisy else (), "sensing": NOISY if noisy else QUIET, **more,
-    }  # fmt: skip
-    return kind(**fields)  # type: ignore[arg-type]
+    return walking(load(SIMSPARK), LEFT, RIGHT, kind, unrest=NOISE if noisy else STILL, period=period, **more)

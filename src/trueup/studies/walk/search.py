@@ -23,8 +23,8 @@ class Effort:
     """How long a search takes; the paper's is 150 candidates a generation, 7 runs each."""
 
     population: int = 150
-    generations: int = 10
-    sigma: float = 0.06
+    generations: int = 6
+    sigma: float = 0.05
     """Of the box, at the start."""
     shown: int = 6
     """Walks that come of it."""

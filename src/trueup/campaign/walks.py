@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A walk of one's own biped as a task, from a model file and the names of its legs' joints, in a world that disturbs it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from trueup.chance import Buffeting, CommandNoise, Disturbance, Sensing
+from trueup.engines.simulator import Simulator
+from trueup.errors import ModelError, unknown_name
+
+if TYPE_CHECKING:
+    from trueup.engines.mujoco.model import Model
+    from trueup.tasks.walking import Walk
+
+AnyWalk = TypeVar("AnyWalk", bound="Walk")
+
+_PUSH = 0.02  # of the robot's weight
+
+
+@dataclass(frozen=True)
+class Unrest:
+    """What a simulated walk is disturbed by, so that what walks there has a margin."""
+
+    push: float | None = None
+    """N, deviation of a force on the base that wanders; None: two hundredths of the robot's weight."""
+    zero: float = 0.008
+    """rad, deviation by which each joint of a leg is off throughout a run."""
+    gyro: float = 0.03
+    """rad/s, noise."""
+    drift: float = 0.01
+    """rad/s, deviation by which gyros are off throughout a run."""
+    accelerometer: float = 0.3
+    """m/s2, noise."""
+
+    def disturbances(self, model: Model, base: str, motors: Sequence[str]) -> tuple[Disturbance, ...]:
+        """Of a model whose base is this body and whose legs are moved by these joints' motors."""
+        m = model.compiled
+        weight = float(m.body_subtreemass[0]) * float(abs(m.opt.gravity[2]))
+        push = _PUSH * weight if self.push is None else self.push
+        return Buffeting(base, push), CommandNoise(self.zero, tuple(motors), every=1e3)
+
+    def sensing(self, latency: float) -> tuple[Sensing, ...]:
+        """Of gyros and accelerometer that are `latency` s late."""
+        return (
+            Sensing("gyro", self.gyro, latency, bias=self.drift),
+            Sensing("accelerometer", self.accelerometer, latency),
+        )
+
+
+STILL = Unrest(0.0, 0.0, 0.0, 0.0, 0.0)
+"""Nothing disturbs."""
+COURSES = ("front", "line", "around")
+
+
+def walk(
+    model: str | os.PathLike[str], left: Sequence[str], right: Sequence[str], *, step: float = 0.005, course: str = "front",
+    **options: float,
+) -> tuple[Simulator, Walk]:  # fmt: skip
+    """The simulator and the task of walking with a biped's MJCF: straight ahead ('front'), to a line ('line'), through a
+    course of targets in all directions ('around').
+
+    `left` and `right` name the joints of each leg from the hip down: yaw, roll, pitch, knee, ankle pitch, ankle roll. The
+    model needs a free base, position servos, a first keyframe in which it stands, and sensors 'gyro' and 'accelerometer' in
+    the base's frame (x forward, z up). Options as those of a plan's task 'walk' (see `task_of`).
+
+    Raises ModelError for what is missing or built otherwise, UnknownNameError for joints and courses that are not there.
+    """
+    from trueup.engines.mujoco.model import load
+    from trueup.engines.mujoco.rollout import MujocoSimulator
+
+    simulator = MujocoSimulator(load(Path(model)), step=step)
+    return simulator, task_of(simulator, tuple(left), tuple(right), course, **options)  # type: ignore[arg-type]
+
+
+def task_of(
+    simulator: Simulator, left: tuple[str, ...], right: tuple[str, ...], course: str = "front", share: float = 0.67,
+    runs: int = 7, seed: int = 0, period: float = 0.01, fall: float | None = None, quiet: bool = False,
+    nominal: Mapping[str, float] | None = None,
+) -> Walk:  # fmt: skip
+    """The same for a simulator that there is already: what a plan names as the task 'walk'. See `walk`.
+
+    `share` of the largest step; means over `runs` disturbed runs (undisturbed ones if `quiet`); a command every `period` s;
+    `fall`: what a fall costs, in m/s, of a course in m; `nominal`: start values of the walk's parameters, by name.
+    """
+    from trueup.tasks.walking import LineWalk, OmniWalk, WalkFront
+
+    kinds: dict[str, type[Walk]] = {"front": WalkFront, "line": LineWalk, "around": OmniWalk}
+    if course not in kinds:
+        raise unknown_name("course", course, COURSES, "what the task 'walk' knows")
+    own = {} if fall is None else {"fall": fall}
+    made = walking(
+        model_of(simulator), left, right, kinds[course], unrest=STILL if quiet else Unrest(), period=period, share=share,
+        runs=runs, seed=seed, **own,
+    )  # fmt: skip
+    if not nominal:
+        return made
+    values = made.parameters.nominal.copy()
+    for name, value in nominal.items():
+        values[made.parameters.index(name)] = value
+    return replace(made, parameters=made.parameters.with_nominal(values))
+
+
+def walking(
+    model: Model, left: Sequence[str], right: Sequence[str], kind: type[AnyWalk], *, unrest: Unrest = STILL,
+    period: float = 0.01, **fields: object,
+) -> AnyWalk:  # fmt: skip
+    """A walking task of a model; `fields` are those of `kind` (`share`, `runs`, `seed`, ...)."""
+    from trueup.controllers.walk_engine.engine import PARAMETERS, WalkEngine
+    from trueup.engines.mujoco.base import free_joint
+    from trueup.engines.mujoco.biped import biped_of
+
+    robot, m = biped_of(model, left, right), model.compiled
+    missing = [n for n in ("gyro", "accelerometer") if n not in model.names("sensor")]
+    if missing:
+        raise ModelError(
+            f"model '{model.name}' has no sensor '{missing[0]}', by which a walk feels its lean; add "
+            f'<{missing[0]} name="{missing[0]}" site="..."/>; its sensors are: {", ".join(model.names("sensor")) or "none"}'
+        )
+    if not m.nkey:
+        raise ModelError(
+            f"model '{model.name}' has no keyframe to start from: add one in which it stands on slightly bent legs"
+        )
+    joint = free_joint(m)
+    motors = [
+        n for side, joints in enumerate((left, right)) for j, n in enumerate(joints) if robot.columns[side, j] >= 0
+    ]
+    base = model.names("body")[int(m.jnt_bodyid[joint])]
+    own: dict[str, object] = {
+        "parameters": PARAMETERS, "make": lambda values: WalkEngine(robot, values, period=period),
+        "height": float(m.key_qpos[0, m.jnt_qposadr[joint] + 2]), "sensing": unrest.sensing(period),
+        "disturbances": () if unrest == STILL else unrest.disturbances(model, base, motors), **fields,
+    }  # fmt: skip
+    return kind(**own)  # type: ignore[arg-type]
+
+
+def model_of(simulator: Simulator) -> Model:
+    """The MuJoCo model behind a simulator. Raises ModelError where there is none."""
+    from trueup.engines.mujoco.rollout import MujocoSimulator
+    from trueup.engines.restricted import Restricted
+
+    whole = simulator.whole if isinstance(simulator, Restricted) else simulator
+    if not isinstance(whole, MujocoSimulator):
+        raise ModelError(f"the task 'walk' reads legs from a MuJoCo model; simulator '{simulator.name}' has none")
+    return whole.model

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A biped's file and the names of its legs are enough to walk with it; what cannot walk is named, with what to add."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import trueup
+from trueup.campaign.kinds import TASKS
+from trueup.campaign.making import made
+from trueup.campaign.plan import Component
+from trueup.chance import Buffeting
+from trueup.errors import ModelError, UnknownNameError
+from trueup.search.cma_es import CmaEs
+from trueup.studies.walk.scenes import LEFT, NAO, RIGHT, SIMSPARK, simulator
+from trueup.tasks.walking import OmniWalk, WalkFront
+
+
+def test_a_biped_walks_by_its_file_and_the_names_of_its_legs() -> None:
+    robot, task = trueup.walk(NAO, LEFT, RIGHT, runs=1)
+    slow = task.parameters.nominal.copy()
+    slow[task.parameters.index("amp_swing")] *= 0.5
+    done = robot.rollout(task.trials, np.stack([task.parameters.nominal, slow]), task.controllers)
+    score = -task.score(done)
+    assert not done[0].ends
+    assert 0.09 < score[0] < 0.15
+    assert 0.4 < score[1] / score[0] < 0.8
+    (buffeting,) = [d for d in task.trials[0].disturbances if isinstance(d, Buffeting)]
+    assert buffeting.force == pytest.approx(0.02 * 5.305 * 9.81, rel=0.01)
+
+
+def test_a_plan_names_the_walk_and_its_course() -> None:
+    options = {"left": list(LEFT), "right": list(RIGHT), "course": "around", "quiet": True, "nominal": {"knee": 0.9}}
+    component = Component("walk", options, "plan.toml, [task]")
+    task = made(component, "task", TASKS, {"simulator": simulator()}, NAO.parent)
+    assert isinstance(task, OmniWalk)
+    assert not task.disturbances
+    assert task.parameters["knee"].nominal == 0.9
+    assert task.parameters["v_short"].nominal == 1.765
+
+
+def test_the_pages_example_walks_a_biped_with_other_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text, theirs = NAO.read_text("utf-8"), ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle_pitch", "ankle_roll")
+    for side, ours in (("left", LEFT), ("right", RIGHT)):
+        for name, joint in zip(theirs, ours, strict=True):
+            text = text.replace(f'"{joint}"', f'"{side}_{name}"')
+    (tmp_path / "biped.xml").write_text(text, encoding="utf-8")
+    page = Path(__file__).resolve().parents[2] / "docs" / "walking.md"
+    (example,) = re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    less = {"population=32": "population=6", "range(20)": "range(1)", "for j in leg])\n": "for j in leg], runs=1)\n"}
+    for much, little in less.items():
+        assert much in example
+        example = example.replace(much, little)
+    exec(example, names)
+    search = names["search"]
+    assert isinstance(search, CmaEs)
+    assert search.best[1] < -0.05
+
+
+def test_what_a_walk_lacks_is_named(tmp_path: Path) -> None:
+    text = SIMSPARK.read_text("utf-8")
+
+    def without(pattern: str) -> Path:
+        path = tmp_path / f"biped{len(list(tmp_path.iterdir()))}.xml"
+        path.write_text(re.sub(pattern, "", text, flags=re.DOTALL), encoding="utf-8")
+        return path
+
+    with pytest.raises(ModelError, match=r"no sensor 'gyro'.*<gyro name=.*accelerometer"):
+        trueup.walk(without("<gyro [^>]*>"), LEFT, RIGHT)
+    with pytest.raises(ModelError, match="keyframe"):
+        trueup.walk(without("<keyframe>.*</keyframe>"), LEFT, RIGHT)
+    with pytest.raises(UnknownNameError, match="LHipYaw"):
+        trueup.walk(SIMSPARK, ("LHipYaw", *LEFT[1:]), RIGHT)
+    with pytest.raises(UnknownNameError, match=r"'moonwalk'.*front"):
+        trueup.walk(SIMSPARK, LEFT, RIGHT, course="moonwalk")
+    assert isinstance(trueup.walk(SIMSPARK, LEFT, RIGHT)[1], WalkFront)
