@@ -118,3 +118,14 @@ def test_errors_of_slides_and_hinges_are_not_drawn_on_one_scale(found: Identific
     assert "error in N, N m" not in mixed
     assert "mean torque" in mixed  # the share of each joint's own torque in its place
     assert "force in N" in mixed
+
+
+def test_the_table_of_parameters_is_short_until_opened_and_its_symbols_are_explained(found: Identification) -> None:
+    friction = Parameter(
+        "ft0.0151_2", "N m", "saturating", "elbow", 2.0, 0.1, np.nan, np.nan, "shared", "sets in with speed"
+    )
+    text = identification_html(replace(found, parameters=(*found.parameters, friction)))
+    table = text.index('id="numbers"')
+    assert text.rfind("<details", 0, table) > text.rfind("</details>", 0, table)
+    assert "<dt>ft</dt><dd>sets in with speed</dd>" in text
+    assert "2 elbow" in text

@@ -19,6 +19,7 @@ from trueup.identification.effects import OF_LOAD, Effect
 from trueup.identification.inertial import NAMES
 from trueup.identification.kinematic_tree import GEOMETRY, KinematicTree
 from trueup.identification.regressors import inverse_dynamics, samples
+from trueup.recording import Channel, Recording
 
 Array = NDArray[np.float64]
 
@@ -90,6 +91,36 @@ class TorqueModel:
             )
         torque += own @ self.drives
         return torque[0] if single else torque
+
+    def predict(self, recording: Recording, cutoff: float | None = None) -> Recording:
+        """Positions, speeds and torques along a recording's motion, at even instants; columns become joints by name.
+
+        Everything above `cutoff` Hz is filtered away, by default as `trueup identify` would do it. Raises ModelError where a
+        joint is missing, IdentificationError for positions that cannot be used.
+        """
+        from trueup.identification.estimation.cutoff import natural_cutoff
+        from trueup.identification.estimation.drives import Drives
+        from trueup.identification.estimation.filtering import Lowpass
+        from trueup.identification.estimation.matching import matched
+        from trueup.identification.estimation.motion import log_of
+
+        q = recording.channel("position")
+        nothing = Channel("torque", q.labels, "N m", q.time, np.zeros(q.values.shape))
+        tree, ((named,), _), _ = matched(
+            self.tree, ([recording.replace(channels={"position": q, "torque": nothing})], [])
+        )
+        if tree.joints != self.joints:
+            missing = ", ".join(j for j in self.joints if j not in tree.joints)
+            raise ModelError(f"recording '{recording.name}' has no position of {missing}, which the torque model needs")
+        log = log_of(named, tree, Drives.direct(tree.joints))
+        used = cutoff or natural_cutoff([log])
+        m = log.motion(used, measured_speed=False)
+        passed = Lowpass(m.rate, used) if used < 0.45 * m.rate else np.asarray
+        units = tuple("m" if slides else "rad" for slides in tree.prismatic.tolist())
+        made = (("position", "rad", m.q, units), ("velocity", "rad/s", m.v, tuple(f"{u}/s" for u in units)),
+                ("torque", "N m", passed(self.torque(m.q, m.v, m.a)), self.units))  # fmt: skip
+        channels = {name: Channel(name, self.joints, unit, m.time, values, own) for name, unit, values, own in made}
+        return Recording(recording.name, channels)
 
     def expression(self, drive: int) -> str:
         """What a drive adds, of its q, v, a and load L, as C and Python both read it: '0.41*(a) + 12.3*(tanh(v/0.013))'."""

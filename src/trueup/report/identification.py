@@ -20,8 +20,9 @@ figure h4 { margin-top: 0; }
 #links td.words { white-space: normal; }
 table.compact th[scope="row"] { min-width: 92px; }
 #files pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: 13px; }
-#files details { margin-top: 12px; }
-#files summary { cursor: pointer; }
+#files details, #parameters details { margin-top: 12px; }
+#numbers td:nth-child(2) { white-space: nowrap; }
+#files summary, #parameters summary { cursor: pointer; }
 table.compact td, table.compact th { padding: 4px 9px; }
 """
 

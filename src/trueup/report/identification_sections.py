@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
@@ -119,13 +120,27 @@ def _parameters(found: Identification) -> Markup:
     counts = Counter(p.verdict for p in found.parameters)
     told = ", ".join(f"{counts[v]} {v}" for v in VERDICTS if counts[v])
     titles = ("Parameter", "Joint", "Value", "Standard deviation", "File as given", "File written", "Unit", "Verdict")
+    rows = table(head(*titles, numbers=range(2, 6)), [_parameter(p) for p in found.parameters], "compact", id="numbers")
     return join(
         tag("p", f"{len(found.parameters)} combinations and effects were fitted: {told}."),
-        table(
-            head(*titles, numbers=range(2, 6)), [_parameter(p) for p in found.parameters], "compact", id="parameters"
-        ),
         facts([(chip(v), VERDICTS[v]) for v in VERDICTS if counts[v]], "legend"),
+        tag("details", tag("summary", f"All {len(found.parameters)} parameters"), _symbols(found), rows),
     )
+
+
+def _symbols(found: Identification) -> Markup:
+    """What the names of parameters mean."""
+    numbered = ", ".join(f"{j} {joint}" for j, joint in enumerate(found.joints, 1))
+    known = (
+        ("numbers", f"joints, and the links that they move: {numbered}"),
+        ("m2, mc2x, I2zz", "mass of link 2, mass times its centre, second moment about the origin of the joint's frame, in "
+                           "combinations that torque can tell"),
+    )  # fmt: skip
+    symbols: dict[str, str] = {}
+    for p in found.parameters:
+        if p.note:
+            symbols.setdefault(p.note, re.sub(r"(?<=[a-z])\d+\..*", "", p.name.split("_")[0]))
+    return facts([*known, *((name, note) for note, name in symbols.items())], "legend symbols")
 
 
 def _parameter(p: Parameter) -> Markup:

@@ -162,6 +162,22 @@ def test_the_predictor_that_is_read_back_is_the_fit(
     assert parts["Python file"].difference < 1e-9
 
 
+def test_torque_is_predicted_for_a_log_of_positions_whose_columns_are_in_another_order(
+    handed: tuple[Identification, dict[str, Deliverable], Path], arms: SimpleNamespace
+) -> None:
+    found, _, folder = handed
+    (unseen,) = found.held_out()
+    run = log(found.model.tree, arms, 2)
+    q = run.channel("position")
+    other = run.without("torque").with_channel(q.select(q.labels[::-1]))
+    said = trueup.load(folder).predict(other, found.cutoff).channel("torque")
+    assert said.labels == q.labels
+    at = np.stack([np.interp(unseen.time, said.time, x) for x in said.values.T], axis=1)
+    assert np.abs(at - unseen.fitted).max() < 1e-6
+    with pytest.raises(ModelError, match="joint3"):
+        trueup.load(folder).predict(run.with_channel(q.select(q.labels[:2])))
+
+
 def test_the_three_lines_of_code_that_the_page_shows_for_each_file_say_the_same(
     handed: tuple[Identification, dict[str, Deliverable], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

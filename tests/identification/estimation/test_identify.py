@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from trueup.errors import IdentificationError, UnknownNameError
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.couplings import coupled
+from trueup.identification.estimation.cutoff import natural_cutoff
 from trueup.identification.estimation.drives import Drives
-from trueup.identification.estimation.identify import Options, identify, natural_cutoff
+from trueup.identification.estimation.identify import Options, identify
 from trueup.identification.estimation.matching import matched
 from trueup.identification.estimation.motion import log_of
 from trueup.identification.estimation.result import Identification, relative_error

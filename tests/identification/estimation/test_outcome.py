@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.identification.estimation.diagnosis import grouped
 from trueup.identification.estimation.outcome import unlike
 from trueup.identification.estimation.result import Prediction
 
@@ -37,3 +38,15 @@ def test_what_the_held_out_motion_has_that_the_fitted_one_lacks_is_named(speed: 
     found = unlike([fitted], [held])
     assert said in found
     assert bool(found) == bool(said)
+
+
+def test_what_is_said_alike_of_several_recordings_is_said_once() -> None:
+    one, two = "recording 'a': 3 samples of torque stand far off", "recording 'b': 12 samples of torque stand far off"
+    (said,) = grouped([one, two, one])
+    assert said == f"{one}; likewise in b"
+    assert grouped([one, "something else", "and 2 more", "and 3 more"]) == [
+        one,
+        "something else",
+        "and 2 more",
+        "and 3 more",
+    ]

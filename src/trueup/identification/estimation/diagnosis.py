@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -26,6 +27,9 @@ _SLIGHTLY, _MUCH = 0.9, 0.1
 _AS_GOOD = 1.1
 _TORQUE_FACTOR = 30.0
 """Times the torque limit of the model file that no drive delivers."""
+
+_RECORDING = re.compile(r"recording '([^']*)'")
+_LISTED = 4
 
 Fit = Callable[[Motion], float]
 """The relative error of a basic model on a motion."""
@@ -57,6 +61,21 @@ def check_log(log: Log, tree: KinematicTree, *, judged: bool = False) -> list[st
             f"without torque: --lock {' '.join(flat)}"
         )
     return notes
+
+
+def grouped(sentences: Iterable[str]) -> list[str]:
+    """Sentences on recordings, those that say the same of several as one, with the numbers of the first."""
+    alike: dict[str, list[tuple[str, str]]] = {}
+    for sentence in dict.fromkeys(sentences):
+        name = _RECORDING.search(sentence)
+        key = re.sub(r"\d[\d.e+-]*", "0", _RECORDING.sub("", sentence))
+        alike.setdefault(key, []).append((sentence, name[1] if name else ""))
+    made = []
+    for (sentence, _), *more in alike.values():
+        names = list(dict.fromkeys(name for _, name in more if name))
+        listed = ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
+        made += [f"{sentence}; likewise in {listed}"] if names else [sentence, *(other for other, _ in more)]
+    return made
 
 
 def _check_angles(log: Log, tree: KinematicTree) -> None:

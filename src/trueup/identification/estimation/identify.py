@@ -18,13 +18,13 @@ from trueup.identification.estimation.alignment import find_shift, shifted
 from trueup.identification.estimation.bodies import Bodies, cross_validated_fit
 from trueup.identification.estimation.consistent import consistent_fit
 from trueup.identification.estimation.couplings import coupled
-from trueup.identification.estimation.diagnosis import check_log
+from trueup.identification.estimation.cutoff import natural_cutoff
+from trueup.identification.estimation.diagnosis import check_log, grouped
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import Estimate, least_squares, weighted_least_squares
 from trueup.identification.estimation.file_fit import FileFit, file_fit
-from trueup.identification.estimation.filtering import derivative
 from trueup.identification.estimation.matching import matched
-from trueup.identification.estimation.moments import TINY, Moments, blocks_of, moments_of
+from trueup.identification.estimation.moments import Moments, blocks_of, moments_of
 from trueup.identification.estimation.motion import Log, Piece, log_of, pieces_of
 from trueup.identification.estimation.outcome import outcome
 from trueup.identification.estimation.pool import STRUCTURES, Pool, chosen, loaded, pool_for
@@ -45,9 +45,6 @@ _STAGES = (
     "reading the logs", "computing regressors", "comparing clocks",
     "choosing the structure of friction", "estimating", "writing",
 )  # fmt: skip
-_NOISY = 0.1  # share of accelerations that noise may be
-_NEAR = 25
-"""Frequencies of a spectrum that are averaged to tell motion from noise."""
 
 
 @dataclass(frozen=True)
@@ -117,11 +114,9 @@ def identify(
 
 
 def _minded(logs: Sequence[Log], judged: Sequence[Log], tree: KinematicTree) -> list[str]:
-    """What to mind in logs that are fitted and in those that only judge, each once."""
+    """What to mind in logs that are fitted and in those that only judge, what is alike once."""
     groups = ((logs, False), (judged, True))
-    return list(
-        dict.fromkeys(n for group, j in groups for x in group for n in (*x.notes, *check_log(x, tree, judged=j)))
-    )
+    return grouped(n for group, j in groups for x in group for n in (*x.notes, *check_log(x, tree, judged=j)))
 
 
 def _announced(told: Told | None) -> Callable[[str], None]:
@@ -205,51 +200,6 @@ def _estimated(
     near = fit(_prior(pool, bodies.fit.parameters), choice.strength, free.robust)
     # Deviations: what the logs tell by themselves.
     return replace(near, covariance=free.covariance), bodies, written, choice
-
-
-def natural_cutoff(logs: Sequence[Log]) -> float:
-    """A cut-off in Hz from the motion: five times the frequency below which 99 % of the speeds' power lies, or where the
-    noise of accelerations reaches a tenth of them, whichever is lower.
-
-    At least 5 Hz, at most 40 Hz or 0.16 of the rate: torque above is noise, ripple and elasticity.
-    """
-    found = []
-    for log in logs:
-        frequency, power, noise = _speed_power(log)
-        seen = power[frequency <= min(20.0, 0.15 * log.rate)]
-        share = np.cumsum(seen / np.maximum(seen.sum(axis=0), TINY), axis=0).mean(axis=1)
-        found.append(min(5.0 * float(frequency[int(np.searchsorted(share, 0.99))]), _quiet(frequency, power, noise)))
-    lowest = min(log.rate for log in logs)
-    return float(np.clip(round(max(found), 1), min(5.0, 0.08 * lowest), min(40.0, 0.16 * lowest)))
-
-
-def _quiet(frequency: Array, power: Array, noise: Array) -> float:
-    """The frequency in Hz up to which noise is less than `_NOISY` of the accelerations, in the median of the joints.
-
-    `power` and `noise` (F, n) are those of speeds.
-    """
-    squares = frequency[:, None] ** 2
-    share = np.cumsum(noise * squares, axis=0) / np.maximum((power * squares).sum(axis=0), TINY)
-    loud = np.flatnonzero(np.median(share, axis=1) > _NOISY**2)
-    return float(frequency[loud[0]]) if len(loud) else np.inf
-
-
-def _speed_power(log: Log) -> tuple[Array, Array, Array]:
-    """(F,) Hz, (F, n) power of the joints' speeds, that of white noise in the positions taken away, and that of the noise.
-
-    Differences of noisy positions hold ever more power towards high frequencies; it is not motion.
-    """
-    v = derivative(log.position, log.rate)
-    power = np.abs(np.fft.rfft(v - v.mean(axis=0), axis=0)) ** 2
-    frequency = np.asarray(np.fft.rfftfreq(len(v), 1.0 / log.rate), dtype=np.float64)
-    differences = (log.rate * np.sin(2.0 * np.pi * frequency / log.rate))[:, None] ** 2
-    high = (frequency > 0.25 * log.rate) & (frequency < 0.45 * log.rate)
-    noise = np.median(power[high] / differences[high], axis=0) / np.log(2.0)  # of white noise: power is exponential
-    expected = noise * differences
-    # Noise scatters about what is expected: single frequencies say little, the mean of many does.
-    near = np.stack([np.convolve(p, np.full(_NEAR, 1.0 / _NEAR), mode="same") for p in power.T], axis=1)
-    moving = np.where(near > 2.0 * expected, np.maximum(power - expected, 0.0), 0.0)
-    return frequency, moving, expected
 
 
 def _check_options(options: Options, training: Sequence[Recording]) -> None:

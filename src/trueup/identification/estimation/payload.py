@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trueup.errors import IdentificationError
+from trueup.identification.estimation.cutoff import natural_cutoff
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import crossed
-from trueup.identification.estimation.identify import natural_cutoff
 from trueup.identification.estimation.moments import TINY, blocks_of, solve
 from trueup.identification.estimation.motion import log_of, pieces_of
 from trueup.identification.estimation.pool import pool_for

@@ -61,6 +61,7 @@ class Parameter:
     verdict: str
     """'identified', 'roughly', 'small', 'shared' or 'not seen'."""
     note: str = ""
+    """What an effect is, in words."""
 
     @property
     def relative(self) -> float:

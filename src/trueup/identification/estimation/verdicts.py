@@ -44,8 +44,8 @@ def parameters_of(
                 name=model.names[k] if group is None else base.names[group], unit=model.units[k], kind=kind,
                 joint=tree.joints[owner], value=value, deviation=deviation,
                 file=float(row @ file) if known and kind in ("inertial", "rotor") else np.nan,
-                consistent=np.nan if consistent is None else float(row @ consistent),
-                verdict=_verdict(value, deviation, float(shares[k]), kind),
+                consistent=np.nan if consistent is None else float(row[row != 0.0] @ consistent[row != 0.0]),
+                verdict=_verdict(value, deviation, float(shares[k]), kind), note=effect.short if effect else "",
             )
         )  # fmt: skip
     return tuple(made)
