@@ -46,6 +46,8 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.loop.prepare import simulator_for as simulator_for
     from trueup.loop.transfer import shortlist as shortlist
     from trueup.loop.transfer import transfer as transfer
+    from trueup.loop.whole_runs import whole_body as whole_body
+    from trueup.loop.whole_runs import whole_runs as whole_runs
     from trueup.parameters import Parameter as Parameter
     from trueup.parameters import ParameterSpace as ParameterSpace
     from trueup.paths import Path as Path
@@ -101,6 +103,8 @@ _HOME = {
     "transfer": "trueup.loop.transfer",
     "transition": "trueup.campaign.motions",
     "walk": "trueup.campaign.walks",
+    "whole_body": "trueup.loop.whole_runs",
+    "whole_runs": "trueup.loop.whole_runs",
     "write": "trueup.formats",
     "write_film": "trueup.report.film_replay",
     "write_model": "trueup.engines.mujoco.writing.write",

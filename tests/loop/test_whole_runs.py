@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from trueup.discrepancies.whole_body import WholeBody
 from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.errors import RecordingError
 from trueup.loop.problem import Problem
-from trueup.loop.whole_runs import losses, whole_runs
+from trueup.loop.whole_runs import losses, whole_body, whole_runs
 from trueup.studies.balance.calibration import CHANNELS, declared
 from trueup.studies.balance.robot import led
 from trueup.studies.balance.scenes import model_of, transition
@@ -62,3 +63,20 @@ def test_each_channel_counts_alike_however_often_it_was_sampled(falling: tuple[P
     halved = problem.replayed_by(rarely, problem.owners)
     nominal = problem.simulator.parameters.nominal[None]
     assert losses(halved, nominal)[0] == pytest.approx(losses(problem, nominal)[0], rel=0.05)
+
+
+def test_repeats_count_as_one_run_and_a_lost_base_is_named(falling: tuple[Problem, Array]) -> None:
+    problem, truth = falling
+    (run,) = problem.recordings
+    command = problem.trials[0].command
+    assert command is not None
+    runs = [run.replace(name=name) for name in ("first", "again")]
+    (trial,) = (whole := whole_body(problem.simulator, runs)).trials
+    assert trial.name == "first"
+    assert losses(whole, truth[None])[0] < 1e-5
+    torso = run.channel("base_orientation")
+    gone = torso.replace(
+        values=np.where((torso.time > 0.2)[:, None] & (torso.time < 0.8)[:, None], np.nan, torso.values)
+    )
+    with pytest.raises(RecordingError, match=r"'base_orientation' was lost from 0\.2 to 0\.8 s"):
+        whole_body(problem.simulator, [run.with_channel(gone)])

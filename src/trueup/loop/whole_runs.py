@@ -15,8 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.discrepancies.whole_body import SCALES, WholeBody
+from trueup.ends import End
+from trueup.engines.simulator import Simulator
+from trueup.inspection.repeats import bridged, grouped, together
 from trueup.loop.problem import Problem
 from trueup.parameters import ParameterSpace
+from trueup.recording import Recording
 from trueup.search.cma_es import CmaEs
 from trueup.search.robust import robust_weights
 
@@ -131,6 +136,20 @@ class _Descent:
     def _losses(self, residuals: Array, points: Array, members: NDArray[np.int64]) -> Array:
         away = np.sum(((points - self._centres[members]) / _SPREAD) ** 2, axis=1)
         return _robust(residuals, self._weights) + self._prior * away
+
+
+def whole_body(simulator: Simulator, recordings: Sequence[Recording], ends: Sequence[End] = ()) -> Problem:
+    """Recordings of a robot with a free base as something that is replayed whole, the torso's orientation first.
+
+    Repeats, which were commanded alike, count as their average as far as they agree. `ends` are conditions under which a
+    simulated run ends. Raises RecordingError where the pose of the base was lost for too long (`repeats.LONGEST_GAP`).
+    """
+    for recording in recordings:
+        bridged(recording)  # says what was lost
+    groups = grouped(recordings)
+    alone = [r for r in recordings if not any(r is other for group in groups for other in group)]
+    seen = [*(together(group).average for group in groups), *alone]
+    return Problem(simulator, seen, WholeBody(), tuple(SCALES), ends=ends)
 
 
 def losses(problem: Problem, values: Array) -> Array:

@@ -18,9 +18,8 @@ from trueup.articulated.declarations import declare
 from trueup.discrepancies.whole_body import WholeBody, orientation_error
 from trueup.ends import End
 from trueup.engines.mujoco.rollout import MujocoSimulator
-from trueup.inspection.repeats import together
 from trueup.loop.problem import Problem
-from trueup.loop.whole_runs import Told, WholeRuns, whole_runs
+from trueup.loop.whole_runs import Told, WholeRuns, whole_body, whole_runs
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.studies.balance.scenes import model_of
@@ -62,7 +61,7 @@ class Runs:
 
     def problem(self, simulator: MujocoSimulator) -> Problem:
         """Their average, as far as they agree, as something to be replayed."""
-        return Problem(simulator, [together(self.recordings).average], WholeBody(), CHANNELS, ends=self.ends)
+        return whole_body(simulator, self.recordings, self.ends)
 
     def error(self, simulator: MujocoSimulator, values: Array) -> float:
         """Root mean square angle in rad from the measured torso to the simulated one with values (n,), each run by itself."""
