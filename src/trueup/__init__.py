@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.actuators.bench import Bench as Bench
     from trueup.actuators.identify import identify_actuator as identify_actuator
+    from trueup.actuators.simulated import servo_quantity as servo_quantity
     from trueup.articulated.declarations import Declaration as Declaration
     from trueup.articulated.declarations import declare as declare
     from trueup.articulated.quantities.quantity import Quantity as Quantity
@@ -99,6 +100,7 @@ _HOME = {
     "propose": "trueup.engines.mujoco.setup.proposal",
     "read": "trueup.formats",
     "shortlist": "trueup.loop.transfer",
+    "servo_quantity": "trueup.actuators.simulated",
     "simulator_for": "trueup.loop.prepare",
     "transfer": "trueup.loop.transfer",
     "transition": "trueup.campaign.motions",

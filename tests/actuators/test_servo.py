@@ -20,8 +20,13 @@ from trueup.actuators.experiment import Experiment
 from trueup.actuators.identify import Actuator
 from trueup.actuators.replay import replay
 from trueup.actuators.servo import Law, Servo
+from trueup.actuators.simulated import servo_quantity
 from trueup.actuators.write import HARD, mjcf_text, python_text, replay_file
+from trueup.articulated.declarations import Declaration, declare
+from trueup.engines.mujoco.model import load as load_file
+from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.recording import Channel, Recording
+from trueup.trial import Trial
 
 STEP = 0.002
 BENCH = Bench(mass=0.4, length=0.1, inertia=3e-4, hangs_at=0.2)
@@ -63,12 +68,16 @@ def delivered(law: Law, folder: Path) -> ModuleType:
     return module
 
 
+def rig(law: Law, bench: Bench) -> str:
+    return f"""<mujoco><option timestep="{STEP}" integrator="implicitfast"/><worldbody><body>
+      <joint name="joint" axis="0 1 0" ref="{math.degrees(bench.hangs_at)}" armature="{law.armature}" {HARD}/>
+      <inertial pos="0 0 {-bench.length}" mass="{bench.mass}" diaginertia="{bench.inertia} {bench.inertia} {bench.inertia}"/>
+      </body></worldbody><actuator><motor name="joint" joint="joint"/></actuator></mujoco>"""
+
+
 def in_mujoco(servo: Servo, command: np.ndarray, bench: Bench) -> np.ndarray:
     """The ten lines of the delivered file's docstring."""
-    model = mujoco.MjModel.from_xml_string(f"""<mujoco><option timestep="{STEP}" integrator="implicitfast"/><worldbody><body>
-      <joint name="j" axis="0 1 0" ref="{math.degrees(bench.hangs_at)}" armature="{servo.law.armature}" {HARD}/>
-      <inertial pos="0 0 {-bench.length}" mass="{bench.mass}" diaginertia="{bench.inertia} {bench.inertia} {bench.inertia}"/>
-      </body></worldbody><actuator><motor joint="j"/></actuator></mujoco>""")
+    model = mujoco.MjModel.from_xml_string(rig(servo.law, bench))
     data = mujoco.MjData(model)
     data.qpos[0] = 0.0
     servo.reset(data.qpos[0])
@@ -152,3 +161,20 @@ def test_a_gain_half_as_high_pulls_half_as_much() -> None:
         servo.step(0.3, 0.0, 0.0, STEP)
         pulls.append(servo.torque)
     assert pulls == [pytest.approx(0.6), pytest.approx(0.3)]
+
+
+def test_trueups_own_simulator_moves_as_the_replay(tmp_path: Path) -> None:
+    command = swinging()
+    command[np.isnan(command)] = 0.3
+    recorded = recording(command)
+    (run,), _, _ = runs_of([recorded], BENCH)
+    path = tmp_path / "rig.xml"
+    path.write_text(rig(RICH, BENCH), encoding="utf-8")
+    model = load_file(path)
+    servos = declare(model, [Declaration(servo_quantity(RICH), ("*",))])
+    simulator = MujocoSimulator(model, *servos, step=STEP)
+    trial = Trial.of(recorded)
+    (seen,) = simulator.rollout([trial], np.array([[1.0], [0.5]]))
+    for row, gain in enumerate((1.0, 0.5)):
+        ours = replay(RICH, dataclasses.replace(run, gain=gain), STEP)
+        np.testing.assert_allclose(seen.channels["position"][row, :, 0], ours, atol=1e-3)

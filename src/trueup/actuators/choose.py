@@ -17,6 +17,7 @@ from trueup.parameters import Parameter
 Array = NDArray[np.float64]
 
 _QUICK = 8  # iterations that show what a structure promises
+_WAYS = 3  # models that are followed side by side
 _TRIED = 4  # structures that promise the most are fitted in earnest
 _STIFF = (0.4, 1.0)  # of the stiffness guessed from errors and loads, to begin from
 _SIZES = (0.02, 0.1, 0.3, 0.5, 0.7, 0.9)  # of its box, at which a structure is tried before it is searched
@@ -71,9 +72,9 @@ class Chooser:
 
     def plain(self, structures: tuple[str, ...] = ()) -> Model:
         """The servo of BASE, with some structures, from the best of several starts."""
-        self._starts = [{**self._fixed, "stiffness": f * self.declared["stiffness"].nominal} for f in _STIFF]
+        starts = [{**self._fixed, "stiffness": f * self.declared["stiffness"].nominal} for f in _STIFF]
         parameters = self.parameters(structures)
-        return self._best(structures, [widening(self.problem, parameters, start) for start in self._starts])
+        return self._best(structures, [widening(self.problem, parameters, start) for start in starts])
 
     def promise(self, model: Model, structure: Structure) -> Found:
         """What a structure would do to a model's replays in windows: quickly fitted."""
@@ -86,8 +87,9 @@ class Chooser:
         parameters = self.parameters(names)
         starts = (promised.values, self._sized(model.found, structure))
         fits = [fit(self.problem, parameters, start) for start in starts]
-        # and without regard to what was found before: the order of questions must not decide
-        return self._best(names, [*fits, widening(self.problem, parameters, self._starts[-1])])
+        # and without regard to what was found before, which may hold a fit in a valley of its own
+        nominal = {**self._fixed, "stiffness": self.declared["stiffness"].nominal}
+        return self._best(names, [*fits, widening(self.problem, parameters, nominal)])
 
     def without(self, model: Model, name: str) -> Model:
         """A model with one structure less."""
@@ -117,38 +119,56 @@ class Chooser:
 
 
 def choose(chooser: Chooser, offered: Sequence[str], told: Callable[[str, float], None]) -> tuple[Model, list[Asked]]:
-    """The model whose structures left-out data want, and what was asked; candidates go in by their gain, then each is asked
-    again whether the others have made it needless.
+    """The model whose structures left-out data want, and what was asked.
 
+    Structures go in one by one, along several ways at once (a beam: of rivals such as limits of voltage and of force, the
+    one that helps more at first may be the wrong one); then each is asked again whether the others have made it needless.
     It begins with friction under load, which four of four servos had that were studied for it (Duclusaud et al. 2025), and
     which stays unless left-out errors are as low without it.
     """
-    model, asked = chooser.plain((LOAD,)), {}
-    while True:
-        promised = {}
-        for s in STRUCTURES:
-            if (
-                s.name in offered
-                and s.name not in model.structures
-                and (not s.requires or s.requires in model.structures)
-            ):
-                told(s.name, model.error)
-                promised[s.name] = chooser.promise(model, s)
-        bend = min((f.bend for f in promised.values()), default=1.0)
-        losses = chooser.problem.losses([f.values for f in promised.values()], bend, WINDOWS[-2])
-        tried = {}
-        for name in [list(promised)[k] for k in np.argsort(losses)[:_TRIED]]:
-            tried[name] = chooser.with_structure(model, BY_NAME[name], promised[name])
-            asked[name] = Asked.of(name, model, tried[name])
-        good = [n for n in tried if asked[n].kept]
-        if not good:
-            break
-        model = tried[max(good, key=lambda n: asked[n].evidence.gain)]
-    for name in (*model.structures[1:-1], LOAD):
-        if not any(BY_NAME[s].requires == name for s in model.structures):
-            told(f"without {name}", model.error)
-            less = chooser.without(model, name)
-            asked[name] = Asked.of(name, less, model)
-            if not asked[name].kept:
-                model = less
-    return model, sorted(asked.values(), key=lambda a: -a.evidence.gain)
+    beam = [chooser.plain((LOAD,))]
+    best, asked, seen = beam[0], {}, {}
+    while beam:
+        grown: dict[frozenset[str], Model] = {}
+        for parent in beam:
+            for name, child in _tried(chooser, parent, offered, seen, told).items():
+                asked[frozenset(parent.structures), name] = found = Asked.of(name, parent, child)
+                if found.kept:
+                    grown[frozenset(child.structures)] = child
+        beam = sorted(grown.values(), key=lambda m: m.error)[:_WAYS]
+        best = min([best, *beam], key=lambda m: m.error)
+    answers = {name: a for (_, name), a in asked.items()}
+    answers |= {name: a for (parent, name), a in asked.items() if parent == frozenset(best.structures)}
+    for name in (*best.structures[1:], LOAD):
+        if not any(BY_NAME[s].requires == name for s in best.structures):
+            told(f"without {name}", best.error)
+            less = chooser.without(best, name)
+            answers[name] = Asked.of(name, less, best)
+            if not answers[name].kept:
+                best = less
+    return best, sorted(answers.values(), key=lambda a: -a.evidence.gain)
+
+
+def _tried(
+    chooser: Chooser, parent: Model, offered: Sequence[str], seen: dict[frozenset[str], Model],
+    told: Callable[[str, float], None],
+) -> dict[str, Model]:  # fmt: skip
+    """Models with one more structure, of those that promise most; what was `seen` on other ways is not fitted again."""
+    promised = {}
+    for s in STRUCTURES:
+        if (
+            s.name in offered
+            and s.name not in parent.structures
+            and (not s.requires or s.requires in parent.structures)
+        ):
+            told(s.name, parent.error)
+            promised[s.name] = chooser.promise(parent, s)
+    bend = min((f.bend for f in promised.values()), default=1.0)
+    losses = chooser.problem.losses([f.values for f in promised.values()], bend, WINDOWS[-2])
+    tried = {}
+    for name in [list(promised)[k] for k in np.argsort(losses)[:_TRIED]]:
+        key = frozenset((*parent.structures, name))
+        if key not in seen:
+            seen[key] = chooser.with_structure(parent, BY_NAME[name], promised[name])
+        tried[name] = seen[key]
+    return tried

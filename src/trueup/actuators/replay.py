@@ -28,7 +28,7 @@ def _compiled(function: FunctionType, **names: object) -> Any:
 
 
 _demand = _compiled(servo.demand, set_point=_compiled(servo.set_point))
-_drive = _compiled(servo.drive, demand=_demand)
+compiled_drive = _compiled(servo.drive, demand=_demand)
 
 
 @njit(nogil=True)
@@ -60,7 +60,7 @@ def _replay(
         wanted, before = (area - before) / step, area
         while now + 1 < n and time[now + 1] <= (s - 1) * step:
             now += 1
-        torque, damping, dry = _drive(law, gain, on[now], state, wanted, q, v, external, step)
+        torque, damping, dry = compiled_drive(law, gain, on[now], state, wanted, q, v, external, step)
         external = -moment * np.sin(q - hangs)
         total = torque - damping * v + external
         if dry > 0.0:

@@ -41,6 +41,7 @@ ATTRIBUTES: Mapping[str, str] = {
     "body.inertia": "(b, 3, 3) rotational inertia about the centre of mass in the body frame, kg m2",
     "geom.friction": "sliding friction of a shape's contacts",
     "geom.softness": "time constant of a shape's contacts, s",
+    "world.step": "s, of the simulation; only read",
     "world.gravity": "(b, 3) m/s2",
     "world.floor_height": "height of the plane that the robot stands on, m",
     "world.floor_tilt": "(b, 2) how far that plane is turned about the world's x, then y, from where the model has it, rad",
@@ -115,7 +116,8 @@ class Copies(Writable, Protocol):
     """b simulations that are stepped together, as what acts in each step sees them."""
 
     def reader(self, state: str, joints: Sequence[str]) -> Callable[[int], Array]:
-        """What reads `state` ('position', 'velocity', or the drives' 'force') of joints: first n copies to (n, k).
+        """What reads `state` of joints, first n copies to (n, k): 'position', 'velocity', the drives' 'force', or, where the
+        engine offers it, the 'bias' with which gravity and motion push against them.
 
         So it does for one of `Engine.channels`, with its labels in place of joints.
         """

@@ -28,7 +28,7 @@ _OBJECTS = {
 SLACK = "/slack"
 """What the name of the second joint ends with that stands for the backlash of a joint."""
 _TILT = "tilt of the floor"
-_STATES = {"position": "qpos", "velocity": "qvel", "force": "qfrc_actuator"}
+_STATES = {"position": "qpos", "velocity": "qvel", "force": "qfrc_actuator", "bias": "qfrc_bias"}
 
 
 class MujocoAttributes:
@@ -268,6 +268,7 @@ _ACCESS: Mapping[str, _Access] = {
     "body.inertia": _Access(_read_inertia, _write_inertia),
     "geom.friction": _field("geom_friction", 0),
     "geom.softness": _field("geom_solref", 0),
+    "world.step": _Access(lambda a, i: np.array([a.model.opt.timestep])),
     "world.gravity": _Access(lambda a, i: np.array(a.fields.expand("opt.gravity")), _write_gravity),
     "world.floor_height": _floor("geom_pos", 2, 0.0),
     "world.floor_tilt": _Access(lambda a, i: np.array(a.relative.get(_TILT, np.zeros((1, 2)))), _write_floor_tilt),
