@@ -32,6 +32,7 @@ _HIGH = 0.93  # share of the settled final height: below, a knee or a hand carri
 _STILL = 0.5  # rad/s of tilting, on average over `_JUDGED`
 _EPSILON = 0.1  # rad, in the paper's integrand 1 / (|angle| + 0.1)
 _GRAVITY = 9.81  # m/s2
+_NEAREST = 0.1  # beside 1 for standing all the time
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,7 @@ class Transition:
     (default) counts what is gained over the start: the mean over the trial of their integrand times the square of the share
     of the final height, both at most 1, less what the start has of it, so that waiting earns nothing. And how near it ever
     came to being upright, high and about to rest (extrapolated centre of mass: A. L. Hof et al., J. Biomechanics 38, 2005),
-    so that those who fall can be compared.
+    with a small weight: it compares those who fall at once, and would hide how long the others stood.
     """
 
     name: str
@@ -113,7 +114,7 @@ class Transition:
         # Of a pendulum as long as the robot is high: zero if it is going to come to rest upright (capture point).
         capture = np.minimum(np.hypot(angle, rate * np.sqrt(self.final_height / _GRAVITY)), np.pi)
         nearest = (high * (0.5 * (1.0 + np.cos(capture)) + _EPSILON / (capture + _EPSILON))).max(axis=1)
-        return -(gained + 0.5 * nearest)
+        return -(gained + _NEAREST * nearest)
 
     def arrivals(self, rollout: Rollout) -> Array:
         """(b,) when each motion reaches its last pose, in s; the latest that may be where nobody says which motion it was."""
