@@ -9,7 +9,7 @@ DEV_READY := $(VENV)/.ready-dev
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo test check format benchmarks hooks lock clean
+.PHONY: help demo pictures test check format benchmarks hooks lock clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z%-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -30,6 +30,9 @@ check: $(DEV_READY) ## lint, formatting, types, layers, addresses and paths
 	@$(VENV)/bin/ruff format --check .
 	@$(VENV)/bin/pyright
 	@$(PYTEST) -q tests/test_layers.py tests/test_tree.py
+
+pictures: demo ## screenshots of the reports into docs/images, that of the demo from out/demo
+	@TRUEUP_PICTURES=out $(PYTEST) -q tests/report/test_pages.py tests/studies/test_stanley.py -k "cut_off or whole_study"
 
 format: $(DEV_READY) ## mend what ruff can mend
 	@$(VENV)/bin/ruff check --fix .

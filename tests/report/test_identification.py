@@ -8,56 +8,13 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
-import pytest
 
-from trueup.identification.effects import Effect
 from trueup.identification.estimation.result import (
-    Alignment,
     Identification,
-    Link,
-    Parameter,
-    Prediction,
     relative_error,
 )
-from trueup.identification.kinematic_tree import from_dh
-from trueup.identification.torque_model import TorqueModel
 from trueup.report.identification import identification_html, write_identification_report
 from trueup.report.identification_figures import binned
-
-MODEL = TorqueModel(
-    from_dh([0.1, 0.2], [0.0, 0.0], [0.0, 0.0], joints=("a<b>", "elbow")), np.ones((2, 10)), np.eye(2),
-    ((0, Effect("viscous"), 1.0), (1, Effect("coulomb"), 2.0)), np.zeros((2, 10)), ("N m", "N m"),
-)  # fmt: skip
-
-
-def _prediction(name: str, *, held_out: bool, seed: int) -> Prediction:
-    rng, t = np.random.default_rng(seed), np.arange(400) / 50.0
-    q = np.sin(np.outer(t, [1.0, 1.7]) + seed)
-    v = np.cos(np.outer(t, [1.0, 1.7]) + seed)
-    measured = 20.0 * q + 3.0 * np.sign(v)
-    fitted = measured + rng.normal(size=q.shape)
-    return Prediction(
-        name, held_out, t, measured, fitted, fitted + 0.1, 20.0 * q, q, v, np.column_stack([q, np.ones(len(t))])
-    )
-
-
-@pytest.fixture
-def found() -> Identification:
-    """Two joints, one run fitted and one held out, a shift of torque corrected."""
-    parameters = (
-        Parameter("I1zz + I1m + 0.49 m2", "kg m^2", "inertial", "a<b>", 1.23, 0.01, 1.1, 1.22, "identified"),
-        Parameter("mc2x", "kg m", "inertial", "elbow", 0.1, 0.4, np.nan, 0.2, "not seen"),
-    )
-    return Identification(
-        model_name="arm", joints=("a<b>", "elbow"), prismatic=(False, False), units=("N m", "N m"),
-        effort=np.array([100.0, np.nan]),
-        parameters=parameters, links=(Link("upper", 5.0, (0.1, 0.0, 0.0), (0.1, 0.2, 0.25), True, "mass -1 kg"),),
-        predictions=(_prediction("train", held_out=False, seed=0), _prediction("unseen", held_out=True, seed=1)),
-        noise=np.ones(2), cross_validation=np.ones((8, 2)), alignment=Alignment(0.004, 0.0001, 500.0, True, 0.1),
-        structure=(("viscous",), ("Coulomb",)), model=MODEL, for_file=None,
-        cutoff=10.0, rate=50.0, weighting="each joint by its noise", trust=1e-9, pull=1e-6,
-        advice=("not seen: mc2x. Accelerate elbow harder",), warnings=("torque comes late",), notes=(), seconds=1.0,
-    )  # fmt: skip
 
 
 def test_every_question_is_answered(found: Identification, tmp_path: Path) -> None:

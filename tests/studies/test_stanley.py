@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pages import checked
 from rich.console import Console
 
 from trueup.campaign.kinds import drives as calibrate_drives
@@ -120,7 +121,15 @@ def test_the_whole_study_ends_with_a_table_and_a_report_of_all_its_parts(tmp_pat
     )  # fmt: skip
     assert lines[-1] == f"wrote {tmp_path / 'out' / 'report.html'}"
     assert ("calibrate", 12, 12) in {t[:3] for t in told}
-    text = (tmp_path / "out" / "report.html").read_text("utf-8")
+    page = (tmp_path / "out" / "report.html").read_text("utf-8").split("<main>")[1]
+    assert page.count("<section") == 2, "how it went, and what to do next"
+    assert page.index("<p") < page.index("<svg") < page.index("<table"), "a sentence, a picture, a table"
+    assert f"{1e3 * study.errors[0]:.0f} mm" in page[: page.index("<svg")]
+    for command in ("trueup new", "trueup inspect", "trueup calibrate", "trueup identify"):
+        assert command in page[page.index("<table") :]
+    for name, picture in (("report", "demo"), ("study", "")):
+        checked(tmp_path / "out" / f"{name}.html", tmp_path, picture)  # where there is a browser
+    text = (tmp_path / "out" / "study.html").read_text("utf-8")
     for panel in "abcdef":
         assert f"<figcaption>({panel})" in text
     assert "3.72 → 1.82 (51.08 %)" in text

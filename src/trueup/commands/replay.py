@@ -200,11 +200,11 @@ def _write(args: argparse.Namespace, compared: Comparison, folder: Path, said: S
     write_replay_report(shown, folder / "report.html", model=Path(args.model).name, ahead=compared.ahead, against=against,
                         notes=said, context=context)  # fmt: skip
     write_replays(shown, folder, args.trajectories, compared=beside)
-    first = compared.replays[0]
+    first, names = compared.replays[0], {"before": against, "after": Path(args.model).name}
     for replay in compared.replays:
         same = replay.channel == first.channel
         kind = "" if same and replay.unit == first.unit else f"-{replay.unit if same else replay.channel}"
-        write_aside(replay_picture(replay), folder / f"{replay.recording}{kind.replace('/', ' per ')}.svg")
+        write_aside(replay_picture(replay, names=names), folder / f"{replay.recording}{kind.replace('/', ' per ')}.svg")
 
 
 def _table(found: list[Replay], compared: bool) -> Table:

@@ -84,7 +84,9 @@ def _cell(score: Score | None, scale: Scale, largest: float, index: int, replay:
     ratio = ratio_text(score.after, score.before)
     content = join(
         tag("span", scale.text(score.after), class_="value"),
-        tag("small", f"▲ {ratio}" if score.worse else ratio, class_="worse" if score.worse else None),
+        tag("small", f"▲ {ratio}" if score.worse else ratio, class_="worse" if score.worse else None)
+        if score.compared
+        else "",
     )
     if label is None:
         return tag("td", tag("div", content), class_="number whole")

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -55,10 +55,12 @@ def replay_picture(
     labels: Sequence[str] | None = None,
     start: float | None = None,
     stop: float | None = None,
+    names: Mapping[str, str] | None = None,
 ) -> str:
     """An SVG with a panel for each of `labels` (default: all): the recording, the replays, and the error beneath.
 
-    `start` and `stop` cut the time in s on the recording's clock.
+    `start` and `stop` cut the time in s on the recording's clock. `names`: what 'before' and 'after' are called where no
+    calibration lies between them.
 
     Raises:
         UnknownNameError: a label that the replay does not have.
@@ -71,7 +73,7 @@ def replay_picture(
     across = 1 if len(chosen) < 3 else 2
     width, height, top = WIDTH / across, _PANEL, HEAD
     rows = math.ceil(len(chosen) / across)
-    parts = [_key(replay, with_command=replay.command is not None)]
+    parts = [_key(replay, names or {}, with_command=replay.command is not None)]
     for index, label in enumerate(chosen):
         corner = (width * (index % across), top + height * (index // across))
         panel = Panel(*corner, width, height, first=index % across == 0, last=index + across >= len(chosen))
@@ -135,14 +137,15 @@ def _before_after_row(
     return parts
 
 
-def _key(replay: Replay, *, with_command: bool) -> Markup:
-    kind = "held out" if replay.held_out else "fitted"
-    parts = [title(f"{shortened(replay.recording, 44)} ({kind})")]
+def _key(replay: Replay, names: Mapping[str, str], *, with_command: bool) -> Markup:
+    kind = "" if names else " (held out)" if replay.held_out else " (fitted)"
+    parts = [title(f"{shortened(replay.recording, 36)}{kind}")]
     x = WIDTH - EDGE
     known = ("before",) if np.isfinite(replay.before).any() else ()
     for name in ("after", *known, "measured") + (("command",) if with_command else ()):
-        parts.append(words(name, x, 24, anchor="end"))
-        x -= 9 * len(name) + 5
+        called = shortened(names.get(name, name), 20)
+        parts.append(words(called, x, 24, anchor="end"))
+        x -= 9 * len(called) + 5
         dash = "4 3" if name == "command" else None
         parts.append(line(x - 22, 20, x, 20, name, width=LINE if dash else 2 * LINE, dash=dash))
         x -= 38

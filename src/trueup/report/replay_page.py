@@ -45,8 +45,9 @@ def write_replay_report(
     """Writes the report of `replays` (`before` is that of `against`, '' for none) to an HTML file. Raises OutputError."""
     kinds = dict.fromkeys((r.channel, r.unit) for r in replays)
     groups = [[r for r in replays if (r.channel, r.unit) == kind] for kind in kinds]
+    names = {"before": against, "after": model}
     worst = sorted(groups[0], key=lambda r: -pooled_rmse([r], after=True))[:_SHOWN]
-    drawn = tag("div", [tag("figure", Markup(replay_picture(r)), class_="replay") for r in worst])
+    drawn = tag("div", [tag("figure", Markup(replay_picture(r, names=names)), class_="replay") for r in worst])
     parts = [
         Section("far", "How far?", "How far is the model from the recordings?", _headline(groups, against)),
         Section("which", "Which?", "Which recording, which joint?",

@@ -83,7 +83,7 @@ function drawCorrelation() {
   const z = Array.from({ length: n }, (_, i) => gaps(values.subarray(i * n, (i + 1) * n)));
   const letters = Math.min(label, Math.max(...matrix.names.map((name) => Array.from(name).length)));
   const ticks = n <= 60, beside = ticks ? 7.2 * letters + 14 : 12;
-  const side = Math.max(160, Math.min(wide - beside - 90, Math.max(24 * n, 220), 640));
+  const side = Math.max(100, Math.min(wide - beside - 90, Math.max(24 * n, 220), 640));
   place.style.height = `${Math.round(side + beside + 20)}px`;
   const names = matrix.names.map((name) => plain(shortened(name, label)));
   const positions = { tickvals: matrix.names.map((_, i) => i), ticktext: names, showgrid: false, zeroline: false,

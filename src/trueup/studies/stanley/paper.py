@@ -101,7 +101,7 @@ def paper_study(
     simulator = chasi.simulator(BETAS, 0.0, 0.0, threads=1)
 
     def tracking(values: Array) -> float:
-        driven = _on_path(task, _simulated(task, simulator, calibration.found, values))
+        driven = on_path(task, _simulated(task, simulator, calibration.found, values))
         return path_loss(desired, driven, spacing=SPACING, band=BAND)
 
     tuning = _searched("tune", gains, tracking, tuning_trials, seed + 1, told)
@@ -110,8 +110,8 @@ def paper_study(
     calibrated = _simulated(task, simulator, calibration.found, gains.nominal)
     tuned = _simulated(task, simulator, calibration.found, tuning.found)
     return PaperStudy(
-        desired, _on_path(task, before), _on_path(task, default), _on_path(task, calibrated), _on_path(task, tuned),
-        _on_path(task, after), calibration, tuning, np.concatenate([task.score([before]), task.score([after])]),
+        desired, on_path(task, before), on_path(task, default), on_path(task, calibrated), on_path(task, tuned),
+        on_path(task, after), calibration, tuning, np.concatenate([task.score([before]), task.score([after])]),
     )  # fmt: skip
 
 
@@ -128,12 +128,12 @@ def calibrate_betas(
     noisy = "position_noise" in names
     simulator = chasi.simulator(names, 0.006 if noisy else 0.0, 0.005 if noisy else 0.0, threads=1)
     recorded = as_rollout(task.trials[0], [drive])
-    real, unrest = _on_path(task, recorded), _unrest(recorded)
+    real, unrest = on_path(task, recorded), _unrest(recorded)
     used = task.parameters.nominal if gains is None else gains
 
     def misfit(values: Array) -> float:
         rollout = _simulated(task, simulator, values, used)
-        loss = path_loss(real, _on_path(task, rollout), spacing=SPACING, band=BAND)
+        loss = path_loss(real, on_path(task, rollout), spacing=SPACING, band=BAND)
         return loss * (1.0 + float(np.sum(np.log(_unrest(rollout) / unrest) ** 2))) if noisy else loss
 
     return _searched("calibrate", simulator.parameters, misfit, trials, seed, told)
@@ -168,7 +168,7 @@ def _simulated(task: FollowPath, simulator: BicycleSimulator, values: Array, gai
     return simulator.rollout(task.trials, np.concatenate([values, gains])[None], task.controllers)[0]
 
 
-def _on_path(task: FollowPath, rollout: Rollout) -> Array:
+def on_path(task: FollowPath, rollout: Rollout) -> Array:
     """(n, 2) where the judged axle was, as far as it was measured."""
     driven = task.driven(rollout)[0]
     return driven[np.isfinite(driven).all(axis=1)]

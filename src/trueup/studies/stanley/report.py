@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The report of the study: one HTML file with the paper's figure and table, and what goes beyond them."""
+"""The page of the study, for those who want the whole: the paper's figure and table, and what goes beyond them."""
 
 from __future__ import annotations
 

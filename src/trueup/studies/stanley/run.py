@@ -23,11 +23,13 @@ from trueup.studies.stanley.paper import (
     PaperStudy,
     Told,
     calibrate_betas,
+    on_path,
     paper_study,
 )  # fmt: skip
 from trueup.studies.stanley.profile import profiles
 from trueup.studies.stanley.rounds import in_rounds
 from trueup.studies.stanley.study import Study
+from trueup.tasks.task import as_rollout
 
 Array = NDArray[np.float64]
 
@@ -39,7 +41,7 @@ def run_study(
     calibration_trials: int = CALIBRATION_TRIALS, tuning_trials: int = TUNING_TRIALS, evaluations: int = 160,
     rounds: int = 2, told: Told | None = None,
 ) -> Study:  # fmt: skip
-    """The study on stand-in `number`; the report goes to folder/report.html unless `folder` is None.
+    """The study on stand-in `number`; its pages go to folder/report.html and study.html unless `folder` is None.
 
     `evaluations` candidates are tried in each of the `rounds` of the shipped plan. `say` is given one line at each step.
     Raises OutputError where the folder cannot be written.
@@ -68,15 +70,17 @@ def run_study(
     )
     study = Study(
         paper, lasted, story, noisy, (robot.truth.position_noise, robot.truth.heading_noise), seen, courses,
-        _errors(robot, paper, story), time.perf_counter() - began,
+        _errors(robot, paper, story), _driven(robot, story), time.perf_counter() - began,
     )  # fmt: skip
     return study if folder is None else _reported(study, Path(folder), say)
 
 
 def _reported(study: Study, folder: Path, say: Callable[[str], None]) -> Study:
+    from trueup.studies.stanley.demo_page import write_demo_report
     from trueup.studies.stanley.report import write_study_report  # pictures are loaded when there is something to show
 
-    path = write_study_report(study, folder / "report.html")
+    write_study_report(study, folder / "study.html")
+    path = write_demo_report(study, folder / "report.html")
     say(f"wrote {path}")
     return dataclasses.replace(study, report=path)
 
@@ -86,6 +90,15 @@ def _errors(robot: StandInVehicle, paper: PaperStudy, rounds: History) -> Array:
     initial = np.array([*paper.tuning.start, 0.0])
     gains = np.array([initial, [*paper.tuning.found, 0.0], list(rounds.best[0].values())])
     return true_errors(robot, "hairpin", gains)
+
+
+def _driven(robot: StandInVehicle, rounds: History) -> tuple[Array, Array]:
+    """Where the robot drives with the gains that it came with, and with the best of the rounds."""
+    task = chasi.task()
+    best = np.array([rounds.best[0][name] for name in task.parameters.names])
+    runs = [try_on_robot(robot, task, gains).recordings[0][0] for gains in (task.parameters.nominal, best)]
+    first, last = (on_path(task, as_rollout(task.trials[0], [r])) for r in runs)
+    return first, last
 
 
 def _compiled(robot: StandInVehicle) -> None:

@@ -34,5 +34,7 @@ class Study:
     courses: Courses
     errors: Array
     """(3,) true distance of the robot from the path, in m: initial gains, the paper's way, in rounds."""
+    driven: tuple[Array, Array]
+    """(n, 2) in m: where the robot drove with its initial gains, and with the best that the rounds found."""
     seconds: float
     report: Path | None = None
