@@ -17,8 +17,8 @@ BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "
 WIDTHS = (1300, 390)
 """px: a screen, and a telephone."""
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-sync",
-         "--hide-scrollbars", "--disable-background-networking", "--disable-component-update", "--force-device-scale-factor=1",
-         "--allow-file-access-from-files", "--virtual-time-budget=8000")  # fmt: skip
+         "--hide-scrollbars", "--disable-background-networking", "--disable-component-update",
+         "--force-device-scale-factor=1", "--allow-file-access-from-files", "--virtual-time-budget=8000")  # fmt: skip
 _FRAME = Template((Path(__file__).parent / "page.html").read_text(encoding="utf-8"))
 
 
