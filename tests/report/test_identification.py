@@ -11,6 +11,7 @@ import numpy as np
 
 from trueup.identification.estimation.result import (
     Identification,
+    Parameter,
     relative_error,
 )
 from trueup.report.identification import identification_html, write_identification_report
