@@ -28,7 +28,7 @@ def main() -> None:
     asked = parser.parse_args()
     robots, seeds = (1, 1) if asked.quick else (asked.robots, asked.seeds)
     scale = QUICK if asked.quick else FULL
-    results = list(performed(Ungrounded(runs=4, seconds=8.0), scale, range(robots), range(seeds), print))
+    results = list(performed(Ungrounded(), scale, range(robots), range(seeds), print))
     print("\n".join(summary(results)))
     peer, start = "the start walk at its best step size", float(np.median([r.start_speed for r in results]))
     speed = float(np.median([r.speed for r in results]))

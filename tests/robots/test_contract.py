@@ -17,6 +17,11 @@ from trueup.recording import Channel, Recording
 from trueup.robots.by_hand import ByHand
 from trueup.robots.stand_in import StandInArm
 from trueup.studies.servo_arm.demo import model_path
+from trueup.studies.walk.comparison import truth_of
+from trueup.studies.walk.robot import StandInNao
+from trueup.studies.walk.scenes import task
+from trueup.tasks.task import robot_trials
+from trueup.tasks.walking import LineWalk
 from trueup.testing import check_robot
 from trueup.testing.broken import ContractBrokenError
 from trueup.trial import Observed, Trial
@@ -31,6 +36,15 @@ def arm_trial(repeats: int = 1) -> Trial:
 
 def test_the_stand_in_arm_keeps_the_contract() -> None:
     check_robot(StandInArm(model_path()), arm_trial(repeats=2))
+
+
+def test_the_stand_in_nao_keeps_it_walking_and_playing() -> None:
+    robot, line = StandInNao(truth_of(0), threads=1, log=20.0), task(LineWalk, runs=1, line=0.1)
+    (trial,) = robot_trials(line, line.parameters.nominal)
+    check_robot(robot, dataclasses.replace(trial, repeats=2))  # which ends at the line
+    (walked,) = robot.perform(trial)
+    plain = dataclasses.replace(trial, name="played", command=walked.channel("command"), settings={}, references={})
+    check_robot(robot, plain)
 
 
 def test_the_toy_of_the_campaign_tests_keeps_it() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the study: `python -m trueup.studies.walk --out out/study-walk`, some minutes of two cores for each robot and seed."""
+"""Runs the study: `python -m trueup.studies.walk --out out/study-walk`, two minutes of a core for each robot and seed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from trueup.errors import RenderingError, TrueupError
-from trueup.studies.walk.comparison import FULL, QUICK, Result, performed, summary
+from trueup.studies.walk.comparison import FULL, PAPER, QUICK, Result, performed, summary
 from trueup.studies.walk.film import strip
 from trueup.studies.walk.robot import StandInNao
 from trueup.studies.walk.study import Ungrounded
@@ -26,13 +26,15 @@ def main() -> int:
     parser.add_argument("--robots", type=int, help="how many stand-ins (default 8; 1 with --quick)")
     parser.add_argument("--seeds", type=int, help="searches on each (default 5; 1 with --quick)")
     parser.add_argument("--quick", action="store_true", help="short searches on one stand-in: half a minute, and rough")
+    parser.add_argument("--paper", action="store_true", help="150 candidates a generation, 7 runs of 15 s each: hours")
     asked = parser.parse_args()
-    console, scale = Console(), QUICK if asked.quick else FULL
+    console, scale = Console(), QUICK if asked.quick else PAPER if asked.paper else FULL
+    method = Ungrounded(runs=7, seconds=15.0) if asked.paper else Ungrounded()
     robots, seeds = asked.robots or (1 if asked.quick else 8), asked.seeds or (1 if asked.quick else 5)
     try:
         asked.out.mkdir(parents=True, exist_ok=True)
         results = []
-        for result in performed(Ungrounded(), scale, range(robots), range(seeds), lambda text: console.print(text)):
+        for result in performed(method, scale, range(robots), range(seeds), lambda text: console.print(text)):
             results.append(result)
             kept = json.dumps([asdict(r) for r in results], indent=1, default=list)
             (asked.out / "results.json").write_text(kept, encoding="utf-8")

@@ -37,9 +37,12 @@ class Scale:
     """Share of falls that the start walk may have at its best step size."""
 
 
-FULL = Scale()
+FULL = Scale(budget=Budget(effort=Effort(population=32)))
+"""About two minutes of a core for each search."""
+PAPER = Scale()
+"""150 candidates a generation."""
 QUICK = Scale(
-    budget=Budget(effort=Effort(population=20, generations=8, shown=4, fresh=8)), shares=(0.8, 1.0), fresh=40,
+    budget=Budget(effort=Effort(population=16, generations=5, shown=5, fresh=6)), shares=(0.8, 1.0), fresh=40,
 )  # fmt: skip
 
 

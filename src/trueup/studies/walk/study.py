@@ -85,8 +85,8 @@ class Ungrounded:
     """The simulator as it comes, quiet or noisy, whatever the robot shows."""
 
     noisy: bool = True
-    seconds: float = 10.0
-    runs: int = 7
+    seconds: float = 8.0
+    runs: int = 4
     fall: float = FALL
     threads: int | None = None
 
