@@ -139,7 +139,7 @@ def choose(chooser: Chooser, offered: Sequence[str], told: Callable[[str, float]
         best = min([best, *beam], key=lambda m: m.error)
     answers = {name: a for (_, name), a in asked.items()}
     answers |= {name: a for (parent, name), a in asked.items() if parent == frozenset(best.structures)}
-    for name in (*best.structures[1:], LOAD):
+    for name in (*best.structures[1:-1], LOAD):  # the last one has just been asked about
         if not any(BY_NAME[s].requires == name for s in best.structures):
             told(f"without {name}", best.error)
             less = chooser.without(best, name)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -16,13 +16,14 @@ from trueup.actuators.structures import law_of
 from trueup.errors import CalibrationError
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.search.least_squares import LeastSquares
-from trueup.search.robust import robust_losses
+from trueup.search.robust import robust_losses, robust_weights
 
 Array = NDArray[np.float64]
 
 BLOCKS = 6  # parts that are left out in turn, at least: of fewer the spread is itself hardly known
 WINDOWS = (0.3, 1.0, np.inf)  # s: strokes of a servo, motions of several, all
 _AGAIN = 4  # iterations of a fit that begins where the whole one ended
+_APART = 5e-3  # share of the box between which slopes are taken for intervals
 _NUDGE = 1e-3  # share of the box: a structure may be absent
 
 
@@ -41,11 +42,7 @@ class Found:
     values: Mapping[str, float]
     loss: float
     bend: float
-    searched: tuple[Parameter, ...] = ()
-    slopes: Array | None = None
-    """(m, n) of the residuals, each times the root of its weight, over the box of what was searched."""
-    misses: Array | None = None
-    """(m,) residuals, weighted likewise."""
+    searched: tuple[Parameter, ...]
 
 
 class Problem:
@@ -107,11 +104,7 @@ def fit(problem: Problem, parameters: Sequence[Parameter], start: Mapping[str, f
     while not search.done:
         points = search.ask()
         search.tell(points, problem.residuals(named(points), without, window))
-    end = Found(named(search.best[0][None])[0], search.best[1], search.delta, tuple(parameters))
-    if search.jacobian is None or search.residual is None:
-        return end
-    root = np.sqrt(search.weights())
-    return replace(end, slopes=search.jacobian * root[:, None], misses=search.residual * root)
+    return Found(named(search.best[0][None])[0], search.best[1], search.delta, tuple(parameters))
 
 
 def widening(
@@ -134,14 +127,20 @@ def spread(problem: Problem, found: Found) -> Array:
     The sandwich with one term a block (K. Liang, S. Zeger, Biometrika 73(1), 1986), so that errors which last as long as a
     block, and what the model misses, count; nothing is less certain than a uniform guess (variance 1 / 12).
     """
-    if found.slopes is None or found.misses is None:
-        raise CalibrationError("a fit without slopes has no intervals")
-    B, n = len(problem.blocks), found.slopes.shape[1]
+    space = ParameterSpace(found.searched)
+    here = space.to_unit([found.values[n] for n in space.names])
+    n, B = len(here), len(problem.blocks)
+    points = np.clip(np.concatenate([here[None], here + _APART * np.eye(n), here - _APART * np.eye(n)]), 0.0, 1.0)
+    rows = [{**found.values, **dict(zip(space.names, row, strict=True))} for row in space.from_unit(points).tolist()]
+    misses = problem.residuals(rows)
+    root = np.sqrt(robust_weights(misses[0], found.bend))
+    moved = np.diag(points[1 : n + 1] - points[n + 1 :])
+    slopes = (misses[1 : n + 1] - misses[n + 1 :]).T / moved * root[:, None]
     edges = np.cumsum([0, *(b.samples.stop - b.samples.start for b in problem.blocks)])
-    pulls = np.stack([found.slopes[a:b].T @ found.misses[a:b] for a, b in pairwise(edges)])
-    curvature = found.slopes.T @ found.slopes
+    pulls = np.stack([slopes[a:b].T @ (root * misses[0])[a:b] for a, b in pairwise(edges)])
+    curvature = slopes.T @ slopes
     between = B / (B - 1) * (pulls.T @ pulls)
-    size = max(float(np.trace(between) / np.trace(curvature)), 1e-12)
+    size = max(float(np.trace(between) / max(np.trace(curvature), 1e-300)), 1e-12)
     inverse = np.linalg.inv(curvature + size * 12.0 * np.eye(n))
     return inverse @ (between + size**2 * 12.0 * np.eye(n)) @ inverse
 
