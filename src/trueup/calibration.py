@@ -29,7 +29,7 @@ class Estimate:
     fitted: bool
     """False for a frozen parameter: applied to the model, not searched."""
     verdict: str
-    """One of: identified, weak, not identified, at bound, no effect, frozen, not supported."""
+    """One of: identified, tied, weak, not identified, at bound, no effect, frozen, not supported."""
     note: str = ""
     """Why, in words a user can act on."""
 

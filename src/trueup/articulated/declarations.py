@@ -58,6 +58,20 @@ def declare(
     return ParameterSpace(tuple(parameters)), tuple(assignments)
 
 
+RELATED = ("kv", "damping", "armature")
+"""Quantities that may do to a joint what another one does: forces by its speed, and by its acceleration."""
+
+
+def undeclared(model: Model, assignments: Sequence[Assignment]) -> tuple[Declaration, ...]:
+    """A line for each of RELATED at each joint and drive for which no parameter is declared."""
+    there = {(a.kind, target) for a in assignments for target in a.targets}
+    lines = []
+    for name in RELATED:
+        targets = dict.fromkeys(quantity(name).choices(model, {}).values())
+        lines.append(Declaration(name, tuple(t for t in targets if (name, t) not in there)))
+    return tuple(line for line in lines if line.of)
+
+
 def _groups(line: Declaration, q: Quantity, known: Mapping[str, str]) -> list[tuple[str, ...]]:
     if q.family == WORLD:
         return [(WORLD,)]

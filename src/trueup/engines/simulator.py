@@ -137,6 +137,15 @@ class Simulator(Protocol):
 
 
 @runtime_checkable
+class Related(Protocol):
+    """A simulator that knows of quantities which its parameters may be confused with."""
+
+    def related(self) -> Simulator | None:
+        """The same simulator with these as further parameters behind its own; None where there are none."""
+        ...
+
+
+@runtime_checkable
 class Approximated(Protocol):
     """A Simulator that offers a cheaper one of nearly its own behaviour, which is compared with it where it is used."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from trueup.loop.identifiability import unseen_directions, verdicts
 from trueup.loop.problem import Problem
 from trueup.loop.replay import replays
 from trueup.loop.selection import Choice, choose
+from trueup.loop.ties import Considered, considered
 from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.validate import block_errors, by_recording, left_out_errors
 from trueup.loop.windows import in_windows, window_length
@@ -133,7 +134,9 @@ def _findings(problem: Problem, found: Fit, choices: Sequence[Choice]) -> dict[s
     covariance = unit_covariance(problem, found)
     return {
         "model_name": problem.simulator.name,
-        "estimates": _estimates(found, covariance, choices, problem.simulator.parameters),
+        "estimates": _tied(
+            _estimates(found, covariance, choices, problem.simulator.parameters), considered(problem, found)
+        ),
         "covariance": _in_units(found, covariance),
         "unidentified": (*unseen_directions(found, covariance), *(n for c in choices[:1] for n in c.notes)),
         "notes": (*_in_windows(problem), found.ended, *found.notes, *(n for c in choices[1:] for n in c.notes)),
@@ -186,6 +189,23 @@ def _estimates(
                      note)
         )  # fmt: skip
     return tuple(rows)
+
+
+def _tied(estimates: Sequence[Estimate], others: Sequence[Considered]) -> tuple[Estimate, ...]:
+    """With intervals that hold whatever related quantities are that nobody asked for, and words where those rule."""
+    free = iter(range(len(estimates)))
+    return tuple(_with_others(e, others, next(free)) if e.fitted else e for e in estimates)
+
+
+def _with_others(e: Estimate, others: Sequence[Considered], place: int) -> Estimate:
+    reaches = np.array([o.reach(float(o.trade[place])) for o in others]).reshape(-1, 2)
+    down, up = np.sqrt(np.array([e.value - e.low, e.high - e.value]) ** 2 + np.sum(reaches**2, axis=0))
+    half = 0.5 * (e.high - e.low)
+    wide = replace(e, low=float(max(e.value - down, e.lower_bound)), high=float(min(e.value + up, e.upper_bound)))
+    if e.verdict not in ("identified", "weak") or not wide.high - wide.low > 4.0 * half:
+        return wide
+    chief = others[int(np.argmax(reaches.max(axis=1)))]
+    return replace(wide, verdict="tied", note=chief.words(e.name, e.unit, e.value, half, float(chief.trade[place])))
 
 
 def _frozen(name: str, unseen: Sequence[str], declared: bool) -> tuple[str, str]:

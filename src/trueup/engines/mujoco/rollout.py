@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.articulated.assignments import Assignment, needs
+from trueup.articulated.declarations import declare, undeclared
 from trueup.articulated.gains import Gains
 from trueup.articulated.signals import Signals
 from trueup.articulated.wiring import joints_commanded
@@ -101,6 +102,15 @@ class MujocoSimulator:
         from trueup.engines.mujoco.lone.lone_joints import LoneJoints
 
         return LoneJoints.of(self, trials)
+
+    def related(self) -> MujocoSimulator | None:
+        """See `engines.simulator.Related`: what is not declared at its joints and drives."""
+        space, more = declare(self.model, undeclared(self.model, self.quantities))
+        if not more or len(self.parameters) > len(self.quantities):
+            return None
+        whole = concatenate([self.parameters, space])
+        return MujocoSimulator(self.model, whole, (*self.quantities, *more), step=self.step, threads=self._threads,
+                               controller=self.controller, gains=self.gains)  # fmt: skip
 
     def observable(self, recording: Recording) -> tuple[str, ...]:
         """The measured channels that this model can reproduce. Raises UnknownNameError for joints it does not have."""

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What does the same to every motion as another quantity is seen as a sum, and never called identified by itself."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trueup.calibration import Calibration
+from trueup.loop.prepare import prepare
+from trueup.recording import Channel, Recording
+from trueup.trial import Trial
+
+ARM = """
+<mujoco><compiler angle="radian"/><worldbody><body>
+  <joint name="j" axis="0 1 0" range="-3 3" damping="{damping}" armature="{armature}"/>
+  <geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03" mass="1"/></body></worldbody>
+<actuator><position name="j" joint="j" kp="40" kv="{kv}"/></actuator></mujoco>
+"""
+LINES = {
+    "kv alone": ("kp", "kv", "armature"),
+    "damping alone": ("kp", "damping", "armature"),
+    "no armature": ("kp", "kv", "damping"),
+}
+TIME = np.arange(0.0, 4.0, 0.01)
+NOISE = 2e-4  # rad
+
+
+def calibrated(folder: Path, declared: tuple[str, ...], truth: dict[str, float], file: dict[str, float]) -> Calibration:
+    """The arm of `file` fitted to motions of the one of `truth`."""
+    rng = np.random.default_rng(3)
+    (folder / "truth.xml").write_text(ARM.format(**truth))
+    (folder / "arm.xml").write_text(ARM.format(**file))
+    lines = "".join(f'[[parameter]]\nquantity = "{q}"\nof = "*"\n' for q in declared)
+    (folder / "parameters.toml").write_text(lines)
+    robot = prepare(folder / "truth.xml", (), propose=False).simulator
+    recordings = []
+    for name in ("one", "two"):
+        waves = [
+            0.3 * np.sin(2 * np.pi * f * TIME + p) for f, p in zip((0.3, 0.8, 1.7), rng.uniform(0, 6, 3), strict=True)
+        ]
+        command = Channel("command", ("j",), "rad", TIME, np.sum(waves, axis=0)[:, None])
+        run = Recording(name, {"command": command, "position": command.replace(name="position")})
+        (seen,) = robot.rollout([Trial.of(run)], np.zeros((1, 0)))
+        measured = seen.channels["position"][0] + rng.normal(0.0, NOISE, (len(TIME), 1))
+        recordings.append(
+            Recording(name, {"command": command, "position": Channel("position", ("j",), "rad", TIME, measured)})
+        )
+    return prepare(folder / "arm.xml", recordings, parameters=folder / "parameters.toml").calibrate()
+
+
+@pytest.mark.parametrize("case", LINES)
+def test_damping_of_drive_and_joint_is_seen_as_a_sum_where_only_one_is_asked_for(tmp_path: Path, case: str) -> None:
+    truth = {"kv": 2.0, "damping": 0.5, "armature": 0.02}
+    found = calibrated(tmp_path, LINES[case], truth, {"kv": 0.5, "damping": 0.1, "armature": 0.02})
+    known = {e.name.rpartition(".")[2]: e for e in found.estimates}
+    for name, e in known.items():
+        true = 40.0 if name == "kp" else truth[name]
+        assert e.low <= true <= e.high, f"{name} is {e.value} [{e.low}, {e.high}], in truth {true}"
+    if "armature" in known:
+        assert known["armature"].verdict == "identified", "it is a twin of nothing here"
+    if case != "no armature":
+        (one,) = (known[n] for n in ("kv", "damping") if n in known)
+        assert one.verdict == "tied"
+        sum_, low, high = map(float, re.findall(r"seen: (\S+) \[(\S+), (\S+)\]", one.note)[0])
+        assert low < 2.5 < high
+        assert sum_ == pytest.approx(2.5, rel=0.05)
+
+
+def test_a_quantity_that_is_declared_and_held_is_taken_as_known(tmp_path: Path) -> None:
+    truth = {"kv": 2.0, "damping": 0.5, "armature": 0.02}
+    (tmp_path / "sub").mkdir()
+    found = calibrated(tmp_path, ("kp", "kv", "armature"), truth, {**truth, "kv": 0.5})
+    assert {e.verdict for e in found.estimates if e.name == "j.kv"} == {"tied"}
+    held = calibrated(
+        tmp_path / "sub", ("kp", "kv", 'damping"\nfrozen = true\nscale = "log', "armature"), truth, {**truth, "kv": 0.5}
+    )
+    kv = next(e for e in held.estimates if e.name == "j.kv")
+    assert kv.verdict == "identified"
+    assert kv.value == pytest.approx(2.0, rel=0.03)
