@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Is what is called 'identified' so? Servo arms with tied, unreachable and absent structures, calibrated as the command does.
 
-Each arm has two joints with hidden gains, dampings, frictions and rotors. Its file is wrong in all of them by up to a factor
-of three; damping of the servo is one number with that of the joint, limits are mostly not reached, and half of the arms have
-what the simulator lacks: an elastic gear or backlash behind the drive. What counts are estimates called 'identified', and sums
-named for those called 'tied': how many hold the truth within their 95 % interval, and how many are wrong by more than a fifth.
-Beside it the same count for intervals that take as known what was not asked for, as least squares has it.
+Each arm has two joints with hidden gains, dampings, frictions and rotors. Its file is wrong in all of them by up to
+three times; damping of the servo is one number with that of the joint, limits are mostly not reached, and half of the
+arms have what the simulator lacks: an elastic gear or backlash behind the drive. What counts are estimates called
+'identified', and sums named for those called 'tied': how many hold the truth within their 95 % interval, and how many
+are wrong by more than a fifth. Beside it the same count for intervals that take as known what was not asked for, as
+least squares has it.
 """
 
 from __future__ import annotations

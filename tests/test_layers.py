@@ -150,6 +150,7 @@ RULES = (
     ),
     Rule("cli", ("report", "campaign"), lazily=("commands", "loop", *NOUNS)),
     Rule("testing", ("articulated", *BASES, *NOUNS)),  # contract checks, for those who extend it
+    Rule("__main__", ("cli",)),
     Rule("__init__", (), lazily=ANYTHING),  # public names, imported when used
 )
 NEVER_REACHES = {
