@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from trueup.articulated.assignments import Assignment
-from trueup.articulated.model import WORLD, Model
+from trueup.articulated.model import WORLD, Model, servos
 from trueup.articulated.quantities.known import quantity
 from trueup.articulated.quantities.quantity import Quantity
 from trueup.errors import ParameterError, unknown_name
@@ -63,12 +63,17 @@ RELATED = ("kv", "damping", "armature")
 
 
 def undeclared(model: Model, assignments: Sequence[Assignment]) -> tuple[Declaration, ...]:
-    """A line for each of RELATED at each joint and drive for which no parameter is declared."""
+    """A line for each of RELATED at each joint and drive for which no parameter is declared, as far as the model has it:
+    what is zero there is no number that could be wrong.
+    """
     there = {(a.kind, target) for a in assignments for target in a.targets}
     lines = []
     for name in RELATED:
-        targets = dict.fromkeys(quantity(name).choices(model, {}).values())
-        lines.append(Declaration(name, tuple(t for t in targets if (name, t) not in there)))
+        q = quantity(name)
+        targets = dict.fromkeys(q.choices(model, {}).values()) if servos(model) or not q.servos_only else {}
+        lines.append(
+            Declaration(name, tuple(t for t in targets if (name, t) not in there and q.nominal(model, t) > 0.0))
+        )
     return tuple(line for line in lines if line.of)
 
 

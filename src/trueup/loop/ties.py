@@ -70,12 +70,14 @@ def considered(problem: Problem, fit: Fit) -> tuple[Considered, ...]:
     boxed, unsure = slopes[:, : len(units)] * units[:, None]
     if not np.isfinite(boxed).all():
         return ()
-    curvature = (boxed * weights) @ boxed.T
+    inverse = np.linalg.inv((boxed * weights) @ boxed.T + PRIOR * np.eye(len(boxed)))
     noise = max(float(np.mean(weights * fit.residual[columns] ** 2)), 1e-300)
     found = []
     for p, slope, doubt in zip(others, *slopes[:, len(units) :], strict=True):
         if np.isfinite(slope).all():
-            trade = -np.linalg.solve(curvature + PRIOR * np.eye(len(curvature)), boxed @ (weights * slope))
+            trade = -inverse @ (boxed @ (weights * slope))
+            error = doubt + trade @ unsure
+            trade[np.abs(trade) < np.abs(inverse @ (boxed @ (weights * error)))] = 0.0  # no more than slopes are unsure
             left, error = slope + trade @ boxed, doubt + trade @ unsure
             told = max(float(weights @ (left**2 - error**2)), 0.0) / share / noise
             half = _NORMAL_95 / np.sqrt(told + PRIOR / (p.upper - p.lower) ** 2)
