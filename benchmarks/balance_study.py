@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import os
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -24,20 +25,23 @@ from trueup.studies.balance.study import QUICK, SCENES, Size, studied
 def main() -> None:
     """Prints shares by task, and those of all."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="two stand-ins, leaning and sitting, coarsely searched")
+    parser.add_argument("--quick", action="store_true", help="two stand-ins, sitting alone, coarsely searched")
     parser.add_argument(
         "--folder", type=Path, help="a folder of `make study-balance` whose results are read, or gone on with"
     )
     asked = parser.parse_args()
-    quick = Size(**{**QUICK.__dict__, "stand_ins": 2, "searched": 10})
+    quick = replace(QUICK, stand_ins=2, scenes=("sit-to-stand",), searched=8, randomised=False)
     size = quick if asked.quick else Size(scenes=SCENES, oracle=0, subsets=0)
     with tempfile.TemporaryDirectory() as made:
         found = studied(asked.folder or Path(made) / "study", size, lambda text, share: None)
     for scene in found.campaigns:
         shares = [f"{100 * found.share(scene, k):.0f} %" for k in range(size.rounds + 1)]
-        random = [2 * sum(x) > len(x) for x in found.randomised[scene].values()]
-        print(f"{scene:20} {len(found.campaigns[scene])} stand-ins: as it was {shares[0]}, then {', '.join(shares[1:])}; "
-              f"randomised alone {100 * np.mean(random):.0f} %")  # fmt: skip
+        random = [2 * sum(x) > len(x) for x in found.randomised.get(scene, {}).values()]
+        beside = f"; randomised alone {100 * np.mean(random):.0f} %" if random else ""
+        print(
+            f"{scene:20} {len(found.campaigns[scene])} stand-ins: as it was {shares[0]}, then {', '.join(shares[1:])}"
+            + beside
+        )
     without = float(np.mean([found.share(s, 0) for s in found.campaigns]))
     share = float(np.mean([found.share(s, size.rounds) for s in found.campaigns]))
     needed = [n for s in found.campaigns for n in found.needed(s)]

@@ -111,14 +111,13 @@ class DartCopies(StoredCopies):
         pairs = [(row, self.worlds[row], self.robots[row]) for row in going.tolist()]
         for _, world, _ in pairs:
             world.setTimeStep(self.substep)
-        for _ in range(count):
-            forces = self._forces(law)
+        for k in range(count):
+            forces, lost = self._forces(law), self._lost.tolist()
             for row, world, robot in pairs:
-                if not self._lost[row]:
+                if not lost[row]:
                     robot.setForces(forces[row])
                     world.step()
-            self._gather_joints(pairs, speeds=damped)
-        self._gather_joints(pairs)
+            self._gather_joints(pairs, speeds=damped or k + 1 == count)
         self._gather_base(pairs)
 
     def _law(self, command: Array) -> ServoLaw:
@@ -135,9 +134,8 @@ class DartCopies(StoredCopies):
     def _forces(self, law: ServoLaw) -> Array:
         """(b, dofs) in DART's order; the base is not driven."""
         position, velocity = self.position[:, self._at], self.velocity[:, self._at]
-        self.force[:, self._at] = np.clip(
-            law.given - law.kp * position - law.kv * velocity, -law.limit, law.limit
-        )  # fmt: skip
+        wanted = law.given - law.kp * position - law.kv * velocity
+        self.force[:, self._at] = np.minimum(np.maximum(wanted, -law.limit), law.limit)
         self._whole[:, self._dofs] = self.force
         self._lost |= ~np.isfinite(self.force).all(axis=1)
         return self._whole
@@ -189,20 +187,23 @@ class DartCopies(StoredCopies):
             robot.getBodyNode(name).setInertia(dartpy.dynamics.Inertia(float(m), c, i))
 
     def _gather_joints(self, pairs: Sequence[tuple[int, Any, Any]], *, speeds: bool = True) -> None:
-        for row, _, robot in pairs:
-            self.position[row] = robot.getPositions()[self._dofs]
+        if pairs:
+            rows = [row for row, _, _ in pairs]
+            self.position[rows] = self._joined([r.getPositions() for _, _, r in pairs]) + self._zeros
             if speeds:
-                self.velocity[row] = robot.getVelocities()[self._dofs]
-        self.position[[row for row, _, _ in pairs]] += self._zeros
+                self.velocity[rows] = self._joined([r.getVelocities() for _, _, r in pairs])
         self._lost |= ~np.isfinite(self.position + self.velocity).all(axis=1)
         self.position[self._lost] = np.nan
 
+    def _joined(self, states: Sequence[Array]) -> Array:
+        """(r, k) of the joints, of states in DART's order."""
+        return np.concatenate(states).reshape(len(states), -1)[:, self._dofs]
+
     def _gather_base(self, pairs: Sequence[tuple[int, Any, Any]]) -> None:
-        if self.model.floating:
-            for row, _, robot in pairs:
-                placed = robot.getRootBodyNode().getTransform()
-                self.base_position[row] = placed.translation()
-                self.base_orientation[row] = angles_of(_quaternion(placed))
+        if self.model.floating and pairs:
+            rows, placed = [row for row, _, _ in pairs], [r.getRootBodyNode().getTransform() for _, _, r in pairs]
+            self.base_position[rows] = [p.translation() for p in placed]
+            self.base_orientation[rows] = angles_of(np.array([_quaternion(p) for p in placed]))
 
 
 class ServoLaw(NamedTuple):
@@ -214,9 +215,9 @@ class ServoLaw(NamedTuple):
     limit: Array
 
 
-def _quaternion(placed: Any) -> Array:
+def _quaternion(placed: Any) -> tuple[float, float, float, float]:
     q = placed.quaternion()
-    return np.array([q.w(), q.x(), q.y(), q.z()])
+    return q.w(), q.x(), q.y(), q.z()
 
 
 def _shapes(world: Any, geom: str) -> list[Any]:

@@ -45,6 +45,8 @@ class Size:
     """Generations of each search, of 32; half as many follow in several models."""
     hunted: int = 3200
     """Simulations that the search of a first motion may take."""
+    randomised: bool = True
+    """Whether a motion searched in many random models is tried beside."""
     oracle: int = 24
     """Runs of the robot that a search on it may take; 0: none is made."""
     subsets: int = 2
@@ -98,7 +100,7 @@ class Findings:
 def studied(folder: Path, size: Size, told: Told, *, compute: bool = True) -> Findings:
     """Computes what is not in the folder yet, or leaves it out. Raises OutputError where another study is in it."""
     parts, findings = Parts.at(folder, size), Findings(size)
-    steps = len(size.scenes) * (1 + size.stand_ins * (2 + (size.oracle > 0))) + 7 * size.subsets
+    steps = len(size.scenes) * (1 + size.stand_ins * (1 + size.randomised + (size.oracle > 0))) + 7 * size.subsets
     done = 0
 
     def kept(name: str, made: Callable[[], object]) -> Any:
@@ -117,12 +119,13 @@ def studied(folder: Path, size: Size, told: Told, *, compute: bool = True) -> Fi
         if found is None or found["share"] < 0.5:  # not even in its own simulator
             continue
         task = transition(scene, step=0.004)[1]
-        motion, randomised = np.array(found["motion"]), np.array(found["randomised"])
+        motion, randomised = np.array(found["motion"]), np.array(found.get("randomised", []))
         for n in size.numbers:
             name, robot = f"{scene}, stand-in {n}", StandInHumanoid(scene, n)
             one = _Once(robot, task, size, motion, randomised, lambda line: told(line, done / steps))
             put(findings.campaigns, scene, n, kept(name, one.rounds))
-            put(findings.randomised, scene, n, kept(f"{name}, randomised", one.blindly))
+            if size.randomised:
+                put(findings.randomised, scene, n, kept(f"{name}, randomised", one.blindly))
             if size.oracle:
                 put(findings.oracle, scene, n, kept(f"{name}, searched on it", one.oracle))
     findings.subsets = _generalised(findings, size, kept)
@@ -138,9 +141,11 @@ def _first(scene: str, size: Size) -> dict[str, Any]:
     if not found.winners:
         return {"motion": found.best.tolist(), "share": 0.0, "simulations": found.simulations}
     motion = found.winners[0].values
-    other = searched(scene, file[None], rng, doubt=RANDOM, begin=motion, effort=size.scale.effort)
-    return {"motion": motion.tolist(), "share": found.winners[0].shares[-1], "simulations": found.simulations,
-            "randomised": other.motion.tolist(), "randomised_share": other.share}  # fmt: skip
+    told = {"motion": motion.tolist(), "share": found.winners[0].shares[-1], "simulations": found.simulations}
+    if size.randomised:
+        other = searched(scene, file[None], rng, doubt=RANDOM, begin=motion, effort=size.scale.effort)
+        told |= {"randomised": other.motion.tolist(), "randomised_share": other.share}
+    return told
 
 
 @dataclass(frozen=True, eq=False)
