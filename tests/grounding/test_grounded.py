@@ -55,6 +55,20 @@ def test_grounding_makes_a_simulator_replay_runs_that_were_held_out(
     assert np.all(inverted < 0.4 * before)  # with the simulator's inverse model
 
 
+def test_a_model_that_goes_on_from_its_own_predictions_replays_better_than_through_simulated_joints(
+    robot: list[Recording], learned: Learned, simulator: MujocoSimulator
+) -> None:
+    through, chained = (
+        replayed(
+            GroundedSimulator(simulator, dataclasses.replace(learned.grounding.weighted(0.0, 1.0), chained=own)),
+            robot[5:], NOTHING[None],
+        )
+        for own in (False, True)
+    )  # fmt: skip
+    assert np.all(chained < 0.5 * through)
+    assert np.all(chained < 0.4 * replayed(simulator, robot[5:], NOTHING[None]))
+
+
 def test_all_of_what_is_requested_is_the_simulator_as_it_is(
     robot: list[Recording], learned: Learned, simulator: MujocoSimulator
 ) -> None:

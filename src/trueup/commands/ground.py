@@ -7,6 +7,7 @@ import argparse
 import json
 import shlex
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -191,22 +192,20 @@ def _grounded(
         told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
     best, why = grounding, f"a share of {grounding.weights[1]:g} was asked for"
     if args.share is None:
-        best, found = blended(grounding, simulator, ready.recordings, values)
-        why, errors = found.why, found.errors
+        ways = [grounding]
         if args.inverse:
-            other, more = blended(
-                with_inverse(grounding, simulator, ready.recordings, values, seed=args.seed),
-                simulator, ready.recordings, values,
-            )  # fmt: skip
-            if _typical(more.errors) < _typical(errors):
-                best, why = other, f"{more.why}, with the simulator's inverse model"
+            ways.append(with_inverse(grounding, simulator, ready.recordings, values, seed=args.seed))
+        ways += [replace(way, chained=True) for way in ways]
+        tried = [blended(way, simulator, ready.recordings, values) for way in ways]
+        best, found = min(tried, key=lambda each: _typical(each[1].errors))
+        why = found.why
     told_of: dict[str, Any] = {
         "share": best.weights[1],
         "inverse": best.inverse is not None,
         "why": why,
         "model": simulator.name,
     }
-    told_of["refused"] = {}
+    told_of |= {"chained": best.chained, "refused": {}}
     each = []
     grounded = GroundedSimulator(simulator, best)
     for kind, recordings in (("learned from", ready.recordings), ("held out", ready.hold_out)):
@@ -275,6 +274,9 @@ def _show_replays(told: dict[str, Any], unit: str, console: Console) -> None:
         after = scale.text(r["after"]) if np.isfinite(r["after"]) else "refused"
         table.add_row(escape(r["recording"]), r["kind"], scale.text(r["before"]), after)
     console.print(table)
-    console.print(f"  share of what is predicted {told['share']:.2g}: {told['why']}", soft_wrap=True, highlight=False)
+    how = f"{', chained' * told['chained']}{', by the inverse model of the simulator' * told['inverse']}"
+    console.print(
+        f"  share of what is predicted {told['share']:.2g}{how}: {told['why']}", soft_wrap=True, highlight=False
+    )
     for name, reason in told["refused"].items():
         console.print(f"  [yellow]{escape(name)}[/] {escape(reason)}", soft_wrap=True, highlight=False)

@@ -63,6 +63,8 @@ class GroundedController:
             )
         self.refused: dict[int, Refusal] = {}
         self._past: deque[tuple[Array, Array]] = deque(maxlen=inputs.history)
+        self._chain: deque[tuple[Array, Array]] = deque(maxlen=inputs.history)
+        self._goal: Array | None = None
 
     @property
     def looks_at(self) -> dict[str, tuple[str, ...]]:
@@ -78,6 +80,8 @@ class GroundedController:
         """Forgets the frames before."""
         self._inner.reset(observation)
         self._past.clear()
+        self._chain.clear()
+        self._goal = None
         self.refused = {}
         self._due, self._ticks = 0.0, 0
         self._asked = self._correction = np.zeros((0, 0))
@@ -102,15 +106,27 @@ class GroundedController:
             raise GroundingError("this simulator does not show its controllers the channel 'position' by its labels")
         asked = self._asked[:, self._columns]
         self._past.appendleft((np.array(observation.channels["position"]), asked))
-        # Before its first frame a run stood as it stands there.
-        frames = [self._past[min(k, len(self._past) - 1)] for k in range(inputs.history)]
-        positions, commands = zip(*frames, strict=True)
-        X = inputs.row(positions, commands, inputs.seen(observation.channels))
+        others = inputs.seen(observation.channels)
+        X = self._inputs(self._past, others)
+        goal = None
+        if self._grounding.chained:
+            seen, _ = self._past[0]
+            own = np.array(seen)
+            if self._goal is not None:
+                own[:, self._grounding.inputs.own] = self._goal
+            self._chain.appendleft((own, asked))
+            goal = self._goal = self._grounding.goal(self._inputs(self._chain, others))
         if self._weights is not None or self._grounding.weights[1]:
             self._watch(X, observation.time)
-        correction = self._grounding.commands(X, self._weights) - asked
+        correction = self._grounding.commands(X, self._weights, goal) - asked
         correction[list(self.refused)] = 0.0
         return correction
+
+    def _inputs(self, past: Sequence[tuple[Array, Array]], others: Sequence[Array]) -> Array:
+        """(b, d) from the frames before, the present one first; before its first frame a run stood as it stands there."""
+        frames = [past[min(k, len(past) - 1)] for k in range(self._grounding.inputs.history)]
+        positions, commands = zip(*frames, strict=True)
+        return self._grounding.inputs.row(positions, commands, others)
 
     def _watch(self, X: Array, now: float) -> None:
         """Counts how many frames in a row each run is outside of what was learned."""

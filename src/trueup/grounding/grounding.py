@@ -44,15 +44,25 @@ class Grounding:
     """Of the robot's rows."""
     inverse: Model | None = None
     """Commands that lead to given joints one frame later: in the simulator, or on the robot."""
+    chained: bool = False
+    """Whether the forward model goes on from its own predictions, not from where the simulated joints are: what these are
+    wrong by then does not come back through the model. It is exact where the simulator follows well enough."""
     weights: tuple[float, float] = (REQUESTED, PREDICTED)
     """Of what is requested and of what is predicted."""
     about: Mapping[str, str] = field(default_factory=dict)
     """Where it came from: recordings, learner, errors."""
 
-    def commands(self, X: Array, weights: Array | None = None) -> Array:
-        """(b, k) what is told to the simulator in place of the commands in inputs X (b, d); weights (b, 2) for each row."""
+    def goal(self, X: Array) -> Array:
+        """(b, k) where the joints are to be one frame later, of inputs X (b, d)."""
+        return X[:, self.inputs.asked] if self.forward is None else self.forward.predict(X)
+
+    def commands(self, X: Array, weights: Array | None = None, goal: Array | None = None) -> Array:
+        """(b, k) what is told to the simulator in place of the commands in inputs X (b, d); weights (b, 2) for each row.
+
+        `goal` (b, k) where it was found from other inputs.
+        """
         asked = X[:, self.inputs.asked]
-        goal = asked if self.forward is None else self.forward.predict(X)
+        goal = self.goal(X) if goal is None else goal
         if self.inverse is not None:
             Z = np.array(X)
             Z[:, self.inputs.asked] = goal
@@ -67,7 +77,12 @@ class Grounding:
     def save(self, path: str | Path) -> None:
         """Writes one NPZ file, whole or not at all. Raises OutputError."""
         arrays: dict[str, Array] = {}
-        meta: dict[str, Any] = {"format": _FORMAT, "weights": self.weights, "about": dict(self.about)}
+        meta: dict[str, Any] = {
+            "format": _FORMAT,
+            "weights": self.weights,
+            "chained": self.chained,
+            "about": dict(self.about),
+        }
         i = self.inputs
         meta["inputs"] = {"joints": i.joints, "commands": i.commands, "period": i.period, "history": i.history,
                           "others": dict(i.others), "unit": i.unit}  # fmt: skip
@@ -101,11 +116,11 @@ class Grounding:
                       **{p: arrays[f"domain/{k}/{p}"] for p in ("columns", "centre", "whiten", "scale")})
                 for k, b in enumerate(meta["blocks"])
             )  # fmt: skip
-            requested, predicted = meta["weights"]
+            (requested, predicted), chained = meta["weights"], bool(meta["chained"])
         except (KeyError, ValueError, TypeError, OSError, EOFError) as error:
             raise GroundingError(f"{path} is no grounding as `trueup ground` writes it: {error}") from None
         domain = Domain(inputs.names, blocks)
-        return cls(inputs, models[0], domain, models[1], (requested, predicted), meta["about"])
+        return cls(inputs, models[0], domain, models[1], chained, (requested, predicted), meta["about"])
 
 
 def _keep(model: Model, name: str, arrays: dict[str, Array]) -> list[str]:

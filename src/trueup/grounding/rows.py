@@ -66,13 +66,12 @@ class Inputs:
 
     @property
     def blocks(self) -> dict[str, NDArray[np.int64]]:
-        """Columns that belong together: commands of all frames, positions and each other channel of the present one.
+        """Columns that a run may be strange in: commands of all frames, each other channel of the present one.
 
-        How joints moved in the frames before is what simulator and robot differ in, and no part.
+        Where joints are, and were, is what simulator and robot differ in, and no part.
         """
-        first = len(self.joints) + len(self.commands) + sum(len(labels) for labels in self.others.values())
         kinds = [name.split(".", 1)[0] for name in self.names]
-        kinds = [kind if i < first or kind == "command" else "" for i, kind in enumerate(kinds)]
+        kinds = ["" if kind == "position" else kind for kind in kinds]
         return {kind: np.array([i for i, k in enumerate(kinds) if k == kind]) for kind in dict.fromkeys(kinds) if kind}
 
     @property

@@ -81,7 +81,8 @@ def _simulator(story: Story) -> Markup:
             scale.text(r["after"]) if math.isfinite(r["after"]) else "refused"))
         for r in told["replays"]
     ]  # fmt: skip
-    words = f"{told['share']:.2g} of what is told to it is predicted: {told['why']}."
+    how = f"{', chained' * told['chained']}{', by its inverse model' * told['inverse']}"
+    words = f"{told['share']:.2g} of what is told to it is predicted{how}: {told['why']}."
     note = "Root mean square of simulated minus measured joint positions. Refused: it asks for what was not learned."
     why = [callout("warn", name, reason) for name, reason in told["refused"].items()]
     titles = ("recording", "", f"as it is, {scale.unit}", f"grounded, {scale.unit}")
