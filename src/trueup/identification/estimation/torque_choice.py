@@ -71,8 +71,8 @@ def choice(found: Sequence[Torque], recording: Recording, tree: KinematicTree, w
     listed = "\n".join(f"  --torque '{t.title}': {_evidence(t, recording, tree)}" for t in found)
     counted = "1 torque" if len(found) == 1 else f"{len(found)} torques"
     raise IdentificationError(
-        f"recording '{recording.name}' holds {counted}, and {said}; choose one:\n{listed}\nWhat a controller computes or asks "
-        "for is smooth and explained best, with little friction: that does not make it what drives gave"
+        f"recording '{recording.name}' holds {counted}, and {said}; choose one:\n{listed}\nWhat a controller computes or "
+        "asks for is smooth and explained best, with little friction: that does not make it what drives gave"
     )
 
 
