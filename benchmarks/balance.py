@@ -111,7 +111,7 @@ def main() -> None:
     result("transition_search_seconds", seconds, "s", 1.3, peer=peer, peer_value=simulated / rate, ratio_goal=True)
     result("share_of_engine", simulated / cpu / cpu_rate, "of CPU", 0.85, peer=peer, at_most=False)
     result("winner_stands_at_2_ms", float(stands[1]), "", 1.0, at_most=False)
-    for short, name, few in (("kneel", "kneel-to-stand", 3), ("handstand", "stand-to-handstand", 2)):
+    for short, name, few in (("kneel", "kneel-to-stand", 3), ("handstand", "stand-to-handstand", 1)):
         seeds = range(few) if asked.quick else range(5)
         found = seeds_found(name, seeds)
         printed = None if asked.quick else float(seeds_found(name, seeds, "paper"))
