@@ -70,6 +70,6 @@ def checked(page: Path, folder: Path, picture: str = "") -> str:
 
 def photographed(browser: str, page: Path, picture: Path, folder: Path) -> None:
     """Writes a PNG of the top of a page."""
-    command = [browser, *FLAGS, f"--user-data-dir={folder / 'profile'}", f"--window-size={WIDTHS[0]},1500",
+    command = [browser, *FLAGS, f"--user-data-dir={folder / 'profile'}", f"--window-size={WIDTHS[0]},1100",
                f"--screenshot={picture}", page.as_uri()]  # fmt: skip
     subprocess.run(command, capture_output=True, timeout=90, check=True)

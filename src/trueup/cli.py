@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import importlib
 import importlib.metadata
 import os
+import re
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -43,6 +45,8 @@ _COMMANDS = {
     "status": "how a campaign stands",
     "resume": "go on with a campaign",
     "report": "a campaign's story, as one HTML file",
+    "doctor": "whether all is in place: packages, threads, speed, pictures",
+    "completion": "what completes commands and options in a shell",
 }
 """Command -> its line in the help; trueup.commands.COMMAND holds ABOUT, add_arguments(parser) and run(...)."""
 
@@ -60,6 +64,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:  # while the command is being loaded
         return _INTERRUPTED
     args.command_line = given
+    if args.command == "completion":
+        args.words = {name: options_of(name) for name in ("", *_COMMANDS)}
     try:
         return _run(args)
     except KeyboardInterrupt:
@@ -103,14 +109,53 @@ def _consoles(args: argparse.Namespace) -> tuple[Console, Console]:
     return PlainConsole(), PlainConsole(stderr=True)
 
 
-def _parser(given: Sequence[str]) -> argparse.ArgumentParser:
+class _Parser(argparse.ArgumentParser):
+    """A parser that says what was probably meant by a command, option or choice that is none."""
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """See ArgumentParser: unknown options with their nearest neighbours."""
+        found, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            own = self._command(getattr(found, "command", "")) or self
+            own.error("; ".join(_meant(word, own) for word in unknown))
+        return found
+
+    def error(self, message: str) -> NoReturn:
+        """See ArgumentParser: an invalid choice with the nearest one."""
+        wrong = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message)
+        if wrong:
+            near = difflib.get_close_matches(wrong[1], re.findall(r"[\w.-]+", wrong[2]), n=1)
+            message += f"; did you mean '{near[0]}'?" if near else ""
+        super().error(message)
+
+    def _command(self, name: str) -> _Parser | None:
+        groups = [a for a in self._actions if isinstance(a, argparse._SubParsersAction)]
+        return groups[0].choices.get(name) if groups else None
+
+
+def _meant(word: str, parser: argparse.ArgumentParser) -> str:
+    """That a word is no option, and which one is near."""
+    options = [o for action in parser._actions for o in action.option_strings]
+    near = difflib.get_close_matches(word.partition("=")[0], options, n=1)
+    return f"unrecognized argument: {word}" + (f" (did you mean '{near[0]}'?)" if near else "")
+
+
+def options_of(command: str) -> list[tuple[str, str]]:
+    """(option, help) of a command, or (command, help) of all for ''; for what completes them in a shell."""
+    if not command:
+        return list(_COMMANDS.items())
+    own = cast(_Parser, _parser([command])._command(command))
+    return [(o, " ".join((a.help or "").split())) for a in own._actions for o in a.option_strings if o.startswith("--")]
+
+
+def _parser(given: Sequence[str]) -> _Parser:
     """The command line's parser; of the commands only the one that is `given` is loaded, so that the answer is quick."""
     shape = argparse.RawDescriptionHelpFormatter
-    common = argparse.ArgumentParser(add_help=False)
+    common = _Parser(add_help=False)
     common.add_argument("--debug", action="store_true", help="show the traceback of an error")
-    parser = argparse.ArgumentParser("trueup", description=_ABOUT, formatter_class=shape)
+    parser = _Parser("trueup", description=_ABOUT, formatter_class=shape)
     parser.add_argument("--version", action="version", version=f"trueup {_version()}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
     for name, line in _COMMANDS.items():
         module = _module(name) if name in given else None
         command = commands.add_parser(

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The first ten minutes: what was mistyped is guessed, the machine is looked at, the shell completes."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from trueup.cli import main
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (["inspekt", "x.csv"], "inspect"),
+        (["replay", "a.xml", "b.csv", "--agianst=c.xml"], "--against"),
+        (["calibrate", "a.xml", "b.csv", "--search", "gradiant"], "gradient"),
+        (["run", "--dry-rnu"], "--dry-run"),
+    ],
+)
+def test_what_was_probably_meant_is_said(words: list[str], meant: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(words) == 2
+    assert f"did you mean '{meant}'?" in capsys.readouterr().err
+
+
+def test_the_nearest_file_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("multisine.csv").write_text("time,q1\n0,1\n")
+    assert main(["inspect", "multisin.csv"]) == 1
+    assert "did you mean 'multisine.csv'?" in capsys.readouterr().err
+    assert main(["run", "campain.toml"]) == 1
+    Path("robot.xml").write_text("<mujoco/>")
+    assert main(["replay", "robo.xml", "multisine.csv"]) == 1
+
+
+def test_the_doctor_finds_what_a_working_installation_needs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "4")
+    assert main(["doctor", "--json"]) == 0
+    found = {f["what"]: f for f in json.loads(capsys.readouterr().out)}
+    assert {"Python", "packages", "extra", "threads", "speed", "rendering", "browser"} <= set(found)
+    assert found["packages"]["verdict"] == "good"
+    assert found["threads"]["verdict"] == "mind", "several threads for small matrices"
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
+def test_bash_completes_commands_and_options(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["completion", "bash"]) == 0
+    script = capsys.readouterr().out
+    asked = """
+COMP_WORDS=(trueup {0}); COMP_CWORD={1}; _trueup; echo "${{COMPREPLY[@]}}"
+"""
+    said = subprocess.run(
+        ["bash", "-c", script + asked.format("cal", 1) + asked.format("replay --tr", 2)],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split("\n")
+    assert said[:2] == ["calibrate", "--trajectories"]
+    for shell in ("zsh", "fish"):
+        assert main(["completion", shell]) == 0
+        assert "calibrate" in capsys.readouterr().out
