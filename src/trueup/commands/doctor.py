@@ -94,7 +94,7 @@ def _threads() -> list[Finding]:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     asked = os.environ.get("OMP_NUM_THREADS", "")
     if asked and asked != "1":
-        said = f"{cores} cores, but OMP_NUM_THREADS is {asked}: small matrices are slower so, and processes wait for one another"
+        said = f"{cores} cores, but OMP_NUM_THREADS is {asked}: small matrices are slower so, processes wait for each other"
         return [Finding("threads", "mind", f"{said}; unset it")]
     return [Finding("threads", "good", f"{cores} cores; simulations use them all, matrices one each")]
 
