@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
+from trueup.instant import at_instant
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
@@ -27,8 +28,9 @@ SIGMA = 0.01
 
 
 def start_of(trial: Trial) -> float:
-    """The first sample, corrected."""
-    return float(trial.initial["position"].values[0, 0] + trial.corrections.get("position", np.zeros((2, 1)))[0, 0])
+    """Where it began by its samples, corrected."""
+    begun = at_instant(trial.initial["position"], None, trial.start).value[0]
+    return float(begun + trial.corrections.get("position", np.zeros((2, 1)))[0, 0])
 
 
 @dataclass
@@ -48,6 +50,15 @@ class Runner:
         ]
 
 
+class Stumbler(Runner):
+    """Runs straight on, but a step further away if it begins beyond the edge at 0."""
+
+    def rollout(self, trials: list[Trial], values: Array, controllers: object = None) -> list[Rollout]:
+        done = Runner().rollout(trials, values, controllers)
+        edges = [3.0 * SIGMA * (start_of(t) > 0.0) for t in trials]
+        return [replace(r, channels={"position": r.channels["position"] + e}) for r, e in zip(done, edges, strict=True)]
+
+
 class ByNoise:
     def scale(self, channel: str, labels: tuple[str, ...]) -> Array:
         return np.full(len(labels), SIGMA)
@@ -58,11 +69,11 @@ class ByNoise:
         return ((seen - measured_at(real, "position", ("x",), time)) / SIGMA).reshape(len(seen), -1)
 
 
-def run(rng: np.random.Generator) -> Problem:
-    """One run at the speed 1 m/s, measured with noise."""
+def run(rng: np.random.Generator, runner: Runner | None = None) -> Problem:
+    """One run at the speed 1 m/s from 0, measured with noise."""
     measured = TIME[:, None] + SIGMA * rng.standard_normal((len(TIME), 1))
     recording = Recording("run", {"position": Channel("position", ("x",), "m", TIME, measured)})
-    return Problem(Runner(), [recording], ByNoise())  # type: ignore[arg-type]
+    return Problem(runner or Runner(), [recording], ByNoise())  # type: ignore[arg-type]
 
 
 def solved(problem: Problem) -> Fit:
@@ -87,6 +98,18 @@ def test_an_estimate_that_hangs_on_the_start_is_as_unsure_as_repeated_runs_scatt
         told.append(unit_covariance(shot, fit)[0, 0])
     assert np.sqrt(np.mean(told)) == pytest.approx(np.std(better), rel=0.35)
     assert np.std(better) < 0.7 * np.std(plain)
+
+
+def test_where_a_start_is_at_an_edge_estimates_are_as_unsure_as_what_lies_beyond_it() -> None:
+    off = {True: [], False: []}
+    for seed in range(40):
+        problem = run(np.random.default_rng(seed), Stumbler())
+        starts = Starts.as_measured(problem, SPACE.nominal)
+        for bent, found in off.items():
+            shot = starts.eliminated_from(problem, SPACE.nominal, bent=bent)
+            fit = solved(shot)
+            found.append((fit.unit[0] - 0.5) / np.sqrt(unit_covariance(shot, fit)[0, 0]))
+    assert np.sqrt(np.mean(np.square(off[True]))) < 1.5 < np.sqrt(np.mean(np.square(off[False])))
 
 
 def test_a_start_that_was_measured_badly_is_corrected() -> None:
