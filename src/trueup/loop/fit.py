@@ -28,7 +28,6 @@ from trueup.loop.stages import (
     full_step,
     glance,
     growth,
-    hybrid,
     implicit_filtering,
     lines,
     multiple_shooting,
@@ -51,11 +50,11 @@ _LINES, _EVOLUTION, _SELECTION = Stage("lines", lines), Stage("evolution", evolu
 _APART, _GLANCE = Stage("joint by joint", each_apart), Stage("glance", glance)
 _FIRST = Stage("first seconds", first_seconds)
 _COARSE_STEP = Stage("all, coarse step", coarse_step)
-_FULL, _HYBRID, _GROWTH = Stage("all, full step", full_step), Stage("hybrid", hybrid), Stage("growth", growth)
+_FULL, _GROWTH = Stage("all, full step", full_step), Stage("growth", growth)
 _SHOOTING = Stage("multiple shooting", multiple_shooting)
 _AROUND = (_SHOOTING, Stage("implicit filtering", implicit_filtering), Stage("probe", probing))
 
-_ELSEWHERE = (_HYBRID, _LINES, _EVOLUTION)
+_ELSEWHERE = (_LINES, _EVOLUTION)
 
 STAGES = (
     _APART, _GLANCE, _FIRST, *_ELSEWHERE, _COARSE_STEP, *_ELSEWHERE, _SELECTION, _GROWTH,

@@ -246,13 +246,6 @@ def _grown(run: Run, without: Fit, declared: Mapping[str, Parameter]) -> Descent
     return min(tried, key=lambda g: robust_losses(g.finished(run.look).residual[None], without.bend)[0])
 
 
-def hybrid(run: Run) -> None:
-    """CMA-ES where no slope leads down from the start: the residuals are rough (contacts, falls)."""
-    found = run.descent.search
-    if run.looks == 1 and not run.resumed and found is not None and found.iteration == 0:
-        run.from_there(evolved(run.look.problem, run.descent.space, run.start, run.descent.watch, run.seed, short=True))
-
-
 def lines(run: Run) -> None:
     """Looks along the axes of single parameters, as long as more of the recordings are still to come."""
     found = run.descent.search
@@ -261,9 +254,13 @@ def lines(run: Run) -> None:
 
 
 def evolution(run: Run) -> None:
-    """Looks everywhere, after the first look, where parameters are few and slopes end far above the noise."""
+    """Looks everywhere, after the first look, where slopes end far above the noise and parameters are few, or where no slope
+    leads down at all: residuals are rough then (contacts, falls).
+    """
     run_, found = run.descent, run.descent.search
-    if run.looks != 1 or found is None or len(run_.point) > FEW or explained(found.residual) or run_.leads_on(run.look):
+    if run.looks != 1 or found is None or (len(run_.point) > FEW and (found.iteration > 0 or run.resumed)):
+        return
+    if explained(found.residual) or run_.leads_on(run.look):
         return
     run.from_there(anywhere(run.look.problem, run_.space, found, run_.watch, run.seed))
 
