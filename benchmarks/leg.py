@@ -44,8 +44,8 @@ def main() -> None:
               + f"   {sum(inside[-3:])} of 3   {cpu[-1]:14.1f}", flush=True)  # fmt: skip
     worst = np.abs(errors).max(axis=1)
     print(f"median over robots, worst of the three: {np.median(worst):.2f} %; CPU s: {np.median(cpu):.1f}")
-    result("leg_worst_error_percent", float(worst.max()), f"%, {len(worst)} robots", 10.0)
-    result("leg_interval_coverage", 100.0 * float(np.mean(inside)), "%", 85.0, at_most=False)
+    result("leg_worst_error_percent", float(worst.max()), f"%, {len(worst)} robots", 5.0)
+    result("leg_interval_coverage", 100.0 * float(np.mean(inside)), "%", 90.0, at_most=False)
 
 
 if __name__ == "__main__":
