@@ -57,13 +57,15 @@ def test_the_report_tells_the_rounds_and_shows_them(
 ) -> None:
     monkeypatch.setattr("trueup.studies.balance.pictures._PICTURES", 2)
     told = [as_told(SCENE, task, rounds[0], rounds[1].values), as_told(SCENE, task, rounds[1], None)]
-    found = Findings(Size(stand_ins=1, scenes=(SCENE, "kneel-to-stand")), campaigns={SCENE: {NUMBER: told}})
+    size = Size(stand_ins=1, scenes=(SCENE, "kneel-to-stand", "sit-to-stand"))
+    found = Findings(size, {"kneel-to-stand": {"share": 0.0}}, campaigns={SCENE: {NUMBER: told}})
     assert found.share(SCENE, 0) == 0.0
     assert found.share(SCENE, 1) == 1.0
     assert found.needed(SCENE) == [1]
     page = html(found)
     assert "0 of 1, 1 of 1" in page
     assert "no motion was found in the simulator itself" in page
+    assert "not computed yet" in page
     assert page.count("<canvas") == 3
 
 

@@ -46,7 +46,8 @@ def _transfer(f: Findings) -> Markup:
     rows = []
     for scene in f.size.scenes:
         if scene not in f.campaigns:
-            rows.append(row(_name(scene), tag("td", "no motion was found in the simulator itself", colspan="8")))
+            why = "no motion was found in the simulator itself" if scene in f.first else "not computed yet"
+            rows.append(row(_name(scene), tag("td", why, colspan="8")))
             continue
         needed, done = f.needed(scene), f.campaigns[scene].values()
         seconds = [sum(r["seconds"] for r in each) for each in done]
