@@ -108,6 +108,11 @@ def test_the_command_says_what_a_log_without_a_load_cannot_tell(
     assert "kd / kp" in printed
     assert "the load is unknown" in printed.replace("\n", " ")
     assert [p.name for p in (tmp_path / "servo").iterdir()] == ["actuator.json"]
+    known = ["identify-actuator", str(tmp_path / "log.parquet"), "--inertia", "1e-3", "--gravity", "0", "--ask"]
+    assert main([*known, "--out", str(tmp_path / "servo")]) == 0
+    assert "actuator.xml read back replays 1 recordings" in capsys.readouterr().out.replace("\n", " ")
+    written = {p.name for p in (tmp_path / "servo-2").iterdir()}
+    assert written == {"actuator.json", "actuator.py", "actuator.xml", "replay-sines.svg"}
     assert main(["identify-actuator", str(tmp_path / "log.parquet"), "--mass", "1"]) == 1
     assert "mass is given alone" in capsys.readouterr().err
 

@@ -163,7 +163,9 @@ def _tried(
         ):
             told(s.name, parent.error)
             promised[s.name] = chooser.promise(parent, s)
-    bend = min((f.bend for f in promised.values()), default=1.0)
+    if not promised:
+        return {}
+    bend = min(f.bend for f in promised.values())
     losses = chooser.problem.losses([f.values for f in promised.values()], bend, WINDOWS[-2])
     tried = {}
     for name in [list(promised)[k] for k in np.argsort(losses)[:_TRIED]]:

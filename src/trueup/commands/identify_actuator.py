@@ -10,15 +10,19 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from trueup.calibration import Replay
 from trueup.campaign.output import free_folder
 from trueup.commands.sources import mapping_for, readable, split, step_of
 from trueup.formats import read
 from trueup.report.numbers import duration_text
+from trueup.report.picture import replay_picture
+from trueup.report.writing import write_aside
 
 if TYPE_CHECKING:
     from trueup.actuators.experiment import Value
@@ -35,7 +39,8 @@ friction from back-EMF. Several settings of the gain may be mixed if the logs na
   trueup identify-actuator foot.csv                                        load unknown: ratios of the gains only
 
 In DIR you find actuator.py (the law; needs nothing but Python; its first lines say how to use it in plain MuJoCo),
-actuator.xml (the nearest that MJCF can hold, with its load) and actuator.json (all figures). A bench file, in SI units:
+actuator.xml (the nearest that MJCF can hold, with its load), actuator.json (all figures) and pictures of replays.
+A bench file, in SI units:
 
   mass = 0.49        # kg
   length = 0.1       # m, from the axis to the centre of mass
@@ -43,7 +48,7 @@ actuator.xml (the nearest that MJCF can hold, with its load) and actuator.json (
   hangs_at = 0.0     # rad, where the load hangs straight down
   gravity = 9.81     # m/s2; 0 where the axis is vertical
 """
-_FILES = ("actuator.py", "actuator.xml", "actuator.json")
+PYTHON, MJCF, FIGURES = _FILES = ("actuator.py", "actuator.xml", "actuator.json")
 _LOADS = {
     "mass": "kg that the servo carries",
     "length": "m from the axis to the load's centre of mass",
@@ -95,7 +100,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         console.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True, highlight=False)
     _show(found, console)
     if folder is not None:
-        _written(found, found.write(folder), console)
+        _written(found, [*found.write(folder), *_pictures(found, folder)], console)
     return 0
 
 
@@ -162,7 +167,7 @@ def _errors(found: Actuator) -> Table:
 
 def _written(found: Actuator, paths: Sequence[Path], console: Console) -> None:
     """Names the files; the MJCF is read back and replayed by the engine itself, on the load that it holds."""
-    from trueup.actuators.write import MJCF, replay_file
+    from trueup.actuators.write import replay_file
 
     console.print(f"wrote {', '.join(escape(str(p)) for p in paths)}", soft_wrap=True, highlight=False)
     for path in paths:
@@ -171,3 +176,22 @@ def _written(found: Actuator, paths: Sequence[Path], console: Console) -> None:
             errors = [abs(replay_file(path, r) - r.position).mean() for r in runs]
             console.print(f"{path.name} read back replays {len(runs)} recordings (fitted ones among them) to "
                           f"{1e3 * sum(errors) / len(errors):.1f} mrad", soft_wrap=True, highlight=False)  # fmt: skip
+
+
+def _pictures(found: Actuator, folder: Path) -> list[Path]:
+    """A picture of each recording that was held out, of each fitted one if none was: as measured, by the law, by the MJCF."""
+    from trueup.actuators.replay import replay
+
+    if found.law is None or found.file_law is None:
+        return []
+    held = {j.name for j in found.judged if j.held_out}
+    paths = []
+    for run in (r for r in found.runs if not held or r.name in held):
+        file, law = (replay(x, run, found.step)[:, None] for x in (found.file_law, found.law))
+        at = np.clip(np.searchsorted(run.command_time, run.time, side="right") - 1, 0, None)
+        told = np.where(run.on[at], run.command[at], np.nan)[:, None]
+        drawn = Replay(run.name, run.name in held, "position", ("joint",), "rad", run.time, run.position[:, None], file, law,
+                       told, np.array([run.noise]))  # fmt: skip
+        paths.append(folder / f"replay-{Path(run.name).name}.svg")
+        write_aside(replay_picture(drawn, names={"before": MJCF, "after": PYTHON}), paths[-1])
+    return paths
