@@ -115,14 +115,18 @@ print(servo.torque, "numpy" in sys.modules)"""
     assert numpy == "False"
 
 
-def test_the_written_mjcf_moves_as_its_law(tmp_path: Path) -> None:
-    law = Law(2.0, 2e-3, 0.05, 0.03, voltage_limit=1.0)
+@pytest.mark.parametrize(("punch", "apart"), [(0.0, 2e-4), (0.05, 5e-3)])
+def test_the_written_mjcf_moves_as_its_law(punch: float, apart: float, tmp_path: Path) -> None:
+    law = Law(2.0, 2e-3, 0.05, 0.03, voltage_limit=1.0, punch=punch)
     command = swinging(2.0)
     (run,), _, _ = runs_of([recording(command)], BENCH)
     run = dataclasses.replace(run, gain=0.5)
+    assert np.max(np.abs(replay(law._replace(punch=0.0), run, STEP) - replay(law, run, STEP))) >= 2.0 * apart * (
+        punch > 0
+    )
     path = tmp_path / "actuator.xml"
     path.write_text(mjcf_text(law, BENCH, STEP), encoding="utf-8")
-    np.testing.assert_allclose(replay_file(path, run), replay(law, run, STEP), atol=2e-4)
+    np.testing.assert_allclose(replay_file(path, run), replay(law, run, STEP), atol=apart)
 
 
 def test_the_voltage_limit_sets_the_speed_that_a_motor_reaches() -> None:

@@ -68,11 +68,11 @@ class Chooser:
         self, problem: Problem, declared: Mapping[str, Parameter], fixed: Mapping[str, float] | None = None
     ) -> None:
         self.problem, self.declared = problem, declared
-        self._fixed = fixed or {}
+        self.fixed = fixed or {}
 
     def plain(self, structures: tuple[str, ...] = ()) -> Model:
         """The servo of BASE, with some structures, from the best of several starts."""
-        starts = [{**self._fixed, "stiffness": f * self.declared["stiffness"].nominal} for f in _STIFF]
+        starts = [{**self.fixed, "stiffness": f * self.declared["stiffness"].nominal} for f in _STIFF]
         parameters = self.parameters(structures)
         return self._best(structures, [widening(self.problem, parameters, start) for start in starts])
 
@@ -88,14 +88,14 @@ class Chooser:
         starts = (promised.values, self._sized(model.found, structure))
         fits = [fit(self.problem, parameters, start) for start in starts]
         # and without regard to what was found before, which may hold a fit in a valley of its own
-        nominal = {**self._fixed, "stiffness": self.declared["stiffness"].nominal}
+        nominal = {**self.fixed, "stiffness": self.declared["stiffness"].nominal}
         return self._best(names, [*fits, widening(self.problem, parameters, nominal)])
 
     def without(self, model: Model, name: str) -> Model:
         """A model with one structure less."""
         names = tuple(s for s in model.structures if s != name)
         parameters = self.parameters(names)
-        start = {**self._fixed, **{p.name: model.found.values[p.name] for p in parameters}}
+        start = {**self.fixed, **{p.name: model.found.values[p.name] for p in parameters}}
         return self._best(names, [fit(self.problem, parameters, start), widening(self.problem, parameters, start)])
 
     def _sized(self, less: Found, structure: Structure) -> Mapping[str, float]:
@@ -115,7 +115,7 @@ class Chooser:
     def parameters(self, structures: Sequence[str]) -> list[Parameter]:
         """Those that are searched."""
         names = dict.fromkeys([*BASE, *(p for s in structures for p in BY_NAME[s].parameters)])
-        return [self.declared[n] for n in names if n not in self._fixed]
+        return [self.declared[n] for n in names if n not in self.fixed]
 
 
 def choose(chooser: Chooser, offered: Sequence[str], told: Callable[[str, float], None]) -> tuple[Model, list[Asked]]:

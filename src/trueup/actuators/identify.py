@@ -19,8 +19,9 @@ from trueup.actuators.fit import Problem, spread
 from trueup.actuators.output import output_of
 from trueup.actuators.replay import STEP, replay
 from trueup.actuators.servo import Law
-from trueup.actuators.structures import BY_NAME, LIMIT, LIMITS, Scales, declared, law_of
+from trueup.actuators.structures import BY_NAME, LIMIT, LIMITS, PUNCH, VISCOUS, Scales, declared, law_of
 from trueup.errors import CalibrationError, unknown_name
+from trueup.evidence import evidence
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 
@@ -110,11 +111,25 @@ def identify_actuator(
     never = () if shown is None else (LIMIT,) if fixed else LIMITS
     model, asked = choose(chooser, [n for n in (BY_NAME if ask is None else ask) if n not in never], told)
     told("what a file can hold", model.error)
-    file = chooser.plain()
+    file, said = _held_by_a_file(problem, chooser, ask is None or PUNCH in ask)
+    notes += said
     judged = [*_left_out(problem, model, file), *(_held_out(r, model, file, step) for r in kept)]
     return Actuator(law_of(model.found.values), law_of(file.found.values), tuple(_values(problem, model)),
                     (*([LIMIT] if fixed else []), *model.structures), tuple(asked), judged=tuple(judged), runs=tuple(runs),
                     notes=tuple(notes), seconds=time.perf_counter() - began, **common)  # fmt: skip
+
+
+def _held_by_a_file(problem: Problem, chooser: Chooser, onset: bool) -> tuple[Model, list[str]]:
+    """The nearest servo that MJCF can hold, and notes: its damping also acts while the motor is off, so it is fitted so."""
+    fixed = {**chooser.fixed, "back_emf": 0.0}
+    held = Chooser(problem, chooser.declared, fixed)
+    plain = held.plain((VISCOUS,))
+    steep = held.plain((VISCOUS, PUNCH)) if onset else plain
+    if not evidence(plain.errors, steep.errors).holds:
+        return plain, []
+    return steep, [
+        "the MJCF has a second actuator at the joint, for the same command: it gives the steep onset of torque"
+    ]
 
 
 def _values(problem: Problem, model: Model) -> list[Value]:

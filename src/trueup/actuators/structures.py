@@ -30,19 +30,20 @@ class Structure:
 
 
 LIMIT, FORCE, LOAD = "voltage limit", "force limit", "friction under load"
+PUNCH, VISCOUS = "punch", "viscous friction"
 LIMITS = (LIMIT, "supply sag", FORCE)
 STRUCTURES = (
     Structure(LOAD, ("load_motor", "load_external"), "Duclusaud et al. 2025, M5"),
     Structure("Stribeck friction", ("static", "stribeck_speed"), "Armstrong-Helouvry et al. 1994"),
     Structure("load sticks", ("load_static", "stribeck_speed"), "Duclusaud et al. 2025, M4", LOAD),
-    Structure("viscous friction", ("viscous",), "beside back-EMF, which acts while the motor is on"),
+    Structure(VISCOUS, ("viscous",), "beside back-EMF, which acts while the motor is on"),
     Structure("quadratic friction", ("quadratic",), "fast gears in grease"),
     Structure(LIMIT, ("full_error",), "full duty: DC motor at its supply"),
     Structure("supply sag", ("sag",), "resistance of supply and wires", LIMIT),
     Structure(FORCE, ("force_limit",), "current limit of the firmware"),
     Structure("delay", ("delay",), "bus and firmware"),
     Structure("dead band", ("dead_band",), "compliance margin; play before the sensor"),
-    Structure("punch", ("punch",), "least power of the firmware; steep onset of torque"),
+    Structure(PUNCH, ("punch",), "least power of the firmware; steep onset of torque"),
     Structure("derivative gain", ("derivative",), "PD firmware"),
     Structure("integral gain", ("integral",), "PI firmware"),
     Structure("zero error", ("zero",), "horn mounted askew"),

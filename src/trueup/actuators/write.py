@@ -28,6 +28,8 @@ PYTHON, MJCF, FIGURES = "actuator.py", "actuator.xml", "actuator.json"
 HARD = 'solreffriction="0.0001 1" solimpfriction="0.9999 0.9999 0.001 0.5 2"'
 """Dry friction that holds, within MuJoCo's limits: it takes all speed in one step."""
 
+_ONSET = 2e-3  # rad
+
 _HEAD = '''"""A servo, identified by trueup: replayed recordings are met to {error:.3g} rad in the mean ({which}).
 
 In plain MuJoCo, with one <motor> at the joint and, in the MJCF,
@@ -85,8 +87,14 @@ def mjcf_text(law: Law, bench: Bench, step: float) -> str:
     """The bench with the nearest servo that MJCF can hold: stiffness, back-EMF and viscous friction as damping, Coulomb
     friction, rotor, and full duty as a range of force (which ends before back-EMF, as a motor's voltage does).
     """
-    limit = law.voltage_limit
+    limit = law.voltage_limit - law.punch
     ranged = f' forcerange="{-limit:.6g} {limit:.6g}"' if math.isfinite(limit) else ""
+    drives = f'<position name="servo" joint="joint" kp="{law.stiffness:.6g}"{ranged}/>'
+    if law.punch > 0.0:  # a spring so stiff that it is at its limit from the first encoder steps on
+        steep, most = law.punch / _ONSET, law.punch
+        drives += f"""
+    <!-- takes the same command: the least torque once there is an error -->
+    <position name="onset" joint="joint" kp="{steep:.6g}" forcerange="{-most:.6g} {most:.6g}"/>"""
     pendulum = bench.moment > 0.0 or not math.isnan(bench.mass)
     mass, length = (bench.mass, bench.length) if pendulum else (1.0, 0.0)
     inertia = max(bench.inertia, 1e-9)
@@ -98,7 +106,9 @@ def mjcf_text(law: Law, bench: Bench, step: float) -> str:
            damping="{law.back_emf + law.viscous:.6g}" frictionloss="{law.coulomb:.6g}" {HARD}/>
     <inertial pos="0 0 {-length:.9g}" mass="{mass:.9g}" diaginertia="{inertia:.6g} {inertia:.6g} {inertia:.6g}"/>
   </body></worldbody>
-  <actuator><position name="servo" joint="joint" kp="{law.stiffness:.6g}"{ranged}/></actuator>
+  <actuator>
+    {drives}
+  </actuator>
 </mujoco>
 """
 
@@ -122,7 +132,7 @@ def replay_file(path: Path, run: Run) -> Array:
     out = np.empty(len(instants))
     for k, s in enumerate(at):
         out[k] = data.qpos[0]
-        data.ctrl[0] = run.command[s]
+        data.ctrl[:] = run.command[s]
         model.opt.disableactuator = 0 if run.on[s] else 1
         mujoco.mj_step(model, data)
     return np.interp(run.time, instants, out)
