@@ -20,6 +20,7 @@ figure h4 { margin-top: 0; }
 #links td.words { white-space: normal; }
 table.compact th[scope="row"] { min-width: 92px; }
 #files pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: 13px; }
+table.compact td.words { min-width: 230px; }
 #files details, #parameters details { margin-top: 12px; }
 #numbers td:nth-child(2) { white-space: nowrap; }
 #files summary, #parameters summary { cursor: pointer; }

@@ -60,7 +60,7 @@ def _overview(found: Identification, delivered: Sequence[Deliverable]) -> Markup
         time = duration_of_a_call(d.seconds) if math.isfinite(d.seconds) else "–"
         apart = f"{d.difference:.0e} {unit}" if d.files and math.isfinite(d.difference) else "–"
         numbers = cells(_percent(d.relative(held_out=False)), _percent(d.relative(held_out=True)), apart, time)
-        rows.append(row(breakable(_name(d)), numbers, cells(d.use, kind="")))
+        rows.append(row(breakable(_name(d)), numbers, cells(d.use, kind="words")))
     titles = ("File", "Fitted", "Held out", "Furthest from the fit", "A call", "Use it for")
     return table(head(*titles, numbers=range(1, 5)), rows, "compact", id="deliverables")
 

@@ -103,7 +103,7 @@ def _joint_table(found: Identification) -> Markup:
             f"{100 * shares[j]:.1f} %",
             f"{100 * errors[j] / limit:.2f} %" if np.isfinite(limit) else "–",
         )
-        rows.append(row(breakable(joint), numbers, cells(", ".join(found.structure[j]), kind="")))
+        rows.append(row(breakable(joint), numbers, cells(", ".join(found.structure[j]), kind="words")))
     titles = ("Joint", "RMSE", "of its torque", "of its limit", "Effects kept")
     return table(head(*titles, numbers=range(1, 4)), rows, "compact")
 
