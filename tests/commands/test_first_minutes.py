@@ -3,14 +3,17 @@
 
 from __future__ import annotations
 
+import io
 import json
 import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from trueup.cli import main
+from trueup.commands.sources import recordings_in
 
 
 @pytest.mark.parametrize(
@@ -67,3 +70,14 @@ COMP_WORDS=(trueup {0}); COMP_CWORD={1}; _trueup; echo "${{COMPREPLY[@]}}"
     for shell in ("zsh", "fish"):
         assert main(["completion", shell]) == 0
         assert "calibrate" in capsys.readouterr().out
+
+
+def test_long_files_are_read_with_a_bar_on_a_terminal(tmp_path: Path) -> None:
+    path = tmp_path / "long.csv"
+    path.write_text("time,q1,q2\n" + "".join(f"{k / 1000:.3f},{k % 97},{k % 89}\n" for k in range(400_000)))
+    terminal = Console(file=io.StringIO(), force_terminal=True, width=100)
+    (recording,), notes = recordings_in([path], None, terminal, named=False)
+    assert isinstance(terminal.file, io.StringIO)
+    assert "reading long.csv" in terminal.file.getvalue()
+    assert len(recording.channel("position").time) == 400_000
+    assert notes == []

@@ -102,7 +102,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """
     from trueup.loop.prepare import prepare
 
-    training, held_out, notes = _recordings(args)
+    training, held_out, notes = _recordings(args, told)
     ready = prepare(args.model, training, held_out, parameters=args.parameters, beyond_mjcf=args.beyond_mjcf,
                     step=args.step, refuse=args.refuse)  # fmt: skip
     family, simulator = ready.family, ready.simulator
@@ -149,10 +149,10 @@ def _show_proposal(ready: Preparation, console: Console) -> None:
     console.print(f"  fitted: {escape(fitted)}; held out: {escape(judged)}", soft_wrap=True, highlight=False)
 
 
-def _recordings(args: argparse.Namespace) -> tuple[list[Recording], list[Recording], list[str]]:
+def _recordings(args: argparse.Namespace, told: Console) -> tuple[list[Recording], list[Recording], list[str]]:
     paths, notes = readable(args.recordings)
     mapping, more = mapping_for(args.mapping)
-    recordings, others = recordings_in(paths, mapping, named=args.mapping is not None)
+    recordings, others = recordings_in(paths, mapping, told, named=args.mapping is not None)
     recordings, cut = while_driven(recordings)
     training, held_out = split(recordings, [h for group in args.hold_out for h in group], mapping)
     return training, held_out, [*notes, *more, *others, *cut]

@@ -113,7 +113,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     from trueup.identification.model_file import load_tree
 
     options, names = _options(args)
-    training, held_out, notes = _recordings(args, names)
+    training, held_out, notes = _recordings(args, names, told)
     tree = load_tree(args.model).lock(args.lock)
     if args.gravity is not None:
         tree = tree.replace(gravity=args.gravity)
@@ -155,14 +155,14 @@ def _options(args: argparse.Namespace) -> tuple[Options, list[str]]:
 
 
 def _recordings(
-    args: argparse.Namespace, hold_out: Sequence[str]
+    args: argparse.Namespace, hold_out: Sequence[str], told: Console
 ) -> tuple[list[Recording], list[Recording], list[str]]:
     paths, notes = readable(args.recordings)
     mapping, more = mapping_for(args.mapping)
     used: Mapped = mapping
     if args.rate is not None:
         used = _with_rate(ChannelMap.load(mapping) if mapping else guess_mapping(paths), args.rate)
-    recordings, others = recordings_in(paths, used, named=args.mapping is not None)
+    recordings, others = recordings_in(paths, used, told, named=args.mapping is not None)
     training, held_out = split(recordings, hold_out, mapping)
     return training, held_out, [*notes, *more, *others]
 

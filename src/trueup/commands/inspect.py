@@ -51,7 +51,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     target = Path(args.write_mapping or MAPPING)
     mapping, more = (None, []) if args.force and not args.mapping else mapping_for(args.mapping or _existing(target))
     notes += more
-    recordings, other = _read(paths, mapping, args.rate, target, named=args.mapping is not None)
+    recordings, other = _read(paths, mapping, args.rate, target, told, named=args.mapping is not None)
     notes += other
     if args.model is not None:
         notes += _unknown(recordings, args.model) if mapping is not None else []
@@ -85,17 +85,17 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
 
 
 def _read(
-    paths: Sequence[Path], mapping: Path | None, rate: float | None, target: Path, *, named: bool
+    paths: Sequence[Path], mapping: Path | None, rate: float | None, target: Path, told: Console, *, named: bool
 ) -> tuple[list[Recording], list[str]]:
     """The recordings and notes; where nothing but the time of the samples is missing, the guess is kept for the user to
     fill in.
     """
     if mapping is not None:
-        return recordings_in(paths, mapping, named=named)
+        return recordings_in(paths, mapping, told, named=named)
     if rate is not None:
         return read(paths, _with_rate(guess_mapping(paths), rate)), []
     try:
-        return read(paths), []
+        return recordings_in(paths, None, told, named=False)
     except MappingError as error:
         if not guess_mapping(paths).time.column and not guess_mapping(paths).time.file:
             guess_mapping(paths).save(target)

@@ -90,7 +90,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Replays, shows a table, writes pictures if asked. Raises TrueupError. Returns the exit code."""
     paths, notes = readable(args.recordings)
     mapping, more = mapping_for(args.mapping)
-    recordings, others = recordings_in(paths, mapping, named=args.mapping is not None)
+    recordings, others = recordings_in(paths, mapping, told, named=args.mapping is not None)
     recordings, cut = while_driven(recordings)
     recordings, between = _commanded(recordings, args.commands, args.step or STEP)
     compared, taken = _compared(args, recordings)

@@ -5,10 +5,13 @@ from __future__ import annotations
 
 import argparse
 import fnmatch
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, DownloadColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from trueup import files
 from trueup.errors import FormatError, OtherFilesMappingError, RecordingError, unknown_name
@@ -22,6 +25,8 @@ ENABLED = "torque_enable"
 """Channel that is zero while a drive is off."""
 STEP = 0.002
 """s: the step of MuJoCo models unless told otherwise."""
+_LARGE = 5_000_000
+"""Bytes that take longer to read than one likes to wait without a word."""
 MAPPING = Path("mapping.toml")
 """The mapping that is used when none is named, in the current folder."""
 
@@ -46,15 +51,17 @@ def mapping_for(named: str | None) -> tuple[Path | None, list[str]]:
     return None, []
 
 
-def recordings_in(paths: Sequence[Path], mapping: Mapped, *, named: bool) -> tuple[list[Recording], list[str]]:
+def recordings_in(
+    paths: Sequence[Path], mapping: Mapped, told: Console | None = None, *, named: bool
+) -> tuple[list[Recording], list[str]]:
     """The recordings in files, and notes. A mapping that was found rather than `named` is not used for files of which it
-    names no column: theirs are guessed.
+    names no column: theirs are guessed. What takes a while is shown on `told`.
 
     Raises what `formats.read` raises.
     """
     recordings: list[Recording] = []
     others: list[str] = []
-    for path in paths:
+    for path in _shown(paths, told):
         try:
             recordings += read([path], mapping)
         except OtherFilesMappingError:
@@ -64,6 +71,25 @@ def recordings_in(paths: Sequence[Path], mapping: Mapped, *, named: bool) -> tup
             others.append(path.name)
     more = f"{mapping} names no column of {', '.join(others[:5])}{' ...' * (len(others) > 5)}: theirs are guessed"
     return recordings, [more] if others else []
+
+
+def _shown(paths: Sequence[Path], told: Console | None) -> Iterator[Path]:
+    """The paths, with a bar on a terminal that says which is being read, by bytes, where they are large."""
+    if told is None or not told.is_terminal:
+        yield from paths
+        return
+    each = ([p] if p.is_file() else [f for f in p.rglob("*") if f.is_file()] for p in paths)
+    sizes = [sum(f.stat().st_size for f in files_in) for files_in in each]
+    if sum(sizes) < _LARGE:
+        yield from paths
+        return
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(24), DownloadColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=told, transient=True) as bar:
+        task = bar.add_task("reading", total=sum(sizes))
+        for path, size in zip(paths, sizes, strict=True):
+            bar.update(task, description=f"reading {escape(path.name)}")
+            yield path
+            bar.advance(task, size)
 
 
 def split(
