@@ -41,6 +41,9 @@ def main() -> int:
     except (TrueupError, OSError) as error:
         Console(stderr=True).print(str(error), style="red", markup=False)
         return 2
+    except KeyboardInterrupt:
+        Console(stderr=True).print(f"stopped; what was found so far is in {asked.out / 'results.json'}", markup=False)
+        return 130
     console.print(_table(results))
     for line in summary(results):
         console.print(line)

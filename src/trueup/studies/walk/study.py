@@ -132,7 +132,12 @@ def improved(
     say(f"start walk: {_words(story.tried[0].runs)}")
     for number in range(1, budget.rounds + 1):
         simulator, walk = method.prepared(story, seed + number)
-        found = searched(simulator, walk, story.best.values, budget.effort, seed * 10 + number, space=space)
+
+        def hears(generation: int, middle: float, number: int = number) -> None:
+            say(f"round {number}, generation {generation}: {100 * middle:.1f} cm/s in the middle, falls taken off")
+
+        best = story.best.values
+        found = searched(simulator, walk, best, budget.effort, seed * 10 + number, space=space, told=hears)
         new = _looked_at(robot, track, found.path, number, budget, f" seed {seed}")
         story = Story((*story.tried, *new))
         for t in new:
