@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from trueup.errors import GroundingError, UnknownNameError
 from trueup.grounding.comparison import cross_validated, folds_by_row, folds_by_run, score
+from trueup.grounding.domain import domain_of
 from trueup.grounding.grounding import Grounding
 from trueup.grounding.learn import Wishes, learn
 from trueup.grounding.learners import LEARNERS, learners
@@ -137,8 +138,6 @@ def test_a_model_tree_never_departs_from_its_line_farther_than_its_rows_did(rng:
 @pytest.mark.parametrize("name", LEARNERS)
 def test_a_kept_grounding_predicts_the_same(rng: np.random.Generator, tmp_path: Path, name: str) -> None:
     rows = rows_of(recordings(rng, limited, runs=2), inputs_of(recordings(rng, limited, runs=2), history=2))
-    from trueup.grounding.domain import domain_of
-
     made = Grounding(rows.inputs, fitted(LEARNERS[name], rows, rng, "own"), domain_of(rows), about={"learner": name})
     made.save(tmp_path / "grounding.npz")
     read = Grounding.load(tmp_path / "grounding.npz")
@@ -169,6 +168,23 @@ def test_the_recordings_choose_history_and_learner(rng: np.random.Generator) -> 
         recordings(rng, lag, 5, 150, 1e-3), Wishes(learners=("linear", "model-tree", "stump"), by_row=False)
     )
     assert straight.comparison.chosen == "linear"  # nothing is surely better than a line
+
+
+def test_a_centre_of_mass_from_another_origin_is_outside_of_what_was_learned(rng: np.random.Generator) -> None:
+    made = []
+    for run in recordings(rng, runs=8):
+        height = 0.25 + 1e-3 * np.sin(7.0 * run.time) + 2e-4 * rng.standard_normal(len(run.time))
+        made.append(run.with_channel(Channel("com", ("z",), "m", run.time, height[:, None])))
+    learned, fresh = made[:6], made[6:]
+    inputs = inputs_of(learned)
+    assert inputs.others == {"com": ("z",)}
+    domain, rows = domain_of(rows_of(learned, inputs)), rows_of(fresh, inputs)
+    block = [b.name for b in domain.blocks].index("com")
+    assert domain.far(rows.X)[:, block].mean() < 0.05
+    away = np.array(rows.X)
+    away[:, inputs.names.index("com.z")] += 0.036  # as far as the origins of two models of a NAO
+    assert domain.far(away)[:, block].all()
+    assert "com.z" in domain.reason(away[0], block, 50)
 
 
 def test_folds_keep_runs_whole_and_rows_once(rng: np.random.Generator) -> None:
