@@ -66,8 +66,8 @@ def hunt(
 ) -> Hunt:  # fmt: skip
     """Searches until `wanted` candidates hold that are `apart` in some coordinate of the unit box, or simulations run out.
 
-    `search` is CMA-ES by default, from the nominal values, a run no longer than 50 generations of 32, with restarts (IPOP).
-    Of each generation the best candidate that succeeds, far enough from those that hold, is replayed (see `holds`).
+    `search` is CMA-ES by default: 30 generations of 32 from the nominal values, then again from there with twice as many
+    (IPOP). Of each generation the best candidate that succeeds, far enough from those that hold, is replayed (see `holds`).
     `rough` is what happens to all candidates of a generation alike while they are searched, other in each: feedback can earn
     nothing where nothing disturbs. `model` (n,) are values of the simulator's parameters (None: the nominal ones). `watch`
     sees simulations so far, the generation's lowest loss and the number of winners. Raises CalibrationError where no run of
@@ -75,8 +75,8 @@ def hunt(
     """
     space, values = task.parameters, simulator.parameters.nominal if model is None else np.asarray(model)
     search = search or CmaEs(
-        space.to_unit(space.nominal), seed=int(rng.integers(2**31)), sigma=0.25, population=32, restarts=20, generations=50,
-        max_evaluations=simulations,
+        space.to_unit(space.nominal), seed=int(rng.integers(2**31)), sigma=0.25, population=32, restarts=20, generations=30,
+        max_evaluations=simulations, guess=True,
     )  # fmt: skip
     held: list[tuple[Array, float, tuple[float, ...]]] = []
     count = doubted = 0
