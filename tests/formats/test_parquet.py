@@ -112,3 +112,11 @@ def test_a_folder_or_a_file_in_the_way_is_named(tmp_path: Path, small_files: Any
 def test_folders_on_the_way_are_made(tmp_path: Path, small_files: Any) -> None:
     formats.write(small_files.recording(), tmp_path / "a" / "b" / "run.parquet")
     assert (tmp_path / "a" / "b" / "run.parquet").stat().st_mode & 0o444 == 0o444
+
+
+def test_a_name_of_another_format_is_refused(tmp_path: Path) -> None:
+    time = np.arange(4.0)
+    recording = Recording("run", {"position": Channel("position", ("q",), "rad", time, time[:, None])})
+    with pytest.raises(OutputError, match=r"not as '\.csv'; name it 'run\.parquet'"):
+        formats.write(recording, tmp_path / "run.csv")
+    assert not (tmp_path / "run.csv").exists()

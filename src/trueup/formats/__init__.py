@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from trueup.errors import FormatError, RecordingError, UnknownNameError
+from trueup.errors import FormatError, OutputError, RecordingError, UnknownNameError
 from trueup.formats import parquet
 from trueup.formats.assembly import assemble
 from trueup.formats.mapping import ChannelColumns, ChannelMap, TimeColumn
@@ -42,8 +42,14 @@ def read(source: Paths, mapping: ChannelMap | str | Path | None = None) -> list[
 def write(recording: Recording, path: str | Path) -> None:
     """Writes a recording as one Parquet file, with units, labels, instants and provenance; `read` gives it back.
 
-    It is written aside and renamed. Raises OutputError (full disk, no permission); what was there before is untouched.
+    It is written aside and renamed. Raises OutputError (full disk, no permission, a name of another format); what was there
+    before is untouched.
     """
+    if (suffix := Path(path).suffix.lower()) not in (".parquet", ".pq", ""):
+        raise OutputError(
+            f"{path}: a recording is written as Parquet, which keeps units and instants, not as '{suffix}'; name it "
+            f"'{Path(path).stem}.parquet' (`trueup replay --trajectories csv` writes tables)"
+        )
     parquet.write(recording, Path(path))
 
 
