@@ -141,6 +141,8 @@ def compared(without: Array, with_it: Array) -> Evidence:
 
 def told(structure: str, shown: Evidence) -> str:
     """What came of an optional structure, in words."""
+    if np.isinf(shown.gain):
+        return f"{structure} kept: without it left-out recordings cannot be replayed"
     return (
         f"{structure} {'kept' if shown.holds else 'left out'}: with it left-out errors are lower by "
         f"{100 * shown.gain:.2g} % (standard error {100 * shown.standard_error:.2g} %)"

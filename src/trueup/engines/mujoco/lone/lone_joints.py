@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -129,7 +130,8 @@ class LoneJoints:
             for name, o in trial.observed.items():
                 if label in o.labels:
                     self._read(signals, k, name, label, history, again, out[name])
-        whole = np.all([np.isfinite(channel).all(axis=(1, 2)) for channel in out.values()], axis=0)
+        # What MuJoCo itself calls unstable: no joint alone may pass for a prediction where the engine would fail.
+        whole = np.all([(np.abs(channel) < mujoco.mjMAXVAL).all(axis=(1, 2)) for channel in out.values()], axis=0)
         return Rollout(trial, out, {int(row): _BLOWN for row in np.flatnonzero(~whole)})
 
     def _read(
