@@ -127,3 +127,16 @@ def test_an_optimum_of_the_coarse_step_that_blows_up_at_the_real_one_is_left(for
     problem = problem_of(formula(unstable, space), np.array([2.0]))
     found = fit(problem, space, space.nominal, Watch())
     assert found.values[0] == pytest.approx(2.0, rel=0.01)
+
+
+def test_slopes_do_not_lead_on_from_where_the_real_step_fails(formula: Make) -> None:
+    def unstable(time: Array, values: Array, step: float) -> Array:
+        return np.full_like(time, np.nan) if step < 0.015 and values[0] > 2.6 else values[0] * np.sin(2.0 * time)
+
+    space = ParameterSpace((Parameter("gain", "", 0.6, 0.5, 5.0, scale="log"),))
+    problem = problem_of(formula(unstable, space), np.array([2.0]))
+    coarse = problem.at_step(0.025)
+    run = Descent(space, np.clip(space.to_unit([3.0]), 0, 1), Watch(), 3.0)
+    assert not run.leads_on(Look("all", coarse, coarse, 0.05, 20, real=problem))
+    run = Descent(space, np.clip(space.to_unit([2.2]), 0, 1), Watch(), 3.0)
+    assert run.leads_on(Look("all", coarse, coarse, 0.05, 20, real=problem))

@@ -201,6 +201,8 @@ class Descent:
         if look.real is None:
             return False
         real = replace(last_look(look.real, look.problem), name=look.name)
+        if not np.isfinite(self._residual(real.problem)).all():
+            return False  # where the coarser step led, the real one fails
         return explained(replace(self).polish(real).residual)
 
     def _level(self, cheap: Problem, fine: Array) -> Problem | None:
