@@ -131,7 +131,7 @@ def counted(number: int) -> Count:
         file.write_text(wrong.text())
         recordings = motions(truth, rng)
         with_twins = prepare(file, recordings).calibrate()
-        taken, loop_calibrate.considered = loop_calibrate.considered, lambda problem, fit: ()
+        taken, loop_calibrate.considered = loop_calibrate.considered, lambda problem, fit, covariance: ()
         try:
             plain = prepare(file, recordings).calibrate()
         finally:
@@ -164,9 +164,10 @@ def claimed(e: Estimate, arm: Arm) -> tuple[float, float, float, float] | None:
     place = "ab".index(joint)
     if e.verdict == "identified":
         return e.value, e.low, e.high, float(getattr(arm, kind)[place])
-    if e.verdict == "tied" and (shown := re.search(r"\+ [ab]\.(\w+) is seen: (\S+) \[(\S+), (\S+)\]", e.note)):
-        value, low, high = (float(x) for x in shown.groups()[1:])
-        return value, low, high, float(getattr(arm, kind)[place] + getattr(arm, shown[1])[place])
+    seen = re.search(r"\+ ([\d.]*)(?: x )?[ab]\.(\w+) is seen: (\S+) \[(\S+), (\S+)\]", e.note)
+    if e.verdict == "tied" and seen:
+        value, low, high = (float(x) for x in seen.groups()[2:])
+        return value, low, high, float(getattr(arm, kind)[place] + float(seen[1] or 1.0) * getattr(arm, seen[2])[place])
     return None
 
 

@@ -135,7 +135,7 @@ def _findings(problem: Problem, found: Fit, choices: Sequence[Choice]) -> dict[s
     return {
         "model_name": problem.simulator.name,
         "estimates": _tied(
-            _estimates(found, covariance, choices, problem.simulator.parameters), considered(problem, found)
+            _estimates(found, covariance, choices, problem.simulator.parameters), considered(problem, found, covariance)
         ),
         "covariance": _in_units(found, covariance),
         "unidentified": (*unseen_directions(found, covariance), *(n for c in choices[:1] for n in c.notes)),

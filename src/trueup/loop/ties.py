@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from trueup.engines.simulator import Related, Simulator
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
-from trueup.loop.uncertainty import PRIOR
+from trueup.loop.uncertainty import PRIOR, vague
 from trueup.parameters import Parameter
 
 Array = NDArray[np.float64]
@@ -38,6 +38,8 @@ class Considered:
     low: float
     high: float
     """Between which ends it may be, in its unit: its bounds, or nearer where the recordings tell."""
+    calibrated: bool = False
+    """Whether it was asked for, and stays open all the same."""
 
     def reach(self, trade: float) -> tuple[float, float]:
         """How far down and up an estimate with that trade may be moved by it; both are positive."""
@@ -52,38 +54,57 @@ class Considered:
         sign = "+" if trade < 0.0 else "-"
         return (
             f"only {name} {sign} {other} is seen: {seen:.4g} [{seen - half:.4g}, {seen + half:.4g}] {unit}".rstrip()
-            + f"; {p.name} stays at {p.nominal:.4g}, as the model has it"
+            + f"; {p.name} {'is' if self.calibrated else 'stays at'} {p.nominal:.4g}"
+            + ("" if self.calibrated else ", as the model has it")
         )
 
 
-def considered(problem: Problem, fit: Fit) -> tuple[Considered, ...]:
-    """What the estimates owe to each related quantity that is not calibrated, from slopes along a part of the motion."""
+def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considered, ...]:
+    """What the estimates owe to each related quantity that is not calibrated, and to those that are and yet stay open by
+    their `covariance` in the unit box (n_free, n_free), from slopes along a part of the motion.
+    """
     other = _related(problem.simulator)
-    if other is None:
+    more = () if other is None else other.parameters.parameters[len(fit.values) :]
+    free = np.flatnonzero(fit.space.free)
+    parameters = [*(fit.space.parameters[i] for i in free), *more]
+    nominal = [*fit.values[free].tolist(), *(p.nominal for p in more)]
+    open_ = [k for k in range(len(free)) if vague(float(np.sqrt(max(covariance[k, k], 0.0))))]
+    asked = [*open_, *range(len(free), len(parameters))]
+    if not asked:
         return ()
     some, share = _excerpt(problem)
     columns = np.concatenate([np.arange(c.start, c.stop) for c in (problem.columns(k) for k in some)])
     weights = fit.weights[columns]
-    others = other.parameters.parameters[len(fit.values) :]
-    slopes = _slopes(problem.by(other), fit, others, some)
+    slopes = _slopes(problem if other is None else problem.by(other), fit, more, some)
     units = fit.space.unit_slope(fit.values)
-    boxed, unsure = slopes[:, : len(units)] * units[:, None]
-    if not np.isfinite(boxed).all():
+    if not np.isfinite(slopes[:, : len(free)]).all():
         return ()
-    inverse = np.linalg.inv((boxed * weights) @ boxed.T + PRIOR * np.eye(len(boxed)))
     noise = max(float(np.mean(weights * fit.residual[columns] ** 2)), 1e-300)
     found = []
-    for p, slope, doubt in zip(others, *slopes[:, len(units) :], strict=True):
-        if np.isfinite(slope).all():
-            trade = -inverse @ (boxed @ (weights * slope))
-            error = doubt + trade @ unsure
-            trade[np.abs(trade) < np.abs(inverse @ (boxed @ (weights * error)))] = 0.0  # no more than slopes are unsure
-            left, error = slope + trade @ boxed, doubt + trade @ unsure
-            told = max(float(weights @ (left**2 - error**2)), 0.0) / share / noise
-            half = _NORMAL_95 / np.sqrt(told + PRIOR / (p.upper - p.lower) ** 2)
+    for k in asked:
+        if np.isfinite(slopes[:, k]).all():
+            settled = [i for i in range(len(free)) if i != k and i not in open_]
+            trade, told = _traded(slopes[:, settled] * units[settled, None], slopes[:, k], weights)
+            p = parameters[k].replace(nominal=float(np.clip(nominal[k], parameters[k].lower, parameters[k].upper)))
+            half = _NORMAL_95 / np.sqrt(told / share / noise + PRIOR / (p.upper - p.lower) ** 2)
+            whole = np.zeros(len(free))
+            whole[settled] = trade * units[settled]
             low, high = max(p.lower, p.nominal - half), min(p.upper, p.nominal + half)
-            found.append(Considered(p, trade * units, low, high))
+            found.append(Considered(p, whole, low, high, calibrated=k < len(free)))
     return tuple(found)
+
+
+def _traded(own: Array, slope: Array, weights: Array) -> tuple[Array, float]:
+    """How estimates with slopes `own` (2, n, m) make up for one unit of a quantity with `slope` (2, m), each with what it is
+    unsure of, and the square sum that is left.
+    """
+    (boxed, unsure), (moved, doubt) = own, slope
+    inverse = np.linalg.inv((boxed * weights) @ boxed.T + PRIOR * np.eye(len(boxed)))
+    trade = -inverse @ (boxed @ (weights * moved))
+    error = doubt + trade @ unsure
+    trade[np.abs(trade) < np.abs(inverse @ (boxed @ (weights * error)))] = 0.0  # no more than slopes are unsure
+    left, error = moved + trade @ boxed, doubt + trade @ unsure
+    return trade, max(float(weights @ (left**2 - error**2)), 0.0)
 
 
 def _related(simulator: Simulator) -> Simulator | None:
