@@ -13,6 +13,9 @@ from trueup.recording import Recording
 
 Array = NDArray[np.float64]
 
+NORMAL_95 = 1.959964
+"""Half the width of a normal distribution's 95 % interval, in standard deviations."""
+
 
 @dataclass(frozen=True)
 class Estimate:

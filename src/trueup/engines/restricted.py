@@ -11,17 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.controllers.controller import ControllerFactory
-from trueup.engines.simulator import Approximated, Controlled, Rollout, Simulator
+from trueup.engines.simulator import Approximated, Controlled, InPlaceOf, Rollout, Simulator
 from trueup.errors import unknown_name
 from trueup.parameters import ParameterSpace
-from trueup.recording import Recording
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Restricted:
+class Restricted(InPlaceOf):
     """A Simulator with another one's behaviour and a parameter space of its own: the same names, other ones frozen."""
 
     whole: Simulator
@@ -38,16 +37,6 @@ class Restricted:
         return cls(simulator, simulator.parameters.freeze(frozen))
 
     @property
-    def name(self) -> str:
-        """The model's name."""
-        return self.whole.name
-
-    @property
-    def step(self) -> float:
-        """Integration step, in s."""
-        return self.whole.step
-
-    @property
     def period(self) -> float:
         """That of the whole."""
         return self.whole.period if isinstance(self.whole, Controlled) else 0.0
@@ -56,18 +45,10 @@ class Restricted:
         """The same with another step."""
         return Restricted(self.whole.at_step(step), self.parameters)
 
-    def shipped(self) -> Simulator:
-        """The simulator as it came."""
-        return self.whole.shipped()
-
     def approximation(self, trials: Sequence[Trial]) -> Simulator | None:
         """That of the whole, with these parameters."""
         other = self.whole.approximation(trials) if isinstance(self.whole, Approximated) else None
         return None if other is None else Restricted(other, self.parameters)
-
-    def observable(self, recording: Recording) -> tuple[str, ...]:
-        """The channels of a recording that the simulator can reproduce."""
-        return self.whole.observable(recording)
 
     def rollout(
         self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None = None

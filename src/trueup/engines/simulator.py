@@ -136,6 +136,30 @@ class Simulator(Protocol):
         ...
 
 
+class InPlaceOf:
+    """What a Simulator that stands in another one's place leaves to the `whole` that it wraps."""
+
+    whole: Simulator
+
+    @property
+    def name(self) -> str:
+        """The model's name."""
+        return self.whole.name
+
+    @property
+    def step(self) -> float:
+        """Integration step, in s."""
+        return self.whole.step
+
+    def shipped(self) -> Simulator:
+        """The simulator as it came."""
+        return self.whole.shipped()
+
+    def observable(self, recording: Recording) -> tuple[str, ...]:
+        """The channels of a recording that the simulator can reproduce."""
+        return self.whole.observable(recording)
+
+
 @runtime_checkable
 class Related(Protocol):
     """A simulator that knows of quantities which its parameters may be confused with."""

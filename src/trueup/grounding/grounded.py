@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from trueup.controllers.controller import Controller, ControllerFactory, Looking, Observation
 from trueup.controllers.playback import Playback
-from trueup.engines.simulator import Commanded, Rollout, Simulator
+from trueup.engines.simulator import Commanded, InPlaceOf, Rollout, Simulator
 from trueup.errors import GroundingError
 from trueup.grounding.grounding import Grounding
 from trueup.parameters import ParameterSpace
-from trueup.recording import Recording
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -142,7 +141,7 @@ class GroundedController:
 
 
 @dataclass(frozen=True, eq=False)
-class GroundedSimulator:
+class GroundedSimulator(InPlaceOf):
     """A Simulator whose commands pass through a grounding. Rows that ask for what was not learned fail, and say why.
 
     With `extrapolate` they do not. `weights` (b, 2), one row for each row of values, go before the grounding's own.
@@ -154,31 +153,13 @@ class GroundedSimulator:
     weights: Array | None = None
 
     @property
-    def name(self) -> str:
-        """The model's name."""
-        return self.whole.name
-
-    @property
     def parameters(self) -> ParameterSpace:
         """What may be calibrated."""
         return self.whole.parameters
 
-    @property
-    def step(self) -> float:
-        """Integration step, in s."""
-        return self.whole.step
-
     def at_step(self, step: float) -> GroundedSimulator:
         """The same with another step."""
         return dataclasses.replace(self, whole=self.whole.at_step(step))
-
-    def shipped(self) -> Simulator:
-        """The simulator as it came, without a grounding."""
-        return self.whole.shipped()
-
-    def observable(self, recording: Recording) -> tuple[str, ...]:
-        """The channels of a recording that the simulator can reproduce."""
-        return self.whole.observable(recording)
 
     def rollout(
         self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None = None

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.calibration import NORMAL_95
 from trueup.loop.descent import Fit
 from trueup.loop.uncertainty import intervals, vague
 from trueup.parameters import Parameter
@@ -74,7 +75,7 @@ def unseen_directions(fit: Fit, covariance: Array) -> list[str]:
     slopes = fit.space.unit_slope(fit.values)
     sentences = []
     for variance, direction in zip(variances[::-1], directions.T[::-1], strict=True):
-        if np.sqrt(max(variance, 0.0)) < _LOOSE / 1.96:
+        if np.sqrt(max(variance, 0.0)) < _LOOSE / NORMAL_95:
             break
         chief = np.flatnonzero(np.abs(direction) > 0.35 * np.abs(direction).max())
         chief = chief[np.argsort(-np.abs(direction[chief]))][:4]

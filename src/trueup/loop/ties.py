@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.calibration import NORMAL_95
 from trueup.engines.simulator import Related, Simulator
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
@@ -23,7 +24,6 @@ from trueup.parameters import Parameter
 
 Array = NDArray[np.float64]
 
-_NORMAL_95 = 1.959964
 _STEP = 1e-3  # share of its value or range by which a quantity is moved
 _EXCERPT = 20.0  # s of motion: what is parallel is so in every motion
 
@@ -68,8 +68,8 @@ def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considere
     free = np.flatnonzero(fit.space.free)
     parameters = [*(fit.space.parameters[i] for i in free), *more]
     nominal = [*fit.values[free].tolist(), *(p.nominal for p in more)]
-    open_ = [k for k in range(len(free)) if vague(float(np.sqrt(max(covariance[k, k], 0.0))))]
-    asked = [*open_, *range(len(free), len(parameters))]
+    undecided = [k for k in range(len(free)) if vague(float(np.sqrt(max(covariance[k, k], 0.0))))]
+    asked = [*undecided, *range(len(free), len(parameters))]
     if not asked:
         return ()
     some, share = _excerpt(problem)
@@ -83,10 +83,10 @@ def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considere
     found = []
     for k in asked:
         if np.isfinite(slopes[:, k]).all():
-            settled = [i for i in range(len(free)) if i != k and i not in open_]
+            settled = [i for i in range(len(free)) if i != k and i not in undecided]
             trade, told = _traded(slopes[:, settled] * units[settled, None], slopes[:, k], weights)
             p = parameters[k].replace(nominal=float(np.clip(nominal[k], parameters[k].lower, parameters[k].upper)))
-            half = _NORMAL_95 / np.sqrt(told / share / noise + PRIOR / (p.upper - p.lower) ** 2)
+            half = NORMAL_95 / np.sqrt(told / share / noise + PRIOR / (p.upper - p.lower) ** 2)
             whole = np.zeros(len(free))
             whole[settled] = trade * units[settled]
             low, high = max(p.lower, p.nominal - half), min(p.upper, p.nominal + half)

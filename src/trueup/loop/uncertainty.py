@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.calibration import NORMAL_95
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 
@@ -13,7 +14,6 @@ Array = NDArray[np.float64]
 
 # Nothing is less certain than "anywhere in the box": a uniform prior's variance is 1 / 12.
 PRIOR = 12.0
-_NORMAL_95 = 1.959964
 _NARROWED = 0.5  # share of the prior's standard deviation that must be left of what the recordings are to tell
 
 
@@ -67,7 +67,7 @@ def start_scatter(problem: Problem, fit: Fit) -> Array:
 
 def intervals(fit: Fit, covariance: Array) -> tuple[Array, Array]:
     """(n_free,) lower and upper ends of the 95 % intervals, in the parameters' units, within their bounds."""
-    half = _NORMAL_95 * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    half = NORMAL_95 * np.sqrt(np.maximum(np.diag(covariance), 0.0))
     free = fit.space.free
     low = fit.space.from_unit(np.clip(fit.unit - half, 0.0, 1.0))[free]
     high = fit.space.from_unit(np.clip(fit.unit + half, 0.0, 1.0))[free]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.calibration import Calibration, Estimate
+from trueup.calibration import NORMAL_95, Calibration, Estimate
 from trueup.discrepancies.rigid import RigidlyAligned
 from trueup.engines.family import Family, Fit
 from trueup.engines.simulator import Simulator
@@ -37,7 +37,6 @@ DOUBT = {
 tells a parameter far better than this, but only as far as the model's structure is right. The last two were chosen on the
 robots of `benchmarks/template.py`."""
 _DOUBTED_LIMITS = 0.25  # the same for limits, as a share of their value
-_NORMAL_95 = 1.959964
 _NOTE = "intervals hold more doubt than the residuals show: the vehicle is no bicycle, and tuning reckons with that"
 _TRADED = 0.06
 """Standard deviation in s by which a delay may be a lag instead, their sum the same: smooth driving hardly tells them
@@ -146,7 +145,7 @@ def doubted(calibration: Calibration) -> Calibration:
 
 def _widened(estimate: Estimate, deviation: float) -> Estimate:
     """With the 95 % interval of a greater standard deviation (in its unit), within its bounds; limits on a log scale."""
-    half = _NORMAL_95 * deviation
+    half = NORMAL_95 * deviation
     if estimate.name.endswith("_limit"):
         factor = math.exp(half / estimate.value)
         low, high = estimate.value / factor, estimate.value * factor
