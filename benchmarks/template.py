@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 import os
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -75,10 +76,10 @@ def strange(number: int) -> StandInVehicle:
     return StandInVehicle(truth, chasi.SETTINGS, seed=number)
 
 
-def tried(number: int) -> Outcome:
-    """The shipped plan on one robot."""
+def tried(number: int, correct: bool = False, within: float | None = None) -> Outcome:
+    """The shipped plan on one robot; `correct`, and `within` if given, as in the plan's [optimize]."""
     robot = strange(number)
-    story = in_rounds(robot, seed=number)
+    story = in_rounds(robot, seed=number, correct=correct, within=within)
     gains = story.best[0]
     rows = np.array([chasi.task().parameters.nominal, list(gains.values()), oracle(robot, number)])
     start, found, best = true_errors(robot, "hairpin", rows, repeats=6)
@@ -99,13 +100,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="two robots")
     parser.add_argument("--only", type=int, nargs="*", help="numbers of robots")
+    parser.add_argument("--correct", action="store_true", help="the robot's scores correct the simulator's")
+    parser.add_argument(
+        "--within", type=float, help="factor within which samples must foretell scores; 0: all are kept"
+    )
     parser.add_argument("--workers", type=int, default=len(os.sched_getaffinity(0)))
     options = parser.parse_args()
     numbers = options.only or ([0, 7] if options.quick else list(range(len(STRANGE))))
     print("true distance from the path, mm rms\n   before  after  oracle  share  runs  intervals  robot")
     done: list[Outcome] = []
+    way = functools.partial(tried, correct=options.correct, within=options.within)
     with ProcessPoolExecutor(min(options.workers, len(numbers))) as pool:
-        for number, o in zip(numbers, pool.map(tried, numbers), strict=True):
+        for number, o in zip(numbers, pool.map(way, numbers), strict=True):
             done.append(o)
             misses = f"; misses {', '.join(o.missed)}" if o.missed else ""
             print(f"  {1e3 * o.start:7.1f}{1e3 * o.found:7.1f}{1e3 * o.best:8.1f}{o.share:7.2f}{o.runs:6d}{o.held:7d} of "

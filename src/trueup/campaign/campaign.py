@@ -34,6 +34,7 @@ from trueup.campaign.plan import Plan
 from trueup.campaign.rehearsal import rehearse
 from trueup.errors import JournalError
 from trueup.loop.belief import Belief
+from trueup.loop.correction import Correction
 from trueup.loop.experiment import most_telling, spread_settings
 from trueup.loop.optimize import Optimum, TrustRegion, optimize
 from trueup.loop.plausible import plausible
@@ -105,9 +106,11 @@ class Campaign:
         self._experiment(number, region, belief)
         belief = self._calibrate(number)
         models = self._models(number, belief)
-        optimum = self._optimize(number, models, region)
+        correction = self._correction(models)
+        optimum = self._optimize(number, models, region, correction)
         picked = self._once(
-            Chosen, lambda: chosen(number, self._plan.transfer, self._parts, optimum, region, models, self._room())
+            Chosen,
+            lambda: chosen(number, self._plan.transfer, self._parts, optimum, region, models, self._room(), correction),
         )
         known = self._best()[1] if self._scored() else score
         far = unlike(picked.predicted[picked.incumbent], known) if picked.incumbent >= 0 else ""
@@ -137,6 +140,14 @@ class Campaign:
         return plausible(
             self._parts.task, self._parts.simulator, many, tried, measured, plan.samples, within=plan.within
         )
+
+    def _correction(self, models: Array) -> Correction | None:
+        """How far the robot's scores so far are from those of these models, where the plan asks for it."""
+        if not self._plan.optimize.correct or not self._scored():
+            return None
+        units, scores = np.array([s.unit for s in self._scores]), [np.array(s.scores) for s in self._scores]
+        fell = [s.fell for s in self._scores]
+        return Correction.of(self._parts.task, self._parts.simulator, models, units, scores, fell)
 
     def _confirm(self, number: int) -> None:
         """Runs the best once more if it was run but once, and so on with what is the best then; three times at most."""
@@ -184,7 +195,7 @@ class Campaign:
         self._belief = belief_of(event, self._parts.simulator.parameters)
         return self._belief
 
-    def _optimize(self, number: int, models: Array, region: TrustRegion) -> Optimum:
+    def _optimize(self, number: int, models: Array, region: TrustRegion, correction: Correction | None) -> Optimum:
         seed = int(np.random.SeedSequence([self._plan.seed, number, _SEARCH]).generate_state(1)[0])
         search = self._parts.search(region.inside(region.centre), seed)
         past = []
@@ -193,7 +204,7 @@ class Campaign:
         return optimize(
             self._parts.task, self._parts.simulator, models, search, region, risk=self._plan.optimize.risk,
             evaluations=self._plan.optimize.evaluations, past=past,
-            watch=lambda t: tried_in(self._once(Generation, lambda: generation(number, t))),
+            watch=lambda t: tried_in(self._once(Generation, lambda: generation(number, t))), correction=correction,
         )  # fmt: skip
 
     def _round_ended(self, number: int, region: TrustRegion, before: float) -> RoundEnded:

@@ -14,6 +14,7 @@ from trueup.campaign.parts import Listener, Parts
 from trueup.campaign.plan import Transfer
 from trueup.errors import CalibrationError, TrialError
 from trueup.loop.belief import Belief
+from trueup.loop.correction import Correction
 from trueup.loop.optimize import Optimum, Tried, TrustRegion
 from trueup.loop.ranking import agreement
 from trueup.loop.recalibrate import Earlier
@@ -70,8 +71,9 @@ def tried_in(event: Generation) -> Tried:
 
 
 def chosen(
-    number: int, plan: Transfer, parts: Parts, optimum: Optimum, region: TrustRegion, models: Array, room: int
-) -> Chosen:
+    number: int, plan: Transfer, parts: Parts, optimum: Optimum, region: TrustRegion, models: Array, room: int,
+    correction: Correction | None = None,
+) -> Chosen:  # fmt: skip
     """What goes to the robot: distinct candidates whose simulated runs stay within the limits.
 
     Raises TrialError where none does.
@@ -79,7 +81,7 @@ def chosen(
     wanted = max(0, min(plan.candidates, room - plan.incumbent))
     many = wanted if parts.limits is None else 4 * wanted
     found = shortlist(optimum, region, many, apart=plan.apart, incumbent=plan.incumbent, task=parts.task,
-                      simulator=parts.simulator, models=models)  # fmt: skip
+                      simulator=parts.simulator, models=models, correction=correction)  # fmt: skip
     problems = [_problems(parts, unit, models[0]) for unit in found.unit]
     safe = [k for k, p in enumerate(problems) if not p][: wanted + (found.incumbent >= 0)]
     if not safe or (found.incumbent >= 0 and 0 not in safe):

@@ -78,6 +78,9 @@ class Optimize:
     within: float = 1.5
     """Only samples that foretell the robot's scores so far within this factor are tuned on; 0: all of them. Counts where
     scores are positive."""
+    correct: bool = False
+    """Whether the robot's own scores correct the simulator's: a Gaussian process over the task's parameters, of how far
+    these are from those. Where it knows little, candidates count as unsure; see risk."""
     trust: float = 0.5
     """Half width of the first trust region, as a share of each parameter's range; 0.5 or more: all of it."""
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tunes a controller in the calibrated simulator, and keeps the search from exploiting what the simulator has wrong.
 
-Three guards: every candidate is scored on several samples of what the calibration is unsure of, the search stays in a
-trust region around what the robot has shown, and several distinct candidates come out rather than one.
+Guards: every candidate is scored on several samples of what the calibration is unsure of, the search stays in a trust
+region around what the robot has shown, several distinct candidates come out rather than one, and where it is asked for the
+robot's own scores correct the simulator's.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from trueup.engines.simulator import Simulator
 from trueup.errors import CalibrationError
+from trueup.loop.correction import Correction
 from trueup.search.search import Search
 from trueup.tasks.task import Task, simulated_scores
 
@@ -109,13 +111,14 @@ class Optimum:
 def optimize(
     task: Task, simulator: Simulator, models: Array, search: Search, region: TrustRegion | None = None, *,
     risk: float = 1.0, evaluations: int | None = None, past: Sequence[Tried] = (),
-    watch: Callable[[Tried], Tried] | None = None,
+    watch: Callable[[Tried], Tried] | None = None, correction: Correction | None = None,
 ) -> Optimum:  # fmt: skip
     """Searches the task's free parameters for the lowest mean score over `models` (p, n) plus `risk` deviations.
 
     `search` works in the region's box (the whole unit box without one) and ends by itself or after `evaluations`
     candidates. `past` are generations of an interrupted run: asked for again and told the same, which brings the search
-    to where it was. `watch` sees each new generation. Raises CalibrationError where the search asks for other candidates
+    to where it was. `watch` sees each new generation. With a `correction` means and spreads are those expected on the
+    robot. Raises CalibrationError where the search asks for other candidates
     than it did in the past, and where all candidates fail.
     """
     space = task.parameters
@@ -131,8 +134,9 @@ def optimize(
             if not np.array_equal(now.candidates, asked):
                 raise CalibrationError("the search asks for other candidates than before the interruption")
         else:
-            values = space.from_unit(whole.outside(asked))
-            now = _judged(asked, simulated_scores(task, simulator, models, values), risk)
+            unit = whole.outside(asked)
+            scores = simulated_scores(task, simulator, models, space.from_unit(unit))
+            now = _judged(asked, unit, scores, risk, correction)
             now = watch(now) if watch is not None else now
         search.tell(asked, now.losses)
         tried.append(now)
@@ -146,18 +150,32 @@ def optimize(
     return result
 
 
-def judge(task: Task, simulator: Simulator, models: Array, unit: Array, *, risk: float = 1.0) -> Tried:
+def judge(
+    task: Task,
+    simulator: Simulator,
+    models: Array,
+    unit: Array,
+    *,
+    risk: float = 1.0,
+    correction: Correction | None = None,
+) -> Tried:
     """The same judgement of given candidates (b, m) in the unit box of the task's parameters."""
     given = np.atleast_2d(unit)
-    return _judged(given, simulated_scores(task, simulator, models, task.parameters.from_unit(given)), risk)
+    scores = simulated_scores(task, simulator, models, task.parameters.from_unit(given))
+    return _judged(given, given, scores, risk, correction)
 
 
-def _judged(candidates: Array, scores: Array, risk: float) -> Tried:
-    """From scores (p, b): a sample that fails counts like the candidate's worst; too many of them, and it has no loss."""
+def _judged(candidates: Array, unit: Array, scores: Array, risk: float, correction: Correction | None) -> Tried:
+    """From scores (p, b): a sample that fails counts like the candidate's worst; too many of them, and it has no loss.
+
+    `unit` (b, m) are the candidates in the unit box of the task's parameters.
+    """
     failed = ~np.isfinite(scores)
     worst = np.where(failed, -np.inf, scores).max(axis=0)
     filled = np.where(failed, np.where(np.isfinite(worst), worst, 0.0), scores)
     means, spreads = filled.mean(axis=0), filled.std(axis=0)
+    if correction is not None:
+        means, spreads = correction(unit, means, spreads)
     lost = failed.mean(axis=0) > _TOLERATED
     means, spreads = np.where(lost, np.nan, means), np.where(lost, np.nan, spreads)
     return Tried(candidates, means + risk * spreads, means, spreads)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from trueup.engines.simulator import Simulator
 from trueup.errors import RobotFellError, TrialAbortedError
 from trueup.loop.confirm import steadiness
+from trueup.loop.correction import Correction
 from trueup.loop.optimize import Optimum, TrustRegion, judge
 from trueup.loop.ranking import Agreement, agreement
 from trueup.loop.safety import require_safe
@@ -41,7 +42,7 @@ class Shortlist:
 
 def shortlist(
     optimum: Optimum, region: TrustRegion, count: int, *, apart: float = 0.2, incumbent: bool = True,
-    task: Task, simulator: Simulator, models: Array,
+    task: Task, simulator: Simulator, models: Array, correction: Correction | None = None,
 ) -> Shortlist:  # fmt: skip
     """The incumbent (the region's centre), then up to `count` candidates `apart` (a share of the region's width).
 
@@ -59,7 +60,7 @@ def shortlist(
     unit, means, spreads = optimum.unit[rows], optimum.means[rows], optimum.spreads[rows]
     if not incumbent:
         return Shortlist(unit, means, spreads, -1)
-    now = judge(task, simulator, models, region.centre)
+    now = judge(task, simulator, models, region.centre, correction=correction)
     new = np.abs(unit - region.centre).max(axis=1) > 1e-9
     return Shortlist(
         np.concatenate([region.centre[None], unit[new]]), np.concatenate([now.means, means[new]]),

@@ -23,7 +23,8 @@ from trueup.robots.robot import Robot
 def in_rounds(
     robot: Robot, *, paths: Sequence[str] = ("hairpin",), seed: int = 0, rounds: int | None = None,
     evaluations: int | None = None, candidates: int | None = None, samples: int | None = None,
-    wheelbase: float | None = None, say: Callable[[str], None] = lambda line: None,
+    wheelbase: float | None = None, correct: bool | None = None, within: float | None = None,
+    say: Callable[[str], None] = lambda line: None,
 ) -> History:  # fmt: skip
     """The shipped plan on `robot`, from its first drive to the end; its own numbers where nothing else is asked for.
 
@@ -33,7 +34,7 @@ def in_rounds(
     plan = _asked(file.plan, paths, seed, wheelbase)
     plan = dataclasses.replace(
         plan,
-        optimize=_with(plan.optimize, evaluations=evaluations, samples=samples),
+        optimize=_with(plan.optimize, evaluations=evaluations, samples=samples, correct=correct, within=within),
         transfer=_with(plan.transfer, candidates=candidates), stop=_with(plan.stop, rounds=rounds),
     )  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
@@ -53,7 +54,7 @@ def _asked(plan: Plan, paths: Sequence[str], seed: int, wheelbase: float | None)
     )  # fmt: skip
 
 
-def _with(table: Any, **asked: int | None) -> Any:
+def _with(table: Any, **asked: float | None) -> Any:
     return dataclasses.replace(table, **{k: v for k, v in asked.items() if v is not None})
 
 
