@@ -29,6 +29,7 @@ NOUNS = (
     "recording",
     "units",
     "noise",
+    "rounding",
     "instant",
     "trial",
     "ends",

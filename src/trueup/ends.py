@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from trueup.errors import ParameterError
 from trueup.recording import Recording
+from trueup.rounding import SAME_INSTANT
 
 if TYPE_CHECKING:
     from trueup.controllers.controller import Observation
@@ -194,7 +195,7 @@ def end_of(recording: Recording, ends: Sequence[End] = ()) -> Ended | None:
             not recording.has(n) or not set(x) <= set(recording.channel(n).labels) for n, x in wanted.items()
         ):
             continue
-        times = np.arange(recording.start, recording.stop + 1e-9, LOOK)
+        times = np.arange(recording.start, recording.stop + SAME_INSTANT, LOOK)
         seen = {n: recording.channel(n).select(labels).at(times) for n, labels in wanted.items()}
         reached = np.flatnonzero(end.reached(_look(times, seen)))
         shown += [Ended(float(times[reached[0]]), end.name)] if len(reached) else []

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 class TrueupError(Exception):
@@ -100,6 +100,11 @@ def unknown_name(kind: str, name: str, known: Iterable[str], where: str = "the m
     hint = f" (did you mean '{close[0]}'?)" if close else ""
     listed = ", ".join(choices[:40]) + (f", ... ({len(choices)} in all)" if len(choices) > 40 else "")
     return UnknownNameError(f"{kind} '{name}' is not in {where}{hint}; {_several(kind)} are: {listed or 'none'}")
+
+
+def listed(names: Sequence[str], most: int = 6) -> str:
+    """Names one after the other in a sentence, and how many more there are where `most` of them are enough."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def _several(kind: str) -> str:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.rounding import TINY
+
 Array = NDArray[np.float64]
 
 STANDARD_ERRORS = 2.0
@@ -40,8 +42,8 @@ def evidence(without: Array, with_it: Array, weights: Array | None = None) -> Ev
     the structure refutes it. The standard error is that of a ratio estimator: W. Cochran, Sampling Techniques, 1977, eq. 6.9.
     """
     B = len(without)
-    share = np.full(B, 1.0 / max(B, 1)) if weights is None else weights / max(float(weights.sum()), 1e-300)
-    ratio = np.log(np.maximum(without, 1e-300)) - np.log(np.maximum(with_it, 1e-300))
+    share = np.full(B, 1.0 / max(B, 1)) if weights is None else weights / max(float(weights.sum()), TINY)
+    ratio = np.log(np.maximum(without, TINY)) - np.log(np.maximum(with_it, TINY))
     gain = float(share @ ratio)
     if B < 2 or not np.isfinite(ratio).all():
         return Evidence(gain, float("inf"))

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 
+from trueup.rounding import TINY
+
 Array = NDArray[np.float64]
 
 # Orders of the differences. Low ones keep motion, high ones need many samples; motion only adds, so the least counts.
@@ -60,7 +62,7 @@ def estimate_grid(values: ArrayLike) -> float | None:
         return None
     levels = np.unique(finite)
     # Numbers stored in single precision scatter about their grid by this much.
-    fuzz = 3e-7 * float(np.abs(levels).max()) + 1e-300
+    fuzz = 3e-7 * float(np.abs(levels).max()) + TINY
     steps = np.diff(levels)
     steps = steps[steps > fuzz]
     if steps.size < _LEVELS - 1:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trueup.errors import ParameterError, unknown_name
+from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
 
@@ -139,7 +140,7 @@ class ParameterSpace:
         """Values (..., n) to the unit box of the free parameters (..., n_free); out of bounds gives outside [0, 1]."""
         given = self._checked(values)[..., self.free]
         low, high, log = self._box()
-        inside = np.where(log, np.log(np.maximum(given, 1e-300)), given)
+        inside = np.where(log, np.log(np.maximum(given, TINY)), given)
         return (inside - low) / (high - low)
 
     def from_unit(self, unit: ArrayLike) -> Array:

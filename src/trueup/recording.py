@@ -13,11 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trueup.errors import RecordingError, unknown_name
+from trueup.rounding import SAME_INSTANT
 
 Array = NDArray[np.float64]
-
-# Clocks are printed with a few decimals: instants closer than this [s] are the same instant.
-_SAME_INSTANT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +75,9 @@ class Channel:
         """
         instants = np.atleast_1d(np.asarray(times, dtype=np.float64))
         if hold:
-            last = np.searchsorted(self.time, instants + _SAME_INSTANT, side="right") - 1
+            last = np.searchsorted(self.time, instants + SAME_INSTANT, side="right") - 1
             return self.values[np.clip(last, 0, None)]
-        outside = (instants < self.time[0] - _SAME_INSTANT) | (instants > self.time[-1] + _SAME_INSTANT)
+        outside = (instants < self.time[0] - SAME_INSTANT) | (instants > self.time[-1] + SAME_INSTANT)
         columns = [np.interp(instants, self.time, column) for column in self.values.T]
         result = np.stack(columns, axis=1)
         result[outside] = np.nan
@@ -185,7 +183,7 @@ class Recording:
         kept, moved to the slice's first instant. A channel without samples in the slice is left out and named in
         provenance['warnings']. Raises RecordingError if the slice is empty.
         """
-        inside = self.time[(self.time >= start - _SAME_INSTANT) & (self.time <= stop + _SAME_INSTANT)]
+        inside = self.time[(self.time >= start - SAME_INSTANT) & (self.time <= stop + SAME_INSTANT)]
         if not inside.size:
             raise RecordingError(
                 f"recording '{self.name}' has no samples from {start:g} to {stop:g} s; "
@@ -262,10 +260,10 @@ def with_warnings(provenance: Mapping[str, str], warnings: Iterable[str]) -> dic
 
 
 def _cut(channel: Channel, start: float, stop: float, first: float) -> Channel | None:
-    keep = (channel.time >= start - _SAME_INSTANT) & (channel.time <= stop + _SAME_INSTANT)
+    keep = (channel.time >= start - SAME_INSTANT) & (channel.time <= stop + SAME_INSTANT)
     time, values = channel.time[keep], channel.values[keep]
-    earlier = np.flatnonzero(channel.time < start - _SAME_INSTANT)
-    if is_command(channel.name) and earlier.size and (not time.size or time[0] > first + _SAME_INSTANT):
+    earlier = np.flatnonzero(channel.time < start - SAME_INSTANT)
+    if is_command(channel.name) and earlier.size and (not time.size or time[0] > first + SAME_INSTANT):
         time = np.concatenate([[first], time])
         values = np.concatenate([channel.values[earlier[-1:]], values])
     return channel.replace(time=time, values=values) if time.size else None

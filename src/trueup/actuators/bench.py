@@ -16,6 +16,7 @@ from trueup.articulated.kernels import held_integral
 from trueup.errors import ParameterError, RecordingError, unknown_name
 from trueup.noise import estimate_noise
 from trueup.recording import Recording
+from trueup.rounding import TINY
 from trueup.trial import command_of
 
 Array = NDArray[np.float64]
@@ -127,10 +128,14 @@ class Run:
         """(k, 2) position and speed as measured at `time` (k,)."""
         return np.stack([np.interp(time, self.time, column) for column in self.smooth.T], axis=1)
 
+    def given(self, time: Array) -> NDArray[np.intp]:
+        """(k,) the number of the command in force at `time` (k,); before the first it is the first."""
+        return np.maximum(np.searchsorted(self.command_time, time, side="right") - 1, 0)
+
     @property
     def driven(self) -> NDArray[np.bool_]:
         """(T,) whether the motor is on."""
-        return self.on[np.clip(np.searchsorted(self.command_time, self.time, side="right") - 1, 0, None)]
+        return self.on[self.given(self.time)]
 
 
 def runs_of(
@@ -191,7 +196,7 @@ def _lines(time: Array, position: Array) -> Array:
     sums = [np.concatenate([[0.0], np.cumsum(x)]) for x in (time, position, time**2, time * position)]
     t, q, tt, tq = (s[last] - s[first] for s in sums)
     count = last - first
-    slope = (tq - t * q / count) / np.maximum(tt - t**2 / count, 1e-300)
+    slope = (tq - t * q / count) / np.maximum(tt - t**2 / count, TINY)
     return np.stack([q / count + slope * (time - t / count), slope], axis=1)
 
 

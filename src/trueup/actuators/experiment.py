@@ -18,6 +18,7 @@ from scipy.signal import savgol_filter
 from scipy.stats import t as student
 
 from trueup.actuators.bench import Run
+from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
 
@@ -79,7 +80,7 @@ def experiment(runs: Sequence[Run], full_error: float = np.inf) -> Experiment:
     keep = [np.r_[0:a, b : len(y)] for a, b in pairwise(edges)]
     ratios = _jackknife(whole, [_solve(x[k], y[k]) for k in keep])
     told = tuple(_value(n, row, u) for n, row, u in zip(names, ratios, units, strict=False))
-    explained = 1.0 - float(np.var(y - x @ whole) / max(np.var(y), 1e-300))
+    explained = 1.0 - float(np.var(y - x @ whole) / max(np.var(y), TINY))
     cannot = []
     gains: tuple[Value, ...] = ()
     if not known:
@@ -134,7 +135,7 @@ def _rows(run: Run, full_error: float) -> Array:
         return np.zeros((0, 6))
     place = np.interp(grid, run.time, run.position)
     q, v, a = (np.asarray(savgol_filter(place, window, 3, deriv=k, delta=dt)) for k in range(3))
-    at = np.clip(np.searchsorted(run.command_time, grid, side="right") - 1, 0, None)
+    at = run.given(grid)
     error = run.gain * (run.command[at] - q)
     # a cubic through n samples: the noise of its slope (A. Savitzky, M. Golay 1964)
     steady = run.noise * np.sqrt(12.0 / window**3) / dt

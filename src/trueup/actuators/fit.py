@@ -15,6 +15,7 @@ from trueup.actuators.replay import STEP, replay
 from trueup.actuators.structures import law_of
 from trueup.errors import CalibrationError
 from trueup.parameters import Parameter, ParameterSpace
+from trueup.rounding import TINY
 from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses, robust_weights
 
@@ -140,7 +141,7 @@ def spread(problem: Problem, found: Found) -> Array:
     pulls = np.stack([slopes[a:b].T @ (root * misses[0])[a:b] for a, b in pairwise(edges)])
     curvature = slopes.T @ slopes
     between = B / (B - 1) * (pulls.T @ pulls)
-    size = max(float(np.trace(between) / max(np.trace(curvature), 1e-300)), 1e-12)
+    size = max(float(np.trace(between) / max(np.trace(curvature), TINY)), 1e-12)
     inverse = np.linalg.inv(curvature + size * 12.0 * np.eye(n))
     return inverse @ (between + size**2 * 12.0 * np.eye(n)) @ inverse
 

@@ -32,7 +32,7 @@ def output_of(runs: Sequence[Run]) -> Output | None:
         return None
     parts = []
     for run in shown:
-        at = np.clip(np.searchsorted(run.command_time, run.time, side="right") - 1, 0, None)
+        at = run.given(run.time)
         good = run.on[at] & np.isfinite(run.output)
         parts.append(np.stack([run.gain * (run.command[at] - run.position), run.output], axis=1)[good])
     error, value = np.concatenate(parts).T

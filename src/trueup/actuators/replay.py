@@ -15,6 +15,7 @@ from trueup.actuators import servo
 from trueup.actuators.bench import Run
 from trueup.actuators.servo import STATES, Law
 from trueup.articulated.lone_joint import friction_force
+from trueup.rounding import whole_steps
 
 Array = NDArray[np.float64]
 
@@ -78,7 +79,7 @@ def replay(law: Law, run: Run, step: float = STEP, window: float = np.inf) -> Ar
 
     With a `window` in s it begins anew from where it was measured to be, each time that has passed.
     """
-    steps = max(int(np.ceil(run.time[-1] / step + 1e-9)), 2)
+    steps = max(whole_steps(run.time[-1], step) + 1, 2)
     out = np.empty(steps + 1)
     bench, every = run.bench, max(round(min(window / step, steps + 1)), 1)
     starts = run.states(np.arange(0, steps + 1, every, dtype=np.float64) * step)

@@ -77,7 +77,7 @@ class Scales:
         for run in runs:
             grid = np.arange(0.0, run.time[-1], 0.02)
             q = np.interp(grid, run.time, run.position)
-            told = run.command[np.clip(np.searchsorted(run.command_time, grid, side="right") - 1, 0, None)]
+            told = run.command[run.given(grid)]
             v = (q[2:] - q[:-2]) / 0.04
             a = (q[2:] - 2.0 * q[1:-1] + q[:-2]) / 0.02**2
             torques.append(run.bench.about_axis * a + run.bench.moment * np.sin(q[1:-1] - run.bench.hangs_at))

@@ -128,9 +128,8 @@ def replay_file(path: Path, run: Run) -> Array:
     (data.qpos[0], data.qvel[0]) = run.states(np.zeros(1))[0]
     step = model.opt.timestep
     instants = step * np.arange(int(np.ceil(run.time[-1] / step)) + 1)
-    at = np.clip(np.searchsorted(run.command_time, instants, side="right") - 1, 0, None)
     out = np.empty(len(instants))
-    for k, s in enumerate(at):
+    for k, s in enumerate(run.given(instants)):
         out[k] = data.qpos[0]
         data.ctrl[:] = run.command[s]
         model.opt.disableactuator = 0 if run.on[s] else 1

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from trueup.articulated.kernels import own_delayed_commands
 from trueup.controllers.controller import Controller, Looking, Observation
+from trueup.rounding import first_step
 
 Array = NDArray[np.float64]
 
@@ -29,7 +30,7 @@ class ClosedLoop:
     @property
     def due(self) -> int:
         """Number of the step before which the next command is asked for."""
-        return int(np.ceil((self._asked * self._controller.period - 1e-9) / self._step))
+        return first_step(self._asked * self._controller.period, self._step)
 
     @property
     def looks_at(self) -> Mapping[str, tuple[str, ...]]:

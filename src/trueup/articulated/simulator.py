@@ -23,6 +23,7 @@ from trueup.engines.simulator import Rollout, refuse_unsupported
 from trueup.errors import ModelError, unknown_name
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording, is_command
+from trueup.rounding import first_step, whole_steps
 from trueup.trial import Trial, command_of
 
 Array = NDArray[np.float64]
@@ -106,12 +107,12 @@ class _Run:
         write(simulator.quantities, values[:, :own], self._copies)
         self._copies.place(*self._signals.starts()[0], measured_base(trial))
         self._laws = laws(simulator.quantities, values[:, :own], self._model, self._copies)
-        self._count = int(np.ceil(trial.duration / self._step + 1e-9)) + 1
+        self._count = whole_steps(trial.duration, self._step) + 2
         self._loop: ClosedLoop | None = None
         if controllers is not None:
             self._loop = ClosedLoop(controllers(values[:, own:]), self._signals.delay, self._step)
-        every, count = LOOK / self._step, int(trial.duration / LOOK) + 1 if trial.ends else 0
-        self._looks = {int(np.ceil(k * every - 1e-9)) for k in range(count)}
+        count = int(trial.duration / LOOK) + 1 if trial.ends else 0
+        self._looks = {first_step(k * LOOK, self._step) for k in range(count)}
         self._ends: dict[int, Ended] = {}
         self._settings = values[:, own:] if values.shape[1] > own else None
 

@@ -31,7 +31,7 @@ from trueup.campaign.events import (
 from trueup.campaign.history import History, astray
 from trueup.campaign.plan import Plan
 from trueup.commands.progress import Watcher
-from trueup.errors import TrialError
+from trueup.errors import TrialError, listed
 from trueup.report.numbers import duration_text
 from trueup.report.report import write_report
 
@@ -223,11 +223,10 @@ def calibration_words(event: Calibrated) -> list[str]:
         )
         if fitted
     ]
-    shown = ", ".join(found[:6]) + (f", and {len(found) - 6} more" if len(found) > 6 else "")
     return [
         f"replay error {event.error_before:.4g} -> {event.error_after:.4g} {event.unit} "
         f"on {len(event.recordings)} recording{'' if len(event.recordings) == 1 else 's'}",
-        shown,
+        listed(found),
     ]
 
 

@@ -15,7 +15,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from trueup.campaign.output import free_folder
-from trueup.errors import IdentificationError, MissingExtraError
+from trueup.errors import IdentificationError, MissingExtraError, listed
 from trueup.formats.trajectory import write_bag, write_csv, write_json
 from trueup.report.trajectory_picture import trajectory_picture
 from trueup.report.writing import write_aside
@@ -223,9 +223,8 @@ def _show(
         if e.percent > args.percent:
             groups.setdefault(e.advice, []).append(e)
     for advice, members in sorted(groups.items(), key=lambda item: -len(item[1])):
-        shown = ", ".join(f"{e.leading} {_percent(e.percent)}" for e in members[:6])
-        more = f" and {len(members) - 6} more" if len(members) > 6 else ""
-        lines.append(f"not so well: {shown}{more}" + (f"; {advice}" if advice else ""))
+        shown = listed([f"{e.leading} {_percent(e.percent)}" for e in members])
+        lines.append(f"not so well: {shown}" + (f"; {advice}" if advice else ""))
     slower = [f"1/{f:g}" for f in found.passes[1:] if f != 1.0]
     if len(found.passes) > 1:
         said = f" at {', '.join(slower)} of the speed" if slower else ""

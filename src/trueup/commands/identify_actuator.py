@@ -188,7 +188,7 @@ def _pictures(found: Actuator, folder: Path) -> list[Path]:
     paths = []
     for run in (r for r in found.runs if not held or r.name in held):
         file, law = (replay(x, run, found.step)[:, None] for x in (found.file_law, found.law))
-        at = np.clip(np.searchsorted(run.command_time, run.time, side="right") - 1, 0, None)
+        at = run.given(run.time)
         told = np.where(run.on[at], run.command[at], np.nan)[:, None]
         drawn = Replay(run.name, run.name in held, "position", ("joint",), "rad", run.time, run.position[:, None], file, law,
                        told, np.array([run.noise]))  # fmt: skip

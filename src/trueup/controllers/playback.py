@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from trueup.controllers.controller import Observation
 from trueup.recording import Channel
+from trueup.rounding import SAME_INSTANT
 
 Array = NDArray[np.float64]
 
@@ -27,5 +28,5 @@ class Playback:
     def command(self, observation: Observation) -> Array:
         """(b, k) the last command sent at or before this instant."""
         now = self._start + observation.time
-        k = max(0, int(np.searchsorted(self._command.time, now + 1e-9, side="right")) - 1)
+        k = max(0, int(np.searchsorted(self._command.time, now + SAME_INSTANT, side="right")) - 1)
         return np.repeat(self._command.values[k][None, :], self._copies, axis=0)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from trueup.engines.simulator import Rollout
 from trueup.recording import Recording
+from trueup.rounding import SAME_INSTANT
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -54,5 +55,5 @@ def compared(discrepancy: Discrepancy, real: Recording, trial: Trial) -> Mask:
 def measured_at(real: Recording, channel: str, labels: tuple[str, ...], time: Array) -> Array:
     """(T, k) measured samples at instants that are a subset of the channel's own; no interpolation."""
     selected = real.channel(channel).select(labels)
-    where = np.searchsorted(selected.time, time - 1e-9)
+    where = np.searchsorted(selected.time, time - SAME_INSTANT)
     return selected.values[np.minimum(where, len(selected.time) - 1)]

@@ -15,11 +15,10 @@ from trueup.ends import Ended, with_end
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace
 from trueup.recording import Channel, Recording
+from trueup.rounding import SAME_INSTANT
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
-
-_SAME = 1e-9  # s: instants closer than this are the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +42,7 @@ class Rollout:
         stop = np.full(len(self.channels[channel]), np.inf)
         for row, ended in self.ends.items():
             stop[row] = ended.at
-        return time <= stop[:, None] + _SAME
+        return time <= stop[:, None] + SAME_INSTANT
 
     def held(self) -> Rollout:
         """The same with what was last known held from the end of each row on.

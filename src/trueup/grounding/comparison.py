@@ -14,6 +14,7 @@ from trueup.evidence import evidence
 from trueup.grounding.learners import Learner
 from trueup.grounding.rows import Rows
 from trueup.grounding.views import Model, fitted
+from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -139,8 +140,8 @@ def score(
     by_fold = np.array([_seen(np.abs(wrong[f]), rows) for f in folds])
     return Score(
         name,
-        np.abs(wrong).sum(axis=0) / np.maximum(np.abs(base).sum(axis=0), 1e-300),
-        np.sqrt(np.sum(wrong**2, axis=0) / np.maximum(np.sum(base**2, axis=0), 1e-300)),
+        np.abs(wrong).sum(axis=0) / np.maximum(np.abs(base).sum(axis=0), TINY),
+        np.sqrt(np.sum(wrong**2, axis=0) / np.maximum(np.sum(base**2, axis=0), TINY)),
         np.sqrt(np.mean(wrong**2, axis=0)), by_fold, ahead, seconds,
     )  # fmt: skip
 

@@ -17,6 +17,7 @@ from trueup.engines.simulator import Commanded, InPlaceOf, Rollout, Simulator
 from trueup.errors import GroundingError
 from trueup.grounding.grounding import Grounding
 from trueup.parameters import ParameterSpace
+from trueup.rounding import SAME_INSTANT
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -88,7 +89,7 @@ class GroundedController:
 
     def command(self, observation: Observation) -> Array:
         """(b, nu) the commands to give in place of those that the controller within asks for."""
-        if observation.time >= self._due - 1e-9:
+        if observation.time >= self._due - SAME_INSTANT:
             self._asked = np.asarray(self._inner.command(observation), dtype=np.float64)
             self._due += self._inner.period
         if self._ticks % self._every == 0:

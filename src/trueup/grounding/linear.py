@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from trueup.grounding.predictors import Affine
+from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
 
@@ -19,7 +20,7 @@ _GRID = 60  # sizes of a coefficient among which their distribution is estimated
 def standard(X: Array) -> tuple[Array, Array]:
     """(d,), (d,) mean and standard deviation of inputs (n, d); 1 where an input does not move."""
     scale = X.std(axis=0)
-    return X.mean(axis=0), np.where(scale > 1e-9 * np.maximum(np.abs(X).max(axis=0), 1e-300), scale, 1.0)
+    return X.mean(axis=0), np.where(scale > 1e-9 * np.maximum(np.abs(X).max(axis=0), TINY), scale, 1.0)
 
 
 def least_squares(X: Array, Y: Array, rng: np.random.Generator) -> Affine:
@@ -33,7 +34,7 @@ def simple(X: Array, Y: Array, rng: np.random.Generator) -> Affine:
     """For each output the one input that explains most."""
     centre, scale = standard(X)
     Z, V = (X - centre) / scale, Y - Y.mean(axis=0)
-    slopes = Z.T @ V / np.maximum(np.sum(Z**2, axis=0), 1e-300)[:, None]
+    slopes = Z.T @ V / np.maximum(np.sum(Z**2, axis=0), TINY)[:, None]
     best = np.argmax(np.abs(slopes) * np.sqrt(np.sum(Z**2, axis=0))[:, None], axis=0)
     W, k = np.zeros_like(slopes), np.arange(Y.shape[1])
     W[best, k] = slopes[best, k]
@@ -55,7 +56,7 @@ def pace(X: Array, Y: Array, rng: np.random.Generator) -> Affine:
     U, s, Vt = U[:, kept], s[kept], Vt[kept]
     seen = U.T @ V  # (r, k)
     freedom = max(len(X) - len(s) - 1, 1)
-    sigma = np.sqrt(np.maximum(np.sum((V - U @ seen) ** 2, axis=0) / freedom, 1e-300))
+    sigma = np.sqrt(np.maximum(np.sum((V - U @ seen) ** 2, axis=0) / freedom, TINY))
     shrunk = np.stack([_posterior_mean(z) for z in (seen / sigma).T], axis=1) * sigma
     return _affine(Vt.T @ (shrunk / s[:, None]), Y.mean(axis=0), centre, scale)
 

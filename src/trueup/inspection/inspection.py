@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.inspection.suspicions import suspicions
-from trueup.noise import estimate_grid, estimate_noise
+from trueup.noise import estimate_grid, estimate_noise, spread
 from trueup.recording import Channel, Recording, is_command
 
 Array = NDArray[np.float64]
@@ -153,7 +153,7 @@ def _clock(time: Array) -> tuple[float, float, tuple[Gap, ...]]:
         return float("nan"), 0.0, ()
     usual = float(np.median(steps))
     # Where the steps scatter widely anyway, only what stands out of that scatter is a gap.
-    limit = max(_GAP * usual, usual + 6.0 * 1.4826 * float(np.median(np.abs(steps - usual))))
+    limit = max(_GAP * usual, usual + 6.0 * float(spread(steps - usual)))
     late = np.flatnonzero(steps > limit)
     gaps = tuple(Gap(float(time[i]), float(steps[i])) for i in late)
     return 1.0 / usual, float(np.std(np.delete(steps, late))), gaps
@@ -178,8 +178,8 @@ def _is_motionless(column: Array, noise: float, step: float | None) -> bool:
     finite = column[np.isfinite(column)]
     if finite.size < 2:
         return True
-    spread = float(np.ptp(finite))
-    if spread == 0.0 or (step is not None and spread <= 1.01 * step):
+    span = float(np.ptp(finite))
+    if span == 0.0 or (step is not None and span <= 1.01 * step):
         return True
     if finite.size < 20 * _SMOOTHED or not np.isfinite(noise):
         return False

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from trueup.ends import ENDED, ended
 from trueup.errors import RecordingError
 from trueup.recording import Channel, Recording, is_command, with_warnings
+from trueup.rounding import SAME_INSTANT
 from trueup.trial import command_of
 
 Array = NDArray[np.float64]
@@ -103,7 +104,7 @@ def together(recordings: Sequence[Recording], name: str = "") -> Repeats:
     means, between = {}, {}
     for c in shared:
         channel = first.channel(c)
-        time = channel.time[(channel.time >= begin - 1e-9) & (channel.time <= stop + 1e-9)]
+        time = channel.time[(channel.time >= begin - SAME_INSTANT) & (channel.time <= stop + SAME_INSTANT)]
         runs = np.stack([r.channel(c).select(channel.labels).at(time) for r in recordings])
         means[c] = channel.replace(time=time, values=runs.mean(axis=0))
         between[c] = runs.var(axis=0, ddof=1) if len(recordings) > 1 else np.zeros(runs.shape[1:])
@@ -112,7 +113,7 @@ def together(recordings: Sequence[Recording], name: str = "") -> Repeats:
     )
     last = stop if parted is None else max(parted, begin)
     spread = {
-        c: float(np.sqrt(np.nanmean(between[c][means[c].time <= last + 1e-9]))) for c in shared
+        c: float(np.sqrt(np.nanmean(between[c][means[c].time <= last + SAME_INSTANT]))) for c in shared
     }  # fmt: skip
     whole = Recording(name or first.name, {**{n: c for n, c in first.channels.items() if is_command(n)}, **means},
                       {**first.provenance, "repeats": ", ".join(r.name for r in recordings)})  # fmt: skip

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from trueup.calibration import Ahead
 from trueup.engines.simulator import Simulator
 from trueup.recording import Channel, Recording
+from trueup.rounding import SAME_INSTANT
 from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]
@@ -63,7 +64,7 @@ def _as_until(channel: Channel, at: float) -> Channel:
     """What a channel did until an instant, turned about its value there: later samples that tell the same place and speed,
     and scatter as the real ones do.
     """
-    until = channel.time <= at + 1e-9
+    until = channel.time <= at + SAME_INSTANT
     time, values = channel.time[until][-_PAST:], channel.values[until][-_PAST:]
     if len(time) < _FITTED:
         return channel

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.rounding import SAME_INSTANT
 from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]
@@ -71,7 +72,7 @@ def cut(trial: Trial, start: float, length: float) -> Trial:
     stop = start + length
     observed = {}
     for name, o in trial.observed.items():
-        inside = (o.time >= start - 1e-9) & (o.time <= stop)
+        inside = (o.time >= start - SAME_INSTANT) & (o.time <= stop)
         if inside.any():
             observed[name] = Observed(o.labels, o.unit, o.time[inside])
     left = trial.start + trial.duration - start

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from trueup.loop.descent import Watch
 from trueup.loop.problem import Problem
 from trueup.parameters import ParameterSpace
+from trueup.rounding import TINY
 from trueup.search.cma_es import CmaEs
 from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses
@@ -65,7 +66,7 @@ def along_axes(problem: Problem, space: ParameterSpace, last: LeastSquares, firs
     if last.jacobian is None or last.residual is None:
         return None
     bound = (last.point < EDGE) | (last.point > 1.0 - EDGE)
-    effect = np.sqrt(np.mean(last.jacobian**2, axis=0) / max(float(np.mean(last.residual**2)), 1e-300))
+    effect = np.sqrt(np.mean(last.jacobian**2, axis=0) / max(float(np.mean(last.residual**2)), TINY))
     weakest = np.argsort(np.where(bound, 0.0, effect))[:LOOKED_AT]
     few = len(last.point) <= FEW
     blind = weakest[(effect < (4.0 if few else 1.0) * _BLIND)[weakest] | bound[weakest]]

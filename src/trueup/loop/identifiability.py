@@ -12,6 +12,7 @@ from trueup.calibration import NORMAL_95
 from trueup.loop.descent import Fit
 from trueup.loop.uncertainty import intervals, vague
 from trueup.parameters import Parameter
+from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
 
@@ -92,12 +93,12 @@ def _sentence(parameters: list[Parameter], direction: Array, slopes: Array) -> s
         a, b = parameters
         opposed = direction[0] * direction[1] < 0
         if a.scale == b.scale == "log":
-            power = abs(direction[0] * slopes[0] * b.nominal) / max(abs(direction[1] * slopes[1] * a.nominal), 1e-300)
+            power = abs(direction[0] * slopes[0] * b.nominal) / max(abs(direction[1] * slopes[1] * a.nominal), TINY)
             what = "product" if opposed else "ratio"
             if a.unit == b.unit and 0.3 < power < 3:
                 what = "sum" if opposed else "difference"
             return f"only the {what} of {names[0]} and {names[1]} is seen by these recordings.{advice}"
-        factor = abs(direction[0] * slopes[0]) / max(abs(direction[1] * slopes[1]), 1e-300)
+        factor = abs(direction[0] * slopes[0]) / max(abs(direction[1] * slopes[1]), TINY)
         sign = "+" if opposed else "-"
         return f"only the combination {names[0]} {sign} {factor:.2g} x {names[1]} is seen by these recordings.{advice}"
     return f"{', '.join(names[:-1])} and {names[-1]} can be traded for one another without a trace.{advice}"

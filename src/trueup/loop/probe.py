@@ -12,6 +12,7 @@ from trueup.loop.descent import Fit
 from trueup.loop.identifiability import NO_EFFECT, effects
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR
+from trueup.rounding import TINY
 from trueup.search.filtering import ImplicitFiltering
 from trueup.search.robust import robust_losses, robust_weights
 
@@ -60,7 +61,7 @@ def unexplained(points: Array, residuals: Array, slopes: Array) -> float:
     k = len(points) // 2
     seen = residuals[:k] - residuals[k:]
     left = np.linalg.norm(seen - (points[:k] - points[k:]) @ slopes.T, axis=1)
-    shares = left / np.maximum(np.linalg.norm(seen, axis=1), 1e-300)
+    shares = left / np.maximum(np.linalg.norm(seen, axis=1), TINY)
     shares = shares[np.isfinite(shares)]
     return float(np.median(shares)) if len(shares) else 0.0
 

@@ -18,6 +18,7 @@ from trueup.errors import CalibrationError, SimulationFailedError
 from trueup.loop.condensing import Eliminated, cut
 from trueup.loop.segment import Segment
 from trueup.recording import Recording
+from trueup.rounding import TINY
 from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]
@@ -256,7 +257,7 @@ class Problem:
             series, mask = segment.shaped(residual), segment.mask
             variance = np.sum(series**2, axis=0) / np.maximum(mask.sum(axis=0), 1)
             both = np.maximum((mask[1:] & mask[:-1]).sum(axis=0), 1)
-            alike = np.sum(series[1:] * series[:-1], axis=0) / both / np.maximum(variance, 1e-300)
+            alike = np.sum(series[1:] * series[:-1], axis=0) / both / np.maximum(variance, TINY)
             some = mask.any(axis=0)
             variances += variance[some].tolist()
             lasting += ((1.0 + np.clip(alike, 0.0, 0.99)) / (1.0 - np.clip(alike, 0.0, 0.99)))[some].tolist()

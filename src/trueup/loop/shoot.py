@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from trueup.instant import at_instant
 from trueup.loop.condensing import Eliminated, cut
 from trueup.loop.problem import Problem
+from trueup.noise import spread
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -75,7 +76,7 @@ class Starts:
         if not self.handles:
             return problem
         begun, residual, slopes, bends = self.changes(problem, values, bent=bent)
-        size = max(1.0, 1.4826 * float(np.median(np.abs(residual))))
+        size = max(1.0, float(spread(residual)))
         parts = [problem.columns(r) for r in range(len(self.measured))]
         gone = [
             Eliminated.of(p, slopes[:, p].T, bends[:, p].T, a, size) for p, a in zip(parts, self.amounts, strict=True)

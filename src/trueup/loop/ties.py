@@ -21,6 +21,7 @@ from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR, vague
 from trueup.parameters import Parameter
+from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
 
@@ -79,7 +80,7 @@ def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considere
     units = fit.space.unit_slope(fit.values)
     if not np.isfinite(slopes[:, : len(free)]).all():
         return ()
-    noise = max(float(np.mean(weights * fit.residual[columns] ** 2)), 1e-300)
+    noise = max(float(np.mean(weights * fit.residual[columns] ** 2)), TINY)
     found = []
     for k in asked:
         if np.isfinite(slopes[:, k]).all():

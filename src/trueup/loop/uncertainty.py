@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from trueup.calibration import NORMAL_95
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
+from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
 
@@ -38,7 +39,7 @@ def unit_covariance(problem: Problem, fit: Fit) -> Array:
         counts = segment.shaped(fit.weights)
         for j in range(len(segment.labels)):
             spread += _series(slopes[:, :, j].T, errors[:, j], counts[:, j], segment.mask[:, j])
-    size = max(float(np.trace(spread)) / max(float(np.trace(curvature)), 1e-300), 1e-12)
+    size = max(float(np.trace(spread)) / max(float(np.trace(curvature)), TINY), 1e-12)
     inverse = np.linalg.inv(curvature + size * PRIOR * np.eye(len(curvature)))
     covariance = inverse @ (spread + size**2 * PRIOR * np.eye(len(curvature))) @ inverse
     return covariance if fit.scatter is None else covariance + fit.scatter

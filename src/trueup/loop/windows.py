@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from trueup.loop.condensing import cut
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
+from trueup.rounding import SAME_INSTANT, TINY
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -59,7 +60,7 @@ def _cut(trial: Trial, length: float, period: float) -> list[Trial]:
     lengths = np.diff(np.append(begins, trial.duration))
     parts = [cut(trial, trial.start + a, length) for a, length in zip(begins.tolist(), lengths.tolist(), strict=True)]
     # What is seen at the instant where the next part begins is seen there.
-    ends = [p.start + p.duration - 1e-9 for p in parts[:-1]] + [np.inf]
+    ends = [p.start + p.duration - SAME_INSTANT for p in parts[:-1]] + [np.inf]
     return [_until(part, end) for part, end in zip(parts, ends, strict=True)] if count > 1 else [trial]
 
 
@@ -104,4 +105,4 @@ def _growth(problem: Problem, trial: int, change: Array) -> tuple[Array, Array]:
         return np.zeros(0), np.zeros(0)
     until = (time - time[0]) ** 2
     first, last = place[0] + until * pace[0], place + until * pace
-    return time, 0.5 * np.log(np.maximum(last, 1e-300) / np.maximum(first, 1e-300))
+    return time, 0.5 * np.log(np.maximum(last, TINY) / np.maximum(first, TINY))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from trueup.paths.path import SPACING, Path
 from trueup.paths.speed import SpeedLimits
+from trueup.rounding import first_step
 
 Array = NDArray[np.float64]
 
@@ -36,7 +37,7 @@ def from_pieces(
     points, headings, curvatures, speeds = [(x, y)], [heading], [laps[0][0][0][1]], [laps[0][1]]
     for pieces, speed in laps:
         for length, curvature in pieces:
-            count = max(1, math.ceil(length / spacing - 1e-9))
+            count = max(1, first_step(length, spacing))
             for s in (np.arange(1, count + 1) * (length / count)).tolist():
                 dx, dy = _along(s, curvature)
                 points.append((x + dx * math.cos(heading) - dy * math.sin(heading),

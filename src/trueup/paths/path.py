@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trueup.errors import RecordingError, unknown_name
 from trueup.paths.speed import SpeedLimits, speed_profile
+from trueup.rounding import first_step
 from trueup.trial import Reference
 
 Array = NDArray[np.float64]
@@ -165,8 +166,5 @@ class Path:
 
 def _refilled(arc: Array, spacing: float) -> Array:
     """Arc lengths at which to place points: all the given ones, and between them at most `spacing` apart."""
-    pieces = [
-        np.linspace(a, b, max(1, int(np.ceil((b - a) / spacing - 1e-9))), endpoint=False)
-        for a, b in pairwise(arc.tolist())
-    ]
+    pieces = [np.linspace(a, b, max(1, first_step(b - a, spacing)), endpoint=False) for a, b in pairwise(arc.tolist())]
     return np.concatenate([*pieces, arc[-1:]])

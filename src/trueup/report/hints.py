@@ -12,6 +12,7 @@ import numpy as np
 from trueup.calibration import Array, Replay
 from trueup.report.numbers import Scale, significant, with_unit
 from trueup.report.summary import Score, label_score
+from trueup.rounding import SAME_INSTANT
 
 TELLING = 0.25
 """A pattern is named when it explains at least this share of the squared error."""
@@ -57,7 +58,7 @@ def worst_moment(time: Array, error: Array) -> tuple[float, float, float]:
     total = np.concatenate([[0.0], np.cumsum(squares)])
     first = np.arange(t.size)
     last = np.searchsorted(t, t + window, side="right")
-    whole = t + window <= t[-1] + 1e-9
+    whole = t + window <= t[-1] + SAME_INSTANT
     mean = np.where(whole, (total[last] - total[first]) / (last - first), -1.0)
     best = int(np.argmax(mean))
     return float(t[best]), float(t[last[best] - 1]), math.sqrt(max(float(mean[best]), 0.0))

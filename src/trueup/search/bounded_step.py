@@ -8,6 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.noise import spread
+from trueup.rounding import TINY
+
 Array = NDArray[np.float64]
 
 _MOST_SHRINK = 5.0
@@ -21,7 +24,7 @@ def careful_difference(residual: Array | None, largest: float) -> float:
     """
     if residual is None:
         return largest
-    return float(np.clip(1e-4 * (1.4826 * np.median(np.abs(residual))) ** 2, 1e-4, largest))
+    return float(np.clip(1e-4 * spread(residual) ** 2, 1e-4, largest))
 
 
 def damped_step(curvature: Array, slope: Array, damping: float, at: Array) -> Array:
@@ -30,7 +33,7 @@ def damped_step(curvature: Array, slope: Array, damping: float, at: Array) -> Ar
     """
     n = len(slope)
     diagonal = np.diag(curvature)
-    floor = 1e-9 * max(float(diagonal.max()), 1e-300)
+    floor = 1e-9 * max(float(diagonal.max()), TINY)
     damped = curvature + np.diag(damping * (diagonal + floor) + floor)
     free = np.ones(n, dtype=bool)
     step = np.zeros(n)

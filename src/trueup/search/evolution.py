@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import CalibrationError
+from trueup.rounding import TINY
 from trueup.search.search import SearchState
 
 Array = NDArray[np.float64]
@@ -120,7 +121,7 @@ class Evolution:
         slow = size / np.sqrt(1 - (1 - self._cs) ** (2 * self._generation)) < (1.4 + 2 / (n + 1)) * self._length
         self._pc = (1 - self._cc) * self._pc + slow * np.sqrt(self._cc * (2 - self._cc) * self._mu) * shift
         lengths = (((y @ self._B) / self._D) ** 2).sum(axis=1)
-        weights = np.where(w >= 0, w, w * n / np.maximum(lengths, 1e-300))
+        weights = np.where(w >= 0, w, w * n / np.maximum(lengths, TINY))
         keep = 1 - self._c1 - self._cmu * w.sum() + (0 if slow else self._c1 * self._cc * (2 - self._cc))
         self._C = keep * self._C + self._c1 * np.outer(self._pc, self._pc) + self._cmu * (y.T * weights) @ y
         self._sigma *= float(np.exp(min(1.0, self._cs / self._ds * (size / self._length - 1))))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import CalibrationError
+from trueup.noise import spread
 from trueup.search.bounded_step import careful_difference, corrected, damped_step, gain, steps_apart
 from trueup.search.robust import robust_losses, robust_weights
 from trueup.search.search import SearchState
@@ -173,8 +174,7 @@ class LeastSquares:
 
     def _bend_and_lowest(self, base: Array) -> None:
         """Sets the robust loss by the residuals at hand, and what is lowest by that loss."""
-        scale = 1.4826 * float(np.median(np.abs(base)))
-        self.delta = self.robust * max(scale, 1.0)
+        self.delta = self.robust * max(float(spread(base)), 1.0)
         self.loss = float(robust_losses(base[None], self.delta)[0])
         if self._lowest is not None:
             point, _, residual = self._lowest

@@ -20,6 +20,7 @@ from trueup.controllers.walk_engine.requests import TARGETS, targets
 from trueup.ends import End, Fallen, Left
 from trueup.engines.simulator import Rollout
 from trueup.parameters import ParameterSpace
+from trueup.rounding import SAME_INSTANT
 from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]
@@ -248,7 +249,7 @@ class OmniWalk(Walk):
         time, begun = rollout.trial.observed[PLACE].time, [*self.course[:, 0], self.duration]
         made = np.zeros(len(place))
         for k, target in enumerate(self.course[:, 1:3]):
-            first, last = (place[:, np.searchsorted(time, begun[i] - 1e-9)] for i in (k, k + 1))
+            first, last = (place[:, np.searchsorted(time, begun[i] - SAME_INSTANT)] for i in (k, k + 1))
             if np.isnan(target).any():
                 made -= np.linalg.norm(last - first, axis=1)
             else:

@@ -18,6 +18,7 @@ from trueup.controllers.controller import Observation
 from trueup.ends import LOOK, When
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import ModelError, TrialError
+from trueup.rounding import SAME_INSTANT
 from trueup.testing.broken import require
 from trueup.trial import Trial
 
@@ -114,7 +115,9 @@ def _check_ends(simulator: Simulator, trial: Trial, values: Array) -> None:
     for end in ended.ends.values():
         late = end.at - trial.start - half
         require(end.name == "half time", f"a run ended as '{end.name}', the condition is called 'half time'")
-        require(-1e-9 <= late <= LOOK + 2.0 * simulator.step, f"an end was seen {late:.3g} s after it was reached")
+        require(
+            -SAME_INSTANT <= late <= LOOK + 2.0 * simulator.step, f"an end was seen {late:.3g} s after it was reached"
+        )
     for name, channel in ended.channels.items():
         lasted = ended.lasted(name)
         same = np.array_equal(channel[lasted], whole.channels[name][lasted])

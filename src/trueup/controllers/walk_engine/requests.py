@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from trueup.controllers.controller import Observation
 from trueup.errors import TrialError
+from trueup.rounding import SAME_INSTANT
 from trueup.trial import Reference
 
 Array = NDArray[np.float64]
@@ -84,5 +85,5 @@ class OfTrial:
 
 def _present(reference: Reference, observation: Observation) -> Array:
     """(k,) the row that holds now, without its time."""
-    row = int(np.searchsorted(reference.values[:, 0], observation.time + 1e-9, side="right")) - 1
+    row = int(np.searchsorted(reference.values[:, 0], observation.time + SAME_INSTANT, side="right")) - 1
     return reference.values[max(row, 0), 1:]

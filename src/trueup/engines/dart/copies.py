@@ -16,6 +16,7 @@ from trueup.articulated.pose import angles_of, quaternion_of, turning
 from trueup.engines.dart.model import DartModel
 from trueup.engines.dart.skeleton import new_world, transform
 from trueup.engines.mujoco.floor_plane import plane_of
+from trueup.rounding import first_step
 
 Array = NDArray[np.float64]
 
@@ -103,7 +104,7 @@ class DartCopies(StoredCopies):
 
     def step(self, command: Array, step: float) -> None:
         """See Running."""
-        count = int(np.ceil(step / LONGEST - 1e-9))
+        count = first_step(step, LONGEST)
         self.substep = step / count
         going = np.flatnonzero(~(self._stopped | self._lost))
         law = self._law(command)

@@ -18,6 +18,7 @@ from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.sensing import Senses
 from trueup.engines.mujoco.wiring import Source, source_of
 from trueup.errors import ModelError, unknown_name
+from trueup.rounding import SAME_INSTANT, whole_steps
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -55,8 +56,8 @@ class Acts:
             if isinstance(d, Buffeting)
             for streams in (t.settled().streams(f"{t.name}/{i}", candidates),)
         ]
-        edges = [np.ceil(t / step - 1e-9) for _, p in self._pushes for t in (p.start, p.stop)]
-        edges += [np.ceil(np.arange(f.shape[1]) * every / step - 1e-9) for _, _, every, f in self._buffets]
+        edges = [np.ceil(t / step - SAME_INSTANT) for _, p in self._pushes for t in (p.start, p.stop)]
+        edges += [np.ceil(np.arange(f.shape[1]) * every / step - SAME_INSTANT) for _, _, every, f in self._buffets]
         self._edges = np.unique(np.concatenate(edges)).astype(np.int64) if edges else np.zeros(0, dtype=np.int64)
         self._noise = {k: noise for k, t in enumerate(trials) if (noise := _noises(model, t, candidates))}
         self._senses = [Senses(model, compiled, t, candidates, step) for t in trials]
@@ -86,9 +87,9 @@ class Acts:
         for k, body in [*pushed, *((k, body) for k, body, _, _ in self._buffets)]:
             applied[self._of(k), body] = 0.0
         for k, body, every, forces in self._buffets:
-            applied[self._of(k), body, :2] += forces[:, min(int(now / every + 1e-9), forces.shape[1] - 1)]
+            applied[self._of(k), body, :2] += forces[:, min(whole_steps(now, every), forces.shape[1] - 1)]
         for (k, push), body in zip(self._pushes, self._bodies, strict=True):
-            on = (push.start <= now + 1e-9) & (now + 1e-9 < push.stop)
+            on = (push.start <= now + SAME_INSTANT) & (now + SAME_INSTANT < push.stop)
             applied[self._of(k), body, :3] += on[:, None] * push.force
 
     def disturbed(self, k: int, at: int, commands: Array) -> Array:
@@ -188,7 +189,7 @@ class _Noise:
 
     def add(self, times: Array, commands: Array) -> None:
         """Adds it to commands (b, n, nu) at `times` (n,)."""
-        ticks = np.minimum((times / self._every + 1e-9).astype(np.int64), self._values.shape[1] - 1)
+        ticks = np.minimum((times / self._every + SAME_INSTANT).astype(np.int64), self._values.shape[1] - 1)
         commands[:, :, self._columns] += self._values[:, ticks]
 
 

@@ -17,6 +17,7 @@ from trueup.engines.mujoco.acts import sensor_places
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.wiring import Source, source_of
 from trueup.errors import ModelError
+from trueup.rounding import SAME_INSTANT
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -65,8 +66,8 @@ class Watch:
         """After how many of the `count` steps that follow step `at` is looked, the state before them included."""
         every = LOOK / self._step
         looks = np.arange(int(at / every), int((at + count) / every) + 1)
-        steps = np.ceil(looks * every - 1e-9).astype(np.int64)
-        return steps[(steps >= at) & (steps < at + count) & (steps * self._step <= duration + 1e-9)] - at
+        steps = np.ceil(looks * every - SAME_INSTANT).astype(np.int64)
+        return steps[(steps >= at) & (steps < at + count) & (steps * self._step <= duration + SAME_INSTANT)] - at
 
     def _look(self, k: int, joined: Mapping[str, Array], rows: NDArray[np.intp], i: int, now: float) -> Observation:
         """What is to be seen of some rows, i steps into the stretch, but for channels."""

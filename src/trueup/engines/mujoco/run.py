@@ -25,6 +25,7 @@ from trueup.engines.mujoco.stepping import BLOCK, Stepper
 from trueup.engines.mujoco.wiring import Source, activations, source_of, start_state
 from trueup.engines.simulator import Rollout
 from trueup.errors import ModelError
+from trueup.rounding import SAME_INSTANT, whole_steps
 from trueup.trial import Trial
 
 if TYPE_CHECKING:
@@ -119,7 +120,7 @@ class Run:
         return values
 
     def _steps(self, k: int) -> int:
-        return int(np.ceil(self.trials[k].duration / self.simulator.step + 1e-9)) + 1
+        return whole_steps(self.trials[k].duration, self.simulator.step) + 2
 
     def _allocate(self) -> None:
         for trial in self.trials:
@@ -228,7 +229,7 @@ class Run:
                 time = trial.observed[name].time
                 lasted = np.ones(channel.shape[:2], dtype=bool)
                 for row, stop in stopped.items():
-                    lasted[row] = time <= stop + 1e-9
+                    lasted[row] = time <= stop + SAME_INSTANT
                 channel[~lasted] = np.nan
                 bad = lasted & ~np.isfinite(channel).all(axis=2)
                 for row in np.flatnonzero(bad.any(axis=1)):

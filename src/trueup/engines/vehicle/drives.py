@@ -21,6 +21,7 @@ from trueup.engines.vehicle.reading import CHANNELS
 from trueup.errors import RecordingError
 from trueup.noise import estimate_noise
 from trueup.recording import Channel, Recording, is_command, part_of
+from trueup.rounding import SAME_INSTANT
 
 Array = NDArray[np.float64]
 
@@ -91,7 +92,7 @@ def windows(recording: Recording, length: float = LENGTH) -> list[Recording]:
 
 
 def _cut(channel: Channel, start: float, stop: float) -> Channel | None:
-    inside = (channel.time >= start - 1e-9) & (channel.time <= stop + 1e-9)
+    inside = (channel.time >= start - SAME_INSTANT) & (channel.time <= stop + SAME_INSTANT)
     if inside.sum() < 2:
         return None
     return channel.replace(time=channel.time[inside], values=channel.values[inside])

@@ -15,6 +15,7 @@ from trueup.engines.vehicle.past import Past
 from trueup.engines.vehicle.vehicle import Vehicle
 from trueup.errors import CalibrationError
 from trueup.evidence import STANDARD_ERRORS
+from trueup.noise import spread
 from trueup.recording import Recording
 from trueup.trial import Trial
 
@@ -113,5 +114,5 @@ def _least_squares(table: Array, wanted: Array) -> Array:
     for _ in range(3):
         values = np.linalg.lstsq(table[kept], wanted[kept], rcond=None)[0]
         off = np.abs(table @ values - wanted)
-        kept = off <= 3.0 * 1.4826 * np.median(off) + 1e-12
+        kept = off <= 3.0 * spread(off) + 1e-12
     return np.asarray(values, dtype=np.float64)

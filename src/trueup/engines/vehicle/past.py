@@ -12,6 +12,7 @@ from trueup.engines.vehicle.kernels import HEADING, SPEED, TURNING, X, Y
 from trueup.engines.vehicle.start import start_state
 from trueup.errors import RecordingError
 from trueup.recording import Channel
+from trueup.rounding import SAME_INSTANT
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -67,7 +68,7 @@ class Past:
         state, command = start_state(trial), trial.command.select(labels)
         commands = np.stack([np.interp(grid, command.time, column) for column in command.values.T], axis=1)
         if labels[0] == "speed":
-            commands[grid < command.time[0] - 1e-9, 0] = state[SPEED]
+            commands[grid < command.time[0] - SAME_INSTANT, 0] = state[SPEED]
         seen, known = np.zeros((len(grid), 5)), np.zeros(len(grid), dtype=bool)
         first = round((PAST + SETTLE) / step)
         seen[first], known[first] = state[[X, Y, HEADING, SPEED, TURNING]], True

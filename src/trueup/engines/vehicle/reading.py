@@ -14,6 +14,7 @@ from trueup.ends import LOOK, Ended, which_end
 from trueup.engines.simulator import Rollout
 from trueup.errors import ModelError, unknown_name
 from trueup.recording import is_command
+from trueup.rounding import SAME_INSTANT
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -33,7 +34,7 @@ class Orders:
 
     def at(self, time: Array) -> Array:
         """(b, T, 2) the command in force."""
-        last = np.searchsorted(self.time, time + 1e-9, side="right") - 1
+        last = np.searchsorted(self.time, time + SAME_INSTANT, side="right") - 1
         return self.values[:, np.clip(last, 0, None)]
 
 
@@ -88,7 +89,7 @@ class Ending:
 
     def look(self, now: float, state: Array) -> None:
         """Looks at states (b, 5), x, y, heading, speed and yaw rate, `now` s after the start, if it is time to."""
-        if not self._trial.ends or now < self._next - 1e-9:
+        if not self._trial.ends or now < self._next - SAME_INSTANT:
             return
         self._next += LOOK
         rows = np.flatnonzero(self.alive)

@@ -25,6 +25,7 @@ from trueup.engines.vehicle.vehicle import Vehicle
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
 from trueup.recording import Recording
+from trueup.rounding import SAME_INSTANT, first_step
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -179,7 +180,7 @@ class VehicleSimulator:
         stretch = np.clip(np.searchsorted(starts, (times - past.begin) / past.step + 1e-6, side="right") - 1, 0, None)
         since = times - past.begin - past.step * starts[stretch]
         # Before the first start, and after a gap until enough is known again, there is no prediction to be judged.
-        told = (since > -1e-9) & (since < self.horizon + 1.5 * past.step)
+        told = (since > -SAME_INSTANT) & (since < self.horizon + 1.5 * past.step)
         return np.where(told, np.clip(since, 0.0, self.horizon), np.nan), stretch, starts
 
     def _replay(self, trial: Trial, rows: Array, read: Reading) -> Array:
@@ -197,7 +198,7 @@ class VehicleSimulator:
     ) -> tuple[Array, Orders]:
         substeps = max(1, round(controller.period / self.step))
         period = substeps * self.step
-        ticks = int(np.ceil(trial.duration / period - 1e-9))
+        ticks = first_step(trial.duration, period)
         noise = np.random.default_rng(self._seed).standard_normal((ticks + 1, 3))
         start = start_state(trial)
         orders = np.empty((len(rows), ticks, 2))

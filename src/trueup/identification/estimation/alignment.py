@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from trueup.evidence import evidence
 from trueup.identification.estimation.filtering import moved, stretches
-from trueup.identification.estimation.moments import RIDGE, TINY, solve
+from trueup.identification.estimation.moments import RIDGE, solve
 from trueup.identification.estimation.result import Alignment
 from trueup.identification.estimation.selection import BLOCKS
 from trueup.identification.rows import Rows
+from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

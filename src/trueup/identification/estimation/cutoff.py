@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.identification.estimation.filtering import derivative
-from trueup.identification.estimation.moments import TINY
 from trueup.identification.estimation.motion import Log
+from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.errors import IdentificationError
+from trueup.errors import IdentificationError, listed
 from trueup.identification.estimation.motion import STILL, Log, Motion
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.units import FURTHEST_TURN
@@ -29,7 +29,6 @@ _TORQUE_FACTOR = 30.0
 """Times the torque limit of the model file that no drive delivers."""
 
 _RECORDING = re.compile(r"recording '([^']*)'")
-_LISTED = 4
 
 Fit = Callable[[Motion], float]
 """The relative error of a basic model on a motion."""
@@ -73,8 +72,7 @@ def grouped(sentences: Iterable[str]) -> list[str]:
     made = []
     for (sentence, _), *more in alike.values():
         names = list(dict.fromkeys(name for _, name in more if name))
-        listed = ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
-        made += [f"{sentence}; likewise in {listed}"] if names else [sentence, *(other for other, _ in more)]
+        made += [f"{sentence}; likewise in {listed(names)}"] if names else [sentence, *(other for other, _ in more)]
     return made
 
 

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
-from trueup.identification.estimation.moments import RIDGE, TINY, moments_of, solve, weighted_fit
+from trueup.identification.estimation.moments import RIDGE, moments_of, solve, weighted_fit
 from trueup.identification.rows import Rows
 from trueup.noise import spread
+from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -75,12 +76,12 @@ def least_squares(
 
 def weighted_least_squares(
     rows: Sequence[Rows], active: Sequence[int] | Integers, *, prior: Array | None = None, strength: float = RIDGE,
-    robust: bool | None = False, passes: int = 5,
+    robust: bool | None = False,
 ) -> Estimate:  # fmt: skip
     """Least squares with each joint weighed by its own error variance, found by repetition."""
     moments = moments_of(rows)
     start = (np.zeros(rows[0].p) if prior is None else prior) * moments.scale
-    variance = weighted_fit(moments, np.asarray(active, dtype=np.int64), start, strength, passes=passes)[1]
+    variance = weighted_fit(moments, np.asarray(active, dtype=np.int64), start, strength)[1]
     weights = 1.0 / variance / np.mean(1.0 / variance)
     return least_squares(rows, active, weights, prior=prior, strength=strength, robust=robust)
 

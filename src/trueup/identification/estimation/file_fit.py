@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.identification.estimation.consistent import consistent_fit
-from trueup.identification.estimation.moments import RIDGE, TINY, Moments, weighted_fit
+from trueup.identification.estimation.moments import Moments, weighted_fit
 from trueup.identification.estimation.pool import Pool
-from trueup.identification.estimation.selection import Choice, reweighed
 from trueup.identification.kinematic_tree import KinematicTree
+from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
 
@@ -53,14 +53,13 @@ def file_fit(pool: Pool, moments: Moments, nominal: Array, pull: float, speeds: 
     model, n = pool.model, pool.model.tree.n
     columns = np.concatenate([np.array(pool.groups[kind]) for kind in _FRICTION])
     mask = pool.with_groups("rotor", *_FRICTION)
-    choice = reweighed(moments, np.zeros(model.p), Choice(mask, RIDGE, np.ones(n)))
-    scaled = weighted_fit(moments, np.flatnonzero(mask), np.zeros(model.p), RIDGE, choice.variance, passes=1)[0]
+    scaled, variance = weighted_fit(moments, np.flatnonzero(mask), np.zeros(model.p))
     size = np.abs(moments.parameters(scaled))
     prior = nominal.copy()
     for kind in _FRICTION:
         own = np.array(pool.groups[kind])
         prior[own] = np.maximum(size[own], max(_LEAST * float(size[own].max()), TINY))
-    whole = moments.normal(choice.weights).whole()
+    whole = moments.normal(1.0 / variance / np.mean(1.0 / variance)).whole()
     fit = consistent_fit(model, whole, np.flatnonzero(mask), prior, pull=pull, positive=columns)
     rotors, coulomb, viscous = (fit.parameters[np.array(pool.groups[kind])] for kind in ("rotor", *_FRICTION))
     coupled = np.count_nonzero(model.drives) > n

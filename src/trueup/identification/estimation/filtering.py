@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trueup.errors import IdentificationError
 from trueup.noise import spread
+from trueup.rounding import whole_steps
 
 Array = NDArray[np.float64]
 
@@ -162,7 +163,7 @@ def grid(time: Array) -> tuple[Array, float]:
 
 def decimated(rate: float, wanted: float) -> int:
     """Every how many-th sample to keep so that at least `wanted` Hz are left of `rate` Hz."""
-    return max(1, math.floor(rate / wanted + 1e-9))
+    return max(1, whole_steps(rate, wanted))
 
 
 def highest_cutoff(rate: float) -> float:

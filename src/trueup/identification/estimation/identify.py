@@ -16,7 +16,6 @@ from trueup.errors import IdentificationError
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.alignment import find_shift, shifted
 from trueup.identification.estimation.bodies import Bodies, cross_validated_fit
-from trueup.identification.estimation.consistent import consistent_fit
 from trueup.identification.estimation.couplings import coupled
 from trueup.identification.estimation.cutoff import natural_cutoff
 from trueup.identification.estimation.diagnosis import check_log, grouped
@@ -30,7 +29,7 @@ from trueup.identification.estimation.outcome import outcome
 from trueup.identification.estimation.pool import STRUCTURES, Pool, chosen, loaded, pool_for
 from trueup.identification.estimation.quick import basic_columns, doubts, measured_speed
 from trueup.identification.estimation.result import Alignment, Identification
-from trueup.identification.estimation.selection import BLOCKS, Choice, balanced, drawn, loosened
+from trueup.identification.estimation.selection import BLOCKS, Choice, drawn, loosened
 from trueup.identification.inertial import from_com
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
@@ -130,27 +129,14 @@ def _announced(told: Told | None) -> Callable[[str], None]:
 
 
 def _structured(pool: Pool, pieces: Sequence[Piece], nominal: Array, structure: str, margin: float) -> Structured:
-    """The pieces with their effects of load, and the model that predicts best.
-
-    What gears carry comes from a first rough fit, then from possible bodies in the model chosen with it.
-    """
-
-    def carrying(parameters: Array) -> tuple[list[Piece], Array, Moments]:
-        links = parameters[: 10 * pool.model.tree.n].reshape(-1, 10)
-        made = loaded(pool, pieces, links)
-        return made, links, moments_of(blocks_of(_training(made), BLOCKS, margin))
-
+    """The pieces with their effects of load, and the model that predicts best; what gears carry is that of a rough fit."""
     prior = _prior(pool, nominal)
     rough = weighted_least_squares(_training(pieces), basic_columns(pool), prior=prior).parameters
-    made, links, moments = carrying(pool.base.full(pool.base.of(rough), nominal))
+    links = pool.base.full(pool.base.of(rough), nominal)[: 10 * pool.model.tree.n].reshape(-1, 10)
+    made = loaded(pool, pieces, links)
+    moments = moments_of(blocks_of(_training(made), BLOCKS, margin))
     choice = chosen(pool, moments, prior * moments.scale, structure)
     if structure == "select":
-        normal = moments.normal(choice.weights).whole()
-        bodies = consistent_fit(pool.model, normal, np.flatnonzero(choice.active), nominal).parameters
-        again = carrying(bodies)
-        new = balanced(again[-1], prior * again[-1].scale, choice)
-        if new.loss < choice.loss:  # the same terms, of other bodies: nothing is added
-            (made, links, moments), choice = again, new
         moments, choice, left = loosened(moments, prior * moments.scale, choice)
         made = [replace(p, rows=p.rows.loosened(left)) for p in made]
     return made, links, moments, choice

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
 from trueup.identification.rows import Rows
+from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-TINY = float(np.finfo(float).tiny)
-"""Keeps quotients and logarithms of nothing finite."""
 RIDGE = 1e-9
 """Of the mean squared size of a column: keeps what the data cannot tell at its prior, changes nothing else."""
 
@@ -153,7 +152,7 @@ def solve(gram: Array, cross: Array, prior: Array, strength: float | Array = RID
 
 
 def weighted_fit(
-    moments: Moments, active: Integers, prior: Array, strength: float = RIDGE, variance: Array | None = None, passes: int = 4
+    moments: Moments, active: Integers, prior: Array, strength: float = RIDGE, variance: Array | None = None
 ) -> tuple[Array, Array]:  # fmt: skip
     """(p,) scaled parameters by weighted least squares, and (n,) the error variance of each joint that weighs it.
 
@@ -162,7 +161,7 @@ def weighted_fit(
     part, scaled = moments.only(active), np.zeros(len(moments.scale))
     floor = 1e-12 * moments.square.sum() / moments.count.sum()
     spread = np.ones(moments.square.shape[1]) if variance is None else variance
-    for _ in range(passes):
+    for _ in range(4):
         gram, cross = (x.sum(axis=0) for x in part.weighted(1.0 / spread / np.mean(1.0 / spread)))
         scaled[active] = solve(gram, cross, prior[active], part.ridge(strength))
         spread = np.maximum(part.errors(scaled[active]).sum(axis=0) / moments.count.sum(), floor)

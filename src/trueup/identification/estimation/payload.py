@@ -17,7 +17,7 @@ from trueup.errors import IdentificationError
 from trueup.identification.estimation.cutoff import natural_cutoff
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import crossed
-from trueup.identification.estimation.moments import TINY, blocks_of, solve
+from trueup.identification.estimation.moments import blocks_of, solve
 from trueup.identification.estimation.motion import log_of, pieces_of
 from trueup.identification.estimation.pool import pool_for
 from trueup.identification.estimation.quick import basic_columns
@@ -26,6 +26,7 @@ from trueup.identification.inertial import from_com
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 from trueup.recording import Recording
+from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

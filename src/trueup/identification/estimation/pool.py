@@ -14,7 +14,7 @@ from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.effects import OF_LOAD, Effect
 from trueup.identification.estimation.moments import RIDGE, Moments
 from trueup.identification.estimation.motion import Motion, Piece
-from trueup.identification.estimation.selection import Choice, balanced, evaluated, grown, reweighed
+from trueup.identification.estimation.selection import Choice, evaluated, grown, reweighed
 from trueup.identification.kinematic_tree import KinematicTree
 
 Array = NDArray[np.float64]
@@ -23,9 +23,9 @@ Mask = NDArray[np.bool_]
 
 _SPEEDS = (0.003, 0.01, 0.03, 0.1, 0.3)
 """Of a drive's top speed: where friction that saturates does so."""
-_TRAVELS = (0.01, 0.03, 0.1, 0.3)
+_TRAVELS = _SPEEDS[1:]
 """Of a drive's range: over which hysteresis builds up after a reversal."""
-_USUAL = 0.01
+_USUAL = _SPEEDS[1]
 BASIC = ("rotor", "offset", "viscous", f"saturating {_USUAL:g}")
 STRUCTURES = ("select", "paper", "common")
 
@@ -158,4 +158,4 @@ def chosen(pool: Pool, moments: Moments, prior: Array, structure: str = "select"
     choice = grown(moments, prior, reweighed(moments, prior, choice), groups)
     singles = [[k] for name in more for k in pool.columns(name) if not choice.active[k]]
     choice = grown(moments, prior, reweighed(moments, prior, choice), singles)
-    return balanced(moments, prior, choice)
+    return reweighed(moments, prior, choice)

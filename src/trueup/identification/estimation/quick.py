@@ -12,12 +12,13 @@ from trueup.errors import IdentificationError
 from trueup.identification.estimation.diagnosis import BETTER, DOUBTFUL, POOR, Fit, mistakes, signs
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import Estimate, least_squares
-from trueup.identification.estimation.moments import TINY, moments_of, solve
+from trueup.identification.estimation.moments import moments_of, solve
 from trueup.identification.estimation.motion import Log, Motion, Piece, log_of, pieces_of
 from trueup.identification.estimation.pool import BASIC, Pool, pool_for
 from trueup.identification.kinematic_tree import GRAVITY, KinematicTree
 from trueup.identification.rows import Rows
 from trueup.recording import Channel, Recording
+from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
 

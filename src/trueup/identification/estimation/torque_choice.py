@@ -19,6 +19,7 @@ from trueup.identification.estimation.quick import rough_error
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.noise import spread
 from trueup.recording import Channel, Recording
+from trueup.rounding import TINY
 
 _ASKED = frozenset(re.split(r"\s+", """command cmd commanded desired des target ref reference setpoint sp computed calculated
 calc model predicted prediction estimated feedforward ff ideal nominal"""))  # fmt: skip
@@ -84,7 +85,7 @@ def _evidence(torque: Torque, recording: Recording, tree: KinematicTree) -> str:
         tree, recording, {"position": recording.channel("position"), torque.channel.name: torque.channel}
     )
     left = f"a rough model leaves {100 * error:.2g} % of it" if np.isfinite(error) else "no rough model fits it"
-    share = 100 * noise / max(size, 1e-300)
+    share = 100 * noise / max(size, TINY)
     return f"{size:.3g} {torque.channel.unit or 'of no unit'} on average, noise {share:.2g} %, {left}"
 
 

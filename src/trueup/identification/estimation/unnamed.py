@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.diagnosis import POOR
 from trueup.identification.estimation.filtering import Lowpass, derivative, even, grid
-from trueup.identification.estimation.moments import TINY
 from trueup.identification.estimation.quick import rough_error
 from trueup.identification.estimation.torque_choice import Torque, choice
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.recording import Channel, Recording
+from trueup.rounding import TINY
 from trueup.units import hardly_radians
 
 Array = NDArray[np.float64]

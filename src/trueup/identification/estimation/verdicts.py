@@ -8,12 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.errors import listed
 from trueup.identification.base_parameters import BaseParameters
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.estimate import Estimate
-from trueup.identification.estimation.moments import TINY
 from trueup.identification.estimation.result import Parameter
 from trueup.identification.rows import Rows
+from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
 
@@ -23,7 +24,6 @@ _SMALL = 0.02
 """Of the torque that a joint carries: a parameter that adds less is of no consequence in these motions."""
 _SHARED = ("saturating", "hysteresis", "quadratic", "cubic", "root", "asymmetric", "stribeck", "offset", "spring")
 """Effects that were kept because they predict, of which one may stand for another."""
-_LISTED = 6
 
 
 def parameters_of(
@@ -63,11 +63,11 @@ def advice(
     for p in missing:
         best = max(shown, key=lambda motion: shown[motion][names[p.name]])
         by_motion.setdefault(best, []).append(p.name)
-    said = [f"not seen: {_listed(found)}. {motion}" for motion, found in by_motion.items()]
+    said = [f"not seen: {listed(found)}. {motion}" for motion, found in by_motion.items()]
     for joint in dict.fromkeys(p.joint for p in friction):
         own = [f"{p.name} ({p.kind})" for p in friction if p.joint == joint]
         said.append(
-            f"not seen: {_listed(own)}. Move {joint} both ways at several steady speeds, from very slow to its top speed, "
+            f"not seen: {listed(own)}. Move {joint} both ways at several steady speeds, from very slow to its top speed, "
             "with hard reversals"
         )
     return tuple(said)
@@ -112,8 +112,3 @@ def _motions(model: DynamicModel, rng: np.random.Generator) -> dict[str, Array]:
         shown[f"Accelerate {joint} harder, in different poses of the other joints"] = seen(still, one / 0.4) - gravity
         shown[f"Turn {joint} fast while others move"] = seen(one, still) - gravity
     return shown
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
-    return ", ".join(names[:_LISTED]) + more

@@ -16,6 +16,7 @@ from trueup.paths import Path
 from trueup.recording import Channel, Recording
 from trueup.robots.stand_in_vehicle.kernel import KEPT, follow, play
 from trueup.robots.stand_in_vehicle.truth import VehicleTruth
+from trueup.rounding import SAME_INSTANT
 from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]
@@ -130,7 +131,7 @@ class StandInVehicle:
         channels = {"command": command.replace(name="command")}
         for role, o in trial.observed.items():
             if role in COLUMNS:
-                last = np.searchsorted(drive.time, o.time - trial.start + 1e-9, side="right") - 1
+                last = np.searchsorted(drive.time, o.time - trial.start + SAME_INSTANT, side="right") - 1
                 columns = [COLUMNS[role][_LABELS[role].index(label)] for label in o.labels]
                 channels[role] = Channel(role, o.labels, o.unit, o.time, drive.seen[row][last][:, columns])
                 if (

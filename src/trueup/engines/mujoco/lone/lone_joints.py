@@ -26,6 +26,7 @@ from trueup.engines.simulator import Rollout, refuse_unsupported
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace
 from trueup.recording import Channel, Recording
+from trueup.rounding import whole_steps
 from trueup.trial import Trial
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ class LoneJoints:
         out = {name: np.empty((driven.rows, len(o.time), len(o.labels))) for name, o in trial.observed.items()}
         motion, stiffness = self._dynamics.motion(measured, signals.measured_start(k)[0])
         loads = [self._dynamics.loads(measured, own) for own in sets]
-        steps = int(np.ceil(trial.duration / self.step + 1e-9)) + 1
+        steps = whole_steps(trial.duration, self.step) + 2
         for label in dict.fromkeys(label for o in trial.observed.values() for label in o.labels):
             joint = joint_id(compiled, label)
             columns = (

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup import files
-from trueup.errors import ModelError
+from trueup.errors import ModelError, listed
 
 Array = NDArray[np.float64]
 Element = ElementTree.Element
@@ -100,9 +100,9 @@ def mend_inertias(root: Element) -> list[str]:
             impossible.append(link.get("name", "?"))
     notes = []
     if without:
-        notes.append(f"links with a mass but no <inertia> were taken for balls of water: {_listed(without)}")
+        notes.append(f"links with a mass but no <inertia> were taken for balls of water: {listed(without)}")
     if impossible:
-        notes.append(f"no body can have the inertia of {_listed(impossible)}: the nearest that can be is simulated")
+        notes.append(f"no body can have the inertia of {listed(impossible)}: the nearest that can be is simulated")
     return notes
 
 
@@ -141,7 +141,3 @@ def _write(element: Element, tensor: Array) -> None:
         for j, column in enumerate("xyz"):
             if i <= j:
                 element.set(f"i{row}{column}", repr(float(tensor[i, j])))
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")

@@ -11,7 +11,7 @@ import numpy as np
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.servos import postures
 from trueup.engines.mujoco.wiring import joint_id
-from trueup.errors import ModelError
+from trueup.errors import ModelError, listed
 from trueup.recording import Recording
 
 _DEEP = 1e-3  # m: what meshes, soft contacts and calibration errors explain overlaps less
@@ -41,9 +41,8 @@ def passable(model: Model, recordings: Sequence[Recording]) -> Model:
             f"model '{model.path}' does not compile without contacts of overlapping parts: {error}"
         ) from None
     worst = sorted(named.items(), key=lambda entry: entry[1])
-    shown = ", ".join(f"{body[a]} and {body[b]} ({-1e3 * depth:.0f} mm)" for (a, b), depth in worst[:6])
-    more = f", and {len(worst) - 6} more pairs" if len(worst) > 6 else ""
-    note = f"parts that overlap in the model where the robot really was do not touch each other: {shown}{more}"
+    shown = listed([f"{body[a]} and {body[b]} ({-1e3 * depth:.0f} mm)" for (a, b), depth in worst])
+    note = f"parts that overlap in the model where the robot really was do not touch each other: {shown}"
     return Model(model.path, spec, compiled, (*model.notes, note))
 
 

@@ -11,9 +11,8 @@ import numpy as np
 
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.wiring import joint_id
+from trueup.errors import listed
 from trueup.recording import Recording
-
-_SHOWN = 8  # names in a note
 
 
 def with_still_joints(model: Model, recordings: Sequence[Recording]) -> Model:
@@ -34,9 +33,8 @@ def with_still_joints(model: Model, recordings: Sequence[Recording]) -> Model:
     )  # fmt: skip
     if not still:
         return model
-    more = f" and {len(still) - _SHOWN} more" if len(still) > _SHOWN else ""
     note = (
-        f"neither measured nor driven, and so held as the model has them: {', '.join(still[:_SHOWN])}{more}"
+        f"neither measured nor driven, and so held as the model has them: {listed(still)}"
     )  # fmt: skip
     return replace(model, notes=(*model.notes, note), still=still)
 

@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What floating-point numbers cannot tell apart: quotients of nothing, the same instant, whole steps of a clock."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+TINY = float(np.finfo(float).tiny)
+"""Keeps quotients and logarithms of nothing finite, and changes nothing else."""
+SAME_INSTANT = 1e-9
+"""s: clocks are printed with a few decimals, and sums of steps round; instants closer than this are the same."""
+
+
+def whole_steps(duration: float, step: float) -> int:
+    """How many steps fit into a duration; one that ends there but for rounding does."""
+    return math.floor(duration / step + SAME_INSTANT)
+
+
+def first_step(instant: float, step: float) -> int:
+    """The number of the first step that is not before an instant, counted from zero; the same instant is not before."""
+    return math.ceil(instant / step - SAME_INSTANT)
