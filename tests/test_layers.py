@@ -12,6 +12,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -196,7 +197,7 @@ def imports_of(name: str, path: Path, known: Mapping[str, Path]) -> list[Import]
         for module in _imported(node, package, known):
             found.append(Import(module, getattr(node, "lineno", 0), lazy, typing_only))
         lazy = lazy or isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+        if isinstance(node, ast.If) and _last_name(node.test) == "TYPE_CHECKING":
             for child in node.body:
                 visit(child, lazy, True)
             for child in node.orelse:
@@ -205,7 +206,7 @@ def imports_of(name: str, path: Path, known: Mapping[str, Path]) -> list[Import]
         for child in ast.iter_child_nodes(node):
             visit(child, lazy, typing_only)
 
-    visit(ast.parse(path.read_text(encoding="utf-8")), False, False)
+    visit(parsed(path.read_text(encoding="utf-8")), False, False)
     return found
 
 
@@ -218,10 +219,23 @@ def _imported(node: ast.AST, package: list[str], known: Mapping[str, Path]) -> I
         for alias in node.names:  # `from trueup.loop import calibrate` imports the module trueup.loop.calibrate
             full = f"{base}.{alias.name}"
             yield full if full.removeprefix("trueup.") in known else base
-    elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module") and node.args:
+    elif isinstance(node, ast.Call) and node.args and "import_module" in _last_name(node.func):
         match node.args[0]:
             case ast.Constant(value=str(module)):
                 yield module
+
+
+def _last_name(function: ast.expr) -> str:
+    """The last part of what is called: 'import_module' of `importlib.import_module`."""
+    return (
+        function.attr if isinstance(function, ast.Attribute) else function.id if isinstance(function, ast.Name) else ""
+    )
+
+
+@cache
+def parsed(text: str) -> ast.Module:
+    """The syntax of a file, which several rules look at."""
+    return ast.parse(text)
 
 
 # ---- checking ----
@@ -273,10 +287,11 @@ def chains_to(source: Path, layer: str, package: str) -> list[str]:
     """The ways by which importing a module of `layer` ends in a foreign `package`, each as `a -> b -> package`."""
     known = modules_of(source)
     found: list[str] = []
+    imports = cache(lambda name: imports_of(name, known[name], known))
 
     def walk(name: str, chain: tuple[str, ...], seen: set[str]) -> None:
         seen.add(name)
-        for one in imports_of(name, known[name], known):
+        for one in imports(name):
             if one.typing_only:
                 continue
             if within(one.module, (package,)):
@@ -299,7 +314,7 @@ def broken_shapes(source: Path) -> list[str]:
     for path in modules_of(source).values():
         text = path.read_text(encoding="utf-8")
         problems += wrong_opening(path, text)
-        tree, lines = ast.parse(text), text.count("\n")
+        tree, lines = parsed(text), text.count("\n")
         if lines > LONGEST_FILE and not EXCUSE.search(ast.get_docstring(tree) or ""):
             problems.append(
                 f"{path}: {lines} lines; at most {LONGEST_FILE}, or its docstring says 'longer ... because'"

@@ -15,9 +15,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
-from scipy.stats import t as student
 
 from trueup.actuators.bench import Run
+from trueup.evidence import half_interval, jackknife
 from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
@@ -60,8 +60,7 @@ class Experiment:
 def experiment(runs: Sequence[Run], full_error: float = np.inf) -> Experiment:
     """Regression over all instants at which the servo moves, is on and not at its limit (`full_error`, rad).
 
-    Intervals by leaving out stretches in turn (the jackknife: B. Efron, R. Tibshirani 1993, section 11.5), so that they count
-    what the model misses and how long errors last.
+    Intervals by leaving out stretches in turn (the jackknife).
     """
     parts = [_rows(run, full_error) for run in runs]
     table = np.concatenate(parts)
@@ -78,7 +77,7 @@ def experiment(runs: Sequence[Run], full_error: float = np.inf) -> Experiment:
     whole = _solve(x, y)
     edges = np.linspace(0, len(y), _BLOCKS + 1).astype(int)
     keep = [np.r_[0:a, b : len(y)] for a, b in pairwise(edges)]
-    ratios = _jackknife(whole, [_solve(x[k], y[k]) for k in keep])
+    ratios = _intervals(whole, [_solve(x[k], y[k]) for k in keep])
     told = tuple(_value(n, row, u) for n, row, u in zip(names, ratios, units, strict=False))
     explained = 1.0 - float(np.var(y - x @ whole) / max(np.var(y), TINY))
     cannot = []
@@ -89,7 +88,7 @@ def experiment(runs: Sequence[Run], full_error: float = np.inf) -> Experiment:
         )
     else:
         load = table[:, [5, 1, 2]]
-        both = _jackknife(_absolute(load, y), [_absolute(load[k], y[k]) for k in keep])
+        both = _intervals(_absolute(load, y), [_absolute(load[k], y[k]) for k in keep])
         named = (("kp", "N m/rad"), ("kd", "N m s/rad"), ("kc", "N m"))
         gains = tuple(_value(n, row, u) for (n, u), row in zip(named, both, strict=True))
         if not gains[0].sure:
@@ -117,12 +116,9 @@ def _absolute(load: Array, y: Array) -> Array:
     return np.array([1.0 / torque, speed / torque, sign / torque], dtype=np.float64)
 
 
-def _jackknife(whole: Array, each: Sequence[Array]) -> Array:
+def _intervals(whole: Array, each: Sequence[Array]) -> Array:
     """(n, 3) values and ends of their 95 % intervals."""
-    B = len(each)
-    half = student.ppf(0.975, B - 1) * np.sqrt(
-        (B - 1) / B * ((np.stack(each) - np.mean(each, axis=0)) ** 2).sum(axis=0)
-    )
+    half = half_interval(len(each)) * jackknife(np.stack(each))
     return np.asarray(np.stack([whole, whole - half, whole + half], axis=1), dtype=np.float64)
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
 from trueup.actuators.bench import Bench, Run, runs_of
 from trueup.actuators.choose import Asked, Chooser, Model, choose
@@ -21,7 +20,7 @@ from trueup.actuators.replay import STEP, replay
 from trueup.actuators.servo import Law
 from trueup.actuators.structures import BY_NAME, LIMIT, LIMITS, PUNCH, VISCOUS, Scales, declared, law_of
 from trueup.errors import CalibrationError, unknown_name
-from trueup.evidence import evidence
+from trueup.evidence import evidence, half_interval, jackknife
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 
@@ -138,12 +137,11 @@ def _values(problem: Problem, model: Model) -> list[Value]:
     The wider of two: by how differently the blocks pull at the optimum, and by where fits without each of them went (the
     jackknife), which also sees what is not smooth.
     """
-    found, B = model.found, len(problem.blocks)
+    found = model.found
     space = ParameterSpace(found.searched)
     whole = space.to_unit([found.values[n] for n in space.names])
     each = space.to_unit([[v[n] for n in space.names] for v in model.left_out])
-    jackknife = (B - 1) / B * ((each - each.mean(axis=0)) ** 2).sum(axis=0)
-    half = float(student.ppf(0.975, B - 1)) * np.sqrt(np.maximum(np.diag(spread(problem, found)), jackknife))
+    half = half_interval(len(each)) * np.maximum(np.sqrt(np.diag(spread(problem, found))), jackknife(each))
     low, high = (space.from_unit(np.clip(whole + sign * half, 0.0, 1.0)) for sign in (-1.0, 1.0))
     return [
         Value(p.name, found.values[p.name], float(a), float(b), p.unit)

@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trueup import files
 from trueup.errors import ModelError, unknown_name
+from trueup.identification.kinematic_tree import exponential, of_quaternion
 
 Array = NDArray[np.float64]
 
@@ -105,15 +106,6 @@ class Region:
         return np.all(np.abs(positions - self.centre) <= 0.5 * self.size + margin, axis=-1)
 
 
-def exponential(vector: Array) -> Array:
-    """(..., 3, 3) rotations about vectors (..., 3) by their length in rad: Rodrigues' formula."""
-    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
-    x, y, z = np.moveaxis(vector, -1, 0)
-    nought = np.zeros_like(x)
-    K = np.stack([nought, -z, y, z, nought, -x, -y, x, nought], axis=-1).reshape(*vector.shape[:-1], 3, 3)
-    return np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2 * (K @ K)
-
-
 def _box(box: Mapping[str, Any], file: Path) -> tuple[Array, Array]:
     if "lower" in box and "upper" in box:
         lower, upper = _numbers(box, "lower", 3, file), _numbers(box, "upper", 3, file)
@@ -145,11 +137,4 @@ def _rotation(quaternion: Array, file: Path) -> Array:
         raise ModelError(
             f"orientation centre in '{file}' is {quaternion.tolist()}; a unit quaternion w x y z is expected"
         )
-    w, x, y, z = quaternion / length
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return of_quaternion(quaternion)

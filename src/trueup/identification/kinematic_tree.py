@@ -163,11 +163,33 @@ def unknown(n: int) -> dict[str, Array]:
 
 
 def about(axis: Array, angle: ArrayLike) -> Array:
-    """(..., 3, 3) rotation by `angle` (...) rad about a unit `axis` (3,): Rodrigues' formula."""
-    x, y, z = axis
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turn = np.asarray(angle, dtype=float)[..., None, None]
-    return np.eye(3) + np.sin(turn) * K + (1.0 - np.cos(turn)) * (K @ K)
+    """(..., 3, 3) rotation by `angle` (...) rad about a unit `axis` (3,)."""
+    return exponential(np.asarray(angle, dtype=float)[..., None] * axis)
+
+
+def exponential(vector: Array) -> Array:
+    """(..., 3, 3) rotations about vectors (..., 3) by their length in rad: Rodrigues' formula."""
+    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    x, y, z = np.moveaxis(vector, -1, 0)
+    nought = np.zeros_like(x)
+    K = np.stack([nought, -z, y, z, nought, -x, -y, x, nought], axis=-1).reshape(*vector.shape[:-1], 3, 3)
+    return np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2 * (K @ K)
+
+
+def of_quaternion(quaternion: Array) -> Array:
+    """(3, 3) rotation of a quaternion w x y z of any length above zero."""
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
+
+
+def of_angles(roll: float, pitch: float, yaw: float) -> Array:
+    """(3, 3) rotation by roll, pitch and yaw in rad about the fixed axes x, y, z, as URDF has them."""
+    x, y, z = np.eye(3)
+    return about(z, yaw) @ about(y, pitch) @ about(x, roll)
 
 
 def joint_pose(tree: KinematicTree, i: int, q: float) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trueup.errors import ModelError
 from trueup.identification.inertial import from_com, moved
-from trueup.identification.kinematic_tree import KinematicTree, about
+from trueup.identification.kinematic_tree import KinematicTree, about, of_quaternion
 
 if TYPE_CHECKING:
     import mujoco
@@ -39,7 +39,7 @@ def tree_of(model: mujoco.MjModel, name: str, *, fix_base: bool = False, notes: 
     where: dict[int, tuple[int, Array, Array]] = {0: (-1, np.eye(3), np.zeros(3))}  # body -> carrier, pose in its frame
     for body in range(1, model.nbody):
         carrier, R, p = where[int(model.body_parentid[body])]
-        R, p = R @ _matrix(model.body_quat[body]), p + R @ model.body_pos[body]
+        R, p = R @ of_quaternion(model.body_quat[body]), p + R @ model.body_pos[body]
         for j in range(model.body_jntadr[body], model.body_jntadr[body] + max(int(model.body_jntnum[body]), 0)):
             if int(model.jnt_type[j]) == 0:  # a free joint, welded
                 continue
@@ -99,14 +99,5 @@ def _at_zero(model: mujoco.MjModel, j: int, R: Array, p: Array) -> tuple[Array, 
 
 
 def _inertial(model: mujoco.MjModel, body: int) -> Array:
-    R = _matrix(model.body_iquat[body])
+    R = of_quaternion(model.body_iquat[body])
     return from_com(float(model.body_mass[body]), model.body_ipos[body], R @ np.diag(model.body_inertia[body]) @ R.T)
-
-
-def _matrix(quaternion: Array) -> Array:
-    w, x, y, z = quaternion / np.linalg.norm(quaternion)
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip

@@ -49,7 +49,7 @@ class Rows:
         values = tuple(v[:, keep] for v in self.values)
         return replace(self, values=values, torque=self.torque[keep], time=self.time[keep])
 
-    def loosened(self, share: float) -> Rows:
+    def with_shrinkage(self, share: float) -> Rows:
         """With `share` of what draws parameters towards zero."""
         return replace(self, shrink=share * self.shrink)
 

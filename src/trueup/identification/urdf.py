@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trueup.errors import ModelError
 from trueup.identification.inertial import from_com, moved
-from trueup.identification.kinematic_tree import GRAVITY, KinematicTree, about
+from trueup.identification.kinematic_tree import GRAVITY, KinematicTree, of_angles
 
 Array = NDArray[np.float64]
 Element = ElementTree.Element
@@ -174,9 +174,7 @@ def _pose(origin: Element | None) -> tuple[Array, Array]:
     """Rotation and offset of an <origin>: fixed-axis roll, pitch, yaw."""
     if origin is None:
         return np.eye(3), np.zeros(3)
-    roll, pitch, yaw = _numbers(origin.get("rpy", "0 0 0"))
-    x, y, z = np.eye(3)
-    return about(z, yaw) @ about(y, pitch) @ about(x, roll), _numbers(origin.get("xyz", "0 0 0"))
+    return of_angles(*_numbers(origin.get("rpy", "0 0 0"))), _numbers(origin.get("xyz", "0 0 0"))
 
 
 def _inertial(element: Element, link: str) -> Array:

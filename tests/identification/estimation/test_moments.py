@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from trueup.identification.estimation.moments import Moments
-from trueup.identification.estimation.selection import Choice, clearly_smaller, errors_beside, evaluated
+from trueup.identification.estimation.selection import Choice, clearly_smaller, cross_validated, errors_beside
 
 
 def test_borders_give_the_errors_of_new_solutions() -> None:
@@ -23,7 +23,7 @@ def test_borders_give_the_errors_of_new_solutions() -> None:
     for error, column in zip(errors_beside(moments, prior, choice, np.array([5, 8])), (5, 8), strict=True):
         mask = active.copy()
         mask[column] = True
-        anew = evaluated(moments, prior, replace(choice, active=mask))[0].errors
+        anew = cross_validated(moments, prior, replace(choice, active=mask))[0].errors
         assert anew is not None
         np.testing.assert_allclose(error, anew, rtol=1e-4)
 

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.articulated.described import StoredCopies
-from trueup.articulated.model import WORLD, BasePose
+from trueup.articulated.model import WORLD, BasePose, Engine
 from trueup.articulated.pose import angles_of, quaternion_of, turning
-from trueup.engines.dart.model import DartModel
 from trueup.engines.dart.skeleton import new_world, transform
 from trueup.engines.mujoco.floor_plane import plane_of
+from trueup.engines.mujoco.model import Model
 from trueup.rounding import first_step
 
 Array = NDArray[np.float64]
@@ -29,11 +29,11 @@ _SERVO = ("actuator.kp", "actuator.kv", "actuator.zero", "actuator.gain", "actua
 class DartCopies(StoredCopies):
     """Attributes are kept as arrays, and written into the worlds when these are first stepped and whenever they change."""
 
-    model: DartModel
+    model: Engine
 
-    def __init__(self, model: DartModel, rows: int) -> None:
+    def __init__(self, model: Engine, file: Model, rows: int) -> None:
         super().__init__(model, rows)
-        self._file, self._compiled = model.file, model.file.compiled
+        self._file, self._compiled, self._floating = file, file.compiled, bool(model.channels())
         self.worlds = [new_world(self._compiled) for _ in range(rows)]
         self.robots = [w.getSkeleton("robot") for w in self.worlds]
         self._dofs = np.array([self.robots[0].getJoint(j).getIndexInSkeleton(0) for j in self._joints], dtype=int)
@@ -58,7 +58,7 @@ class DartCopies(StoredCopies):
         self._apply("world.gravity", WORLD)
         start = self._compiled.qpos0[:7]
         still = np.zeros(3)
-        base = BasePose(start[:3], still, angles_of(start[3:]), still) if model.floating else None
+        base = BasePose(start[:3], still, angles_of(start[3:]), still) if self._floating else None
         self.place(np.tile(self._zeros, (rows, 1)), np.zeros((rows, len(self._joints))), base)
 
     def set(self, attribute: str, name: str, values: Array) -> None:
@@ -79,7 +79,7 @@ class DartCopies(StoredCopies):
         for robot, q, v in zip(self.robots, position - self._zeros, velocity, strict=True):
             whole, speeds = robot.getPositions(), robot.getVelocities()
             whole[self._dofs], speeds[self._dofs] = q, v
-            if base is not None and self.model.floating:
+            if base is not None and self._floating:
                 there = transform(base.position, quaternion_of(base.angles))
                 whole[:6] = dartpy.dynamics.FreeJoint.convertToPositions(there)
                 # DART's velocity of a free joint is that of the body in its own axes, turning first.
@@ -201,7 +201,7 @@ class DartCopies(StoredCopies):
         return np.concatenate(states).reshape(len(states), -1)[:, self._dofs]
 
     def _gather_base(self, pairs: Sequence[tuple[int, Any, Any]]) -> None:
-        if self.model.floating and pairs:
+        if self._floating and pairs:
             rows, placed = [row for row, _, _ in pairs], [r.getRootBodyNode().getTransform() for _, _, r in pairs]
             self.base_position[rows] = [p.translation() for p in placed]
             self.base_orientation[rows] = angles_of(np.array([_quaternion(p) for p in placed]))

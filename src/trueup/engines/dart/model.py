@@ -83,7 +83,7 @@ class DartModel:
         """See Engine."""
         from trueup.engines.dart.copies import DartCopies
 
-        return DartCopies(self, rows)
+        return DartCopies(self, self.file, rows)
 
 
 def load(path: str | Path) -> DartModel:

@@ -4,14 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.articulated.assignments import laws, write
+from trueup.articulated.assignments import Assignment, laws, write
 from trueup.articulated.closed_loop import ClosedLoop
+from trueup.articulated.gains import Gains
 from trueup.articulated.kernels import read_off
 from trueup.articulated.pose import angles_of, near
 from trueup.articulated.signals import Signals
@@ -19,17 +20,16 @@ from trueup.controllers.controller import ControllerFactory
 from trueup.ends import Ended
 from trueup.engines.mujoco.acts import Acts
 from trueup.engines.mujoco.attributes import MujocoCopies
+from trueup.engines.mujoco.batches import Batches
 from trueup.engines.mujoco.ending import Watch
+from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.sensing import scatter
 from trueup.engines.mujoco.stepping import BLOCK, Stepper
 from trueup.engines.mujoco.wiring import Source, activations, source_of, start_state
-from trueup.engines.simulator import Rollout
+from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import ModelError
 from trueup.rounding import SAME_INSTANT, whole_steps
 from trueup.trial import Trial
-
-if TYPE_CHECKING:
-    from trueup.engines.mujoco.rollout import MujocoSimulator
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -39,11 +39,26 @@ Rows = NDArray[np.int64]
 _CHUNK = 8 * BLOCK
 
 
+class Parametrised(Simulator, Protocol):
+    """A simulator of a MuJoCo model with assigned quantities: what a run reads of it."""
+
+    model: Model
+    quantities: tuple[Assignment, ...]
+    controller: ControllerFactory | None
+    gains: Gains
+    batches: Batches
+
+    @property
+    def compiled(self) -> mujoco.MjModel:
+        """The model as it is simulated."""
+        ...
+
+
 class Run:
     """Rows are trial-major, the longest trial first. Rows that end or fail are stepped no further."""
 
     def __init__(
-        self, simulator: MujocoSimulator, trials: Sequence[Trial], values: Array,
+        self, simulator: Parametrised, trials: Sequence[Trial], values: Array,
         controllers: ControllerFactory | None, contacts: bool,
     ) -> None:  # fmt: skip
         self.simulator, self.trials, self.candidates = simulator, trials, len(values)

@@ -15,7 +15,7 @@ from trueup.errors import ModelError
 from trueup.formats.aside import written_aside
 from trueup.identification.estimation.file_fit import FileFit
 from trueup.identification.inertial import NAMES, from_com, moved, pseudo_inertia, tensor
-from trueup.identification.kinematic_tree import KinematicTree, about
+from trueup.identification.kinematic_tree import KinematicTree, of_angles
 from trueup.identification.model_file import load_tree
 from trueup.identification.urdf import GEAR, ROTOR, is_urdf
 
@@ -199,9 +199,8 @@ def _own(link: Element) -> Array:
     if mass is None or inertia is None:
         return np.zeros(10)
     numbers = {key: origin.attributes.get(key, "0 0 0") if origin else "0 0 0" for key in ("xyz", "rpy")}
-    com, (roll, pitch, yaw) = (np.array([float(w) for w in numbers[key].split()]) for key in ("xyz", "rpy"))
-    x, y, z = np.eye(3)
-    turn = about(z, yaw) @ about(y, pitch) @ about(x, roll)
+    com, angles = (np.array([float(w) for w in numbers[key].split()]) for key in ("xyz", "rpy"))
+    turn = of_angles(*angles)
     moments = np.array([0.0] * 4 + [float(inertia.attributes.get(key, "0")) for key in _TENSOR])
     return from_com(float(mass.attributes.get("value", "0")), com, turn @ tensor(moments) @ turn.T)
 

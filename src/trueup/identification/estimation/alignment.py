@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.evidence import evidence
+from trueup.evidence import evidence, jackknife
 from trueup.identification.estimation.filtering import moved, stretches
 from trueup.identification.estimation.moments import RIDGE, solve
 from trueup.identification.estimation.result import Alignment
@@ -35,18 +35,15 @@ def find_shift(rows: Sequence[Rows], active: Integers, weights: Array, log_rate:
     middle = max(round(reach / (0.5 * step)), 12)
     shifts = np.linspace(-reach, reach, 2 * middle + 1)
     loss = _losses(rows, active, weights, shifts)  # (blocks, shifts)
-    coarse = shifts[int(np.argmin(loss.sum(axis=0)))]
-    fine = coarse + np.linspace(-1.5, 1.5, 13) * (shifts[1] - shifts[0])
-    around = _losses(rows, active, weights, fine)
-    best = _lowest(fine, around.sum(axis=0))
-    each = np.array([_lowest(fine, around.sum(axis=0) - one) for one in around])
-    deviation = float(np.sqrt((len(each) - 1) / len(each) * np.sum((each - each.mean()) ** 2)))
-    unshifted = float(loss[:, middle].sum())
-    gain = 1.0 - float(around.sum(axis=0).min()) / max(unshifted, TINY)
-    at_edge = abs(coarse) > 0.98 * reach
-    before, after = loss[:, middle], around[:, int(np.argmin(around.sum(axis=0)))]
-    clear = not at_edge and evidence(np.sqrt(before), np.sqrt(after), before).holds
-    return Alignment(best, deviation if not at_edge else float("inf"), log_rate, clear, max(gain, 0.0))
+    whole = loss.sum(axis=0)
+    least = int(np.argmin(whole))
+    each = np.array([_lowest(shifts, whole - one) for one in loss])
+    deviation = float(jackknife(each))
+    before, after = loss[:, middle], loss[:, least]
+    inside = 0 < least < len(shifts) - 1
+    clear = inside and evidence(np.sqrt(before), np.sqrt(after), before).holds
+    gain = 1.0 - float(after.sum()) / max(float(before.sum()), TINY)
+    return Alignment(_lowest(shifts, whole), deviation if inside else float("inf"), log_rate, clear, max(gain, 0.0))
 
 
 def shifted(rows: Rows, shift: float) -> Rows:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.evidence import STANDARD_ERRORS
+from trueup.evidence import STANDARD_ERRORS, jackknife
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.consistent import PULL, ConsistentFit, consistent_fit
 from trueup.identification.estimation.moments import Moments, Normal
@@ -41,8 +41,7 @@ def cross_validated_fit(
     """
     folds = _Folds(model, moments, weights, active, prior)
     best = folds.bodies(PULL)
-    K = len(best.folds)
-    if K < 2:
+    if len(best.folds) < 2:
         return best
     for pull in (10.0 * PULL, 100.0 * PULL) if np.isfinite(model.tree.inertial).all() else ():
         nearer = folds.bodies(pull, near=best.fit)
@@ -54,8 +53,7 @@ def cross_validated_fit(
     lags = model.columns_of("lag")
     drives = [model.effects[int(k) - 10 * model.tree.n][0] for k in lags]
     below = np.array([fit.parameters[lags] for fit in folds.bodies(best.pull, tuple(drives), best.fit).folds])
-    deviations = np.sqrt((K - 1) * below.var(axis=0))  # the jackknife's
-    clear = below.mean(axis=0) < -STANDARD_ERRORS * deviations
+    clear = below.mean(axis=0) < -STANDARD_ERRORS * jackknife(below)
     if not clear.any():
         return best
     lagging = tuple(d for d, negative in zip(drives, clear.tolist(), strict=True) if negative)

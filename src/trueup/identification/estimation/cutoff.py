@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.identification.estimation.filtering import derivative
+from trueup.identification.estimation.filtering import derivative, slow_cutoff
 from trueup.identification.estimation.motion import Log
 from trueup.rounding import TINY
 
@@ -32,7 +32,7 @@ def natural_cutoff(logs: Sequence[Log]) -> float:
         share = np.cumsum(seen / np.maximum(seen.sum(axis=0), TINY), axis=0).mean(axis=1)
         found.append(min(5.0 * float(frequency[int(np.searchsorted(share, 0.99))]), _quiet(frequency, power, noise)))
     lowest = min(log.rate for log in logs)
-    return float(np.clip(round(max(found), 1), min(5.0, 0.08 * lowest), min(40.0, 0.16 * lowest)))
+    return float(np.clip(round(max(found), 1), slow_cutoff(lowest), min(40.0, 0.16 * lowest)))
 
 
 def _quiet(frequency: Array, power: Array, noise: Array) -> float:

@@ -166,6 +166,11 @@ def decimated(rate: float, wanted: float) -> int:
     return max(1, whole_steps(rate, wanted))
 
 
+def slow_cutoff(rate: float) -> float:
+    """A cut-off in Hz that leaves little but motion at a rate in Hz: for rough looks, and the lowest that makes sense."""
+    return min(5.0, 0.08 * rate)
+
+
 def highest_cutoff(rate: float) -> float:
     """The highest cut-off in Hz that makes sense at a rate in Hz."""
     return _NYQUIST * 0.5 * rate

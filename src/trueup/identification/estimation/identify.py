@@ -26,10 +26,10 @@ from trueup.identification.estimation.matching import matched
 from trueup.identification.estimation.moments import Moments, blocks_of, moments_of
 from trueup.identification.estimation.motion import Log, Piece, log_of, pieces_of
 from trueup.identification.estimation.outcome import outcome
-from trueup.identification.estimation.pool import STRUCTURES, Pool, chosen, loaded, pool_for
+from trueup.identification.estimation.pool import STRUCTURES, Pool, pool_for, select_structure, with_load_columns
 from trueup.identification.estimation.quick import basic_columns, doubts, measured_speed
 from trueup.identification.estimation.result import Alignment, Identification
-from trueup.identification.estimation.selection import BLOCKS, Choice, drawn, loosened
+from trueup.identification.estimation.selection import BLOCKS, Choice, select_pull, select_shrinkage
 from trueup.identification.inertial import from_com
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
@@ -57,7 +57,7 @@ class Options:
     hold_out: float = 0.0
     """Share of each recording, at its end, that is not fitted."""
     structure: str = "select"
-    """'select', 'paper' or 'common', see pool.chosen."""
+    """'select', 'paper' or 'common', see pool.select_structure."""
     robust: bool | None = None
     """Whether to weigh outliers down; None decides by their share."""
     consistent: bool = True
@@ -77,7 +77,7 @@ def identify(
     Columns become joints by name, joints that no log has are locked (`matched`): `found.model.tree` is what was identified.
     Raises IdentificationError and UnknownNameError, naming the recording and what to do, for logs that cannot be used.
     """
-    started, wanted, say = time.perf_counter(), options or Options(), _announced(told)
+    started, wanted, say = time.perf_counter(), options or Options(), _stage_reporter(told)
     _check_options(wanted, training)
     say("reading the logs")
     tree, (training, held_out), told_by_names = matched(tree, (list(training), list(held_out)), wanted.torque)
@@ -101,7 +101,7 @@ def identify(
     say("choosing the structure of friction")
     nominal = _nominal(pool.model)
     structured = partial(_structured, pool, nominal=nominal, structure=wanted.structure, margin=1.0 / cutoff)
-    alignment, (pieces, carried, moments, choice) = _believed(alignment, aligned, pieces, structured)
+    alignment, (pieces, carried, moments, choice) = _select_alignment(alignment, aligned, pieces, structured)
     say("estimating")
     estimate, bodies, written, choice = _estimated(pool, pieces, nominal, choice, wanted)
     say("writing")
@@ -118,7 +118,7 @@ def _minded(logs: Sequence[Log], judged: Sequence[Log], tree: KinematicTree) -> 
     return grouped(n for group, j in groups for x in group for n in (*x.notes, *check_log(x, tree, judged=j)))
 
 
-def _announced(told: Told | None) -> Callable[[str], None]:
+def _stage_reporter(told: Told | None) -> Callable[[str], None]:
     """Tells a stage, with the share of stages that are over."""
 
     def say(stage: str) -> None:
@@ -133,16 +133,16 @@ def _structured(pool: Pool, pieces: Sequence[Piece], nominal: Array, structure: 
     prior = _prior(pool, nominal)
     rough = weighted_least_squares(_training(pieces), basic_columns(pool), prior=prior).parameters
     links = pool.base.full(pool.base.of(rough), nominal)[: 10 * pool.model.tree.n].reshape(-1, 10)
-    made = loaded(pool, pieces, links)
+    made = with_load_columns(pool, pieces, links)
     moments = moments_of(blocks_of(_training(made), BLOCKS, margin))
-    choice = chosen(pool, moments, prior * moments.scale, structure)
+    choice = select_structure(pool, moments, prior * moments.scale, structure)
     if structure == "select":
-        moments, choice, left = loosened(moments, prior * moments.scale, choice)
-        made = [replace(p, rows=p.rows.loosened(left)) for p in made]
+        moments, choice, left = select_shrinkage(moments, prior * moments.scale, choice)
+        made = [replace(p, rows=p.rows.with_shrinkage(left)) for p in made]
     return made, links, moments, choice
 
 
-def _believed(
+def _select_alignment(
     alignment: Alignment | None, aligned: Sequence[Piece], as_logged: Sequence[Piece],
     structured: Callable[[Sequence[Piece]], Structured],
 ) -> tuple[Alignment | None, Structured]:  # fmt: skip
@@ -182,7 +182,7 @@ def _estimated(
     if len(bodies.folds) < 2:
         return free, bodies, written, choice
     priors = np.array([_prior(pool, fold.parameters) for fold in bodies.folds])
-    choice = drawn(moments, priors * moments.scale, choice)
+    choice = select_pull(moments, priors * moments.scale, choice)
     near = fit(_prior(pool, bodies.fit.parameters), choice.strength, free.robust)
     # Deviations: what the logs tell by themselves.
     return replace(near, covariance=free.covariance), bodies, written, choice

@@ -82,7 +82,7 @@ class Moments:
         """(p,) parameters of scaled ones (p,)."""
         return np.divide(scaled, self.scale, out=np.zeros(len(self.scale)), where=self.scale > 0.0)
 
-    def loosened(self, share: float) -> Moments:
+    def with_shrinkage(self, share: float) -> Moments:
         """With `share` of what draws parameters towards zero."""
         return replace(self, shrink=share * self.shrink)
 

@@ -31,8 +31,8 @@ TORQUES = ("torque", "current", "load")
 """Channels that may hold torque, the first one present counts."""
 _AHEAD = 4.0
 """Positions are filtered at this many times the cut-off first: it keeps accelerations finite and changes nothing below."""
-_OVERSAMPLED = 10.0
-"""Columns are computed at this many times the cut-off, so that what nonlinear ones add above it can be filtered away."""
+_SAMPLED = 2.5
+"""Columns are computed at this many times that, so that what nonlinear ones add above the cut-off can be filtered away."""
 _GAP, _GAP_STEPS = 0.02, 5.0
 _RESTING = 0.01
 """Of the top speed: slower samples at either end of a log are standstill."""
@@ -106,7 +106,7 @@ class Log:
         Raises IdentificationError where the log is too short or too slow for the cut-off.
         """
         ahead = min(_AHEAD * cutoff, highest_cutoff(self.rate))
-        every = decimated(self.rate, max(_OVERSAMPLED * cutoff, 2.5 * ahead))
+        every = decimated(self.rate, _SAMPLED * ahead)
         passing = Lowpass(self.rate, ahead)
         q, torque = passing(self.position), passing(self.torque)
         v = passing(self.velocity) if measured_speed and self.velocity is not None else derivative(q, self.rate)

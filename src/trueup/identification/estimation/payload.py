@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trueup.errors import IdentificationError
+from trueup.evidence import half_interval, jackknife
 from trueup.identification.estimation.cutoff import natural_cutoff
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import crossed
@@ -32,8 +33,6 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _POOR = 0.2
-_NINETY_FIVE = 2.13
-"""Standard deviations: Student's t with the fifteen degrees of freedom that a jackknife over sixteen blocks has."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +90,7 @@ def drive_gains(
         errors = np.concatenate([r.torque - r.predict(found) for r in rows])
         variance = np.maximum(np.mean(errors**2, axis=0), TINY)
     without = solve(normal.sum(axis=0) - normal, right_side.sum(axis=0) - right_side, np.zeros(len(active))) / scale
-    K, gains = len(blocks), found[p : p + n]
-    deviations = np.sqrt((K - 1) / K * np.sum((without[:, len(act) : len(act) + n] - gains) ** 2, axis=0))
+    gains, deviations = found[p : p + n], jackknife(without[:, len(act) : len(act) + n])
     _check_gains(gains)
     carried = known.copy()
     carried[open_] = found[p + n :]
@@ -181,7 +179,7 @@ def drives_from_payload(
         )
     sure = ~np.isin(np.arange(tree.n), poor)
     constants = np.where(sure, drives.constants * found.gains, drives.constants)
-    shares = 100.0 * _NINETY_FIVE * found.deviations / np.abs(found.gains)
+    shares = 100.0 * half_interval(BLOCKS) * found.deviations / np.abs(found.gains)
     shown = ", ".join(f"{tree.joints[k]} {constants[k]:.4g} +- {shares[k]:.2g} %" for k in np.flatnonzero(sure))
     notes = [f"torque constants from the payload, with 95 % intervals: {shown}"]
     if np.isnan(payload[1:4]).any():

@@ -14,7 +14,7 @@ from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.effects import OF_LOAD, Effect
 from trueup.identification.estimation.moments import RIDGE, Moments
 from trueup.identification.estimation.motion import Motion, Piece
-from trueup.identification.estimation.selection import Choice, evaluated, grown, reweighed
+from trueup.identification.estimation.selection import Choice, cross_validated, forward_selected, reweighed
 from trueup.identification.kinematic_tree import KinematicTree
 
 Array = NDArray[np.float64]
@@ -98,7 +98,7 @@ def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion], *, g
     return Pool(model, groups, base, independent)
 
 
-def loaded(pool: Pool, pieces: Sequence[Piece], bodies: Array) -> list[Piece]:
+def with_load_columns(pool: Pool, pieces: Sequence[Piece], bodies: Array) -> list[Piece]:
     """The pieces with the effects of load, for links `bodies` (n, 10) that a first fit found.
 
     Columns are made where the motion is still sampled finely and then filtered, as all others are.
@@ -136,7 +136,7 @@ def _base(model: DynamicModel, n: int) -> BaseParameters:
     return BaseParameters(model.names, found.independent, wide, found.gap)
 
 
-def chosen(pool: Pool, moments: Moments, prior: Array, structure: str = "select") -> Choice:
+def select_structure(pool: Pool, moments: Moments, prior: Array, structure: str = "select") -> Choice:
     """The model that predicts best: Coulomb friction's form, then effects of all drives, then of single ones, then weights.
 
     `structure` 'paper' (f0 sign + f1 v + f2 sign v^2, evolved trajectories, eq. 2) or 'common' (Coulomb, viscous, offset)
@@ -151,11 +151,11 @@ def chosen(pool: Pool, moments: Moments, prior: Array, structure: str = "select"
     if structure != "select":
         return choice
     forms = [replace(choice, active=pool.with_groups(*start[:-1], form)) for form in pool.forms()]
-    choice = min(evaluated(moments, prior, *forms), key=lambda c: c.loss)
+    choice = min(cross_validated(moments, prior, *forms), key=lambda c: c.loss)
     more = [name for name in pool.groups if name not in ("rotor", "offset", "viscous")]
     groups = [pool.columns(name) for name in more]
     groups = [g for k in groups if (g := [c for c in k if not choice.active[c]])]
-    choice = grown(moments, prior, reweighed(moments, prior, choice), groups)
+    choice = forward_selected(moments, prior, reweighed(moments, prior, choice), groups)
     singles = [[k] for name in more for k in pool.columns(name) if not choice.active[k]]
-    choice = grown(moments, prior, reweighed(moments, prior, choice), singles)
+    choice = forward_selected(moments, prior, reweighed(moments, prior, choice), singles)
     return reweighed(moments, prior, choice)

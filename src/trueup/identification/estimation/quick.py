@@ -12,6 +12,7 @@ from trueup.errors import IdentificationError
 from trueup.identification.estimation.diagnosis import BETTER, DOUBTFUL, POOR, Fit, mistakes, signs
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import Estimate, least_squares
+from trueup.identification.estimation.filtering import slow_cutoff
 from trueup.identification.estimation.moments import moments_of, solve
 from trueup.identification.estimation.motion import Log, Motion, Piece, log_of, pieces_of
 from trueup.identification.estimation.pool import BASIC, Pool, pool_for
@@ -22,8 +23,6 @@ from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
 
-_SLOW = 5.0
-"""Hz: cut-off for the quick fits that look for mistakes."""
 _LONGEST = 20.0
 """s of a log that a rough fit looks at."""
 _TILTS = (0.4, 0.1, 0.03)
@@ -57,7 +56,7 @@ def doubts(
     relative, driven = _relative(parts, rough), _driven(pool, parts, rough)
     if relative < DOUBTFUL and not driven:
         return []
-    slow = min(_SLOW, 0.08 * logs[0].rate)
+    slow = slow_cutoff(logs[0].rate)
     motion = logs[0].motion(slow, measured_speed=False)
     fit = quick_fit(motion, tree, drives, slow)
     found = [] if not driven else signs(motion, tree, driven, fit)
@@ -97,7 +96,7 @@ def rough_error(tree: KinematicTree, recording: Recording, channels: dict[str, C
     drives = Drives.direct(tree.joints)
     try:
         log = log_of(part, tree, drives)
-        slow = min(_SLOW, 0.08 * log.rate)
+        slow = slow_cutoff(log.rate)
         motion = log.motion(slow, measured_speed=False)
         return quick_fit(motion, tree, drives, slow)(motion)
     except IdentificationError:

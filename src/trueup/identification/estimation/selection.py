@@ -71,7 +71,7 @@ def loss_of(errors: Array) -> float:
     return float(0.5 * np.log(each.sum()) + 0.5 * np.mean(np.log(np.maximum(each, TINY))))
 
 
-def evaluated(moments: Moments, prior: Array, *choices: Choice) -> list[Choice]:
+def cross_validated(moments: Moments, prior: Array, *choices: Choice) -> list[Choice]:
     """Choices that weigh joints alike, each with its errors on blocks that were left out; `prior` (p,), or (K, p)."""
     wide = np.flatnonzero(np.any([c.active for c in choices], axis=0))
     part, made, act = moments.only(wide), list[Choice](), np.arange(len(wide))
@@ -90,10 +90,10 @@ def evaluated(moments: Moments, prior: Array, *choices: Choice) -> list[Choice]:
 def reweighed(moments: Moments, prior: Array, choice: Choice) -> Choice:
     """The choice with error variances that fit it, and its errors on left-out blocks."""
     variance = weighted_fit(moments, np.flatnonzero(choice.active), prior, choice.strength, choice.variance)[1]
-    return evaluated(moments, prior, replace(choice, variance=variance))[0]
+    return cross_validated(moments, prior, replace(choice, variance=variance))[0]
 
 
-def grown(moments: Moments, prior: Array, choice: Choice, groups: Sequence[Sequence[int]]) -> Choice:
+def forward_selected(moments: Moments, prior: Array, choice: Choice, groups: Sequence[Sequence[int]]) -> Choice:
     """The choice with groups of columns added, one at a time, always that which predicts best of those that clearly do."""
     rest = [list(columns) for columns in groups]
     while rest:
@@ -115,7 +115,7 @@ def _with_each(moments: Moments, prior: Array, choice: Choice, groups: Sequence[
         active[list(columns)] = True
         larger.append(replace(choice, active=active))
     if any(len(columns) > 1 for columns in groups):
-        return evaluated(moments, prior, *larger)
+        return cross_validated(moments, prior, *larger)
     errors = errors_beside(moments, prior, choice, np.array([columns[0] for columns in groups]))
     return [replace(each, errors=error) for each, error in zip(larger, errors, strict=True)]
 
@@ -153,21 +153,21 @@ def _moved_errors(moments: Moments, at: Integers, x: Array, along: Array, step: 
     return np.maximum(np.moveaxis(error[..., None] + step[:, None] * (2.0 * slope + step[:, None] * bend), -1, 0), 0.0)
 
 
-def drawn(moments: Moments, priors: Array, choice: Choice) -> Choice:
+def select_pull(moments: Moments, priors: Array, choice: Choice) -> Choice:
     """The choice drawn to possible bodies with as much weight as all that the log tells, unless it clearly predicts better
     without; `priors` (K, p) did not see the block.
 
     Blocks of one log hardly ask what other motion will: directions that the log tells badly cost little here, and there much.
     """
-    free, near = evaluated(moments, priors, choice, replace(choice, strength=1.0))
+    free, near = cross_validated(moments, priors, choice, replace(choice, strength=1.0))
     return choice if free.beats(near) else replace(choice, strength=near.strength)
 
 
-def loosened(moments: Moments, prior: Array, choice: Choice) -> tuple[Moments, Choice, float]:
+def select_shrinkage(moments: Moments, prior: Array, choice: Choice) -> tuple[Moments, Choice, float]:
     """Moments and choice with effects no longer drawn to zero where that predicts clearly better, and the share of it left.
 
     The pull serves motion that the log does not show; a log that loses by it tells its effects by itself.
     """
-    free = moments.loosened(RIDGE)
-    (new,) = evaluated(free, prior, choice)
+    free = moments.with_shrinkage(RIDGE)
+    (new,) = cross_validated(free, prior, choice)
     return (free, new, RIDGE) if new.beats(choice) else (moments, choice, 1.0)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.diagnosis import POOR
-from trueup.identification.estimation.filtering import Lowpass, derivative, even, grid
+from trueup.identification.estimation.filtering import Lowpass, derivative, even, grid, slow_cutoff
 from trueup.identification.estimation.quick import rough_error
 from trueup.identification.estimation.torque_choice import Torque, choice
 from trueup.identification.kinematic_tree import KinematicTree
@@ -22,8 +22,6 @@ from trueup.units import hardly_radians
 
 Array = NDArray[np.float64]
 
-_SLOW = 5.0
-"""Hz: cut-off for the comparison of signals."""
 _KINDS = 6
 """The most signals of a joint that a log is taken to hold: position, speed, torque, and what was asked of each."""
 _ALIKE = 0.97
@@ -104,7 +102,7 @@ def _layouts(block: Channel, n: int) -> Iterator[_Layout]:
     """Pairs of a position and a torque that is no copy and no rate of change of it, signal by signal or joint by joint."""
     time, rate = grid(block.time)
     known = np.nan_to_num(np.array(block.values))
-    slow = Lowpass(rate, min(_SLOW, 0.08 * rate))(even(block.time, known, time))
+    slow = Lowpass(rate, slow_cutoff(rate))(even(block.time, known, time))
     width = slow.shape[1]
     orders = np.arange(width).reshape(-1, n), np.arange(width).reshape(n, -1).T  # (kinds, n)
     for order in orders if n > 1 else orders[:1]:

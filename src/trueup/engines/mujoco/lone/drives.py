@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -15,9 +14,7 @@ from trueup.articulated.laws import STRIBECK_SPEED
 from trueup.articulated.lone_joint import Command, Drives
 from trueup.articulated.signals import Signals
 from trueup.engines.mujoco.attributes import MujocoAttributes
-
-if TYPE_CHECKING:
-    from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.engines.mujoco.run import Parametrised
 
 Array = NDArray[np.float64]
 
@@ -61,7 +58,7 @@ class Driven:
     """
 
     def __init__(
-        self, whole: MujocoSimulator, signals: Signals, trial: int, values: Array, loads: NDArray[np.int64],
+        self, whole: Parametrised, signals: Signals, trial: int, values: Array, loads: NDArray[np.int64],
         rigid: Array, step: float,
     ) -> None:  # fmt: skip
         self._compiled, self._signals, self._trial, self._loads = whole.compiled, signals, trial, loads

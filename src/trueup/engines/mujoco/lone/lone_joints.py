@@ -9,7 +9,6 @@ engine where it is used.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -21,16 +20,14 @@ from trueup.articulated.signals import Signals
 from trueup.controllers.controller import ControllerFactory
 from trueup.engines.mujoco.lone.drives import Driven, alone
 from trueup.engines.mujoco.lone.loads import InverseDynamics
+from trueup.engines.mujoco.run import Parametrised
 from trueup.engines.mujoco.wiring import joint_id, source_of
-from trueup.engines.simulator import Rollout, refuse_unsupported
+from trueup.engines.simulator import Rollout, Simulator, refuse_unsupported
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.rounding import whole_steps
 from trueup.trial import Trial
-
-if TYPE_CHECKING:
-    from trueup.engines.mujoco.rollout import MujocoSimulator
 
 Array = NDArray[np.float64]
 
@@ -46,13 +43,13 @@ class LoneJoints:
     """
 
     def __init__(
-        self, whole: MujocoSimulator, dynamics: InverseDynamics, measured: Mapping[str, Channel], step: float
+        self, whole: Parametrised, dynamics: InverseDynamics, measured: Mapping[str, Channel], step: float
     ) -> None:
         self.whole, self.step = whole, step
         self._dynamics, self._measured = dynamics, measured
 
     @classmethod
-    def of(cls, whole: MujocoSimulator, trials: Sequence[Trial]) -> LoneJoints | None:
+    def of(cls, whole: Parametrised, trials: Sequence[Trial]) -> LoneJoints | None:
         """None where the joints of these trials cannot be taken one by one: a free base, backlash, drives with a memory, or
         nothing measured of what moves.
         """
@@ -80,7 +77,7 @@ class LoneJoints:
         """The same with another step; the loads stay."""
         return LoneJoints(self.whole, self._dynamics, self._measured, step)
 
-    def shipped(self) -> MujocoSimulator:
+    def shipped(self) -> Simulator:
         """The engine as it came."""
         return self.whole.shipped()
 
@@ -153,7 +150,7 @@ class LoneJoints:
         out[:, :, column] = (seen[again] if shared else seen)[:, :, 0] + bias[:, column : column + 1]
 
 
-def _replayable(whole: MujocoSimulator, trial: Trial) -> bool:
+def _replayable(whole: Parametrised, trial: Trial) -> bool:
     """Whether a trial carries the motion of all that it observes, as long as it is observed."""
     if trial.controller is not None or trial.ends or trial.disturbances or trial.sensing:
         return False
@@ -169,6 +166,6 @@ def _replayable(whole: MujocoSimulator, trial: Trial) -> bool:
     )
 
 
-def _readable(whole: MujocoSimulator, name: str, labels: tuple[str, ...]) -> bool:
+def _readable(whole: Parametrised, name: str, labels: tuple[str, ...]) -> bool:
     source = source_of(whole.model, whole.compiled, name, labels)
     return source is not None and source.field in _STATES and source.second is None and not source.turned
