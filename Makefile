@@ -5,11 +5,12 @@ PIP := $(VENV)/bin/python -m pip --quiet --disable-pip-version-check --no-input
 PYTEST := $(VENV)/bin/python -m pytest
 RUN_READY := $(VENV)/.ready-run
 DEV_READY := $(VENV)/.ready-dev
+RCSS := .venv-rcss
 
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help demo pictures test check format benchmarks hooks lock clean
+.PHONY: help demo pictures test check format benchmarks hooks lock rcss clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z%-]+:.*## / { printf "  make %-12s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -22,6 +23,7 @@ test: export OMP_NUM_THREADS = 1
 test: export OPENBLAS_NUM_THREADS = 1
 test: export MKL_NUM_THREADS = 1
 test: $(DEV_READY) ## run all tests, on two cores
+	@$(MAKE) --no-print-directory rcss >/dev/null 2>&1 || true # a RoboCup server to talk to; its tests say what is missing
 	@# The report is opened in a real browser wherever one can be had; .ci/browser says why there is none, the tests pass it on.
 	@TRUEUP_NO_BROWSER="$$(.ci/browser)" $(PYTEST) -n 2 --dist worksteal --durations=15 -rs $(ARGS)
 
@@ -58,11 +60,21 @@ LOCK := CUSTOM_COMPILE_COMMAND='make lock' $(VENV)/bin/pip-compile --quiet --gen
   --no-emit-index-url --no-emit-find-links --no-emit-trusted-host --build-deps-for editable
 lock: $(DEV_READY) ## pin the versions in requirements/ anew from pyproject.toml
 	@$(LOCK) $(ARGS) --output-file requirements/run.txt pyproject.toml
+	@$(LOCK) $(ARGS) --output-file requirements/rcss.txt requirements/rcss.in
 	@$(LOCK) $(ARGS) --extra ros,dart,grounding,bench,dev --constraint requirements/run.txt --output-file requirements/dev.txt pyproject.toml
 
 clean: ## remove .venv, caches and the demo's results
-	rm -rf $(VENV) out/demo build dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(RCSS) out/demo build dist .pytest_cache .ruff_cache .hypothesis
 	find src tests benchmarks examples -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
+
+rcss: $(RCSS)/.ready ## install a RoboCup server (rcssservermj) for tests, in an environment of its own
+
+# Its engine is older than trueup's: it runs in its own environment and process.
+$(RCSS)/.ready: requirements/rcss.txt
+	@python=$$($(find_python)) && $$python -m venv --clear $(RCSS)
+	@$(RCSS)/bin/python -m pip --quiet --disable-pip-version-check --no-input --retries 1 --timeout 10 \
+	  install --require-hashes --no-compile -r requirements/rcss.txt
+	@touch $@
 
 # ---- set-up: the stamps say which lock was installed last; an unfinished set-up leaves none and starts again ----
 

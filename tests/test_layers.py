@@ -77,6 +77,11 @@ RULES = (
     Rule(
         "robots.stand_in_vehicle", ("robots.robot", "controllers.stanley", *NOUNS)
     ),  # its own controller is a Stanley too
+    # an agent in a running game: the pose of its base, and controllers that a task brings along
+    Rule(
+        "robots.rcss",
+        ("robots.robot", "controllers.controller", "engines.simulator", "tasks.task", "articulated.pose", *NOUNS),
+    ),
     Rule("tasks", ("tasks.task", "controllers", "engines.simulator", *NOUNS)),
     # what bodies, joints and drives have in common whatever simulates them
     Rule("articulated", ("engines.simulator", "controllers.controller", *NOUNS)),

@@ -29,6 +29,7 @@ Suited = Callable[[Sequence[Recording]], Sequence[Recording]]
 
 ROBOTS = {
     "by-hand": "trueup.robots.by_hand:ByHand",
+    "rcss": "trueup.robots.rcss:RcssRobot",
     "stand-in-arm": "trueup.robots.stand_in:StandInArm",
     "stand-in-vehicle": "trueup.campaign.kinds:stand_in_vehicle",
 }
