@@ -17,7 +17,7 @@ from trueup.cli import main
 from trueup.engines.vehicle import Vehicle, VehicleSimulator
 from trueup.engines.vehicle.kernels import ANGLE, SPEED, STATE, WHEEL, motor_push, on_tyres, steered
 from trueup.engines.vehicle.look import Look
-from trueup.engines.vehicle.prediction import prediction_errors
+from trueup.engines.vehicle.prediction import horizons_for, prediction_errors
 from trueup.engines.vehicle.tracking import cleaned
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import CalibrationError, ModelError, RecordingError, UnknownNameError
@@ -138,8 +138,18 @@ def test_what_the_tracker_mistook_for_the_car_is_left_out(logs: list[Path]) -> N
 
 
 def test_a_drive_that_is_too_short_to_be_predicted_has_no_errors(drive: Recording) -> None:
-    brief = cleaned(drive.slice(drive.start, drive.start + 4.0))
+    brief = cleaned(drive.slice(drive.start + 5.0, drive.start + 5.6))
     assert prediction_errors(VehicleSimulator(TRUTH), np.zeros(0), brief).shape == (0, 2)
+
+
+def test_a_drive_of_two_seconds_is_predicted_once_from_its_first_state(drive: Recording) -> None:
+    brief = cleaned(drive.slice(drive.start + 5.0, drive.start + 7.0))
+    simulator = VehicleSimulator(TRUTH)
+    (one,) = prediction_errors(simulator, np.zeros(0), brief)
+    assert one[0] < 0.1
+    assert np.isnan(one[1])
+    assert horizons_for(simulator, [brief, brief], (1.0, 3.0))[1] == pytest.approx(1.7, abs=0.06)
+    assert horizons_for(simulator, [brief, drive], (1.0, 3.0)) == (1.0, 3.0)
 
 
 def test_a_prediction_never_uses_what_was_measured_after_it_began(drive: Recording) -> None:
@@ -290,7 +300,7 @@ def test_a_file_with_the_names_of_earlier_versions_is_read(tmp_path: Path) -> No
         ("[vehicle]\nwheelbase = 0.2\ncolour = 1", "unknown key 'colour'"),
         ("[vehicle]\nwheelbase = 'long'", "wheelbase is 'long'; it must be a number"),
         ("[vehicle]\nwheelbase = 0.2\n[vehicle.values]\ndrag = 1.0", "quantity 'drag' is not in vehicle 'car'"),
-        ("[vehicle]\nwheelbase = 0.2\ndrive = 'speed'", "drive is 'speed'"),
+        ("[vehicle]\nwheelbase = 0.2\ndrive = 'pedals'", "drive is 'pedals'; choices are: throttle, speed"),
         ("[vehicle", "not valid TOML"),
     ],
 )

@@ -102,7 +102,7 @@ def test_one_number_a_line_is_put_together_to_samples(tmp_path: Path, small_file
     [
         ({}, "no channel is named"),
         ({"chanels": {}}, "unknown key 'chanels'; keys are: channels, joints, time"),
-        (mapped(columns="a", units="rad"), r"\[channels.position\]: unknown key 'units'; keys are: .*unit"),
+        (mapped(columns="a", united="rad"), r"\[channels.position\]: unknown key 'united'; keys are: .*unit"),
         (mapped(unit="rad"), "'columns' is missing"),
         (mapped(columns=[]), "'columns' is empty"),
         (mapped(columns=3), "columns: 3 is not a list of texts"),

@@ -37,7 +37,7 @@ def write_drives(compared: Comparison, folder: Path) -> None:
 def drive_table(found: Sequence[Prediction]) -> Table:
     """A row a drive and one over all predictions: mean error at each horizon."""
     horizons = found[0].horizons
-    scale = scale_for("m", [float(p.errors.mean()) for p in found])
+    scale = scale_for("m", [float(np.nanmean(p.errors)) for p in found])
     title = f"predicted position, mean error in {scale.unit}"
     table = Table(box=SIMPLE, title=title, title_justify="left", caption_justify="left")
     compared = found[0].against is not None
@@ -49,7 +49,8 @@ def drive_table(found: Sequence[Prediction]) -> Table:
     table.add_column("of", justify="right")
     table.caption = (
         f"each prediction goes on from what was measured until it began, under the recorded commands alone; 'it went': in "
-        f"{max(horizons):g} s, in the mean; 'of': how many predictions"
+        f"{max(horizons):g} s, in the mean; 'of': how many predictions; a drive of a few seconds is predicted once, from its "
+        "first state"
     )
 
     def row(name: str, parts: Sequence[Prediction], *, end_section: bool = False) -> None:
@@ -57,11 +58,14 @@ def drive_table(found: Sequence[Prediction]) -> Table:
         others = [p.against for p in parts if p.against is not None]
         cells: list[str] = []
         for k in range(len(horizons)):
-            mine = float(errors[:, k].mean())
+            mine = _mean(errors[:, k])
+            if mine is None:  # it does not last so long
+                cells += ["-"] * (3 if others else 1)
+                continue
             if not others:
                 cells.append(scale.text(mine))
                 continue
-            other = float(np.concatenate(others)[:, k].mean())
+            other = _mean(np.concatenate(others)[:, k]) or 0.0
             colour = "red" if mine > other else "green"
             cells += [scale.text(other), f"[{colour}]{scale.text(mine)}[/]", ratio_text(mine, other)]
         way = float(np.average([p.moved for p in parts], weights=[len(p.errors) for p in parts]))
@@ -72,6 +76,12 @@ def drive_table(found: Sequence[Prediction]) -> Table:
     if len(found) > 1:
         row("all", found)
     return table
+
+
+def _mean(errors: Array) -> float | None:
+    """Of those (S,) that are known; None where none is."""
+    known = errors[np.isfinite(errors)]
+    return float(known.mean()) if len(known) else None
 
 
 def plain_drive(one: Prediction) -> dict[str, Any]:
@@ -91,6 +101,7 @@ def plain_drive(one: Prediction) -> dict[str, Any]:
                     "median": float(np.median(e)),
                     "rms": float(np.sqrt(np.mean(e**2))),
                 }
-                for h, e in zip(one.horizons, errors.T, strict=True)
+                for h, e in ((h, e[np.isfinite(e)]) for h, e in zip(one.horizons, errors.T, strict=True))
+                if len(e)
             ]
     return plain

@@ -74,6 +74,8 @@ class Family:
     """Of the file that holds a calibrated model."""
     describes = "a model file of the same kind"
     """What such a file is, in words."""
+    reads: tuple[str, ...] = ()
+    """Measured channels that make recordings ready without being compared."""
     diagnoses: tuple[str, ...] = ()
     """Names of what is diagnosed, whose edits may be refused."""
     later: tuple[str, ...] = ()

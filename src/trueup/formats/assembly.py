@@ -49,8 +49,10 @@ def assemble(tables: Sequence[Table], mapping: ChannelMap, name: str, provenance
             warnings.append(f"{role}: no value at all of {listing(gone)}")
         if missing > len(gone) * len(samples.values):
             warnings.append(f"{role}: {missing} of {samples.values.size} values are missing")
-        unit = to_si(entry.unit)[0]
-        channels[role] = Channel(role, labels, unit, samples.time, samples.values)
+        units = tuple(to_si(u)[0] for u in entry.units)
+        unit = max(units, key=units.count) if units else to_si(entry.unit)[0]
+        mixed = units if len(set(units)) > 1 else ()
+        channels[role] = Channel(role, labels, unit, samples.time, samples.values, mixed)
     channels, origin = _from_zero(channels)
     facts = {**provenance, **_metadata(tables), **({"time_origin": f"{origin!r} s"} if origin else {})}
     recording = Recording(name, channels, with_warnings(facts, dict.fromkeys(warnings)))
@@ -123,7 +125,9 @@ def _values(role: str, entry: ChannelColumns, table: Table) -> tuple[Array, tupl
         _per_column(numbers, key, width, role)
         for key, numbers in (("scale", entry.scale), ("offset", entry.offset), ("sign", entry.sign))
     )
-    _, factor, zero = to_si(entry.unit)
+    if entry.units and len(entry.units) != width:
+        raise MappingError(f"channel '{role}': {len(entry.units)} units ({listing(entry.units)}) for {width} labels")
+    factor, zero = np.array([to_si(u)[1:] for u in entry.units or (entry.unit,)]).T
     with np.errstate(over="ignore", invalid="ignore"):
         values = (raw * scale + offset) * sign * factor + zero
     values[~(np.abs(values) < _ABSURD)] = np.nan

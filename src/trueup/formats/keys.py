@@ -46,7 +46,7 @@ def to_lines(table: Any) -> list[str]:
         if value != field.default or unset is None:
             comment = field.metadata["comment"]
             lines.append(f"{field.name} = {_written(value)}" + (f"  # {comment}" if comment else ""))
-        elif unset:
+        elif unset and not getattr(table, f"{field.name}s", ()):  # `units` in the place of `unit`
             lines.append(unset)
     return lines
 
@@ -117,6 +117,11 @@ def unit(value: Any, where: str) -> str:
     except TrueupError as error:
         raise MappingError(f"{where}: {error}") from None
     return value
+
+
+def units(value: Any, where: str) -> tuple[str, ...]:
+    """Units that are known, or ''."""
+    return tuple(unit(entry, where) for entry in texts(value, where))
 
 
 def time_unit(value: Any, where: str) -> str:

@@ -23,6 +23,7 @@ _TITLE = """\
 # everything is converted to SI. Keys that may be added to a channel:
 #   file = "state.csv"         the file or topic, where there are several
 #   labels = ["hip", "knee"]   one for each column, or for each number of a list
+#   units = ["m/s", "deg"]     one for each label, in place of unit
 #   scale = 0.00153            or one for each label; likewise offset = 0.0 and sign = -1
 #                              value = sign * (number * scale + offset), in unit
 #   width = 7                  a file with one number a line, 7 lines a sample
@@ -89,6 +90,8 @@ class ChannelColumns:
     """One for each number of a sample, usually joints; () takes them from the names of the columns."""
     unit: str = key("", keys.unit, unset='unit = ""  # unknown')
     """Unit of the numbers in the file, after scale and offset."""
+    units: tuple[str, ...] = key((), keys.units)
+    """One for each label in place of `unit`, where they differ (speed and steering of a car)."""
     scale: tuple[float, ...] = key((1.0,), keys.numbers)
     """One for all, or one for each label."""
     offset: tuple[float, ...] = key((0.0,), keys.numbers)

@@ -300,7 +300,8 @@ def off_bounds(run: Run) -> None:
         others = replace(
             descent, space=descent.space.freeze([name], {name: middle}), point=np.delete(descent.point, k), search=None
         )
-        others.descend(replace(look, tolerance=1.0, last=False), confirm=False)
+        if len(free) > 1:
+            others.descend(replace(look, tolerance=1.0, last=False), confirm=False)
         descent.point = np.insert(others.point, k, 0.5)
         if descent.descend(look).loss < found.loss - worth:
             return

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A car's commands as shares: throttle or commanded speed and steering in whatever numbers a log writes them."""
+"""A car's commands: shares of throttle and steering in whatever numbers a log writes them, or speeds and angles in SI."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trueup.engines.vehicle.driving import COMMAND, MOST, driven_by
 from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.tracking import cleaned
-from trueup.engines.vehicle.vehicle import Vehicle
+from trueup.engines.vehicle.vehicle import DRIVES, PURSUED, Vehicle
 from trueup.errors import CalibrationError, RecordingError
 from trueup.recording import Channel, Recording
 
@@ -31,7 +31,9 @@ def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
     if car.full is not None or not recordings:
         return car, ()
     commands = [driven_by(r, car.wheelbase) for r in recordings]
-    found = [_middle_and_full(commands, label) for label in COMMAND]
+    car = _told_by(car, commands)
+    sized = [car.drive == PURSUED and all(c.unit_of(label) for c in commands) for label in COMMAND]
+    found = [(0.0, 1.0) if si else _middle_and_full(commands, label) for si, label in zip(sized, COMMAND, strict=True)]
     middle, full = (found[0][0], found[1][0]), (found[0][1], found[1][1])
     notes = [
         f"{label}: {f:g} {f'beside {m:g} ' if m else ''}counts as the full command"
@@ -41,7 +43,7 @@ def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
     scaled = replace(car, middle=middle, full=full)
     drives = [cleaned(r, car.enabled_by, middle, full, car.wheelbase) for r in recordings]
     straight = Look.at(drives).straight_on()
-    if abs(straight) > _ASIDE:
+    if abs(straight) > _ASIDE and not sized[1]:
         off = np.concatenate([c.column("steering") for c in commands]) - (middle[1] + full[1] * straight)
         scaled = replace(car, middle=(middle[0], middle[1] + full[1] * straight), full=(full[0], _rounded(off)))
         notes.append(f"steering: the car drives straight on at {scaled.middle[1]:.3g}, which counts as its middle")
@@ -51,7 +53,13 @@ def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
     except CalibrationError:
         scaled = replace(scaled, full=(full[0], -(scaled.full or full)[1]))
         notes.append("steering: grows to the right, taken as its opposite")
-    return (scaled, tuple(notes)) if notes else (car, ())
+    return (scaled, tuple(notes)) if notes or car.drive == PURSUED else (car, ())
+
+
+def _told_by(car: Vehicle, commands: Sequence[Channel]) -> Vehicle:
+    """The car, which pursues a commanded speed where its file does not say what drives it and all logs hold speeds."""
+    pursues = not car.declared and all("m/s" in c.units for c in commands)
+    return replace(car, drive=PURSUED) if pursues and set(car.values) <= {q.name for q in DRIVES[PURSUED]} else car
 
 
 def _middle_and_full(commands: Sequence[Channel], label: str) -> tuple[float, float]:

@@ -45,7 +45,8 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
         moving = np.abs(throttle) > _STANDS * np.nanmax(np.abs(throttle), initial=0.0)
         steering = np.where(moving, np.arctan(wheelbase * steering / np.where(moving, throttle, 1.0)), 0.0)
     throttle = throttle - brake[0] if brake else throttle
-    return Channel("command", COMMAND, "", time, np.stack([throttle, steering], axis=1))
+    units = (drive.unit_of(drive.labels[0]), "rad" if steer is found.get("turn") else steer.unit_of(steer.labels[0]))
+    return Channel("command", COMMAND, "", time, np.stack([throttle, steering], axis=1), units if any(units) else ())
 
 
 def _signals(recording: Recording) -> dict[str, Channel]:
@@ -80,7 +81,7 @@ def effective(
     if full is not None:  # a pulse of no width is no command yet, not one far to the side
         sent = np.where((command.values == 0.0) & (np.abs(middle) > np.abs(full)), middle, command.values)
         command = command.replace(values=(sent - middle) / full)
-    for label in COMMAND if full is None else ():
+    for label in (label for label in COMMAND if full is None and not command.unit_of(label)):
         largest = float(np.nanmax(np.abs(command.column(label)), initial=0.0))
         if largest > MOST:
             raise RecordingError(

@@ -15,7 +15,7 @@ from trueup.engines.family import Family, Fit, Request
 from trueup.engines.vehicle.commands import with_commands
 from trueup.engines.vehicle.judging import Ahead
 from trueup.engines.vehicle.look import Look
-from trueup.engines.vehicle.prediction import moved, prediction_errors, spoken
+from trueup.engines.vehicle.prediction import begun_at, horizons_for, moved, prediction_errors, spoken
 from trueup.engines.vehicle.rollout import VehicleSimulator
 from trueup.engines.vehicle.vehicle import Vehicle
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
@@ -23,6 +23,7 @@ from trueup.errors import ParameterError, RecordingError
 from trueup.evidence import evidence
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
+from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
@@ -37,6 +38,7 @@ class Vehicles(Family):
 
     suffix = ".toml"
     describes = "another car's TOML file"
+    reads = ("speed", "yaw_rate", "orientation")
 
     def load(self, path: Path) -> tuple[Path, Vehicle]:
         """The file and the car in it. Raises ModelError."""
@@ -79,14 +81,20 @@ class Vehicles(Family):
         measure = Ahead(simulator, drives)
         found = fit(simulator, drives, others, discrepancy=measure, cross_validate=False)
         space = simulator.parameters
-        if set(LASTING) <= set(space.names):
+        if set(LASTING) <= set(space.names) and any(
+            len(begun_at(simulator.past(Trial.of(d, simulator.observable(d))), max(HORIZONS), 1.0)) for d in drives
+        ):
             around = simulator.searching(_only(LASTING, space, found.values))
             shares = fit(around, drives, others, discrepancy=measure, cross_validate=False, again=True).values
             if _foretell_better(simulator, found.values, shares, drives):
                 frozen = space.freeze(LASTING, dict(zip(space.names, shares, strict=True)))
                 found = fit(simulator.searching(frozen), drives, others, discrepancy=measure, cross_validate=False,
                             again=True)  # fmt: skip
-        notes = (*found.notes, *spoken(simulator, found.values, [*drives, *others]))
+        horizons = horizons_for(simulator, [*drives, *others], HORIZONS)
+        shown = (
+            spoken(simulator, found.values, rs, which, horizons) for which, rs in (("", drives), (" held out", others))
+        )
+        notes = (*found.notes, *(sentence for each in shown for sentence in each))
         return replace(found, notes=notes, warnings=said_once(found.warnings))
 
     def judged(self, simulator: VehicleSimulator, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
@@ -97,11 +105,11 @@ class Vehicles(Family):
         self, simulator: VehicleSimulator, against: VehicleSimulator | None, recordings: Sequence[Recording]
     ) -> tuple[tuple[Prediction, ...], tuple[str, ...]]:
         """See Family. Raises RecordingError for drives without pose or command, or too short."""
-        each = {r.name: _predicted(simulator, against, r) for r in recordings}
+        horizons = horizons_for(simulator, [simulator.prepared(r) for r in recordings], HORIZONS)
+        each = {r.name: _predicted(simulator, against, r, horizons) for r in recordings}
         found = tuple(p for p in each.values() if p is not None)
         short = [name for name, p in each.items() if p is None]
-        longest = f"{max(HORIZONS):g} s"
-        said = f"no place where the car drives and is tracked for {longest} on end, after {longest} of past"
+        said = f"no place where the car drives and is tracked for {min(horizons):g} s on end"
         if not found:
             raise RecordingError(f"{', '.join(short)}: {said}")
         notes = [f"left out, {said}: {', '.join(short)}"] if short else []
@@ -137,14 +145,16 @@ def said_once(warnings: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def _predicted(car: VehicleSimulator, other: VehicleSimulator | None, recording: Recording) -> Prediction | None:
+def _predicted(
+    car: VehicleSimulator, other: VehicleSimulator | None, recording: Recording, horizons: tuple[float, ...]
+) -> Prediction | None:
     """None where the drive holds nothing that could be predicted."""
     clean, nothing = car.prepared(recording), np.zeros(0)
-    errors = prediction_errors(car, nothing, clean, HORIZONS)
+    errors = prediction_errors(car, nothing, clean, horizons)
     if not len(errors):
         return None
-    against = None if other is None else prediction_errors(other, nothing, other.prepared(recording), HORIZONS)
-    return Prediction(recording.name, HORIZONS, errors, against, moved(car, clean, max(HORIZONS)))
+    against = None if other is None else prediction_errors(other, nothing, other.prepared(recording), horizons)
+    return Prediction(recording.name, horizons, errors, against, moved(car, clean, max(horizons)))
 
 
 def _with_parameters(car: Vehicle, recordings: Sequence[Recording]) -> tuple[VehicleSimulator, tuple[str, ...]]:

@@ -21,18 +21,19 @@ COLUMNS = (
     "angle_offset", "acceleration_limit", "wheel_scale", "throttle_dead", "drive", "drive_fade", "braking", "friction",
     "speed_loss", "curve_loss", "understeer", "yaw_rate_limit", "yaw_acceleration_limit", "relaxation", "grip",
     "front_compliance", "friction_limit", "weight_in_front", "yaw_inertia", "pose_ahead", "pose_turn", "push_lasts",
-    "trim_lasts", "speed_kept", "position_noise", "heading_noise", "localisation_latency",
+    "trim_lasts", "speed_kept", "position_noise", "heading_noise", "localisation_latency", "speed_gain", "braking_limit",
 )  # fmt: skip
-"""The numbers of one vehicle, in the order in which a row (n,) holds them. Without `drive` its commands are speeds, without
-`grip` its wheels roll where they point; what else is absent is written as its table says."""
+"""The numbers of one vehicle, in the order in which a row (n,) holds them. Without `drive` its commands are speeds, which its
+wheels have at once; with `speed_gain` they are speeds that a controller of the vehicle pursues, `drive` (m/s) for a command
+of one. Without `grip` its wheels roll where they point; what else is absent is written as its table says."""
 (
     WHEELBASE, MAX_STEERING, DRIVE_DELAY, DRIVE_LAG, STEERING_DELAY, STEERING_LAG, STEERING_RATE,
     STEERING_SLACK, COMMAND_OFFSET, STEERING_LEFT, STEERING_RIGHT, STEERING_BEND, STEERING_SCALE,
     ANGLE_OFFSET, ACCELERATION_LIMIT, WHEEL_SCALE, THROTTLE_DEAD, DRIVE, DRIVE_FADE, BRAKING, FRICTION,
     SPEED_LOSS, CURVE_LOSS, UNDERSTEER, YAW_RATE_LIMIT, YAW_ACCELERATION_LIMIT, RELAXATION, GRIP,
     FRONT_COMPLIANCE, FRICTION_LIMIT, WEIGHT_IN_FRONT, YAW_INERTIA, POSE_AHEAD, POSE_TURN, PUSH_LASTS,
-    TRIM_LASTS, SPEED_KEPT, POSITION_NOISE, HEADING_NOISE, LATENCY,
-) = range(40)  # fmt: skip
+    TRIM_LASTS, SPEED_KEPT, POSITION_NOISE, HEADING_NOISE, LATENCY, SPEED_GAIN, BRAKING_LIMIT,
+) = range(42)  # fmt: skip
 
 STATE = 13
 X, Y, HEADING, SPEED, TURNING, SIDEWAYS, LAGGED, SLACK, WHEEL, ANGLE, MOTOR, PUSH, TRIM = range(STATE)
@@ -164,6 +165,12 @@ def motor_push(p: Array, throttle: float, speed: float) -> float:
 def pull(p: Array, s: Array) -> float:
     """Acceleration by motor and losses along the vehicle, in m/s^2."""
     curvature = s[TURNING] / max(s[SPEED], SLOW)
+    if p[SPEED_GAIN] > 0.0:
+        wanted = p[SPEED_GAIN] * (p[DRIVE] * s[MOTOR] - s[SPEED])
+        return (
+            min(max(wanted, -p[BRAKING_LIMIT]), p[ACCELERATION_LIMIT])
+            - p[CURVE_LOSS] * curvature * curvature * s[SPEED]
+        )
     losses = p[FRICTION] + (p[SPEED_LOSS] + p[CURVE_LOSS] * curvature * curvature) * s[SPEED]
     return motor_push(p, s[MOTOR], s[SPEED]) - losses
 
@@ -172,5 +179,9 @@ def pull(p: Array, s: Array) -> float:
 def resistance(p: Array, s: Array) -> float:
     """Deceleration for each m/s that the vehicle is faster, in 1/s: losses, and the motor's own voltage."""
     curvature = s[TURNING] / max(s[SPEED], SLOW)
+    if p[SPEED_GAIN] > 0.0:
+        wanted = p[SPEED_GAIN] * (p[DRIVE] * s[MOTOR] - s[SPEED])
+        free = -p[BRAKING_LIMIT] < wanted < p[ACCELERATION_LIMIT]
+        return p[CURVE_LOSS] * curvature * curvature + (p[SPEED_GAIN] if free else 0.0)
     fade = p[DRIVE] * p[DRIVE_FADE] * max(s[MOTOR] - p[THROTTLE_DEAD], 0.0)
     return p[SPEED_LOSS] + p[CURVE_LOSS] * curvature * curvature + fade

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from trueup.engines.vehicle.driving import COMMAND
 from trueup.engines.vehicle.kernels import MOVES
 from trueup.engines.vehicle.past import Past
-from trueup.engines.vehicle.vehicle import Vehicle
+from trueup.engines.vehicle.pursuit import pursuit
+from trueup.engines.vehicle.vehicle import PURSUED, Vehicle
 from trueup.errors import CalibrationError
 from trueup.evidence import STANDARD_ERRORS
 from trueup.noise import spread
@@ -41,13 +42,14 @@ class Look:
     """Acceleration in m/s^2."""
     throttle: Array
     steering: Array
+    drives: tuple[Past, ...] = ()
 
     @classmethod
     def at(cls, recordings: Sequence[Recording]) -> Look:
         """At prepared recordings. Raises RecordingError for one without pose or command."""
         parts = [np.zeros((5, 0))]
-        for recording in recordings:
-            past = Past.of(Trial.of(recording, ["position", "heading"]), LATE / _STEPS, COMMAND)
+        pasts = [Past.of(Trial.of(r, ["position", "heading"]), LATE / _STEPS, COMMAND) for r in recordings]
+        for past in pasts:
             k = np.arange(past.earliest, len(past.known) - 1, _STEPS)
             k = k[past.known[k] & (past.lengths[k] > _STEPS) & (past.seen[k, 3] > MOVES)]
             speed = past.seen[k, 3]
@@ -55,7 +57,7 @@ class Look:
             asked = past.commands[k - _STEPS, 1], past.commands[k - _STEPS * 3 // 2, 0]
             parts.append(np.stack([past.seen[k, 4] / speed, speed, gained, *asked]))
         curvature, speed, gained, steering, throttle = np.concatenate(parts, axis=1)
-        return cls(curvature, speed, gained, throttle, steering)
+        return cls(curvature, speed, gained, throttle, steering, tuple(pasts))
 
     def curve(self) -> tuple[float, float] | None:
         """Offset and slope of curvature over steering; None where they do not tell the slope from none."""
@@ -87,6 +89,8 @@ class Look:
                 )
             angle = float(np.arctan(slope * car.wheelbase))
             starts = {"steering_left": angle, "steering_right": angle, "steering_offset": offset / slope}
+        if car.drive == PURSUED:
+            return starts | pursuit(self.drives, car.wheelbase)
         table = np.stack(
             [self.throttle, -np.ones(len(self.speed)), -self.speed, -self.speed * self.curvature**2], axis=1
         )

@@ -51,7 +51,7 @@ class Past:
                 f"trial '{trial.name}' needs commands, and a measured position and heading to start from"
             )
         begin, grid = _grid(trial, step)
-        commands = trial.command.select(labels).at(grid, hold=labels[0] == "throttle")
+        commands = trial.command.select(labels).at(grid, hold=labels[0] != "speed")
         seen, known = _seen(trial.initial["position"], trial.initial["heading"], grid, step)
         lengths = np.clip(_run_lengths(known) - 1, 0, round(PAST / step)).astype(np.int64)
         return cls(begin, step, np.ascontiguousarray(commands), seen, known, lengths)
@@ -125,6 +125,8 @@ def _seen(position: Channel, heading: Channel, grid: Array, step: float) -> tupl
     # Along the car, step by step: a car that turns quickly bends its path within the window, not its speed.
     middle = angle - 0.5 * np.diff(angle, prepend=angle[0])
     dx, dy = (np.diff(p, prepend=p[0]) / step for p in (x, y))
+    begins = np.flatnonzero(measured[1:-1] & ~measured[:-2]) + 1  # no way led there: the next step stands for it
+    dx[begins], dy[begins] = dx[begins + 1], dy[begins + 1]
     value, slope = _at_the_end(long, step, 1)
     # Differences belong to the middle of a step.
     seen[:, 3] = _past_only(np.cos(middle) * dx + np.sin(middle) * dy, value + 0.5 * step * slope)

@@ -23,12 +23,12 @@ _SAMPLES = 10  # at least, however slowly a log was written
 
 
 def heading_of(recording: Recording) -> Channel | None:
-    """The channel 'heading', or the yaw of a recorded quaternion (qx, qy, qz, qw), in rad; None without either."""
+    """The channel 'heading', or the yaw of a recorded quaternion (qx, qy, qz, qw, or the last two), in rad; None without."""
     if recording.has("heading"):
         return recording.channel("heading")
     for channel in recording.channels.values():
-        if set(_QUATERNION) <= set(channel.labels):
-            x, y, z, w = (channel.column(label) for label in _QUATERNION)
+        if set(_QUATERNION[2:]) <= set(channel.labels):  # on a floor the first two are often left out
+            x, y, z, w = (channel.column(q) if q in channel.labels else 0.0 for q in _QUATERNION)
             yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
             return Channel("heading", ("heading",), "rad", channel.time, yaw[:, None])
     return None

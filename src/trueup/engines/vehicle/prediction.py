@@ -25,12 +25,15 @@ def prediction_errors(
     """(S, len(horizons)) distances in m between predicted and tracked position, for predictions begun `every` s.
 
     A prediction may use all that was measured until it begins and the commands thereafter. It counts where the car drove
-    when it began and was tracked all the way; the tracked position is the mean over 0.1 s around the instant.
+    when it began and was tracked all the way; the tracked position is the mean over 0.1 s around the instant. A drive of a
+    few seconds is predicted once, from its first state (`first_state`), NaN at horizons that it does not reach.
     `recording` as `simulator.prepared` gives it; values (n,) of the simulator's parameters.
     """
     trial = Trial.of(recording, simulator.observable(recording))
     drive = simulator.past(trial)
     starts = begun_at(drive, max(horizons), every)
+    if not len(starts):
+        starts = first_state(drive, min(horizons))
     first = np.arange(len(starts) + 1, dtype=np.int64) * len(horizons)
     since = np.tile(np.sort(np.asarray(horizons, dtype=np.float64)), len(starts))
     rows, _ = simulator.rows(values)
@@ -42,21 +45,27 @@ def prediction_errors(
     )
     position = recording.channel("position")
     order = np.argsort(np.argsort(horizons))
-    return np.linalg.norm(found - _tracked(position.time, position.values, ends), axis=2)[:, order]
+    errors = np.linalg.norm(found - _tracked(position.time, position.values, ends), axis=2)
+    return np.where(ends <= _last(drive) + 0.5 * drive.step, errors, np.nan)[:, order]
 
 
 def spoken(
-    simulator: VehicleSimulator, values: Array, drives: Sequence[Recording], horizons: Sequence[float] = (1.0, 3.0)
+    simulator: VehicleSimulator, values: Array, drives: Sequence[Recording], which: str, horizons: Sequence[float]
 ) -> list[str]:
-    """One sentence a drive: how far off its predictions are, in the mean."""
+    """How far off predictions are, in the mean: one sentence a drive, and one for all that are predicted once."""
+    each = {f"'{d.name}'{which}": prediction_errors(simulator, values, d, horizons) for d in drives}
+    once = [e for e in each.values() if len(e) == 1]
+    if len(once) > 1:
+        each = {
+            **{name: e for name, e in each.items() if len(e) > 1},
+            f"{len(once)} short drives{which}": np.concatenate(once),
+        }
     said = []
-    for drive in drives:
-        errors = prediction_errors(simulator, values, drive, horizons)
-        if len(errors):
-            means = ", ".join(
-                f"{1000 * e:.0f} mm {h:g} s ahead" for h, e in zip(horizons, errors.mean(axis=0), strict=True)
-            )
-            said.append(f"'{drive.name}': predicted position is off by {means} (mean of {len(errors)} predictions)")
+    for name, errors in each.items():
+        columns = [(h, e[np.isfinite(e)]) for h, e in zip(horizons, errors.T, strict=True)]
+        means = ", ".join(f"{1000 * e.mean():.0f} mm {h:g} s ahead" for h, e in columns if len(e))
+        if means:
+            said.append(f"{name}: predicted position is off by {means} (mean of {len(errors)} predictions)")
     return said
 
 
@@ -64,8 +73,34 @@ def moved(simulator: VehicleSimulator, recording: Recording, horizon: float) -> 
     """How far a car goes in `horizon` s, in the mean over the predictions that are judged, in m; NaN without any."""
     drive = simulator.past(Trial.of(recording, simulator.observable(recording)))
     starts = begun_at(drive, horizon, 0.25)
-    way = drive.seen[starts + round(horizon / drive.step), :2] - drive.seen[starts, :2]
+    if not len(starts):
+        starts = first_state(drive, 0.0)
+    stops = np.minimum(starts + round(horizon / drive.step), drive.index(_last(drive)))
+    way = drive.seen[stops, :2] - drive.seen[starts, :2]
     return float(np.linalg.norm(way, axis=1).mean()) if len(way) else float("nan")
+
+
+def horizons_for(simulator: VehicleSimulator, drives: Sequence[Recording], usual: Sequence[float]) -> tuple[float, ...]:
+    """The `usual` horizons in s; where all drives are too short for these, what all but stumps reach, and a part of it."""
+    pasts = [simulator.past(Trial.of(d, simulator.observable(d))) for d in drives]
+    if not pasts or any(len(begun_at(p, max(usual), 0.25)) for p in pasts):
+        return tuple(usual)
+    reach = [_last(p) - p.begin - p.step * int(k) for p in pasts for k in first_state(p, 0.0)]
+    least = min((r for r in reach if r > 0.5 * max(reach)), default=0.0)
+    far = min(np.floor(10.0 * least + 1e-6) / 10.0, max(usual))
+    return (min(*usual, round(far / 2.0, 2)), float(far)) if far > 0.0 else tuple(usual)
+
+
+def first_state(drive: Past, least: float) -> NDArray[np.int64]:
+    """(1,) the first grid instant at which the car drives and all is known, if tracked for `least` s more; else (0,)."""
+    begun = np.flatnonzero(drive.known & (drive.seen[:, 3] > MOVES))[:1].astype(np.int64)
+    return begun[drive.begin + drive.step * begun + least <= _last(drive) + 0.5 * drive.step]
+
+
+def _last(drive: Past) -> float:
+    """The last instant at which the car was tracked, in s."""
+    known = np.flatnonzero(drive.known)
+    return drive.begin + drive.step * float(known[-1]) if len(known) else -np.inf
 
 
 def begun_at(drive: Past, longest: float, every: float) -> NDArray[np.int64]:

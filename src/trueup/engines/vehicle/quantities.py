@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def _usual(
     return Quantity(name, unit, start, start, lower, upper, scale, about, shown_by, column, free, grows, per_command)
 
 
-THROTTLE_DRIVEN = (
+_ON_TYRES = (
     _usual("steering_delay", "s", 0.03, -0.1, 0.5, "linear",
            "pure delay of the steering command; below zero where its clock runs late", _QUICK),
     _usual("steering_lag", "s", 0.05, 0.0, 0.5, "linear", "first-order lag of the steering servo", _QUICK),
@@ -105,16 +105,9 @@ THROTTLE_DRIVEN = (
     _usual("friction_limit", "m/s^2", 8.0, 2.0, 12.0, "log", "greatest sideways acceleration that the tyres give", _FAST),
     _usual("weight_in_front", "", 0.5, 0.25, 0.75, "linear", "share of the weight on the front axle", _FAST, free=False),
     _usual("yaw_inertia", "", 1.0, 0.3, 3.0, "log", "yaw inertia over mass and distances of the axles", _FAST, free=False),
-    _usual("throttle_delay", "s", 0.03, -0.1, 0.5, "linear",
-           "pure delay of the throttle; below zero where its clock runs late", _STARTS, "drive_delay"),
-    _usual("throttle_lag", "s", 0.05, 0.0, 1.0, "linear", "first-order lag of the drive", _STARTS, "drive_lag"),
-    _usual("throttle_dead", "", 0.05, 0.0, 0.4, "linear", "throttle below which the motor does nothing", _STARTS),
-    _usual("drive", "m/s^2", 10.0, 0.3, 100.0, "log", "acceleration for a throttle of one more, at rest", _STARTS),
-    _usual("drive_fade", "s/m", 0.05, 0.0, 1.0, "linear", "share of the drive that is lost with each m/s", _STARTS),
-    _usual("braking", "", 1.0, 0.1, 20.0, "log", "deceleration for a throttle below zero, as a share of the drive",
-           "braking"),
-    _usual("friction", "m/s^2", 1.0, 0.0, 10.0, "linear", "deceleration by dry friction", _STARTS),
-    _usual("speed_loss", "1/s", 1.0, 0.01, 10.0, "log", "deceleration per speed (motor and air)", _STARTS),
+)  # fmt: skip
+"""How a car on tyres steers; steering is a share of the full command, or an angle in rad."""
+_IN_CURVES = (
     _usual("curve_loss", "m^2/s", 0.1, 0.0, 2.0, "linear", "deceleration per speed and squared curvature", _CURVES, grows=2),
     _usual("pose_ahead", "m", 0.0, -1.0, 1.0, "linear", "tracked point before the centre of mass", "tight curves", grows=1),
     _usual("push_lasts", "", 0.5, 0.0, 1.0, "linear", "share of an unexplained acceleration just before that goes on",
@@ -126,4 +119,34 @@ THROTTLE_DRIVEN = (
            "long drives", free=False),
     _usual("pose_turn", "rad", 0.0, -0.2, 0.2, "linear", "direction of the car from the tracked heading", _STRAIGHT),
 )  # fmt: skip
+"""What curves cost it, where it is tracked, and what of the unexplained goes on."""
+
+THROTTLE_DRIVEN = (
+    *_ON_TYRES,
+    _usual("throttle_delay", "s", 0.03, -0.1, 0.5, "linear",
+           "pure delay of the throttle; below zero where its clock runs late", _STARTS, "drive_delay"),
+    _usual("throttle_lag", "s", 0.05, 0.0, 1.0, "linear", "first-order lag of the drive", _STARTS, "drive_lag"),
+    _usual("throttle_dead", "", 0.05, 0.0, 0.4, "linear", "throttle below which the motor does nothing", _STARTS),
+    _usual("drive", "m/s^2", 10.0, 0.3, 100.0, "log", "acceleration for a throttle of one more, at rest", _STARTS),
+    _usual("drive_fade", "s/m", 0.05, 0.0, 1.0, "linear", "share of the drive that is lost with each m/s", _STARTS),
+    _usual("braking", "", 1.0, 0.1, 20.0, "log", "deceleration for a throttle below zero, as a share of the drive",
+           "braking"),
+    _usual("friction", "m/s^2", 1.0, 0.0, 10.0, "linear", "deceleration by dry friction", _STARTS),
+    _usual("speed_loss", "1/s", 1.0, 0.01, 10.0, "log", "deceleration per speed (motor and air)", _STARTS),
+    *_IN_CURVES,
+)  # fmt: skip
 """Commands are throttle and steering as shares of the full command, -1 ... 1, left positive; wheels roll on tyres."""
+
+SPEED_PURSUED = (
+    *(replace(q, absent=1.0, start=1.0) if q.name in ("steering_left", "steering_right") else q for q in _ON_TYRES),
+    _usual("speed_delay", "s", 0.03, -0.1, 1.0, "linear",
+           "pure delay of the speed command; below zero where its clock runs late", _STARTS, "drive_delay"),
+    _usual("speed_lag", "s", 0.05, 0.0, 1.0, "linear", "first-order lag of the speed command", _STARTS, "drive_lag"),
+    _usual("speed_scale", "m/s", 1.0, 0.01, 100.0, "log", "speed over ground that a command of one leads to",
+           "steady driving", "drive"),
+    _usual("speed_gain", "1/s", 5.0, 0.2, 50.0, "log", "acceleration for each m/s that is missing", _STARTS),
+    _usual("acceleration_limit", "m/s^2", 10.0, 0.2, 50.0, "log", "greatest acceleration", "large steps of speed"),
+    _usual("braking_limit", "m/s^2", 10.0, 0.2, 50.0, "log", "greatest deceleration", "large steps of speed downwards"),
+    *_IN_CURVES,
+)  # fmt: skip
+"""Commands are a speed in m/s, which the car's own controller pursues, and steering in rad, left positive; on tyres."""

@@ -11,13 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.engines.vehicle.kernels import COLUMNS, STEERING_LEFT, STEERING_RIGHT, STEERING_SCALE
-from trueup.engines.vehicle.quantities import SPEED_DRIVEN, THROTTLE_DRIVEN, Quantity
+from trueup.engines.vehicle.quantities import SPEED_DRIVEN, SPEED_PURSUED, THROTTLE_DRIVEN, Quantity
 from trueup.errors import ParameterError, unknown_name
 from trueup.parameters import Parameter, ParameterSpace
 
 Array = NDArray[np.float64]
 
-DRIVES: Mapping[str, tuple[Quantity, ...]] = MappingProxyType({"speed": SPEED_DRIVEN, "throttle": THROTTLE_DRIVEN})
+PURSUED = "pursued speed"
+DRIVES: Mapping[str, tuple[Quantity, ...]] = MappingProxyType(
+    {"speed": SPEED_DRIVEN, "throttle": THROTTLE_DRIVEN, PURSUED: SPEED_PURSUED}
+)
 """What may command a vehicle beside its steering, and what may be calibrated in it then."""
 
 
@@ -36,13 +39,17 @@ class Vehicle:
     values: Mapping[str, float] = field(default_factory=dict)
     """Quantities that are known; the others are absent, or in a vehicle driven by throttle as a usual small car has them."""
     drive: str = "speed"
-    """What is commanded: 'speed' in m/s with steering in rad, or 'throttle' with steering, both as shares -1 ... 1."""
+    """What is commanded: 'speed' in m/s with steering in rad to wheels that roll where they point, 'throttle' with steering,
+    both as shares -1 ... 1, to wheels on tyres, or to such a 'pursued speed', which a controller reaches by and by."""
     enabled_by: str = ""
     """Label of a recorded signal without which the throttle is cut (a dead man's switch); '' finds one by its name."""
     middle: tuple[float, float] = (0.0, 0.0)
     """Recorded throttle and steering that stand for zero."""
     full: tuple[float, float] | None = None
     """How far beyond `middle` they stand for one, below zero where they grow backwards or to the right; None: 1."""
+
+    declared: bool = True
+    """Whether its file says what is commanded; recordings tell it otherwise."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""

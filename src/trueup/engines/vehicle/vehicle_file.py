@@ -7,11 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from trueup import files
-from trueup.engines.vehicle.vehicle import Vehicle
+from trueup.engines.vehicle.vehicle import DRIVES, PURSUED, Vehicle
 from trueup.errors import ModelError
 from trueup.formats.aside import written_aside
 
 _KEYS = ("name", "wheelbase", "drive", "enabled_by", "middle", "full", "values")
+_DRIVES = {"throttle": "throttle", "speed": PURSUED}
 _EARLIER = {"steering_play": ("steering_slack", 2.0), "steering_rate": ("steering_rate_limit", 1.0)}
 """Quantities as files named them before: the name that they have now, and the factor to its value."""
 
@@ -29,16 +30,23 @@ def read_vehicle(path: str | Path) -> Vehicle:
     for key in table:
         if key not in _KEYS:
             raise ModelError(f"vehicle '{where}': unknown key '{key}' in [vehicle]; keys are: {', '.join(_KEYS)}")
-    if table.get("drive", "throttle") != "throttle":
-        raise ModelError(f"vehicle '{where}': drive is {table['drive']!r}; only 'throttle' is calibrated from a file")
+    if table.get("drive", "throttle") not in tuple(_DRIVES):
+        raise ModelError(f"vehicle '{where}': drive is {table['drive']!r}; choices are: {', '.join(_DRIVES)}")
     values = table.get("values", {})
     if not isinstance(values, Mapping):
         raise ModelError(f"vehicle '{where}': [vehicle.values] must be a table of numbers")
+    known = dict(_current(name, _number(where, name, value)) for name, value in values.items())
+    drive = (
+        _DRIVES[table["drive"]]
+        if "drive" in table
+        else next((d for d in _DRIVES.values() if set(known) <= {q.name for q in DRIVES[d]}), "throttle")
+    )
     return Vehicle(
         name=_text(where, table, "name", where.stem),
         wheelbase=_number(where, "wheelbase", table.get("wheelbase")),
-        values=dict(_current(name, _number(where, name, value)) for name, value in values.items()),
-        drive="throttle",
+        values=known,
+        drive=drive,
+        declared="drive" in table,
         enabled_by=_text(where, table, "enabled_by", ""),
         middle=_both(where, table, "middle") or (0.0, 0.0),
         full=_both(where, table, "full"),
@@ -51,12 +59,14 @@ def write_vehicle(vehicle: Vehicle, path: Path, notes: Mapping[str, str] | None 
         "[vehicle]",
         f'name = "{vehicle.name}"',
         f"wheelbase = {vehicle.wheelbase!r}  # m",
-        'drive = "throttle"  # commands: throttle and steering, without unit',
+        'drive = "speed"  # commands: speed in m/s and steering in rad'
+        if vehicle.drive == PURSUED
+        else 'drive = "throttle"  # commands: throttle and steering, without unit',
     ]
     if vehicle.enabled_by:
         lines.append(f'enabled_by = "{vehicle.enabled_by}"')
     if vehicle.full:
-        lines.append(f"middle = {list(vehicle.middle)}  # recorded throttle and steering that stand for zero")
+        lines.append(f"middle = {list(vehicle.middle)}  # recorded drive and steering that stand for zero")
         lines.append(f"full = {list(vehicle.full)}  # how far beyond they stand for one")
     lines += ["", "[vehicle.values]"]
     for name, value in vehicle.values.items():

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,6 +38,8 @@ class Part:
     unit: str
     scale: tuple[float, ...]
     notes: tuple[str, ...]
+    units: tuple[str, ...] = ()
+    """One for each label where they differ."""
 
 
 def drive(columns: Sequence[Column], time: TimeColumn) -> list[Part]:
@@ -109,18 +111,21 @@ def _direction(signals: list[Signal], beside: frozenset[str], time: TimeColumn) 
         return [_part("heading", {"heading": best}, time, ())]
     part = _part("orientation", wholes[turns.index(best)], time, ())
     note = f"orientation: {', '.join(c.name for c in part.columns)}; the heading is its turn about the vertical"
-    return [Part(part.channel, part.columns, part.labels, "", (1.0,), (note,))]
+    return [replace(part, unit="", scale=(1.0,), notes=(note,))]
 
 
 def _turn_of(signal: Signal, signals: list[Signal]) -> dict[str, Signal]:
-    """The four parts of the quaternion that a signal is the third of; nothing where they are no quaternion."""
+    """The four parts of the quaternion that a signal is the third of; nothing where they are no quaternion.
+
+    A robot on a floor often logs the last two alone: the others are zero.
+    """
     parts = {
         kind: s
         for kind in _QUATERNION
         for s in signals
         if s.kind == kind and _source_file(s) == _source_file(signal) and s.source == signal.source
     }
-    if len(parts) < len(_QUATERNION):
+    if set(parts) not in ({*_QUATERNION}, {*_QUATERNION[2:]}):
         return {}
     values = np.stack([s.column.values for s in parts.values()], axis=1)
     return parts if is_unit(values[np.isfinite(values).all(axis=1)]) else {}
@@ -150,9 +155,26 @@ def _part(channel: str, signals: Mapping[str, Signal], time: TimeColumn, parts: 
         scale, more = (math.radians(1.0),), "; by the heading its numbers are degrees per second"
     note = f"{channel}: {' and '.join(c.name for c in columns)} taken as {', '.join(signals)}"
     note += f" in {usual}{more}" if usual else more
+    units = _commanded_in(signals, degrees) if channel.startswith("command") else ()
+    note += f" in {' and '.join(u or 'shares' for u in units)}" if any(units) else ""
     plain = channel == "command" and not degrees and [c.name for c in columns] == list(signals)
-    notes = () if plain else (note,)
-    return Part(channel, columns, tuple(signals), usual, scale if len(set(scale)) > 1 else scale[:1], notes)
+    notes = () if plain and not any(units) else (note,)
+    each = units if any(units) else ()
+    return Part(channel, columns, tuple(signals), usual, scale if len(set(scale)) > 1 else scale[:1], notes, each)
+
+
+def _commanded_in(signals: Mapping[str, Signal], degrees: Sequence[str]) -> tuple[str, ...]:
+    """The unit of each command, '' where it is a share of the full one or nothing says: speeds of wheels are m/s, turn rates
+    rad/s, steering is rad where its name says a unit or an angle.
+    """
+
+    def unit(label: str, s: Signal) -> str:
+        said = _says(s) or s.column.name in degrees or "angle" in s.column.parts.words
+        wanted = {"speed": "m/s", "turn": "rad/s", "steering": "rad" if said else ""}.get(label, "")
+        share = s.factor == to_si("%")[1] or s.kind == "erpm"
+        return "" if share else wanted
+
+    return tuple(unit(label, s) for label, s in signals.items())
 
 
 def _says(signal: Signal) -> bool:
@@ -178,8 +200,9 @@ def _unit_of_speed(column: Column, parts: Sequence[Part], time: TimeColumn) -> s
     place = next((part for part in parts if part.channel == "position" and part.labels == ("x", "y")), None)
     if place is None or any(c.table is not column.table or c.clock != column.clock for c in place.columns):
         return ""
-    steps = [speed_of(c, time) for c in place.columns]
-    along = np.hypot(*steps) * place.scale[0] if all(len(s) for s in steps) else np.zeros(0)
+    (when, one), (other_when, other) = (speed_of(c, time) for c in place.columns)
+    both = len(one) > 0 < len(other)
+    along = np.hypot(one, np.interp(when, other_when, other)) * place.scale[0] if both else np.zeros(0)
     usual, shown = (float(np.median(np.abs(x))) if len(x) else 0.0 for x in (along, column.known))
     unit = nearest(shown / usual, {u: 1.0 / to_si(u)[1] for u in _SPEEDS}) if usual > 0.0 else ""
     return unit if unit != "m/s" else ""

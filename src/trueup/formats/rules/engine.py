@@ -182,7 +182,8 @@ def _labels(group: Sequence[Proposal], width: int) -> tuple[str, ...]:
 def _with_vehicle(channels: dict[str, ChannelColumns], parts: Sequence[Part], clocks: Clocks) -> list[str]:
     """Adds the channels of a vehicle; returns what to say of them."""
     for part in parts:
-        channels[part.channel] = _plain(part.columns, part.labels, part.unit, clocks, part.scale)
+        plain = _plain(part.columns, part.labels, part.unit, clocks, part.scale)
+        channels[part.channel] = replace(plain, units=part.units)
     ordered = sorted(channels.items(), key=lambda item: _order(item[0]))
     channels.clear()
     channels.update(ordered)

@@ -165,14 +165,14 @@ def _whole(column: Column) -> bool:
     return bool(column.known.size) and bool(np.all(column.known == np.round(column.known)))
 
 
-def speed_of(column: Column, time: TimeColumn) -> Array:
-    """(m,) rate of change of a column on its table's main clock, in its unit a second; (0,) where that is not to be told."""
+def speed_of(column: Column, time: TimeColumn) -> tuple[Array, Array]:
+    """(m,) instants and rate of change of a column on its table's main clock, in its unit a second; (0,) if unknown."""
     clock = column.table.columns.get(time.column)
     if clock is None or column.clock or column.values.ndim > 1:
-        return np.zeros(0)
+        return np.zeros(0), np.zeros(0)
     instants = seconds(clock, time.unit or guess_unit(time.column, clock))
     good = _usable(instants, column.values)
-    return rate(column.values[good], instants[good])[1] if np.count_nonzero(good) > 2 else np.zeros(0)
+    return rate(column.values[good], instants[good]) if np.count_nonzero(good) > 2 else (np.zeros(0), np.zeros(0))
 
 
 def _usable(instants: Array, *signals: Array) -> NDArray[np.bool_]:

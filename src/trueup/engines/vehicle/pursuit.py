@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A first look at how a car pursues a commanded speed and turns its wheels: limits and delays are scanned."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.engines.vehicle.kernels import MOVES
+from trueup.engines.vehicle.past import Past
+
+Array = NDArray[np.float64]
+
+_LENGTH, _MOST = 3.0, 60
+"""In s, of a piece that begins with what was seen; how many pieces are looked at."""
+_COARSE = 2  # steps of the past in one of the scan
+_GAINS = tuple(np.geomspace(0.3, 20.0, 8).tolist())  # 1/s
+_LIMITS = tuple(np.geomspace(0.4, 30.0, 8).tolist())  # m/s^2
+_DELAYS = (0.0, 0.1, 0.25)  # s
+_SCALES = (0.94, 1.0, 1.06)  # around the usual speed for a command of one
+_RATES = tuple(np.geomspace(0.2, 20.0, 9).tolist())  # of the steering, in units of its command, 1/s
+_LAGS = (0.0, 0.05, 0.1, 0.2, 0.4)  # s
+_WAITS = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3)  # s
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """Commands (T, 2) and what was seen of speed and turn rate (T,), NaN where nothing was, every `step` s."""
+
+    commands: Array
+    speed: Array
+    turning: Array
+    step: float
+
+
+def pursuit(drives: Sequence[Past], wheelbase: float) -> dict[str, float]:
+    """Start values of speed and steering; nothing where the car never drives.
+
+    Each combination is run under the recorded commands from what was seen when a piece began, all at once; the one that is
+    nearest to what was seen counts, by the mean of absolute differences.
+    """
+    pieces = [piece for past in drives for piece in _pieces(past)]
+    if not pieces:
+        return {}
+    pieces = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, _MOST).round().astype(int))]
+    return _speed(pieces) | _steering(pieces, wheelbase)
+
+
+def _pieces(past: Past) -> list[_Piece]:
+    per = round(_LENGTH / past.step)
+    known = np.flatnonzero(past.known[past.earliest :]) + past.earliest
+    firsts: list[int] = []
+    for k in known.tolist():
+        if not firsts or k >= firsts[-1] + per:
+            firsts.append(k)
+    seen = np.where(past.known[:, None], past.seen[:, 3:], np.nan)
+    cuts = [slice(k, k + per, _COARSE) for k in firsts]
+    return [_Piece(past.commands[c], seen[c, 0], seen[c, 1], past.step * _COARSE) for c in cuts]
+
+
+def _speed(pieces: Sequence[_Piece]) -> dict[str, float]:
+    """Acceleration = gain * (scale * speed commanded - speed), within its limits."""
+    told = np.concatenate([p.commands[:, 0] for p in pieces])
+    seen = np.concatenate([p.speed for p in pieces])
+    moved = (np.abs(told) > 0.0) & np.isfinite(seen)
+    if not moved.any():
+        return {}
+    usual = float(np.median(seen[moved] / told[moved]))
+    options = np.array(list(product(_GAINS, _LIMITS, _LIMITS, _DELAYS, [usual * s for s in _SCALES])))
+    gain, up, down, delay, scale = options.T
+    off = np.zeros(len(options))
+    for p in pieces:
+        late, v = np.round(delay / p.step).astype(int), np.full(len(options), p.speed[0])
+        for k in range(len(p.commands) - 1):
+            wanted = scale * p.commands[np.maximum(k - late, 0), 0]
+            v = v + p.step * np.clip(gain * (wanted - v), -down, up)
+            off += np.nan_to_num(np.abs(v - p.speed[k + 1]))
+    names = ("speed_gain", "acceleration_limit", "braking_limit", "speed_delay", "speed_scale")
+    return dict(zip(names, options[int(np.argmin(off))].tolist(), strict=True))
+
+
+def _steering(pieces: Sequence[_Piece], wheelbase: float) -> dict[str, float]:
+    """Turn rate = speed / wheelbase * (gain * wheel + offset), the wheel late, slow and limited in its speed."""
+    options = np.array(list(product(_WAITS, _LAGS, _RATES)))
+    delay, lag, rate = options.T
+    wheels, turned, ways = [], [], []
+    for p in pieces:
+        late, share = np.round(delay / p.step).astype(int), 1.0 - np.exp(-p.step / np.maximum(lag, 1e-3))
+        lagged = wheel = np.full(len(options), p.commands[0, 1])
+        for k in range(len(p.commands) - 1):
+            lagged = lagged + share * (p.commands[np.maximum(k - late, 0), 1] - lagged)
+            wheel = wheel + np.clip(lagged - wheel, -rate * p.step, rate * p.step)
+            if p.speed[k + 1] > MOVES:
+                wheels.append(wheel)
+                turned.append(p.turning[k + 1])
+                ways.append(p.speed[k + 1] / wheelbase)
+    if len(wheels) < len(pieces) or np.ptp(wheels) == 0.0:
+        return {}
+    X, y, way = np.array(wheels), np.array(turned), np.array(ways)  # (m, n), (m,), (m,)
+    # Least squares of gain and offset for each option at once, by its normal equations.
+    a, b, c = (X * way[:, None] * X * way[:, None]).sum(0), (X * (way**2)[:, None]).sum(0), float((way**2).sum())
+    f, g = (X * (way * y)[:, None]).sum(0), float((way * y).sum())
+    determinant = np.maximum(a * c - b * b, 1e-12)
+    gain, offset = (f * c - g * b) / determinant, (a * g - b * f) / determinant
+    best = int(np.argmin(np.abs(way[:, None] * (gain * X + offset) - y[:, None]).sum(0)))
+    return {
+        "steering_delay": float(delay[best]),
+        "steering_lag": float(lag[best]),
+        "steering_rate_limit": float(rate[best]),
+    }

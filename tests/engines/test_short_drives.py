@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Cars commanded by speed and steering angle: drives of seconds, logged as ROS or with units in names, tell how they go."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trueup import formats
+from trueup.cli import main
+from trueup.engines.vehicle.vehicle_file import read_vehicle
+from trueup.loop.prepare import prepare
+
+BASE, GAIN, UP, DOWN, RATE, TURN = 0.32, 4.0, 2.5, 4.0, 1.5, 1.1
+"""Wheelbase in m; the speed controller's gain in 1/s and limits in m/s^2; the steering's limit in rad/s and gain."""
+
+
+def _drives(folder: Path, count: int, seconds: float) -> list[Path]:
+    """Logs of a bicycle that rolls where it points, cut out of one drive under random steps: a kinematic integration."""
+    rng, step = np.random.default_rng(5), 0.002
+    every, per = 10, round(seconds / 0.02)
+    x = y = psi = wheel = 0.0
+    v, rows = 1.0, []
+    told = (1.0, 0.0)
+    for k in range(count * (per + 1) * every):
+        if k % 350 == 0:
+            told = (rng.uniform(0.8, 3.0), rng.uniform(-0.25, 0.25))
+        if k % every == 0:
+            noisy = rng.normal(0.0, [1e-3, 1e-3, 1e-3])
+            rows.append([k * step, 3.6 * told[0], math.degrees(told[1]), x + noisy[0], y + noisy[1], psi + noisy[2], v])
+        v += step * min(max(GAIN * (told[0] - v), -DOWN), UP)
+        wheel += min(max(told[1] - wheel, -RATE * step), RATE * step)
+        psi += step * v * math.tan(TURN * wheel) / BASE
+        x, y = x + step * v * math.cos(psi), y + step * v * math.sin(psi)
+    files = []
+    for n in range(count):
+        piece = np.array(rows[n * (per + 1) : (n + 1) * (per + 1)])
+        turned = np.stack([np.sin(piece[:, 5] / 2.0), np.cos(piece[:, 5] / 2.0)], axis=1)
+        table = np.column_stack([piece[:, :5], turned, piece[:, 6]])
+        files.append(folder / f"run_{n:02d}.csv")
+        pose = "pose.position.x,pose.position.y,pose.orientation.z,pose.orientation.w"
+        header = f"t,cmd_speed_kmh,cmd_steering_deg,{pose},wheel_mps"
+        np.savetxt(files[-1], table, delimiter=",", header=header, comments="", fmt="%.7f")
+    return files
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("cars")
+    (folder / "car.toml").write_text(f"[vehicle]\nwheelbase = {BASE}\n")
+    return _drives(folder, 16, 2.0)
+
+
+def test_units_of_a_command_are_those_of_its_names(logs: list[Path]) -> None:
+    (one,) = formats.read(logs[0])
+    command = one.channel("command")
+    assert command.labels == ("speed", "steering")
+    assert command.units == ("m/s", "rad")
+    assert np.nanmax(command.column("steering")) <= 0.25
+    assert set(one.channel("orientation").labels) == {"qz", "qw"}
+    mapped = formats.guess_mapping(logs[0])
+    again = formats.ChannelMap.from_dict(
+        {"channels": {"command": {"columns": ["cmd_speed_kmh", "cmd_steering_deg"], "units": ["km/h", "deg"]}},
+         "time": {"column": "t"}}
+    )  # fmt: skip
+    assert mapped.channels["command"].units == ("m/s", "rad")
+    (other,) = formats.read(logs[0], again)
+    assert other.channel("command").values == pytest.approx(command.values)
+
+
+def test_a_controller_that_pursues_a_speed_is_found_from_drives_of_two_seconds(logs: list[Path]) -> None:
+    ready = prepare(logs[0].with_name("car.toml"), [formats.read(log)[0] for log in logs])
+    found = {e.name: e.value for e in ready.calibrate().estimates}
+    assert found["speed_scale"] == pytest.approx(1.0, abs=0.02)
+    assert found["speed_gain"] == pytest.approx(GAIN, rel=0.2)
+    assert found["acceleration_limit"] == pytest.approx(UP, rel=0.15)
+    assert found["braking_limit"] == pytest.approx(DOWN, rel=0.15)
+    assert found["steering_rate_limit"] == pytest.approx(RATE, rel=0.25)
+    assert found["steering_left"] == pytest.approx(TURN, rel=0.07)
+
+
+def test_the_command_judges_short_drives_from_their_first_state(
+    logs: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    car, fit = str(logs[0].with_name("car.toml")), str(tmp_path / "fit")
+    assert main(["calibrate", car, *map(str, logs[:12]), "--hold-out", *map(str, logs[12:]), "--out", fit, "-q"]) == 0
+    assert read_vehicle(f"{fit}/car.toml").drive == "pursued speed"
+    capsys.readouterr()
+    assert main(["replay", f"{fit}/car.toml", *map(str, logs[12:]), "--against", car, "--json", "-q"]) == 0
+    shown = json.loads(capsys.readouterr().out)
+    assert all(one["predictions"] == 1 and one["ahead"][-1]["horizon"] == pytest.approx(1.7) for one in shown)
+    mine, declared = (np.mean([one[name][-1]["mean"] for one in shown]) for name in ("ahead", "ahead_against"))
+    assert mine < 0.06
+    assert mine < 0.4 * declared
