@@ -59,11 +59,8 @@ def drive_table(found: Sequence[Prediction]) -> Table:
         cells: list[str] = []
         for k in range(len(horizons)):
             mine = _mean(errors[:, k])
-            if mine is None:  # it does not last so long
-                cells += ["-"] * (3 if others else 1)
-                continue
-            if not others:
-                cells.append(scale.text(mine))
+            if mine is None or not others:  # None: it does not last so long
+                cells += ["-"] * (3 if others else 1) if mine is None else [scale.text(mine)]
                 continue
             other = _mean(np.concatenate(others)[:, k]) or 0.0
             colour = "red" if mine > other else "green"
