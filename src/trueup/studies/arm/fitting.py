@@ -13,7 +13,7 @@ from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.effects import Effect
 from trueup.identification.estimation.consistent import consistent_fit
 from trueup.identification.estimation.moments import RIDGE, Moments, moments_of, weighted_fit
-from trueup.identification.estimation.selection import Choice, grown, reweighed
+from trueup.identification.estimation.selection import Choice, forward_selected, reweighed
 from trueup.identification.inertial import from_com
 from trueup.identification.rows import Rows
 from trueup.studies.arm.couplings import proposed_couplings
@@ -92,7 +92,7 @@ def _useful(moments: Moments, columns: Integers, further: Integers) -> Integers:
     """The columns, and those of `further` that clearly help to predict runs that were left out."""
     prior, mask = np.zeros(len(moments.scale)), np.isin(np.arange(len(moments.scale)), columns)
     choice = reweighed(moments, prior, Choice(mask, RIDGE, NOMINAL**2))
-    return np.flatnonzero(grown(moments, prior, choice, [[k] for k in further.tolist()]).active)
+    return np.flatnonzero(forward_selected(moments, prior, choice, [[k] for k in further.tolist()]).active)
 
 
 def _loaded(rows: Rows, parameters: Array) -> Rows:
