@@ -23,6 +23,7 @@ SOURCE = ROOT / "src" / "trueup"
 # ---- the rules; names are modules or folders below trueup/, a folder stands for all in it, "" for everything ----
 
 NOUNS = (
+    "cores",
     "evidence",
     "files",
     "extensions",
@@ -73,6 +74,8 @@ RULES = (
     Rule("robots", ("robots.robot", "controllers.controller", "engines.simulator", *NOUNS)),  # stand-ins simulate
     Rule("search.least_squares", ("search.search", "search.bounded_step", "search.robust", *NOUNS)),  # its arithmetic
     Rule("search.filtering", ("search.search", "search.bounded_step", "search.robust", *NOUNS)),
+    Rule("evaluation.worker", ("evaluation.evaluator", *NOUNS)),
+    *(Rule(f"evaluation.{name}", ("evaluation", *NOUNS)) for name in ("roster", "cluster")),  # they use all the rest
     Rule("search.optuna", ("search.search", "search.study_file", *NOUNS)),  # the study for the dashboard
     Rule(
         "robots.stand_in_vehicle", ("robots.robot", "controllers.stanley", *NOUNS)
@@ -151,6 +154,7 @@ RULES = (
             "actuators",
             "grounding",
             "studies",
+            "evaluation",
             "engines.simulator",
             "engines.family",
         ),

@@ -109,11 +109,14 @@ class Chance:
     seed: int
     alike: bool = False
     """All rows meet the same chance: candidates can then be compared more closely than by luck."""
+    first: int = 0
+    """Which row of all the first one is, where only some of them are simulated."""
 
     def streams(self, purpose: str, rows: int) -> Streams:
         """For each row a stream of its own, for one purpose; the other rows and purposes change nothing in it."""
         key = zlib.crc32(purpose.encode())
-        return Streams([np.random.default_rng([self.seed, key, row]) for row in range(1 if self.alike else rows)], rows)
+        numbers = [0] if self.alike else range(self.first, self.first + rows)
+        return Streams([np.random.default_rng([self.seed, key, row]) for row in numbers], rows)
 
 
 class Streams:

@@ -55,6 +55,10 @@ class GroundingError(TrueupError):
     """A simulator cannot be grounded: nothing to learn from, or what is asked lies outside of what was learned."""
 
 
+class EvaluationError(TrueupError):
+    """Candidates cannot be evaluated where they were to be: no such cluster, none of its workers fit, nothing came back."""
+
+
 class OutputError(TrueupError):
     """A result could not be written; what was there before is untouched."""
 

@@ -109,6 +109,12 @@ class Trial:
         """
         return dataclasses.replace(self, chance=Chance(int(rng.integers(2**63)), alike))
 
+    def from_row(self, first: int) -> Trial:
+        """The same for rows of which the first is number `first` of all: each meets what it would meet among all of them."""
+        if self.chance is None or not first:
+            return self
+        return dataclasses.replace(self, chance=dataclasses.replace(self.chance, first=self.chance.first + first))
+
     def settled(self) -> Chance:
         """`chance`. Raises TrialError where nothing was settled."""
         if self.chance is None:

@@ -28,7 +28,7 @@ def complaint(path: Path) -> str:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("seed = 3", "sead = 3", ("unknown key 'sead' = 3", "did you mean 'seed'", "calibrate, experiment")),
+        ("seed = 3", "sead = 3", ("unknown key 'sead' = 3", "did you mean 'seed'", "calibrate, evaluate, experiment")),
         ("seed = 3", 'seed = "three"', ("seed = 'three'", "whole number")),
         ("samples = 4", "samples = 4.5", ("[optimize], samples = 4.5", "whole number")),
         ("samples = 4", "samples = true", ("samples = True", "whole number")),

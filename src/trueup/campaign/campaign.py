@@ -201,11 +201,15 @@ class Campaign:
         past = []
         while isinstance(self._journal.coming(), Generation):
             past.append(tried_in(self._once(Generation, _never)))
-        return optimize(
-            self._parts.task, self._parts.simulator, models, search, region, risk=self._plan.optimize.risk,
-            evaluations=self._plan.optimize.evaluations, past=past,
-            watch=lambda t: tried_in(self._once(Generation, lambda: generation(number, t))), correction=correction,
-        )  # fmt: skip
+        try:
+            return optimize(
+                self._parts.task, self._parts.simulator, models, search, region, risk=self._plan.optimize.risk,
+                evaluations=self._plan.optimize.evaluations, past=past,
+                watch=lambda t: tried_in(self._once(Generation, lambda: generation(number, t))), correction=correction,
+                evaluator=self._parts.evaluator,
+            )  # fmt: skip
+        finally:
+            self._parts.evaluator.close()  # trials on the robot take long: nobody waits for them
 
     def _round_ended(self, number: int, region: TrustRegion, before: float) -> RoundEnded:
         if not self._scored():

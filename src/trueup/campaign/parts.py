@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import numpy as np
@@ -14,6 +14,7 @@ from trueup.calibration import Calibration, TracePoint
 from trueup.campaign.events import Event
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.engines.simulator import Simulator
+from trueup.evaluation.evaluator import Evaluator, Here
 from trueup.loop.recalibrate import Earlier
 from trueup.recording import Recording
 from trueup.robots.robot import Robot
@@ -51,6 +52,8 @@ class Parts:
     """Makes the robot's recordings what the simulator can replay: names, units, pieces."""
     later: Callable[[Sequence[Recording]], Parts] | None = None
     """The same with what the first experiment's recordings propose to calibrate; None where that is known."""
+    evaluator: Evaluator = field(default_factory=Here)
+    """Where candidates are simulated while the controller is tuned."""
 
 
 class Listener(Protocol):

@@ -96,6 +96,23 @@ class Optimize:
 
 
 @dataclass(frozen=True)
+class Evaluate:
+    """[evaluate]: where candidates are simulated while the controller is tuned."""
+
+    cluster: str = ""
+    """'local:N' (workers on this machine), 'tcp://HOST:PORT' (a dask scheduler), 'slurm:N', 'htcondor:N' (jobs); empty: in
+    this process, on all its cores. `trueup run --cluster` says it for one run."""
+    quorum: float = 1.0
+    """Share of a generation that must be scored on a cluster before the search goes on; what is late counts as failed. Below
+    1, a campaign that is run again may go another way."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for what cannot be."""
+        if not 0.0 < self.quorum <= 1.0:
+            raise ValueError(f"quorum = {self.quorum} must be above 0 and at most 1")
+
+
+@dataclass(frozen=True)
 class Transfer:
     """[transfer]: what goes to the robot at the end of a round."""
 
@@ -176,6 +193,7 @@ class Plan:
     experiment: Experiment = field(default_factory=Experiment)
     calibrate: Calibrate = field(default_factory=Calibrate)
     optimize: Optimize = field(default_factory=Optimize)
+    evaluate: Evaluate = field(default_factory=Evaluate)
     transfer: Transfer = field(default_factory=Transfer)
     stop: Stop = field(default_factory=Stop)
     limits: Safety = field(default_factory=Safety)

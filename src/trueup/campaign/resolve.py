@@ -31,6 +31,7 @@ from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.engines.family import Family
 from trueup.engines.restricted import Restricted
 from trueup.errors import PlanError
+from trueup.evaluation.evaluator import Evaluator, Here
 from trueup.formats import read
 from trueup.loop.calibrate import Options
 from trueup.loop.prepare import Preparation
@@ -48,8 +49,11 @@ _ROLES = {
 """What each part must have."""
 
 
-def parts_of(file: PlanFile, folder: Path, say: Callable[[str], None]) -> Parts:
-    """Everything that the plan names, made; `folder` is the campaign's, `say` shows a robot's messages to the operator.
+def parts_of(
+    file: PlanFile, folder: Path, say: Callable[[str], None], evaluator: Evaluator | None = None
+) -> Parts:  # fmt: skip
+    """Everything that the plan names, made; `folder` is the campaign's, `say` shows a robot's messages to the operator,
+    `evaluator` says where candidates are simulated (None: here).
 
     What is made may ask, by the names of its parameters, for: folder, folder_of_plan, say, seed, recordings, and the
     simulator and the task that were made before it. Raises PlanError, and what the parts raise.
@@ -72,6 +76,7 @@ def parts_of(file: PlanFile, folder: Path, say: Callable[[str], None]) -> Parts:
     parts = Parts(
         robot, simulator, task, _search(file, task.parameters), _calibrator(file, given, ready), tuple(recordings),
         tuple(held_out), discrepancy, plan.calibrate.channels or None, plan.limits.limits(), _suited(plan, ready),
+        evaluator=evaluator or Here(),
     )  # fmt: skip
     later = ready.later
     if later is None:

@@ -128,21 +128,33 @@ class CampaignView:
             said = Prompt.ask(asked, console=self._console, choices=["repeat", "leave"])
         return "repeat" if said == "repeat" else "unknown"
 
-    def _searching(self) -> None:
-        now, whole = self.history.rounds[-1], self._plan.optimize.evaluations
-        if self._bar is None:
-            if not self._console.is_terminal:
-                return
+    def simulated(self, scored: int, rows: int, workers: int) -> None:
+        """How far a cluster is with a generation."""
+        if (bar := self._opened()) is not None:
+            there = f"{workers} worker{'' if workers == 1 else 's'}"
+            bar.update(self._task, where=f", {scored} of {rows} simulations on {there}")
+
+    def _opened(self) -> Progress | None:
+        """The bar of a search; None where nobody looks."""
+        if self._bar is None and self._console.is_terminal and not self._quiet:
             self._began = time.perf_counter()
             self._bar = Progress(
-                SpinnerColumn(), TextColumn("[bold]{task.description}"), BarColumn(24), TextColumn("{task.fields[said]}"),
-                TimeElapsedColumn(), console=self._console, transient=True,
+                SpinnerColumn(), TextColumn("[bold]{task.description}"), BarColumn(24),
+                TextColumn("{task.fields[said]}{task.fields[where]}"), TimeElapsedColumn(), console=self._console,
+                transient=True,
             )  # fmt: skip
-            self._task = self._bar.add_task(f"round {len(self.history.rounds)}  optimize", total=whole, said="")
+            title, whole = f"round {len(self.history.rounds)}  optimize", self._plan.optimize.evaluations
+            self._task = self._bar.add_task(title, total=whole, said="", where="")
             self._bar.start()
+        return self._bar
+
+    def _searching(self) -> None:
+        now, whole = self.history.rounds[-1], self._plan.optimize.evaluations
+        if (bar := self._opened()) is None:
+            return
         done, spent = min(now.tried, whole), time.perf_counter() - self._began
         left = f", about {duration_text(math.ceil(spent * (whole - done) / done))} left" if spent > 2.0 else ""
-        self._bar.update(self._task, completed=done, said=f"best so far {now.best_simulated:.4g}{left}")
+        bar.update(self._task, completed=done, said=f"best so far {now.best_simulated:.4g}{left}")
 
     def _rest(self) -> None:
         if self._bar is not None:

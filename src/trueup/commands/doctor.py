@@ -17,6 +17,8 @@ from dataclasses import asdict, dataclass
 from rich.console import Console
 from rich.markup import escape
 
+from trueup.cores import cores
+
 ABOUT = """\
 Looks at this machine and says what may be wrong: versions of what trueup needs, extras that are there or how to get them,
 threads that would stand in each other's way, how long a yardstick takes, whether pictures can be rendered. Ends with 1 where
@@ -91,12 +93,11 @@ def _extras() -> list[Finding]:
 
 
 def _threads() -> list[Finding]:
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     asked = os.environ.get("OMP_NUM_THREADS", "")
     if asked and asked != "1":
-        said = f"{cores} cores, but OMP_NUM_THREADS is {asked}: small matrices are slower so, processes wait for each other"
+        said = f"{cores()} cores, but OMP_NUM_THREADS is {asked}: small matrices are slower so, processes wait for each other"
         return [Finding("threads", "mind", f"{said}; unset it")]
-    return [Finding("threads", "good", f"{cores} cores; simulations use them all, matrices one each")]
+    return [Finding("threads", "good", f"{cores()} cores; simulations use them all, matrices one each")]
 
 
 def _yardstick() -> list[Finding]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import importlib.metadata
 import tempfile
+from contextlib import closing
 from pathlib import Path
 from typing import cast
 
@@ -18,9 +19,11 @@ from trueup.campaign.journal import Journal
 from trueup.campaign.plan import PlanFile, read_plan
 from trueup.commands.campaign_view import CampaignView, Unknown
 from trueup.commands.status import as_json, show_status
+from trueup.commands.where import CLUSTER, add_cluster, evaluator_of
 from trueup.report.campaign import write_campaign_report
 
-ABOUT = """\
+ABOUT = (
+    """\
 Runs a campaign: experiment on the robot, calibrate the simulator, optimize the controller in it, transfer the best to
 the robot, validate; round by round, until the robot is good enough or the budget is spent. The plan says all of it;
 `trueup new NAME` writes one to edit.
@@ -31,7 +34,10 @@ the robot, validate; round by round, until the robot is good enough or the budge
 Ctrl-C, a power cut or a closed lid are fine: the same command, or `trueup resume DIR`, goes on from there, with the same
 proposals. No trial on the robot is lost, and none is repeated unless you say so. In DIR: report.html, the recordings,
 a report of each calibration, and journal.jsonl, which holds everything that was decided.
+
 """
+    + CLUSTER
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,6 +55,7 @@ def add_common(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--yes", action="store_true", help="let hardware move without asking each time")
     parser.add_argument("--unknown", choices=("ask", "repeat", "leave"), default="ask",
                         help="what to do about a trial that was interrupted on hardware (default: %(default)s)")  # fmt: skip
+    add_cluster(parser)
     parser.add_argument("--json", action="store_true", help="print the outcome as JSON, for scripts")
     parser.add_argument("-q", "--quiet", action="store_true", help="no progress, no notes")
 
@@ -93,13 +100,14 @@ def go_on(folder: Folder, args: argparse.Namespace, console: Console, told: Cons
         if not args.quiet:
             told.print(f"  {escape(line)}", soft_wrap=True, highlight=False)
 
-    parts = parts_of(folder.file, folder.path, say)
-    unknown = cast(Unknown, args.unknown)
+    unknown, plan = cast(Unknown, args.unknown), folder.file.plan
     with Journal(folder.path) as journal:
-        view = CampaignView(told, folder.file.plan, folder.path, quiet=args.quiet, yes=args.yes, unknown=unknown)
+        view = CampaignView(told, plan, folder.path, quiet=args.quiet, yes=args.yes, unknown=unknown)
+        where = args.cluster or plan.evaluate.cluster, args.quorum or plan.evaluate.quorum
         try:
-            with view:
-                Campaign(folder.file.plan, folder.checksum, _version(), parts, journal, view).run()
+            with closing(evaluator_of(*where, told, quiet=args.quiet, watch=view.simulated)) as evaluator, view:
+                parts = parts_of(folder.file, folder.path, say, evaluator)
+                Campaign(plan, folder.checksum, _version(), parts, journal, view).run()
         except KeyboardInterrupt:
             told.print(
                 f"stopped; everything is kept. To go on: trueup resume {escape(str(folder.path))}", soft_wrap=True

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from trueup.chance import Buffeting, CommandNoise, Disturbance, Push, StartScatter
 from trueup.engines.simulator import Simulator
 from trueup.errors import CalibrationError
+from trueup.evaluation.evaluator import Evaluator, Here
 from trueup.search.cma_es import CmaEs
 from trueup.search.search import Search
-from trueup.tasks.task import DoneOrNot
+from trueup.tasks.task import DoneOrNot, judgement
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -63,6 +64,7 @@ def hunt(
     model: Array | None = None, wanted: int = 3, apart: float = 0.1, simulations: int = 6400,
     noise: Sequence[Disturbance] = NOISE, replays: int = 6, steps: Sequence[float] = STEPS,
     rough: Sequence[Disturbance] = (), watch: Callable[[int, float, int], None] | None = None,
+    evaluator: Evaluator | None = None,
 ) -> Hunt:  # fmt: skip
     """Searches until `wanted` candidates hold that are `apart` in some coordinate of the unit box, or simulations run out.
 
@@ -70,8 +72,8 @@ def hunt(
     (IPOP). Of each generation the best candidate that succeeds, far enough from those that hold, is replayed (see `holds`).
     `rough` is what happens to all candidates of a generation alike while they are searched, other in each: feedback can earn
     nothing where nothing disturbs. `model` (n,) are values of the simulator's parameters (None: the nominal ones). `watch`
-    sees simulations so far, the generation's lowest loss and the number of winners. Raises CalibrationError where no run of
-    a generation has a score.
+    sees simulations so far, the generation's lowest loss and the number of winners. `evaluator` says where generations are
+    simulated (None: here). Raises CalibrationError where no run of a generation has a score.
     """
     space, values = task.parameters, simulator.parameters.nominal if model is None else np.asarray(model)
     search = search or CmaEs(
@@ -83,7 +85,8 @@ def hunt(
     while not search.done and len(held) < wanted and count < simulations:
         asked = search.ask()
         tried = space.from_unit(asked)
-        losses, done = _judged(task, simulator, _rows(values, tried), _disturbed(task, rough, rng, alike=True))
+        trials = _disturbed(task, rough, rng, alike=True)
+        losses, done = _judged(task, simulator, _rows(values, tried), trials, evaluator or Here())
         search.tell(asked, losses)
         count += len(asked) * len(task.trials)
         far = np.array([all(np.abs(u - space.to_unit(h[0])).max() >= apart for h in held) for u in asked])
@@ -117,19 +120,18 @@ def steadiness(
 
 
 def _judged(
-    task: DoneOrNot, simulator: Simulator, rows: Array, trials: Sequence[Trial]
+    task: DoneOrNot, simulator: Simulator, rows: Array, trials: Sequence[Trial], evaluator: Evaluator
 ) -> tuple[Array, NDArray[np.bool_]]:
     """(b,) losses, NaN where a simulation failed, and which rows succeeded. Raises CalibrationError where all failed."""
-    rollouts = simulator.rollout(trials, rows, task.controllers)
-    losses = np.array(task.score(rollouts), dtype=np.float64)
-    losses[sorted({row for r in rollouts for row in r.failures})] = np.nan
+    found = evaluator.evaluate(judgement(task, simulator, trials), rows)
+    losses, done = found.values.T
     if not np.isfinite(losses).any():
-        why = next((w for r in rollouts for w in r.failures.values()), "the task's score is NaN for all")
+        why = next(iter(found.failures.values()), "the task's score is not finite for all")
         raise CalibrationError(
             f"task '{task.name}': none of {len(rows)} candidates could be simulated at a step of "
             f"{1e3 * simulator.step:.3g} ms: {why}. Try a shorter step (simulator.at_step)"
         )
-    return losses, task.succeeded(rollouts) & np.isfinite(losses)
+    return losses, (done == 1.0) & np.isfinite(losses)
 
 
 def holds(

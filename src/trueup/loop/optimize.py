@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from trueup.engines.simulator import Simulator
 from trueup.errors import CalibrationError
+from trueup.evaluation.evaluator import Evaluator
 from trueup.loop.correction import Correction
 from trueup.search.search import Search
 from trueup.tasks.task import Task, simulated_scores
@@ -112,14 +113,15 @@ def optimize(
     task: Task, simulator: Simulator, models: Array, search: Search, region: TrustRegion | None = None, *,
     risk: float = 1.0, evaluations: int | None = None, past: Sequence[Tried] = (),
     watch: Callable[[Tried], Tried] | None = None, correction: Correction | None = None,
+    evaluator: Evaluator | None = None,
 ) -> Optimum:  # fmt: skip
     """Searches the task's free parameters for the lowest mean score over `models` (p, n) plus `risk` deviations.
 
     `search` works in the region's box (the whole unit box without one) and ends by itself or after `evaluations`
     candidates. `past` are generations of an interrupted run: asked for again and told the same, which brings the search
     to where it was. `watch` sees each new generation. With a `correction` means and spreads are those expected on the
-    robot. Raises CalibrationError where the search asks for other candidates
-    than it did in the past, and where all candidates fail.
+    robot. `evaluator` says where candidates are simulated (None: here). Raises CalibrationError where the search asks for
+    other candidates than it did in the past, and where all candidates fail.
     """
     space = task.parameters
     whole = region or TrustRegion(np.full(int(space.free.sum()), 0.5), 0.5)
@@ -135,7 +137,7 @@ def optimize(
                 raise CalibrationError("the search asks for other candidates than before the interruption")
         else:
             unit = whole.outside(asked)
-            scores = simulated_scores(task, simulator, models, space.from_unit(unit))
+            scores = simulated_scores(task, simulator, models, space.from_unit(unit), evaluator)
             now = _judged(asked, unit, scores, risk, correction)
             now = watch(now) if watch is not None else now
         search.tell(asked, now.losses)

@@ -14,6 +14,7 @@ from trueup.controllers.controller import Controller
 from trueup.ends import Ended, end_of
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import ParameterError, RecordingError
+from trueup.evaluation.evaluator import Evaluator, Here, Outcome, Work
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.trial import Trial
@@ -85,19 +86,44 @@ def unit_of(task: Task) -> str:
     return task.unit if isinstance(task, ScoredIn) else ""
 
 
-def simulated_scores(task: Task, simulator: Simulator, model: Array, candidates: Array) -> Array:
+def simulated_scores(
+    task: Task, simulator: Simulator, model: Array, candidates: Array, evaluator: Evaluator | None = None
+) -> Array:
     """(p, b) scores of candidates (b, m) under each model: values (p, n) or (n,) of the simulator's parameters.
 
-    All models x candidates are rows of one rollout.
+    All models x candidates are rows of one evaluation, here where no `evaluator` says where.
     """
     models, tried = np.atleast_2d(model), np.atleast_2d(candidates)
     if tried.shape[1] != len(task.parameters):
         raise ParameterError(f"task '{task.name}' has {len(task.parameters)} parameters, got {tried.shape[1]}")
     rows = np.concatenate([np.repeat(models, len(tried), axis=0), np.tile(tried, (len(models), 1))], axis=1)
-    rollouts = simulator.rollout(task.trials, rows, task.controllers)
+    done = (evaluator or Here()).evaluate(judgement(task, simulator), rows)
+    return done.values[:, 0].reshape(len(models), len(tried))
+
+
+def judgement(task: Task, simulator: Simulator, trials: Sequence[Trial] | None = None) -> Work:
+    """The work of scoring rows of models' and candidates' values in the task's trials, or in others of their kind.
+
+    It gives (b, 2): scores, NaN where a simulation failed, and whether the task was done (1, or 0), NaN where it cannot say.
+    """
+    runs = tuple(task.trials if trials is None else trials)
+    kind = f"{task.name} in {simulator.name}, {sum(t.duration for t in runs):g} s in steps of {simulator.step:g} s"
+    return Work(judged, (task, simulator, runs), 2, kind)
+
+
+def judged(task: Task, simulator: Simulator, trials: Sequence[Trial], rows: Array, first: int) -> Outcome:
+    """See `judgement`; rows (b, n + m) from number `first` of all on."""
+    rollouts = simulator.rollout([t.from_row(first) for t in trials], rows, task.controllers)
     scores = np.array(task.score(rollouts), dtype=np.float64)
-    scores[sorted({row for r in rollouts for row in r.failures})] = np.nan  # what is left of a failed run is no run
-    return scores.reshape(len(models), len(tried))
+    if scores.shape != (len(rows),):
+        raise ParameterError(f"task '{task.name}' gave scores of shape {scores.shape} for {len(rows)} candidates")
+    failures = {row: why for r in reversed(rollouts) for row, why in r.failures.items()}
+    scores[sorted(failures)] = np.nan  # what is left of a failed run is no run
+    done = np.full(len(rows), np.nan)
+    if isinstance(task, DoneOrNot):
+        done[:] = task.succeeded(rollouts)
+    failures |= {r: "the task's score is NaN" for r in np.flatnonzero(np.isnan(scores)).tolist() if r not in failures}
+    return Outcome(np.stack([scores, done], axis=1), failures)
 
 
 def robot_trials(task: Task, candidate: Array, label: str = "") -> tuple[Trial, ...]:

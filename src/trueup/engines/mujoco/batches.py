@@ -6,18 +6,25 @@ from __future__ import annotations
 import mujoco
 from mujoco.batch import Batch
 
+from trueup.cores import cores
+
 _KEPT = 3
 
 
 class Batches:
     """Makes batches of `whole`, or of `bare` (the same model without shapes) where nothing touches anything.
 
-    Every batch holds copies of its model, and the shapes of a real robot are megabytes.
+    `threads` None: as many as this process may use. Every batch holds copies of its model, and the shapes of a real robot
+    are megabytes.
     """
 
-    def __init__(self, whole: mujoco.MjModel, bare: mujoco.MjModel, threads: int) -> None:
+    def __init__(self, whole: mujoco.MjModel, bare: mujoco.MjModel, threads: int | None) -> None:
         self.whole, self._bare, self._threads = whole, bare, threads
         self._kept: dict[tuple[int, bool, bool], Batch] = {}
+
+    def __reduce__(self) -> tuple[type[Batches], tuple[object, ...]]:
+        """In another process, with as many threads as that one has."""
+        return Batches, (self.whole, self._bare, None)
 
     def at_step(self, step: float) -> Batches:
         """The same with another step, in s."""
@@ -31,7 +38,7 @@ class Batches:
         if key not in self._kept:
             if len(self._kept) >= _KEPT:
                 self._kept.pop(next(iter(self._kept)))
-            self._kept[key] = Batch(self._model(contacts, sensors), rows, min(self._threads, rows))
+            self._kept[key] = Batch(self._model(contacts, sensors), rows, min(self._threads or cores(), rows))
         return self._kept[key]
 
     def _model(self, contacts: bool, sensors: bool) -> mujoco.MjModel:

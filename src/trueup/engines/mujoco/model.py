@@ -55,6 +55,10 @@ class Model:
     guessed: bool = False
     """Whether servos were added whose gains nobody has said: there is no such robot to compare with."""
 
+    def __getstate__(self) -> dict[str, object]:
+        """As it is sent to another process: what is simulated, not what a file is written from."""
+        return {**self.__dict__, "spec": None, "given": None, "driven": None}
+
     @property
     def name(self) -> str:
         """The file's name without its ending."""

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from functools import partial
 
@@ -52,10 +51,15 @@ class MujocoSimulator:
         self.controller = controller
         self.gains = gains or Gains()
         self.parameters = concatenate([own, controller_parameters]) if controller_parameters is not None else own
-        self._threads = threads or len(os.sched_getaffinity(0))
+        self._threads = threads
         self.batches = self._prepare()
         # None until a run with contacts has shown whether anything touches anything.
         self._touching: bool | None = None if self._can_touch() else False
+        self._learning = True
+
+    def __getstate__(self) -> dict[str, object]:
+        """In another process nothing is learned from one call for the next: it must not matter who was asked what before."""
+        return {**self.__dict__, "_learning": False, "_threads": None}
 
     @property
     def name(self) -> str:
@@ -140,7 +144,7 @@ class MujocoSimulator:
         with unclocked(), unlogged():
             run = Run(self, [trials[k] for k in order], values, controllers or self.controller, contacts)
             touched = run.simulate()
-        if contacts:
+        if contacts and self._learning:
             self._touching = touched
         done = run.rollouts()
         return [done[order.index(k)] for k in range(len(trials))]

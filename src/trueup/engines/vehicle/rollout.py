@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from trueup.controllers.controller import Controller, ControllerFactory, Observation
 from trueup.controllers.stanley import Stanley
 from trueup.controllers.stanley.kernel import path_table
+from trueup.cores import cores
 from trueup.engines.simulator import Rollout, refuse_unsupported
 from trueup.engines.vehicle.driving import COMMAND
 from trueup.engines.vehicle.loops import READ, drive_all, follow_rows, measure_all, read_all, replay_rows
@@ -68,9 +68,16 @@ class VehicleSimulator:
         self.parameters = concatenate([own, controller_parameters]) if controller_parameters is not None else own
         self._columns = vehicle.columns(own.names)
         self._seed = seed
-        self._threads = threads or len(os.sched_getaffinity(0))
+        self._threads = threads
         self._compiled = compiled
         self._pasts: WeakKeyDictionary[Trial, Past] = WeakKeyDictionary()
+
+    def __getstate__(self) -> dict[str, object]:
+        """As it is sent to another process: with that one's threads, without what was read of this one's trials."""
+        return {**self.__dict__, "_pasts": None, "_threads": None}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__.update({**state, "_pasts": WeakKeyDictionary()})
 
     @property
     def name(self) -> str:
@@ -237,7 +244,7 @@ class VehicleSimulator:
 
     def _shared(self, work: Callable[[slice], None], rows: int) -> None:
         """Does the work on all rows, in as many threads as are worth it."""
-        parts = min(self._threads, rows)
+        parts = min(self._threads or cores(), rows)
         if parts <= 1:
             work(slice(0, rows))
             return
