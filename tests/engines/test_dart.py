@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ pytest.importorskip("dartpy", reason="the second engine is an extra: pip install
 
 from trueup.articulated.declarations import Declaration
 from trueup.articulated.simulator import ArticulatedSimulator
+from trueup.chance import Push, Sensing, StartScatter
+from trueup.controllers.controller import Observation
 from trueup.controllers.playback import Playback
 from trueup.ends import Fallen
 from trueup.engines.dart import load, simulator
@@ -192,3 +195,69 @@ def test_what_dart_cannot_have_is_named(tmp_path: Path) -> None:
         simulator(load(tmp_path / "arm.xml"), [Declaration("backlash", ("elbow",))]).rollout(
             [swing()], np.zeros((1, 1))
         )
+
+
+PUSHED = BALL.replace("<geom name=", "<geom contype='0' conaffinity='0' name=", 1)
+
+
+def test_pushes_scatter_and_noise_are_those_of_mujoco(tmp_path: Path) -> None:
+    (tmp_path / "box.xml").write_text(PUSHED)
+    time = np.arange(0.0, 0.5, 0.01)
+    trial = Trial(
+        "pushed", 0.0, 0.5, None,
+        {"base_position": Observed(("x", "y", "z"), "m", time),
+         "base_orientation": Observed(("roll", "pitch", "yaw"), "rad", time)}, base_at(0.0, 5.0, 0.4),
+        disturbances=(Push("box", (4.0, 8.0), (0.05, 0.2), (0.05, 0.1)), StartScatter("base_position", 0.1),
+                      StartScatter("base_orientation", 0.2)),
+        sensing=(Sensing("base_position", 0.01, 0.02),),
+    ).seeded(np.random.default_rng(3))  # fmt: skip
+    file = tmp_path / "box.xml"
+    ours, theirs = (
+        s.rollout([trial], np.zeros((3, 0)))[0].channels
+        for s in (simulator(load(file), step=0.0005), MujocoSimulator(load_file(file), step=0.0005))
+    )
+    moved = np.ptp(theirs["base_position"][:, :, :2], axis=1)
+    assert (moved > 0.02).all()
+    np.testing.assert_allclose(
+        ours["base_position"], theirs["base_position"], atol=3e-3
+    )  # the same chance, drawn alike
+    np.testing.assert_allclose(ours["base_orientation"], theirs["base_orientation"], atol=1e-6)
+
+
+def test_a_push_changes_the_momentum_by_force_times_time(tmp_path: Path) -> None:
+    (tmp_path / "box.xml").write_text(PUSHED)
+    trial = Trial(
+        "pushed", 0.0, 0.6, None, {"base_position": Observed(("x", "y", "z"), "m", np.array([0.4, 0.5]))},
+        base_at(0.0, 5.0), disturbances=(Push("box", (6.0, 6.0), (0.1, 0.1), (0.2, 0.2), (0.0, 1.0, 0.0)),),
+    ).seeded(np.random.default_rng(0))  # fmt: skip
+    (run,) = simulator(load(tmp_path / "box.xml")).rollout([trial], np.zeros((1, 0)))
+    (before, after) = run.channels["base_position"][0]
+    np.testing.assert_allclose((after - before)[:2] / 0.1, [0.0, 6.0 * 0.2 / 2.0], atol=1e-6)
+
+
+@pytest.mark.parametrize("engine", ["dart", "mujoco"])
+def test_a_controller_in_closed_loop_meets_the_drives_and_sensors_that_a_replay_meets(arm: Path, engine: str) -> None:
+    lines = [Declaration("offset", ("shoulder",)), Declaration("speed_limit", ("elbow",)), Declaration("delay", ("elbow",)),
+             Declaration("zero", ("elbow",))]  # fmt: skip
+    dart = simulator(load(arm), lines)
+    made = dart if engine == "dart" else MujocoSimulator(load_file(arm), dart.parameters, dart.quantities)
+    time = np.arange(0.0, 1.0, 0.02)
+    waves = 0.3 * np.sin(4.0 * time)[:, None] * [1.0, -1.0, 0.1]
+    trial = replace(swing(1.0), command=Channel("command", ("shoulder", "elbow", "slide"), "rad", time, waves))
+    values = np.array([[0.1, 0.5, 0.03, 0.05]])
+    (replayed,) = made.rollout([trial], values)
+    seen: list[Array] = []
+
+    class Watching(Playback):
+        def command(self, observation: Observation) -> Array:
+            seen.append(np.array(observation.position[0]))
+            return super().command(observation)
+
+    assert trial.command is not None
+    command = trial.command
+    (closed,) = made.rollout([trial], values, lambda v: Watching(command, len(v), period=0.02))
+    np.testing.assert_allclose(closed.channels["position"], replayed.channels["position"], atol=1e-9)
+    measured = replayed.channels["position"][0]  # with the sensor's error, as the controller saw it
+    np.testing.assert_allclose(np.array(seen)[: len(measured)], measured, atol=2e-3)
+    (plain,) = made.rollout([trial], made.parameters.nominal[None])
+    assert np.abs(plain.channels["position"] - replayed.channels["position"]).max() > 0.03

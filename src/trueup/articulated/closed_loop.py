@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A trial's controller in a simulation: asked when a command is due, its commands held and delayed."""
+"""A trial's controller in a simulation: asked when a command is due, its commands held, delayed and limited."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.articulated.kernels import own_delayed_commands
+from trueup.articulated.signals import Signals
 from trueup.controllers.controller import Controller, Looking, Observation
 from trueup.rounding import first_step
 
@@ -16,11 +17,11 @@ Array = NDArray[np.float64]
 
 
 class ClosedLoop:
-    """One trial's controller of b copies. `delay` (b, width) of each command and `step` in s."""
+    """One trial's controller of b copies: the `trial`-th of `signals`, whose drives take what it commands. `step` in s."""
 
-    def __init__(self, controller: Controller, delay: Array, step: float) -> None:
-        self._controller, self._step = controller, step
-        self._delay = np.ascontiguousarray(delay)
+    def __init__(self, controller: Controller, signals: Signals, trial: int, step: float) -> None:
+        self._controller, self._signals, self._trial, self._step = controller, signals, trial, step
+        self._delay = np.ascontiguousarray(signals.delay)
         # Commands older than the longest delay act no more; room for as many again, so that they are seldom moved.
         self._acting = int(np.ceil(self._delay.max(initial=0.0) / controller.period)) + 2
         self._times = np.zeros(2 * self._acting)
@@ -53,7 +54,10 @@ class ClosedLoop:
         self._asked += 1
 
     def commands(self, at: int, count: int) -> Array:
-        """(b, count, width) of the steps at ... at + count, before which no other command is due."""
+        """(b, count, width) of the steps at ... at + count, before which no other command is due, as drives take them.
+
+        Steps must be asked for in their order.
+        """
         out = np.empty((len(self._delay), count, self._delay.shape[1]))
         own_delayed_commands(self._times, self._orders, self._kept, self._delay, at, self._step, out)
-        return out
+        return self._signals.arriving(self._trial, at, out, self._step)

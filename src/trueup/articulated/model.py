@@ -55,7 +55,7 @@ WORLD = "world"
 
 @dataclass(frozen=True, eq=False)
 class BasePose:
-    """Where a free base is and how it moves, (3,) each."""
+    """Where a free base is and how it moves, (3,) each, or (b, 3) where each copy is placed by itself."""
 
     position: Array
     """m, in the world."""
@@ -156,6 +156,15 @@ class Stopping(Protocol):
 
     def stop(self, rows: NDArray[np.int64]) -> None:
         """These are stepped no further."""
+        ...
+
+
+@runtime_checkable
+class Pushable(Protocol):
+    """Copies whose bodies can be pushed."""
+
+    def push(self, body: str, force: Array) -> None:
+        """A force (b, 3) in N, in the world, on the centre of mass of a body, from now on until it is set again."""
         ...
 
 

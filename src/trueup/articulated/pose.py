@@ -39,18 +39,20 @@ def angles_of(quaternion: Array) -> Array:
 
 
 def quaternion_of(angles: Array) -> Array:
-    """(4,) w, x, y, z of roll, pitch, yaw (3,) in rad."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(0.5 * angles), np.sin(0.5 * angles)
-    return np.array([
+    """(..., 4) w, x, y, z of roll, pitch, yaw (..., 3) in rad."""
+    half = np.moveaxis(0.5 * angles, -1, 0)
+    (cr, cp, cy), (sr, sp, sy) = np.cos(half), np.sin(half)
+    return np.stack([
         cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
-    ])  # fmt: skip
+    ], axis=-1)  # fmt: skip
 
 
 def turning(angles: Array, rates: Array) -> Array:
-    """(3,) angular velocity about the base's own axes in rad/s, of roll, pitch, yaw (3,) and how fast they change."""
-    (sr, sp, _), (cr, cp, _) = np.sin(angles), np.cos(angles)
-    roll, pitch, yaw = rates
-    return np.array([roll - yaw * sp, pitch * cr + yaw * sr * cp, -pitch * sr + yaw * cr * cp])
+    """(..., 3) angular velocity about the base's own axes in rad/s, of roll, pitch, yaw (..., 3) and how fast they change."""
+    turns = np.moveaxis(angles, -1, 0)
+    (sr, sp, _), (cr, cp, _) = np.sin(turns), np.cos(turns)
+    roll, pitch, yaw = np.moveaxis(rates, -1, 0)
+    return np.stack([roll - yaw * sp, pitch * cr + yaw * sr * cp, -pitch * sr + yaw * cr * cp], axis=-1)
 
 
 def near(angles: Array, measured: Array) -> Array:

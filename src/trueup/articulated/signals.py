@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,10 +75,31 @@ class Signals:
         delay = np.ascontiguousarray(self.delay[:, columns] - self._late(trial)[:, None])
         delayed_commands(times, values, integral, delay, at * step, step, part)
         out[:, :, columns] = self._limited(trial, at, part, columns, step)
+        return self._off(out)
+
+    def arriving(self, trial: int, at: int, given: Array, step: float) -> Array:
+        """(b, n, width) what a controller of the trial commands in steps from `at` on, delayed, as drives take it.
+
+        Limits of speed and zero errors act as on recorded commands. Stretches of a trial must be asked for in their order.
+        """
+        return self._off(self._limited(trial, at, given, np.arange(self._model.width), step))
+
+    def _off(self, commands: Array) -> Array:
+        """(b, n, width) commands less what servos take off them; they are changed in place."""
         for joint, value in self._changes.of("command").items():
             if (actuator := self._drives[joint]) in self._servos:
-                out[:, :, self._columns[actuator]] -= value[:, None]
-        return out
+                commands[:, :, self._columns[actuator]] -= value[:, None]
+        return commands
+
+    @property
+    def sensor_errors(self) -> Mapping[str, Array]:
+        """Joint to (b,) what its position sensor adds to the truth, in rad."""
+        return self._changes.of("sensor")
+
+    @property
+    def sensor_delays(self) -> Mapping[str, Array]:
+        """Channel to (b,) how late it is measured, in s."""
+        return self._changes.of("sensor_delay")
 
     def trial(self, k: int) -> Trial:
         """One of the trials."""
@@ -139,7 +160,9 @@ class Signals:
 
     def instants(self, trial: int, channel: str, step: float) -> Array:
         """(1 or b, T) when a channel is to be read off, in steps since the start, each sensor's delay taken off."""
-        at = (self._trials[trial].observed[channel].time - self._trials[trial].start)[None] / step
+        own = self._trials[trial]
+        declared = sum(s.latency for s in own.sensing if s.channel == channel)
+        at = (own.observed[channel].time - own.start - declared)[None] / step
         late = self._changes.of("sensor_delay").get(channel)
         if late is not None:
             at = at - late[:, None] / step

@@ -7,15 +7,18 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import dartpy
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from trueup.articulated.described import StoredCopies
 from trueup.articulated.model import WORLD, BasePose, Engine
 from trueup.articulated.pose import angles_of, quaternion_of, turning
+from trueup.articulated.starts import at_rest
 from trueup.engines.dart.skeleton import new_world, transform
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.wiring import rest
 from trueup.rounding import first_step
 
 Array = NDArray[np.float64]
@@ -36,30 +39,35 @@ class DartCopies(StoredCopies):
         self._file, self._compiled, self._floating = file, file.compiled, bool(model.channels())
         self.worlds = [new_world(self._compiled) for _ in range(rows)]
         self.robots = [w.getSkeleton("robot") for w in self.worlds]
-        self._dofs = np.array([self.robots[0].getJoint(j).getIndexInSkeleton(0) for j in self._joints], dtype=int)
+        order = [self.robots[0].getJoint(j).getIndexInSkeleton(0) for j in self._joints]
+        self._dofs = _slice(order)
         self._zeros = np.array([
             self._compiled.qpos0[self._compiled.jnt_qposadr[self._compiled.joint(j).id]] for j in self._joints
         ])  # fmt: skip
         self.base_position = np.zeros((rows, 3))
         self.base_orientation = np.zeros((rows, 3))
+        self.base_turning = np.zeros((rows, 3))
         self._stopped = np.zeros(rows, dtype=bool)
         self._lost = np.zeros(rows, dtype=bool)  # DART goes on with zeros where a number is none; these do not
         self._driven = [(i, a) for i, a in enumerate(model.drives().values()) if a]
-        self._at = [i for i, _ in self._driven]
+        self._at = _slice([i for i, _ in self._driven])
         self._columns = [model.columns()[a] for _, a in self._driven]
+        self._range = _command_range(self._compiled, self._columns)
         self._whole = np.zeros((rows, self.robots[0].getNumDofs()))
+        self._pushes: dict[str, tuple[list[Any], Array, Array]] = {}
         self._drives: tuple[Array, ...] | None = None
-        self.substep = LONGEST
+        self.substep, self._set = LONGEST, 0.0
         for joint in self._joints:
             for attribute in ("joint.damping", "joint.friction"):
                 self._apply(attribute, joint)
         for name in model.names("body")[1:]:
             self._apply("body.mass", name)
         self._apply("world.gravity", WORLD)
-        start = self._compiled.qpos0[:7]
+        begun = rest(self._compiled)[0][:7]
         still = np.zeros(3)
-        base = BasePose(start[:3], still, angles_of(start[3:]), still) if self._floating else None
-        self.place(np.tile(self._zeros, (rows, 1)), np.zeros((rows, len(self._joints))), base)
+        base = BasePose(begun[:3], still, angles_of(begun[3:]), still) if self._floating else None
+        place, pace = (np.tile(x, (rows, 1)) for x in at_rest(model))
+        self.place(place, pace, base)
 
     def set(self, attribute: str, name: str, values: Array) -> None:
         """See Writable."""
@@ -76,20 +84,27 @@ class DartCopies(StoredCopies):
 
     def place(self, position: Array, velocity: Array, base: BasePose | None = None) -> None:
         """See Running."""
-        for robot, q, v in zip(self.robots, position - self._zeros, velocity, strict=True):
+        for row, (robot, q, v) in enumerate(zip(self.robots, position - self._zeros, velocity, strict=True)):
             whole, speeds = robot.getPositions(), robot.getVelocities()
             whole[self._dofs], speeds[self._dofs] = q, v
             if base is not None and self._floating:
-                there = transform(base.position, quaternion_of(base.angles))
+                parts = (base.position, base.velocity, base.angles, base.rates)
+                place, pace, angles, rates = (x if x.ndim == 1 else x[row] for x in parts)
+                there = transform(place, quaternion_of(angles))
                 whole[:6] = dartpy.dynamics.FreeJoint.convertToPositions(there)
                 # DART's velocity of a free joint is that of the body in its own axes, turning first.
-                speeds[:3] = turning(base.angles, base.rates)
-                speeds[3:6] = there.rotation().T @ base.velocity
+                speeds[:3] = turning(angles, rates)
+                speeds[3:6] = there.rotation().T @ pace
             robot.setPositions(whole)
             robot.setVelocities(speeds)
-        everyone = list(zip(range(self.rows), self.worlds, self.robots, strict=True))
-        self._gather_joints(everyone)
-        self._gather_base(everyone)
+        self._gather(range(self.rows), speeds=True)
+
+    def push(self, body: str, force: Array) -> None:
+        """See Pushable."""
+        self._pushes.pop(body, None)
+        if force.any():
+            nodes = [robot.getBodyNode(body) for robot in self.robots]
+            self._pushes[body] = nodes, force, self.get("body.com", body)
 
     def reader(self, state: str, joints: Sequence[str]) -> Callable[[int], Array]:
         """See Copies."""
@@ -106,20 +121,26 @@ class DartCopies(StoredCopies):
         """See Running."""
         count = first_step(step, LONGEST)
         self.substep = step / count
-        going = np.flatnonzero(~(self._stopped | self._lost))
+        if self.substep != self._set:
+            self._set = self.substep
+            for world in self.worlds:
+                world.setTimeStep(self.substep)
         law = self._law(command)
         damped = bool(np.any(law.kv))  # by the servos: only then are speeds asked for between two commands
-        pairs = [(row, self.worlds[row], self.robots[row]) for row in going.tolist()]
-        for _, world, _ in pairs:
-            world.setTimeStep(self.substep)
+        going = np.flatnonzero(~(self._stopped | self._lost)).tolist()
         for k in range(count):
-            forces, lost = self._forces(law), self._lost.tolist()
-            for row, world, robot in pairs:
-                if not lost[row]:
-                    robot.setForces(forces[row])
-                    world.step()
-            self._gather_joints(pairs, speeds=damped or k + 1 == count)
-        self._gather_base(pairs)
+            forces = self._forces(law)
+            if self._lost[going].any():
+                going = [row for row in going if not self._lost[row]]
+            for nodes, push, com in self._pushes.values():
+                for row in going:
+                    nodes[row].addExtForce(push[row], com[row], False, True)
+            for row in going:
+                self.robots[row].setForces(forces[row])
+                self.worlds[row].step()
+            self._gather(going, speeds=damped, last=k + 1 == count)
+        if self._lost.any():
+            self.position[self._lost] = np.nan
 
     def _law(self, command: Array) -> ServoLaw:
         """What the drives do about positions and speeds during a step: position servos within their limits, or motors."""
@@ -130,7 +151,10 @@ class DartCopies(StoredCopies):
             limit = np.where(limit > 0.0, limit, np.inf)
             self._drives = gain * np.where(servo, kp, motor), gain * kp * zero, gain * kp, gain * kv, limit
         given, offset, kp, kv, limit = self._drives
-        return ServoLaw(given * command[:, self._columns] + offset, kp, kv, limit)
+        told = command[:, self._columns]
+        if self._range is not None:
+            told = np.minimum(np.maximum(told, self._range[0]), self._range[1])
+        return ServoLaw(given * told + offset, kp, kv, limit)
 
     def _forces(self, law: ServoLaw) -> Array:
         """(b, dofs) in DART's order; the base is not driven."""
@@ -138,7 +162,8 @@ class DartCopies(StoredCopies):
         wanted = law.given - law.kp * position - law.kv * velocity
         self.force[:, self._at] = np.minimum(np.maximum(wanted, -law.limit), law.limit)
         self._whole[:, self._dofs] = self.force
-        self._lost |= ~np.isfinite(self.force).all(axis=1)
+        if not np.isfinite(self.force.sum()):
+            self._lost |= ~np.isfinite(self.force).all(axis=1)
         return self._whole
 
     def _stacked(self, attribute: str) -> Array:
@@ -187,24 +212,26 @@ class DartCopies(StoredCopies):
         for robot, m, c, i in zip(self.robots, mass, com, inertia + rotor, strict=True):
             robot.getBodyNode(name).setInertia(dartpy.dynamics.Inertia(float(m), c, i))
 
-    def _gather_joints(self, pairs: Sequence[tuple[int, Any, Any]], *, speeds: bool = True) -> None:
-        if pairs:
-            rows = [row for row, _, _ in pairs]
-            self.position[rows] = self._joined([r.getPositions() for _, _, r in pairs]) + self._zeros
-            if speeds:
-                self.velocity[rows] = self._joined([r.getVelocities() for _, _, r in pairs])
-        self._lost |= ~np.isfinite(self.position + self.velocity).all(axis=1)
-        self.position[self._lost] = np.nan
+    def _gather(self, rows: Sequence[int], *, speeds: bool, last: bool = True) -> None:
+        """Takes the state of some rows out of their worlds, that of their bases at `last`; what is no number is lost."""
+        base = last and self._floating
+        if not len(rows):
+            return
+        some = slice(None) if len(rows) == self.rows else np.asarray(rows)
+        self.position[some] = np.array([self.robots[row].getPositions() for row in rows])[:, self._dofs] + self._zeros
+        if speeds or last:
+            moving = np.array([self.robots[row].getVelocities() for row in rows])
+            self.velocity[some] = moving[:, self._dofs]
+            if base:
+                self._gather_base(rows, some)
+                self.base_turning[some] = moving[:, :3]
+        if not np.isfinite(self.position.sum() + self.velocity.sum()):
+            self._lost |= ~np.isfinite(self.position + self.velocity).all(axis=1)
 
-    def _joined(self, states: Sequence[Array]) -> Array:
-        """(r, k) of the joints, of states in DART's order."""
-        return np.concatenate(states).reshape(len(states), -1)[:, self._dofs]
-
-    def _gather_base(self, pairs: Sequence[tuple[int, Any, Any]]) -> None:
-        if self._floating and pairs:
-            rows, placed = [row for row, _, _ in pairs], [r.getRootBodyNode().getTransform() for _, _, r in pairs]
-            self.base_position[rows] = [p.translation() for p in placed]
-            self.base_orientation[rows] = angles_of(np.array([_quaternion(p) for p in placed]))
+    def _gather_base(self, rows: Sequence[int], some: slice | NDArray[np.int64]) -> None:
+        placed = [self.robots[row].getRootBodyNode().getTransform() for row in rows]
+        self.base_position[some] = [p.translation() for p in placed]
+        self.base_orientation[some] = angles_of(np.array([_quaternion(p) for p in placed]))
 
 
 class ServoLaw(NamedTuple):
@@ -219,6 +246,20 @@ class ServoLaw(NamedTuple):
 def _quaternion(placed: Any) -> tuple[float, float, float, float]:
     q = placed.quaternion()
     return q.w(), q.x(), q.y(), q.z()
+
+
+def _slice(order: Sequence[int]) -> slice | NDArray[np.int64]:
+    """Columns in this order, as a slice where they are neighbours: then nothing is copied."""
+    if len(order) and list(order) == list(range(order[0], order[0] + len(order))):
+        return slice(order[0], order[0] + len(order))
+    return np.array(order, dtype=np.int64)
+
+
+def _command_range(compiled: mujoco.MjModel, columns: Sequence[int]) -> tuple[Array, Array] | None:
+    """(k,), (k,) within what commands are taken, None where no actuator of the columns has a range."""
+    limited = compiled.actuator_ctrllimited[columns].astype(bool)
+    low, high = compiled.actuator_ctrlrange[columns].T
+    return (np.where(limited, low, -np.inf), np.where(limited, high, np.inf)) if limited.any() else None
 
 
 def _shapes(world: Any, geom: str) -> list[Any]:

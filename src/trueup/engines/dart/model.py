@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+TURNING = "base_turning"
+"""Channel: angular velocity of a free base about its own axes x, y, z in rad/s."""
 OFFERED = (
     "joint.damping", "joint.friction", "joint.armature", "joint.inertia", "joint.slides", "joint.start",
     "joint.start_velocity", "actuator.kp", "actuator.kv", "actuator.zero", "actuator.gain", "actuator.force_limit",
@@ -69,8 +71,8 @@ class DartModel:
         return bool(len(types)) and int(types[0]) == mujoco.mjtJoint.mjJNT_FREE
 
     def channels(self) -> Mapping[str, tuple[str, ...]]:
-        """See Engine: the pose of a free base."""
-        return {POSITION: AXES, ORIENTATION: ANGLES} if self.floating else {}
+        """See Engine: the pose of a free base, and its angular velocity about its own axes, in rad/s."""
+        return {POSITION: AXES, ORIENTATION: ANGLES, TURNING: AXES} if self.floating else {}
 
     def get(self, attribute: str, name: str) -> Array:
         """See Model."""

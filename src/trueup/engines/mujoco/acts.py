@@ -11,20 +11,19 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
+from trueup.articulated.disturbances import NEVER, CommandNoises, Forces
 from trueup.articulated.pose import angles_of
-from trueup.chance import Buffeting, CommandNoise, Push, Pushed
+from trueup.articulated.sensing import Senses
+from trueup.articulated.signals import Signals
 from trueup.controllers.controller import Observation
 from trueup.engines.mujoco.model import Model
-from trueup.engines.mujoco.sensing import Senses
+from trueup.engines.mujoco.sensing import senses_of
 from trueup.engines.mujoco.wiring import Source, source_of
-from trueup.errors import ModelError, unknown_name
-from trueup.rounding import SAME_INSTANT, whole_steps
+from trueup.errors import ModelError
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
-
-_NEVER = 1 << 62
 
 
 class Acts:
@@ -36,31 +35,20 @@ class Acts:
         model: Model,
         compiled: mujoco.MjModel,
         trials: Sequence[Trial],
-        candidates: int,
+        signals: Signals,
         step: float,
+        seeing: Sequence[bool],
     ) -> None:
+        """`seeing`: which of the trials have a controller."""
         self._batch, self._compiled, self._trials = batch, compiled, trials
         self._model, self._sources = model, dict[tuple[str, tuple[str, ...]], Source]()
-        self._candidates, self._step = candidates, step
-        self._pushes = [
-            (k, Pushed.of(d, t.settled().streams(f"{t.name}/{i}", candidates)))
-            for k, t in enumerate(trials)
-            for i, d in enumerate(t.disturbances)
-            if isinstance(d, Push)
-        ]
-        self._bodies = [_body(compiled, push.body) for _, push in self._pushes]
-        self._buffets = [
-            (k, _body(compiled, d.body), d.every, d.forces(t.duration, streams))
-            for k, t in enumerate(trials)
-            for i, d in enumerate(t.disturbances)
-            if isinstance(d, Buffeting)
-            for streams in (t.settled().streams(f"{t.name}/{i}", candidates),)
-        ]
-        edges = [np.ceil(t / step - SAME_INSTANT) for _, p in self._pushes for t in (p.start, p.stop)]
-        edges += [np.ceil(np.arange(f.shape[1]) * every / step - SAME_INSTANT) for _, _, every, f in self._buffets]
-        self._edges = np.unique(np.concatenate(edges)).astype(np.int64) if edges else np.zeros(0, dtype=np.int64)
-        self._noise = {k: noise for k, t in enumerate(trials) if (noise := _noises(model, t, candidates))}
-        self._senses = [Senses(model, compiled, t, candidates, step) for t in trials]
+        self._candidates, self._step = len(signals.delay), step
+        bodies = [mujoco.mj_id2name(compiled, mujoco.mjtObj.mjOBJ_BODY, i) or "" for i in range(compiled.nbody)]
+        self._forces = [Forces(t, self._candidates, step, bodies) for t in trials]
+        self._bodies = {name: bodies.index(name) for forces in self._forces for name in forces.bodies}
+        self._edges = np.unique(np.concatenate([f.edges for f in self._forces]))
+        self._noises = [CommandNoises(model, t, self._candidates) for t in trials]
+        self._senses = [senses_of(model, compiled, signals, k, step) if s else Senses(()) for k, s in enumerate(seeing)]
         self._names = sensor_places(compiled)
 
     @property
@@ -76,27 +64,20 @@ class Acts:
     def next_after(self, at: int) -> int:
         """The first step after `at` before which a force changes."""
         later = int(np.searchsorted(self._edges, at, side="right"))
-        return int(self._edges[later]) if later < len(self._edges) else _NEVER
+        return int(self._edges[later]) if later < len(self._edges) else NEVER
 
     def push(self, at: int) -> None:
         """Sets the forces on bodies where one changes before step `at`."""
         if not len(self._edges) or at not in self._edges:
             return
-        applied, now = self._batch.bind("xfrc_applied"), at * self._step
-        pushed = [(k, body) for (k, _), body in zip(self._pushes, self._bodies, strict=True)]
-        for k, body in [*pushed, *((k, body) for k, body, _, _ in self._buffets)]:
-            applied[self._of(k), body] = 0.0
-        for k, body, every, forces in self._buffets:
-            applied[self._of(k), body, :2] += forces[:, min(whole_steps(now, every), forces.shape[1] - 1)]
-        for (k, push), body in zip(self._pushes, self._bodies, strict=True):
-            on = (push.start <= now + SAME_INSTANT) & (now + SAME_INSTANT < push.stop)
-            applied[self._of(k), body, :3] += on[:, None] * push.force
+        applied = self._batch.bind("xfrc_applied")
+        for k, forces in enumerate(self._forces):
+            for name, force in forces.at(at).items():
+                applied[self._of(k), self._bodies[name], :3] = force
 
     def disturbed(self, k: int, at: int, commands: Array) -> Array:
         """Commands (b, n, nu) of one trial from step `at` on as they arrive."""
-        for noise in self._noise.get(k, ()):
-            noise.add(at * self._step + self._step * np.arange(commands.shape[1]), commands)
-        return commands
+        return self._noises[k].add(at, self._step, commands)
 
     def seen(
         self, k: int, now: float, rows: Rows, channels: Mapping[str, tuple[str, ...]] = MappingProxyType({})
@@ -178,43 +159,3 @@ def sensor_places(compiled: mujoco.MjModel) -> dict[str, slice]:
     """Sensor name, or its number where it has none, to its columns."""
     names = [mujoco.mj_id2name(compiled, mujoco.mjtObj.mjOBJ_SENSOR, i) or str(i) for i in range(compiled.nsensor)]
     return {n: slice(a, a + d) for n, a, d in zip(names, compiled.sensor_adr, compiled.sensor_dim, strict=True)}
-
-
-class _Noise:
-    """Noise on the commands of one trial, held for a while."""
-
-    def __init__(self, noise: CommandNoise, columns: Rows, values: Array) -> None:
-        self._every, self._columns = noise.every, columns
-        self._values = noise.deviation * values  # (b, ticks, k)
-
-    def add(self, times: Array, commands: Array) -> None:
-        """Adds it to commands (b, n, nu) at `times` (n,)."""
-        ticks = np.minimum((times / self._every + SAME_INSTANT).astype(np.int64), self._values.shape[1] - 1)
-        commands[:, :, self._columns] += self._values[:, ticks]
-
-
-def _noises(model: Model, trial: Trial, candidates: int) -> list[_Noise]:
-    noises = []
-    for i, noise in enumerate(trial.disturbances):
-        if isinstance(noise, CommandNoise):
-            named = [_column(model, label) for label in noise.labels] or range(model.width)
-            columns = np.array(named, dtype=np.int64)
-            streams = trial.settled().streams(f"{trial.name}/{i}", candidates)
-            ticks = int(np.ceil(trial.duration / noise.every)) + 1
-            noises.append(_Noise(noise, columns, streams.normal(ticks, len(columns))))
-    return noises
-
-
-def _column(model: Model, label: str) -> int:
-    by_joint, columns = {j: a for j, a in model.drives().items() if a}, model.columns()
-    if label not in by_joint and label not in columns:
-        raise unknown_name("actuator", label, {*columns, *by_joint}, "the model (noise on commands)")
-    return columns[by_joint.get(label, label)]
-
-
-def _body(compiled: mujoco.MjModel, name: str) -> int:
-    body = int(mujoco.mj_name2id(compiled, mujoco.mjtObj.mjOBJ_BODY, name))
-    if body < 0:
-        names = (mujoco.mj_id2name(compiled, mujoco.mjtObj.mjOBJ_BODY, i) or "" for i in range(compiled.nbody))
-        raise unknown_name("body", name, [n for n in names if n], "the model (a push)")
-    return body

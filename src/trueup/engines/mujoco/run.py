@@ -15,6 +15,7 @@ from trueup.articulated.closed_loop import ClosedLoop
 from trueup.articulated.gains import Gains
 from trueup.articulated.kernels import read_off
 from trueup.articulated.pose import angles_of, near
+from trueup.articulated.sensing import read_noise
 from trueup.articulated.signals import Signals
 from trueup.controllers.controller import ControllerFactory
 from trueup.ends import Ended
@@ -80,7 +81,8 @@ class Run:
         )
         self.copies = MujocoCopies(self.compiled, self.batch)
         self._write_model(values)
-        self.acts = Acts(self.batch, simulator.model, self.compiled, trials, self.candidates, simulator.step)
+        seeing = [factory is not None for factory in own]
+        self.acts = Acts(self.batch, simulator.model, self.compiled, trials, self.signals, simulator.step, seeing)
         self.stepper = self._stepper(values, own)
 
     def simulate(self) -> bool:
@@ -122,17 +124,11 @@ class Run:
     def _seen(self, k: int, name: str) -> Array:
         """(b, T, k) a channel as it is measured: a quaternion as angles, in the turn in which they were measured; noisy."""
         trial, values = self.trials[k], self.out[k][name]
-        observed = trial.observed[name]
         if self.sources[k][name].turned:
             measured = trial.initial.get(name)
             values = angles_of(values)
-            values = near(values, measured.at(observed.time)) if measured is not None else values
-        for sensing in trial.sensing:
-            if sensing.channel == name and sensing.noise > 0.0:
-                streams = trial.settled().streams(f"{trial.name}/read {name}", self.candidates)
-                noisy = [i for i, label in enumerate(observed.labels) if label in (sensing.labels or observed.labels)]
-                values[:, :, noisy] += sensing.noise * streams.normal(len(observed.time), len(noisy))
-        return values
+            values = near(values, measured.at(trial.observed[name].time)) if measured is not None else values
+        return read_noise(trial, name, values)
 
     def _steps(self, k: int) -> int:
         return whole_steps(self.trials[k].duration, self.simulator.step) + 2
@@ -170,7 +166,7 @@ class Run:
     def _stepper(self, values: Array, controllers: Sequence[ControllerFactory | None]) -> Stepper:
         own, step = len(self.simulator.quantities), self.simulator.step
         loops = {
-            k: ClosedLoop(factory(values[:, own:]), self.signals.delay, step)
+            k: ClosedLoop(factory(values[:, own:]), self.signals, k, step)
             for k, factory in enumerate(controllers)
             if factory is not None
         }
@@ -219,7 +215,7 @@ class Run:
         return slice(int(first), int(last))
 
     def _read(self, joined: dict[str, Array], rows: Rows, at: int, count: int) -> None:
-        for k, trial in enumerate(self.trials):
+        for k in range(len(self.trials)):
             mine = self._mine(k, rows)
             own = rows[mine] - k * self.candidates
             if self._steps(k) <= at or not len(own):
@@ -228,8 +224,7 @@ class Run:
             for name, source in self.sources[k].items():
                 # Derived fields describe the state before each step: their history begins one step earlier.
                 first = at - 1 if source.derived else at
-                late = sum(s.latency for s in trial.sensing if s.channel == name) / self.simulator.step
-                instants = np.maximum(self.signals.instants(k, name, self.simulator.step) - late, 0.0)
+                instants = self.signals.instants(k, name, self.simulator.step)
                 history = np.ascontiguousarray(source.read(joined[source.field][mine]))
                 read_off(
                     history, own, first, first + count, ends, instants, len(instants) == 1,

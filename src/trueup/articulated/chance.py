@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What chance does to one trial's copies of any engine: where they start, what pushes them, what controllers see."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.articulated.disturbances import CommandNoises, Forces
+from trueup.articulated.model import BasePose, Engine, Pushable, Running
+from trueup.articulated.pose import ORIENTATION, POSITION
+from trueup.articulated.sensing import Sense, Senses, on_robot, turned_angles
+from trueup.articulated.signals import Signals
+from trueup.articulated.starts import measured_base
+from trueup.chance import StartScatter
+from trueup.controllers.controller import Observation
+from trueup.errors import ModelError, unknown_name
+
+Array = NDArray[np.float64]
+Read = Callable[[str, Sequence[str]], Callable[[int], Array]]
+"""What reads a channel's labels of the first n copies."""
+
+JOINTS = ("position", "velocity")
+
+
+class Chances:
+    """Of the one trial of `signals`. Raises ModelError for pushes where the engine cannot push its copies."""
+
+    def __init__(self, model: Engine, copies: Running, signals: Signals, step: float, *, seeing: bool) -> None:
+        self._model, self._copies, self._step = model, copies, step
+        self._trial, self._rows = signals.trial(0), len(signals.delay)
+        self._forces = Forces(self._trial, self._rows, step, model.names("body"))
+        if self._forces.bodies and not isinstance(copies, Pushable):
+            raise ModelError(
+                f"simulator '{model.name}' does not support disturbances that push bodies; trial '{self._trial.name}' pushes "
+                f"{', '.join(self._forces.bodies)}"
+            )
+        self._edges = set(self._forces.edges.tolist())
+        self._noises = CommandNoises(model, self._trial, self._rows)
+        self._labels = {**{n: tuple(model.drives()) for n in JOINTS}, **model.channels()}
+        self._senses = Senses(self._declared(signals) if seeing else ())
+
+    def place(self, position: Array, velocity: Array) -> None:
+        """Puts the copies where the trial begins, joints (b, k), and off by what is declared to scatter."""
+        base = measured_base(self._trial)
+        self._copies.place(position, velocity, base)
+        scatters = [(i, d) for i, d in enumerate(self._trial.disturbances) if isinstance(d, StartScatter)]
+        if scatters:
+            state = {"position": np.array(position), "velocity": np.array(velocity)}
+            for name in (POSITION, ORIENTATION):
+                state |= {name: self._read(name)} if name in self._labels else {}
+            for i, d in scatters:
+                self._scatter(state, d, f"{self._trial.name}/{i}")
+            if POSITION in state:
+                still = np.zeros(3)
+                velocity, rates = (base.velocity, base.rates) if base is not None else (still, still)
+                base = BasePose(state[POSITION], velocity, state[ORIENTATION], rates)
+            self._copies.place(state["position"], state["velocity"], base)
+        self._senses.begin({field: self._read(field) for field in self._senses.late})
+
+    def push(self, step: int) -> None:
+        """Sets the forces on bodies where one changes before a step."""
+        if step in self._edges and isinstance(self._copies, Pushable):
+            for body, force in self._forces.at(step).items():
+                self._copies.push(body, force)
+
+    def noisy(self, at: int, commands: Array) -> Array:
+        """Commands (b, n, width) from step `at` on as they arrive."""
+        return self._noises.add(at, self._step, commands)
+
+    def note(self) -> None:
+        """Takes what one step has changed, where controllers see the past."""
+        if self._senses.late:
+            self._senses.note({f: self._read(f)[:, None] for f in self._senses.late}, np.arange(self._rows))
+
+    def seen(self, now: float, wanted: Mapping[str, tuple[str, ...]], read: Read) -> Observation:
+        """What a controller sees `now`; `wanted` are channels that it looks at, each with its labels."""
+        whole = {n: self._senses.of(n, lambda n=n: self._read(n)) for n in self._labels}
+        named = {
+            n: whole[n][:, [self._labels[n].index(x) for x in labels]]
+            if n in whole and set(labels) <= set(self._labels[n])
+            else read(n, labels)(self._rows)
+            for n, labels in wanted.items()
+        }
+        sensors = {n: v for n, v in whole.items() if n not in JOINTS}
+        return Observation(now, whole["position"], whole["velocity"], sensors, self._trial, named)
+
+    def _read(self, channel: str) -> Array:
+        return self._copies.reader(channel, self._labels[channel])(self._rows)
+
+    def _scatter(self, state: dict[str, Array], d: StartScatter, purpose: str) -> None:
+        columns = self._columns(d.channel, d.labels, state)
+        streams = self._trial.settled().streams(purpose, self._rows)
+        if d.channel == ORIENTATION:
+            state[d.channel] = turned_angles(state[d.channel], d.deviation * streams.normal(3))
+        else:
+            state[d.channel][:, columns] += d.deviation * streams.normal(len(columns))
+
+    def _declared(self, signals: Signals) -> list[Sense]:
+        """As the trial declares it, and as calibrated errors and delays of sensors have it."""
+        found = []
+        for s in self._trial.sensing:
+            if s.channel not in self._labels and s.channel in self._trial.observed:
+                continue  # it is only read off
+            columns, noisy = (self._columns(s.channel, x, self._labels) for x in ((), s.labels))
+            turn = turned_angles if s.channel == ORIENTATION else None
+            found.append(
+                Sense.declared(self._trial, s, self._rows, self._step, s.channel, columns, noisy, turn=turn)
+            )  # fmt: skip
+        for channel, late in on_robot(signals.sensor_delays, self._trial):
+            if channel in self._labels:
+                columns = self._columns(channel, (), self._labels)
+                found.append(Sense(channel, columns, columns, late / self._step))
+        if errors := signals.sensor_errors:
+            columns = self._columns("position", tuple(errors), self._labels)
+            bias = np.stack(list(errors.values()), axis=1)
+            found.append(Sense("position", columns, columns, np.zeros(self._rows), bias=bias))
+        return found
+
+    def _columns(self, channel: str, labels: Sequence[str], known: Mapping[str, object]) -> NDArray[np.int64]:
+        """Of a channel's labels, all for (). Raises UnknownNameError."""
+        where = f"what can be sensed in trial '{self._trial.name}'"
+        if channel not in known:
+            raise unknown_name("channel", channel, known, where)
+        own = self._labels[channel]
+        for label in labels:
+            if label not in own:
+                raise unknown_name("label", label, own, f"channel '{channel}' of '{self._model.name}'")
+        return np.array([own.index(x) for x in labels or own], dtype=np.int64)

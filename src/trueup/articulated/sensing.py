@@ -1,0 +1,147 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Sensors that are late, noisy and off, whatever simulates them: what controllers see, and what is read off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.articulated.pose import ORIENTATION, POSITION, angles_of, quaternion_of
+from trueup.chance import Sensing, Streams
+from trueup.trial import Trial
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+Turn = Callable[[Array, Array], Array]
+"""An orientation (b, m) turned by small angles (b, 3) in rad about the body's own axes."""
+
+_AHEAD = 64  # looks for which noise is drawn at once: generators are asked seldom, and little is kept
+
+
+@dataclass(frozen=True, eq=False)
+class Sense:
+    """How some columns of a field of the state are seen by b rows."""
+
+    field: str
+    columns: Rows
+    noisy: Rows
+    """Those that are noisy and off."""
+    latency: Array
+    """(b,) in steps."""
+    noise: float = 0.0
+    streams: Streams | None = None
+    bias: Array | None = None
+    """(b, k) what is added to the noisy columns, for the whole run."""
+    derived: bool = False
+    """Whether the field describes the state before a step rather than the one after it."""
+    turn: Turn | None = None
+    """For orientations: what noise does to them."""
+
+    @classmethod
+    def declared(
+        cls, trial: Trial, s: Sensing, rows: int, step: float, field: str, columns: Rows, noisy: Rows, *,
+        derived: bool = False, turn: Turn | None = None,
+    ) -> Sense:  # fmt: skip
+        """One that a trial declares, of columns of a field. Raises TrialError where its chance is not settled."""
+        streams = trial.settled().streams(f"{trial.name}/seen {s.channel}", rows) if s.noise > 0.0 else None
+        bias = None
+        if s.bias > 0.0:
+            width = 3 if turn is not None else len(noisy)
+            bias = s.bias * trial.settled().streams(f"{trial.name}/bias of {s.channel}", rows).normal(width)
+        return cls(field, columns, noisy, np.full(rows, s.latency / step), s.noise, streams, bias, derived, turn)
+
+
+class Senses:
+    """What controllers of one trial see of its b rows."""
+
+    def __init__(self, senses: Sequence[Sense]) -> None:
+        self._all = list(senses)
+        self._kept = int(np.ceil(max((s.latency.max(initial=0.0) for s in self._all), default=0.0))) + 2
+        self._past: dict[str, Array] = {}
+        self._blocks: dict[int, tuple[Array, int]] = {}
+        self.late = tuple(dict.fromkeys(s.field for s in self._all if s.latency.any()))
+        """Fields of which the past is needed."""
+
+    def begin(self, state: Mapping[str, Array]) -> None:
+        """Takes the start (b, size) of each of the `late` fields: before it, it was the same."""
+        self._past = {f: np.repeat(now[:, None], self._kept, axis=1) for f, now in state.items()}
+
+    def note(self, history: Mapping[str, Array], rows: Rows) -> None:
+        """Takes what `rows` went through: field to (len(rows), n, size)."""
+        for field, past in self._past.items():
+            past[rows] = np.concatenate([past[rows], history[field]], axis=1)[:, -self._kept :]
+
+    def of(self, field: str, now: Callable[[], Array]) -> Array:
+        """(b, size) a field as it is seen; `now` gives what it is, and is not asked where all of it is seen late."""
+        mine = [s for s in self._all if s.field == field]
+        if not mine:
+            return now()
+        late = [s.columns for s in mine if (s.latency >= 1.0).all()]
+        wholly = field in self._past and len(np.unique(np.concatenate([*late, [-1]]))) > self._past[field].shape[2]
+        seen = np.array(self._past[field][:, -1] if wholly else now())
+        for sense in mine:
+            if sense.latency.any():
+                seen[:, sense.columns] = self._before(field, sense)[:, sense.columns]
+        for number, sense in enumerate(self._all):
+            if sense.field == field and sense.streams is not None:
+                width = 3 if sense.turn is not None else len(sense.noisy)
+                _add(seen, sense, sense.noise * self._next(number, sense.streams, width))
+        for sense in mine:
+            if sense.bias is not None:
+                _add(seen, sense, sense.bias)
+        return seen
+
+    def _before(self, field: str, sense: Sense) -> Array:
+        """(b, size) a field as it was; what is derived from the state was noted one step late."""
+        ago, past = np.maximum(sense.latency - float(sense.derived), 0.0), self._past[field]
+        whole, rows = ago.astype(np.int64), np.arange(len(past))
+        later, earlier = past[rows, -1 - whole], past[rows, np.maximum(-2 - whole, -past.shape[1])]
+        return later + (ago - whole)[:, None] * (earlier - later)
+
+    def _next(self, number: int, streams: Streams, width: int) -> Array:
+        """(b, width) standard normal numbers for the next look."""
+        block, used = self._blocks.get(number, (np.zeros(0), _AHEAD))
+        if used == _AHEAD:
+            block, used = streams.normal(_AHEAD, width), 0
+        self._blocks[number] = block, used + 1
+        return block[:, used]
+
+
+def on_robot(delays: Mapping[str, Array], trial: Trial) -> list[tuple[str, Array]]:
+    """Calibrated delays (b,) of the channels that a robot's own controller sees: a motion capture's clock is not its own."""
+    known = {"position", "velocity", *trial.observed} - {POSITION, ORIENTATION}
+    return [(channel, late) for channel, late in delays.items() if channel in known]
+
+
+def read_noise(trial: Trial, channel: str, values: Array) -> Array:
+    """(b, T, k) a channel as it is read off, with the noise that the trial declares for it; changed in place."""
+    observed = trial.observed[channel]
+    for sensing in trial.sensing:
+        if sensing.channel == channel and sensing.noise > 0.0:
+            streams = trial.settled().streams(f"{trial.name}/read {channel}", len(values))
+            noisy = [i for i, label in enumerate(observed.labels) if label in (sensing.labels or observed.labels)]
+            values[:, :, noisy] += sensing.noise * streams.normal(len(observed.time), len(noisy))
+    return values
+
+
+def turned(quaternion: Array, by: Array) -> Array:
+    """(b, 4) quaternions w, x, y, z turned by small angles (b, 3), in rad, about the body's own axes."""
+    w, v = quaternion[:, :1], quaternion[:, 1:]
+    half = 0.5 * by
+    out = np.hstack([w - np.sum(v * half, axis=1, keepdims=True), v + w * half + np.cross(v, half)])
+    return out / np.linalg.norm(out, axis=1, keepdims=True)
+
+
+def turned_angles(angles: Array, by: Array) -> Array:
+    """(b, 3) roll, pitch and yaw turned so."""
+    return angles_of(turned(np.stack([quaternion_of(a) for a in angles]), by))
+
+
+def _add(seen: Array, sense: Sense, error: Array) -> None:
+    if sense.turn is not None:
+        seen[:, sense.columns] = sense.turn(seen[:, sense.columns], error)
+    else:
+        seen[:, sense.noisy] += error
