@@ -17,14 +17,15 @@ from numpy.typing import NDArray
 from trueup.controllers.controller import ControllerFactory
 from trueup.controllers.walk_engine.engine import PARAMETERS
 from trueup.ends import Ended, ended, with_end
-from trueup.engines.simulator import Rollout, Simulator
+from trueup.engines.simulator import Rollout
 from trueup.parameters import ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.studies.walk import scenes
 from trueup.studies.walk.evaluation import Runs, at_once, measured, most_falls, outcome
-from trueup.studies.walk.search import Effort, searched
+from trueup.studies.walk.guidance import Advice
+from trueup.studies.walk.search import Effort, Scene, searched
 from trueup.studies.walk.study import Budget, Story, best_share, improved
-from trueup.tasks.walking import ARRIVED, VEERED, LineWalk, Walk, WalkFront
+from trueup.tasks.walking import ARRIVED, VEERED, LineWalk, WalkFront
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -89,18 +90,29 @@ class Brittle:
         )
 
 
+def by_formula(seed: int = 0) -> Scene:
+    return Scene(Formula(), scenes.task(WalkFront, runs=2, seconds=5.0, seed=seed), np.zeros((1, 0)))  # type: ignore[arg-type]
+
+
 @dataclass(frozen=True)
 class ByFormula:
     name: str = "formula"
 
-    def prepared(self, story: Story, seed: int) -> tuple[Simulator, Walk]:
-        return Formula(), scenes.task(WalkFront, runs=2, seconds=5.0, seed=seed)  # type: ignore[return-value]
+    def prepared(self, story: Story, seed: int) -> Scene:
+        return by_formula(seed)
+
+
+@dataclass(frozen=True)
+class Two:
+    name: str = "two parameters"
+
+    def advice(self, number: int, scene: Scene, start: Array, sigma: float) -> Advice:
+        return Advice(SPACE)
 
 
 def test_a_search_shows_its_way_from_gentle_to_bold() -> None:
-    walk = scenes.task(WalkFront, runs=2, seconds=5.0)
     heard: list[int] = []
-    found = searched(Formula(), walk, PARAMETERS.nominal, SMALL, 0, space=SPACE, told=lambda k, _: heard.append(k))  # type: ignore[arg-type]
+    found = searched(by_formula(), PARAMETERS.nominal, SMALL, 0, space=SPACE, told=lambda k, _: heard.append(k))
     amplitudes = np.array([p.values[AMPLITUDE] for p in found.path])
     assert len(found.path) == 6
     assert heard == list(range(1, 9))
@@ -115,7 +127,7 @@ def test_a_search_shows_its_way_from_gentle_to_bold() -> None:
 def test_the_loop_goes_as_far_as_the_robot_follows_within_its_trials(holds: float) -> None:
     robot, heard = Brittle(holds), []
     budget = Budget(effort=SMALL)
-    story = improved(robot, ByFormula(), budget, 0, space=SPACE, told=heard.append)
+    story = improved(robot, ByFormula(), budget, 0, guidance=Two(), told=heard.append)
     assert story.trials == len(robot.trials) <= budget.trials <= 60
     start, best = PARAMETERS.nominal[AMPLITUDE], story.best
     assert start < best.values[AMPLITUDE] < holds + 0.02  # beyond it falls in half of its runs
@@ -125,7 +137,7 @@ def test_the_loop_goes_as_far_as_the_robot_follows_within_its_trials(holds: floa
 
 def test_on_a_robot_on_which_nothing_else_walks_the_start_walk_stays() -> None:
     story = improved(
-        Brittle(PARAMETERS.nominal[AMPLITUDE]), ByFormula(), Budget(effort=Effort(10, 3, 0.3, 3, 2)), 1, space=SPACE
+        Brittle(PARAMETERS.nominal[AMPLITUDE]), ByFormula(), Budget(effort=Effort(10, 3, 0.3, 3, 2)), 1, guidance=Two()
     )
     assert story.best.runs.falls <= 0.1 * story.best.runs.number
 

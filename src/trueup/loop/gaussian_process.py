@@ -32,9 +32,8 @@ class GaussianProcess:
     """A function of mean zero with a Matern 5/2 covariance, after measurements of it.
 
     C. E. Rasmussen and C. K. I. Williams, Gaussian Processes for Machine Learning, 2006, sections 2.2 and 5.4.1. One
-    length for all inputs: with few measurements a length for each is not found. Its prior grows with the root of the
-    number of inputs (C. Hvarfner, E. Hellsten and L. Nardi, Vanilla Bayesian optimization performs great in high
-    dimensions, ICML 2024).
+    length for all inputs: with few measurements a length for each is not found. It is expected at the median distance of
+    what was measured, within a factor of about three: what is far from all measurements stays unknown.
     """
 
     at: Array
@@ -58,11 +57,10 @@ class GaussianProcess:
             raise ValueError(f"{len(y)} values at {len(X)} places are no measurements of a function")
         each = np.ones(len(y)) if counts is None else np.asarray(counts, dtype=np.float64)
         size = max(float(np.sqrt(np.mean(y**2))), 1e-9)
-        priors = (
-            Prior(size, 1.0), Prior(float(np.exp(np.sqrt(2.0)) * np.sqrt(X.shape[1])), float(np.sqrt(3.0))),
-            noise or Prior(size / 3.0, 1.0),
-        )  # fmt: skip
         apart = _apart(X, X)
+        places = apart[apart > 1e-9]
+        far = float(np.median(places)) if len(places) else 0.5
+        priors = Prior(size, 1.0), Prior(far, 1.0), noise or Prior(size / 3.0, 1.0)
 
         def cost(logs: Array) -> float:
             amplitude, length, deviation = np.exp(logs)
@@ -72,7 +70,7 @@ class GaussianProcess:
             return fit + sum(p.cost(x) for p, x in zip(priors, logs, strict=True))
 
         middle = np.log([p.median for p in priors])
-        starts = [middle + np.array([0.0, shift, 0.0]) for shift in (0.0, -2.0, -4.0)]
+        starts = [middle + np.array([0.0, shift, 0.0]) for shift in (-1.5, 0.0, 1.5)]
         logs = min((minimize(cost, s, method="L-BFGS-B") for s in starts), key=lambda f: f.fun).x
         amplitude, length, deviation = (float(v) for v in np.exp(logs))
         root = _root_of(apart, amplitude, length, deviation, each)
@@ -80,10 +78,15 @@ class GaussianProcess:
 
     def __call__(self, at: Array) -> tuple[Array, Array]:
         """(b,), (b,) mean and standard deviation of the function at (b, m); what measuring it would add is not in it."""
-        cross = self.amplitude**2 * _matern(_apart(np.atleast_2d(at), self.at) / self.length)
+        cross = self.amplitude**2 * matern(np.atleast_2d(at), self.at, self.length)
         white = solve_triangular(self._root, cross.T, lower=True)
         variance = self.amplitude**2 - np.einsum("rb,rb->b", white, white)
         return cross @ self._weights, np.sqrt(np.maximum(variance, 0.0))
+
+
+def matern(a: Array, b: Array, length: float) -> Array:
+    """(r, s) correlation between places (r, m) and (s, m), of Matern's kind with smoothness 5/2."""
+    return _matern(_apart(a, b) / length)
 
 
 def _apart(a: Array, b: Array) -> Array:

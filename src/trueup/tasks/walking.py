@@ -53,6 +53,11 @@ class Walk(ABC):
     sensing: tuple[Sensing, ...] = ()
     fall: float
     """What a fall costs, in the unit of what is made good."""
+    tips: tuple[float, float] | None = None
+    """rad of roll and pitch at which the robot stands on the edge of its sole. Where given, a run that stood counts as the
+    fall that its sway makes likely (`likely_falls`): it says more of falls than that there was none."""
+    alike: bool = False
+    """All walks meet the same disturbances in a run, and are told apart with less luck."""
     rate: float = 20.0
     """Of observation, in Hz."""
     trials: tuple[Trial, ...] = field(init=False)
@@ -69,7 +74,9 @@ class Walk(ABC):
             sensing=self.sensing,
         )  # fmt: skip
         seeds = (np.random.default_rng([self.seed, k]) for k in range(self.runs))
-        runs = tuple(replace(plain, name=f"{self.name} {k + 1}").seeded(s) for k, s in enumerate(seeds))
+        runs = tuple(
+            replace(plain, name=f"{self.name} {k + 1}").seeded(s, alike=self.alike) for k, s in enumerate(seeds)
+        )
         object.__setattr__(self, "trials", runs)
 
     @property
@@ -109,9 +116,19 @@ class Walk(ABC):
         """The same task with other disturbances: a generation's lucky ones are not lucky twice."""
         return replace(self, seed=seed)
 
+    def risk(self, rollout: Rollout) -> Array:
+        """(b,) 1 for a run that fell; for others 0, or what `tips` let expect."""
+        down = fell(rollout).astype(np.float64)
+        if self.tips is None:
+            return down
+        time = rollout.trial.observed[ANGLES].time - rollout.trial.start
+        angles = rollout.channels[ANGLES][:, :, :2]
+        likely = [0.0 if d else likely_falls(time, a, self.tips) for d, a in zip(down, angles, strict=True)]
+        return np.maximum(down, likely)
+
     def score(self, rollouts: Sequence[Rollout]) -> Array:
         """(b,) minus what is made good on average, `fall` taken off for each fall; NaN where no run was measured."""
-        made = np.stack([self.made_good(r) - self.fall * fell(r) for r in rollouts])
+        made = np.stack([self.made_good(r) - self.fall * self.risk(r) for r in rollouts])
         failed = np.stack([np.isin(np.arange(made.shape[1]), list(r.failures)) for r in rollouts])
         return -np.where(failed.any(axis=0), np.nan, made.mean(axis=0))
 
@@ -265,6 +282,25 @@ COURSE = (
     *((0.5, 3.0, 3.0 * side) for side in (1.0, -1.0) * 5), (1.0, _STOP, _STOP),  # quick changes, and a stop
 )  # fmt: skip
 """Targets in the field's frame: for how long (s), x and y (m)."""
+
+
+SETTLED = 2.5
+"""s: then steps have grown."""
+_STEPS = 30.0  # of 15 s, two in a second; the logarithm of it counts
+
+
+def likely_falls(time: Array, angles: Array, tips: tuple[float, float]) -> float:
+    """The chance of a fall in 15 s from the sway of a run that stood: roll and pitch (T, 2) at `time` (T,) since the start.
+
+    Sway that wanders like normal noise passes `tips` at a rate that S. O. Rice found (Mathematical analysis of random noise,
+    Bell System Technical Journal 24, 1945, section 3.3): exp(-tip^2 / (2 deviation^2)) a step. 0 for runs without a second
+    of walk.
+    """
+    walked = (time > SETTLED) & np.isfinite(angles).all(axis=1)
+    if walked.sum() < 2 or np.ptp(time[walked]) < 1.0:
+        return 0.0
+    share = np.square(angles[walked].std(axis=0) / tips).sum()
+    return float(-np.expm1(-_STEPS * np.exp(-0.5 / max(float(share), 1e-6))))
 
 
 def fell(rollout: Rollout) -> Mask:

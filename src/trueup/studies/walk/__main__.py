@@ -1,73 +1,78 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the study: `python -m trueup.studies.walk --out out/study-walk`, two minutes of a core for each robot and seed."""
+"""Runs the study: `python -m trueup.studies.walk --out out/study-walk`, three minutes of a core for a robot, seed and way."""
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
-from dataclasses import asdict
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
+from trueup.studies.walk.report import html
 
 from trueup.errors import RenderingError, TrueupError
+from trueup.formats.aside import written_aside
+from trueup.studies.progress import telling
+from trueup.studies.saved import Parts
 from trueup.studies.walk.comparison import FULL, PAPER, QUICK, Result, performed, summary
 from trueup.studies.walk.film import strip
 from trueup.studies.walk.robot import StandInNao
-from trueup.studies.walk.study import Ungrounded
+from trueup.studies.walk.ways import CONTROL, DEFAULT, WAYS, ways
 
 
 def main() -> int:
-    """Writes results.json and a film strip into the folder given; returns the exit code."""
+    """Writes report.html, a film strip and parts of the results into the folder given; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m trueup.studies.walk", description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("out/study-walk"), help="folder of the results")
     parser.add_argument("--robots", type=int, help="how many stand-ins (default 8; 1 with --quick)")
     parser.add_argument("--seeds", type=int, help="searches on each (default 5; 1 with --quick)")
-    parser.add_argument("--quick", action="store_true", help="short searches on one stand-in: half a minute, and rough")
-    parser.add_argument("--paper", action="store_true", help="150 candidates a generation, 7 runs of 15 s each: hours")
+    parser.add_argument(
+        "--ways", nargs="+", metavar="WAY", help=f"of: {'; '.join(WAYS)} (default: {CONTROL}, {DEFAULT})"
+    )
+    parser.add_argument("--all", action="store_true", help="all ways")
+    parser.add_argument("--quick", action="store_true", help="short searches on one stand-in: a minute, and rough")
+    parser.add_argument("--paper", action="store_true", help="150 candidates a generation: hours")
     asked = parser.parse_args()
-    console, scale = Console(), QUICK if asked.quick else PAPER if asked.paper else FULL
-    method = Ungrounded(runs=7, seconds=15.0) if asked.paper else Ungrounded()
+    told, scale = Console(stderr=True), QUICK if asked.quick else PAPER if asked.paper else FULL
     robots, seeds = asked.robots or (1 if asked.quick else 8), asked.seeds or (1 if asked.quick else 5)
+    results: list[Result] = []
     try:
-        asked.out.mkdir(parents=True, exist_ok=True)
-        results = []
-        for result in performed(method, scale, range(robots), range(seeds), lambda text: console.print(text)):
-            results.append(result)
-            kept = json.dumps([asdict(r) for r in results], indent=1, default=list)
-            (asked.out / "results.json").write_text(kept, encoding="utf-8")
+        chosen = ways(list(WAYS) if asked.all else asked.ways or [CONTROL, DEFAULT])
+        kept, whole = Parts.at(asked.out, scale), robots * seeds * len(chosen)
+        with telling(told, "the start walk") as tell:
+            for r in performed(
+                chosen, scale, range(robots), range(seeds), lambda text: tell(text, len(results) / whole), kept.text
+            ):
+                results.append(r)
+        film = _film(results, scale.share, asked.out / "film.svg", told)
+        with written_aside(asked.out / "report.html") as aside:
+            aside.write_text(html(results, film), encoding="utf-8")
     except (TrueupError, OSError) as error:
-        Console(stderr=True).print(str(error), style="red", markup=False)
+        told.print(str(error), style="red", markup=False)
         return 2
     except KeyboardInterrupt:
-        Console(stderr=True).print(f"stopped; what was found so far is in {asked.out / 'results.json'}", markup=False)
+        told.print("stopped; the same command goes on with what is not there yet", markup=False)
         return 130
-    console.print(_table(results))
     for line in summary(results):
-        console.print(line)
-    best = max(results, key=lambda r: r.gain)
-    try:
-        robot = StandInNao(best.truth(), log=50.0)
-        walks = {f"start walk, steps of {100 * best.start_share:.0f} %": (best.start(), best.start_share),
-                 f"after two rounds, {100 * best.speed:.1f} cm/s": (best.final(), scale.share)}  # fmt: skip
-        console.print(f"film: {strip(robot, walks, asked.out / 'film.svg')}", soft_wrap=True, markup=False)
-    except RenderingError as error:
-        console.print(str(error), markup=False)
+        Console().print(line, markup=False)
+    Console().print(f"report: {asked.out / 'report.html'}", soft_wrap=True, markup=False)
     return 0
 
 
-def _table(results: list[Result]) -> Table:
-    table = Table(
-        "robot", "seed", "start, cm/s (step)", "found, cm/s", "gain, %", "falls in 100", "trials", "robot time, min"
-    )
-    for r in results:
-        table.add_row(
-            str(r.robot), str(r.seed), f"{100 * r.start_speed:.1f} ({100 * r.start_share:.0f} %)", f"{100 * r.speed:.1f}",
-            f"{100 * r.gain:.0f}", f"{100 * r.falls:.0f}", str(r.trials), f"{r.seconds / 60:.1f}",
-        )  # fmt: skip
-    return table
+def _film(results: list[Result], share: float, out: Path, told: Console) -> str:
+    """An SVG of the start walk and of the best that was found; '' where the machine has no graphics."""
+    best = max((r for r in results if r.falls <= 0.03), default=results[0], key=lambda r: r.gain)
+    walks = {
+        f"start walk, {100 * best.start_speed:.1f} cm/s with steps of {100 * best.start_share:.0f} %": (
+            best.start(), best.start_share,
+        ),
+        f"{best.way}: {100 * best.speed:.1f} cm/s with steps of {100 * share:.0f} %": (best.final(), share),
+    }  # fmt: skip
+    try:
+        return strip(StandInNao(best.truth(), log=50.0), walks, out).read_text(encoding="utf-8")
+    except RenderingError as error:
+        told.print(str(error), markup=False)
+        return ""
 
 
 if __name__ == "__main__":

@@ -3,8 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +16,22 @@ from numpy.typing import NDArray
 from trueup.controllers.walk_engine.engine import PARAMETERS
 from trueup.studies.walk import scenes
 from trueup.studies.walk.evaluation import at_once
+from trueup.studies.walk.guidance import Guidance, Unguided
 from trueup.studies.walk.robot import StandInNao, Truth
 from trueup.studies.walk.search import Effort
-from trueup.studies.walk.study import Budget, Method, best_share, improved
+from trueup.studies.walk.study import Budget, Method, Story, Tried, alone, best_share, improved
 from trueup.tasks.walking import LineWalk
 
 Array = NDArray[np.float64]
 
+Kept = Callable[[str, Callable[[], object]], Any]
+"""Names a part of the study and computes it if it is not there."""
+
 _DRAWN = 2012  # from which stand-ins are drawn; fixed before any was looked at
+
+
+def _not_kept(name: str, compute: Callable[[], object]) -> Any:
+    return compute()
 
 
 @dataclass(frozen=True)
@@ -47,9 +59,46 @@ QUICK = Scale(
 
 
 @dataclass(frozen=True)
+class Way:
+    """How a walk is made faster: a method with its guidance, or on the robot alone."""
+
+    method: Method | None
+    """None: CMA-ES on the robot itself."""
+    guidance: Guidance = field(default_factory=Unguided)
+
+    @property
+    def name(self) -> str:
+        """For tables."""
+        words = "" if isinstance(self.guidance, Unguided) else f", guided: {self.guidance.name}"
+        return (self.method.name if self.method else "the robot alone") + words
+
+    def improved(
+        self, robot: StandInNao, scale: Scale, seed: int, line: LineWalk, told: Callable[[str], None]
+    ) -> Story:
+        """The story of one robot."""
+        if self.method is None:
+            return alone(robot, scale.budget, seed, line=line, told=told)
+        return improved(robot, self.method, scale.budget, seed, line=line, guidance=self.guidance, told=told)
+
+
+@dataclass(frozen=True)
+class Step:
+    """A walk that was tried on the way."""
+
+    round: int
+    promised: float
+    """m/s, falls taken off; NaN for the start walk."""
+    speed: float
+    """m/s of arrivals; NaN where none arrived."""
+    falls: int
+    runs: int
+
+
+@dataclass(frozen=True)
 class Result:
     """One search on one robot, judged by fresh runs that nothing was chosen by."""
 
+    way: str
     robot: int
     seed: int
     values: tuple[float, ...]
@@ -66,6 +115,11 @@ class Result:
     """On the robot, until the walk was found."""
     seconds: float
     """Robot time until then."""
+    steps: tuple[Step, ...] = ()
+    words: tuple[tuple[str, ...], ...] = ()
+    """What guidance said, by round."""
+    cpu: float = 0.0
+    """s of processor until then."""
 
     @property
     def gain(self) -> float:
@@ -84,6 +138,13 @@ class Result:
         """(17,) of what was found."""
         return np.array(self.values)
 
+    @classmethod
+    def read(cls, kept: dict[str, Any]) -> Result:
+        """From what JSON keeps of it."""
+        steps = tuple(Step(**s) for s in kept.pop("steps"))
+        words = tuple(tuple(w) for w in kept.pop("words"))
+        return cls(**{**kept, "values": tuple(kept["values"])}, steps=steps, words=words)
+
 
 def truth_of(robot: int) -> Truth:
     """What a stand-in hides, by its number."""
@@ -91,30 +152,85 @@ def truth_of(robot: int) -> Truth:
 
 
 def performed(
-    method: Method, scale: Scale, robots: Iterable[int], seeds: Sequence[int], told: Callable[[str], None]
-) -> Iterator[Result]:
-    """One result for each robot and seed. `told` hears what happens."""
-    line = scenes.task(LineWalk, runs=1, share=scale.share)
+    ways: Mapping[str, Way], scale: Scale, robots: Iterable[int], seeds: Sequence[int], told: Callable[[str], None],
+    kept: Kept = _not_kept,
+) -> Iterator[Result]:  # fmt: skip
+    """One result for each robot, seed and way. `told` hears what happens; `kept` names parts that may be there already."""
     for number in robots:
-        robot = StandInNao(truth_of(number), seed=number, log=0.0)
-        share, start = best_share(robot, PARAMETERS.nominal, scale.shares, scale.fresh, scale.allowed)
-        fell = (start.falls + start.veers) / start.number
-        told(f"robot {number}: the start walk does {100 * start.speed:.1f} cm/s with steps of {100 * share:.0f} %")
-        for seed in seeds:
-            story = improved(robot, method, scale.budget, seed, line=line, told=told)
-            judged = at_once(robot, line, story.best.values, scale.fresh, f" fresh {method.name} {seed}")
-            falls = (judged.falls + judged.veers) / judged.number
-            yield Result(
-                number, seed, tuple(story.best.values.tolist()), judged.speed, falls, share, start.speed, fell,
-                story.trials, story.seconds,
-            )  # fmt: skip
+        judge = StandInNao(truth_of(number), seed=number, log=0.0)
+        start = tuple(kept(f"start {number}", partial(_started, judge, scale)))
+        told(f"robot {number}: the start walk does {100 * start[1]:.1f} cm/s with steps of {100 * start[0]:.0f} %")
+        for seed, (key, way) in product(seeds, ways.items()):
+            compute = partial(_found, number, judge, seed, key, way, scale, start, told)
+            yield Result.read(kept(f"robot {number} seed {seed} {key}", compute))
+
+
+def _started(judge: StandInNao, scale: Scale) -> list[float]:
+    """The start walk's best step size, and speed and share of falls with it."""
+    share, runs = best_share(judge, PARAMETERS.nominal, scale.shares, scale.fresh, scale.allowed)
+    return [share, runs.speed, (runs.falls + runs.veers) / runs.number]
+
+
+def _found(
+    number: int, judge: StandInNao, seed: int, key: str, way: Way, scale: Scale, start: tuple[float, float, float],
+    told: Callable[[str], None],
+) -> dict[str, Any]:  # fmt: skip
+    """A `Result`, as JSON keeps it."""
+    begun, line = time.process_time(), scenes.task(LineWalk, runs=1, share=scale.share)
+    told(f"robot {number}, seed {seed}: {way.name}")
+    story = way.improved(StandInNao(truth_of(number), seed=number), scale, seed, line, told)
+    spent, best = time.process_time() - begun, story.best
+    judged = at_once(judge, line, best.values, scale.fresh, f" fresh {key} {seed}")
+    return asdict(Result(
+        key, number, seed, tuple(best.values.tolist()), judged.speed, (judged.falls + judged.veers) / judged.number,
+        *start, story.trials, story.seconds, tuple(_step(t) for t in story.tried),
+        tuple(r.words for r in story.rounds), spent,
+    ))  # fmt: skip
+
+
+def _step(tried: Tried) -> Step:
+    promised = tried.promise.score if tried.promise else float("nan")
+    return Step(tried.round, promised, tried.runs.speed, tried.runs.falls + tried.runs.veers, tried.runs.number)
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A mean with its 95 % bootstrap interval over robots, whose searches stay together."""
+
+    mean: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.mean:.1f} ({self.low:.1f} ... {self.high:.1f})"
+
+
+def over(
+    results: Sequence[Result], way: str, other: str, what: Callable[[Result], float], draws: int = 4000
+) -> Interval:
+    """The mean difference of `what` between two ways over the same robots and seeds."""
+    rows = {(r.way, r.robot, r.seed): what(r) for r in results}
+    pairs = [(n, s) for w, n, s in rows if w == way and (other, n, s) in rows]
+    robots = sorted({n for n, _ in pairs})
+    each = [np.array([rows[way, n, s] - rows[other, n, s] for m, s in pairs if m == n]) for n in robots]
+    if not each:
+        return Interval(float("nan"), float("nan"), float("nan"))
+    rng = np.random.default_rng(0)
+    picks = rng.integers(len(each), size=(draws, len(each)))
+    sums, counts = np.array([e.sum() for e in each]), np.array([len(e) for e in each])
+    means = sums[picks].sum(axis=1) / counts[picks].sum(axis=1)
+    low, high = np.quantile(means, [0.025, 0.975]) if len(each) > 1 else (-np.inf, np.inf)
+    return Interval(float(sums.sum() / counts.sum()), float(low), float(high))
 
 
 def summary(results: Sequence[Result]) -> list[str]:
-    """In words: medians, and what is worst."""
-    gains, falls = np.array([r.gain for r in results]), np.array([r.falls for r in results])
-    return [
-        f"gain over the start walk at its own best step size: median {100 * np.median(gains):.0f} % "
-        f"({100 * gains.min():.0f} to {100 * gains.max():.0f})",
-        f"falls in 100: median {100 * np.median(falls):.0f} ({100 * falls.min():.0f} to {100 * falls.max():.0f})",
-    ]
+    """In words: medians of each way, and what is worst."""
+    lines = []
+    for way in dict.fromkeys(r.way for r in results):
+        gains, falls = np.array([(r.gain, r.falls) for r in results if r.way == way]).T
+        lines.append(
+            f"{way}: gain over the start walk at its own best step size: median {100 * np.median(gains):.0f} % "
+            f"({100 * gains.min():.0f} to {100 * gains.max():.0f}); falls in 100: median {100 * np.median(falls):.0f}, "
+            f"mean {100 * falls.mean():.1f} ({100 * falls.min():.0f} to {100 * falls.max():.0f})"
+        )
+    return lines

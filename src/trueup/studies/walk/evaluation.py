@@ -52,6 +52,10 @@ class Runs:
             self.seconds + other.seconds, self.recordings + other.recordings,
         )  # fmt: skip
 
+    def score(self, fall: float) -> float:
+        """m/s, the mean of all runs where each that fell or veered counts as -`fall`."""
+        return (float(np.sum(self.speeds)) - fall * (self.falls + self.veers)) / max(self.number, 1)
+
     def worth(self, fall: float, share: float) -> float:
         """m/s that the walk is worth if it falls in this share of runs, of which each costs `fall` m/s; -`fall` at worst.
 

@@ -3,13 +3,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.controllers.walk_engine.engine import PARAMETERS
 from trueup.engines.simulator import Simulator
+from trueup.loop.correction import Correction
 from trueup.parameters import ParameterSpace
 from trueup.search.cma_es import CmaEs
 from trueup.tasks.task import simulated_scores
@@ -30,6 +34,33 @@ class Effort:
     """Walks that come of it."""
     fresh: int = 24
     """Runs for each of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """In which walks are searched."""
+
+    simulator: Simulator
+    walk: Walk
+    models: Array
+    """(p, n) of the simulator's parameters: each walk is run with each, and judged by all."""
+    correction: Correction | None = None
+    """Of the scores, by what the robot showed, over the unit box of all of the walk's parameters."""
+
+    def scores(self, walk: Walk, candidates: Array) -> Array:
+        """(b,) expected losses of candidates (b, m), a deviation added of what is not sure on the robot."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # a candidate all of whose runs failed has none
+            losses = np.nanmean(simulated_scores(walk, self.simulator, self.models, candidates), axis=0)
+        if self.correction is None:
+            return losses
+        return np.sum(self.correction(whole(candidates), losses, np.zeros(len(losses))), axis=0)
+
+
+def whole(values: Array) -> Array:
+    """Values (b, m) of all of the walk's parameters in their unit box, whichever are free."""
+    low, high = np.array([(p.lower, p.upper) for p in PARAMETERS.parameters]).T
+    return (np.atleast_2d(values) - low) / (high - low)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,27 +86,32 @@ class Found:
 
 
 def searched(
-    simulator: Simulator, walk: Walk, start: Array, effort: Effort, seed: int, *,
-    space: ParameterSpace | None = None, told: Callable[[int, float], None] | None = None,
+    scene: Scene, start: Array, effort: Effort, seed: int, *, space: ParameterSpace | None = None,
+    wide: Mapping[str, float] = MappingProxyType({}), told: Callable[[int, float], None] | None = None,
 ) -> Found:  # fmt: skip
     """The way from `start` to walks that a simulator thinks are better, among the free parameters of `space`.
 
     Each generation meets disturbances of its own. What is shown are the centres of generations, and not their best
     candidates: the best of many noisy scores is mostly a lucky one. All along the way, since the simulator does not know
-    how far it is right; the paper too took from each generation to the robot. `told` hears each generation's number and
-    middle score.
+    how far it is right; the paper too took from each generation to the robot. Parameters named by `wide` begin with so
+    many times the deviation. `told` hears each generation's number and middle score.
     """
-    box = (space or walk.parameters).with_nominal(start)
+    box = (space or scene.walk.parameters).with_nominal(start)
+    at = np.clip(box.to_unit(box.nominal), 0.0, 1.0)
+    factors = np.array([wide.get(p.name, 1.0) for p in box.parameters if not p.frozen])
+
+    def seen(unit: Array) -> Array:
+        return np.clip(at + factors * (unit - at), 0.0, 1.0)
+
     search = CmaEs(
-        box.to_unit(box.nominal), seed=seed, sigma=effort.sigma, population=effort.population, restarts=0,
+        at, seed=seed, sigma=effort.sigma, population=effort.population, restarts=0,
         max_evaluations=effort.population * effort.generations,
     )  # fmt: skip
     centres: list[Array] = []
     history: list[float] = []
     while not search.done:
         asked = search.ask()
-        anew = walk.made_anew(seed * 1000 + len(history))
-        losses = simulated_scores(anew, simulator, simulator.parameters.nominal, box.from_unit(asked))[0]
+        losses = scene.scores(scene.walk.made_anew(seed * 1000 + len(history)), box.from_unit(seen(asked)))
         search.tell(asked, losses)
         centres.append(search.centre)
         history.append(-float(np.nanmedian(losses)))
@@ -83,14 +119,15 @@ def searched(
             told(len(history), history[-1])
     last = len(centres) - 1
     places = sorted({round(last * (k + 1) / effort.shown) for k in range(effort.shown)})
-    candidates = box.from_unit(np.array([centres[k] for k in places]))
-    return Found(promised(simulator, walk.made_anew(seed * 1000 + 999), candidates, effort.fresh), np.array(history))
+    candidates = box.from_unit(seen(np.array([centres[k] for k in places])))
+    return Found(promised(scene, scene.walk.made_anew(seed * 1000 + 999), candidates, effort.fresh), np.array(history))
 
 
-def promised(simulator: Simulator, walk: Walk, candidates: Array, runs: int) -> tuple[Promise, ...]:
-    """Candidates (b, m) in so many fresh runs each."""
-    again = replace(walk, runs=runs)
-    model = np.tile(simulator.parameters.nominal, (len(candidates), 1))
-    done = simulator.rollout(again.trials, np.hstack([model, candidates]), again.controllers)
-    scores, falls = -again.score(done), np.mean([fell(r) for r in done], axis=0)
+def promised(scene: Scene, walk: Walk, candidates: Array, runs: int) -> tuple[Promise, ...]:
+    """Candidates (b, m) in so many fresh runs each, spread over the scene's models."""
+    again = replace(walk, runs=max(1, round(runs / len(scene.models))))
+    rows = [np.hstack([np.tile(m, (len(candidates), 1)), candidates]) for m in scene.models]
+    done = scene.simulator.rollout(again.trials, np.concatenate(rows), again.controllers)
+    each = -again.score(done).reshape(len(rows), -1), np.mean([fell(r) for r in done], axis=0).reshape(len(rows), -1)
+    scores, falls = np.nanmean(each, axis=1)
     return tuple(Promise(c, float(s), float(f)) for c, s, f in zip(candidates, scores, falls, strict=True))

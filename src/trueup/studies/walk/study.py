@@ -14,20 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.controllers.walk_engine.engine import PARAMETERS
-from trueup.engines.simulator import Simulator
-from trueup.parameters import ParameterSpace
 from trueup.robots.robot import Robot
+from trueup.search.cma_es import CmaEs
 from trueup.studies.walk import scenes
 from trueup.studies.walk.evaluation import Runs, at_once, most_falls
-from trueup.studies.walk.search import Effort, Promise, searched
-from trueup.tasks.walking import LineWalk, Walk, WalkFront
+from trueup.studies.walk.guidance import Guidance, Unguided
+from trueup.studies.walk.search import Effort, Promise, Scene, searched
+from trueup.tasks.walking import LineWalk
 
 Array = NDArray[np.float64]
 
-BALANCE = (
-    "gyro_hipPitch", "gyro_kneePitch", "gyro_hipRoll", "gyro_ankleRoll", "scale_roll", "offset_pitch", "scale_pitch",
-)  # fmt: skip
-"""What the paper's expert froze: what it feels in a simulator is not what a robot feels."""
 FALL = 0.5
 """m/s that a fall costs where walks are picked, in the simulator as on the robot: one in a hundred costs half a cm/s."""
 
@@ -45,11 +41,22 @@ class Tried:
     """m/s that it is worth at least, falls counted: as its round was judged."""
 
 
+@dataclass(frozen=True)
+class Round:
+    """Where a round began, and what it was told to change."""
+
+    begun: int
+    """Which of the walks tried."""
+    words: tuple[str, ...] = ()
+    """Of the guidance."""
+
+
 @dataclass(frozen=True, eq=False)
 class Story:
     """All that was tried on a robot, in order."""
 
     tried: tuple[Tried, ...] = ()
+    rounds: tuple[Round, ...] = ()
 
     @property
     def best(self) -> Tried:
@@ -75,30 +82,9 @@ class Method(Protocol):
         """For tables."""
         ...
 
-    def prepared(self, story: Story, seed: int) -> tuple[Simulator, Walk]:
+    def prepared(self, story: Story, seed: int) -> Scene:
         """The simulator of a round, and the task in it."""
         ...
-
-
-@dataclass(frozen=True)
-class Ungrounded:
-    """The simulator as it comes, quiet or noisy, whatever the robot shows."""
-
-    noisy: bool = True
-    seconds: float = 8.0
-    runs: int = 4
-    fall: float = FALL
-    threads: int | None = None
-
-    @property
-    def name(self) -> str:
-        """See Method."""
-        return f"{'noisy' if self.noisy else 'quiet'} simulator, ungrounded"
-
-    def prepared(self, story: Story, seed: int) -> tuple[Simulator, Walk]:
-        """See Method."""
-        walk = scenes.task(WalkFront, noisy=self.noisy, runs=self.runs, seconds=self.seconds, fall=self.fall, seed=seed)
-        return scenes.simulator(threads=self.threads), walk
 
 
 @dataclass(frozen=True)
@@ -122,27 +108,66 @@ class Budget:
 
 def improved(
     robot: Robot, method: Method, budget: Budget, seed: int, *, line: LineWalk | None = None,
-    start: Array | None = None, space: ParameterSpace | None = None, told: Callable[[str], None] | None = None,
+    start: Array | None = None, guidance: Guidance | None = None, told: Callable[[str], None] | None = None,
 ) -> Story:  # fmt: skip
-    """The story of a robot whose walk is made faster. `told` hears what happens, one sentence each."""
+    """The story of a robot whose walk is made faster. `told` hears what happens, one sentence each.
+
+    The paper's algorithm 1: a stack of open walks, at first the start walk. Each round takes the topmost, searches from it,
+    and puts on the stack what the robot shows to be worth more, the best on top. Where none is open, the best is searched
+    from again.
+    """
     track = line or scenes.task(LineWalk, runs=1)
     begin = PARAMETERS.nominal if start is None else start
     say = told or (lambda _: None)
     story = Story(tuple(_judged([Tried(0, begin, None, at_once(robot, track, begin, budget.start, " start"))])))
     say(f"start walk: {_words(story.tried[0].runs)}")
+    guide, stack = guidance or Unguided(), [0]
     for number in range(1, budget.rounds + 1):
-        simulator, walk = method.prepared(story, seed + number)
+        scene = method.prepared(story, seed + number)
+        begun = stack.pop() if stack else int(np.argmax([t.worth for t in story.tried]))
+        parent = story.tried[begun]
+        advice = guide.advice(number, scene, parent.values, budget.effort.sigma)
+        for word in advice.words:
+            say(f"round {number}: {word}")
 
         def hears(generation: int, middle: float, number: int = number) -> None:
             say(f"round {number}, generation {generation}: {100 * middle:.1f} cm/s in the middle, falls taken off")
 
-        best = story.best.values
-        found = searched(simulator, walk, best, budget.effort, seed * 10 + number, space=space, told=hears)
+        found = searched(
+            scene, parent.values, budget.effort, seed * 10 + number, space=advice.space, wide=advice.wide, told=hears
+        )
         new = _looked_at(robot, track, found.path, number, budget, f" seed {seed}")
-        story = Story((*story.tried, *new))
+        better = [k for k, t in enumerate(new, len(story.tried)) if t.worth > parent.worth]
+        story = Story((*story.tried, *new), (*story.rounds, Round(begun, advice.words)))
+        stack += sorted(better, key=lambda k: story.tried[k].worth)
         for t in new:
             say(f"round {number}: promised {100 * (t.promise.score if t.promise else 0):.1f} cm/s; {_words(t.runs)}")
     return story
+
+
+def alone(
+    robot: Robot, budget: Budget, seed: int, *, line: LineWalk | None = None, told: Callable[[str], None] | None = None,
+) -> Story:  # fmt: skip
+    """The story without a simulator: CMA-ES on the robot, a run a candidate; its last centres get the last round's runs."""
+    track, say = line or scenes.task(LineWalk, runs=1), told or (lambda _: None)
+    tried = [Tried(0, PARAMETERS.nominal, None, at_once(robot, track, PARAMETERS.nominal, budget.start, " start"))]
+    search = CmaEs(PARAMETERS.to_unit(PARAMETERS.nominal), seed=seed, sigma=0.6 * budget.effort.sigma, restarts=0)
+    left, number, centres = budget.trials - budget.start - budget.round, 0, list[Array]()
+    while left > 0:
+        number, asked = number + 1, search.ask()[:left]
+        runs = [
+            at_once(robot, track, PARAMETERS.from_unit(u), 1, f" alone {seed} {number} {k}")
+            for k, u in enumerate(asked)
+        ]
+        if left > len(asked):
+            search.tell(asked, np.array([-r.score(FALL) for r in runs]))
+            centres.append(PARAMETERS.from_unit(search.centre))
+        tried += [Tried(number, PARAMETERS.from_unit(u), None, r) for u, r in zip(asked, runs, strict=True)]
+        left -= len(asked)
+        say(f"generation {number} on the robot: {sum(r.falls for r in runs)} of {len(runs)} fell")
+    path = [Promise(c, float("nan"), float("nan")) for c in centres[-3:]]
+    looked = _looked_at(robot, track, path, number + 1, budget, f" alone {seed}")
+    return Story((*_judged(tried[:1]), *tried[1:], *looked))
 
 
 def _looked_at(

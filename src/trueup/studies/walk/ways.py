@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The ways that are compared, by name: simulators, with and without the robot's scores told, and guidance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from trueup.errors import unknown_name
+from trueup.studies.walk.comparison import Way
+from trueup.studies.walk.guidance import Automatic, Expert
+from trueup.studies.walk.methods import Doubted, Grounded, Ungrounded
+
+CONTROL, DEFAULT = "noisy", "doubted"
+WAYS = {
+    CONTROL: Way(Ungrounded()),
+    "noisy, corrected": Way(Ungrounded(corrected=True)),
+    "quiet": Way(Ungrounded(noisy=False)),
+    "grounded, linear 0.3": Way(Grounded()),
+    "grounded, tree 0.3": Way(Grounded(learner="model-tree")),
+    "grounded, linear chained": Way(Grounded(share=1.0, chained=True)),
+    "grounded, corrected": Way(Grounded(Ungrounded(corrected=True))),
+    "any servo": Way(Doubted(learned=False)),
+    DEFAULT: Way(Doubted()),
+    "doubted, corrected": Way(Doubted(corrected=True)),
+    "doubted, expert": Way(Doubted(), Expert()),
+    "doubted, automatic": Way(Doubted(), Automatic()),
+    "robot alone": Way(None),
+}
+
+
+def ways(names: Sequence[str]) -> dict[str, Way]:
+    """Those of these names. Raises UnknownNameError."""
+    for name in names:
+        if name not in WAYS:
+            raise unknown_name("way", name, WAYS, "the study of walks")
+    return {name: WAYS[name] for name in names}
