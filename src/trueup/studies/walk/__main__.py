@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 
 from rich.console import Console
-from trueup.studies.walk.report import html
 
 from trueup.errors import RenderingError, TrueupError
 from trueup.formats.aside import written_aside
@@ -16,6 +15,7 @@ from trueup.studies.progress import telling
 from trueup.studies.saved import Parts
 from trueup.studies.walk.comparison import FULL, PAPER, QUICK, Result, performed, summary
 from trueup.studies.walk.film import strip
+from trueup.studies.walk.report import html
 from trueup.studies.walk.robot import StandInNao
 from trueup.studies.walk.ways import CONTROL, DEFAULT, WAYS, ways
 
