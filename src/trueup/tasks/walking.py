@@ -10,6 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,8 +55,8 @@ class Walk(ABC):
     fall: float
     """What a fall costs, in the unit of what is made good."""
     tips: tuple[float, float] | None = None
-    """rad of roll and pitch at which the robot stands on the edge of its sole. Where given, a run that stood counts as the
-    fall that its sway makes likely (`likely_falls`): it says more of falls than that there was none."""
+    """rad of roll and pitch at which it stands on the edge of its sole. Where given, a run that stood counts as the fall that
+    its sway makes likely (`likely_falls`)."""
     alike: bool = False
     """All walks meet the same disturbances in a run, and are told apart with less luck."""
     rate: float = 20.0
@@ -79,15 +80,10 @@ class Walk(ABC):
         )
         object.__setattr__(self, "trials", runs)
 
-    @property
-    @abstractmethod
-    def name(self) -> str:
-        """See Task."""
-
-    @property
-    @abstractmethod
-    def unit(self) -> str:
-        """Of the score."""
+    name: ClassVar[str]
+    """See Task."""
+    unit: ClassVar[str] = "m/s"
+    """Of the score."""
 
     @property
     @abstractmethod
@@ -119,12 +115,11 @@ class Walk(ABC):
     def risk(self, rollout: Rollout) -> Array:
         """(b,) 1 for a run that fell; for others 0, or what `tips` let expect."""
         down = fell(rollout).astype(np.float64)
-        if self.tips is None:
-            return down
-        time = rollout.trial.observed[ANGLES].time - rollout.trial.start
-        angles = rollout.channels[ANGLES][:, :, :2]
-        likely = [0.0 if d else likely_falls(time, a, self.tips) for d, a in zip(down, angles, strict=True)]
-        return np.maximum(down, likely)
+        if self.tips is not None:
+            time = rollout.trial.observed[ANGLES].time - rollout.trial.start
+            for row in np.flatnonzero(down == 0.0):
+                down[row] = likely_falls(time, rollout.channels[ANGLES][row, :, :2], self.tips)
+        return down
 
     def score(self, rollouts: Sequence[Rollout]) -> Array:
         """(b,) minus what is made good on average, `fall` taken off for each fall; NaN where no run was measured."""
@@ -141,15 +136,7 @@ class WalkFront(Walk):
     fall: float = 0.15
     """m/s: some more than a walk is fast, so that a walk that falls every second time is no gain."""
 
-    @property
-    def name(self) -> str:
-        """See Task."""
-        return "walk front"
-
-    @property
-    def unit(self) -> str:
-        """Of the score."""
-        return "m/s"
+    name: ClassVar[str] = "walk front"
 
     @property
     def duration(self) -> float:
@@ -181,15 +168,7 @@ class LineWalk(Walk):
     """m/s: who is slower does not arrive."""
     fall: float = 0.15
 
-    @property
-    def name(self) -> str:
-        """See Task."""
-        return "walk to the line"
-
-    @property
-    def unit(self) -> str:
-        """Of the score."""
-        return "m/s"
+    name: ClassVar[str] = "walk to the line"
 
     @property
     def duration(self) -> float:
@@ -237,15 +216,8 @@ class OmniWalk(Walk):
     fall: float = 5.0
     """m, as in goToTarget."""
 
-    @property
-    def name(self) -> str:
-        """See Task."""
-        return "walk around"
-
-    @property
-    def unit(self) -> str:
-        """Of the score."""
-        return "m"
+    name: ClassVar[str] = "walk around"
+    unit: ClassVar[str] = "m"
 
     @property
     def duration(self) -> float:
@@ -284,20 +256,17 @@ COURSE = (
 """Targets in the field's frame: for how long (s), x and y (m)."""
 
 
-SETTLED = 2.5
-"""s: then steps have grown."""
-_STEPS = 30.0  # of 15 s, two in a second; the logarithm of it counts
+_SETTLED, _STEPS = 2.5, 30.0  # s until steps have grown; steps of 15 s, of which the logarithm counts
 
 
 def likely_falls(time: Array, angles: Array, tips: tuple[float, float]) -> float:
     """The chance of a fall in 15 s from the sway of a run that stood: roll and pitch (T, 2) at `time` (T,) since the start.
 
-    Sway that wanders like normal noise passes `tips` at a rate that S. O. Rice found (Mathematical analysis of random noise,
-    Bell System Technical Journal 24, 1945, section 3.3): exp(-tip^2 / (2 deviation^2)) a step. 0 for runs without a second
-    of walk.
+    Sway that wanders like normal noise passes `tips` with exp(-tip^2 / (2 deviation^2)) a step (S. O. Rice, Bell System
+    Technical Journal 24, 1945, section 3.3). 0 for runs without a second of walk.
     """
-    walked = (time > SETTLED) & np.isfinite(angles).all(axis=1)
-    if walked.sum() < 2 or np.ptp(time[walked]) < 1.0:
+    walked = (time > _SETTLED) & np.isfinite(angles).all(axis=1)
+    if not walked.any() or np.ptp(time[walked]) < 1.0:
         return 0.0
     share = np.square(angles[walked].std(axis=0) / tips).sum()
     return float(-np.expm1(-_STEPS * np.exp(-0.5 / max(float(share), 1e-6))))
