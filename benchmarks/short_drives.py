@@ -76,10 +76,13 @@ class Drives:
 
 
 class Kinematic:
-    """The peer on drives: values are wheelbase, steering gain and offset, speed gain, lags and delays of both."""
+    """The peer on drives: values are wheelbase, steering gain and offset, speed gain, lags and delays of both.
 
-    def __init__(self, drives: Drives, wheelbase: float) -> None:
-        self._d, self._wheelbase = drives, wheelbase
+    A turn rate that is commanded is one, not an angle: two driven wheels have no wheelbase.
+    """
+
+    def __init__(self, drives: Drives, wheelbase: float, *, turns: bool) -> None:
+        self._d, self._wheelbase, self._turns = drives, wheelbase, turns
 
     def error(self, values: Array, seen: bool) -> Array:
         """(2, n, 2) predicted minus tracked position, halfway and at the end; `seen`: wheels start as the turn rate shows."""
@@ -92,9 +95,9 @@ class Kinematic:
             part = float(np.clip(at - i, 0.0, 1.0))
             return (1.0 - part) * d.commands[i, :, column] + part * d.commands[i + 1, :, column]
 
-        wheel = (
-            np.arctan(base * turning / np.maximum(speed, 0.1)) if seen else gain * told(1, _LEAD - late / _DT) + offset
-        )
+        wheel = gain * told(1, _LEAD - late / _DT) + offset
+        if seen:
+            wheel = turning if self._turns else np.arctan(base * turning / np.maximum(speed, 0.1))
         shares = [1.0 - np.exp(-_DT / max(v, 1e-4)) for v in (slow, lag)]
         places = []
         last = int(d.steps[0])
@@ -103,7 +106,7 @@ class Kinematic:
                 places.append(np.stack([x, y], axis=1))
             wheel = wheel + shares[0] * (gain * told(1, k + _LEAD - late / _DT) + offset - wheel)
             speed = speed + shares[1] * (scale * told(0, k + _LEAD - delay / _DT) - speed)
-            turn = speed * np.tan(np.clip(wheel, -1.3, 1.3)) / base
+            turn = wheel if self._turns else speed * np.tan(np.clip(wheel, -1.3, 1.3)) / base
             x, y = (
                 x + _DT * speed * np.cos(heading + 0.5 * _DT * turn),
                 y + _DT * speed * np.sin(heading + 0.5 * _DT * turn),
@@ -142,8 +145,10 @@ def compared(
     mine = np.concatenate([prediction_errors(simulator, found.values, r, (reach,))[:, 0] for r in unseen])
     plain, declared = mine[np.isfinite(mine)], simulator.shipped()
     start = np.concatenate([prediction_errors(declared, np.zeros(0), r, (reach,))[:, 0] for r in unseen])
-    values, seen = Kinematic(Drives.of(simulator, clean, reach), wheelbase).fitted()
-    peer = np.linalg.norm(Kinematic(Drives.of(simulator, unseen, reach), wheelbase).error(values, seen)[1], axis=1)
+    turns = simulator.vehicle.steered_over == 0.0
+    values, seen = Kinematic(Drives.of(simulator, clean, reach), wheelbase, turns=turns).fitted()
+    off = Kinematic(Drives.of(simulator, unseen, reach), wheelbase, turns=turns).error(values, seen)
+    peer = np.linalg.norm(off[1], axis=1)
     cells = (start[np.isfinite(start)].mean(), plain.mean(), np.median(plain), peer.mean(), np.median(peer))
     shown = "".join(f"{1e3 * cell:9.0f}" for cell in cells)
     print(f"{name:28s}{len(plain):5d}{reach:7.1f} s{shown}{plain.mean() / peer.mean():8.2f}{spent:8.1f} s", flush=True)

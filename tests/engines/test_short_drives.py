@@ -96,3 +96,30 @@ def test_the_command_judges_short_drives_from_their_first_state(
     mine, declared = (np.mean([one[name][-1]["mean"] for one in shown]) for name in ("ahead", "ahead_against"))
     assert mine < 0.06
     assert mine < 0.4 * declared
+
+
+def test_a_robot_with_two_driven_wheels_turns_on_the_spot_and_backs_off(tmp_path: Path) -> None:
+    """Commanded as ROS does; its turn rate is 0.9 of what is asked for, its speed changes by 1 m/s^2 at most."""
+    (tmp_path / "base.toml").write_text("[vehicle]\nwheelbase = 0.4\n")
+    rng, logs = np.random.default_rng(2), []
+    for n in range(6):
+        x = y = psi = v = w = 0.0
+        rows, told = [], (0.0, 0.0)
+        for k in range(3000):
+            if k % 600 == 0:
+                told = ((0.0, -0.4, rng.uniform(0.3, 1.0))[k // 600 % 3], rng.uniform(-1.2, 1.2))
+            if k % 10 == 0:
+                rows.append([0.002 * k, *told, x, y, psi])
+            v += min(max(told[0] - v, -0.002), 0.002)
+            w += 0.002 / 0.1 * (0.9 * told[1] - w)
+            x, y, psi = x + 0.002 * v * math.cos(psi), y + 0.002 * v * math.sin(psi), psi + 0.002 * w
+        table = np.array(rows) + rng.normal(0.0, 1e-3, (300, 6)) * [0, 0, 0, 1, 1, 1]
+        logs.append(tmp_path / f"run_{n}.csv")
+        np.savetxt(logs[-1], table, delimiter=",", header="t,cmd_vel.linear.x,cmd_vel.angular.z,x,y,theta", comments="")
+    ready = prepare(tmp_path / "base.toml", [formats.read(log)[0] for log in logs])
+    found = {e.name: e.value for e in ready.calibrate().estimates}
+    assert found["turn_left"] == pytest.approx(0.9, rel=0.05)
+    assert found["turn_right"] == pytest.approx(0.9, rel=0.05)
+    assert found["turn_delay"] + found["turn_lag"] == pytest.approx(0.1, abs=0.03)
+    assert found["acceleration_limit"] == pytest.approx(1.0, rel=0.15)
+    assert found["speed_scale"] == pytest.approx(1.0, rel=0.04)

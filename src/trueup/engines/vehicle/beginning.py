@@ -28,6 +28,7 @@ from trueup.engines.vehicle.kernels import (
     TRIM,
     TRIM_LASTS,
     TURNING,
+    TURNS,
     WHEEL,
     WHEELBASE,
     X,
@@ -111,7 +112,10 @@ def begin(
             s[SPEED], s[TURNING], s[ANGLE] = seen[k, 3], seen[k, 4], steered(p, s[WHEEL])
         step_chassis(p, dt, s)
         compare_speed(moments, dt, resistance(p, s), seen[k + 1, 3] - s[SPEED])
-        if min(seen[k + 1, 3], s[SPEED]) > MOVES:
+        if p[TURNS] > 0.0:
+            bent += share * (seen[k + 1, 4] - s[TURNING] - bent)
+            driven += dt
+        elif min(seen[k + 1, 3], s[SPEED]) > MOVES:
             bent += share * (p[WHEELBASE] * (seen[k + 1, 4] / seen[k + 1, 3] - s[TURNING] / s[SPEED]) - bent)
             driven += dt
     if driven > max(LASTS / 2.0, past * dt / 2.0):  # a car that stands shows nothing
@@ -122,7 +126,7 @@ def begin(
         forward += p[SPEED_KEPT] * (s[SPEED] + faster - forward)
     if past == 0:
         s[TURNING], s[ANGLE] = seen[k0, 4], steered(p, s[WHEEL])
-    s[SPEED] = max(forward, 0.0) if p[DRIVE] > 0.0 else forward
+    s[SPEED] = max(forward, 0.0) if p[DRIVE] > 0.0 and p[TURNS] == 0.0 else forward
     s[HEADING] = seen[k0, 2] + p[POSE_TURN]
     s[X] = seen[k0, 0] - p[POSE_AHEAD] * math.cos(s[HEADING])
     s[Y] = seen[k0, 1] - p[POSE_AHEAD] * math.sin(s[HEADING])

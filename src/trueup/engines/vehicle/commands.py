@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.engines.vehicle.driving import COMMAND, MOST, driven_by
+from trueup.engines.vehicle.driving import COMMAND, MOST, driven_by, told_to_turn, turned_on_the_spot
 from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.tracking import cleaned
-from trueup.engines.vehicle.vehicle import DRIVES, PURSUED, Vehicle
+from trueup.engines.vehicle.vehicle import DRIVES, PURSUED, TURNED, Vehicle
 from trueup.errors import CalibrationError, RecordingError
 from trueup.recording import Channel, Recording
 
@@ -30,9 +30,10 @@ def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
     """
     if car.full is not None or not recordings:
         return car, ()
-    commands = [driven_by(r, car.wheelbase) for r in recordings]
-    car = _told_by(car, commands)
-    sized = [car.drive == PURSUED and all(c.unit_of(label) for c in commands) for label in COMMAND]
+    car = _told_by(car, recordings)
+    commands = [driven_by(r, car.steered_over) for r in recordings]
+    spins = max(turned_on_the_spot(r) for r in recordings) if car.drive != TURNED else 0.0
+    sized = [car.drive in (PURSUED, TURNED) and all(c.unit_of(label) for c in commands) for label in COMMAND]
     found = [(0.0, 1.0) if si else _middle_and_full(commands, label) for si, label in zip(sized, COMMAND, strict=True)]
     middle, full = (found[0][0], found[1][0]), (found[0][1], found[1][1])
     notes = [
@@ -40,26 +41,33 @@ def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
         for label, m, f in zip(COMMAND, middle, full, strict=True)
         if (m, f) != (0.0, 1.0)
     ]
-    scaled = replace(car, middle=middle, full=full)
-    drives = [cleaned(r, car.enabled_by, middle, full, car.wheelbase) for r in recordings]
+    if spins > 0.0:
+        notes.append(
+            "commanded by speed and turn rate, taken as a car of this wheelbase: turning on the spot, "
+            f"{100.0 * spins:.2g} % of a drive, is not simulated"
+        )
+    scaled = replace(car, middle=middle, full=full, in_si=all(sized))
+    drives = [cleaned(r, car.enabled_by, middle, full, car.steered_over) for r in recordings]
     straight = Look.at(drives).straight_on()
     if abs(straight) > _ASIDE and not sized[1]:
         off = np.concatenate([c.column("steering") for c in commands]) - (middle[1] + full[1] * straight)
         scaled = replace(car, middle=(middle[0], middle[1] + full[1] * straight), full=(full[0], _rounded(off)))
         notes.append(f"steering: the car drives straight on at {scaled.middle[1]:.3g}, which counts as its middle")
-        drives = [cleaned(r, car.enabled_by, scaled.middle, scaled.full, car.wheelbase) for r in recordings]
+        drives = [cleaned(r, car.enabled_by, scaled.middle, scaled.full, car.steered_over) for r in recordings]
     try:
         Look.at(drives).starts(scaled)
     except CalibrationError:
         scaled = replace(scaled, full=(full[0], -(scaled.full or full)[1]))
         notes.append("steering: grows to the right, taken as its opposite")
-    return (scaled, tuple(notes)) if notes or car.drive == PURSUED else (car, ())
+    return (scaled, tuple(notes)) if notes or car.drive in (PURSUED, TURNED) else (car, ())
 
 
-def _told_by(car: Vehicle, commands: Sequence[Channel]) -> Vehicle:
-    """The car, which pursues a commanded speed where its file does not say what drives it and all logs hold speeds."""
-    pursues = not car.declared and all("m/s" in c.units for c in commands)
-    return replace(car, drive=PURSUED) if pursues and set(car.values) <= {q.name for q in DRIVES[PURSUED]} else car
+def _told_by(car: Vehicle, recordings: Sequence[Recording]) -> Vehicle:
+    """The car, where its file does not say what drives it as all logs do: a speed, with a turn rate or steering."""
+    if car.declared or not all("m/s" in driven_by(r, car.wheelbase).units for r in recordings):
+        return car
+    drive = TURNED if all(told_to_turn(r) for r in recordings) else PURSUED
+    return replace(car, drive=drive) if set(car.values) <= {q.name for q in DRIVES[drive]} else car
 
 
 def _middle_and_full(commands: Sequence[Channel], label: str) -> tuple[float, float]:

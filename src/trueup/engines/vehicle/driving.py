@@ -26,7 +26,7 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
     """Throttle and steering as recorded, from channels of their own too; a brake counts as throttle below zero.
 
     A commanded speed is a throttle too, and a turn rate beside it the wheel angle (rad) with which a car of this wheelbase
-    (m) would turn so. Raises RecordingError without them.
+    (m) would turn so, or itself with a wheelbase of 0. Raises RecordingError without them.
     """
     found = _signals(recording)
     drive = next((found[label] for label in _DRIVES if label in found), None)
@@ -34,19 +34,41 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
     if drive is None or steer is None or (drive is not found.get("speed") and steer is found.get("turn")):
         listed = ", ".join(found) or "none"
         raise RecordingError(
-            f"recording '{recording.name}': a car's command needs the labels throttle and steering; found: {listed}. Name "
-            'their columns in the mapping: [channels.command] columns = ["...", "..."], labels = ["throttle", "steering"]'
+            f"recording '{recording.name}': a car's command needs the labels throttle (or speed) and steering (or turn, a "
+            f"turn rate beside a speed); found: {listed}. Name their columns in the mapping: [channels.command] columns = "
+            '["...", "..."], labels = ["speed", "steering"], units = ["m/s", "rad"]. Speeds of a left and a right wheel are '
+            "none: log their mean as speed and their difference over the track as turn"
         )
     parts = [drive, steer, *([found["brake"]] if "brake" in found else [])]
     same = all(p.time is drive.time or np.array_equal(p.time, drive.time) for p in parts)
     time = drive.time if same else np.unique(np.concatenate([p.time for p in parts]))
     throttle, steering, *brake = (_held(p, time) for p in parts)
-    if steer is found.get("turn") and "steering" not in found:
+    if steer is found.get("turn") and wheelbase > 0.0:
         moving = np.abs(throttle) > _STANDS * np.nanmax(np.abs(throttle), initial=0.0)
         steering = np.where(moving, np.arctan(wheelbase * steering / np.where(moving, throttle, 1.0)), 0.0)
     throttle = throttle - brake[0] if brake else throttle
-    units = (drive.unit_of(drive.labels[0]), "rad" if steer is found.get("turn") else steer.unit_of(steer.labels[0]))
+    units = (
+        drive.unit_of(drive.labels[0]),
+        "rad" if steer is found.get("turn") and wheelbase > 0.0 else steer.unit_of(steer.labels[0]),
+    )
     return Channel("command", COMMAND, "", time, np.stack([throttle, steering], axis=1), units if any(units) else ())
+
+
+def told_to_turn(recording: Recording) -> bool:
+    """Whether a turn rate is commanded beside a speed, and no steering."""
+    found = set(_signals(recording))
+    return {"speed", "turn"} <= found and not {"steering", "throttle"} & found
+
+
+def turned_on_the_spot(recording: Recording) -> float:
+    """Share of the samples at which a robot commanded by speed and turn rate was told to turn without going on."""
+    if not told_to_turn(recording):
+        return 0.0
+    found = _signals(recording)
+    time = found["turn"].time
+    turns, speeds = (np.abs(_held(found[label], time)) for label in ("turn", "speed"))
+    most = [max(float(np.nanmax(x, initial=0.0)), 1e-9) for x in (turns, speeds)]
+    return float(np.mean((turns > _STANDS * most[0]) & (speeds <= _STANDS * most[1])))
 
 
 def _signals(recording: Recording) -> dict[str, Channel]:

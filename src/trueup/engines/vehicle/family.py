@@ -97,6 +97,10 @@ class Vehicles(Family):
         notes = (*found.notes, *(sentence for each in shown for sentence in each))
         return replace(found, notes=notes, warnings=said_once(found.warnings))
 
+    def known_before(self, simulator: VehicleSimulator) -> bool:
+        """See Family: a car that is told shares of an unknown most drives like none until it is calibrated."""
+        return bool(simulator.vehicle.values) or simulator.vehicle.in_si
+
     def judged(self, simulator: VehicleSimulator, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
         """See Family: without what the tracker mistook for the car."""
         return tuple(simulator.prepared(r) for r in recordings)
@@ -163,7 +167,7 @@ def _with_parameters(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Veh
     plain = VehicleSimulator(car)
     drives = [plain.prepared(r) for r in recordings]
     look = Look.at(drives)
-    calm = look.unseen()
+    calm = {name: why for name, why in look.unseen().items() if name in car.names}
     steers = max((float(np.nanmax(np.abs(d.channel("command").column("steering")))) for d in drives), default=1.0)
     free = [q.name for q in car.quantities if q.free and q.name not in calm]
     return VehicleSimulator(car, car.space(free, look.starts(car), steers)), (*taken, *calm.values())

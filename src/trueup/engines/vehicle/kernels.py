@@ -22,10 +22,12 @@ COLUMNS = (
     "speed_loss", "curve_loss", "understeer", "yaw_rate_limit", "yaw_acceleration_limit", "relaxation", "grip",
     "front_compliance", "friction_limit", "weight_in_front", "yaw_inertia", "pose_ahead", "pose_turn", "push_lasts",
     "trim_lasts", "speed_kept", "position_noise", "heading_noise", "localisation_latency", "speed_gain", "braking_limit",
+    "turns",
 )  # fmt: skip
 """The numbers of one vehicle, in the order in which a row (n,) holds them. Without `drive` its commands are speeds, which its
 wheels have at once; with `speed_gain` they are speeds that a controller of the vehicle pursues, `drive` (m/s) for a command
-of one. Without `grip` its wheels roll where they point; what else is absent is written as its table says."""
+of one. With `turns` its steering is a turn rate, as two driven wheels make it; without `grip` its wheels roll where they
+point. What else is absent is written as its table says."""
 (
     WHEELBASE, MAX_STEERING, DRIVE_DELAY, DRIVE_LAG, STEERING_DELAY, STEERING_LAG, STEERING_RATE,
     STEERING_SLACK, COMMAND_OFFSET, STEERING_LEFT, STEERING_RIGHT, STEERING_BEND, STEERING_SCALE,
@@ -33,7 +35,8 @@ of one. Without `grip` its wheels roll where they point; what else is absent is 
     SPEED_LOSS, CURVE_LOSS, UNDERSTEER, YAW_RATE_LIMIT, YAW_ACCELERATION_LIMIT, RELAXATION, GRIP,
     FRONT_COMPLIANCE, FRICTION_LIMIT, WEIGHT_IN_FRONT, YAW_INERTIA, POSE_AHEAD, POSE_TURN, PUSH_LASTS,
     TRIM_LASTS, SPEED_KEPT, POSITION_NOISE, HEADING_NOISE, LATENCY, SPEED_GAIN, BRAKING_LIMIT,
-) = range(42)  # fmt: skip
+    TURNS,
+) = range(43)  # fmt: skip
 
 STATE = 13
 X, Y, HEADING, SPEED, TURNING, SIDEWAYS, LAGGED, SLACK, WHEEL, ANGLE, MOTOR, PUSH, TRIM = range(STATE)
@@ -86,7 +89,9 @@ def steered(p: Array, wheel: float) -> float:
 @njit(cache=True, nogil=True, error_model="numpy")
 def step_chassis(p: Array, dt: float, s: Array) -> None:
     """Velocities and pose one step on, with the wheels and the motor where they are."""
-    if p[GRIP] > 0.0:
+    if p[TURNS] > 0.0:
+        spinning(p, dt, s)
+    elif p[GRIP] > 0.0:
         on_tyres(p, dt, s)
     else:
         rolling(p, dt, s)
@@ -105,6 +110,22 @@ def rolling(p: Array, dt: float, s: Array) -> None:
     turn = v * math.tan(s[ANGLE]) / (p[WHEELBASE] * (1.0 + p[UNDERSTEER] * v * v))
     wanted = min(max(turn, -p[YAW_RATE_LIMIT]), p[YAW_RATE_LIMIT])
     s[TURNING] = toward(s[TURNING], wanted, p[YAW_ACCELERATION_LIMIT] * dt)
+    along_circle(v, dt, s)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def spinning(p: Array, dt: float, s: Array) -> None:
+    """Two driven wheels: the turn rate is what the commanded one has become, at any speed, also at rest or backwards."""
+    s[ANGLE] = steered(p, s[WHEEL])
+    s[TURNING] = s[ANGLE] + s[TRIM]
+    s[TRIM] *= 1.0 - dt / LASTS
+    s[SPEED] += dt * (pull(p, s) + s[PUSH])
+    along_circle(p[WHEEL_SCALE] * s[SPEED], dt, s)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def along_circle(v: float, dt: float, s: Array) -> None:
+    """The pose one step on at speed v (m/s) and the state's turn rate."""
     half = 0.5 * s[TURNING] * dt
     chord = v * dt * (1.0 - half * half / 6.0 if abs(half) < 1e-4 else math.sin(half) / half)
     s[X] += chord * math.cos(s[HEADING] + half)

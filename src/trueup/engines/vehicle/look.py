@@ -13,7 +13,7 @@ from trueup.engines.vehicle.driving import COMMAND
 from trueup.engines.vehicle.kernels import MOVES
 from trueup.engines.vehicle.past import Past
 from trueup.engines.vehicle.pursuit import pursuit
-from trueup.engines.vehicle.vehicle import PURSUED, Vehicle
+from trueup.engines.vehicle.vehicle import PURSUED, TURNED, Vehicle
 from trueup.errors import CalibrationError
 from trueup.evidence import STANDARD_ERRORS
 from trueup.noise import spread
@@ -79,6 +79,8 @@ class Look:
         Raises CalibrationError where steering to the left turns the car to the right.
         """
         starts, curve = {}, self.curve()
+        if car.drive == TURNED:
+            return pursuit(self.drives, 0.0)
         if curve is not None:
             offset, slope = curve
             if slope <= 0.0:

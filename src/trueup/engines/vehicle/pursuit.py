@@ -84,7 +84,10 @@ def _speed(pieces: Sequence[_Piece]) -> dict[str, float]:
 
 
 def _steering(pieces: Sequence[_Piece], wheelbase: float) -> dict[str, float]:
-    """Turn rate = speed / wheelbase * (gain * wheel + offset), the wheel late, slow and limited in its speed."""
+    """Turn rate = speed / wheelbase * (gain * wheel + offset), the wheel late, slow and limited in its speed.
+
+    With a wheelbase of 0 the turn rate itself is commanded.
+    """
     options = np.array(list(product(_WAITS, _LAGS, _RATES)))
     delay, lag, rate = options.T
     wheels, turned, ways = [], [], []
@@ -94,10 +97,10 @@ def _steering(pieces: Sequence[_Piece], wheelbase: float) -> dict[str, float]:
         for k in range(len(p.commands) - 1):
             lagged = lagged + share * (p.commands[np.maximum(k - late, 0), 1] - lagged)
             wheel = wheel + np.clip(lagged - wheel, -rate * p.step, rate * p.step)
-            if p.speed[k + 1] > MOVES:
+            if p.speed[k + 1] > MOVES or (wheelbase == 0.0 and np.isfinite(p.turning[k + 1])):
                 wheels.append(wheel)
                 turned.append(p.turning[k + 1])
-                ways.append(p.speed[k + 1] / wheelbase)
+                ways.append(p.speed[k + 1] / wheelbase if wheelbase > 0.0 else 1.0)
     if len(wheels) < len(pieces) or np.ptp(wheels) == 0.0:
         return {}
     X, y, way = np.array(wheels), np.array(turned), np.array(ways)  # (m, n), (m,), (m,)
@@ -107,8 +110,7 @@ def _steering(pieces: Sequence[_Piece], wheelbase: float) -> dict[str, float]:
     determinant = np.maximum(a * c - b * b, 1e-12)
     gain, offset = (f * c - g * b) / determinant, (a * g - b * f) / determinant
     best = int(np.argmin(np.abs(way[:, None] * (gain * X + offset) - y[:, None]).sum(0)))
-    return {
-        "steering_delay": float(delay[best]),
-        "steering_lag": float(lag[best]),
-        "steering_rate_limit": float(rate[best]),
-    }
+    names = ("turn_delay", "turn_lag", "turn_change_limit")
+    if wheelbase > 0.0:
+        names = ("steering_delay", "steering_lag", "steering_rate_limit")
+    return dict(zip(names, options[best].tolist(), strict=True))

@@ -137,8 +137,7 @@ THROTTLE_DRIVEN = (
 )  # fmt: skip
 """Commands are throttle and steering as shares of the full command, -1 ... 1, left positive; wheels roll on tyres."""
 
-SPEED_PURSUED = (
-    *(replace(q, absent=1.0, start=1.0) if q.name in ("steering_left", "steering_right") else q for q in _ON_TYRES),
+_PURSUIT = (
     _usual("speed_delay", "s", 0.03, -0.1, 1.0, "linear",
            "pure delay of the speed command; below zero where its clock runs late", _STARTS, "drive_delay"),
     _usual("speed_lag", "s", 0.05, 0.0, 1.0, "linear", "first-order lag of the speed command", _STARTS, "drive_lag"),
@@ -147,6 +146,29 @@ SPEED_PURSUED = (
     _usual("speed_gain", "1/s", 5.0, 0.2, 50.0, "log", "acceleration for each m/s that is missing", _STARTS),
     _usual("acceleration_limit", "m/s^2", 10.0, 0.2, 50.0, "log", "greatest acceleration", "large steps of speed"),
     _usual("braking_limit", "m/s^2", 10.0, 0.2, 50.0, "log", "greatest deceleration", "large steps of speed downwards"),
+)  # fmt: skip
+"""How a controller of the vehicle's own pursues a commanded speed."""
+
+SPEED_PURSUED = (
+    *(replace(q, absent=1.0, start=1.0) if q.name in ("steering_left", "steering_right") else q for q in _ON_TYRES),
+    *_PURSUIT,
     *_IN_CURVES,
 )  # fmt: skip
 """Commands are a speed in m/s, which the car's own controller pursues, and steering in rad, left positive; on tyres."""
+
+TURN_PURSUED = (
+    *_PURSUIT,
+    _usual("turn_delay", "s", 0.03, -0.1, 1.0, "linear",
+           "pure delay of the commanded turn rate; below zero where its clock runs late", _QUICK, "steering_delay"),
+    _usual("turn_lag", "s", 0.05, 0.0, 1.0, "linear", "first-order lag of the turn rate", _QUICK, "steering_lag"),
+    _usual("turn_change_limit", "rad/s^2", 50.0, 0.05, 50.0, "log", "greatest change of the turn rate", _QUICK,
+           "steering_rate_limit"),
+    _usual("turn_left", "rad/s", 1.0, 0.1, 10.0, "log", "turn rate for a command of one, to the left", _CURVES,
+           "steering_left"),
+    _usual("turn_right", "rad/s", 1.0, 0.1, 10.0, "log", "turn rate for a command of one, to the right", _CURVES,
+           "steering_right"),
+    _usual("turn_offset", "rad/s", 0.0, -0.3, 0.3, "linear", "added to the commanded turn rate", _STRAIGHT, "command_offset"),
+    *(q for q in _IN_CURVES if q.name != "curve_loss"),
+    _usual("turns", "", 1.0, 0.0, 1.0, "linear", "that it is turned by two driven wheels", "nothing", free=False),
+)  # fmt: skip
+"""Commands are a speed in m/s and a turn rate in rad/s, left positive, of a vehicle on two driven wheels."""

@@ -22,7 +22,7 @@ from trueup.engines.vehicle.past import Past
 from trueup.engines.vehicle.reading import CHANNELS, Ending, Orders, Reading
 from trueup.engines.vehicle.start import start_state
 from trueup.engines.vehicle.tracking import cleaned
-from trueup.engines.vehicle.vehicle import PURSUED, Vehicle
+from trueup.engines.vehicle.vehicle import PURSUED, TURNED, Vehicle
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
 from trueup.recording import Recording
@@ -32,10 +32,10 @@ from trueup.trial import Trial
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-STEP = {"speed": 0.02, "throttle": 0.01, PURSUED: 0.01}
+STEP = {"speed": 0.02, "throttle": 0.01, PURSUED: 0.01, TURNED: 0.01}
 """In s, by what commands the vehicle: the period of usual controllers; twice as fine where tyres are integrated (on
 JetRacer predictions are off by a twentieth more with the coarser one)."""
-HORIZON = {"speed": np.inf, "throttle": 1.5, PURSUED: 3.0}
+HORIZON = {"speed": np.inf, "throttle": 1.5, PURSUED: 3.0, TURNED: 3.0}
 """In s: a car under recorded throttle alone drifts away from any simulation, so that each stretch starts anew. Chosen on
 JetRacer: 3 s, each drive cut in three ways, did no better for three times the simulations."""
 _PLACES = 0.1  # s: stretches begin at multiples of it, so that they are the same at every integration step
@@ -120,7 +120,7 @@ class VehicleSimulator:
     def prepared(self, recording: Recording) -> Recording:
         """The recording without what the tracker mistook for the vehicle; see `cleaned`."""
         v = self.vehicle
-        return cleaned(recording, v.enabled_by, v.middle, v.full, v.wheelbase) if v.drive != "speed" else recording
+        return cleaned(recording, v.enabled_by, v.middle, v.full, v.steered_over) if v.drive != "speed" else recording
 
     def rollout(
         self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None = None

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.engines.vehicle.kernels import COLUMNS, STEERING_LEFT, STEERING_RIGHT, STEERING_SCALE
-from trueup.engines.vehicle.quantities import SPEED_DRIVEN, SPEED_PURSUED, THROTTLE_DRIVEN, Quantity
+from trueup.engines.vehicle.quantities import SPEED_DRIVEN, SPEED_PURSUED, THROTTLE_DRIVEN, TURN_PURSUED, Quantity
 from trueup.errors import ParameterError, unknown_name
 from trueup.parameters import Parameter, ParameterSpace
 
 Array = NDArray[np.float64]
 
-PURSUED = "pursued speed"
+PURSUED, TURNED = "pursued speed", "pursued speed and turn rate"
 DRIVES: Mapping[str, tuple[Quantity, ...]] = MappingProxyType(
-    {"speed": SPEED_DRIVEN, "throttle": THROTTLE_DRIVEN, PURSUED: SPEED_PURSUED}
+    {"speed": SPEED_DRIVEN, "throttle": THROTTLE_DRIVEN, PURSUED: SPEED_PURSUED, TURNED: TURN_PURSUED}
 )
 """What may command a vehicle beside its steering, and what may be calibrated in it then."""
 
@@ -40,7 +40,8 @@ class Vehicle:
     """Quantities that are known; the others are absent, or in a vehicle driven by throttle as a usual small car has them."""
     drive: str = "speed"
     """What is commanded: 'speed' in m/s with steering in rad to wheels that roll where they point, 'throttle' with steering,
-    both as shares -1 ... 1, to wheels on tyres, or to such a 'pursued speed', which a controller reaches by and by."""
+    both as shares -1 ... 1, to wheels on tyres, or to such a 'pursued speed', which a controller reaches by and by; or to two
+    driven wheels a 'pursued speed and turn rate'."""
     enabled_by: str = ""
     """Label of a recorded signal without which the throttle is cut (a dead man's switch); '' finds one by its name."""
     middle: tuple[float, float] = (0.0, 0.0)
@@ -48,6 +49,8 @@ class Vehicle:
     full: tuple[float, float] | None = None
     """How far beyond `middle` they stand for one, below zero where they grow backwards or to the right; None: 1."""
 
+    in_si: bool = False
+    """Whether its commands are known to be m/s and rad, so that a car of which nothing else is known can drive them."""
     declared: bool = True
     """Whether its file says what is commanded; recordings tell it otherwise."""
 
@@ -73,6 +76,11 @@ class Vehicle:
     def quantities(self) -> tuple[Quantity, ...]:
         """What may be calibrated in it."""
         return DRIVES[self.drive]
+
+    @property
+    def steered_over(self) -> float:
+        """The wheelbase in m over which a commanded turn rate is steered; 0 where it is turned by driven wheels."""
+        return 0.0 if self.drive == TURNED else self.wheelbase
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -7,12 +7,17 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from trueup import files
-from trueup.engines.vehicle.vehicle import DRIVES, PURSUED, Vehicle
+from trueup.engines.vehicle.vehicle import DRIVES, PURSUED, TURNED, Vehicle
 from trueup.errors import ModelError
 from trueup.formats.aside import written_aside
 
 _KEYS = ("name", "wheelbase", "drive", "enabled_by", "middle", "full", "values")
-_DRIVES = {"throttle": "throttle", "speed": PURSUED}
+_DRIVES = {"throttle": "throttle", "speed": PURSUED, "turn": TURNED}
+_COMMANDS = {
+    "throttle": "throttle and steering, without unit",
+    "speed": "speed in m/s and steering in rad",
+    "turn": "speed in m/s and turn rate in rad/s, of two driven wheels",
+}
 _EARLIER = {"steering_play": ("steering_slack", 2.0), "steering_rate": ("steering_rate_limit", 1.0)}
 """Quantities as files named them before: the name that they have now, and the factor to its value."""
 
@@ -55,13 +60,12 @@ def read_vehicle(path: str | Path) -> Vehicle:
 
 def write_vehicle(vehicle: Vehicle, path: Path, notes: Mapping[str, str] | None = None) -> None:
     """Writes a vehicle with all that is known of it; `notes` by quantity stand beside its value. Raises OutputError."""
+    said = next(name for name, drive in _DRIVES.items() if drive == vehicle.drive)
     lines = [
         "[vehicle]",
         f'name = "{vehicle.name}"',
         f"wheelbase = {vehicle.wheelbase!r}  # m",
-        'drive = "speed"  # commands: speed in m/s and steering in rad'
-        if vehicle.drive == PURSUED
-        else 'drive = "throttle"  # commands: throttle and steering, without unit',
+        f'drive = "{said}"  # commands: {_COMMANDS[said]}',
     ]
     if vehicle.enabled_by:
         lines.append(f'enabled_by = "{vehicle.enabled_by}"')
