@@ -19,7 +19,8 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np
 from results import result
 
-from trueup.studies.balance.study import QUICK, SCENES, Size, studied
+from trueup.studies.balance.plan import Depth, Size
+from trueup.studies.balance.study import QUICK, studied
 
 
 def main() -> None:
@@ -29,27 +30,34 @@ def main() -> None:
     parser.add_argument(
         "--folder", type=Path, help="a folder of `make study-balance` whose results are read, or gone on with"
     )
+    parser.add_argument("--report", action="store_true", help="compute nothing: what is in the folder already")
     asked = parser.parse_args()
-    quick = replace(QUICK, stand_ins=2, scenes=("sit-to-stand",), searched=8, randomised=False)
-    size = quick if asked.quick else Size(scenes=SCENES, oracle=0, subsets=0)
+    few = replace(QUICK, stand_ins=2, scenes=("sit-to-stand",), depth=Depth(searched=8))
+    size = few if asked.quick else Size(oracle=0, subsets=0)
     with tempfile.TemporaryDirectory() as made:
-        found = studied(asked.folder or Path(made) / "study", size, lambda text, share: None)
+        found = studied(asked.folder or Path(made) / "study", size, lambda text, share: None, compute=not asked.report,
+                        workers=len(os.sched_getaffinity(0)))  # fmt: skip
+    rounds = size.depth.rounds
     for scene in found.campaigns:
-        shares = [f"{100 * found.share(scene, k):.0f} %" for k in range(size.rounds + 1)]
-        random = [2 * sum(x) > len(x) for x in found.randomised.get(scene, {}).values()]
-        beside = f"; randomised alone {100 * np.mean(random):.0f} %" if random else ""
-        print(
-            f"{scene:20} {len(found.campaigns[scene])} stand-ins: as it was {shares[0]}, then {', '.join(shares[1:])}"
-            + beside
-        )
-    without = float(np.mean([found.share(s, 0) for s in found.campaigns]))
-    share = float(np.mean([found.share(s, size.rounds) for s in found.campaigns]))
+        shares = [f"{100 * found.share(scene, k):.0f} %" for k in range(rounds + 1)]
+        beside = f"; randomised alone {100 * found.blindly(scene):.0f} %" if scene in found.randomised else ""
+        needed = found.needed(scene)
+        print(f"{scene:20} {len(found.campaigns[scene])} stand-ins: as it was {shares[0]}, then {', '.join(shares[1:])}; "
+              f"rounds needed, median {np.median(needed) if needed else float('nan'):g}{beside}")  # fmt: skip
+    without, share = found.overall(0), found.overall(rounds)
     needed = [n for s in found.campaigns for n in found.needed(s)]
     result("transitions_succeeded_share", share, "", 0.9, peer="without calibration", peer_value=without, at_most=False)
     result("uncalibrated_share", without, "", 0.5)
     result(
         "median_rounds", float(np.median(needed)) if needed else float("nan"), "", 1.0, peer="the paper", peer_value=1.0
     )
+
+    count, before, after = found.unfitted()
+    if count:
+        print(
+            f"torso in {count} rounds that were not fitted: {before:.3f} rad off by the file, {after:.3f} as calibrated"
+        )
+        result("unfitted_orientation_error_left", after / before, "of before", 0.3)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -10,10 +11,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.articulated.declarations import Declaration, declare
 from trueup.articulated.kernels import limited_commands
+from trueup.controllers.playback import Playback
+from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.loop.calibrate import Options
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
+from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]
 
@@ -90,3 +96,20 @@ def test_a_limited_command_is_the_trapezoid_of_the_books(distance: float) -> Non
     exact = _way(distance, 1.5, 8.0, step * np.arange(1.0, 3001.0))
     assert np.abs(out[0, :, 0] - exact).max() < 3.0 * step * 1.5
     assert out[0, -1, 0] == pytest.approx(distance, abs=1e-9)
+
+
+def test_a_drive_takes_a_controllers_commands_as_it_takes_recorded_ones(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(_ARM)
+    told = {"delay": 0.02, "speed_limit": 1.2, "acceleration_limit": 9.0, "offset": 0.15}
+    simulator = MujocoSimulator(load(path), *declare(load(path), [Declaration(n, nominal=v) for n, v in told.items()]))
+    time = 0.01 * np.arange(150.0)
+    steps = Channel("command", ("j",), "rad", time, np.where(time[:, None] < 0.5, 0.4, -0.3))
+    start = Channel("position", ("j",), "rad", np.zeros(1), np.full((1, 1), 0.4))
+    trial = Trial("steps", 0.0, 1.4, command=steps, observed={"position": Observed(("j",), "rad", time[:140])},
+                  initial={"position": start})  # fmt: skip
+    played = replace(trial, command=None, controller=lambda values: Playback(steps, len(values), period=0.01))
+    recorded, asked = simulator.rollout([trial, played], simulator.parameters.nominal[None])
+    np.testing.assert_allclose(asked.channels["position"], recorded.channels["position"], atol=1e-6)
+    plain = MujocoSimulator(load(path)).rollout([trial], np.zeros((1, 0)))[0]
+    assert np.abs(asked.channels["position"] - plain.channels["position"]).max() > 0.1

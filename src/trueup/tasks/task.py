@@ -93,12 +93,19 @@ def simulated_scores(
 
     All models x candidates are rows of one evaluation, here where no `evaluator` says where.
     """
+    return simulated(task, simulator, model, candidates, evaluator)[0]
+
+
+def simulated(
+    task: Task, simulator: Simulator, model: Array, candidates: Array, evaluator: Evaluator | None = None
+) -> tuple[Array, NDArray[np.bool_]]:
+    """`simulated_scores`, and (p, b) which of the runs did what the task wants (never where it cannot say)."""
     models, tried = np.atleast_2d(model), np.atleast_2d(candidates)
     if tried.shape[1] != len(task.parameters):
         raise ParameterError(f"task '{task.name}' has {len(task.parameters)} parameters, got {tried.shape[1]}")
     rows = np.concatenate([np.repeat(models, len(tried), axis=0), np.tile(tried, (len(models), 1))], axis=1)
-    done = (evaluator or Here()).evaluate(judgement(task, simulator), rows)
-    return done.values[:, 0].reshape(len(models), len(tried))
+    found = (evaluator or Here()).evaluate(judgement(task, simulator), rows).values.reshape(len(models), len(tried), 2)
+    return found[:, :, 0], (found[:, :, 1] == 1.0) & np.isfinite(found[:, :, 0])
 
 
 def judgement(task: Task, simulator: Simulator, trials: Sequence[Trial] | None = None) -> Work:

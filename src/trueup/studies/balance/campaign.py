@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,6 +25,11 @@ REPEATS = 3
 """Runs of a motion, as the paper has them. A motion works where most of them end as wanted."""
 
 
+def most(stood: Sequence[bool]) -> bool:
+    """Whether most repeats ended as wanted."""
+    return 2 * sum(stood) > len(stood)
+
+
 @dataclass(frozen=True, eq=False)
 class Round:
     """A motion on the robot, and what the simulator made of it."""
@@ -42,7 +47,7 @@ class Round:
     @property
     def succeeded(self) -> bool:
         """Whether most repeats did."""
-        return 2 * sum(self.stood) > len(self.stood)
+        return most(self.stood)
 
     @property
     def seconds(self) -> float:

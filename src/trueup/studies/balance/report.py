@@ -10,7 +10,8 @@ import numpy as np
 from trueup.report.markup import Markup, join, tag
 from trueup.report.parts import Section, caption, cells, facts, head, hero, page, row, sentences, table
 from trueup.studies.balance.pictures import orientation, replay, strip
-from trueup.studies.balance.study import SCENES, Findings
+from trueup.studies.balance.plan import SCENES
+from trueup.studies.balance.study import Findings
 
 PAPER = {"lean-to-stand": 1, "sit-to-stand": 0, "kneel-to-stand": 1, "stand-to-handstand": 2}
 """Calibrations that the paper's robot needed."""
@@ -34,40 +35,37 @@ def html(findings: Findings) -> str:
     parts.append(
         Section("errors", "Errors", "How much nearer does a calibration bring the simulator?", _errors(findings))
     )
-    size = findings.size
-    subtitle = [f"{size.stand_ins} stand-ins in DART, truths fixed by their numbers from {size.first}",
-                f"at most {size.rounds} calibrations", "three repeats a round"]  # fmt: skip
+    subtitle = [f"{_robots(findings)} stand-ins in DART, truths fixed by their numbers",
+                f"at most {findings.size.depth.rounds} calibrations", "three repeats a round"]  # fmt: skip
     return page("campaign.html", "Humanoid transitions by calibrated simulation", subtitle, parts)
 
 
 def _transfer(f: Findings) -> Markup:
-    titles = ("task", "as it was", "after 1", f"after {f.size.rounds}", "rounds, median", "the paper", "robot, s, median",
-              "randomised alone", "searched on the robot: runs, median")  # fmt: skip
+    rounds = f.size.depth.rounds
+    titles = ("task", "stand-ins", "as it was", "after 1", f"after {rounds}", "rounds, median", "the paper",
+              "robot, s, median", "randomised alone", "searched on the robot: runs, median")  # fmt: skip
     rows = []
     for scene in f.size.scenes:
         if scene not in f.campaigns:
             why = "no motion was found in the simulator itself" if scene in f.first else "not computed yet"
-            rows.append(row(_name(scene), tag("td", why, colspan="8")))
+            rows.append(row(_name(scene), tag("td", why, colspan="9")))
             continue
         needed, done = f.needed(scene), f.campaigns[scene].values()
         seconds = [sum(r["seconds"] for r in each) for each in done]
-        random = [2 * sum(x) > len(x) for x in f.randomised.get(scene, {}).values()]
         runs = [n for n in f.oracle.get(scene, {}).values() if n]
         rows.append(row(_name(scene), cells(
-            *(_share(f.share(scene, k)) for k in (0, 1, f.size.rounds)), _median(needed), str(PAPER[scene]),
-            f"{np.median(seconds):.1f}", _share(float(np.mean(random)) if random else float("nan")),
-            f"{_median(runs)} ({len(runs)} of {len(f.oracle.get(scene, {}))})" if f.oracle else "",
+            str(len(done)), *(_share(f.share(scene, k)) for k in (0, 1, rounds)), _median(needed), str(PAPER[scene]),
+            f"{np.median(seconds):.1f}", _share(f.blindly(scene)),
+            f"{_median(runs)} ({len(runs)} of {len(f.oracle[scene])})" if scene in f.oracle else "",
         )))  # fmt: skip
-    shares = [f.share(s, f.size.rounds) for s in f.campaigns]
-    before = [f.share(s, 0) for s in f.campaigns]
-    top = hero("of all stand-ins and tasks", _share(float(np.mean(shares)) if shares else float("nan")),
-               facts([("without calibration", _share(float(np.mean(before)) if before else float("nan")))]))  # fmt: skip
+    top = hero("of all stand-ins, mean of tasks", _share(f.overall(rounds)),
+               facts([("without calibration", _share(f.overall(0)))]))  # fmt: skip
     words = (
         "A motion works where most of three repeats end upright (or inverted), high and still. Seconds are those of the "
         "robot's runs, of all rounds. Randomised alone: one motion searched in models drawn widely around the file, never "
         "calibrated. Searched on the robot: CMA-ES that tries every candidate on the robot itself."
     )
-    return join(top, table(head(*titles, numbers=range(1, 9)), rows), caption(words))
+    return join(top, table(head(*titles, numbers=range(1, 10)), rows), caption(words))
 
 
 def _scene(f: Findings, scene: str) -> Markup:
@@ -107,16 +105,20 @@ def _table_one(f: Findings) -> Markup:
 
 
 def _errors(f: Findings) -> Markup:
-    pairs = [(r["errors"][0], r["errors"][1]) for each in f.campaigns.values() for rs in each.values() for r in rs[1:]]
-    if not pairs:
+    count, before, after = f.unfitted()
+    if not count:
         return tag("p", "No round followed a calibration.")
-    before, after = np.sqrt(np.mean(np.square(pairs), axis=0))
     lines = [
-        f"Motions that were not fitted ({len(pairs)} rounds, each after its calibration): the simulated torso is "
+        f"Motions that were not fitted ({count} rounds, each after its calibration): the simulated torso is "
         f"{before:.3f} rad from the robot's by the model file and {after:.3f} rad as calibrated, {after / before:.2f} of it.",
         "Each repeat is compared by itself, its fall included; where a fall begins decides most of this figure.",
     ]
     return sentences(lines)
+
+
+def _robots(f: Findings) -> int:
+    """Stand-ins of which any task is told."""
+    return len({n for per in f.campaigns.values() for n in per})
 
 
 def _name(scene: str) -> str:

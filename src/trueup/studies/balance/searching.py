@@ -14,7 +14,7 @@ from trueup.loop.settle import settled
 from trueup.search.cma_es import CmaEs
 from trueup.studies.balance.calibration import STEP, simulator_of
 from trueup.studies.balance.scenes import SCENES, transition
-from trueup.tasks.task import simulated_scores
+from trueup.tasks.task import judged
 from trueup.tasks.transitions import Transition
 
 Array = NDArray[np.float64]
@@ -23,6 +23,8 @@ CALIBRATED, RANDOM = 0.05, 0.2
 """Standard deviation in shares of each parameter's box of draws around models: what a calibration leaves open in all its
 members, and what a model file does not know."""
 _CONFIRMED = 12  # models that a winner is tried in
+SURE = 0.9
+"""Share of them in which a motion has to succeed to be tried as it is."""
 _FINE = 0.002  # s, at which it is
 
 
@@ -66,32 +68,41 @@ def models_around(
 
 def searched(
     scene: str, models: Array, rng: np.random.Generator, *, doubt: float, begin: Array | None = None,
-    effort: Effort | None = None, parameters: str = "wider",
+    effort: Effort | None = None, parameters: str = "wider", again: bool = False,
 ) -> Found:  # fmt: skip
-    """The best motion in models (k, n), the likeliest first, from motion `begin` (m,) or from the scene's seeds."""
+    """The best motion in models (k, n), the likeliest first, from motion `begin` (m,) or from the scene's seeds.
+
+    With `again`, `begin` has not failed yet: it is kept where it succeeds in nearly all models.
+    """
     given, simulator = effort or Effort(), simulator_of(scene, parameters)
-    task = task_of(scene, simulator, models[0])
+    task, count = task_of(scene, simulator, models[0]), 0
     space = task.parameters
+
+    def share(motions: Array) -> Array:
+        return success_shares(scene, task, models, motions, rng, doubt=doubt, parameters=parameters)
+
+    def draw(number: int) -> Array:
+        return models_around(simulator, models, doubt, number, rng)
+
+    if again and begin is not None:
+        kept, count = float(share(begin[None])[0]), _CONFIRMED
+        if kept >= SURE:
+            return Found(begin, kept, count)
     if len(space) == 1:  # only the time: a look at all of it
-        several = models_around(simulator, models, doubt, 2 * given.models, rng)
         grid = space.from_unit(np.linspace(0.0, 1.0, 2 * given.population)[:, None])
-        scores = simulated_scores(task, simulator, several, grid)
-        best, count = grid[np.argsort(scores.mean(axis=0))[:3]], scores.size
+        scores, _ = judged(task, simulator, draw(2 * given.models), grid)
+        best, more = grid[np.argsort(scores.mean(axis=0))[:3]], scores.size
     else:
         first = space.to_unit(space.nominal if begin is None else begin)
         sigma = 0.15 if begin is None else 0.08
-
-        def draw(count: int) -> Array:
-            return models_around(simulator, models, doubt, count, rng)
-
         one, a = _descended(task, simulator, lambda: models[:1], first, sigma, given.generations, given, rng)
         two, b = _descended(
             task, simulator, lambda: draw(given.models), one, 0.06, given.generations // 2, given, rng
         )  # fmt: skip
-        best, count = space.from_unit(np.stack([two, one])), a + b
-    shares = success_shares(scene, task, models, best, rng, doubt=doubt, parameters=parameters)
+        best, more = space.from_unit(np.stack([two, one])), a + b
+    shares = share(best)
     k = int(shares.argmax())
-    return Found(best[k], float(shares[k]), count + len(best) * _CONFIRMED)
+    return Found(best[k], float(shares[k]), count + more + len(best) * _CONFIRMED)
 
 
 def success_shares(
@@ -110,17 +121,24 @@ def _descended(
     task: Transition, simulator: MujocoSimulator, draw: Callable[[], Array], begin: Array, sigma: float, generations: int,
     effort: Effort, rng: np.random.Generator,
 ) -> tuple[Array, int]:  # fmt: skip
-    """The unit box's point to which CMA-ES comes by the mean score in models drawn anew each time, and the simulations."""
-    seed, simulated, several = int(rng.integers(2**31)), 0, False
+    """The unit box's point to which CMA-ES comes by the mean score in models drawn anew each time, and the simulations.
+
+    It ends where the centre of the good candidates has succeeded in `_CONFIRMED` models in a row (in one model: three times).
+    """
+    seed, simulated, held = int(rng.integers(2**31)), 0, 0
     search = CmaEs(begin, seed=seed, sigma=sigma, population=effort.population, restarts=0,
                    max_evaluations=effort.population * generations)  # fmt: skip
     recent: list[Array] = []
     while not search.done:
         asked, models = search.ask(), draw()
-        several = len(models) > 1
-        scores = simulated_scores(task, simulator, models, task.parameters.from_unit(asked)).mean(axis=0)
-        search.tell(asked, scores)
-        simulated += len(asked) * len(models)
-        recent = [*recent, asked[np.argsort(scores)[: len(asked) // 2]]][-3:]
-    # Where each generation meets other models, the luckiest score is not the best candidate: the mean of good ones is.
-    return (np.concatenate(recent).mean(axis=0) if several else search.best[0]), simulated
+        # Where each generation meets other models, the luckiest score is not the best candidate: the mean of good ones is.
+        centre = np.concatenate(recent).mean(axis=0) if recent else np.asarray(begin)
+        tried = task.parameters.from_unit(np.concatenate([asked, centre[None]]))
+        scores, done = judged(task, simulator, models, tried)
+        search.tell(asked, scores[:, :-1].mean(axis=0))
+        simulated += scores.size
+        held = held + len(models) if recent and done[:, -1].all() else 0
+        if held >= (_CONFIRMED if len(models) > 1 else 3):
+            return centre, simulated
+        recent = [*recent, asked[np.argsort(scores[:, :-1].mean(axis=0))[: len(asked) // 2]]][-3:]
+    return np.concatenate(recent).mean(axis=0), simulated

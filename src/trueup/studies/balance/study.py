@@ -3,70 +3,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
-from itertools import zip_longest
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trueup.inspection.repeats import bridged
-from trueup.loop.confirm import hunt
-from trueup.recording import Recording
-from trueup.search.cma_es import CmaEs
-from trueup.studies.balance.calibration import Runs, calibrated, simulator_of
-from trueup.studies.balance.campaign import Round, Scale, campaign, performed
-from trueup.studies.balance.pictures import poses_of
-from trueup.studies.balance.robot import StandInHumanoid
-from trueup.studies.balance.scenes import transition
-from trueup.studies.balance.searching import CALIBRATED, RANDOM, Effort, searched, task_of
+from trueup.studies.balance.campaign import most
+from trueup.studies.balance.once import Firsts, computed
+from trueup.studies.balance.plan import SCENES, Depth, Part, Size, stages
 from trueup.studies.saved import Parts
-from trueup.tasks.transitions import Transition
 
-Array = NDArray[np.float64]
 Told = Callable[[str, float], None]
 
-SCENES: tuple[str, ...] = ("lean-to-stand", "sit-to-stand", "kneel-to-stand", "stand-to-handstand")
-"""The paper's tasks I to IV."""
-
-
-@dataclass(frozen=True)
-class Size:
-    """How large a study is."""
-
-    stand_ins: int = 10
-    scenes: tuple[str, ...] = SCENES
-    rounds: int = 2
-    generations: int = 10
-    """Of CMA-ES in each calibration, of 32."""
-    searched: int = 24
-    """Generations of each search, of 32; half as many follow in several models."""
-    hunted: int = 3200
-    """Simulations that the search of a first motion may take."""
-    randomised: bool = True
-    """Whether a motion searched in many random models is tried beside."""
-    oracle: int = 24
-    """Runs of the robot that a search on it may take; 0: none is made."""
-    subsets: int = 2
-    """Stand-ins on which the paper's Table I is regenerated."""
-    first: int = 0
-    """Number of the first stand-in; those of the study are 0 to 9."""
-    seed: int = 0
-
-    @property
-    def scale(self) -> Scale:
-        """Of each campaign."""
-        return Scale(self.rounds, generations=self.generations, effort=Effort(generations=self.searched))
-
-    @property
-    def numbers(self) -> range:
-        """The stand-ins."""
-        return range(self.first, self.first + self.stand_ins)
-
-
-QUICK = Size(stand_ins=3, scenes=("lean-to-stand", "sit-to-stand"), searched=16, oracle=0, subsets=0)
+QUICK = Size(stand_ins=3, scenes=SCENES[:2], depth=Depth(searched=16), randomised=False, oracle=0, subsets=0)
 
 
 @dataclass
@@ -91,171 +44,85 @@ class Findings:
             float(np.mean([any(r["succeeded"] for r in each[: rounds + 1]) for each in done])) if done else float("nan")
         )
 
+    def overall(self, rounds: int) -> float:
+        """The mean share over tasks, after so many calibrations; NaN without any."""
+        shares = [self.share(scene, rounds) for scene in self.campaigns]
+        return float(np.mean(shares)) if shares else float("nan")
+
     def needed(self, scene: str) -> list[int]:
         """Calibrations until it worked, of the stand-ins on which it did."""
         done = [[r["succeeded"] for r in each] for each in self.campaigns.get(scene, {}).values()]
         return [each.index(True) for each in done if True in each]
 
+    def blindly(self, scene: str) -> float:
+        """Share of the stand-ins on which the motion searched in random models works."""
+        return (
+            float(np.mean([most(x) for x in self.randomised[scene].values()])) if scene in self.randomised else np.nan
+        )
 
-def studied(folder: Path, size: Size, told: Told, *, compute: bool = True) -> Findings:
-    """Computes what is not in the folder yet, or leaves it out. Raises OutputError where another study is in it."""
-    parts, findings = Parts.at(folder, size), Findings(size)
-    steps = len(size.scenes) * (1 + size.stand_ins * (1 + size.randomised + (size.oracle > 0))) + 7 * size.subsets
-    done = 0
+    def unfitted(self) -> tuple[int, float, float]:
+        """How many rounds followed a calibration on others, and the root mean square angles in rad from the robot's torso to
+        the simulated one in them: by the model file, and as calibrated.
+        """
+        pairs = [r["errors"] for per in self.campaigns.values() for each in per.values() for r in each[1:]]
+        before, after = np.sqrt(np.mean(np.square(pairs), axis=0)) if pairs else (np.nan, np.nan)
+        return len(pairs), float(before), float(after)
 
-    def kept(name: str, made: Callable[[], object]) -> Any:
-        nonlocal done
-        told(name, done / steps)
-        done += 1
-        return parts.text(name, made) if compute or parts.has(name) else None
+    def put(self, part: Part, found: Any) -> None:
+        """Keeps what was found."""
+        match part.kind:
+            case "first" | "wide":
+                self.first[part.scene] = {**self.first.get(part.scene, {}), **found}
+            case "table":
+                for scene, worked in found.items():
+                    self.subsets.setdefault("+".join(part.on), {}).setdefault(scene, []).append(worked)
+            case _:
+                table = {"rounds": self.campaigns, "randomised": self.randomised, "oracle": self.oracle}[part.kind]
+                table.setdefault(part.scene, {})[part.number] = found
 
-    def put(table: dict[str, dict[int, Any]], scene: str, number: int, found: Any) -> None:
-        if found is not None:
-            table.setdefault(scene, {})[number] = found
 
-    for scene in size.scenes:
-        found = kept(f"{scene}, first motion", lambda s=scene: _first(s, size))
-        findings.first |= {scene: found} if found is not None else {}
-        if found is None or found["share"] < 0.5:  # not even in its own simulator
-            continue
-        task = transition(scene, step=0.004)[1]
-        motion, randomised = np.array(found["motion"]), np.array(found.get("randomised", []))
-        for n in size.numbers:
-            name, robot = f"{scene}, stand-in {n}", StandInHumanoid(scene, n)
-            one = _Once(robot, task, size, motion, randomised, lambda line: told(line, done / steps))
-            put(findings.campaigns, scene, n, kept(name, one.rounds))
-            if size.randomised:
-                put(findings.randomised, scene, n, kept(f"{name}, randomised", one.blindly))
-            if size.oracle:
-                put(findings.oracle, scene, n, kept(f"{name}, searched on it", one.oracle))
-    findings.subsets = _generalised(findings, size, kept)
+def studied(folder: Path, size: Size, told: Told, *, compute: bool = True, workers: int = 1) -> Findings:
+    """Computes what is not in the folder yet, or leaves it out, with so many processes at a time.
+
+    Raises OutputError where a study of another depth is in it.
+    """
+    kept, findings = Parts.at(folder, size.depth), Findings(size)
+    whole = stages(size)
+    done, count = 0, sum(len(stage) for stage in whole)
+    for number, stage in enumerate(whole):
+        # Those that stand in their own simulator; a robot's row of the table needs all of its scenes.
+        known = {scene: f for scene, f in findings.first.items() if f["share"] >= 0.5}
+        possible = [p for p in stage if not number or ((p.scene in known) if p.scene else set(p.on) <= set(known))]
+        for part in _there(kept, possible, size.depth, known, compute, workers):
+            told(part.name, done / count)
+            done += 1
+        for part in possible:
+            if kept.has(part.name):
+                findings.put(part, kept.text(part.name, dict))
     return findings
 
 
-def _first(scene: str, size: Size) -> dict[str, Any]:
-    """The motion that the model file as it is leads to, and the one that many models drawn widely around it lead to."""
-    simulator, rng = simulator_of(scene), np.random.default_rng([size.seed, SCENES.index(scene)])
-    file = simulator.parameters.nominal
-    task = task_of(scene, simulator, file)
-    found = hunt(task, simulator, rng, wanted=1, simulations=size.hunted)
-    if not found.winners:
-        return {"motion": found.best.tolist(), "share": 0.0, "simulations": found.simulations}
-    motion = found.winners[0].values
-    told = {"motion": motion.tolist(), "share": found.winners[0].shares[-1], "simulations": found.simulations}
-    if size.randomised:
-        other = searched(scene, file[None], rng, doubt=RANDOM, begin=motion, effort=size.scale.effort)
-        told |= {"randomised": other.motion.tolist(), "randomised_share": other.share}
-    return told
+def _there(
+    kept: Parts, wanted: Sequence[Part], depth: Depth, known: Firsts, compute: bool, workers: int
+) -> Iterator[Part]:
+    """Each part once it is in the folder, or not to be computed: those that were there already come first."""
+    missing = [p for p in wanted if compute and not kept.has(p.name)]
+    yield from (p for p in wanted if p not in missing)
+    if workers == 1 or len(missing) < 2:
+        for part in missing:
+            _keep(kept, part, depth, known)
+            yield part
+        return
+    with ProcessPoolExecutor(min(workers, len(missing)), mp_context=get_context("spawn")) as pool:
+        jobs = {pool.submit(_keep, kept, part, depth, known): part for part in missing}
+        try:
+            for job in as_completed(jobs):
+                job.result()
+                yield jobs[job]
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
-@dataclass(frozen=True, eq=False)
-class _Once:
-    """One task on one stand-in, in three ways."""
-
-    robot: StandInHumanoid
-    task: Transition
-    size: Size
-    motion: Array
-    randomised: Array
-    told: Callable[[str], None]
-
-    def rounds(self) -> list[dict[str, Any]]:
-        """The campaign."""
-        scene, number = self.robot.scene, self.robot.number
-        rounds = campaign(scene, self.robot, self.task, self.motion, seed=number, scale=self.size.scale,
-                          told=lambda line: self.told(f"stand-in {number}: {line}"))  # fmt: skip
-        later = [r.values for r in rounds[1:]]
-        return [as_told(scene, self.task, r, values) for r, values in zip_longest(rounds, later)]
-
-    def blindly(self) -> list[bool]:
-        """Repeats that stood of the motion that was searched in random models."""
-        return list(performed(self.robot, self.task, self.randomised, "randomised")[1])
-
-    def oracle(self) -> int:
-        """Runs of the robot until CMA-ES on the robot itself, from the same first motion, finds one that works; 0: too many.
-
-        Works: three runs in a row end as wanted.
-        """
-        space, rng = self.task.parameters, np.random.default_rng([self.size.seed, self.robot.number])
-        search = CmaEs(space.to_unit(self.motion), seed=int(rng.integers(2**31)), sigma=0.08, population=8, restarts=0,
-                       max_evaluations=self.size.oracle)  # fmt: skip
-        count = 0
-        while not search.done and count < self.size.oracle:
-            asked, scores = search.ask(), []
-            for motion in space.from_unit(asked):
-                (run,), (stood,) = performed(self.robot, self.task, motion, f"oracle-{count}", 1)
-                count += 1
-                if stood:
-                    again = performed(self.robot, self.task, motion, f"oracle-{count}-again", 2)[1]
-                    count += 2
-                    if all(again):
-                        return count
-                scores.append(_score(self.task, run, motion))
-            search.tell(asked, np.array(scores))
-        return 0
-
-
-def as_told(scene: str, task: Transition, one: Round, later: Array | None) -> dict[str, Any]:
-    """A round in numbers, with what its pictures need; `later` are the values that its recordings led to."""
-    simulator = simulator_of(scene)
-    (planned,) = task.planned(one.motion)
-    usual = next(r for r, stood in zip(one.recordings, one.stood, strict=True) if stood == one.succeeded)
-    shown = {"robot": bridged(usual)}
-    fitted = {} if later is None else {"fitted": later}
-    for word, values in {"file": simulator.parameters.nominal, "calibrated": one.values, **fitted}.items():
-        shown[word] = simulator.rollout([planned], values[None])[0].recording()
-    return {
-        "motion": one.motion.tolist(), "stood": list(one.stood), "succeeded": one.succeeded, "expected": one.expected,
-        "values": one.values.tolist(), "errors": list(one.errors), "seconds": one.seconds,
-        "poses": {word: poses_of(recording, task.motion.joints) for word, recording in shown.items()},
-    }  # fmt: skip
-
-
-def _score(task: Transition, run: Recording, motion: Array) -> float:
-    from trueup.tasks.task import as_rollout
-
-    seen = bridged(run)
-    return float(task.score([as_rollout(task.trials[0], [seen.slice(0.0, seen.stop)], motion)])[0])
-
-
-def _generalised(
-    findings: Findings, size: Size, kept: Callable[[str, Callable[[], object]], Any]
-) -> dict[str, dict[str, list[bool]]]:
-    """Table I: calibrated on the first runs of some scenes, tried on each of tasks I to III."""
-    scenes = [s for s in SCENES[:3] if s in findings.campaigns]
-    found: dict[str, dict[str, list[bool]]] = {}
-    for n in list(size.numbers)[: size.subsets]:
-        for on in _subsets(scenes):
-            cells: Mapping[str, bool] | None = kept(
-                f"calibrated on {'+'.join(on)}, stand-in {n}", lambda n=n, on=on: _cells(findings, n, on, scenes, size)
-            )
-            for scene, stood in (cells or {}).items():
-                found.setdefault("+".join(on), {}).setdefault(scene, []).append(stood)
-    return found
-
-
-def _subsets(scenes: Sequence[str]) -> list[tuple[str, ...]]:
-    """As the paper's table has them: one, two, three of them."""
-    masks = sorted(
-        range(1, 2 ** len(scenes)), key=lambda m: (m.bit_count(), [-(m >> k & 1) for k in range(len(scenes))])
-    )
-    return [tuple(s for k, s in enumerate(scenes) if m >> k & 1) for m in masks]
-
-
-def _cells(findings: Findings, number: int, on: Sequence[str], scenes: Sequence[str], size: Size) -> dict[str, bool]:
-    """Whether each scene's motion, searched with values from the scenes `on`, works on a stand-in."""
-    rng, runs = np.random.default_rng([size.seed, number, 7]), []
-    for scene in on:
-        task = transition(scene, step=0.004)[1]
-        motion = np.array(findings.first[scene]["motion"])
-        recordings, _ = performed(StandInHumanoid(scene, number), task, motion, f"{scene}-0")
-        runs.append(Runs(scene, recordings, task.trials[0].ends))
-    models = calibrated(runs, seed=number, generations=size.generations).values
-    stood = {}
-    for scene in scenes:
-        task = transition(scene, step=0.004)[1]
-        begin = np.array(findings.first[scene]["motion"])
-        found = searched(scene, models, rng, doubt=CALIBRATED, begin=begin, effort=size.scale.effort)
-        worked = performed(StandInHumanoid(scene, number), task, found.motion, f"{scene} after {'+'.join(on)}")[1]
-        stood[scene] = bool(2 * sum(worked) > len(worked))
-    return stood
+def _keep(kept: Parts, part: Part, depth: Depth, known: Firsts) -> None:
+    kept.text(part.name, lambda: computed(part, depth, known))
