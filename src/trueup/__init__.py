@@ -45,6 +45,7 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.loop.prepare import Preparation as Preparation
     from trueup.loop.prepare import prepare as prepare
     from trueup.loop.prepare import simulator_for as simulator_for
+    from trueup.loop.surest import surest as surest
     from trueup.loop.transfer import shortlist as shortlist
     from trueup.loop.transfer import transfer as transfer
     from trueup.loop.whole_runs import whole_body as whole_body
@@ -105,6 +106,7 @@ _HOME = {
     "transfer": "trueup.loop.transfer",
     "transition": "trueup.campaign.motions",
     "walk": "trueup.campaign.walks",
+    "surest": "trueup.loop.surest",
     "whole_body": "trueup.loop.whole_runs",
     "whole_runs": "trueup.loop.whole_runs",
     "write": "trueup.formats",

@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("dartpy", reason="the second engine is an extra: pip install trueup[dart]")
 
 from trueup.errors import OutputError
+from trueup.loop.surest import Effort
 from trueup.studies.balance.calibration import Runs, calibrated, simulator_of
 from trueup.studies.balance.campaign import Round, Scale, campaign, performed
 from trueup.studies.balance.once import as_told
@@ -18,7 +19,6 @@ from trueup.studies.balance.plan import Size
 from trueup.studies.balance.report import html
 from trueup.studies.balance.robot import StandInHumanoid
 from trueup.studies.balance.scenes import transition
-from trueup.studies.balance.searching import Effort
 from trueup.studies.balance.study import Findings
 from trueup.studies.saved import Parts
 from trueup.tasks.transitions import Transition

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.inspection.repeats import bridged
+from trueup.loop.surest import Effort, Surest
 from trueup.recording import Recording
 from trueup.robots.robot import Robot
 from trueup.studies.balance.calibration import Runs, calibrated, simulator_of
 from trueup.studies.balance.robot import led
-from trueup.studies.balance.searching import CALIBRATED, Effort, Found, searched
+from trueup.studies.balance.searching import searched
 from trueup.tasks.task import as_rollout
 from trueup.tasks.transitions import Transition
 
@@ -103,13 +104,11 @@ def campaign(
             known, given.parameters, seed=seed, generations=given.generations, members=given.effort.models
         ).values
 
-        def search(begin: Array | None, models: Array = models) -> Found:
-            return searched(
-                scene, models, rng, doubt=CALIBRATED, begin=begin, effort=given.effort, parameters=given.parameters
-            )
+        def search(begin: Array | None, models: Array = models) -> Surest:
+            return searched(scene, models, rng, begin=begin, effort=given.effort, parameters=given.parameters)
 
         values, found = models[0], search(motion)
         if found.share < 0.5:  # not from there: from the scene's own seeds
             found = max(found, search(None), key=lambda f: f.share)
-        motion, expected = found.motion, found.share
+        motion, expected = found.values, found.share
     return tuple(rounds)

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from trueup.inspection.repeats import bridged
 from trueup.loop.confirm import hunt
 from trueup.search.cma_es import CmaEs
-from trueup.studies.balance.calibration import Runs, calibrated, simulator_of
+from trueup.studies.balance.calibration import STEP, Runs, calibrated, simulator_of
 from trueup.studies.balance.campaign import Round, campaign, most, performed
 from trueup.studies.balance.pictures import poses_of
 from trueup.studies.balance.plan import SCENES, Depth, Part
 from trueup.studies.balance.robot import StandInHumanoid
 from trueup.studies.balance.scenes import transition
-from trueup.studies.balance.searching import CALIBRATED, RANDOM, STEP, searched, task_of
+from trueup.studies.balance.searching import RANDOM, searched, task_of
 from trueup.tasks.task import robot_scores
 from trueup.tasks.transitions import Transition
 
@@ -62,7 +62,7 @@ def wide(scene: str, depth: Depth, firsts: Firsts) -> dict[str, Any]:
     rng = np.random.default_rng([depth.seed, SCENES.index(scene), 1])
     file, begin = simulator_of(scene).parameters.nominal[None], np.array(firsts[scene]["motion"])
     found = searched(scene, file, rng, doubt=RANDOM, begin=begin, effort=depth.scale.effort)
-    return {"randomised": found.motion.tolist(), "randomised_share": found.share}
+    return {"randomised": found.values.tolist(), "randomised_share": found.share}
 
 
 def rounds(scene: str, number: int, depth: Depth, firsts: Firsts) -> list[dict[str, Any]]:
@@ -112,11 +112,9 @@ def generalised(number: int, on: tuple[str, ...], depth: Depth, firsts: Firsts) 
     worked = {}
     for scene in [s for s in SCENES[:3] if s in firsts]:
         begin, task = np.array(firsts[scene]["motion"]), transition(scene, step=STEP)[1]
-        found = searched(
-            scene, models, rng, doubt=CALIBRATED, begin=begin, effort=depth.scale.effort, again=scene not in failed
-        )
+        found = searched(scene, models, rng, begin=begin, effort=depth.scale.effort, untried=scene not in failed)
         name = f"{scene} after {'+'.join(on)}"
-        worked[scene] = most(performed(StandInHumanoid(scene, number), task, found.motion, name)[1])
+        worked[scene] = most(performed(StandInHumanoid(scene, number), task, found.values, name)[1])
     return worked
 
 

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from trueup.loop.surest import Effort
 from trueup.studies.balance.campaign import Scale
-from trueup.studies.balance.searching import Effort
 
 SCENES: tuple[str, ...] = ("lean-to-stand", "sit-to-stand", "kneel-to-stand", "stand-to-handstand")
 """The paper's tasks I to IV."""
@@ -80,7 +80,7 @@ class Part:
 
 
 def stages(size: Size) -> tuple[list[Part], ...]:
-    """Parts that need none of each other, stage by stage; campaigns first, robot by robot: one that stops tells of all tasks."""
+    """Stages of parts that need none of each other; campaigns first, robot by robot: one that stops tells of all tasks."""
     robots = [(scene, n) for n in size.numbers for scene in size.scenes]
     found = [Part("rounds", scene, n) for scene, n in robots]
     found += [Part("randomised", scene, n) for scene, n in robots if size.randomised]
