@@ -41,7 +41,7 @@ class HiddenCopies(DartCopies):
 
     def __init__(self, model: HiddenModel, rows: int) -> None:
         self._hidden = model
-        super().__init__(model, rows)
+        super().__init__(model, model.file, rows)
         truth, everyone = model.truth, np.ones(rows)
         for joint in model.drives():
             for attribute in ("damping", "friction", "armature"):
