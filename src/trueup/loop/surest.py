@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trueup.engines.simulator import Simulator
 from trueup.parameters import ParameterSpace
 from trueup.search.cma_es import CmaEs
-from trueup.tasks.task import DoneOrNot, judged
+from trueup.tasks.task import DoneOrNot, simulated
 
 Array = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ def surest(
 
     def share(candidates: Array) -> Array:
         several = around(simulator.parameters, models, doubt, _CONFIRMED, rng)
-        return judged(task, simulator.at_step(_FINE), several, candidates)[1].mean(axis=0)
+        return simulated(task, simulator.at_step(_FINE), several, candidates)[1].mean(axis=0)
 
     def draw(number: int) -> Array:
         return around(simulator.parameters, models, doubt, number, rng)
@@ -74,7 +74,7 @@ def surest(
             return Surest(begin, kept, count)
     if len(space) == 1:  # a look at all of it
         grid = space.from_unit(np.linspace(0.0, 1.0, 2 * given.population)[:, None])
-        scores, _ = judged(task, simulator, draw(2 * given.models), grid)
+        scores, _ = simulated(task, simulator, draw(2 * given.models), grid)
         best, more = grid[np.argsort(scores.mean(axis=0))[:3]], scores.size
     else:
         first = space.to_unit(space.nominal if begin is None else begin)
@@ -103,7 +103,7 @@ def _descended(
 
     It ends where the centre of the good candidates has succeeded in `_CONFIRMED` models in a row (in one model: three times).
     """
-    seed, simulated, held = int(rng.integers(2**31)), 0, 0
+    seed, count, held = int(rng.integers(2**31)), 0, 0
     search = CmaEs(begin, seed=seed, sigma=sigma, population=effort.population, restarts=0,
                    max_evaluations=effort.population * generations)  # fmt: skip
     recent: list[Array] = []
@@ -112,11 +112,11 @@ def _descended(
         # Where each generation meets other models, the luckiest score is not the best candidate: the mean of good ones is.
         centre = np.concatenate(recent).mean(axis=0) if recent else np.asarray(begin)
         tried = task.parameters.from_unit(np.concatenate([asked, centre[None]]))
-        scores, done = judged(task, simulator, models, tried)
+        scores, done = simulated(task, simulator, models, tried)
         search.tell(asked, scores[:, :-1].mean(axis=0))
-        simulated += scores.size
+        count += scores.size
         held = held + len(models) if recent and done[:, -1].all() else 0
         if held >= (_CONFIRMED if len(models) > 1 else 3):
-            return centre, simulated
+            return centre, count
         recent = [*recent, asked[np.argsort(scores[:, :-1].mean(axis=0))[: len(asked) // 2]]][-3:]
-    return np.concatenate(recent).mean(axis=0), simulated
+    return np.concatenate(recent).mean(axis=0), count
