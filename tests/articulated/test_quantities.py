@@ -89,8 +89,8 @@ def test_a_quantity_keeps_its_contract_in_mujoco(arm: Model, name: str) -> None:
 
 
 def test_mujoco_offers_every_attribute_and_reads_what_was_written(arm: Model) -> None:
-    lines = [Declaration(n) for n in ("backlash", "force_limit", "floor_height")]
-    prepared = simulator(arm, lines).compiled
+    lines = [Declaration(n) for n in ("backlash", "gear_backlash", "gear_compliance", "force_limit", "floor_height")]
+    prepared = simulator(arm, lines).at_step(5e-4).compiled  # a gear is as stiff as the step resolves
     batch = Batch(prepared, 3, 1)
     offered = check_attributes(arm, MujocoCopies(prepared, batch), 3)
     assert {a for q in quantities().values() for a in q.attributes} <= {*offered}

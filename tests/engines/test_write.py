@@ -58,6 +58,7 @@ ALL = (
     Declaration("delay", tie="all"),
     Declaration("damping"), Declaration("damping_quadratic", ("elbow",)), Declaration("friction"),
     Declaration("friction_creep", tie="all"), Declaration("armature"), Declaration("backlash", ("elbow",)),
+    Declaration("gear_backlash", ("shoulder",)), Declaration("gear_compliance", ("shoulder",)),
     Declaration("mass", ("upper",)), Declaration("com_x", ("lower",)), Declaration("inertia_d1", ("lower",)),
     Declaration("tilt_roll"), Declaration("contact_friction", ("tip",)), Declaration("contact_softness", ("tip",)),
 )  # fmt: skip
@@ -135,9 +136,10 @@ def test_every_kind_is_written_as_it_was_simulated(tmp_path: Path, angle: str) -
     assert not any("layout" in note for note in notes), notes
     written, wanted = mujoco.MjModel.from_xml_path(str(out)), simulated_model(sim, values)
     for field in ("dof_damping", "dof_dampingpoly", "dof_frictionloss", "dof_armature", "actuator_gainprm", "body_mass",
-                  "actuator_biasprm", "actuator_forcerange", "body_ipos", "jnt_range", "dof_solimp"):  # fmt: skip
+                  "actuator_biasprm", "actuator_forcerange", "body_ipos", "jnt_range", "jnt_solref",
+                  "dof_solimp"):  # fmt: skip
         assert getattr(written, field) == pytest.approx(getattr(wanted, field), rel=1e-6, abs=1e-12), field
-    assert written.njnt == 3
+    assert written.njnt == 4
     assert written.opt.gravity == pytest.approx(wanted.opt.gravity)
 
 

@@ -62,6 +62,26 @@ RELATED = ("kv", "damping", "armature")
 """Quantities that may do to a joint what another one does: forces by its speed, and by its acceleration."""
 
 
+LACKING = {
+    "play and twist of gears": ("gear_backlash", "gear_compliance"),
+    "backlash": ("backlash",),
+    "friction that grows with the load": ("friction_load",),
+    "friction that is larger at rest": ("friction_static",),
+}
+"""What joints of robots have and their models often lack, each the quantities that make it; of none the value is zero."""
+
+
+def lacking(assignments: Sequence[Assignment]) -> dict[str, tuple[Declaration, ...]]:
+    """Lines for each of LACKING of which nothing is declared, at the joints whose rotor or friction is calibrated."""
+    there = {a.kind for a in assignments}
+    joints = tuple(dict.fromkeys(t for a in assignments if a.kind in ("friction", "armature") for t in a.targets))
+    return {
+        name: tuple(Declaration(kind, joints, nominal=0.0) for kind in kinds)
+        for name, kinds in LACKING.items()
+        if joints and not there & set(kinds)
+    }
+
+
 def undeclared(model: Model, assignments: Sequence[Assignment]) -> tuple[Declaration, ...]:
     """A line for each of RELATED at each joint and drive for which no parameter is declared, as far as the model has it:
     what is zero there is no number that could be wrong.

@@ -167,6 +167,10 @@ class Related(Protocol):
         """The same simulator with these as further parameters behind its own; None where there are none."""
         ...
 
+    def structures(self) -> Mapping[str, Simulator]:
+        """The same simulator with what it might lack as further parameters behind its own, zero for none; by name."""
+        ...
+
 
 @runtime_checkable
 class Approximated(Protocol):

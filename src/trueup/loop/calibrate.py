@@ -21,6 +21,7 @@ from trueup.errors import CalibrationError
 from trueup.loop.checks import check
 from trueup.loop.fit import Checkpoint, Fit, Progress, Stage, Watch, fit, searched_by
 from trueup.loop.identifiability import unseen_directions, verdicts
+from trueup.loop.missing import Missing, missing
 from trueup.loop.problem import Problem
 from trueup.loop.replay import replays
 from trueup.loop.selection import Choice, choose
@@ -33,6 +34,10 @@ from trueup.recording import PART_OF, Recording
 from trueup.search.least_squares import LeastSquares
 
 Array = NDArray[np.float64]
+
+
+_LOOSE = 0.5  # share of a value beyond which half of its interval is no knowledge of it
+_SAME = 0.1  # share of a value by which it may be another with a structure that is missing, and be called identified
 
 
 @dataclass(frozen=True)
@@ -132,15 +137,16 @@ def usual(channels: Sequence[str]) -> tuple[str, ...]:
 def _findings(problem: Problem, found: Fit, choices: Sequence[Choice]) -> dict[str, Any]:
     """The fields of a Calibration that follow from the fit alone."""
     covariance = unit_covariance(problem, found)
+    lacking = missing(problem, found)
+    estimates = _estimates(found, covariance, choices, problem.simulator.parameters)
     return {
         "model_name": problem.simulator.name,
-        "estimates": _tied(
-            _estimates(found, covariance, choices, problem.simulator.parameters), considered(problem, found, covariance)
-        ),
+        "estimates": _tied(_with_structure(estimates, lacking), considered(problem, found, covariance)),
         "covariance": _in_units(found, covariance),
         "unidentified": (*unseen_directions(found, covariance), *(n for c in choices[:1] for n in c.notes)),
-        "notes": (*_in_windows(problem), found.ended, *found.notes, *(n for c in choices[1:] for n in c.notes)),
-    }
+        "notes": (*_in_windows(problem), found.ended, *found.notes, *(n for c in choices[1:] for n in c.notes),
+                  *([lacking.words()] if lacking else [])),
+    }  # fmt: skip
 
 
 def _in_windows(problem: Problem) -> list[str]:
@@ -191,6 +197,26 @@ def _estimates(
     return tuple(rows)
 
 
+def _with_structure(estimates: Sequence[Estimate], lacking: Missing | None) -> tuple[Estimate, ...]:
+    """With intervals that hold whether the robot has a structure or not, and a word for what replays best in its place."""
+    if lacking is None:
+        return tuple(estimates)
+    free = iter(zip(lacking.values, lacking.low, lacking.high, strict=True))
+    rows = []
+    for e in estimates:
+        if e.fitted:
+            value, low, high = map(float, next(free))
+            wide = replace(e, low=min(e.low, low), high=max(e.high, high))
+            if e.verdict in ("identified", "weak") and abs(value - e.value) > _SAME * abs(e.value):
+                wide = replace(wide, verdict="effective", note=f"replays best, yet with {lacking.name} it would be "
+                               f"{value:.4g} [{low:.4g}, {high:.4g}] {e.unit}".rstrip())  # fmt: skip
+            elif e.verdict == "identified" and wide.high - wide.low > 2.0 * _LOOSE * abs(e.value):
+                wide = replace(wide, verdict="weak", note=f"known roughly only: the model lacks {lacking.name}")
+            e = wide
+        rows.append(e)
+    return tuple(rows)
+
+
 def _tied(estimates: Sequence[Estimate], others: Sequence[Considered]) -> tuple[Estimate, ...]:
     """With intervals that hold whatever related quantities are that nobody asked for, and words where those rule."""
     free = iter(range(len(estimates)))
@@ -200,12 +226,12 @@ def _tied(estimates: Sequence[Estimate], others: Sequence[Considered]) -> tuple[
 def _with_others(e: Estimate, others: Sequence[Considered], place: int) -> Estimate:
     reaches = np.array([o.reach(float(o.trade[place])) for o in others]).reshape(-1, 2)
     down, up = np.sqrt(np.array([e.value - e.low, e.high - e.value]) ** 2 + np.sum(reaches**2, axis=0))
-    half = 0.5 * (e.high - e.low)
+    width = e.high - e.low
     wide = replace(e, low=float(max(e.value - down, e.lower_bound)), high=float(min(e.value + up, e.upper_bound)))
-    if e.verdict not in ("identified", "weak") or not wide.high - wide.low > 4.0 * half:
+    if e.verdict not in ("identified", "weak") or not wide.high - wide.low > 2.0 * width:
         return wide
     chief = others[int(np.argmax(reaches.max(axis=1)))]
-    return replace(wide, verdict="tied", note=chief.words(e.name, e.unit, e.value, half, float(chief.trade[place])))
+    return replace(wide, verdict="tied", note=chief.words(e, float(chief.trade[place])))
 
 
 def _frozen(name: str, unseen: Sequence[str], declared: bool) -> tuple[str, str]:

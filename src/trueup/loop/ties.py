@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.calibration import NORMAL_95
+from trueup.calibration import NORMAL_95, Estimate
 from trueup.engines.simulator import Related, Simulator
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
@@ -47,14 +47,14 @@ class Considered:
         ends = trade * (self.low - self.parameter.nominal), trade * (self.high - self.parameter.nominal)
         return max(-min(ends), 0.0), max(*ends, 0.0)
 
-    def words(self, name: str, unit: str, value: float, half: float, trade: float) -> str:
-        """What is seen of an estimate, with the half width of what is seen, and where the rest is."""
+    def words(self, e: Estimate, trade: float) -> str:
+        """What is seen of an estimate, as far as its own interval tells, and where the rest is."""
         p, size = self.parameter, abs(trade)
-        seen = value - trade * p.nominal
+        value, low, high = (x - trade * p.nominal for x in (e.value, e.low, e.high))
         other = p.name if f"{size:.2g}" == "1" else f"{size:.3g} x {p.name}"
         sign = "+" if trade < 0.0 else "-"
         return (
-            f"only {name} {sign} {other} is seen: {seen:.4g} [{seen - half:.4g}, {seen + half:.4g}] {unit}".rstrip()
+            f"only {e.name} {sign} {other} is seen: {value:.4g} [{low:.4g}, {high:.4g}] {e.unit}".rstrip()
             + f"; {p.name} {'is' if self.calibrated else 'stays at'} {p.nominal:.4g}"
             + ("" if self.calibrated else ", as the model has it")
         )

@@ -16,6 +16,7 @@ from trueup.report.parts import caption, chip, empty, facts, table
 VERDICTS = {
     "identified": "these recordings determine it within the interval",
     "tied": "only the combination named beside it is determined: how it is shared is not seen",
+    "effective": "replays best, but stands for something too that the model lacks",
     "weak": "only roughly determined: the interval is wide",
     "at bound": "the fit stopped at a bound: widen the bounds, or doubt the model",
     "not identified": "these recordings cannot tell it: do not read the value as a measurement",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What may be calibrated in joints: friction in its forms, rotor inertia, backlash."""
+"""What may be calibrated in joints: friction in its forms, rotor inertia, backlash, gears that twist."""
 
 from __future__ import annotations
 
@@ -69,5 +69,15 @@ JOINTS = (
     Quantity(
         name="backlash", family="joint", unit="rad", title="backlash, end to end", bounds=between(0.0, 0.1),
         attributes=("joint.backlash",), start=0.005, needs="slack", shown_by="slow reversals without load",
+    ),
+    Quantity(
+        name="gear_backlash", family="joint", unit="rad", title="backlash behind the encoder, end to end",
+        bounds=between(0.0, 0.1), attributes=("joint.gear_backlash",), needs="gear",
+        shown_by="slow reversals without load",
+    ),
+    Quantity(
+        name="gear_compliance", family="joint", unit="rad/(N m)", title="twist of the gear behind the encoder",
+        bounds=between(0.0, 0.1), attributes=("joint.gear_compliance",), needs="gear", turn=1,
+        shown_by="fast accelerations (chirps, steps)",
     ),
 )  # fmt: skip

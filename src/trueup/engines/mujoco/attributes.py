@@ -26,7 +26,12 @@ _OBJECTS = {
     "geom": mujoco.mjtObj.mjOBJ_GEOM,
 }
 SLACK = "/slack"
-"""What the name of the second joint ends with that stands for the backlash of a joint."""
+SECOND = {"slack": SLACK, "gear": "/gear"}
+"""What the name of a second joint between drive and link ends with, by what needs it (`Quantity.needs`)."""
+SECOND_OF = {"backlash": SLACK, "gear_backlash": SECOND["gear"], "gear_compliance": SECOND["gear"]}
+"""The same, by the joint's attribute that is kept there."""
+_LAG = 1e-3  # s: damping over stiffness of a gear that twists
+_STIFF = 1e-9  # rad/(N m): no twist
 _TILT = "tilt of the floor"
 _STATES = {"position": "qpos", "velocity": "qvel", "force": "qfrc_actuator", "bias": "qfrc_bias"}
 
@@ -56,8 +61,8 @@ class MujocoAttributes:
         if family not in _OBJECTS:
             return plane_of(self.model)
         kind = _OBJECTS[family]
-        i = int(mujoco.mj_name2id(self.model, kind, name + SLACK * (what == "backlash")))
-        if i < 0 and what != "backlash":
+        i = int(mujoco.mj_name2id(self.model, kind, name + SECOND_OF.get(what, "")))
+        if i < 0 and what not in SECOND_OF:
             count = {"joint": self.model.njnt, "actuator": self.model.nactuator, "body": self.model.nbody}
             names = [mujoco.mj_id2name(self.model, kind, k) for k in range(count.get(family, self.model.ngeom))]
             raise unknown_name(family, name, [n for n in names if n])
@@ -174,6 +179,35 @@ def _read_backlash(a: MujocoAttributes, i: int) -> Array:
     return np.ptp(a.fields.expand("jnt_range")[:, i], axis=-1) if i >= 0 else np.zeros(1)
 
 
+def _write_compliance(a: MujocoAttributes, i: int, values: Array) -> None:
+    """The ends of a gear's gap as springs, no stiffer than that drive and link swing against one another by a radian a step.
+
+    A constraint of small impedance is one: solref takes its stiffness and damping times the inverse inertia that MuJoCo
+    reckons with (MuJoCo documentation, Computation, Solver parameters).
+    """
+    stiffness = np.minimum(_inverse(a, i) / np.maximum(values, _STIFF), 1.0 / float(a.model.opt.timestep) ** 2)
+    a.fields.expand("jnt_solref")[:, i] = -np.stack([stiffness, _LAG * stiffness], axis=1)
+
+
+def _inverse(a: MujocoAttributes, i: int) -> Array:
+    """(b,) inverse inertia of a gear's joint, as MuJoCo has it for the model's own rotor and as it is with each copy's."""
+    m = a.model
+    gear, name = int(m.jnt_dofadr[i]), str(mujoco.mj_id2name(m, _OBJECTS["joint"], i))
+    drive = int(m.jnt_dofadr[a.index("joint.armature", name.removesuffix(SECOND["gear"]))])
+    own = float(m.dof_armature[gear])
+    link = float(m.dof_M0[gear]) - own
+
+    def swinging(rotor: Array) -> Array:
+        return own + rotor * link / (rotor + link)
+
+    shipped = swinging(m.dof_armature[[drive]])
+    return float(m.dof_invweight0[gear]) * shipped / swinging(a.fields.expand("dof_armature")[:, drive])
+
+
+def _read_compliance(a: MujocoAttributes, i: int) -> Array:
+    return _inverse(a, i) / -a.fields.expand("jnt_solref")[:, i, 0] if i >= 0 else np.zeros(1)
+
+
 def _read_creep(a: MujocoAttributes, i: int) -> Array:
     """MuJoCo lets a joint that dry friction should hold creep: one minus the impedance of its friction constraint.
 
@@ -250,6 +284,8 @@ _ACCESS: Mapping[str, _Access] = {
     "joint.damping_quadratic": _field("dof_dampingpoly", 0, of_joint=True),
     "joint.creep": _Access(_read_creep, _write_creep),
     "joint.backlash": _Access(_read_backlash, _write_backlash),
+    "joint.gear_backlash": _Access(_read_backlash, _write_backlash),
+    "joint.gear_compliance": _Access(_read_compliance, _write_compliance),
     "joint.inertia": _only(lambda m, i: m.dof_M0[m.jnt_dofadr[i]]),
     "joint.slides": _only(_slides),
     "joint.start": _only(lambda m, i: (m.key_qpos[0] if m.nkey else m.qpos0)[m.jnt_qposadr[i]]),

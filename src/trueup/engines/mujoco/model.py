@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup import files
-from trueup.engines.mujoco.attributes import SLACK, MujocoAttributes, is_position_servo
+from trueup.engines.mujoco.attributes import SECOND, MujocoAttributes, is_position_servo
 from trueup.engines.mujoco.fields import SingleModel
 from trueup.engines.mujoco.floor_plane import add_floor, plane_of
 from trueup.engines.mujoco.reading.mjcf_spec import mjcf_spec
@@ -155,13 +155,13 @@ def load(path: str | Path) -> Model:
 
 
 def prepared(
-    model: Model, *, step: float, slack: Sequence[str] = (), limited: Sequence[str] = (), floor: bool = False,
-    bare: bool = False,
+    model: Model, *, step: float, second: Mapping[str, Sequence[str]] | None = None, limited: Sequence[str] = (),
+    floor: bool = False, bare: bool = False,
 ) -> mujoco.MjModel:  # fmt: skip
-    """A compiled copy for simulation: visual geoms and delays of commands dropped, a joint for each backlash.
+    """A compiled copy for simulation: visual geoms and delays of commands dropped, a joint for each gap or gear.
 
-    `step` in s; `slack` joints get a second, free joint '<name>/slack'
-    with a range of its own (MuJoCo's documented way to model backlash); `limited` actuators get a force range; `floor`
+    `step` in s; `second` are joints, by SECOND, that get a second one '<name>/slack' with a range of its own (MuJoCo's
+    documented way to model backlash) or a spring; `limited` actuators get a force range; `floor`
     adds a plane to a model without one. `bare` leaves out all shapes, for simulations in which nothing touches.
     """
     spec = model.spec.copy()
@@ -179,8 +179,9 @@ def prepared(
     for actuator in spec.actuators:
         # Signals delay commands, by fractions of a step too; the engine's own delay would come on top.
         actuator.delay, actuator.nsample = 0.0, 0
-    for name in slack:
-        _add_slack(spec, name)
+    for kind, names in (second or {}).items():
+        for name in names:
+            _add_second(spec, name, kind, model)
     if floor and plane_of(model.compiled) < 0:
         add_floor(spec)
     for name in limited:
@@ -197,20 +198,24 @@ def _hold(spec: mujoco.MjSpec, model: Model) -> None:
         spec.delete(spec.joint(name))
 
 
-def _add_slack(spec: mujoco.MjSpec, name: str) -> None:
-    """Backlash as a free joint of small inertia between the driven joint and its link, with stiff ends."""
+def _add_second(spec: mujoco.MjSpec, name: str, kind: str, model: Model) -> None:
+    """Between the driven joint and its link: backlash as a free joint of small inertia between two ends."""
     joint = spec.joint(name)
-    spring = joint.parent.add_joint()
-    spring.name = name + SLACK
-    spring.type, spring.axis, spring.pos = joint.type, joint.axis, joint.pos
-    spring.limited = mujoco.mjtLimited.mjLIMITED_TRUE
-    spring.range = [-1e-6, 1e-6]
+    gap = joint.parent.add_joint()
+    gap.name = name + SECOND[kind]
+    gap.type, gap.axis, gap.pos = joint.type, joint.axis, joint.pos
+    gap.limited, gap.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-1e-6, 1e-6]
+    gap.frictionloss, gap.stiffness = 0.0, [0.0, 0.0, 0.0]
+    if kind == "gear":
+        # Springs that take what comes (see `attributes`), and an inertia that does not count where the rotor has none.
+        rate = 1.0 / spec.option.timestep
+        gap.solref_limit, gap.solimp_limit = [-(rate**2), -0.5 * rate], [0.02, 0.02, 1e-4, 0.5, 2.0]
+        gap.damping, gap.armature = [0.0, 0.0, 0.0], 0.05 * float(model.get("joint.inertia", name)[0])
+        return
     # The gap is small and the ends are gear teeth: contact within two steps, nearly rigid.
-    spring.solref_limit = [max(2.0 * spec.option.timestep, 0.004), 1.0]
-    spring.solimp_limit = [0.99, 0.999, 1e-4, 0.5, 2.0]
-    spring.damping = [0.005, 0.0, 0.0]
-    spring.armature = 1e-4
-    spring.frictionloss, spring.stiffness = 0.0, [0.0, 0.0, 0.0]
+    gap.solref_limit = [max(2.0 * spec.option.timestep, 0.004), 1.0]
+    gap.solimp_limit = [0.99, 0.999, 1e-4, 0.5, 2.0]
+    gap.damping, gap.armature = [0.005, 0.0, 0.0], 1e-4
 
 
 def needs_shapes(compiled: mujoco.MjModel) -> bool:

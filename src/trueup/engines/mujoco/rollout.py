@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.articulated.assignments import Assignment, needs
-from trueup.articulated.declarations import declare, undeclared
+from trueup.articulated.declarations import Declaration, declare, lacking, undeclared
 from trueup.articulated.gains import Gains
 from trueup.articulated.signals import Signals
 from trueup.articulated.wiring import joints_commanded
 from trueup.controllers.controller import ControllerFactory
+from trueup.engines.mujoco.attributes import SECOND
 from trueup.engines.mujoco.batches import Batches
 from trueup.engines.mujoco.engine_log import unlogged
 from trueup.engines.mujoco.model import Model, needs_shapes, prepared
@@ -109,7 +110,16 @@ class MujocoSimulator:
 
     def related(self) -> MujocoSimulator | None:
         """See `engines.simulator.Related`: what is not declared at its joints and drives."""
-        space, more = declare(self.model, undeclared(self.model, self.quantities))
+        return self._with(undeclared(self.model, self.quantities))
+
+    def structures(self) -> dict[str, Simulator]:
+        """See `engines.simulator.Related`."""
+        known = {name: self._with(lines) for name, lines in lacking(self.quantities).items()}
+        return {name: simulator for name, simulator in known.items() if simulator is not None}
+
+    def _with(self, lines: Sequence[Declaration]) -> MujocoSimulator | None:
+        """The same with further parameters behind its own, where it can have any."""
+        space, more = declare(self.model, lines)
         if not more or len(self.parameters) > len(self.quantities):
             return None
         whole = concatenate([self.parameters, space])
@@ -164,7 +174,7 @@ class MujocoSimulator:
             prepared,
             self.model,
             step=self.step,
-            slack=needs(self.quantities, "slack"),
+            second={kind: needs(self.quantities, kind) for kind in SECOND},
             limited=needs(self.quantities, "limit"),
             floor=self._has_floor,
         )

@@ -13,7 +13,7 @@ from trueup.articulated.assignments import Assignment, needs, write
 from trueup.articulated.laws import STRIBECK_SPEED
 from trueup.articulated.lone_joint import Command, Drives
 from trueup.articulated.signals import Signals
-from trueup.engines.mujoco.attributes import MujocoAttributes
+from trueup.engines.mujoco.attributes import SECOND, MujocoAttributes
 from trueup.engines.mujoco.run import Parametrised
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ _LIVE = {"dead_band": 0.5, "friction_static": 1.0, "stribeck_speed": 1.0, "frict
 
 def alone(compiled: mujoco.MjModel, quantities: Sequence[Assignment]) -> bool:
     """Whether every joint of a model is a hinge or a slide with at most one drive, which has no memory, and no backlash."""
-    if compiled.nq != compiled.nv or compiled.na or needs(quantities, "slack"):
+    if compiled.nq != compiled.nv or compiled.na or any(needs(quantities, kind) for kind in SECOND):
         return False
     affine = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
     simple = (compiled.actuator_gaintype == int(mujoco.mjtGain.mjGAIN_FIXED)) & np.isin(

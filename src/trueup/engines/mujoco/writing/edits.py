@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.engines.mujoco.attributes import SLACK
+from trueup.engines.mujoco.attributes import SECOND
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.inertia import body_inertia
 from trueup.engines.mujoco.model import SETTING
@@ -148,12 +148,20 @@ class Edits:
             self._text.change(self._element("joint", joint), armature=number(value))
 
     def backlash(self, joint: str) -> None:
-        """A second, free joint between the drive and the link, as it was simulated."""
-        m, name = self._wanted, joint + SLACK
+        """A gap between the drive and the link whose position is measured."""
+        self._second(joint, joint + SECOND["slack"])
+
+    def gear(self, joint: str) -> None:
+        """A gap with springs between the drive whose position is measured and the link."""
+        self._second(joint, joint + SECOND["gear"])
+
+    def _second(self, joint: str, name: str) -> None:
+        """A second joint between the drive and the link, as it was simulated."""
+        m = self._wanted
         element, j = self._element("joint", joint), mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_JOINT, name)
         body, dof = element.parent, int(m.jnt_dofadr[j])
         if body is None or body.tag != "body" or m.nkey:
-            raise ModelError(f"the backlash of '{joint}' needs a joint directly in its body, and no keyframes")
+            raise ModelError(f"the gear of '{joint}' needs a joint directly in its body, and no keyframes")
         hinge = int(m.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_HINGE)
         limit = np.degrees(m.jnt_range[j]) if hinge and self._degrees else m.jnt_range[j]
         attributes = {
@@ -243,7 +251,7 @@ _WRITERS: Mapping[str, Callable[[Edits, str], None]] = {
     "actuator.force_limit": Edits.force_limit,
     **dict.fromkeys(("joint.damping", "joint.damping_quadratic"), Edits.damping),
     "joint.friction": Edits.friction, "joint.creep": Edits.creep, "joint.armature": Edits.armature,
-    "joint.backlash": Edits.backlash,
+    "joint.backlash": Edits.backlash, **dict.fromkeys(("joint.gear_backlash", "joint.gear_compliance"), Edits.gear),
     **dict.fromkeys(("body.mass", "body.com", "body.inertia"), Edits.inertial),
     **dict.fromkeys(("world.floor_height", "world.floor_tilt", "world.floor_friction"), Edits.floor),
     "geom.friction": Edits.contact_friction, "geom.softness": Edits.contact_softness,

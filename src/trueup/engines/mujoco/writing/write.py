@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trueup.articulated.assignments import needs, write
 from trueup.articulated.model import WORLD
-from trueup.engines.mujoco.attributes import SLACK, MujocoAttributes
+from trueup.engines.mujoco.attributes import SECOND_OF, MujocoAttributes
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.fields import SingleModel
 from trueup.engines.mujoco.floor_plane import plane_of
@@ -44,8 +44,9 @@ _FIELDS = {
     "geom.softness": ("geom_solref",),
 }  # fmt: skip
 """Fields that must be the same in the written file, by the attribute that was calibrated."""
-_SLACK = (
+_SECOND = (
     "jnt_range",
+    "jnt_stiffness",
     "jnt_axis",
     "jnt_pos",
     "jnt_solref",
@@ -104,7 +105,7 @@ def simulated_model(simulator: MujocoSimulator, values: ArrayLike) -> mujoco.MjM
     """The compiled model as the simulator runs it with values (n,): the fields that are part of a model."""
     wanted = simulator.compiled.__copy__()
     given = np.asarray(values, dtype=np.float64)[None]
-    write(simulator.quantities, given, MujocoAttributes(wanted, SingleModel(wanted)))
+    write(simulator.quantities, given, MujocoAttributes(simulator.compiled, SingleModel(wanted)))
     return wanted
 
 
@@ -166,9 +167,10 @@ def _compare(
             _close(target, "inertia", _inertia(written, target), _inertia(wanted, target))
         for field in _FIELDS.get(attribute, ()):
             _close(target, field, read(written, family, target, field), read(wanted, family, target, field))
-        for field in _SLACK if attribute == "joint.backlash" else ():
-            slack = target + SLACK
-            _close(slack, field, read(written, "joint", slack, field), read(wanted, "joint", slack, field))
+        second = SECOND_OF.get(attribute.removeprefix("joint."))
+        for field in _SECOND if second else ():
+            name = target + str(second)
+            _close(name, field, read(written, "joint", name, field), read(wanted, "joint", name, field))
     if needs(simulator.quantities, "floor"):
         planes = plane_of(written), plane_of(wanted)
         for field in ("geom_pos", "geom_quat", "geom_friction", "geom_priority", "geom_contype", "geom_conaffinity"):

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the recordings show of the robot that the simulator lacks, and what the estimates would be with it.
+
+Least squares put what a model lacks into the parameters that it has: a gear that twists looks like a heavier rotor, and
+no residual tells how far off that is. Where the simulator does not explain the recordings, structures that it could have
+are tried: each by a score test (C. R. Rao, Proc. Cambridge Phil. Soc. 44, 1948: how much lower would the loss be, once all
+else has made up for it?), the best of them by a fit, and kept by the rule of evidence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trueup.engines.simulator import Related, Simulator
+from trueup.evidence import Evidence
+from trueup.loop.descent import Fit, Watch, explained
+from trueup.loop.fit import REFINEMENT, fit
+from trueup.loop.problem import Problem
+from trueup.loop.selection import compared
+from trueup.loop.uncertainty import PRIOR, intervals, unit_covariance
+from trueup.loop.validate import by_stretch, left_out_errors
+from trueup.parameters import Parameter, ParameterSpace
+
+Array = NDArray[np.float64]
+
+_EXCERPT = 30.0  # s of motion in which structures are tried
+_SIZES = 10.0 ** np.arange(
+    -3.75, 0.0, 0.75
+)  # shares of their range at which they are looked at: they have no slope at zero
+
+
+@dataclass(frozen=True, eq=False)
+class Missing:
+    """A structure that the simulator lacks: what it would be, and the estimates with it."""
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    """Those of the structure; then `values`, `low`, `high` are theirs behind those of the simulator's free ones."""
+    values: Array
+    low: Array
+    high: Array
+    shown: Evidence
+
+    def words(self) -> str:
+        """What it is and what it would gain, for the user."""
+        first = len(self.values) - len(self.parameters)
+        rows = zip(self.parameters, self.values[first:], self.low[first:], self.high[first:], strict=True)
+        sizes = ", ".join(f"{p.name} {v:.3g} [{lo:.3g}, {hi:.3g}] {p.unit}".rstrip() for p, v, lo, hi in rows)
+        return (
+            f"the recordings show {self.name}, which the model lacks: {sizes}. With it left-out errors are "
+            f"{100 * np.exp(-self.shown.gain):.0f} % of what they are; declare it, from there, to have it in the model"
+        )
+
+
+def missing(problem: Problem, found: Fit) -> Missing | None:
+    """The structure that the simulator lacks by the recordings' evidence; None where it explains them or none is known."""
+    if explained(found.residual) or problem.eliminated:
+        return None
+    part = problem
+    if problem.duration > _EXCERPT:
+        part = problem.shortened(_EXCERPT / len(problem.trials))
+        found = fit(part, found.space, found.values, Watch(), stages=REFINEMENT)
+    others = _structures(problem.simulator)
+    looks = [_scanned(part.by(other), found, len(found.space), name) for name, other in others.items()]
+    blocks = by_stretch(part)
+    worth = part.chance(found.residual)
+    for look in sorted(looks, key=lambda look: -look.gain):
+        if look.gain > worth * max(len(look.sizes), 1):
+            shown = _fitted(part.by(others[look.name]), found, look, left_out_errors(part, found, blocks))
+            if shown is not None:
+                return shown
+    return None
+
+
+@dataclass(frozen=True)
+class _Look:
+    """How large the parameters of a structure are by the score test, by name, and how much lower the loss would be."""
+
+    name: str
+    sizes: dict[str, float]
+    gain: float
+
+
+def _scanned(problem: Problem, found: Fit, own: int, name: str) -> _Look:
+    """The sizes of a structure's parameters, each alone, behind the simulator's `own`."""
+    more = problem.simulator.parameters.parameters[own:]
+    base = np.concatenate([found.values, np.zeros(len(more))])
+    rows = np.repeat(base[None], 1 + len(more) * len(_SIZES), axis=0)
+    for k, p in enumerate(more):
+        rows[1 + k * len(_SIZES) : 1 + (k + 1) * len(_SIZES), own + k] = _SIZES * p.upper
+    residuals = problem.residuals(rows)
+    root = np.sqrt(found.weights)
+    slopes, errors = found.jacobian * root[:, None], residuals[0] * root
+    curvature = slopes.T @ slopes + PRIOR * np.eye(slopes.shape[1])
+    inverse = np.linalg.inv(curvature)
+
+    def left(error: Array) -> float:
+        slope = slopes.T @ error
+        return 0.5 * float(error @ error - slope @ inverse @ slope)
+
+    before, sizes, gain = left(errors), {}, 0.0
+    for k, p in enumerate(more):
+        after = [left(r * root) for r in residuals[1 + k * len(_SIZES) : 1 + (k + 1) * len(_SIZES)]]
+        best = int(np.nanargmin(after)) if np.isfinite(after).any() else 0
+        if after[best] < before - problem.chance(found.residual):
+            sizes[p.name] = float(_SIZES[best] * p.upper)
+            gain = max(gain, before - after[best])
+    return _Look(name, sizes, gain)
+
+
+def _fitted(problem: Problem, found: Fit, look: _Look, without: Array) -> Missing | None:
+    """The fit with a structure, from where the score test has it; None where left-out recordings do not ask for it."""
+    more = problem.simulator.parameters.parameters[len(found.space) :]
+    space = ParameterSpace((*found.space.parameters, *more)).freeze([p.name for p in more if p.name not in look.sizes])
+    start = np.concatenate([found.values, [look.sizes.get(p.name, 0.0) for p in more]])
+    grown = fit(problem, space, start, Watch(), stages=REFINEMENT)
+    shown = compared(without, left_out_errors(problem, grown, by_stretch(problem)))
+    if not shown.holds:
+        return None
+    low, high = intervals(grown, unit_covariance(problem, grown))
+    free = space.free
+    return Missing(look.name, tuple(p for p in more if p.name in look.sizes), grown.values[free], low, high, shown)
+
+
+def _structures(simulator: Simulator) -> dict[str, Simulator]:
+    while not isinstance(simulator, Related):
+        simulator = getattr(simulator, "whole", None)  # type: ignore[assignment]
+        if simulator is None:
+            return {}
+    return dict(simulator.structures())

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A structure that the robot has and the model lacks is noticed, and nothing is called identified that stands for it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trueup.calibration import Calibration
+from trueup.loop.prepare import prepare
+from trueup.recording import Channel, Recording
+from trueup.trial import Trial
+
+ARM = """
+<mujoco><compiler angle="radian"/><option integrator="implicitfast"/><worldbody>
+<body name="drive"><joint name="j" axis="0 1 0" range="-3 3" damping=".3" frictionloss="{friction}" armature="{armature}"/>
+  <inertial pos="0 0 -.001" mass=".02" diaginertia="1e-5 1e-5 1e-5"/>
+  <body name="arm">{gear}<geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03" mass="1.5"/></body></body></worldbody>
+<actuator><position name="j" joint="j" kp="{kp}" kv="1.5"/></actuator></mujoco>
+"""
+GEAR = '<joint name="gear" axis="0 1 0" stiffness="400" damping="0.3"/>'
+TRUTH = {"kp": 60.0, "friction": 0.15, "armature": 0.012}
+FILE = {"kp": 40.0, "friction": 0.3, "armature": 0.03}
+TIME = np.arange(0.0, 5.0, 0.01)
+NOISE = 2e-4  # rad
+
+
+def calibrated(folder: Path, gear: str, more: str = "") -> Calibration:
+    """The arm without a gear, fitted to motions of one with `gear`."""
+    rng = np.random.default_rng(5)
+    (folder / "truth.xml").write_text(ARM.format(gear=gear, **TRUTH))
+    (folder / "arm.xml").write_text(ARM.format(gear="", **FILE))
+    lines = "".join(f'[[parameter]]\nquantity = "{q}"\nof = "*"\n' for q in TRUTH) + more
+    (folder / "parameters.toml").write_text(lines)
+    robot = prepare(folder / "truth.xml", (), propose=False).simulator
+    recordings = []
+    for name in ("one", "two"):
+        waves = [a * np.sin(2 * np.pi * f * TIME + p) for a, f, p in
+                 zip((0.4, 0.2, 0.1, 0.05), (0.3, 0.8, 1.9, 4.0), rng.uniform(0, 6, 4), strict=True)]  # fmt: skip
+        command = Channel("command", ("j",), "rad", TIME, np.sum(waves, axis=0)[:, None])
+        run = Recording(name, {"command": command, "position": command.replace(name="position")})
+        (seen,) = robot.rollout([Trial.of(run)], np.zeros((1, 0)))
+        measured = seen.channels["position"][0] + rng.normal(0.0, NOISE, (len(TIME), 1))
+        recordings.append(
+            Recording(name, {"command": command, "position": Channel("position", ("j",), "rad", TIME, measured)})
+        )
+    return prepare(folder / "arm.xml", recordings, parameters=folder / "parameters.toml").calibrate()
+
+
+def test_a_gear_that_twists_is_noticed_and_the_rotor_that_stands_for_it_is_not_called_identified(
+    tmp_path: Path,
+) -> None:
+    found = calibrated(tmp_path, GEAR)
+    known = {e.name.rpartition(".")[2]: e for e in found.estimates}
+    rotor = known["armature"]
+    assert abs(rotor.value - TRUTH["armature"]) > 0.2 * TRUTH["armature"], "the case shows nothing otherwise"
+    assert rotor.verdict == "effective"
+    assert rotor.low <= TRUTH["armature"] <= rotor.high
+    assert any("play and twist of gears" in note for note in found.notes)
+    again = calibrated(tmp_path, GEAR, '[[parameter]]\nquantity = "gear_compliance"\nof = "j"\nnominal = 0.001\n')
+    known = {e.name.rpartition(".")[2]: e for e in again.estimates}
+    assert known["gear_compliance"].value == pytest.approx(1.0 / 400.0, rel=0.2)
+    assert known["armature"].value == pytest.approx(TRUTH["armature"], rel=0.05)
+    assert not any("which the model lacks" in note for note in again.notes)
+
+
+def test_nothing_is_missed_where_the_model_has_the_robots_structure(tmp_path: Path) -> None:
+    found = calibrated(tmp_path, "")
+    assert not any("which the model lacks" in note for note in found.notes)
+    for e in found.estimates:
+        assert e.verdict in ("identified", "tied")
+        assert e.low <= TRUTH[e.name.rpartition(".")[2]] <= e.high
