@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.engines.simulator import Related, Simulator
+from trueup.errors import CalibrationError, SimulationFailedError
 from trueup.evidence import Evidence
 from trueup.loop.descent import Fit, Watch, explained
 from trueup.loop.fit import REFINEMENT, fit
@@ -112,11 +113,16 @@ def _scanned(problem: Problem, found: Fit, own: int, name: str) -> _Look:
 
 
 def _fitted(problem: Problem, found: Fit, look: _Look, without: Array) -> Missing | None:
-    """The fit with a structure, from where the score test has it; None where left-out recordings do not ask for it."""
+    """The fit with a structure, from where the score test has it; None where left-out recordings do not ask for it, or where
+    the simulation fails with it.
+    """
     more = problem.simulator.parameters.parameters[len(found.space) :]
     space = ParameterSpace((*found.space.parameters, *more)).freeze([p.name for p in more if p.name not in look.sizes])
     start = np.concatenate([found.values, [look.sizes.get(p.name, 0.0) for p in more]])
-    grown = fit(problem, space, start, Watch(), stages=REFINEMENT)
+    try:
+        grown = fit(problem, space, start, Watch(), stages=REFINEMENT)
+    except (CalibrationError, SimulationFailedError):
+        return None
     shown = compared(without, left_out_errors(problem, grown, by_stretch(problem)))
     if not shown.holds:
         return None
