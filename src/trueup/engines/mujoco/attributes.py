@@ -12,6 +12,7 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from trueup.articulated.inertia import from_principal, principal
+from trueup.engines.mujoco import gears
 from trueup.engines.mujoco.fields import Fields, FromNominal
 from trueup.engines.mujoco.floor_plane import FLOOR_FRICTION, plane_of, turned
 from trueup.errors import unknown_name
@@ -25,13 +26,6 @@ _OBJECTS = {
     "body": mujoco.mjtObj.mjOBJ_BODY,
     "geom": mujoco.mjtObj.mjOBJ_GEOM,
 }
-SLACK = "/slack"
-SECOND = {"slack": SLACK, "gear": "/gear"}
-"""What the name of a second joint between drive and link ends with, by what needs it (`Quantity.needs`)."""
-SECOND_OF = {"backlash": SLACK, "gear_backlash": SECOND["gear"], "gear_compliance": SECOND["gear"]}
-"""The same, by the joint's attribute that is kept there."""
-_LAG = 1e-3  # s: damping over stiffness of a gear that twists
-_STIFF = 1e-9  # rad/(N m): no twist
 _TILT = "tilt of the floor"
 _STATES = {"position": "qpos", "velocity": "qvel", "force": "qfrc_actuator", "bias": "qfrc_bias"}
 
@@ -61,8 +55,8 @@ class MujocoAttributes:
         if family not in _OBJECTS:
             return plane_of(self.model)
         kind = _OBJECTS[family]
-        i = int(mujoco.mj_name2id(self.model, kind, name + SECOND_OF.get(what, "")))
-        if i < 0 and what not in SECOND_OF:
+        i = int(mujoco.mj_name2id(self.model, kind, name + gears.SECOND_OF.get(what, "")))
+        if i < 0 and what not in gears.SECOND_OF:
             count = {"joint": self.model.njnt, "actuator": self.model.nactuator, "body": self.model.nbody}
             names = [mujoco.mj_id2name(self.model, kind, k) for k in range(count.get(family, self.model.ngeom))]
             raise unknown_name(family, name, [n for n in names if n])
@@ -169,43 +163,11 @@ def _read_limit(a: MujocoAttributes, i: int) -> Array:
     return limited * a.fields.expand("actuator_forcerange")[:, i, 1]
 
 
-def _write_backlash(a: MujocoAttributes, i: int, values: Array) -> None:
-    half = np.maximum(0.5 * values, 1e-6)
-    ranges = a.fields.expand("jnt_range")[:, i]
-    ranges[:, 0], ranges[:, 1] = -half, half
-
-
-def _read_backlash(a: MujocoAttributes, i: int) -> Array:
-    return np.ptp(a.fields.expand("jnt_range")[:, i], axis=-1) if i >= 0 else np.zeros(1)
-
-
-def _write_compliance(a: MujocoAttributes, i: int, values: Array) -> None:
-    """The ends of a gear's gap as springs, no stiffer than that drive and link swing against one another by a radian a step.
-
-    A constraint of small impedance is one: solref takes its stiffness and damping times the inverse inertia that MuJoCo
-    reckons with (MuJoCo documentation, Computation, Solver parameters).
-    """
-    stiffness = np.minimum(_inverse(a, i) / np.maximum(values, _STIFF), 1.0 / float(a.model.opt.timestep) ** 2)
-    a.fields.expand("jnt_solref")[:, i] = -np.stack([stiffness, _LAG * stiffness], axis=1)
-
-
-def _inverse(a: MujocoAttributes, i: int) -> Array:
-    """(b,) inverse inertia of a gear's joint, as MuJoCo has it for the model's own rotor and as it is with each copy's."""
-    m = a.model
-    gear, name = int(m.jnt_dofadr[i]), str(mujoco.mj_id2name(m, _OBJECTS["joint"], i))
-    drive = int(m.jnt_dofadr[a.index("joint.armature", name.removesuffix(SECOND["gear"]))])
-    own = float(m.dof_armature[gear])
-    link = float(m.dof_M0[gear]) - own
-
-    def swinging(rotor: Array) -> Array:
-        return own + rotor * link / (rotor + link)
-
-    shipped = swinging(m.dof_armature[[drive]])
-    return float(m.dof_invweight0[gear]) * shipped / swinging(a.fields.expand("dof_armature")[:, drive])
-
-
-def _read_compliance(a: MujocoAttributes, i: int) -> Array:
-    return _inverse(a, i) / -a.fields.expand("jnt_solref")[:, i, 0] if i >= 0 else np.zeros(1)
+def _second(
+    read: Callable[[mujoco.MjModel, Fields, int], Array], write: Callable[[mujoco.MjModel, Fields, int, Array], None]
+) -> _Access:
+    """What a second joint between drive and link holds."""
+    return _Access(lambda a, i: read(a.model, a.fields, i), lambda a, i, v: write(a.model, a.fields, i, v))
 
 
 def _read_creep(a: MujocoAttributes, i: int) -> Array:
@@ -283,9 +245,8 @@ _ACCESS: Mapping[str, _Access] = {
     **{attribute: _field(field, of_joint=True) for attribute, field in _OF_DOFS.items()},
     "joint.damping_quadratic": _field("dof_dampingpoly", 0, of_joint=True),
     "joint.creep": _Access(_read_creep, _write_creep),
-    "joint.backlash": _Access(_read_backlash, _write_backlash),
-    "joint.gear_backlash": _Access(_read_backlash, _write_backlash),
-    "joint.gear_compliance": _Access(_read_compliance, _write_compliance),
+    **dict.fromkeys(("joint.backlash", "joint.gear_backlash"), _second(gears.read_gap, gears.write_gap)),
+    "joint.gear_compliance": _second(gears.read_compliance, gears.write_compliance),
     "joint.inertia": _only(lambda m, i: m.dof_M0[m.jnt_dofadr[i]]),
     "joint.slides": _only(_slides),
     "joint.start": _only(lambda m, i: (m.key_qpos[0] if m.nkey else m.qpos0)[m.jnt_qposadr[i]]),

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup import files
-from trueup.engines.mujoco.attributes import SECOND, MujocoAttributes, is_position_servo
+from trueup.engines.mujoco.attributes import MujocoAttributes, is_position_servo
 from trueup.engines.mujoco.fields import SingleModel
 from trueup.engines.mujoco.floor_plane import add_floor, plane_of
+from trueup.engines.mujoco.gears import add_second
 from trueup.engines.mujoco.reading.mjcf_spec import mjcf_spec
 from trueup.engines.mujoco.reading.urdf_spec import urdf_spec
 from trueup.engines.mujoco.reading.urdf_text import root_tag
@@ -181,7 +182,7 @@ def prepared(
         actuator.delay, actuator.nsample = 0.0, 0
     for kind, names in (second or {}).items():
         for name in names:
-            _add_second(spec, name, kind, model)
+            add_second(spec, name, kind, float(model.get("joint.inertia", name)[0]))
     if floor and plane_of(model.compiled) < 0:
         add_floor(spec)
     for name in limited:
@@ -196,26 +197,6 @@ def _hold(spec: mujoco.MjSpec, model: Model) -> None:
     """Takes out the joints that are held; MuJoCo takes their places out of keyframes."""
     for name in model.still:
         spec.delete(spec.joint(name))
-
-
-def _add_second(spec: mujoco.MjSpec, name: str, kind: str, model: Model) -> None:
-    """Between the driven joint and its link: backlash as a free joint of small inertia between two ends."""
-    joint = spec.joint(name)
-    gap = joint.parent.add_joint()
-    gap.name = name + SECOND[kind]
-    gap.type, gap.axis, gap.pos = joint.type, joint.axis, joint.pos
-    gap.limited, gap.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-1e-6, 1e-6]
-    gap.frictionloss, gap.stiffness = 0.0, [0.0, 0.0, 0.0]
-    if kind == "gear":
-        # Springs that take what comes (see `attributes`), and an inertia that does not count where the rotor has none.
-        rate = 1.0 / spec.option.timestep
-        gap.solref_limit, gap.solimp_limit = [-(rate**2), -0.5 * rate], [0.02, 0.02, 1e-4, 0.5, 2.0]
-        gap.damping, gap.armature = [0.0, 0.0, 0.0], 0.05 * float(model.get("joint.inertia", name)[0])
-        return
-    # The gap is small and the ends are gear teeth: contact within two steps, nearly rigid.
-    gap.solref_limit = [max(2.0 * spec.option.timestep, 0.004), 1.0]
-    gap.solimp_limit = [0.99, 0.999, 1e-4, 0.5, 2.0]
-    gap.damping, gap.armature = [0.005, 0.0, 0.0], 1e-4
 
 
 def needs_shapes(compiled: mujoco.MjModel) -> bool:

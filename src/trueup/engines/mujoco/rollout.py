@@ -16,9 +16,9 @@ from trueup.articulated.gains import Gains
 from trueup.articulated.signals import Signals
 from trueup.articulated.wiring import joints_commanded
 from trueup.controllers.controller import ControllerFactory
-from trueup.engines.mujoco.attributes import SECOND
 from trueup.engines.mujoco.batches import Batches
 from trueup.engines.mujoco.engine_log import unlogged
+from trueup.engines.mujoco.gears import SECOND
 from trueup.engines.mujoco.model import Model, needs_shapes, prepared
 from trueup.engines.mujoco.run import Run
 from trueup.engines.mujoco.stepping import unclocked

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from trueup.articulated.pose import ORIENTATION
 from trueup.articulated.starts import measured_base
 from trueup.articulated.wiring import commanded
-from trueup.engines.mujoco.attributes import SLACK
 from trueup.engines.mujoco.attributes import is_motor as is_motor
 from trueup.engines.mujoco.base import columns_of, place
+from trueup.engines.mujoco.gears import SLACK
 from trueup.engines.mujoco.model import Model
 from trueup.errors import unknown_name
 from trueup.recording import Channel

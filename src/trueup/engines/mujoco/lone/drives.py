@@ -13,7 +13,8 @@ from trueup.articulated.assignments import Assignment, needs, write
 from trueup.articulated.laws import STRIBECK_SPEED
 from trueup.articulated.lone_joint import Command, Drives
 from trueup.articulated.signals import Signals
-from trueup.engines.mujoco.attributes import SECOND, MujocoAttributes
+from trueup.engines.mujoco.attributes import MujocoAttributes
+from trueup.engines.mujoco.gears import SECOND
 from trueup.engines.mujoco.run import Parametrised
 
 Array = NDArray[np.float64]

@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.engines.mujoco.attributes import SECOND
 from trueup.engines.mujoco.floor_plane import plane_of
+from trueup.engines.mujoco.gears import SECOND
 from trueup.engines.mujoco.inertia import body_inertia
 from trueup.engines.mujoco.model import SETTING
 from trueup.engines.mujoco.reading.mjcf_text import Element, MjcfText

@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from trueup.articulated.assignments import needs, write
 from trueup.articulated.model import WORLD
-from trueup.engines.mujoco.attributes import SECOND_OF, MujocoAttributes
+from trueup.engines.mujoco.attributes import MujocoAttributes
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.fields import SingleModel
 from trueup.engines.mujoco.floor_plane import plane_of
+from trueup.engines.mujoco.gears import SECOND_OF
 from trueup.engines.mujoco.inertia import body_inertia
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.reading.mjcf_spec import name_in_text
