@@ -150,11 +150,13 @@ def options_of(command: str) -> list[tuple[str, str]]:
 
 def _parser(given: Sequence[str]) -> _Parser:
     """The command line's parser; of the commands only the one that is `given` is loaded, so that the answer is quick."""
+    from trueup.extensions import version
+
     shape = argparse.RawDescriptionHelpFormatter
     common = _Parser(add_help=False)
     common.add_argument("--debug", action="store_true", help="show the traceback of an error")
     parser = _Parser("trueup", description=_ABOUT, formatter_class=shape)
-    parser.add_argument("--version", action="version", version=f"trueup {_version()}")
+    parser.add_argument("--version", action="version", version=f"trueup {version()}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
     for name, line in _COMMANDS.items():
         module = _module(name) if name in given else None
@@ -168,13 +170,6 @@ def _parser(given: Sequence[str]) -> _Parser:
 
 def _module(command: str) -> Any:
     return importlib.import_module(f"trueup.commands.{command.replace('-', '_')}")
-
-
-def _version() -> str:
-    try:
-        return importlib.metadata.version("trueup")
-    except importlib.metadata.PackageNotFoundError:
-        return "(not installed)"
 
 
 if __name__ == "__main__":

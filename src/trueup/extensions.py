@@ -13,6 +13,14 @@ from typing import Any
 from trueup.errors import TrueupError
 
 
+def version() -> str:
+    """That of trueup itself."""
+    try:
+        return importlib.metadata.version("trueup")
+    except importlib.metadata.PackageNotFoundError:
+        return "(not installed)"
+
+
 def registered(group: str) -> dict[str, str]:
     """Name to 'module:attribute' of the entry points of one group ('trueup.robots')."""
     return {e.name: e.value for e in importlib.metadata.entry_points(group=group)}

@@ -6,7 +6,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +17,8 @@ from trueup.actuators import servo
 from trueup.actuators.bench import Bench, Run
 from trueup.actuators.servo import Law
 from trueup.errors import OutputError
+from trueup.formats.aside import written_aside
+from trueup.formats.plain import finite
 
 if TYPE_CHECKING:
     from trueup.actuators.identify import Actuator
@@ -48,37 +49,34 @@ In plain MuJoCo, with one <motor> at the joint and, in the MJCF,
 '''
 
 
-def write_actuator(found: Actuator, folder: Path) -> list[Path]:
+def write_actuator(actuator: Actuator, folder: Path) -> list[Path]:
     """Writes the files and returns their paths. Raises OutputError; without a law only the figures are written."""
-    texts = {FIGURES: json.dumps(figures(found), indent=2, allow_nan=False) + "\n"}
-    if found.law is not None and found.file_law is not None:
-        texts |= {PYTHON: python_text(found), MJCF: mjcf_text(found.file_law, found.bench, found.step)}
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, text in texts.items():
-            aside = folder / f".{name}.part"
-            aside.write_text(text, encoding="utf-8")
-            os.replace(aside, folder / name)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be written ({error.strerror or error})") from None
+    texts = {FIGURES: json.dumps(figures(actuator), indent=2, allow_nan=False) + "\n"}
+    if actuator.law is not None and actuator.file_law is not None:
+        texts |= {PYTHON: python_text(actuator), MJCF: mjcf_text(actuator.file_law, actuator.bench, actuator.step)}
+    for name, text in texts.items():
+        with written_aside(folder / name) as temporary:
+            temporary.write_text(text, encoding="utf-8")
     return [folder / name for name in texts]
 
 
-def python_text(found: Actuator) -> str:
+def python_text(actuator: Actuator) -> str:
     """The law's own source with this servo's numbers: Servo() is this servo."""
-    if found.law is None:
+    if actuator.law is None:
         raise OutputError("no law was found that could be written: the load is unknown")
-    held = found.error(held_out=True)
+    held = actuator.error(held_out=True)
     source = Path(servo.__file__).read_text("utf-8")
     body = source[source.index("from __future__") :]
-    numbers = ", ".join(f"{n}={_number(v)}" for n, v in found.law._asdict().items() if v != Law._field_defaults.get(n))
+    numbers = ", ".join(
+        f"{n}={_number(v)}" for n, v in actuator.law._asdict().items() if v != Law._field_defaults.get(n)
+    )
     body = body.replace("def __init__(self, law: Law, gain", "def __init__(self, law: Law = LAW, gain")
     body = body.replace("\n\nSTATES = ", f"\n\nLAW = Law({numbers})\n\nSTATES = ", 1)
     head = _HEAD.format(
-        hard=HARD, armature=found.law.armature,
-        error=held if math.isfinite(held) else found.error(held_out=False),
+        hard=HARD, armature=actuator.law.armature,
+        error=held if math.isfinite(held) else actuator.error(held_out=False),
         which="held-out recordings" if math.isfinite(held) else "left out of the fit in turn",
-        setting=f" of {found.setting:g}" if found.setting else "",
+        setting=f" of {actuator.setting:g}" if actuator.setting else "",
     )  # fmt: skip
     return f"# SPDX-License-Identifier: Apache-2.0\n{head}{body}"
 
@@ -137,32 +135,28 @@ def replay_file(path: Path, run: Run) -> Array:
     return np.interp(run.time, instants, out)
 
 
-def figures(found: Actuator) -> dict[str, Any]:
+def figures(actuator: Actuator) -> dict[str, Any]:
     """All that was found, as plain numbers in SI units; None for what is infinite or unknown."""
 
     def plain(thing: Any) -> dict[str, Any]:
-        return {k: _plain(v) for k, v in dataclasses.asdict(thing).items()}
+        return finite(dataclasses.asdict(thing))
 
-    seen = found.experiment
+    seen = actuator.experiment
     return {
-        "law": None if found.law is None else {k: _plain(v) for k, v in found.law._asdict().items()},
-        "mjcf": None if found.file_law is None else {k: _plain(v) for k, v in found.file_law._asdict().items()},
-        "values": [plain(v) for v in found.values],
-        "structures": list(found.structures),
+        "law": None if actuator.law is None else finite(actuator.law._asdict()),
+        "mjcf": None if actuator.file_law is None else finite(actuator.file_law._asdict()),
+        "values": [plain(v) for v in actuator.values],
+        "structures": list(actuator.structures),
         "asked": [
-            {"structure": a.name, "kept": a.name in found.structures, "without_rad": _plain(a.without),
-             "with_rad": _plain(a.with_it), **plain(a.evidence)}
-            for a in found.asked
+            {"structure": a.name, "kept": a.name in actuator.structures, "without_rad": finite(a.without),
+             "with_rad": finite(a.with_it), **plain(a.evidence)}
+            for a in actuator.asked
         ],
         "experiment": {"ratios": [plain(v) for v in seen.ratios], "gains": [plain(v) for v in seen.gains],
                        "explained": seen.explained, "cannot": list(seen.cannot)},
-        "errors_rad": [plain(j) for j in found.judged],
-        "bench": plain(found.bench), "setting": found.setting, "step_s": found.step, "notes": list(found.notes),
+        "errors_rad": [plain(j) for j in actuator.judged],
+        "bench": plain(actuator.bench), "setting": actuator.setting, "step_s": actuator.step, "notes": list(actuator.notes),
     }  # fmt: skip
-
-
-def _plain(value: Any) -> Any:
-    return (float(value) if math.isfinite(value) else None) if isinstance(value, float) else value
 
 
 def _number(value: float) -> str:

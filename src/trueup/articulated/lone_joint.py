@@ -98,7 +98,8 @@ def friction_force(free: float, inertia: float, hold: float, softness: float, li
 def replay(drives: Drives, command: Command, load: Load, step: float, out: Array) -> None:
     """Writes position and speed of each row after 0, 1, ... steps to out (u, steps + 1, 2).
 
-    Longer than 40 lines because it is one step of a simulation, whose parts share their numbers.
+    Longer than 40 lines because it is one step of a simulation, whose parts share their numbers: as functions of their own,
+    to which the drives' arrays are handed, they took eight times as long.
     """
     n, m = len(command.time), len(load.time)
     for i in range(out.shape[0]):

@@ -9,6 +9,7 @@ from dataclasses import MISSING, asdict, dataclass, field, fields
 from typing import Any
 
 from trueup.errors import JournalError
+from trueup.formats.plain import finite
 
 Row = tuple[float, ...]
 
@@ -193,7 +194,7 @@ _KINDS = {
 
 def to_plain(event: Event) -> dict[str, Any]:
     """The event for JSON: its name under 'event', NaN as null."""
-    return {"event": type(event).__name__, **{k: _without_nan(v) for k, v in asdict(event).items()}}
+    return {"event": type(event).__name__, **finite(asdict(event))}
 
 
 def from_plain(plain: Mapping[str, Any], where: str) -> Event:
@@ -205,14 +206,6 @@ def from_plain(plain: Mapping[str, Any], where: str) -> Event:
     if kind is None or not {n for n, needed in known.items() if needed} <= set(given) <= set(known):
         raise JournalError(f"{where}: '{name}' with {', '.join(given)} was written by another version of trueup")
     return kind(**{k: _with_nan(v) for k, v in given.items()})
-
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {k: _without_nan(v) for k, v in value.items()}
-    return [_without_nan(v) for v in value] if isinstance(value, (list, tuple)) else value
 
 
 def _with_nan(value: Any) -> Any:

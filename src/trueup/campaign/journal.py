@@ -25,7 +25,7 @@ from typing import TextIO, TypeVar
 from trueup import files
 from trueup.campaign.events import Event, from_plain, to_plain
 from trueup.errors import JournalError, OutputError
-from trueup.formats.aside import written_aside
+from trueup.formats.aside import sync_folder, written_aside
 
 E = TypeVar("E")
 
@@ -195,15 +195,6 @@ def _locked(folder: Path) -> TextIO:
         lock.close()
         raise JournalError(f"{folder}: another process is running this campaign; one at a time") from None
     return lock
-
-
-def sync_folder(folder: Path) -> None:
-    """Makes the names in a folder safe on disk: a rename is, only after this."""
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def keep_text(path: Path, text: str) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from trueup.calibration import Calibration, Replay, pooled_rmse
 from trueup.errors import OutputError
-from trueup.formats.aside import written_aside
+from trueup.formats.aside import kept_state, written_aside
 from trueup.formats.plain import finite
 from trueup.recording import Recording
 
@@ -47,7 +47,7 @@ class Output:
                 if force:
                     raise OutputError(f"{at / name} is the model that was given; name another folder with --out")
                 continue
-            state = _state(at / _STATE)
+            state = kept_state(at / _STATE)
             if state is not None and state.get("fingerprint") == fingerprint and not force:
                 return cls(at, fingerprint, at / name, state.get("search"), f"going on from {at / _STATE}")
             if force or not any((at / f).exists() for f in (*_FILES, _STATE, name)):
@@ -144,15 +144,6 @@ def _replay(replay: Replay) -> dict[str, Any]:
         "pooled_rmse_after": pooled_rmse([replay], after=True),
         "noise": replay.noise.tolist(),
     }
-
-
-def _state(path: Path) -> dict[str, Any] | None:
-    """The state in a file; None where there is none, or none that can be read (then nothing is lost but time)."""
-    try:
-        state = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return state if isinstance(state, dict) else None
 
 
 def _plain(value: Any) -> Any:

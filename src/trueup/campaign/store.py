@@ -11,9 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from trueup.campaign.journal import keep_text, sync_folder
+from trueup.campaign.journal import keep_text
 from trueup.errors import JournalError, TrueupError
 from trueup.formats import read, write
+from trueup.formats.aside import sync_folder
 from trueup.recording import Recording
 from trueup.trial import Trial
 

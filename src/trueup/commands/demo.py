@@ -11,7 +11,7 @@ from rich.markup import escape
 
 from trueup.commands.progress import Watcher
 from trueup.commands.show import replay_table
-from trueup.commands.study_view import SearchWatcher, study_table
+from trueup.commands.study_view import searching, study_table
 
 ABOUT = """\
 Shows the whole on a simulated robot whose truth has another structure than its simulator. Takes about a minute.
@@ -51,8 +51,8 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     else:
         from trueup.studies.stanley.run import run_study
 
-        with SearchWatcher(told) as searching:
-            study = run_study(Path(args.out), say, told=searching)
+        with searching(told) as watch:
+            study = run_study(Path(args.out), say, told=watch)
         console.print(study_table(study))
     for line in last:
         console.print(escape(line), soft_wrap=True)

@@ -6,16 +6,19 @@ from __future__ import annotations
 import argparse
 import math
 import shlex
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from trueup.campaign.output import free_folder
+from trueup.commands.progress import bar
 from trueup.errors import IdentificationError, MissingExtraError, listed
+from trueup.formats.plain import finite
 from trueup.formats.trajectory import write_bag, write_csv, write_json
 from trueup.report.trajectory_picture import trajectory_picture
 from trueup.report.writing import write_aside
@@ -100,19 +103,19 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         for note in (*problem.notes, *moved):
             told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True, highlight=False)
     try:
-        with _Watcher(told, args.budget, quiet=args.quiet) as watcher:
-            found = excite(problem.criterion, problem.feasibility, problem.wish, problem.options, told=watcher)
+        with _progress(told, args.budget, quiet=args.quiet) as watcher:
+            outcome = excite(problem.criterion, problem.feasibility, problem.wish, problem.options, told=watcher)
     except KeyboardInterrupt:
         told.print("stopped; nothing was written. A smaller --budget ends sooner, with a result")
         raise
-    expected = expectations(problem.criterion, found.trajectory, problem.feasibility.limits, percent=args.percent)
-    numbers = _numbers(args, problem, found, expected)
-    files, notes = _write(args, folder, problem, found, numbers)
+    expected = expectations(problem.criterion, outcome.trajectory, problem.feasibility.limits, percent=args.percent)
+    numbers = _numbers(args, problem, outcome, expected)
+    files, notes = _write(args, folder, problem, outcome, numbers)
     if args.json:
         console.print_json(data=numbers)
         return 0
-    _show(args, problem, found, expected, console)
-    for note in () if args.quiet else (*found.notes, *notes):
+    _show(args, problem, outcome, expected, console)
+    for note in () if args.quiet else (*outcome.notes, *notes):
         console.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
     console.print("  " + "  ".join(escape(str(f)) for f in files), soft_wrap=True, highlight=False)
     return 0
@@ -149,10 +152,10 @@ def _height(given: str) -> float | str | None:
 
 
 def _write(
-    args: argparse.Namespace, folder: Path, problem: ExcitationProblem, found: Outcome, numbers: dict[str, Any]
+    args: argparse.Namespace, folder: Path, problem: ExcitationProblem, outcome: Outcome, numbers: dict[str, Any]
 ) -> tuple[list[Path], list[str]]:
     """All files, and what could not be written for want of a package."""
-    t, limits, notes = found.trajectory, problem.feasibility.limits, []
+    t, limits, notes = outcome.trajectory, problem.feasibility.limits, []
     files = [folder / name for name in _FILES]
     recording = t.recording({"command": shlex.join(["trueup", *args.command_line])})
     write_csv(recording, files[0])
@@ -176,22 +179,22 @@ def _write(
 
 
 def _numbers(
-    args: argparse.Namespace, problem: ExcitationProblem, found: Outcome, expected: tuple[Expected, ...]
+    args: argparse.Namespace, problem: ExcitationProblem, outcome: Outcome, expected: tuple[Expected, ...]
 ) -> dict[str, Any]:
     """The outcome as plain numbers, SI units."""
-    t, limits = found.trajectory, problem.feasibility.limits
+    t, limits = outcome.trajectory, problem.feasibility.limits
     return {
         "model": str(args.model), "motion": problem.wish.motion, "seed": args.seed, "duration": t.duration,
-        "passes": list(found.passes), "log10_determinant_as_printed": found.found.printed, "criterion": args.criterion,
-        "loss": found.found.loss, "seconds_of_search": found.found.seconds,
+        "passes": list(outcome.passes), "log10_determinant_as_printed": outcome.found.printed, "criterion": args.criterion,
+        "loss": outcome.found.loss, "seconds_of_search": outcome.found.seconds,
         "speed_shares": (np.abs(t.qd).max(axis=0) / limits.speed).round(4).tolist(),
         "acceleration_shares": (np.abs(t.qdd).max(axis=0) / limits.acceleration).round(4).tolist(),
-        "clearance": found.clearance if math.isfinite(found.clearance) else None, "nearest_parts": found.nearest,
-        "starts_at": t.q[0].round(6).tolist(), "notes": [*problem.notes, *found.notes],
+        "clearance": finite(outcome.clearance), "nearest_parts": outcome.nearest,
+        "starts_at": t.q[0].round(6).tolist(), "notes": [*problem.notes, *outcome.notes],
         "parameters": [
             {"name": e.leading, "combination": e.name, "unit": e.unit, "deviation": e.deviation,
              "percent": round(e.percent, 3),
-             "value": e.value if math.isfinite(e.value) else None, "advice": e.advice}
+             "value": finite(e.value), "advice": e.advice}
             for e in expected
         ],
     }  # fmt: skip
@@ -200,15 +203,15 @@ def _numbers(
 def _show(
     args: argparse.Namespace,
     problem: ExcitationProblem,
-    found: Outcome,
+    outcome: Outcome,
     expected: tuple[Expected, ...],
     console: Console,
 ) -> None:
     """What a user wants to know before the arm moves: how fast, how near, what it will tell."""
-    t, limits = found.trajectory, problem.feasibility.limits
+    t, limits = outcome.trajectory, problem.feasibility.limits
     shares = 100.0 * np.abs(t.qd).max(axis=0) / limits.speed
     k = int(np.argmax(shares))
-    near = f", clear of collision by {100 * found.clearance:.1f} cm ({found.nearest})" if found.nearest else ""
+    near = f", clear of collision by {100 * outcome.clearance:.1f} cm ({outcome.nearest})" if outcome.nearest else ""
     lines = [
         f"{t.duration:.1f} s trajectory, reaches {shares[k]:.0f} % of speed limits ({t.joints[k]}){near}, "
         "starts and ends at rest",
@@ -225,10 +228,10 @@ def _show(
     for advice, members in sorted(groups.items(), key=lambda item: -len(item[1])):
         shown = listed([f"{e.leading} {_percent(e.percent)}" for e in members])
         lines.append(f"not so well: {shown}" + (f"; {advice}" if advice else ""))
-    slower = [f"1/{f:g}" for f in found.passes[1:] if f != 1.0]
-    if len(found.passes) > 1:
+    slower = [f"1/{f:g}" for f in outcome.passes[1:] if f != 1.0]
+    if len(outcome.passes) > 1:
         said = f" at {', '.join(slower)} of the speed" if slower else ""
-        lines.append(f"{len(found.passes)} passes over the same path{said}, so that friction and inertia part")
+        lines.append(f"{len(outcome.passes)} passes over the same path{said}, so that friction and inertia part")
     start = ", ".join(f"{j} {v:.2f}" for j, v in zip(t.joints, t.q[0], strict=True))
     lines.append(f"bring the arm to its start first: {start} rad")
     for line in lines:
@@ -239,29 +242,14 @@ def _percent(value: float) -> str:
     return "not at all" if value > 1000.0 else f"to {value:.0f} %"
 
 
-class _Watcher:
-    """Progress of the search: a bar in a terminal, nothing elsewhere or with `quiet`."""
+@contextmanager
+def _progress(console: Console, budget: float, *, quiet: bool) -> Iterator[Callable[[Step], None]]:
+    """What is called with each step of a search of `budget` s: a bar in a terminal, nothing elsewhere or with `quiet`."""
+    with bar(console, quiet=quiet) as shown:
+        task = shown.add_task("searching", total=1.0, said="")
 
-    def __init__(self, console: Console, budget: float, *, quiet: bool) -> None:
-        self._console, self._budget, self._shown = console, budget, not quiet and console.is_terminal
-        self._bar: Progress | None = None
-
-    def __enter__(self) -> _Watcher:
-        if self._shown:
-            self._bar = Progress(
-                SpinnerColumn(), TextColumn("[bold]searching"), BarColumn(24), TextColumn("{task.fields[said]}"),
-                TimeElapsedColumn(), console=self._console, transient=True,
-            )  # fmt: skip
-            self._task = self._bar.add_task("search", total=1.0, said="")
-            self._bar.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-
-    def __call__(self, step: Step) -> None:
-        """One more step of the search."""
-        if self._bar is not None:
+        def watch(step: Step) -> None:
             said = f"criterion {step.loss:.1f}, {step.evaluations} motions"
-            self._bar.update(self._task, completed=max(step.share, step.seconds / self._budget), said=said)
+            shown.update(task, completed=max(step.share, step.seconds / budget), said=said)
+
+        yield watch

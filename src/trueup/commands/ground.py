@@ -15,10 +15,10 @@ import numpy as np
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from trueup.campaign.output import free_folder
+from trueup.commands.progress import bar
 from trueup.commands.sources import mapping_for, readable, recordings_in, split, while_driven
 from trueup.errors import GroundingError
 from trueup.formats.plain import finite
@@ -125,12 +125,8 @@ def _learned(
     """What was learned, and how it does on what was held out; with progress."""
     from trueup.grounding.learn import judged, learn
 
-    shown = Progress(
-        SpinnerColumn(), TextColumn("[bold]{task.description}"), BarColumn(24), TimeElapsedColumn(), console=told,
-        transient=True, disable=args.quiet or not told.is_terminal,
-    )  # fmt: skip
-    with shown:
-        task = shown.add_task("reading", total=1.0)
+    with bar(told, quiet=args.quiet) as shown:
+        task = shown.add_task("reading", total=1.0, said="")
         learned = learn(
             training, _wishes(args), progress=lambda words, done: shown.update(task, description=words, completed=done)
         )

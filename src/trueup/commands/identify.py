@@ -127,9 +127,9 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         for note in (*notes, *said, *([f"results go to {folder}"] if folder != Path(args.out) else [])):
             told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
     progress = None if args.quiet else (lambda stage, share: told.print(f"  {stage}", highlight=False))
-    found = identify(tree, training, held_out, drives=drives, options=options, told=progress)
-    delivered, more = _write(args, found, folder)
-    _show(args, found, delivered, more, folder, console)
+    result = identify(tree, training, held_out, drives=drives, options=options, told=progress)
+    delivered, more = _write(args, result, folder)
+    _show(args, result, delivered, more, folder, console)
     return 0
 
 
@@ -196,22 +196,22 @@ def _free(at: Path, model: Path, *, force: bool) -> bool:
 
 
 def _write(
-    args: argparse.Namespace, found: Identification, folder: Path
+    args: argparse.Namespace, result: Identification, folder: Path
 ) -> tuple[Sequence[Deliverable], tuple[str, ...]]:
     """All result files; the plain numbers last, since they mark the folder as finished."""
     from trueup.identification.delivery.folder import deliver, save_numbers
     from trueup.identification.delivery.numbers import numbers_of
     from trueup.report.identification import write_identification_report
 
-    delivered, notes = deliver(found, args.model, folder)
+    delivered, notes = deliver(result, args.model, folder)
     context = {"command": shlex.join(["trueup", *args.command_line]), "python": sys.version.split()[0]}
-    write_identification_report(found, folder / _FILES[0], delivered=delivered, context=context)
-    save_numbers(numbers_of(found, delivered), folder / _FILES[1])
+    write_identification_report(result, folder / _FILES[0], delivered=delivered, context=context)
+    save_numbers(numbers_of(result, delivered), folder / _FILES[1])
     return delivered, notes
 
 
 def _show(
-    args: argparse.Namespace, found: Identification, delivered: Sequence[Deliverable], notes: Sequence[str], folder: Path,
+    args: argparse.Namespace, result: Identification, delivered: Sequence[Deliverable], notes: Sequence[str], folder: Path,
     console: Console,
 ) -> None:  # fmt: skip
     from trueup.commands.show_identification import show_identification
@@ -219,6 +219,6 @@ def _show(
     if args.json:
         console.print_json((folder / _FILES[1]).read_text(encoding="utf-8"))
         return
-    show_identification(found, delivered, folder, console, quiet=args.quiet)
+    show_identification(result, delivered, folder, console, quiet=args.quiet)
     for note in notes if not args.quiet else ():
         console.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)

@@ -95,12 +95,14 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     mapping, more = mapping_for(args.mapping)
     fitted, kept = split(read(paths, mapping), args.hold_out, mapping)
     with _progress(told, quiet=args.quiet) as watch:
-        found = identify_actuator(fitted, kept, bench=bench, joint=args.joint, step=args.step, ask=args.ask, told=watch)
-    for note in (*notes, *more, *found.notes) if not args.quiet else ():
+        actuator = identify_actuator(
+            fitted, kept, bench=bench, joint=args.joint, step=args.step, ask=args.ask, told=watch
+        )
+    for note in (*notes, *more, *actuator.notes) if not args.quiet else ():
         console.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True, highlight=False)
-    _show(found, console)
+    _show(actuator, console)
     if folder is not None:
-        _written(found, [*found.write(folder), *_pictures(found, folder)], console)
+        _written(actuator, [*actuator.write(folder), *_pictures(actuator, folder)], console)
     return 0
 
 
@@ -114,8 +116,8 @@ def _progress(told: Console, *, quiet: bool) -> Any:
         yield lambda what, error: status.update(f"left-out error {1e3 * error:.3g} mrad; asking about: {what}")
 
 
-def _show(found: Actuator, console: Console) -> None:
-    seen = found.experiment
+def _show(actuator: Actuator, console: Console) -> None:
+    seen = actuator.experiment
     if seen.ratios:
         console.print(
             _numbers("by regression (error = load / kp + kd / kp speed + kc / kp sign)", [*seen.ratios, *seen.gains])
@@ -123,17 +125,17 @@ def _show(found: Actuator, console: Console) -> None:
         console.print(f"explains {100 * seen.explained:.0f} % of the error while it moves", highlight=False)
     for sentence in seen.cannot:
         console.print(f"[cyan]cannot tell[/] {escape(sentence)}", soft_wrap=True, highlight=False)
-    if found.law is None:
+    if actuator.law is None:
         return
-    console.print(_asked(found))
-    console.print(_numbers("by simulation", found.values))
-    for value in found.values:
+    console.print(_asked(actuator))
+    console.print(_numbers("by simulation", actuator.values))
+    for value in actuator.values:
         if value.high > 3.0 * max(value.low, 0.0) and value.value > 0.0:
             console.print(f"[cyan]cannot tell[/] {value.name} to better than {value.low:.3g} ... {value.high:.3g} "
                           f"{value.unit}: the recordings see it in combination with others only",
                           soft_wrap=True, highlight=False)  # fmt: skip
-    console.print(_errors(found))
-    console.print(f"took {duration_text(found.seconds)}", highlight=False)
+    console.print(_errors(actuator))
+    console.print(f"took {duration_text(actuator.seconds)}", highlight=False)
 
 
 def _numbers(title: str, values: Sequence[Value]) -> Table:
@@ -143,51 +145,51 @@ def _numbers(title: str, values: Sequence[Value]) -> Table:
     return table
 
 
-def _asked(found: Actuator) -> Table:
+def _asked(actuator: Actuator) -> Table:
     table = Table("structure", "left-out error without", "with, mrad", "gain", "", box=SIMPLE, title_justify="left",
                   title="what it is made of: kept where left-out recordings want it by two standard errors")  # fmt: skip
-    for a in found.asked:
-        kept = "[bold]kept[/]" if a.name in found.structures else "left out"
+    for a in actuator.asked:
+        kept = "[bold]kept[/]" if a.name in actuator.structures else "left out"
         table.add_row(a.name, f"{1e3 * a.without:.1f}", f"{1e3 * a.with_it:.1f}",
                       f"{100 * a.evidence.gain:.0f} +- {100 * a.evidence.standard_error:.0f} %", kept)  # fmt: skip
     return table
 
 
-def _errors(found: Actuator) -> Table:
+def _errors(actuator: Actuator) -> Table:
     table = Table("recording", "actuator.py", "actuator.xml, mrad", "", box=SIMPLE, title_justify="left",
                   title="mean absolute error of whole replays by fits that never saw them")  # fmt: skip
-    for j in found.judged:
+    for j in actuator.judged:
         table.add_row(escape(j.name), f"{1e3 * j.model:.1f}", f"{1e3 * j.file:.1f}", "held out" if j.held_out else "")
     for held, word in ((False, "mean, left out in turn"), (True, "mean, held out")):
-        if math.isfinite(found.error(held_out=held)):
-            both = (f"{1e3 * found.error(held_out=held, file=f):.1f}" for f in (False, True))
+        if math.isfinite(actuator.error(held_out=held)):
+            both = (f"{1e3 * actuator.error(held_out=held, file=f):.1f}" for f in (False, True))
             table.add_row(f"[bold]{word}[/]", *both, "")
     return table
 
 
-def _written(found: Actuator, paths: Sequence[Path], console: Console) -> None:
+def _written(actuator: Actuator, paths: Sequence[Path], console: Console) -> None:
     """Names the files; the MJCF is read back and replayed by the engine itself, on the load that it holds."""
     from trueup.actuators.write import replay_file
 
     console.print(f"wrote {', '.join(escape(str(p)) for p in paths)}", soft_wrap=True, highlight=False)
     for path in paths:
-        runs = [r for r in found.runs if r.bench == found.bench] if path.name == MJCF else []
+        runs = [r for r in actuator.runs if r.bench == actuator.bench] if path.name == MJCF else []
         if runs:
             errors = [abs(replay_file(path, r) - r.position).mean() for r in runs]
             console.print(f"{path.name} read back replays {len(runs)} recordings (fitted ones among them) to "
                           f"{1e3 * sum(errors) / len(errors):.1f} mrad", soft_wrap=True, highlight=False)  # fmt: skip
 
 
-def _pictures(found: Actuator, folder: Path) -> list[Path]:
+def _pictures(actuator: Actuator, folder: Path) -> list[Path]:
     """A picture of each recording that was held out, of each fitted one if none was: as measured, by the law, by the MJCF."""
     from trueup.actuators.replay import replay
 
-    if found.law is None or found.file_law is None:
+    if actuator.law is None or actuator.file_law is None:
         return []
-    held = {j.name for j in found.judged if j.held_out}
+    held = {j.name for j in actuator.judged if j.held_out}
     paths = []
-    for run in (r for r in found.runs if not held or r.name in held):
-        file, law = (replay(x, run, found.step)[:, None] for x in (found.file_law, found.law))
+    for run in (r for r in actuator.runs if not held or r.name in held):
+        file, law = (replay(x, run, actuator.step)[:, None] for x in (actuator.file_law, actuator.law))
         at = run.given(run.time)
         told = np.where(run.on[at], run.command[at], np.nan)[:, None]
         drawn = Replay(run.name, run.name in held, "position", ("joint",), "rad", run.time, run.position[:, None], file, law,

@@ -17,6 +17,7 @@ from rich.markup import escape
 from trueup.commands.sources import MAPPING, mapping_for, readable, recordings_in
 from trueup.errors import MappingError
 from trueup.formats import ChannelMap, TimeColumn, guess_mapping, read
+from trueup.formats.plain import finite
 from trueup.inspection import ChannelInspection, Inspection, inspect
 from trueup.inspection.joint_names import match_joints
 from trueup.recording import Recording
@@ -210,17 +211,13 @@ def _plain(inspection: Inspection) -> dict[str, Any]:
     channels = [
         {
             "name": c.name, "labels": list(c.labels), "unit": c.unit, "units": list(c.units),
-            "samples": c.samples, "rate": _number(c.rate),
-            "jitter": _number(c.jitter), "gaps": [vars(g) for g in c.gaps], "missing": c.missing.tolist(),
-            "lowest": [_number(v) for v in c.lowest], "highest": [_number(v) for v in c.highest],
+            "samples": c.samples, "rate": finite(c.rate),
+            "jitter": finite(c.jitter), "gaps": [vars(g) for g in c.gaps], "missing": c.missing.tolist(),
+            "lowest": finite(c.lowest.tolist()), "highest": finite(c.highest.tolist()),
             "motionless": list(c.motionless), "saturated": list(c.saturated), "grid": list(c.grid),
-            "noise": [_number(v) for v in c.noise],
+            "noise": finite(c.noise.tolist()),
         }
         for c in inspection.channels
     ]  # fmt: skip
     return {"name": inspection.name, "duration": inspection.duration, "channels": channels,
             "findings": list(inspection.findings()), "guesses": list(inspection.guesses)}  # fmt: skip
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from types import TracebackType
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -24,6 +23,19 @@ _STAGES = {
 }
 
 
+def bar(console: Console, *, quiet: bool = False) -> Progress:
+    """A bar that goes away when it is done, with the words of `said` behind it; nothing where not in a terminal."""
+    columns = (
+        SpinnerColumn(),
+        TextColumn("[bold]{task.description}"),
+        BarColumn(24),
+        TextColumn("{task.fields[said]}"),
+    )
+    return Progress(
+        *columns, TimeElapsedColumn(), console=console, transient=True, disable=quiet or not console.is_terminal
+    )
+
+
 class Watcher:
     """A progress display, called with each TracePoint; one line a stage where not a terminal, silent with `quiet`."""
 
@@ -31,23 +43,15 @@ class Watcher:
         self._console, self._unit, self._quiet = console, unit, quiet
         self._first: float | None = None
         self._stage, self._count, self._done = "", 0, 0.0
-        self._bar: Progress | None = None
+        self._bar = bar(console, quiet=quiet)
+        self._task = self._bar.add_task("simulating", total=1.0, said="first replay")
 
     def __enter__(self) -> Watcher:
-        if not self._quiet and self._console.is_terminal:
-            self._bar = Progress(
-                SpinnerColumn(), TextColumn("[bold]{task.description}"), BarColumn(24),
-                TextColumn("{task.fields[said]}"), TimeElapsedColumn(), console=self._console, transient=True,
-            )  # fmt: skip
-            self._task = self._bar.add_task("simulating", total=1.0, said="first replay")
-            self._bar.start()
+        self._bar.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
 
     def __call__(self, point: TracePoint) -> None:
         """One more point of the search."""
@@ -61,7 +65,7 @@ class Watcher:
         scale = scale_for(self._unit, [self._first, point.rmse])
         said = f"replay error {scale.text(self._first)} -> {scale.text(point.rmse)} {scale.unit}".rstrip()
         said += f", {point.evaluations} simulations"
-        if self._bar is not None:
+        if not self._bar.disable:
             self._bar.update(self._task, completed=self._done, description=point.stage, said=said + self._left(point))
         elif fresh and not self._quiet:
             self._console.print(f"  {point.stage}: {said}, {point.seconds:.0f} s", highlight=False, soft_wrap=True)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib.metadata
 import tempfile
 from contextlib import closing
 from pathlib import Path
@@ -20,6 +19,7 @@ from trueup.campaign.plan import PlanFile, read_plan
 from trueup.commands.campaign_view import CampaignView, Unknown
 from trueup.commands.status import as_json, show_status
 from trueup.commands.where import CLUSTER, add_cluster, evaluator_of
+from trueup.extensions import version
 from trueup.report.campaign import write_campaign_report
 
 ABOUT = (
@@ -107,7 +107,7 @@ def go_on(folder: Folder, args: argparse.Namespace, console: Console, told: Cons
         try:
             with closing(evaluator_of(*where, told, quiet=args.quiet, watch=view.simulated)) as evaluator, view:
                 parts = parts_of(folder.file, folder.path, say, evaluator)
-                Campaign(plan, folder.checksum, _version(), parts, journal, view).run()
+                Campaign(plan, folder.checksum, version(), parts, journal, view).run()
         except KeyboardInterrupt:
             told.print(
                 f"stopped; everything is kept. To go on: trueup resume {escape(str(folder.path))}", soft_wrap=True
@@ -126,10 +126,3 @@ def told_outcome(folder: Folder, args: argparse.Namespace, console: Console) -> 
     show_status(history, folder.file.plan, console)
     console.print(f"  {escape(str(report))}", soft_wrap=True, highlight=False)
     return 0
-
-
-def _version() -> str:
-    try:
-        return importlib.metadata.version("trueup")
-    except importlib.metadata.PackageNotFoundError:
-        return "(not installed)"

@@ -3,63 +3,36 @@
 
 from __future__ import annotations
 
-import time
-from types import TracebackType
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from rich.box import SIMPLE
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    SpinnerColumn,
-    TaskID,
-    TextColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import TaskID
 from rich.table import Table
+
+from trueup.commands.progress import bar
 
 if TYPE_CHECKING:
     from trueup.studies.stanley.study import Study
 
 
-class SearchWatcher:
-    """Called with (stage, trials done, all trials, best loss); a bar for each stage, nothing where not a terminal."""
+@contextmanager
+def searching(console: Console) -> Iterator[Callable[[str, int, int, float], None]]:
+    """What is called with (stage, trials done, all trials, best loss); a bar for each stage, nothing where not a terminal."""
+    with bar(console) as shown:
+        tasks: dict[str, TaskID] = {}
 
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        self._bar: Progress | None = None
-        self._task: TaskID | None = None
-        self._stage, self._shown = "", 0.0
+        def watch(stage: str, done: int, total: int, best: float) -> None:
+            if stage not in tasks or done == 1:
+                for gone in tasks.values():
+                    shown.remove_task(gone)
+                tasks.clear()
+                tasks[stage] = shown.add_task(stage, total=total, said="")
+            shown.update(tasks[stage], completed=done, said=f"{done}/{total}, best {1e3 * best**0.5:.1f} mm rms")
 
-    def __enter__(self) -> SearchWatcher:
-        if self._console.is_terminal:
-            self._bar = Progress(
-                SpinnerColumn(), TextColumn("[bold]{task.description}"), BarColumn(24), MofNCompleteColumn(),
-                TextColumn("{task.fields[said]}"), TimeRemainingColumn(), console=self._console, transient=True,
-            )  # fmt: skip
-            self._bar.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-
-    def __call__(self, stage: str, done: int, total: int, best: float) -> None:
-        """One more trial."""
-        if self._bar is None:
-            return
-        if self._task is None or stage != self._stage or done == 1:
-            if self._task is not None:
-                self._bar.remove_task(self._task)
-            self._stage, self._task = stage, self._bar.add_task(stage, total=total, said="")
-        if done < total and time.monotonic() - self._shown < 0.1:
-            return
-        self._shown = time.monotonic()
-        self._bar.update(self._task, completed=done, said=f"best {1e3 * best**0.5:.1f} mm rms")
+        yield watch
 
 
 def study_table(study: Study) -> Table:

@@ -173,8 +173,8 @@ def algorithm_a(
     rest: bool = True, told: Told | None = None, rate: float = RATE,
 ) -> Excitation:  # fmt: skip
     """Sums of sines over the whole range (Local identification, section II-1); `rest` adds a start and a stop."""
-    found = design(Sines(limits, terms, longest=longest), criterion, options, told=told, name="A", rate=rate)
-    return _rested(found, limits) if rest else found
+    excitation = design(Sines(limits, terms, longest=longest), criterion, options, told=told, name="A", rate=rate)
+    return _rested(excitation, limits) if rest else excitation
 
 
 def algorithm_a_local(
@@ -184,8 +184,8 @@ def algorithm_a_local(
     """The same sums of sines bounded to the joint positions of a region (section II-3)."""
     middle, reach = joint_box(cell)
     kind = Sines(cell.limits, terms, middle, reach, longest=longest)
-    found = design(kind, criterion, options, told=told, name="A_local", rate=rate)
-    return _rested(found, cell.limits) if rest else found
+    excitation = design(kind, criterion, options, told=told, name="A_local", rate=rate)
+    return _rested(excitation, cell.limits) if rest else excitation
 
 
 def algorithm_b(
@@ -197,8 +197,8 @@ def algorithm_b(
     return design(kind, criterion, options, told=told, name="B", rate=rate)
 
 
-def _rested(found: Excitation, limits: JointLimits) -> Excitation:
-    return replace(found, trajectory=at_rest(found.trajectory, limits))
+def _rested(excitation: Excitation, limits: JointLimits) -> Excitation:
+    return replace(excitation, trajectory=at_rest(excitation.trajectory, limits))
 
 
 def _generations(run: _Run) -> Array:

@@ -97,12 +97,12 @@ def _feasible(
         if feasibility.clearance is not None or feasibility.cell is not None:
             penalty = Proximity(criterion.model.tree, _shapes(feasibility), margin, weight, feasibility.cell, spare)
         left = replace(options, budget=max(0.2 * options.budget, options.budget - (time.perf_counter() - began)))
-        found = design(kind, criterion, left, penalty=penalty, starts=starts, told=told, rate=wish.rate)
-        trajectory = at_rest(found.trajectory, limits) if wish.motion == "sines" else found.trajectory
+        excitation = design(kind, criterion, left, penalty=penalty, starts=starts, told=told, rate=wish.rate)
+        trajectory = at_rest(excitation.trajectory, limits) if wish.motion == "sines" else excitation.trajectory
         problems = feasibility.problems(trajectory)
         if not problems:
-            return trajectory, found
-        starts, weight = found.genes[None], 3.0 * weight
+            return trajectory, excitation
+        starts, weight = excitation.genes[None], 3.0 * weight
         margin += max([0.5 * SOFT, *(p.limit - p.value for p in problems if p.kind == "collision")])
         spare += max([0.0, *(p.value - p.limit + SOFT / 4 for p in problems if p.kind == "region")])
     left_over = "; ".join(str(p) for p in problems)

@@ -178,12 +178,12 @@ class DynamicModel:
         that depends on the state, and are not asked. Raises ModelError where the rank is not clear, ParameterError for them.
         """
         rng = np.random.default_rng(seed)
-        found = base_parameters(self._excited(rng), self.names, preference)
+        base = base_parameters(self._excited(rng), self.names, preference)
         fresh, values = self._excited(rng), rng.normal(size=self.p)
-        torque, reduced = fresh @ values, found.reduce(fresh) @ found.of(values)
+        torque, reduced = fresh @ values, base.reduce(fresh) @ base.of(values)
         if (error := np.abs(torque - reduced).max() / np.abs(torque).max()) > 1e-2:
             raise ModelError(f"base parameters of '{self.tree.name}' change its torque by {error:.1e}")
-        return found
+        return base
 
     def _excited(self, rng: np.random.Generator) -> Array:
         """(count n, p) regressor at random states, six rows a column or more."""

@@ -27,7 +27,7 @@ def match_joints(labels: Sequence[str], drives: Mapping[str, str]) -> tuple[dict
     """
     found = _counted(labels, drives)
     how = "by order, which nothing here can prove: check them" if found else _BY_NAME
-    for key in (str, _plain, _core):
+    for key in (str, plain_name, _core):
         _pair(found, labels, {j: key(j) for j in drives}, key)
     _pair(found, labels, {j: _core(a) for j, a in drives.items() if a}, _core)
     _undecorated(found, labels, drives)
@@ -82,7 +82,7 @@ def sure_names(labels: Sequence[str], drives: Mapping[str, str]) -> tuple[dict[s
 def _alike(labels: Sequence[str], names: Sequence[str]) -> dict[str, str]:
     """Each label to the name that is the same, or the same but for capitals and words that say nothing."""
     alike: dict[str, str] = {}
-    for key in (str, _plain, _core):
+    for key in (str, plain_name, _core):
         _pair(alike, labels, {name: key(name) for name in names}, key)
     return alike
 
@@ -145,7 +145,7 @@ def _counting(labels: Sequence[str]) -> bool:
 def _undecorated(found: dict[str, str], labels: Sequence[str], drives: Mapping[str, str]) -> None:
     """Adds pairs that are alike once what all open labels begin and end with is gone, where that finds every one."""
     rest = [label for label in labels if label not in found]
-    plain, joints = [_plain(label) for label in rest], {_plain(j): j for j in drives if j not in found.values()}
+    plain, joints = [plain_name(label) for label in rest], {plain_name(j): j for j in drives if j not in found.values()}
     before, after = _shared(plain), _shared([p[::-1] for p in plain])
     for start, stop in itertools.product(range(before + 1), range(after + 1)):
         cores = [p[start : len(p) - stop] for p in plain]
@@ -184,10 +184,11 @@ def _names(joint: str, actuator: str) -> list[str]:
     return [core for core in (_core(joint), _core(actuator)) if len(core) > 2]
 
 
-def _plain(name: str) -> str:
+def plain_name(name: str) -> str:
+    """Letters and digits of a name, capitals and small ones alike."""
     return "".join(c for c in name.casefold() if c.isalnum())
 
 
 def _core(name: str) -> str:
     """A name without what many names have in common, unless nothing but a number is left."""
-    return _plain(_FILLING.sub("", name)) or _plain(name)
+    return plain_name(_FILLING.sub("", name)) or plain_name(name)

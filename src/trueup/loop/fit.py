@@ -15,6 +15,7 @@ from trueup.errors import CalibrationError
 from trueup.loop.apart import GLANCE
 from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Watch
 from trueup.loop.elsewhere import EVOLVING
+from trueup.loop.growth import growth
 from trueup.loop.problem import FAITHFUL, Problem
 from trueup.loop.stages import (
     Run,
@@ -27,7 +28,6 @@ from trueup.loop.stages import (
     first_seconds,
     full_step,
     glance,
-    growth,
     implicit_filtering,
     lines,
     multiple_shooting,
@@ -85,7 +85,7 @@ def fit(
 
     `stages` are gone through in their order (see `STAGES`, and `SEARCHES` for others), with `solver` for the least squares.
     `select` is asked which parameters to keep as soon as all recordings were looked at. Optional structures in `later` are
-    at zero until then (see `stages.growth`).
+    at zero until then (see `growth.growth`).
     """
     waiting = {s: {p.name: p for p in space.parameters if p.optional == s and not p.frozen} for s in later}
     names = [name for declared in waiting.values() for name in declared]

@@ -1,8 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a search may do, one thing a stage: least squares on more and more, and looks where slopes do not lead.
-
-Longer than 300 lines because all that a search may do stands here side by side.
-"""
+"""What a search may do, one thing a stage: least squares on more and more, and looks where slopes do not lead."""
 
 from __future__ import annotations
 
@@ -14,18 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.loop.apart import apart, confirmed
-from trueup.loop.descent import Descent, Fit, Look, Select, Watch, explained, last_look
+from trueup.loop.descent import Descent, Fit, Look, Select, explained, last_look
 from trueup.loop.elsewhere import EDGE, FEW, LOOKED_AT, along_axes, anywhere, evolved
 from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
-from trueup.loop.selection import compared, told
 from trueup.loop.shoot import Starts
 from trueup.loop.uncertainty import start_scatter, unit_covariance
-from trueup.loop.validate import by_stretch, left_out_errors
 from trueup.loop.wide import widened
-from trueup.parameters import Parameter, ParameterSpace
+from trueup.parameters import Parameter
 from trueup.search.least_squares import LeastSquares
-from trueup.search.robust import robust_losses
 
 Array = NDArray[np.float64]
 
@@ -202,50 +196,6 @@ def _shot(run: Run, starts: Starts, values: Array, *, bent: bool) -> Problem:
     return run.problem.with_starts(begun.trials, begun.eliminated)
 
 
-def growth(run: Run) -> None:
-    """Structures that are searched `later` enter from the fit without them, one by one, where the evidence holds.
-
-    Begun with, they may bend the whole fit and lead it astray (forward selection: M. A. Efroymson, 1960).
-    """
-    if not run.later or not run.looks or run.look.problem.duration < run.problem.duration:
-        return
-    later, run.later = run.later, {}
-    if run.descent.search is None or len(run.descent.search.point) != len(run.descent.point):
-        run.descent.descend(run.look)  # something was left out since
-    blocks = by_stretch(run.look.problem)
-    without = run.descent.finished(run.look)
-    errors = left_out_errors(run.look.problem, without, blocks)
-    for structure, declared in later.items():
-        grown = _grown(run, without, declared)
-        with_it = grown.finished(run.look)
-        lower = left_out_errors(run.look.problem, with_it, blocks)
-        shown = compared(errors, lower)
-        run.notes.append(told(structure, shown))
-        if shown.holds:
-            grown.watch, run.descent, without, errors = run.descent.watch, grown, with_it, lower
-
-
-def _grown(run: Run, without: Fit, declared: Mapping[str, Parameter]) -> Descent:
-    """Where least squares lead with a structure, the lower of two: from none of it, and from the middle of its range, where
-    the other parameters settle first. What it explains another parameter may have taken, and a ridge lie between.
-    """
-    space = _thawed(run.descent.space, declared)
-    entering = np.array([n in declared for n in space.names])
-    middle = np.where(entering, space.from_unit(np.full(int(space.free.sum()), 0.5)), without.values)
-    settled = replace(run.descent, space=space.freeze(list(declared), dict(zip(declared, middle[entering], strict=True))),
-                      watch=Watch(), search=None)  # fmt: skip
-    settled.restart(without.unit)
-    settled.descend(replace(run.look, tolerance=1.0, last=False), confirm=False)
-    middle = np.where(entering, middle, settled.space.from_unit(settled.point))
-    tried = []
-    for values in (np.where(entering, space.nominal, without.values), middle):
-        grown = replace(run.descent, space=space, watch=Watch(), search=None)
-        grown.restart(np.clip(space.to_unit(values), 0.0, 1.0))
-        grown.descend(run.look)
-        tried.append(grown)
-    return min(tried, key=lambda g: robust_losses(g.finished(run.look).residual[None], without.bend)[0])
-
-
 def lines(run: Run) -> None:
     """Looks along the axes of single parameters, as long as more of the recordings are still to come."""
     found = run.descent.search
@@ -322,7 +272,3 @@ def probing(run: Run) -> None:
 def _taken(run: Run) -> dict[str, Any] | None:
     saved, run.saved = run.saved, None
     return saved
-
-
-def _thawed(space: ParameterSpace, declared: Mapping[str, Parameter]) -> ParameterSpace:
-    return ParameterSpace(tuple(declared.get(p.name, p) for p in space.parameters))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from trueup.calibration import Array, Calibration, Replay
+from trueup.formats.plain import finite
 from trueup.report.drawing import SAMPLES
 from trueup.report.encoding import kept_samples, packed
 from trueup.report.hints import worst_moment
@@ -90,8 +91,8 @@ def _column(replay: Replay, column: int, most: int) -> dict[str, Any]:
         "before": packed(before[kept]),
         "after": packed(after[kept]),
         "command": None if command is None else packed(command[kept]),
-        "noise": _number(noise),
-        "score": [_number(score.before), _number(score.after)],
+        "noise": finite(noise),
+        "score": [finite(score.before), finite(score.after)],
         "worst": None if math.isnan(start) else [start, stop],
         "spectrum": _spectrum(time, before, after, noise),
         "speed": [packed(v) for e in (before, after) for v in error_by_speed(time, measured, e)],
@@ -102,7 +103,7 @@ def _spectrum(time: Array, before: Array, after: Array, noise: float) -> dict[st
     return {
         "before": [packed(v) for v in amplitude_density(time, before)],
         "after": [packed(v) for v in amplitude_density(time, after)],
-        "noise": _number(white_density(noise, time)),
+        "noise": finite(white_density(noise, time)),
     }
 
 
@@ -125,7 +126,7 @@ def _trace(calibration: Calibration, groups: tuple[Comparison, ...]) -> dict[str
     # the trace is pooled over the fitted recordings in the unit of the main channel: same scale as its errors
     scale = error_scale(groups[0]) if groups else Scale("", 1.0)
     points = [
-        [p.stage, p.evaluations, _number(p.loss), _number(p.rmse * scale.factor), _number(p.seconds)]
+        [p.stage, p.evaluations, finite(p.loss), finite(p.rmse * scale.factor), finite(p.seconds)]
         for p in calibration.trace
     ]
     return {"unit": scale.unit, "points": points}
@@ -136,8 +137,3 @@ def _matrix(calibration: Calibration, correlation: Array) -> dict[str, Any]:
         "names": [e.name for e in calibration.estimates if e.fitted],
         "values": packed(correlation.ravel()),
     }
-
-
-def _number(value: float) -> float | None:
-    """JSON has no NaN."""
-    return float(value) if math.isfinite(value) else None

@@ -29,28 +29,32 @@ table.compact td, table.compact th { padding: 4px 9px; }
 
 
 def write_identification_report(
-    found: Identification, path: str | Path, *, delivered: Sequence[Deliverable] = (), title: str | None = None,
+    result: Identification, path: str | Path, *, delivered: Sequence[Deliverable] = (), title: str | None = None,
     context: Mapping[str, str] | None = None,
 ) -> Path:  # fmt: skip
     """Writes the report to the HTML file `path` and returns it; it holds all it needs. `delivered` are the files beside it,
     with their errors. Raises OutputError.
     """
     where = Path(path)
-    write_aside(identification_html(found, delivered=delivered, title=title, context=context), where)
+    write_aside(identification_html(result, delivered=delivered, title=title, context=context), where)
     return where
 
 
 def identification_html(
-    found: Identification, *, delivered: Sequence[Deliverable] = (), title: str | None = None,
+    result: Identification, *, delivered: Sequence[Deliverable] = (), title: str | None = None,
     context: Mapping[str, str] | None = None,
 ) -> str:  # fmt: skip
     """The report as the text of an HTML document."""
-    recordings = len({p.recording for p in found.predictions})
-    counts = ((len(found.joints), "joint"), (recordings, "recording"), (len(found.parameters), "parameter"))
+    recordings = len({p.recording for p in result.predictions})
+    counts = (
+        (len(result.joints), "joint"),
+        (recordings, "recording"),
+        (len(result.parameters), "parameter"),
+    )
     return page(
         "campaign.html",
-        title or f"Dynamic model of {found.model_name}",
+        title or f"Dynamic model of {result.model_name}",
         [counted(count, noun) for count, noun in counts],
-        identification_sections(found, delivered, context or {}),
+        identification_sections(result, delivered, context or {}),
         style=_STYLE,
     )

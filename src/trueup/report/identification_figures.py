@@ -23,15 +23,15 @@ _FEW = 8
 """Samples below which a bin or a cell says nothing."""
 
 
-def torque_figures(found: Identification, prediction: Prediction, which: str) -> Markup:
+def torque_figures(result: Identification, prediction: Prediction, which: str) -> Markup:
     """Measured and predicted torque of each joint; bounds are the prediction +- the RMSE (evolved trajectories, eq. 10)."""
-    bound = rmse(found.judged(), which)
+    bound = rmse(result.judged(), which)
     predicted, figures = getattr(prediction, which), []
-    for j, joint in enumerate(found.joints):
+    for j, joint in enumerate(result.joints):
         measured, model = prediction.measured[:, j], predicted[:, j]
         kept = kept_samples([measured, model], SAMPLES)
         t, low, high = prediction.time[kept], model[kept] - bound[j], model[kept] + bound[j]
-        unit, kind = found.units[j], {"N": "force", "N m": "torque"}.get(found.units[j], "current")
+        unit, kind = result.units[j], {"N": "force", "N m": "torque"}.get(result.units[j], "current")
         chart = Plot(
             (float(t[0]), float(t[-1])), span([*measured[kept], *low, *high]), "time in s", f"{kind} in {unit}",
             width=1040, height=220,
@@ -46,24 +46,24 @@ def torque_figures(found: Identification, prediction: Prediction, which: str) ->
     return join(figures)
 
 
-def error_figures(found: Identification, which: str) -> Markup:
+def error_figures(result: Identification, which: str) -> Markup:
     """Distribution of the torque error of each axis, in N m and as a share of the torque limit (the papers' Figures 7, 8)."""
-    judged = found.judged()
+    judged = result.judged()
     errors = np.concatenate([p.measured - getattr(p, which) for p in judged])
     size = np.sqrt(np.mean(np.concatenate([p.measured for p in judged]) ** 2, axis=0))
-    alike = len(set(found.units)) == 1  # newtons beside newton metres say nothing
-    limited = bool(np.isfinite(found.effort).any())
-    figures = [_boxes(found, errors, f"error in {found.unit}")] if alike else []
+    alike = len(set(result.units)) == 1  # newtons beside newton metres say nothing
+    limited = bool(np.isfinite(result.effort).any())
+    figures = [_boxes(result, errors, f"error in {result.unit}")] if alike else []
     if not alike or not limited:
-        figures.append(_boxes(found, 100.0 * errors / size, "error in % of the joint's mean torque"))
+        figures.append(_boxes(result, 100.0 * errors / size, "error in % of the joint's mean torque"))
     if limited:
-        figures.append(_boxes(found, 100.0 * errors / found.effort, "error in % of the torque limit"))
+        figures.append(_boxes(result, 100.0 * errors / result.effort, "error in % of the torque limit"))
     return tag("div", [tag("figure", f) for f in figures], class_="pair")
 
 
-def _boxes(found: Identification, errors: Array, title: str) -> Markup:
+def _boxes(result: Identification, errors: Array, title: str) -> Markup:
     """Quartiles as a box, 5 and 95 % as whiskers, the extremes as dots."""
-    n = len(found.joints)
+    n = len(result.joints)
     known = np.isfinite(errors).all(axis=0)
     spread = np.full((7, n), np.nan)
     spread[:, known] = np.percentile(errors[:, known], [0, 5, 25, 50, 75, 95, 100], axis=0)
@@ -77,7 +77,7 @@ def _boxes(found: Identification, errors: Array, title: str) -> Markup:
         if not np.isfinite(middle[j]):
             continue
         chart.bar(j + 1, low[j], high[j], SOFT)
-        said = f"{found.joints[j]}: half of all errors within {significant(quarter[j])} ... {significant(three[j])}"
+        said = f"{result.joints[j]}: half of all errors within {significant(quarter[j])} ... {significant(three[j])}"
         chart.box((j + 0.75, j + 1.25), (quarter[j], three[j]), AFTER, said)
         chart.line([(j + 0.75, middle[j]), (j + 1.25, middle[j])], "var(--ground)", width=2)
         for extreme in (e for e in (least[j], most[j]) if chart.y[0] <= e <= chart.y[1]):
@@ -85,14 +85,14 @@ def _boxes(found: Identification, errors: Array, title: str) -> Markup:
     return chart.svg(title)
 
 
-def speed_figures(found: Identification, which: str) -> Markup:
+def speed_figures(result: Identification, which: str) -> Markup:
     """Mean error and its spread against speed, joint by joint: what is left of friction's structure."""
-    judged, figures = found.judged(), []
-    for j, joint in enumerate(found.joints):
+    judged, figures = result.judged(), []
+    for j, joint in enumerate(result.joints):
         v = np.concatenate([p.velocity[:, j] for p in judged])
         error = np.concatenate([p.measured[:, j] - getattr(p, which)[:, j] for p in judged])
         centre, mean, spread, low, high = binned(v, error)
-        unit, turn = found.units[j], "m" if found.prismatic[j] else "rad"
+        unit, turn = result.units[j], "m" if result.prismatic[j] else "rad"
         chart = Plot(
             span(centre), span([*(mean - spread), *(mean + spread)], zero=True), f"speed in {turn}/s", f"error in {unit}",
             width=520, height=240,
@@ -122,13 +122,13 @@ def binned(v: Array, error: Array) -> tuple[Array, Array, Array, Array, Array]:
     return centre, mean, spread, mean - half, mean + half
 
 
-def validity_map(found: Identification, which: str) -> Markup:
+def validity_map(result: Identification, which: str) -> Markup:
     """Where the tool frame was while the model was judged, side view and from above, coloured by the relative error there."""
-    judged = found.judged()
+    judged = result.judged()
     reach = np.concatenate([p.reach for p in judged])
     error = np.concatenate([p.measured - getattr(p, which) for p in judged])
     torque = np.concatenate([p.measured for p in judged])
-    trained = np.concatenate([p.reach for p in found.training()]) if found.held_out() else None
+    trained = np.concatenate([p.reach for p in result.training()]) if result.held_out() else None
     size = np.sqrt(np.mean(torque**2, axis=0))
     views = [
         ("from the side: distance from the base's axis and height, m", lambda r: (np.hypot(r[:, 0], r[:, 1]), r[:, 2])),

@@ -20,7 +20,7 @@ model = trueup.load("FOLDER")            # this report's folder
 torque = model.torque(q, qd, qdd)        # (samples, joints): rad, rad/s, rad/s² to N m"""
 
 
-def files_section(found: Identification, delivered: Sequence[Deliverable]) -> Markup:
+def files_section(result: Identification, delivered: Sequence[Deliverable]) -> Markup:
     """Which file is for what, its errors in all, by joint and by log, and the model as formulas."""
     notes = [f"{_name(d)}: {d.note}." for d in delivered if d.note]
     return join(
@@ -28,12 +28,12 @@ def files_section(found: Identification, delivered: Sequence[Deliverable]) -> Ma
             "p",
             "Every number here is that of the file, read back from disk: share of the measured torque that it leaves.",
         ),
-        _overview(found, delivered),
+        _overview(result, delivered),
         sentences(notes) if notes else None,
         tag("pre", _USE),
-        _opened("Errors by joint", _by_joint(found, delivered)),
+        _opened("Errors by joint", _by_joint(result, delivered)),
         _opened("Errors by log", _by_log(delivered)),
-        _opened("The model as formulas", tag("pre", "\n".join(found.model.formulas()))),
+        _opened("The model as formulas", tag("pre", "\n".join(result.model.formulas()))),
     )
 
 
@@ -54,8 +54,8 @@ def _percent(value: float) -> str:
     return f"{100 * value:.2f} %" if math.isfinite(value) else "–"
 
 
-def _overview(found: Identification, delivered: Sequence[Deliverable]) -> Markup:
-    rows, unit = [], found.unit
+def _overview(result: Identification, delivered: Sequence[Deliverable]) -> Markup:
+    rows, unit = [], result.unit
     for d in delivered:
         time = duration_of_a_call(d.seconds) if math.isfinite(d.seconds) else "–"
         apart = f"{d.difference:.0e} {unit}" if d.files and math.isfinite(d.difference) else "–"
@@ -65,11 +65,11 @@ def _overview(found: Identification, delivered: Sequence[Deliverable]) -> Markup
     return table(head(*titles, numbers=range(1, 5)), rows, "compact", id="deliverables")
 
 
-def _by_joint(found: Identification, delivered: Sequence[Deliverable]) -> Markup:
-    held = bool(found.held_out())
+def _by_joint(result: Identification, delivered: Sequence[Deliverable]) -> Markup:
+    held = bool(result.held_out())
     shown = [d for d in delivered if d.errors]
     errors = np.array([d.relative_by_joint(held_out=held) for d in shown])
-    rows = [row(breakable(joint), cells(*(_percent(x) for x in errors[:, j]))) for j, joint in enumerate(found.joints)]
+    rows = [row(breakable(joint), cells(*(_percent(x) for x in errors[:, j]))) for j, joint in enumerate(result.joints)]
     what = "Motion that was held out." if held else "Motion that was fitted: nothing was held out."
     return join(
         caption(what), table(head("Joint", *map(_short, shown), numbers=range(1, 1 + len(shown))), rows, "compact")

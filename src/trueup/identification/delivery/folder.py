@@ -31,62 +31,78 @@ _COMPARED = 100
 
 
 def deliver(
-    found: Identification, model: str | Path, folder: str | Path
+    result: Identification, model: str | Path, folder: str | Path
 ) -> tuple[tuple[Deliverable, ...], tuple[str, ...]]:
     """Writes predictor, header, Python file and model file into `folder`; returns each with its errors, and notes.
 
     `model` is the file that the tree was read from. Raises OutputError, and ModelError for a model file that cannot be
     written.
     """
-    tree, where, source, notes = found.model.tree, Path(folder), Path(model), tuple[str, ...]()
+    tree, where, source, notes = result.model.tree, Path(folder), Path(model), tuple[str, ...]()
     if (where / source.name).resolve() == source.resolve():
         raise OutputError(f"{source} is the model that was given; name another folder")
-    parts = [_fit(found)]
-    texts = ((FILE, json.dumps(found.model.to_dict(), indent=1) + "\n"), (HEADER, c_header(found.model)),
-             (PYTHON, python_file(found.model)))  # fmt: skip
+    parts = [_fit(result)]
+    texts = ((FILE, json.dumps(result.model.to_dict(), indent=1) + "\n"), (HEADER, c_header(result.model)),
+             (PYTHON, python_file(result.model)))  # fmt: skip
     for name, text in texts:
         with written_aside(where / name) as temporary:
             temporary.write_text(text, encoding="utf-8")
     predictor = load(where)
-    parts += [_predictor(found, predictor), _header(found, where / HEADER), _python(found, predictor, where / PYTHON)]
-    if found.for_file is not None:
-        notes = write_model_file(found.for_file, tree, source, where / source.name)
-        parts += _model_file(found, tree, where / source.name, parts[0])
+    parts += [
+        _predictor(result, predictor),
+        _header(result, where / HEADER),
+        _python(result, predictor, where / PYTHON),
+    ]
+    if result.for_file is not None:
+        notes = write_model_file(result.for_file, tree, source, where / source.name)
+        parts += _model_file(result, tree, where / source.name, parts[0])
     return tuple(parts), notes
 
 
-def _fit(found: Identification) -> Deliverable:
-    errors = log_errors(found.predictions, [p.fitted for p in found.predictions])
+def _fit(result: Identification) -> Deliverable:
+    errors = log_errors(result.predictions, [p.fitted for p in result.predictions])
     return Deliverable("fit", (), "all that was identified; what the files below are compared with", errors, 0.0)
 
 
-def _said(found: Identification, model: TorqueModel | Compiled) -> list[Array]:
+def _said(result: Identification, model: TorqueModel | Compiled) -> list[Array]:
     """(S, n) what a model says of each log; the fit itself where the log is no longer at hand."""
-    return [p.fitted if p.by is None else p.by(model.torque) for p in found.predictions]
+    return [p.fitted if p.by is None else p.by(model.torque) for p in result.predictions]
 
 
-def _predictor(found: Identification, predictor: TorqueModel) -> Deliverable:
-    use, said = "computed torque, observers, analysis: trueup.load(FOLDER).torque(q, qd, qdd)", _said(found, predictor)
+def _predictor(result: Identification, predictor: TorqueModel) -> Deliverable:
+    use, said = (
+        "computed torque, observers, analysis: trueup.load(FOLDER).torque(q, qd, qdd)",
+        _said(result, predictor),
+    )
     return Deliverable(
-        "predictor", (FILE,), use, log_errors(found.predictions, said), _furthest(found.predictions, said)
+        "predictor",
+        (FILE,),
+        use,
+        log_errors(result.predictions, said),
+        _furthest(result.predictions, said),
     )
 
 
-def _header(found: Identification, path: Path) -> Deliverable:
-    use, p = "control loops in C or C++: the same, without memory or libraries", found.predictions[0]
-    with compiled(path, prefix(found.model)) as runs:
+def _header(result: Identification, path: Path) -> Deliverable:
+    use, p = "control loops in C or C++: the same, without memory or libraries", result.predictions[0]
+    with compiled(path, prefix(result.model)) as runs:
         if isinstance(runs, str):
             return Deliverable("C header", (path.name,), use, note=f"not run here: {runs}")
-        said = _said(found, runs)
+        said = _said(result, runs)
         seconds = runs.seconds(p.position, p.velocity, np.zeros_like(p.velocity))
     return Deliverable(
-        "C header", (path.name,), use, log_errors(found.predictions, said), _furthest(found.predictions, said), seconds
+        "C header",
+        (path.name,),
+        use,
+        log_errors(result.predictions, said),
+        _furthest(result.predictions, said),
+        seconds,
     )
 
 
-def _python(found: Identification, predictor: TorqueModel, path: Path) -> Deliverable:
+def _python(result: Identification, predictor: TorqueModel, path: Path) -> Deliverable:
     """The Python file, compared with the predictor at the first instants of a log."""
-    p = found.predictions[0]
+    p = result.predictions[0]
     q, v = p.position[:_COMPARED], p.velocity[:_COMPARED]
     a = np.gradient(v, p.time[:_COMPARED], axis=0)
     names = runpy.run_path(str(path))
@@ -100,18 +116,18 @@ def _python(found: Identification, predictor: TorqueModel, path: Path) -> Delive
     )  # fmt: skip
 
 
-def _model_file(found: Identification, tree: KinematicTree, path: Path, fit: Deliverable) -> list[Deliverable]:
+def _model_file(result: Identification, tree: KinematicTree, path: Path, fit: Deliverable) -> list[Deliverable]:
     """The model file that was written, and the one that was given."""
-    written, held = TorqueModel.of_file(read_back(path, tree), found.units), bool(found.held_out())
+    written, held = TorqueModel.of_file(read_back(path, tree), result.units), bool(result.held_out())
     files = tuple(f.name for f in (path, path.with_suffix(".srdf")) if f.is_file())
-    errors = log_errors(found.predictions, _said(found, written))
+    errors = log_errors(result.predictions, _said(result, written))
     made = Deliverable("model file", files, "simulators: possible bodies, rotors, Coulomb and viscous friction", errors)
     note = f"{made.relative(held_out=held) / fit.relative(held_out=held):.2f} times the error of the fit: what its form costs"
-    if np.count_nonzero(found.model.drives) > tree.n:
+    if np.count_nonzero(result.model.drives) > tree.n:
         note += "; it has no place for friction and rotors of drives that turn with two joints"
-    given = [p.file for p in found.predictions if p.file is not None]
+    given = [p.file for p in result.predictions if p.file is not None]
     before = (
-        [Deliverable("model file as given", (), "for comparison", log_errors(found.predictions, given))]
+        [Deliverable("model file as given", (), "for comparison", log_errors(result.predictions, given))]
         if given
         else []
     )

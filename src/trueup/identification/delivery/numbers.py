@@ -19,50 +19,50 @@ from trueup.identification.estimation.result import (
 from trueup.identification.inertial import NAMES
 
 
-def numbers_of(found: Identification, delivered: Sequence[Deliverable] = ()) -> dict[str, Any]:
+def numbers_of(result: Identification, delivered: Sequence[Deliverable] = ()) -> dict[str, Any]:
     """SI units; null where there is no number. Errors are given for held-out motion and for the training data."""
     return finite(
         {
-            "model": found.model_name,
-            "joints": list(found.joints), "units": list(found.units),
-            "deliverables": [_deliverable(d, found.joints) for d in delivered],
-            "held_out": _errors(found, held_out=True),
-            "training": _errors(found, held_out=False),
+            "model": result.model_name,
+            "joints": list(result.joints), "units": list(result.units),
+            "deliverables": [_deliverable(d, result.joints) for d in delivered],
+            "held_out": _errors(result, held_out=True),
+            "training": _errors(result, held_out=False),
             "cross_validation": {
-                "rmse": found.cross_validated(),
-                "blocks": found.cross_validation.tolist(),
+                "rmse": result.cross_validated(),
+                "blocks": result.cross_validation.tolist(),
                 "note": "the structure of friction was chosen by the same blocks",
             },
-            "parameters": [vars(p) for p in found.parameters],
+            "parameters": [vars(p) for p in result.parameters],
             "links": [
                 {**vars(link), "inertial": dict(zip(NAMES, row.tolist(), strict=True))}
-                for link, row in zip(found.links, found.for_file.inertial if found.for_file else (), strict=False)
+                for link, row in zip(result.links, result.for_file.inertial if result.for_file else (), strict=False)
             ],
-            "formulas": list(found.model.formulas()),
-            "effects": dict(zip(found.joints, map(list, found.structure), strict=True)),
-            "in_the_model_file": None if (f := found.for_file) is None else [
+            "formulas": list(result.model.formulas()),
+            "effects": dict(zip(result.joints, map(list, result.structure), strict=True)),
+            "in_the_model_file": None if (f := result.for_file) is None else [
                 {"joint": joint, "coulomb": float(f.friction[j]), "viscous": float(f.damping[j]),
                  "rotor_inertia": float(f.armature[j])}
-                for j, joint in enumerate(found.joints)
+                for j, joint in enumerate(result.joints)
             ],
-            "noise": found.noise.tolist(),
+            "noise": result.noise.tolist(),
             "alignment": None
-            if found.alignment is None
-            else {**vars(found.alignment), "samples": found.alignment.samples},
-            "cutoff": found.cutoff,
-            "rate": found.rate,
-            "weighting": found.weighting,
-            "advice": list(found.advice),
-            "warnings": list(found.warnings),
-            "notes": list(found.notes),
-            "seconds": found.seconds,
+            if result.alignment is None
+            else {**vars(result.alignment), "samples": result.alignment.samples},
+            "cutoff": result.cutoff,
+            "rate": result.rate,
+            "weighting": result.weighting,
+            "advice": list(result.advice),
+            "warnings": list(result.warnings),
+            "notes": list(result.notes),
+            "seconds": result.seconds,
         }
     )  # fmt: skip
 
 
-def _errors(found: Identification, *, held_out: bool) -> dict[str, Any] | None:
+def _errors(result: Identification, *, held_out: bool) -> dict[str, Any] | None:
     """Errors of the fitted, the consistent and the file's model; None where there is nothing of the kind."""
-    chosen = found.held_out() if held_out else found.training()
+    chosen = result.held_out() if held_out else result.training()
     if not chosen:
         return None
     said: dict[str, Any] = {"recordings": list(dict.fromkeys(p.recording for p in chosen))}

@@ -11,6 +11,7 @@ from trueup.errors import UnknownNameError, unknown_name
 from trueup.identification.estimation.torque_choice import with_one_torque
 from trueup.identification.estimation.unnamed import named_by_motion
 from trueup.identification.kinematic_tree import KinematicTree
+from trueup.inspection.joint_names import plain_name as plain_name
 from trueup.inspection.joint_names import sure_names
 from trueup.recording import Recording
 
@@ -34,7 +35,7 @@ def matched(tree: KinematicTree, groups: Groups, torque: str = "") -> tuple[Kine
     )
     names, notes = _names(tree, labels), list(dict.fromkeys(note for group in named for _, note in group if note))
     changed = {old: new for old, new in names.items() if old != new}
-    if changed and any(_plain(new) not in _plain(old) for old, new in changed.items()):
+    if changed and any(plain_name(new) not in plain_name(old) for old, new in changed.items()):
         said = ", ".join(f"{old} -> {new}" for old, new in changed.items())
         notes.append(f"columns were taken as joints in the model's order, which nothing here can prove: {said}")
     missing = [joint for joint in tree.joints if joint not in names.values()]
@@ -71,10 +72,10 @@ def _unknown(tree: KinematicTree, labels: Sequence[str]) -> UnknownNameError:
 
 def _renamed(recording: Recording, tree: KinematicTree, names: dict[str, str]) -> Recording:
     """The recording with the model's names; a channel that numbers or decorates its joints otherwise is matched by itself."""
-    plain = {_plain(old): new for old, new in names.items()}
+    plain = {plain_name(old): new for old, new in names.items()}
     used: dict[str, str] = {}
     for channel in (recording.channel(name) for name in _CHANNELS if recording.has(name)):
-        own = {x: names.get(x, plain.get(_plain(x), x)) for x in channel.labels}
+        own = {x: names.get(x, plain.get(plain_name(x), x)) for x in channel.labels}
         if not set(own.values()) & set(tree.joints):
             try:
                 own = _names(tree, channel.labels)
@@ -82,7 +83,3 @@ def _renamed(recording: Recording, tree: KinematicTree, names: dict[str, str]) -
                 own = {}
         used |= {old: new for old, new in own.items() if old != new}
     return recording.rename(used) if used else recording
-
-
-def _plain(name: str) -> str:
-    return "".join(c for c in name.casefold() if c.isalnum())

@@ -78,17 +78,17 @@ def outcome(
     return made if all(unit.startswith("N") for unit in units) else _unweighed(made)
 
 
-def _unweighed(found: Identification) -> Identification:
+def _unweighed(result: Identification) -> Identification:
     """The result of logs of currents whose constants are not known: no number of a body is in kg."""
-    bare = [joint for joint, unit in zip(found.joints, found.units, strict=True) if not unit.startswith("N")]
+    bare = [joint for joint, unit in zip(result.joints, result.units, strict=True) if not unit.startswith("N")]
     said = (
-        f"the logs hold currents of {', '.join(bare)} and nothing says what torque they make: errors are in {found.unit}, "
+        f"the logs hold currents of {', '.join(bare)} and nothing says what torque they make: errors are in {result.unit}, "
         "no mass is in kg, and no model file is written. Give each joint's torque_constant in a drives file (--drives), or "
         "find them from runs with a payload that was weighed (--payload)"
     )
-    parameters = tuple(replace(p, unit=f"{p.unit} x A/(N m)") for p in found.parameters)
-    unlimited, warnings = np.full(len(found.joints), np.nan), (said, *found.warnings)
-    return replace(found, parameters=parameters, links=(), for_file=None, warnings=warnings, effort=unlimited)
+    parameters = tuple(replace(p, unit=f"{p.unit} x A/(N m)") for p in result.parameters)
+    unlimited, warnings = np.full(len(result.joints), np.nan), (said, *result.warnings)
+    return replace(result, parameters=parameters, links=(), for_file=None, warnings=warnings, effort=unlimited)
 
 
 def _in_columns(pool: Pool, written: FileFit) -> Array:

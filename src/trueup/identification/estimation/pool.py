@@ -130,10 +130,10 @@ def _base(model: DynamicModel, n: int) -> BaseParameters:
     """Groups of links, rotors and offsets: other effects are of no form that rigid bodies could take."""
     part = model.only(range(2 * n))
     preference = np.concatenate([np.full(10 * n, 2.0), np.full(n, 1.0), np.zeros(n)])
-    found = part.base(preference)
-    wide = np.zeros((found.rank, model.p))
-    wide[:, : part.p] = found.grouping
-    return BaseParameters(model.names, found.independent, wide, found.gap)
+    base = part.base(preference)
+    wide = np.zeros((base.rank, model.p))
+    wide[:, : part.p] = base.grouping
+    return BaseParameters(model.names, base.independent, wide, base.gap)
 
 
 def select_structure(pool: Pool, moments: Moments, prior: Array, structure: str = "select") -> Choice:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trueup.errors import OutputError
-from trueup.formats.aside import written_aside
+from trueup.formats.aside import kept_state, sync_folder, written_aside
 
 _OUTCOME, _MAPPINGS, _ASIDE = "outcome.json", "mappings", "set-aside"
 
@@ -46,7 +46,7 @@ class Accepted:
 
     def outcome(self, trial: str) -> Outcome | None:
         """The outcome of a trial, None while it has none."""
-        plain = _read(self._folder / trial / _OUTCOME)
+        plain = kept_state(self._folder / trial / _OUTCOME)
         if plain is None:
             return None
         runs = plain["runs"] if isinstance(plain["runs"], list) else []
@@ -54,7 +54,7 @@ class Accepted:
 
     def runs(self, trial: str) -> list[Run]:
         """Logs accepted so far, in order."""
-        found = [_read(p) for p in sorted((self._folder / trial).glob("run-*.json"))]
+        found = [kept_state(p) for p in sorted((self._folder / trial).glob("run-*.json"))]
         return [_run(plain) for plain in found if plain is not None]
 
     def path(self, trial: str, run: Run) -> Path:
@@ -83,7 +83,7 @@ class Accepted:
             run = Run(name, "named" if named else kept, checksum, note)
             _write(folder / f"run-{count}.json", vars(run))
             os.rename(item, folder / name)
-            _sync(folder)
+            sync_folder(folder)
         except OSError as error:
             raise OutputError(f"{item}: cannot be moved to {folder} ({error.strerror or error})") from None
 
@@ -99,14 +99,14 @@ class Accepted:
             folder.mkdir(parents=True, exist_ok=True)
             if runs:
                 for record in sorted((self._folder / trial).glob("run-*.json")):
-                    plain = _read(record)
+                    plain = kept_state(record)
                     log = self._folder / trial / _run(plain).path if plain else None
                     if log is not None and log.exists():
                         os.rename(log, folder / _free(folder, log.name))
                     os.rename(record, folder / _free(folder, record.name))
             for item in items:
                 os.rename(item, folder / _free(folder, item.name))
-            _sync(folder)
+            sync_folder(folder)
         except OSError as error:
             raise OutputError(f"{folder}: cannot be written ({error.strerror or error})") from None
 
@@ -138,20 +138,4 @@ def _run(plain: Mapping[str, object]) -> Run:
 def _write(path: Path, plain: dict[str, object]) -> None:
     with written_aside(path) as temporary:
         temporary.write_text(json.dumps(plain), encoding="utf-8")
-    _sync(path.parent)
-
-
-def _read(path: Path) -> dict[str, object] | None:
-    try:
-        plain = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return plain if isinstance(plain, dict) else None
-
-
-def _sync(folder: Path) -> None:
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+    sync_folder(path.parent)
