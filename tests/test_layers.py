@@ -92,7 +92,7 @@ RULES = (
     # one servo by itself: gains that recordings name and compiled loops are those of articulated; it is fitted by arithmetic
     Rule("actuators", ("articulated", "search", *NOUNS)),
     # MJCF and URDF are read by MuJoCo's reader, whatever simulates them
-    Rule("engines.dart", ("engines.mujoco", "articulated", *NOUNS)),
+    Rule("engines.dart", ("engines.mujoco", "engines.family", "articulated", *NOUNS)),
     # what a walk must know of a biped is read off a model
     Rule("engines.mujoco.biped", ("engines.mujoco", "controllers.walk_engine", *NOUNS)),
     # the vehicle runs the compiled Stanley law inside its own loop, and says what counts as an error of a prediction

@@ -33,7 +33,11 @@ ROBOTS = {
     "stand-in-arm": "trueup.robots.stand_in:StandInArm",
     "stand-in-vehicle": "trueup.campaign.kinds:stand_in_vehicle",
 }
-SIMULATORS = {"mujoco": "trueup.campaign.kinds:mujoco", "bicycle": "trueup.campaign.kinds:bicycle"}
+SIMULATORS = {
+    "mujoco": "trueup.campaign.kinds:mujoco",
+    "dart": "trueup.campaign.kinds:dart",
+    "bicycle": "trueup.campaign.kinds:bicycle",
+}
 TASKS = {
     "follow-path": "trueup.campaign.kinds:follow_path",
     "transition": "trueup.campaign.motions:task_of",
@@ -68,6 +72,21 @@ def mujoco(
 
     Raises PlanError where there is no model, ModelError, ParameterError.
     """
+    return _robot("mujoco", model, say, recordings, parameters, refuse)
+
+
+def dart(
+    model: Path, say: Callable[[str], None], recordings: Sequence[Recording] = (), parameters: Path | None = None,
+    refuse: tuple[str, ...] = (),
+) -> Preparation:  # fmt: skip
+    """The same robot model simulated by DART. Raises what `mujoco` raises, and MissingExtraError without dartpy."""
+    return _robot("dart", model, say, recordings, parameters, refuse)
+
+
+def _robot(
+    engine: str, model: Path, say: Callable[[str], None], recordings: Sequence[Recording], parameters: Path | None,
+    refuse: tuple[str, ...],
+) -> Preparation:  # fmt: skip
     from trueup.loop.prepare import prepare
 
     if not model.is_file():
@@ -82,9 +101,9 @@ def mujoco(
         say(
             "what is to be calibrated is proposed after the first experiment; a parameters file in [simulator] says it now"
         )
-        plain = told(prepare(model, (), propose=False, refuse=refuse))
-        return replace(plain, later=lambda seen: told(prepare(model, seen, refuse=refuse)))
-    return told(prepare(model, recordings, parameters=parameters, refuse=refuse))
+        plain = told(prepare(model, (), propose=False, refuse=refuse, engine=engine))
+        return replace(plain, later=lambda seen: told(prepare(model, seen, refuse=refuse, engine=engine)))
+    return told(prepare(model, recordings, parameters=parameters, refuse=refuse, engine=engine))
 
 
 def bicycle(

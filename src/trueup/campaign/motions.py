@@ -35,7 +35,7 @@ def transition(
     model: str | os.PathLike[str], start: str, goal: str, *, between: int | Sequence[str] = 1, searched: Sequence[str] = (),
     intervals: Sequence[float] = (), reach: float = 0.7, longest: float = 0.8, interpolation: str = "linear",
     feedback: Mapping[str, tuple[float, float]] | None = None, speeds: Mapping[str, float] | None = None,
-    fitness: str = "repaired", step: float = 0.004,
+    fitness: str = "repaired", step: float = 0.004, engine: str = "mujoco",
 ) -> tuple[Simulator, Transition]:  # fmt: skip
     """The simulator and the task of getting a humanoid from one keyframe of its MJCF to another, and of staying there.
 
@@ -44,15 +44,12 @@ def transition(
     `searched`: which angles, by the joint's name without its side (default: all that turn in the plane of symmetry); both
     sides move alike. `intervals`: first guesses of the times between poses, in s; `reach` in rad. `feedback`: searched angles
     to the largest gains of tilt (rad/rad) and its rate (s). `speeds`: joint or searched angle to what its servo can do, in
-    rad/s: no motion asks for more.
+    rad/s: no motion asks for more. `engine`: 'mujoco', or 'dart' (slower by far, other contacts).
 
     Raises UnknownNameError for names that are not there, ModelError without a free base, servos or symmetry, TrialError for
     a start that penetrates something or does not rest, ParameterError for poses beyond ranges or servos that are too slow.
     """
-    from trueup.engines.mujoco.model import load
-    from trueup.engines.mujoco.rollout import MujocoSimulator
-
-    simulator = MujocoSimulator(load(Path(model)), step=step)
+    simulator = _simulator(Path(model), engine, step)
     task = task_of(
         simulator, start, goal, between=between, searched=tuple(searched), intervals=tuple(intervals), reach=reach,
         longest=longest, interpolation=interpolation, feedback=feedback, speeds=speeds, fitness=fitness,
@@ -67,12 +64,14 @@ def task_of(
     fitness: str = "repaired",
 ) -> Transition:  # fmt: skip
     """The same for a simulator that there is already: what a plan names as the task 'transition'. See `transition`."""
-    from trueup.controllers.keyframes import Motion, pitch_of
+    from trueup.articulated.pose import ORIENTATION
+    from trueup.controllers.keyframes import Motion, pitch_of, pitch_seen
+    from trueup.engines.dart.model import TURNING
     from trueup.engines.mujoco.base import free_joint
     from trueup.engines.mujoco.humanoid import commanded, posture, ranges
     from trueup.tasks.transitions import Transition
 
-    model = _model(simulator)
+    model, dart = _model(simulator)
     first, last = posture(model, start), posture(model, goal)
     joints, (low, high) = commanded(model), ranges(model)
     degrees = _degrees(model, searched)
@@ -92,6 +91,8 @@ def task_of(
     )  # fmt: skip
     joint = free_joint(model.compiled)
     tilt = pitch_of(int(model.compiled.jnt_qposadr[joint]) + 3, int(model.compiled.jnt_dofadr[joint]) + 3)
+    if dart:
+        tilt = pitch_seen(ORIENTATION, TURNING)
     begun, ended = _rest(simulator, model, motion, first), _rest(simulator, model, motion, last)
     return Transition(
         f"{start}-to-{goal}", motion, begun, float(ended["base_position"].column("z")[0]), inverted=last.inverted,
@@ -99,16 +100,35 @@ def task_of(
     )  # fmt: skip
 
 
-def _model(simulator: Simulator) -> Model:
+def _simulator(model: Path, engine: str, step: float) -> Simulator:
+    from trueup.engines import dart
+    from trueup.engines.mujoco.model import load
+    from trueup.engines.mujoco.rollout import MujocoSimulator
+
+    makers = {
+        "mujoco": lambda: MujocoSimulator(load(model), step=step),
+        "dart": lambda: dart.simulator(dart.load(model), step=step),
+    }
+    if engine not in makers:
+        raise unknown_name("engine", engine, makers, "what simulates humanoids")
+    return makers[engine]()
+
+
+def _model(simulator: Simulator) -> tuple[Model, bool]:
+    """The model that was read, and whether DART simulates it."""
+    from trueup.articulated.simulator import ArticulatedSimulator
+    from trueup.engines.dart.model import DartModel
     from trueup.engines.mujoco.rollout import MujocoSimulator
     from trueup.engines.restricted import Restricted
 
     whole = simulator.whole if isinstance(simulator, Restricted) else simulator
+    if isinstance(whole, ArticulatedSimulator) and isinstance(whole.engine, DartModel):
+        return whole.engine.file, True
     if not isinstance(whole, MujocoSimulator):
         raise ModelError(
-            f"the task 'transition' reads poses from a MuJoCo model; simulator '{simulator.name}' has none"
+            f"the task 'transition' reads poses from an MJCF file; simulator '{simulator.name}' was not made of one"
         )
-    return whole.model
+    return whole.model, False
 
 
 def _degrees(model: Model, searched: Sequence[str]) -> tuple[Degree, ...]:

@@ -21,6 +21,7 @@ from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
 from trueup.commands.sources import (
     STEP,
+    add_engine,
     add_refuse,
     mapping_for,
     readable,
@@ -87,6 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                              "the time; MJCF has no place for it, `trueup replay --parameters` has")  # fmt: skip
     parser.add_argument("--step", type=step_of, metavar="S",
                         help=f"integration step in s (default: {STEP}): the one that you will simulate with")  # fmt: skip
+    add_engine(parser)
     add_refuse(parser)
     parser.add_argument("--no-select", dest="select", action="store_false",
                         help="keep parameters that the recordings cannot support")  # fmt: skip
@@ -104,7 +106,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
 
     training, held_out, notes = _recordings(args, told)
     ready = prepare(args.model, training, held_out, parameters=args.parameters, beyond_mjcf=args.beyond_mjcf,
-                    step=args.step, refuse=args.refuse)  # fmt: skip
+                    step=args.step, refuse=args.refuse, engine=args.engine)  # fmt: skip
     family, simulator = ready.family, ready.simulator
     output = None if args.dry_run else _output(args, ready)
     if not args.quiet:
@@ -163,7 +165,8 @@ def _output(args: argparse.Namespace, ready: Preparation) -> Output:
     model, parameters = Path(args.model), Path(args.parameters) if args.parameters else None
     choices = {"held out": [r.name for r in ready.hold_out], "search": args.search, "seed": args.seed,
                "select": args.select, "channels": args.channels, "beyond MJCF": args.beyond_mjcf,
-               "step": args.step, **({"refuse": sorted(args.refuse)} if args.refuse else {})}  # fmt: skip
+               "step": args.step, **({"engine": args.engine} if args.engine else {}),
+               **({"refuse": sorted(args.refuse)} if args.refuse else {})}  # fmt: skip
     print_of = fingerprint(model, parameters, [*ready.recordings, *ready.hold_out], choices)
     return Output.open(Path(args.out), model, print_of, suffix=ready.family.suffix, force=args.force)
 

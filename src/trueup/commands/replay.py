@@ -22,6 +22,7 @@ from trueup.campaign.output import free_folder
 from trueup.commands.replay_drives import drive_table, plain_drive, write_drives
 from trueup.commands.sources import (
     STEP,
+    add_engine,
     add_refuse,
     mapping_for,
     readable,
@@ -73,6 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--channels", metavar="LIST", help="measured channels to compare, with commas (default: "
                         "position, or whatever there is)")  # fmt: skip
     parser.add_argument("--step", type=step_of, metavar="S", help=f"integration step in s (default: {STEP})")
+    add_engine(parser)
     add_refuse(parser)
     parser.add_argument("--commands", choices=("held", "interpolated"), default="held",
                         help="between their samples commands are held, as by a bus, or interpolated, as by a controller that "
@@ -147,7 +149,7 @@ def _compared(args: argparse.Namespace, recordings: list[Recording]) -> tuple[Co
     """The model on all recordings, another one beside it if asked, and notes on what was done to both."""
     from trueup.loop.prepare import prepare
 
-    ready = prepare(args.model, (), recordings, parameters=args.parameters, propose=False, step=args.step,
+    ready = prepare(args.model, (), recordings, parameters=args.parameters, propose=False, step=args.step, engine=args.engine,
                     refuse=args.refuse)  # fmt: skip
     if args.grounding:
         from trueup.grounding.grounded import GroundedSimulator

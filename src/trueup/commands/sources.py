@@ -139,6 +139,13 @@ def while_driven(recordings: Sequence[Recording]) -> tuple[list[Recording], list
     return kept, notes
 
 
+def add_engine(parser: argparse.ArgumentParser) -> None:
+    """The option that says what simulates."""
+    parser.add_argument("--engine", default="", choices=("mujoco", "dart"),
+                        help="what simulates an MJCF or URDF: mujoco (default), or dart, whose contacts are others and which "
+                             "is slower by far (pip install 'trueup[dart]')")  # fmt: skip
+
+
 def add_refuse(parser: argparse.ArgumentParser) -> None:
     """The option that refuses what was diagnosed."""
     parser.add_argument("--refuse", nargs="+", action="extend", default=[], metavar="NAME",

@@ -16,13 +16,15 @@ from typing import Any, Protocol
 from trueup.calibration import Calibration, Prediction, Replay, by_unit
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.engines.simulator import Simulator
-from trueup.errors import ModelError
+from trueup.errors import ModelError, unknown_name
 from trueup.extensions import registered
 from trueup.inspection.diagnosis import Diagnosis
 from trueup.recording import Recording
 
 FAMILIES = {"": "trueup.engines.mujoco.family:Articulated", ".toml": "trueup.engines.vehicle.family:Vehicles"}
 """Ending of a model file -> class of its family; '' for all others."""
+ENGINES = {"mujoco": "trueup.engines.mujoco.family:Articulated", "dart": "trueup.engines.dart.family:DartRobots"}
+"""Name of an engine -> class of the family of robots of joints and links that it simulates; the first unless one is named."""
 GROUP = "trueup.families"
 
 Note = str | Diagnosis
@@ -158,9 +160,17 @@ class Family:
         return ()
 
 
-def family_of(model: str | Path) -> Family:
-    """The family of a model file, by its ending."""
+def family_of(model: str | Path, engine: str = "") -> Family:
+    """The family of a model file, by its ending, simulated by one of ENGINES where it can be had in several.
+
+    Raises UnknownNameError for another engine, ModelError for a file that has an engine of its own.
+    """
     others = {name.lower(): address for name, address in registered(GROUP).items()}
-    address = {**others, **FAMILIES}.get(Path(model).suffix.lower(), FAMILIES[""])
+    if engine and engine not in ENGINES:
+        raise unknown_name("engine", engine, ENGINES, "what simulates robots of joints and links")
+    suffix, known = Path(model).suffix.lower(), {**others, **FAMILIES}
+    if engine and suffix in known:
+        raise ModelError(f"{model}: files ending in '{suffix}' are simulated in a way of their own, not by '{engine}'")
+    address = known.get(suffix, ENGINES[engine or "mujoco"])
     module, _, name = address.partition(":")
     return getattr(importlib.import_module(module), name)()

@@ -140,10 +140,9 @@ class Preparation:
         return Comparison(shown, predictions, ahead, notes)
 
     def _other(self, path: Path, recordings: Sequence[Recording], step: float | None) -> Simulator:
-        family = family_of(path)
-        if type(family) is not type(self.family):
+        if not isinstance(self.family, type(family_of(path))):
             raise ModelError(f"{path}: '{self.simulator.name}' is compared with {self.family.describes}")
-        simulator, _ = family.simulator(family.load(path), recordings, (), Request(propose=False, step=step))
+        simulator, _ = self.family.simulator(self.family.load(path), recordings, (), Request(propose=False, step=step))
         return simulator
 
     def suited(self, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
@@ -171,17 +170,19 @@ class Preparation:
 def prepare(
     model: str | Path, recordings: Sequence[Recording], hold_out: Sequence[Recording] = (), *,
     parameters: str | Path | None = None, propose: bool = True, beyond_mjcf: bool = False, step: float | None = None,
-    refuse: Collection[str] = (),
+    refuse: Collection[str] = (), engine: str = "",
 ) -> Preparation:  # fmt: skip
     """A model file (MJCF, URDF, a car's TOML file, or one of another family) made ready for recordings, and they for it.
 
     `recordings` are to be fitted, `hold_out` to judge by. What is calibrated stands in the file `parameters`, or is
     proposed from what moves in `recordings`; `propose=False` takes the model as it is. `beyond_mjcf` proposes friction
     that MJCF has no place for too. `step` in s (None: the family's own). What recordings show to be wrong or missing
-    is edited and shown (`Preparation.diagnoses`); `refuse` names those that are to stay as they are.
-    Raises ModelError, ParameterError, RecordingError and UnknownNameError.
+    is edited and shown (`Preparation.diagnoses`); `refuse` names those that are to stay as they are. `engine` simulates
+    robots of joints and links: 'mujoco' (the default) or 'dart'.
+    Raises ModelError, ParameterError, RecordingError, UnknownNameError, and MissingExtraError where an engine is not
+    installed.
     """
-    family = family_of(model)
+    family = family_of(model, engine)
     loaded = family.load(Path(model))
     check_refused(refuse, family.diagnoses)
     unwanted = frozenset(refuse)

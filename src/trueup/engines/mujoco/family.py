@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -82,7 +83,7 @@ class Articulated(Family):
 
     def simulator(
         self, model: Model, training: Sequence[Recording], replayed: Sequence[Recording], request: Request
-    ) -> tuple[MujocoSimulator, tuple[Note, ...]]:
+    ) -> tuple[Any, tuple[Note, ...]]:
         """See Family. A model without actuators gets servos or motors for the joints that the recordings command."""
         everything = (*training, *replayed)
         _check_joints(model, everything)
@@ -102,14 +103,22 @@ class Articulated(Family):
         model = replace(model, given=given, driven=drives, guessed=guessed)
         notes: tuple[Note, ...] = (*loaded, *found, *undriven(model, everything), *check_base(model, everything))
         lines, proposed = _lines(model, training, request)
+        declared = request.parameters is not None
         names = {
             "recording": tuple(r.name for r in everything),
             "channel": tuple(dict.fromkeys(c for r in everything for c in r.channels)),
         }
-        space, quantities = declare(model, lines, names)
         gains, named = Gains.named_by(everything, {**model.settings(), **read_gains(request.parameters)})
-        simulator = MujocoSimulator(model, space, quantities, gains=gains, step=request.step or STEP)
-        return simulator, (*notes, *proposed, *named)
+        simulator, more = self.made(model, lines, names, gains, request.step or STEP, declared=declared)
+        return simulator, (*notes, *proposed, *named, *more)
+
+    def made(
+        self, model: Model, lines: Sequence[Declaration], names: Mapping[str, Sequence[str]], gains: Gains, step: float,
+        *, declared: bool,
+    ) -> tuple[Any, tuple[Note, ...]]:  # fmt: skip
+        """The engine's simulator of a model with these lines, `declared` by a file or proposed, and notes."""
+        space, quantities = declare(model, lines, names)
+        return MujocoSimulator(model, space, quantities, gains=gains, step=step), ()
 
     def write(
         self, simulator: MujocoSimulator, calibration: Calibration, model: Path, parameters: Path
