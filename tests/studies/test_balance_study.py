@@ -77,5 +77,7 @@ def test_a_study_goes_on_in_its_folder_and_refuses_one_of_another_size(tmp_path:
         assert Parts.at(tmp_path, Size()).text("a part", lambda: computed.append(1) or [1.5]) == [1.5]
     assert len(computed) == 1
     assert parts.has("a part")
+    with parts.claimed("a part") as mine, parts.claimed("a part") as again, parts.claimed("another") as other:
+        assert (mine, again, other) == (True, False, True)
     with pytest.raises(OutputError, match="another size"):
         Parts.at(tmp_path, Size(stand_ins=3))

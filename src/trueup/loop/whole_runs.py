@@ -94,19 +94,22 @@ class _Descent:
         k, n = points.shape
         members, damping = np.arange(k), np.ones(k)
         residuals = self._residuals(points)
-        loss = self._losses(residuals, points, members)
+        loss, moved = self._losses(residuals, points, members), np.ones(k, dtype=bool)
+        slopes = np.zeros((k, n, residuals.shape[1]))
         for _ in range(iterations):
-            shifted = np.concatenate([p + _STEP * np.where(p > 0.5, -1.0, 1.0) * np.eye(n) for p in points])
-            moved = self._residuals(shifted).reshape(k, n, -1)
+            if moved.any():  # the others' slopes are what they were
+                steps = _STEP * np.where(points[moved] > 0.5, -1.0, 1.0)
+                shifted = points[moved][:, None] + steps[:, :, None] * np.eye(n)
+                there = self._residuals(shifted.reshape(-1, n)).reshape(len(steps), n, -1)
+                slopes[moved] = (there - residuals[moved][:, None]) / steps[:, :, None]
             tried, lambdas = [], damping[:, None] * _DAMPINGS
             for i, p in enumerate(points):
-                slopes = (moved[i] - residuals[i]) / (_STEP * np.where(p > 0.5, -1.0, 1.0))[:, None]
-                tried.append(self._steps(p, residuals[i], slopes, self._centres[i], lambdas[i]))
+                tried.append(self._steps(p, residuals[i], slopes[i], self._centres[i], lambdas[i]))
             candidates, owners = np.concatenate(tried), np.repeat(members, len(_DAMPINGS))
             seen = self._residuals(candidates)
             found = self._losses(seen, candidates, owners).reshape(k, -1)
             chosen = found.argmin(axis=1)
-            better = found[members, chosen] < loss
+            better = moved = found[members, chosen] < loss
             rows = members * len(_DAMPINGS) + chosen
             damping = np.where(better, np.maximum(lambdas[members, chosen], 1e-4), 10.0 * damping)
             points, residuals = (

@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -49,6 +51,17 @@ class Parts:
             with written_aside(path) as aside:
                 aside.write_text(words, encoding="utf-8")
         return json.loads(path.read_text(encoding="utf-8"))
+
+    @contextmanager
+    def claimed(self, name: str, *, wait: bool = False) -> Iterator[bool]:
+        """Whether a part is this process's to compute: several may work in one folder. With `wait`, once it is."""
+        with self.path(name, "lock").open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+            except BlockingIOError:
+                yield False
+                return
+            yield True
 
     def path(self, name: str, kind: str) -> Path:
         """The file of a part."""

@@ -20,7 +20,7 @@ class Depth:
     rounds: int = 2
     generations: int = 10
     """Of CMA-ES in each calibration, of 32."""
-    searched: int = 24
+    searched: int = 16
     """Generations of each search at most, of 32; at most half as many follow in several models."""
     hunted: int = 3200
     """Simulations that the search of a first motion may take."""
@@ -82,13 +82,14 @@ class Part:
 def stages(size: Size) -> tuple[list[Part], ...]:
     """Stages of parts that need none of each other; campaigns first, robot by robot: one that stops tells of all tasks."""
     robots = [(scene, n) for n in size.numbers for scene in size.scenes]
-    found = [Part("rounds", scene, n) for scene, n in robots]
-    found += [Part("randomised", scene, n) for scene, n in robots if size.randomised]
     table = [s for s in SCENES[:3] if s in size.scenes]
-    found += [Part("table", number=n, on=on) for n in list(size.numbers)[: size.subsets] for on in subsets(table)]
-    found += [Part("oracle", scene, n, runs=size.oracle) for scene, n in robots if size.oracle]
-    wide = [Part("wide", scene) for scene in size.scenes if size.randomised]
-    return [Part("first", scene) for scene in size.scenes], wide, found
+    beside = [Part("randomised", scene, n) for scene, n in robots if size.randomised]
+    beside += [Part("table", number=n, on=on) for n in list(size.numbers)[: size.subsets] for on in subsets(table)]
+    beside += [Part("oracle", scene, n, runs=size.oracle) for scene, n in robots if size.oracle]
+    return (
+        [Part("first", scene) for scene in size.scenes], [Part("rounds", scene, n) for scene, n in robots],
+        [Part("wide", scene) for scene in size.scenes if size.randomised], beside,
+    )  # fmt: skip
 
 
 def subsets(scenes: Sequence[str]) -> list[tuple[str, ...]]:

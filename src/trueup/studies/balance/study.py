@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from trueup.studies.saved import Parts
 
 Told = Callable[[str, float], None]
 
-QUICK = Size(stand_ins=3, scenes=SCENES[:2], depth=Depth(searched=16), randomised=False, oracle=0, subsets=0)
+QUICK = Size(stand_ins=3, scenes=SCENES[:2], randomised=False, oracle=0, subsets=0)
 
 
 @dataclass
@@ -108,21 +109,23 @@ def _there(
     """Each part once it is in the folder, or not to be computed: those that were there already come first."""
     missing = [p for p in wanted if compute and not kept.has(p.name)]
     yield from (p for p in wanted if p not in missing)
-    if workers == 1 or len(missing) < 2:
-        for part in missing:
-            _keep(kept, part, depth, known)
-            yield part
-        return
-    with ProcessPoolExecutor(min(workers, len(missing)), mp_context=get_context("spawn")) as pool:
-        jobs = {pool.submit(_keep, kept, part, depth, known): part for part in missing}
-        try:
-            for job in as_completed(jobs):
-                job.result()
-                yield jobs[job]
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with ProcessPoolExecutor(min(workers, len(missing)) or 1, mp_context=get_context("spawn")) as pool:
+        made = map if workers == 1 or len(missing) < 2 else pool.map
+        for wait in (False, True):  # what another process in this folder computes comes last
+            done = list(missing)
+            try:
+                for part, there in zip(done, made(partial(_kept, kept, depth, known, wait), done), strict=True):
+                    if there:
+                        missing.remove(part)
+                        yield part
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
 
 
-def _keep(kept: Parts, part: Part, depth: Depth, known: Firsts) -> None:
-    kept.text(part.name, lambda: computed(part, depth, known))
+def _kept(kept: Parts, depth: Depth, known: Firsts, wait: bool, part: Part) -> bool:
+    """Whether a part is there now, computed if nobody else does."""
+    with kept.claimed(part.name, wait=wait) as own:
+        if own:
+            kept.text(part.name, lambda: computed(part, depth, known))
+        return own
