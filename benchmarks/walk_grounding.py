@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A SimSpark-like simulator of a NAO, as it is and grounded, beside a stand-in robot on walks that were not learned from.
+"""A SimSpark-like simulator of a NAO, as it is, calibrated and grounded, beside a stand-in robot on walks held out.
 
 How far simulated joint angles and torso angles are from the robot's under the same commands, and whether the simulator ranks
 walks by speed as the robot does. The stand-in is the robot's own model with a hidden truth; neither is told of the other.
@@ -14,6 +14,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,14 +22,19 @@ from numpy.typing import NDArray
 from results import result
 from scipy.stats import spearmanr
 
+from trueup.articulated.declarations import Declaration, declare
 from trueup.controllers.walk_engine.engine import PARAMETERS
+from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.simulator import Simulator
-from trueup.evidence import evidence
+from trueup.evidence import Evidence, evidence
 from trueup.grounding.blend import with_inverse
 from trueup.grounding.grounded import GroundedSimulator
 from trueup.grounding.grounding import Grounding
 from trueup.grounding.learn import Learned, Wishes, learn
+from trueup.grounding.residual import with_residual
 from trueup.recording import Recording
+from trueup.search.cma_es import CmaEs
 from trueup.studies.walk import scenes
 from trueup.studies.walk.robot import StandInNao, Truth
 from trueup.tasks.task import robot_trials
@@ -38,8 +44,9 @@ from trueup.trial import Observed, Trial
 Array = NDArray[np.float64]
 
 SPREAD = 0.04  # of each parameter's range by which walks differ: as a search around the start walk does
-SHARES = (0.3, 0.6, 1.0)
+SHARES = np.array([0.3, 0.6, 1.0])
 NOTHING = np.zeros(0)
+SERVOS = ("kp", "kv", "friction", "delay")  # what is calibrated, alike in all motors of the legs
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,53 +83,105 @@ def _observing(walk: WalkFront, recording: Recording) -> Trial:
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """(n,) how far walks are from the robot's, by their recorded commands: joints, roll and pitch, in rad."""
+    """(b, n) or (n,) how far walks are from the robot's, by their recorded commands: joints, roll and pitch, in rad."""
 
     joints: Array
     torso: Array
 
 
-def replayed(simulator: Simulator, walks: Walks) -> Agreement:
-    """The robot's commands played in the simulator; what follows a fall is held."""
+@dataclass(frozen=True, eq=False)
+class Way:
+    """A simulator with its parameters' values."""
+
+    simulator: Simulator
+    values: Array
+
+
+def replayed(simulator: Simulator, walks: Walks, values: Array) -> Agreement:
+    """The robot's commands played in the simulator, for values (b, n): (b, walks). What follows a fall is held."""
     trials = [Trial.of(_legs(r), ["position", "base_orientation"]) for r in walks.recordings]
-    rows = []
-    for recording, rollout in zip(walks.recordings, simulator.rollout(trials, NOTHING[None]), strict=True):
+    joints, torso = [], []
+    for recording, rollout in zip(walks.recordings, simulator.rollout(trials, values), strict=True):
         position, angles = (rollout.trial.observed[n].time for n in ("position", "base_orientation"))
-        joints = rollout.channels["position"][0] - recording.channel("position").select(scenes.MOTORS).at(position)
-        torso = rollout.channels["base_orientation"][0] - recording.channel("base_orientation").at(angles)
-        rows.append((_root(joints), _root(torso[:, :2])))
-    return Agreement(*np.array(rows).T)
+        wrong = rollout.channels["position"] - recording.channel("position").select(scenes.MOTORS).at(position)
+        leans = rollout.channels["base_orientation"] - recording.channel("base_orientation").at(angles)
+        joints.append([_root(w) for w in wrong])
+        torso.append([_root(w[:, :2]) for w in leans])
+    return Agreement(np.array(joints).T, np.array(torso).T)
 
 
-def speeds(simulator: Simulator, walks: Walks) -> tuple[Array, Array]:
+def typical(found: Agreement) -> Array:
+    """(b,) mean of the logarithms of both errors: what a way of grounding is chosen by."""
+    return np.nan_to_num(np.mean(np.log(found.joints) + np.log(found.torso), axis=1), nan=np.inf)
+
+
+def speeds(way: Way, walks: Walks) -> tuple[Array, Array]:
     """(n,), (n,) m/s ahead of each walk in the simulator, walking by itself with the same parameters, and on the robot."""
-    make = scenes.task(WalkFront, noisy=False, runs=1).make
-    rows = []
-    for value, recording, trial in zip(walks.values, walks.recordings, walks.trials, strict=True):
-        (done,) = simulator.rollout([trial], value[None], make)
-        x, far = done.held().channels["base_position"][0][:, 0], recording.channel("base_position").column("x")
-        last = float(np.ptp(trial.observed["base_position"].time))
-        rows.append(((x[-1] - x[0]) / last, (far[-1] - far[0]) / last))
-    simulated, real = np.array(rows).T
+    walk = scenes.task(WalkFront, noisy=False, runs=1)
+    longest = max(walks.trials, key=lambda trial: trial.observed["base_position"].time[-1])
+    rows = np.concatenate([np.tile(way.values, (len(walks.values), 1)), walks.values], axis=1)
+    (done,) = way.simulator.rollout([longest], rows, walk.make)
+    time_, ahead = longest.observed["base_position"].time, done.held().channels["base_position"][:, :, 0]
+    pairs = []
+    for x, recording, trial in zip(ahead, walks.recordings, walks.trials, strict=True):
+        first, last = trial.observed["base_position"].time[[0, -1]]
+        far = recording.channel("base_position").column("x")
+        pairs.append(
+            (np.diff(np.interp([first, last], time_, x))[0] / (last - first), (far[-1] - far[0]) / (last - first))
+        )
+    simulated, real = np.array(pairs).T
     return simulated, real
 
 
-def _root(wrong: Array) -> float:
-    return float(np.sqrt(np.nanmean(wrong**2)))
+def calibrated(walks: Walks, *, quick: bool) -> Way:
+    """Servos of the simulator that replay walks best: stiffness, damping, friction and latency, by evolution."""
+    model = load(scenes.SIMSPARK)
+    lines = [Declaration(q, ("*",) if q == "delay" else scenes.MOTORS, tie="all", name=q) for q in SERVOS]
+    space, quantities = declare(model, lines)
+    simulator = MujocoSimulator(model, space, quantities, step=scenes.STEP, threads=1)
+    population, generations = (8, 6) if quick else (12, 12)
+    search = CmaEs(space.to_unit(space.nominal), seed=0, sigma=0.25, population=population)
+    for _ in range(generations):
+        tried = search.ask()
+        search.tell(tried, typical(replayed(simulator, walks, space.from_unit(tried))))
+    return Way(simulator, space.from_unit(search.best[0]))
 
 
-def groundings(learned: Learned, simulator: Simulator, walks: Walks, *, quick: bool) -> dict[str, Grounding]:
-    """The paper's with several shares, with the simulator's inverse model, and each going on from its own predictions."""
-    kinds = {"forward": learned.grounding}
-    if not quick:
-        commands = [_legs(r).without("base_orientation") for r in walks.recordings[:6]]
-        kinds["inverse"] = with_inverse(learned.grounding, simulator, commands, NOTHING)
-    return {
-        f"{name}{', chained' * chained}, {share:g}": replace(g.weighted(1.0 - share, share), chained=chained)
-        for name, g in kinds.items()
-        for chained in (False, True)
-        for share in (SHARES[::2] if quick else SHARES)
-    }
+def best_of(way: Way, groundings: Sequence[Grounding], walks: Walks) -> tuple[Way, str]:
+    """The simulator grounded so that it replays walks best: which of several groundings, how much of it; and in words."""
+    weights = np.column_stack([1.0 - SHARES, SHARES])
+    scored = []
+    for grounding in groundings:
+        tried = GroundedSimulator(way.simulator, grounding, extrapolate=True, weights=weights)
+        each = typical(replayed(tried, walks, np.tile(way.values, (len(SHARES), 1))))
+        scored += [(float(s), share, grounding) for s, share in zip(each, SHARES, strict=True)]
+    _, share, best = min(scored, key=lambda entry: entry[0])
+    words = f"{'inverse, ' * (best.inverse is not None)}{'chained, ' * best.chained}{share:g}"
+    return Way(GroundedSimulator(way.simulator, best.weighted(1.0 - share, share), extrapolate=True), way.values), words
+
+
+def ways(learned: Learned, walks: Walks, *, quick: bool) -> dict[str, Way]:
+    """The simulator as it is, with calibrated servos, grounded in each way, and both; chosen on walks learned from."""
+    plain, few = Way(scenes.simulator(threads=1), NOTHING), walks.first(4 if quick else 6)
+    commands = [_legs(r).without("base_orientation") for r in few.recordings]
+    paper = Way(GroundedSimulator(plain.simulator, learned.grounding, extrapolate=True), NOTHING)
+    found = {"ungrounded": plain, "the paper's, 0.3": paper, "parameter calibration": calibrated(few, quick=quick)}
+    of = {"learned grounding": plain, "calibration and learned": found["parameter calibration"]}
+    for name, way in of.items():
+        told = [
+            learned.grounding,
+            *([] if quick else [with_inverse(learned.grounding, way.simulator, commands, way.values)]),
+        ]
+        found |= _named(name, best_of(way, [*told, *(replace(g, chained=True) for g in told)], few))
+    for name, torque in (("delta action", False), ("residual torque", True)):
+        added = with_residual(learned.grounding, plain.simulator, commands, NOTHING, torque=torque)
+        print(f"{name}: {added.about['residual learner']}; {added.about['residual replay']}")
+        found |= _named(name, best_of(plain, [added, replace(added, chained=True)], few))
+    return found
+
+
+def _named(name: str, best: tuple[Way, str]) -> dict[str, Way]:
+    return {f"{name} ({best[1]})": best[0]}
 
 
 def _legs(recording: Recording) -> Recording:
@@ -138,21 +197,25 @@ def rank_of(simulated: Array, real: Array) -> float:
     return float(np.asarray(spearmanr(simulated, real)[0]))
 
 
-def interval(before: Array, after: Array, real: Array, rng: np.random.Generator) -> tuple[float, float]:
-    """95 % bootstrap interval over walks of the gain in rank correlation."""
-    gains = []
-    for _ in range(2000):
+def intervals(before: Array, after: Array, real: Array) -> Array:
+    """(2, 2) 95 % bootstrap intervals over walks: of a rank correlation, and of its gain over another."""
+    rng, each = np.random.default_rng(0), []
+    for _ in range(1000):
         pick = rng.integers(len(real), size=len(real))
-        gains.append(rank_of(after[pick], real[pick]) - rank_of(before[pick], real[pick]))
-    low, high = np.nanquantile(gains, [0.025, 0.975])
-    return float(low), float(high)
+        rank = rank_of(after[pick], real[pick])
+        each.append((rank, rank - rank_of(before[pick], real[pick])))
+    return np.nanquantile(each, [0.025, 0.975], axis=0).T
+
+
+def _root(wrong: Array) -> float:
+    return float(np.sqrt(np.nanmean(wrong**2)))
 
 
 def main() -> None:
-    """Prints a row for each way of grounding, and the RESULT lines of the one that replayed the walks learned from best."""
+    """Prints a row for each way of bringing the simulator nearer to the robot, and their RESULT lines."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "--quick", action="store_true", help="6 walks of 5 s to learn from, 24 held out, no inverse models"
+        "--quick", action="store_true", help="6 walks of 5 s to learn from, 24 held out, no inverse models, lines alone"
     )
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
@@ -169,38 +232,42 @@ def main() -> None:
     learned = learn(learning.recordings, wishes)
     print(f"{learned.grounding.about['learner']}, {learned.view}, {learned.rows.inputs.history} frames: "
           f"{learned.comparison.why}; {time.process_time() - begun:.0f} CPU s")  # fmt: skip
-    simulator = scenes.simulator(threads=1)
-    ways: dict[str, Simulator] = {"ungrounded": simulator}
-    for name, grounding in groundings(learned, simulator, learning, quick=options.quick).items():
-        ways[name] = GroundedSimulator(simulator, grounding, extrapolate=True)
-    known = {name: replayed(s, learning.first(6)) for name, s in ways.items()}
-    chosen = min(ways, key=lambda n: float(np.nan_to_num(np.mean(np.log(known[n].joints)), nan=np.inf)))
-    found = {name: replayed(s, fresh.first(12)) for name, s in ways.items()}
-    print("replays of the held-out walks' commands   joints   torso   [mrad]")
-    for name, each in found.items():
-        mark = " *" if name == chosen else ""
-        print(f"  {name + mark:36s}{1e3 * _root(each.joints):10.1f}{1e3 * _root(each.torso):8.1f}")
-    print(f"* replayed the walks learned from best; {time.process_time() - begun:.0f} CPU s")
-    for part in ("joints", "torso"):
-        gain = evidence(getattr(found["ungrounded"], part), getattr(found[chosen], part))
-        print(f"{part}: ln(error ungrounded / grounded) = {gain.gain:.2f} +- {gain.standard_error:.2f}")
-        result(f"grounded_{part}_over_ungrounded", float(np.exp(-gain.gain)), "", 1.0, peer="ungrounded simulator")
-    ranks({"ungrounded": simulator, "the paper's": ways["forward, 0.3"], chosen: ways[chosen]}, fresh, rng)
+    found = ways(learned, learning, quick=options.quick)
+    report(found, fresh, len(fresh.values) if options.quick else 12)
+    print(f"{time.process_time() - begun:.0f} CPU s")
 
 
-def ranks(ways: dict[str, Simulator], walks: Walks, rng: np.random.Generator) -> None:
-    """How each simulator, walking by itself, ranks the held-out walks by speed; RESULT of the last one."""
-    found = {name: speeds(s, walks) for name, s in ways.items()}
-    before, real = found["ungrounded"]
-    print(f"walking by itself (the robot: {100 * real.mean():.1f} cm/s)   cm/s   rank correlation of speeds")
-    for name, (simulated, _) in found.items():
-        low, high = interval(before, simulated, real, rng)
-        print(
-            f"  {name:38s}{100 * simulated.mean():10.1f}{rank_of(simulated, real):8.2f}   gain {low:.2f} ... {high:.2f}"
-        )
-    last = rank_of(found[list(ways)[-1]][0], real)
-    result("speed_rank_correlation", last, "", rank_of(before, real), peer="ungrounded",
-           peer_value=rank_of(before, real), at_most=False)  # fmt: skip
+def report(found: dict[str, Way], fresh: Walks, replays: int) -> None:
+    """The table on held-out walks, and the RESULT lines."""
+    print(f"held-out walks: replays of {replays}; {len(fresh.values)} walking by themselves (the robot: "
+          f"{100 * speeds(found['ungrounded'], fresh)[1].mean():.1f} cm/s)")  # fmt: skip
+    print(f"{'':44}joints  torso   over ungrounded: joints, torso     speed  rank correlation    gain")
+    print(f"{'':44}  mrad   mrad   (ratio, 95 %)                      cm/s   (95 %)              (95 %)")
+    told: list[tuple[str, list[Evidence], float]] = []
+    plain, (before, real) = replayed_by(found["ungrounded"], fresh.first(replays)), speeds(found["ungrounded"], fresh)
+    for name, way in found.items():
+        each, (simulated, _) = replayed_by(way, fresh.first(replays)), speeds(way, fresh)
+        ratios = [evidence(getattr(plain, part), getattr(each, part)) for part in ("joints", "torso")]
+        shown = "  ".join(f"{np.exp(-g.gain):.2f} ({np.exp(-g.gain - 2 * g.standard_error):.2f}-"
+                          f"{np.exp(-g.gain + 2 * g.standard_error):.2f})" for g in ratios)  # fmt: skip
+        rank, (own, gain) = rank_of(simulated, real), intervals(before, simulated, real)
+        errors = f"{name:44}{1e3 * _root(each.joints):6.1f}{1e3 * _root(each.torso):7.1f}   {shown}"
+        ranks = f"{rank:.2f} ({own[0]:.2f}, {own[1]:.2f})  {gain[0]:+.2f} ... {gain[1]:+.2f}"
+        print(f"{errors}{100 * simulated.mean():8.1f}  {ranks}")
+        if name != "ungrounded":
+            told.append((name, ratios, rank))
+    for name, ratios, rank in told:
+        short = name.split(" (")[0].replace(",", "").replace(" ", "_").replace("'", "")
+        for part, g in zip(("joints", "torso"), ratios, strict=True):
+            result(f"{short}_{part}_over_ungrounded", float(np.exp(-g.gain)), "", 1.0, peer="ungrounded simulator")
+        result(f"{short}_speed_rank", rank, "", rank_of(before, real), peer="ungrounded",
+               peer_value=rank_of(before, real), at_most=False)  # fmt: skip
+
+
+def replayed_by(way: Way, walks: Walks) -> Agreement:
+    """(walks,) of one way."""
+    found = replayed(way.simulator, walks, way.values[None])
+    return Agreement(found.joints[0], found.torso[0])
 
 
 if __name__ == "__main__":

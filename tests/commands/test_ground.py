@@ -61,6 +61,18 @@ def test_logs_and_a_model_become_a_grounded_simulator(
     assert replay["pooled_against"] == pytest.approx(held["before"], rel=0.02)
 
 
+def test_what_the_model_lacks_is_found_and_kept(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    given = ["logs/run_0.parquet", "logs/run_1.parquet", "--hold-out", "run_1", "--model", "arm.xml", "--learners", "linear",
+             "--history", "3", "--view", "relative", "--residual", "command"]  # fmt: skip
+    assert main(["ground", *given, "--out", "delta", "-q"]) == 0
+    story = json.loads((folder / "delta" / "grounding.json").read_text("utf-8"))
+    assert story["simulator"]["residual"] == "command"
+    (held,) = [r for r in story["simulator"]["replays"] if r["kind"] == "held out"]
+    assert held["after"] < 0.4 * held["before"]
+    assert "added to its commands" in (folder / "delta" / "report.html").read_text("utf-8")
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [
@@ -69,6 +81,7 @@ def test_logs_and_a_model_become_a_grounded_simulator(
         (["--joints", "elbw"], "did you mean 'elbow'"),
         (["--others", "com"], "channel 'com'"),
         (["--share", "3"], "a share of 0 to 1"),
+        (["--residual", "torque"], "say which with --model"),
         (["--history", "0"], "a history of 0 frames"),
         (["--hold-out", "*"], "none is left"),
     ],

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from trueup.articulated.kernels import own_delayed_commands
 from trueup.articulated.signals import Signals
-from trueup.controllers.controller import Controller, Looking, Observation
+from trueup.controllers.controller import Controller, Forcing, Looking, Observation
 from trueup.rounding import first_step
 
 Array = NDArray[np.float64]
@@ -37,6 +37,12 @@ class ClosedLoop:
     def looks_at(self) -> Mapping[str, tuple[str, ...]]:
         """Channels that the controller wants to see."""
         return self._controller.looks_at if isinstance(self._controller, Looking) else {}
+
+    @property
+    def push(self) -> tuple[tuple[str, ...], Array] | None:
+        """Joints and (b, k) torques with which the controller pushes on them; None where it only commands."""
+        c = self._controller
+        return (c.forced, c.torque) if isinstance(c, Forcing) and c.forced else None
 
     def ask(self, observation: Observation) -> None:
         """Takes the controller's next command. Raises ValueError where it has another shape than (b, width)."""

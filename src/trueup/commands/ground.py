@@ -7,7 +7,6 @@ import argparse
 import json
 import shlex
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,6 +50,12 @@ commands pass through what was learned, as much of it as makes it replay the rob
 A run that asks for what was not learned is refused in the simulator: it fails, and says which command was too far off.
 """
 
+_TOLD = {
+    "": "what is predicted",
+    "command": "what it lacks, added to its commands",
+    "torque": "what it lacks, as torque",
+}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What this command takes."""
@@ -74,6 +79,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         "1 (default: found with --model, else 0.3 as in the paper)")  # fmt: skip
     parser.add_argument("--no-inverse", dest="inverse", action="store_false",
                         help="without the simulator's inverse model, as the paper did")  # fmt: skip
+    parser.add_argument("--residual", choices=("command", "torque"),
+                        help="with --model: in place of both, what that simulator lacks is found by search in it, so that it "
+                        "replays the robot: added to commands (a delta action), or to joints as torque")  # fmt: skip
     parser.add_argument("--budget", type=float, default=120.0, metavar="S",
                         help="CPU time for comparing learners (default: %(default)g s)")  # fmt: skip
     parser.add_argument("--mapping", metavar="FILE", help="how columns become channels (default: mapping.toml if here)")
@@ -86,6 +94,10 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Learns, judges, writes. Raises TrueupError. Returns the exit code."""
     if args.share is not None and not 0.0 <= args.share <= 1.0:
         raise GroundingError(f"--share {args.share:g}: what is predicted may have a share of 0 to 1")
+    if args.residual and not args.model:
+        raise GroundingError(
+            f"--residual {args.residual}: what a simulator lacks is found in it; say which with --model"
+        )
     training, held_out, notes = _recordings(args)
     for note in () if args.quiet else notes:
         told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
@@ -178,7 +190,7 @@ def _grounded(
     told: Console,
 ) -> tuple[Grounding, dict[str, Any]]:  # fmt: skip
     """A simulator's replay grounded and not, with the share and the inverse model that serve it best."""
-    from trueup.grounding.blend import blended, replayed, with_inverse
+    from trueup.grounding.blend import best_way, replayed
     from trueup.grounding.grounded import GroundedSimulator
     from trueup.loop.prepare import prepare
 
@@ -186,22 +198,14 @@ def _grounded(
     simulator, values = ready.simulator, ready.simulator.parameters.nominal
     for note in () if args.quiet else ready.notes:
         told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
-    best, why = grounding, f"a share of {grounding.weights[1]:g} was asked for"
-    if args.share is None:
-        ways = [grounding]
-        if args.inverse:
-            ways.append(with_inverse(grounding, simulator, ready.recordings, values, seed=args.seed))
-        ways += [replace(way, chained=True) for way in ways]
-        tried = [blended(way, simulator, ready.recordings, values) for way in ways]
-        best, found = min(tried, key=lambda each: _typical(each[1].errors))
-        why = found.why
+    best, why = best_way(
+        grounding, simulator, ready.recordings, values, inverse=args.inverse, residual=args.residual or "",
+        share=args.share, seed=args.seed,
+    )  # fmt: skip
     told_of: dict[str, Any] = {
-        "share": best.weights[1],
-        "inverse": best.inverse is not None,
-        "why": why,
-        "model": simulator.name,
-    }
-    told_of |= {"chained": best.chained, "refused": {}}
+        "share": best.weights[1], "inverse": best.inverse is not None, "residual": args.residual or "", "why": why,
+        "model": simulator.name, "chained": best.chained, "refused": {},
+    }  # fmt: skip
     each = []
     grounded = GroundedSimulator(simulator, best)
     for kind, recordings in (("learned from", ready.recordings), ("held out", ready.hold_out)):
@@ -219,12 +223,6 @@ def _refused(
     """Recordings whose replay failed, and why."""
     done = simulator.rollout([Trial.of(r, ["position"]) for r in recordings], values[None])
     return {r.name: o.failures[0] for r, o in zip(recordings, done, strict=True) if 0 in o.failures}
-
-
-def _typical(errors: np.ndarray[Any, Any]) -> float:
-    """The least geometric mean over recordings, of those shares with which none failed."""
-    whole = errors[np.isfinite(errors).all(axis=1)]
-    return float(np.exp(np.log(whole).mean(axis=1)).min()) if len(whole) else float("inf")
 
 
 def _show(story: dict[str, Any], console: Console) -> None:
@@ -271,8 +269,7 @@ def _show_replays(told: dict[str, Any], unit: str, console: Console) -> None:
         table.add_row(escape(r["recording"]), r["kind"], scale.text(r["before"]), after)
     console.print(table)
     how = f"{', chained' * told['chained']}{', by the inverse model of the simulator' * told['inverse']}"
-    console.print(
-        f"  share of what is predicted {told['share']:.2g}{how}: {told['why']}", soft_wrap=True, highlight=False
-    )
+    what = f"{told['share']:.2g} of {_TOLD[told['residual']]}{how}"
+    console.print(f"  {what}: {told['why']}", soft_wrap=True, highlight=False)
     for name, reason in told["refused"].items():
         console.print(f"  [yellow]{escape(name)}[/] {escape(reason)}", soft_wrap=True, highlight=False)

@@ -61,5 +61,20 @@ class Looking(Protocol):
         ...
 
 
+@runtime_checkable
+class Forcing(Protocol):
+    """A Controller that also pushes on joints, past all drives: with what the drives of a simulator lack."""
+
+    @property
+    def forced(self) -> tuple[str, ...]:
+        """The joints; none: it only commands."""
+        ...
+
+    @property
+    def torque(self) -> Array:
+        """(b, k) N m on them from the last command on, to the next."""
+        ...
+
+
 ControllerFactory = Callable[[Array], Controller]
 """Makes the controller of b simulations from their controller parameters (b, m)."""

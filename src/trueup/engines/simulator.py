@@ -196,6 +196,16 @@ class Commanded(Protocol):
 
 
 @runtime_checkable
+class Forced(Protocol):
+    """A Simulator whose controllers may push on joints past all drives (`controllers.controller.Forcing`)."""
+
+    @property
+    def forced(self) -> tuple[str, ...]:
+        """The joints."""
+        ...
+
+
+@runtime_checkable
 class Controlled(Protocol):
     """A Simulator with a controller of its own for trials that command nothing."""
 

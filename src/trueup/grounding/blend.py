@@ -16,6 +16,7 @@ from trueup.evidence import evidence
 from trueup.grounding.grounded import GroundedSimulator
 from trueup.grounding.grounding import Grounding
 from trueup.grounding.learners import LEARNERS
+from trueup.grounding.residual import with_residual
 from trueup.grounding.rows import rows_of
 from trueup.grounding.views import Model, fitted
 from trueup.recording import Recording
@@ -37,6 +38,12 @@ class Blend:
     """(s, recordings) root mean squared error of the joints, in their unit; NaN where the simulation failed."""
     best: float
     why: str
+
+    @property
+    def least(self) -> float:
+        """The least geometric mean over recordings, of those shares with which none failed."""
+        whole = self.errors[np.isfinite(self.errors).all(axis=1)]
+        return float(np.exp(np.log(whole).mean(axis=1)).min()) if len(whole) else float("inf")
 
 
 def blended(
@@ -60,6 +67,27 @@ def blended(
     words = f"ln(error ungrounded / error with {SHARES[best]:.1f}) is {gain.gain:.2f} +- {gain.standard_error:.2f}"
     share = float(SHARES[best]) if sure else 0.0
     return grounding.weighted(1.0 - share, share), Blend(SHARES, errors, share, words)
+
+
+def best_way(
+    grounding: Grounding, simulator: Simulator, recordings: Sequence[Recording], values: Array, *, inverse: bool = True,
+    residual: str = "", share: float | None = None, seed: int = 0,
+) -> tuple[Grounding, str]:  # fmt: skip
+    """The grounding as it makes `simulator` replay `recordings` best, and why: with its inverse model or not, chained or not.
+
+    `residual`: instead what the simulator lacks, added to its 'command' or as 'torque'. A `share` that is given settles it.
+    """
+    if residual:
+        grounding = with_residual(grounding, simulator, recordings, values, torque=residual == "torque", seed=seed)
+    if share is not None:
+        return grounding.weighted(1.0 - share, share), f"a share of {share:g} was asked for"
+    ways = [grounding]
+    if inverse and not residual:
+        ways.append(with_inverse(grounding, simulator, recordings, values, seed=seed))
+    ways += [dataclasses.replace(way, chained=True) for way in ways]
+    tried = [blended(way, simulator, recordings, values) for way in ways]
+    best, found = min(tried, key=lambda each: each[1].least)
+    return best, found.why
 
 
 def replayed(simulator: Simulator, recordings: Sequence[Recording], values: Array) -> Array:

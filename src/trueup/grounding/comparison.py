@@ -88,7 +88,7 @@ def folds_by_run(rows: Rows) -> list[Whole]:
 
 def cross_validated(
     learner: Learner, rows: Rows, folds: Sequence[Whole], view: str = "plain", *, seed: int = 0,
-    until: float = float("inf"), chained: bool = True, most: int = MOST,
+    until: float = float("inf"), chained: bool = True, most: int = MOST, moves: bool = True,
 ) -> Score | None:  # fmt: skip
     """How a learner predicts each part from the others; None where it would not be done by `until` (process time, s)."""
     predicted, before, ahead = np.empty_like(rows.Y), np.empty_like(rows.Y), np.full(len(folds), np.nan)
@@ -96,7 +96,7 @@ def cross_validated(
     for k, left_out in enumerate(folds):
         kept = np.setdiff1d(np.arange(len(rows.X)), left_out)
         since = time.process_time()
-        model = fitted(learner, rows.where(kept).thinned(most), np.random.default_rng([seed, k]), view)
+        model = fitted(learner, rows.where(kept).thinned(most), np.random.default_rng([seed, k]), view, moves=moves)
         fits += time.process_time() - since
         predicted[left_out] = model.predict(rows.X[left_out])
         before[left_out] = rows.Y[kept].mean(axis=0)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trueup.controllers.controller import Controller, ControllerFactory, Looking, Observation
 from trueup.controllers.playback import Playback
-from trueup.engines.simulator import Commanded, InPlaceOf, Rollout, Simulator
+from trueup.engines.simulator import Commanded, Forced, InPlaceOf, Rollout, Simulator
 from trueup.errors import GroundingError
 from trueup.grounding.grounding import Grounding
 from trueup.parameters import ParameterSpace
@@ -62,6 +62,8 @@ class GroundedController:
                 f"{1e3 * inputs.period:g} ms; learn with --period {inner.period:g}"
             )
         self.refused: dict[int, Refusal] = {}
+        self.forced = inputs.commands if grounding.torque else ()
+        self.torque = np.zeros((0, 0))
         self._past: deque[tuple[Array, Array]] = deque(maxlen=inputs.history)
         self._chain: deque[tuple[Array, Array]] = deque(maxlen=inputs.history)
         self._goal: Array | None = None
@@ -118,8 +120,12 @@ class GroundedController:
             goal = self._goal = self._grounding.goal(self._inputs(self._chain, others))
         if self._weights is not None or self._grounding.weights[1]:
             self._watch(X, observation.time)
-        correction = self._grounding.commands(X, self._weights, goal) - asked
+        # A residual is asked of the chain too: what the simulated joints are wrong by then does not come back through it.
+        state = self._inputs(self._chain, others) if self._grounding.chained and self._grounding.residual else X
+        correction = self._grounding.commands(state, self._weights, goal) - asked
+        self.torque = self._grounding.torques(state, self._weights)
         correction[list(self.refused)] = 0.0
+        self.torque[list(self.refused)] = 0.0
         return correction
 
     def _inputs(self, past: Sequence[tuple[Array, Array]], others: Sequence[Array]) -> Array:
@@ -175,10 +181,14 @@ class GroundedSimulator(InPlaceOf):
     def _grounded(self, trial: Trial, controllers: ControllerFactory | None, made: list[GroundedController]) -> Trial:
         inner = trial.controller or controllers
         columns = self.whole.commanded if isinstance(self.whole, Commanded) else ()
+        if self.grounding.torque and not isinstance(self.whole, Forced):
+            raise GroundingError(
+                f"simulator '{self.whole.name}' has no joints that can be pushed on: no residual torque here"
+            )
         if inner is None:
             if trial.command is None:
                 raise GroundingError(f"trial '{trial.name}' has neither a controller nor commands to play")
-            inner = self._playing(trial)
+            inner = playing(self.whole, trial, self.grounding.inputs.period)
             columns = columns or trial.command.labels
         factory = inner
 
@@ -187,21 +197,6 @@ class GroundedSimulator(InPlaceOf):
             return made[-1]
 
         return dataclasses.replace(trial, controller=grounded)
-
-    def _playing(self, trial: Trial) -> ControllerFactory:
-        """A controller that plays a trial's commands, in the order in which the simulator takes them."""
-        command = trial.command
-        if command is None:
-            raise GroundingError(f"trial '{trial.name}' has no commands to play")
-        if isinstance(self.whole, Commanded):
-            labels, held = self.whole.commanded, self.whole.held(trial)
-            each = [command.column(x) if x in command.labels else np.full(len(command.time), h)
-                    for x, h in zip(labels, held, strict=True)]  # fmt: skip
-            command = command.replace(labels=labels, values=np.stack(each, axis=1), units=())
-        played, frame = command, self.grounding.inputs.period
-        spacing = float(np.median(np.diff(command.time))) if len(command.time) > 1 else frame
-        period = frame / max(round(frame / spacing), 1)  # as often as it was commanded, in whole parts of a frame
-        return lambda values: Playback(played, len(values), period=period, start=trial.start)
 
     def _judged(self, rollout: Rollout, trial: Trial, made: Sequence[GroundedController]) -> Rollout:
         refused = {} if self.extrapolate else {row: r for c in made for row, r in c.refused.items()}
@@ -213,3 +208,19 @@ class GroundedSimulator(InPlaceOf):
                 channels[name][row, observed.time > trial.start + refusal.time] = np.nan
         ends = {row: e for row, e in rollout.ends.items() if row not in refused}
         return dataclasses.replace(rollout, trial=trial, channels=channels, failures=failures, ends=ends)
+
+
+def playing(simulator: Simulator, trial: Trial, frame: float) -> ControllerFactory:
+    """A controller that plays a trial's commands, in the order in which the simulator takes them, several times a frame."""
+    command = trial.command
+    if command is None:
+        raise GroundingError(f"trial '{trial.name}' has no commands to play")
+    if isinstance(simulator, Commanded):
+        labels, held = simulator.commanded, simulator.held(trial)
+        each = [command.column(x) if x in command.labels else np.full(len(command.time), h)
+                for x, h in zip(labels, held, strict=True)]  # fmt: skip
+        command = command.replace(labels=labels, values=np.stack(each, axis=1), units=())
+    played = command
+    spacing = float(np.median(np.diff(command.time))) if len(command.time) > 1 else frame
+    period = frame / max(round(frame / spacing), 1)  # as often as it was commanded, in whole parts of a frame
+    return lambda values: Playback(played, len(values), period=period, start=trial.start)

@@ -3,6 +3,10 @@
 
     command' = a command + b inverse(state, forward(state, command))
 
+or, with what was found to be missing in the simulator itself (`residual.py`),
+
+    command' = (a + b) command + b residual(state, command), or torque += b residual(state, command)
+
 With the robot's forward model alone this is Farchy et al. (AAMAS 2013) section 4.3, with the simulator's inverse model after
 it their section 6.1 and grounded action transformation (J. Hanna and P. Stone, AAAI 2017), with the robot's inverse model
 alone, on the robot itself, their section 6.2.
@@ -44,6 +48,10 @@ class Grounding:
     """Of the robot's rows."""
     inverse: Model | None = None
     """Commands that lead to given joints one frame later: in the simulator, or on the robot."""
+    residual: Model | None = None
+    """Of the simulator, in place of both: what is added to commands, or in N m to joints, so that it replays the robot."""
+    torque: bool = False
+    """Whether `residual` is a torque."""
     chained: bool = False
     """Whether the forward model goes on from its own predictions, not from where the simulated joints are: what these are
     wrong by then does not come back through the model. It is exact where the simulator follows well enough."""
@@ -62,13 +70,22 @@ class Grounding:
         `goal` (b, k) where it was found from other inputs.
         """
         asked = X[:, self.inputs.asked]
-        goal = self.goal(X) if goal is None else goal
-        if self.inverse is not None:
+        if self.residual is not None:
+            goal = asked if self.torque else asked + self.residual.predict(X)
+        elif goal is None:
+            goal = self.goal(X)
+        if self.inverse is not None and self.residual is None:
             Z = np.array(X)
             Z[:, self.inputs.asked] = goal
             goal = self.inverse.predict(Z)
         a, b = np.transpose(weights)[:, :, None] if weights is not None else self.weights
         return a * asked + b * goal
+
+    def torques(self, X: Array, weights: Array | None = None) -> Array:
+        """(b, k) N m that are added to the joints of `inputs.commands`; (b, 0) without a residual torque."""
+        if self.residual is None or not self.torque:
+            return np.zeros((len(X), 0))
+        return (self.weights[1] if weights is None else weights[:, 1:]) * self.residual.predict(X)
 
     def weighted(self, requested: float, predicted: float) -> Grounding:
         """The same with other weights."""
@@ -81,12 +98,13 @@ class Grounding:
             "format": _FORMAT,
             "weights": self.weights,
             "chained": self.chained,
+            "torque": self.torque,
             "about": dict(self.about),
         }
         i = self.inputs
         meta["inputs"] = {"joints": i.joints, "commands": i.commands, "period": i.period, "history": i.history,
                           "others": dict(i.others), "unit": i.unit}  # fmt: skip
-        for name, model in (("forward", self.forward), ("inverse", self.inverse)):
+        for name, model in (("forward", self.forward), ("inverse", self.inverse), ("residual", self.residual)):
             if model is not None:
                 meta[name] = _keep(model, name, arrays)
         meta["blocks"] = [{"name": b.name, "limit": b.limit, "patience": b.patience} for b in self.domain.blocks]
@@ -110,17 +128,19 @@ class Grounding:
                 tuple(shape["joints"]), tuple(shape["commands"]), shape["period"], shape["history"],
                 {n: tuple(x) for n, x in shape["others"].items()}, shape["unit"],
             )  # fmt: skip
-            models = [_kept(meta[n], n, arrays) if n in meta else None for n in ("forward", "inverse")]
+            forward, inverse, residual = (
+                _kept(meta[n], n, arrays) if n in meta else None for n in ("forward", "inverse", "residual")
+            )
             blocks = tuple(
                 Block(limit=b["limit"], patience=b["patience"], name=b["name"],
                       **{p: arrays[f"domain/{k}/{p}"] for p in ("columns", "centre", "whiten", "scale")})
                 for k, b in enumerate(meta["blocks"])
             )  # fmt: skip
-            (requested, predicted), chained = meta["weights"], bool(meta["chained"])
+            (requested, predicted), chained, torque = meta["weights"], bool(meta["chained"]), bool(meta.get("torque"))
         except (KeyError, ValueError, TypeError, OSError, EOFError) as error:
             raise GroundingError(f"{path} is no grounding as `trueup ground` writes it: {error}") from None
         domain = Domain(inputs.names, blocks)
-        return cls(inputs, models[0], domain, models[1], chained, (requested, predicted), meta["about"])
+        return cls(inputs, forward, domain, inverse, residual, torque, chained, (requested, predicted), meta["about"])
 
 
 def _keep(model: Model, name: str, arrays: dict[str, Array]) -> list[str]:

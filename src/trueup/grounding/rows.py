@@ -200,7 +200,7 @@ def _rows(recording: Recording, inputs: Inputs) -> tuple[Array, Array, NDArray[n
     command = command_of(recording)
     if command is None:
         raise GroundingError(f"recording '{recording.name}' holds no commands")
-    instants = _instants(position.time, inputs.period)
+    instants = instants_of(recording, inputs)
     at, asked = position.at(instants), command.select(inputs.commands).at(instants, hold=True)
     others = [recording.channel(name).select(labels).at(instants) for name, labels in inputs.others.items()]
     # Before its first frame a run stood as it stands there.
@@ -214,8 +214,11 @@ def _rows(recording: Recording, inputs: Inputs) -> tuple[Array, Array, NDArray[n
     return X[whole], Y[whole], np.flatnonzero(whole)
 
 
-def _instants(time: Array, period: float) -> Array:
-    """(T,) the samples' own instants, every so many, where these are as far apart as frames are; else evenly spaced."""
+def instants_of(recording: Recording, inputs: Inputs) -> Array:
+    """(T,) s of a recording's frames: its samples' own instants, every so many, where these are as far apart as frames are;
+    else evenly spaced.
+    """
+    time, period = recording.channel("position").time, inputs.period
     if len(time) < 2:
         return time
     every = period / float(np.median(np.diff(time)))

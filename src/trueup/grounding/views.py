@@ -73,11 +73,11 @@ def view_named(name: str) -> Callable[[Inputs], list[Array]]:
     return VIEWS[name]
 
 
-def fitted(learner: Learner, rows: Rows, rng: np.random.Generator, view: str = "plain") -> Model:
-    """The model that a learner makes of rows that it sees in this way."""
+def fitted(learner: Learner, rows: Rows, rng: np.random.Generator, view: str = "plain", *, moves: bool = True) -> Model:
+    """The model that a learner makes of rows that it sees in this way; what is learned `moves` the present positions on."""
     maps = view_named(view)(rows.inputs)
     base = np.zeros((len(rows.inputs.names), len(rows.inputs.commands)))
-    if view != "plain":
+    if view != "plain" and moves:
         base[rows.inputs.own, np.arange(len(rows.inputs.commands))] = 1.0
     left = rows.Y - rows.X @ base
     outputs = [slice(None)] if len(maps) == 1 else [slice(o, o + 1) for o in range(len(maps))]

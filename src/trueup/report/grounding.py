@@ -82,7 +82,9 @@ def _simulator(story: Story) -> Markup:
         for r in told["replays"]
     ]  # fmt: skip
     how = f"{', chained' * told['chained']}{', by its inverse model' * told['inverse']}"
-    words = f"{told['share']:.2g} of what is told to it is predicted{how}: {told['why']}."
+    what = {"": "what is predicted is told to it", "command": "what it lacks is added to its commands",
+            "torque": "what it lacks is added to its joints as torque"}[told["residual"]]  # fmt: skip
+    words = f"{told['share']:.2g} of {what}{how}: {told['why']}."
     note = "Root mean square of simulated minus measured joint positions. Refused: it asks for what was not learned."
     why = [callout("warn", name, reason) for name, reason in told["refused"].items()]
     titles = ("recording", "", f"as it is, {scale.unit}", f"grounded, {scale.unit}")

@@ -75,6 +75,11 @@ class Acts:
             for name, force in forces.at(at).items():
                 applied[self._of(k), self._bodies[name], :3] = force
 
+    def force(self, k: int, joints: Sequence[str], torque: Array) -> None:
+        """Pushes joints of one trial's rows with (b, k) N m until the next call, past all drives."""
+        dofs = [self._compiled.jnt_dofadr[self._compiled.joint(j).id] for j in joints]
+        self._batch.bind("qfrc_applied")[self._of(k), dofs] = torque
+
     def disturbed(self, k: int, at: int, commands: Array) -> Array:
         """Commands (b, n, nu) of one trial from step `at` on as they arrive."""
         return self._noises[k].add(at, self._step, commands)

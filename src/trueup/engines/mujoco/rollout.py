@@ -139,6 +139,11 @@ class MujocoSimulator:
         """(width,) the joint that each column of a controller's command drives."""
         return joints_commanded(self.model)
 
+    @property
+    def forced(self) -> tuple[str, ...]:
+        """The joints on which a controller may push past all drives."""
+        return self.model.scalar_joints()
+
     def held(self, trial: Trial) -> Array:
         """(width,) what is told to drives that nobody commands in a trial."""
         return Signals(self.model, (), [trial], np.zeros((1, 0))).hold(0)

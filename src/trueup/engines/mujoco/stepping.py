@@ -100,6 +100,8 @@ class Stepper:
             own = self._own(k, rows)
             if len(own) and loop.due <= now:
                 loop.ask(self._acts.seen(k, now * self._step, own, loop.looks_at))
+                if loop.push is not None:
+                    self._acts.force(k, *loop.push)
 
     def _own(self, k: int, rows: Rows) -> Rows:
         """Those of `rows` that belong to one trial."""
