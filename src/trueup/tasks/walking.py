@@ -10,7 +10,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,9 +79,9 @@ class Walk(ABC):
         )
         object.__setattr__(self, "trials", runs)
 
-    name: ClassVar[str]
+    name: str = field(init=False)
     """See Task."""
-    unit: ClassVar[str] = "m/s"
+    unit: str = field(init=False, default="m/s")
     """Of the score."""
 
     @property
@@ -136,7 +135,7 @@ class WalkFront(Walk):
     fall: float = 0.15
     """m/s: some more than a walk is fast, so that a walk that falls every second time is no gain."""
 
-    name: ClassVar[str] = "walk front"
+    name: str = field(init=False, default="walk front")
 
     @property
     def duration(self) -> float:
@@ -168,7 +167,7 @@ class LineWalk(Walk):
     """m/s: who is slower does not arrive."""
     fall: float = 0.15
 
-    name: ClassVar[str] = "walk to the line"
+    name: str = field(init=False, default="walk to the line")
 
     @property
     def duration(self) -> float:
@@ -216,8 +215,8 @@ class OmniWalk(Walk):
     fall: float = 5.0
     """m, as in goToTarget."""
 
-    name: ClassVar[str] = "walk around"
-    unit: ClassVar[str] = "m"
+    name: str = field(init=False, default="walk around")
+    unit: str = field(init=False, default="m")
 
     @property
     def duration(self) -> float:
