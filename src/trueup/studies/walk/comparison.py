@@ -54,7 +54,7 @@ FULL = Scale(budget=Budget(effort=Effort(population=32)))
 PAPER = Scale()
 """150 candidates a generation."""
 QUICK = Scale(
-    budget=Budget(effort=Effort(population=16, generations=5, shown=5, fresh=6)), shares=(0.8, 1.0), fresh=40,
+    budget=Budget(effort=Effort(population=12, generations=5, shown=5, fresh=6), rounds=2), shares=(0.8, 1.0), fresh=40,
 )  # fmt: skip
 
 

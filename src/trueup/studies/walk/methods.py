@@ -13,6 +13,7 @@ from scipy.special import betaln
 from trueup.engines.simulator import Simulator
 from trueup.grounding.grounded import GroundedSimulator
 from trueup.grounding.learn import Wishes, learn
+from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.correction import Correction
 from trueup.recording import Recording
 from trueup.studies.walk import scenes
@@ -22,6 +23,9 @@ from trueup.tasks.task import simulated_scores
 from trueup.tasks.walking import Walk, WalkFront
 
 Array = NDArray[np.float64]
+
+MOTOR = ("kp", "kv", "friction", "delay")
+"""Of `scenes.DOUBTS`: what joints under their commands show."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,36 @@ class Doubted:
         return Scene(simulator, walk, models, _correction(story, simulator, walk, models) if self.corrected else None)
 
 
+@dataclass(frozen=True)
+class Calibrated:
+    """The noisy simulator with motors as stiff, damped, sticky and late as the robot's joints show under their commands.
+
+    Fitted anew in each round to `seconds` of the newest runs that stood, replayed in windows (`trueup.loop.calibrate`).
+    """
+
+    base: Ungrounded = field(default_factory=Ungrounded)
+    seconds: float = 12.0
+
+    @property
+    def name(self) -> str:
+        """See Method."""
+        return f"{self.base.name}, servos calibrated"
+
+    def prepared(self, story: Story, seed: int) -> Scene:
+        """See Method."""
+        simulator = scenes.doubtful(threads=self.base.threads)
+        stood = [r for t in story.tried for r in t.runs.recordings if r.duration > _WALKED + self.seconds / 2.0]
+        half = self.seconds / 2.0
+        walked = [legs(r, torso=True).slice(r.start + 1.0, r.start + 1.0 + half) for r in stood[-2:]]
+        space = simulator.parameters
+        motors = space.freeze([n for n in space.names if n not in MOTOR])
+        found = calibrate(simulator, walked, options=Options(select=False, cross_validate=False), space=motors)
+        scene = replace(self.base, corrected=False).prepared(story, seed)
+        models = found.values[None]
+        correction = _correction(story, simulator, scene.walk, models) if self.base.corrected else None
+        return replace(scene, simulator=simulator, models=models, correction=correction)
+
+
 _TELLING = 6  # walks by which points are judged: each costs a run of every point
 
 
@@ -158,7 +192,7 @@ class Grounded:
     model goes on from its own predictions, which replays the robot best (`trueup.grounding.blend`).
     """
 
-    base: Ungrounded | Doubted = field(default_factory=Ungrounded)
+    base: Ungrounded | Doubted | Calibrated = field(default_factory=Ungrounded)
     learner: str = "linear"
     share: float = 0.3
     chained: bool = False
@@ -178,15 +212,17 @@ class Grounded:
         )
         learned = learn(runs[-self.recordings :], wishes).grounding.weighted(1.0 - self.share, self.share)
         grounding = replace(learned, chained=self.chained)
-        scene = replace(self.base, corrected=False).prepared(story, seed)
+        scene = self.base.prepared(story, seed)
         simulator = GroundedSimulator(scene.simulator, grounding, extrapolate=True)
-        correction = _correction(story, simulator, scene.walk, scene.models) if self.base.corrected else None
-        return replace(scene, simulator=simulator, correction=correction)
+        told = None if scene.correction is None else _correction(story, simulator, scene.walk, scene.models)
+        return replace(scene, simulator=simulator, correction=told)
 
 
 _WALKED = 3.0  # s: shorter runs are mostly falls
 
 
-def legs(recording: Recording) -> Recording:
-    """Positions and commands of the legs' motors alone."""
-    return recording.replace(channels={n: recording.channel(n).select(scenes.MOTORS) for n in ("command", "position")})
+def legs(recording: Recording, *, torso: bool = False) -> Recording:
+    """Positions and commands of the legs' motors alone, and how the torso was."""
+    kept = {n: recording.channel(n).select(scenes.MOTORS) for n in ("command", "position")}
+    more = ("base_position", "base_orientation") if torso else ()
+    return recording.replace(channels={**kept, **{n: recording.channel(n) for n in more}})

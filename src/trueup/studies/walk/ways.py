@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from trueup.errors import unknown_name
 from trueup.studies.walk.comparison import Way
 from trueup.studies.walk.guidance import Automatic, Expert
-from trueup.studies.walk.methods import Doubted, Grounded, Ungrounded
+from trueup.studies.walk.methods import Calibrated, Doubted, Grounded, Ungrounded
 
 CONTROL, DEFAULT = "noisy", "doubted"
 WAYS = {
@@ -19,6 +19,9 @@ WAYS = {
     "grounded, tree 0.3": Way(Grounded(learner="model-tree")),
     "grounded, linear chained": Way(Grounded(share=1.0, chained=True)),
     "grounded, corrected": Way(Grounded(Ungrounded(corrected=True))),
+    "calibrated": Way(Calibrated()),
+    "calibrated, corrected": Way(Calibrated(Ungrounded(corrected=True))),
+    "calibrated, grounded": Way(Grounded(Calibrated(), share=1.0, chained=True)),
     "any servo": Way(Doubted(learned=False)),
     DEFAULT: Way(Doubted()),
     "doubted, corrected": Way(Doubted(corrected=True)),
