@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueup.report.markup import Markup, join, tag
-from trueup.report.parts import Section, caption, cells, facts, head, hero, key, page, row, table
-from trueup.report.plots import AFTER, BAD, BEFORE, INK, SOFT, Plot, span
+from trueup.report.parts import Section, caption, cells, counted, facts, head, hero, key, page, row, table
+from trueup.report.plots import AFTER, BAD, BEFORE, INK, SOFT, Plot
 from trueup.studies.walk.comparison import Result, over
 from trueup.studies.walk.ways import CONTROL, WAYS
 
@@ -31,8 +31,8 @@ def html(results: Sequence[Result], film: str = "") -> str:
         parts.insert(2, Section("film", "Film", "How does it walk?", Markup(film)))
     robots, seeds = len({r.robot for r in results}), len({r.seed for r in results})
     subtitle = [
-        f"{robots} stand-ins of a NAO, fixed by their numbers",
-        f"{seeds} searches on each",
+        f"{counted(robots, 'stand-in')} of a NAO, fixed beforehand",
+        f"{'one search' if seeds == 1 else f'{seeds} searches'} on each",
         "after Farchy et al. 2013",
     ]
     return page("campaign.html", "A walk that gets faster on the robot", subtitle, parts)
@@ -80,21 +80,25 @@ def _iterations(r: Result) -> Markup:
     speeds = [100.0 * s.speed for s in r.steps]
     promised = [100.0 * s.promised for s in r.steps]
     goal = 100.0 * r.start_speed
-    plot = Plot((0.5, len(r.steps) + 0.5), span([*speeds, *promised, goal], zero=True), "walks tried on the robot", "cm/s",
-                height=340)  # fmt: skip
+    most = 1.12 * max(v for v in (*speeds, *promised, goal) if np.isfinite(v))
+    plot = Plot((0.5, len(r.steps) + 0.5), (0.0, most), "walks tried on the robot", "cm/s", height=340)
     plot.line([(0.5, goal), (len(r.steps) + 0.5, goal)], SOFT, dashed=True)
     plot.text((len(r.steps) + 0.4, goal), "start walk at its best step size", anchor="end", above=5)
     for k, s in enumerate(r.steps, 1):
-        stood = s.falls == 0
         said = f"round {s.round}: {100 * s.speed:.1f} cm/s, {s.falls} of {s.runs} fell; promised {100 * s.promised:.1f}"
         plot.dot((k, 100.0 * s.promised), BEFORE, hollow=True, title=said)
-        plot.dot((k, 100.0 * s.speed), AFTER if stood else BAD, size=3.0 + 0.4 * s.runs, title=said)
+        plot.dot(
+            (k, 100.0 * s.speed if np.isfinite(s.speed) else 0.0),
+            AFTER if stood else BAD,
+            size=3.0 + 0.4 * s.runs,
+            title=said,
+        )
         if k > 1 and s.round != r.steps[k - 2].round:
             plot.line([(k - 0.5, plot.y[0]), (k - 0.5, plot.y[1])], SOFT, width=0.7)
             plot.text((k - 0.4, plot.y[1]), f"round {s.round}", INK, above=-13)
     words = [tag("li", f"Round {k}: {'; '.join(each) or 'all parameters'}.") for k, each in enumerate(r.words, 1)]
     legend = key(
-        ("after", "stood in all its runs; larger: more runs"), ("bad", "fell or veered in some"),
+        ("after", "stood in all its runs; larger: more runs"), ("bad", "fell or veered in some; at 0: in all"),
         ("before", "promised, falls taken off"),
     )  # fmt: skip
     found = f"found {100 * r.speed:.1f} cm/s, {100 * r.falls:.0f} falls in 100 fresh runs"
