@@ -87,12 +87,8 @@ def _iterations(r: Result) -> Markup:
     for k, s in enumerate(r.steps, 1):
         said = f"round {s.round}: {100 * s.speed:.1f} cm/s, {s.falls} of {s.runs} fell; promised {100 * s.promised:.1f}"
         plot.dot((k, 100.0 * s.promised), BEFORE, hollow=True, title=said)
-        plot.dot(
-            (k, 100.0 * s.speed if np.isfinite(s.speed) else 0.0),
-            AFTER if stood else BAD,
-            size=3.0 + 0.4 * s.runs,
-            title=said,
-        )
+        reached = 100.0 * s.speed if np.isfinite(s.speed) else 0.0
+        plot.dot((k, reached), AFTER if s.falls == 0 else BAD, size=3.0 + 0.4 * s.runs, title=said)
         if k > 1 and s.round != r.steps[k - 2].round:
             plot.line([(k - 0.5, plot.y[0]), (k - 0.5, plot.y[1])], SOFT, width=0.7)
             plot.text((k - 0.4, plot.y[1]), f"round {s.round}", INK, above=-13)
