@@ -110,3 +110,15 @@ def test_a_limits_file_is_kept(arm: Path) -> None:
     table = np.genfromtxt(out / "trajectory.csv", delimiter=",", names=True)
     assert np.abs(table["vel_bend"]).max() <= 0.5
     assert max(np.abs(table[f"acc_{j}"]).max() for j in ("turn", "lift", "bend")) <= 3.0
+
+
+def test_no_arm_jumps_between_the_passes_of_a_motion(arm: Path) -> None:
+    """Sines do not end where they begin: their path is gone back, and what is written moves as its speeds say."""
+    out = arm.parent / "out"
+    asked = ["excite", str(arm), "--motion", "sines", "--duration", "24", "--budget", "1", "--out", str(out), "-q"]
+    assert main(asked) == 0
+    (recording,) = read(out / "trajectory.csv")
+    position, speed = (recording.channel(name) for name in ("position", "velocity"))
+    assert len(json.loads((out / "trajectory.json").read_text())["passes"]) > 1
+    moved = np.gradient(position.values, position.time, axis=0)
+    assert np.abs(moved - speed.values).max() < 0.02

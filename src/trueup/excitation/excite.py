@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 _SHARES = (1.0, 0.75, 0.55, 0.4, 0.3, 0.2, 0.1)
 _ONE_PASS, _LONGEST = 12.0, 20.0
 """s up to which a series is one pass; longer ones are passes of this many s at most, at several speeds."""
+_CLOSED = 1e-6  # rad, from the end of a path to its start
 _ENOUGH = 0.1
 """Share of random motions that must be clear for a range to be searched."""
 
@@ -74,9 +75,10 @@ def excite(
     kind, notes = _kind(asked, limits, feasibility, joints, np.random.default_rng(chosen.seed))
     trajectory, found = _feasible(kind, criterion, feasibility, asked, chosen, limits, told)
     passes = _passes(trajectory.duration, asked)
-    whole = trajectory
-    for factor in passes[1:]:
-        whole = whole.then(_resampled(trajectory.slower(factor), asked.rate))
+    whole, closed = trajectory, np.abs(trajectory.q[-1] - trajectory.q[0]).max() < _CLOSED
+    for k, factor in enumerate(passes[1:], 1):  # a path that does not end where it begins is gone back
+        again = _resampled(trajectory.slower(factor), asked.rate)
+        whole = whole.then(again if closed or k % 2 == 0 else again.back())
     distance, parts, _ = feasibility.nearest(spread(trajectory)[1])
     return Outcome(whole, found, passes, distance, parts, notes)
 

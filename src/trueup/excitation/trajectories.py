@@ -89,8 +89,21 @@ class Trajectory:
         time = self.time[0] + factor * (self.time - self.time[0])
         return Trajectory(self.name, self.joints, time, self.q, self.qd / factor, self.qdd / factor**2)
 
+    def back(self) -> Trajectory:
+        """The same path from its end to its start, as fast: speeds change their sign."""
+        time = self.time[0] + self.time[-1] - self.time[::-1]
+        return Trajectory(self.name, self.joints, time, self.q[::-1], -self.qd[::-1], self.qdd[::-1])
+
     def then(self, other: Trajectory) -> Trajectory:
-        """This one and directly after it the other, whose first instant is this one's last (its first sample goes)."""
+        """This one and directly after it the other, whose first instant is this one's last (its first sample goes).
+
+        Raises RecordingError where the other does not begin at the posture in which this one ends: no arm jumps.
+        """
+        gap, moved = np.abs(other.q[0] - self.q[-1]), np.abs(np.diff(self.q, axis=0)).max(axis=0)
+        if (gap > 1e-6 + moved).any():
+            raise RecordingError(
+                f"trajectory '{other.name}' begins {gap.max():.3g} rad from where '{self.name}' ends: arms do not jump"
+            )
         time = np.concatenate([self.time, self.time[-1] + other.time[1:] - other.time[0]])
         q, qd, qdd = (np.concatenate([getattr(self, k), getattr(other, k)[1:]]) for k in ("q", "qd", "qdd"))
         return Trajectory(self.name, self.joints, time, q, qd, qdd)
