@@ -2,11 +2,11 @@
 """Five arms, each with one thing that no rigid model has, through the shipped commands alone: excite, run, identify.
 
 Sizes of an industrial arm of 6 axes, drawn; the user's file is wrong by a fifth in every mass and centre. The truth has
-rotors, friction with load, torque noise of 1 % of nominal, encoders, gears that bend (resonances from 18 Hz), cogging of motor
-and gear (0.5 %), friction that fades by a tenth as it warms up; and one of these much stronger, or friction that builds up
-over some way after a reversal and drops with speed, or drives of the wrist that turn with other joints. `trueup excite` says
-how well each combination of bodies' parameters will be known, `trueup identify` how well it is, from 40 s at 200 Hz; both are
-compared with the truth. Other motion (sines) is held out.
+rotors, friction with load, torque noise of 1 % of nominal, encoders, gears that bend (resonances from 18 Hz), cogging of
+motor and gear (0.5 %), friction that fades by a tenth as it warms up; and one of these much stronger, or friction that builds
+up over some way after a reversal and drops with speed, or drives of the wrist that turn with other joints. `trueup excite`
+says how well each combination of bodies' parameters will be known, `trueup identify` how well it is, from 40 s at 200 Hz;
+both are compared with the truth. Other motion (sines) is held out.
 """
 
 from __future__ import annotations
