@@ -2,7 +2,7 @@
 """The next joint positions of robots, on runs that were not learned from: ten learners, a line, and holding the last value.
 
 Real robots need their recordings (`aliengo` and `so101` in TRUEUP_DATA, or ../shared/data); those absent are left out.
-A stand-in arm with a hidden truth is always there.
+A simulated NAO and a stand-in arm with hidden truths are always there.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 from results import result
+from walk_grounding import walked
 
 from trueup import formats
 from trueup.evidence import evidence
@@ -29,6 +30,8 @@ from trueup.grounding.learners import LEARNERS, learners
 from trueup.grounding.rows import inputs_of, rows_of
 from trueup.recording import Recording
 from trueup.studies.servo_arm.demo import record
+from trueup.studies.walk import scenes
+from trueup.studies.walk.robot import StandInNao, Truth
 
 ROOT = Path(os.environ.get("TRUEUP_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
 QUICK = ("linear", "model-tree", "tree", "neighbours")
@@ -45,13 +48,20 @@ def so101() -> list[Recording]:
     return [formats.read([p])[0].replace(name=p.name) for p in folders]
 
 
+def nao() -> list[Recording]:
+    """A stand-in for a worn NAO: 16 walks around its start walk, 10 s each, joints of the legs."""
+    robot, rng = StandInNao(Truth.drawn(np.random.default_rng(0)), threads=1), np.random.default_rng(1)
+    runs = walked(robot, rng, 16, 10.0, "learn").recordings
+    return [r.replace(channels={n: r.channel(n).select(scenes.MOTORS) for n in ("command", "position")}) for r in runs]
+
+
 def arm() -> list[Recording]:
     """A stand-in arm with backlash, Stribeck friction, limited voltage and delay."""
     with tempfile.TemporaryDirectory() as folder:
         return formats.read(sorted(record(Path(folder))))
 
 
-ROBOTS: dict[str, Callable[[], list[Recording]]] = {"aliengo": aliengo, "so101": so101, "arm": arm}
+ROBOTS: dict[str, Callable[[], list[Recording]]] = {"nao": nao, "aliengo": aliengo, "so101": so101, "arm": arm}
 
 
 def show(title: str, found: Comparison) -> None:
@@ -74,6 +84,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="four learners, no rows left out, part of the recordings")
     parser.add_argument("--robots", nargs="+", choices=list(ROBOTS), default=list(ROBOTS))
+    parser.add_argument(
+        "--budget", type=float, default=100.0, metavar="S", help="CPU s for each table (default: %(default)g)"
+    )
     options = parser.parse_args()
     names = QUICK if options.quick else None
     for robot in options.robots:
@@ -87,12 +100,12 @@ def main() -> None:
         if not options.quick:
             plain = rows_of(recordings, inputs_of(recordings, others=()))
             show(f"{robot}: the paper's inputs, {plain.X.shape[1]} in, {plain.Y.shape[1]} out, {len(plain.X)} frames",
-                 compare(learners(names), plain, budget=100.0))  # fmt: skip
-        learned = learn(recordings, Wishes(learners=names, by_row=not options.quick, budget=100.0))
+                 compare(learners(names), plain, budget=options.budget))  # fmt: skip
+        learned = learn(recordings, Wishes(learners=names, by_row=not options.quick, budget=options.budget))
         inputs = learned.grounding.inputs
         show(f"{robot}: chosen inputs ({learned.view} view, {inputs.history} frames)", learned.comparison)
         print(
-            f"{learned.grounding.about['learner']}: {learned.comparison.why}; {time.process_time() - begun:.0f} CPU s"
+            f"{learned.grounding.about['learner']}: {learned.grounding.about['why']}; {time.process_time() - begun:.0f} CPU s"
         )
         report(robot, learned)
 
@@ -100,7 +113,7 @@ def main() -> None:
 def report(robot: str, learned: Learned) -> None:
     """The error of what is taken by default over that of a line with the same inputs, and over holding: per run left out."""
     found = learned.comparison
-    best, line = found.by_run[learned.grounding.about["learner"]], found.by_run["linear"]
+    best, line = learned.taken, found.by_run["linear"]
     beside = evidence(line.by_fold, best.by_fold)
     held = evidence(found.held.by_fold, best.by_fold)
     print(f"{robot}: error of {best.name} over linear exp({-beside.gain:.2f} +- {beside.standard_error:.2f})")

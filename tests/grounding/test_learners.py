@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +11,12 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.errors import GroundingError, UnknownNameError
+from trueup.evidence import evidence
 from trueup.grounding.comparison import cross_validated, folds_by_row, folds_by_run, score
 from trueup.grounding.domain import domain_of
 from trueup.grounding.grounding import Grounding
-from trueup.grounding.learn import Wishes, learn
-from trueup.grounding.learners import LEARNERS, learners
+from trueup.grounding.learn import Wishes, learn, no_worse_than_a_line
+from trueup.grounding.learners import LEARNERS, learners, tempered
 from trueup.grounding.linear import pace
 from trueup.grounding.rows import inputs_of, rows_of
 from trueup.grounding.views import VIEWS, fitted
@@ -133,6 +135,29 @@ def test_a_model_tree_never_departs_from_its_line_farther_than_its_rows_did(rng:
     slopes = LEARNERS["linear"].fit(np.eye(3), LEARNERS["linear"].fit(X, Y, rng).predict(np.eye(3)), rng)
     line = 1e3 * np.abs(slopes.predict(np.eye(3)) - slopes.predict(np.zeros((1, 3)))).sum()  # of the line, so far out
     assert np.abs(far).max() < line + 2.0
+
+
+def test_what_is_taken_never_foretells_a_frame_worse_than_a_line(rng: np.random.Generator, tmp_path: Path) -> None:
+    found = learn(
+        recordings(rng, lag, 6, 150, 1e-3), Wishes(learners=("linear", "neighbours"), by_row=False, view="own")
+    )
+    line, near = found.comparison.by_run["linear"], found.comparison.by_run["neighbours"]
+    assert evidence(line.by_fold, near.by_fold).gain < 0.0
+    misled = replace(found.comparison, chosen="neighbours")
+    learner, share, score = no_worse_than_a_line(misled, found.rows, "own", 0)
+    assert evidence(line.by_fold, score.by_fold).gain >= 0.0
+    assert learner.name == "linear" or share < 1.0
+    between, taken, rng = (
+        fitted(tempered(LEARNERS["neighbours"], 0.5), found.rows, rng, "own"),
+        [],
+        np.random.default_rng(0),
+    )
+    for name in ("linear", "neighbours"):
+        taken.append(fitted(LEARNERS[name], found.rows, rng, "own").predict(found.rows.X))
+    assert np.allclose(between.predict(found.rows.X), 0.5 * sum(taken), atol=1e-12)
+    made = Grounding(found.rows.inputs, between, domain_of(found.rows))
+    made.save(tmp_path / "grounding.npz")
+    assert np.array_equal(Grounding.load(tmp_path / "grounding.npz").goal(found.rows.X), made.goal(found.rows.X))
 
 
 @pytest.mark.parametrize("name", LEARNERS)

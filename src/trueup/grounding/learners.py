@@ -6,7 +6,7 @@ from __future__ import annotations
 import importlib.util
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from trueup.errors import MissingExtraError, unknown_name
 from trueup.grounding import linear, trees
 from trueup.grounding.linear import standard
-from trueup.grounding.predictors import Neighbours, Network, Predictor
+from trueup.grounding.predictors import Neighbours, Network, Predictor, Tempered
 
 Array = NDArray[np.float64]
 
@@ -74,6 +74,15 @@ LEARNERS = {
         Learner("discretised", "RegressionByDiscretization", trees.discretised, "sklearn"),
     )
 }
+
+
+def tempered(learner: Learner, share: float) -> Learner:
+    """One that takes a share of what `learner` departs from a line (stacking: L. Breiman, Machine Learning 24, 1996)."""
+
+    def fit(X: Array, Y: Array, rng: np.random.Generator) -> Predictor:
+        return Tempered(linear.least_squares(X, Y, rng), learner.fit(X, Y, rng), np.array([share]))
+
+    return replace(learner, fit=fit)
 
 
 def learners(names: Sequence[str] | None = None) -> tuple[Learner, ...]:

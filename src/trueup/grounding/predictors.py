@@ -142,17 +142,42 @@ class Neighbours:
         return self.values[nearest].mean(axis=1)
 
 
+@dataclass(frozen=True, eq=False)
+class Tempered:
+    """A line, and a share of what another predictor departs from it."""
+
+    line: Affine
+    other: Predictor
+    share: Array
+    """(1,)."""
+
+    def predict(self, X: Array) -> Array:
+        """See Predictor."""
+        near = self.line.predict(X)
+        return near + self.share * (self.other.predict(X) - near)
+
+
 KINDS: Mapping[str, type[Any]] = {"affine": Affine, "trees": Trees, "network": Network, "neighbours": Neighbours}
+
+
+_TEMPERED = "tempered "
 
 
 def as_arrays(predictor: Predictor) -> tuple[str, dict[str, Array]]:
     """The kind of a predictor, and its arrays by name."""
+    if isinstance(predictor, Tempered):
+        kind, own = as_arrays(predictor.other)
+        line, share = predictor.line, predictor.share
+        return _TEMPERED + kind, {**own, "tempered.W": line.W, "tempered.b": line.b, "tempered.share": share}
     kind = next(name for name, cls in KINDS.items() if isinstance(predictor, cls))
     return kind, {f.name: getattr(predictor, f.name) for f in dataclasses.fields(KINDS[kind])}
 
 
 def from_arrays(kind: str, arrays: Mapping[str, Array]) -> Predictor:
     """The predictor of a kind. Raises GroundingError for an unknown kind or missing arrays."""
+    if kind.startswith(_TEMPERED):
+        other = from_arrays(kind.removeprefix(_TEMPERED), arrays)
+        return Tempered(Affine(arrays["tempered.W"], arrays["tempered.b"]), other, arrays["tempered.share"])
     if kind not in KINDS:
         raise GroundingError(f"a model of kind '{kind}' is not known; kinds are: {', '.join(KINDS)}")
     names = [f.name for f in dataclasses.fields(KINDS[kind])]
