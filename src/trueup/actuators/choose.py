@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.actuators.fit import WINDOWS, Found, Problem, fit, left_out, lowest, widening
+from trueup.actuators.fit import WINDOWS, Found, Problem, fit, left_out, widening
 from trueup.actuators.structures import BASE, BY_NAME, LOAD, STRUCTURES, Structure
 from trueup.evidence import Evidence, evidence
 from trueup.parameters import Parameter
@@ -19,8 +19,6 @@ Array = NDArray[np.float64]
 _QUICK = 8  # iterations that show what a structure promises
 _WAYS = 3  # models that are followed side by side
 _TRIED = 4  # structures that promise the most are fitted in earnest
-_STIFF = (0.4, 1.0)  # of the stiffness guessed from errors and loads, to begin from
-_SIZES = (0.02, 0.1, 0.3, 0.5, 0.7, 0.9)  # of its box, at which a structure is tried before it is searched
 
 
 @dataclass(frozen=True)
@@ -71,10 +69,8 @@ class Chooser:
         self.fixed = fixed or {}
 
     def plain(self, structures: tuple[str, ...] = ()) -> Model:
-        """The servo of BASE, with some structures, from the best of several starts."""
-        starts = [{**self.fixed, "stiffness": f * self.declared["stiffness"].nominal} for f in _STIFF]
-        parameters = self.parameters(structures)
-        return self._best(structures, [widening(self.problem, parameters, start) for start in starts])
+        """The servo of BASE, with some structures, from what errors and loads let guess."""
+        return self._best(structures, [widening(self.problem, self.parameters(structures), self.fixed)])
 
     def promise(self, model: Model, structure: Structure) -> Found:
         """What a structure would do to a model's replays in windows: quickly fitted."""
@@ -82,14 +78,13 @@ class Chooser:
         return fit(self.problem, parameters, model.found.values, iterations=_QUICK, window=WINDOWS[-2])
 
     def with_structure(self, model: Model, structure: Structure, promised: Found) -> Model:
-        """A model with one more structure: from windows, and from the best of its sizes beside what was found."""
+        """A model with one more structure: from where it promised to lead, and without regard to what was found before, which
+        may hold a fit in a valley of its own.
+        """
         names = (*model.structures, structure.name)
         parameters = self.parameters(names)
-        starts = (promised.values, self._sized(model.found, structure))
-        fits = [fit(self.problem, parameters, start) for start in starts]
-        # and without regard to what was found before, which may hold a fit in a valley of its own
-        nominal = {**self.fixed, "stiffness": self.declared["stiffness"].nominal}
-        return self._best(names, [*fits, widening(self.problem, parameters, nominal)])
+        ends = [fit(self.problem, parameters, promised.values), widening(self.problem, parameters, self.fixed)]
+        return self._best(names, ends)
 
     def without(self, model: Model, name: str) -> Model:
         """A model with one structure less."""
@@ -97,14 +92,6 @@ class Chooser:
         parameters = self.parameters(names)
         start = {**self.fixed, **{p.name: model.found.values[p.name] for p in parameters}}
         return self._best(names, [fit(self.problem, parameters, start), widening(self.problem, parameters, start)])
-
-    def _sized(self, less: Found, structure: Structure) -> Mapping[str, float]:
-        """The best of a structure's sizes beside what else was found."""
-        first, *more = (self.declared[n] for n in structure.parameters if n not in less.values)
-        space = [first.lower + u * (first.upper - first.lower) if first.scale == "linear"
-                 else first.lower * (first.upper / first.lower) ** u for u in _SIZES]  # fmt: skip
-        rows = [{**less.values, **{p.name: p.nominal for p in more}, first.name: x} for x in space]
-        return lowest(self.problem, rows, less.bend)
 
     def _best(self, names: tuple[str, ...], fits: Sequence[Found]) -> Model:
         """The lowest of several fits, by one and the same loss, with what left-out runs say of it."""

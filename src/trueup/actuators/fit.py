@@ -149,11 +149,3 @@ def spread(problem: Problem, found: Found) -> Array:
 def left_out(problem: Problem, parameters: Sequence[Parameter], found: Found) -> list[dict[str, float]]:
     """Values of fits that never saw one block each; they begin where the whole one ended."""
     return [dict(fit(problem, parameters, found.values, without=b, iterations=_AGAIN).values) for b in problem.blocks]
-
-
-def lowest(problem: Problem, rows: Sequence[Mapping[str, float]], bend: float) -> Mapping[str, float]:
-    """The set of values with the least robust loss. Raises CalibrationError where no replay succeeds."""
-    losses = problem.losses(rows, bend)
-    if not np.isfinite(losses).any():
-        raise CalibrationError("no start value gives a replay that is finite; check mass, length and inertia")
-    return rows[int(np.argmin(losses))]

@@ -80,13 +80,11 @@ def gain(curvature: Array, slope: Array, step: Array) -> float:
 
 
 def corrected(slopes: Array, before: Array, moved: Array, after: Array) -> Array:
-    """Slopes (m, n) with what a step showed, where they had foretold most of it: Broyden's rank-one correction, Math.
-    Comp. 19, 1965. `before` and `after` (m,) are the residuals at the ends of the step (n,).
+    """Slopes (m, n) with what a step showed: Broyden's rank-one correction, Math. Comp. 19, 1965.
+
+    `before` and `after` (m,) are the residuals at the ends of the step (n,).
     """
-    change = after - before
-    surprise = change - slopes @ moved
-    if np.linalg.norm(surprise) >= 0.7 * np.linalg.norm(change):
-        return slopes
+    surprise = after - before - slopes @ moved
     return slopes + np.outer(surprise, moved / (moved @ moved))
 
 

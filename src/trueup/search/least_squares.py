@@ -21,12 +21,9 @@ from trueup.search.search import SearchState
 Array = NDArray[np.float64]
 
 _ALIKE = 0.02  # steps nearer to one another than this share of the promised gain, and of the box, are one
-_WORN = 0.7  # new slopes are taken once a step leaves more than this share of what was promised: they cost ten steps
-_SHORTER = 1e-4  # least damping after steps that led nowhere: below, they would all be the same step again
-_TIE = 0.01  # hopes that differ by less of the gain are told apart by what is seen, or ever shorter steps win by a hair
+_CROSSING = 1e-4  # damping of the imagined step across the valley that candidates are judged by
 _STUCK = 10.0  # times what is negligible: slopes that promise more where no step goes down are those of a crack
 _CREEP = 0.2  # share of what new slopes promised: a search that gains less until the next ones creeps
-_CROSSING = 1e-4  # damping of the imagined step across the valley that candidates are judged by
 
 
 @dataclass
@@ -216,8 +213,7 @@ class LeastSquares:
         losses = np.nan_to_num(robust_losses(residuals, self.delta), nan=np.inf, posinf=np.inf)
         hoped = self._hoped(candidates, residuals, losses)
         below = self.best[1]
-        lowest, tie = int(losses.argmin()), hoped.min() + _TIE * max(below - hoped.min(), 0.0)
-        k = int(np.where(hoped <= tie, losses, np.inf).argmin())
+        lowest, k = int(losses.argmin()), int(hoped.argmin())
         climbs = losses[k] >= below
         if climbs and not (self._credit > 0 and hoped[k] < below - self._negligible(below, residuals[lowest])):
             k, climbs = lowest, False
@@ -252,7 +248,7 @@ class LeastSquares:
             self._go_back()  # corrected slopes have worn out, or a way uphill led nowhere
         else:
             self._stale += 1
-            self._damping = float(np.clip(self._damping * 300.0, _SHORTER, 1e9))
+            self._damping = min(self._damping * 300.0, 1e9)
 
     def _go_back(self) -> None:
         """To the lowest place, with new slopes, and no more climbing before something lower is found."""
@@ -274,7 +270,7 @@ class LeastSquares:
             self._done = "converged: the last steps changed almost nothing"
         elif left < negligible and not self.confirm and loss <= self.best[1]:
             self._done = "converged: no step promises a gain that noise would not give"
-        serve = negligible < left < _WORN * promised or loss > self.best[1]
+        serve = negligible < left < promised or loss > self.best[1]
         self._fresh = False
         if self._done:
             self._see(self.jacobian, residual)  # slopes of a negligible step away will do
