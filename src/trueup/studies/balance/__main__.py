@@ -53,7 +53,7 @@ def main() -> int:
         return 130
     for scene in findings.campaigns:
         words = ", ".join(f"{100 * findings.share(scene, k):.0f} % after {k}" for k in range(size.depth.rounds + 1))
-        Console().print(f"{scene}: works on {words} calibrations", markup=False)
+        Console().print(f"{scene}: works on {words} calibrations", markup=False, soft_wrap=True)
     Console().print(f"report: {asked.out / 'report.html'}", soft_wrap=True, markup=False)
     return 0
 

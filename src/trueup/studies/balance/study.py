@@ -106,9 +106,11 @@ def studied(folder: Path, size: Size, told: Told, *, compute: bool = True, worke
 def _there(
     kept: Parts, wanted: Sequence[Part], depth: Depth, known: Firsts, compute: bool, workers: int
 ) -> Iterator[Part]:
-    """Each part once it is in the folder, or not to be computed: those that were there already come first."""
-    missing = [p for p in wanted if compute and not kept.has(p.name)]
+    """Each part once it is in the folder: those that were there already come first."""
+    missing = [p for p in wanted if not kept.has(p.name)]
     yield from (p for p in wanted if p not in missing)
+    if not compute:
+        return
     with ProcessPoolExecutor(min(workers, len(missing)) or 1, mp_context=get_context("spawn")) as pool:
         made = map if workers == 1 or len(missing) < 2 else pool.map
         for wait in (False, True):  # what another process in this folder computes comes last
