@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from multiprocessing import get_context
@@ -111,8 +112,9 @@ def _there(
     yield from (p for p in wanted if p not in missing)
     if not compute:
         return
-    with ProcessPoolExecutor(min(workers, len(missing)) or 1, mp_context=get_context("spawn")) as pool:
-        made = map if workers == 1 or len(missing) < 2 else pool.map
+    many = min(workers, len(missing))
+    with ProcessPoolExecutor(many, mp_context=get_context("spawn")) if many > 1 else nullcontext() as pool:
+        made = map if pool is None else pool.map
         for wait in (False, True):  # what another process in this folder computes comes last
             done = list(missing)
             try:
@@ -121,7 +123,8 @@ def _there(
                         missing.remove(part)
                         yield part
             except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
+                if pool is not None:
+                    pool.shutdown(wait=False, cancel_futures=True)
                 raise
 
 
