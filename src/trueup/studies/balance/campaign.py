@@ -5,6 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,8 @@ from trueup.tasks.transitions import Transition
 
 Array = NDArray[np.float64]
 Told = Callable[[str], None]
+Kept = Callable[[str, Callable[[], Any]], Any]
+"""From a name, and what makes it, to what it is: anything that JSON holds."""
 
 REPEATS = 3
 """Runs of a motion, as the paper has them. A motion works where most of them end as wanted."""
@@ -84,11 +88,14 @@ def performed(
 
 def campaign(
     scene: str, robot: Robot, task: Transition, first: Array, *, seed: int, scale: Scale | None = None,
-    told: Told = lambda line: None,
+    told: Told = lambda line: None, kept: Kept = lambda name, make: make(),
 ) -> tuple[Round, ...]:  # fmt: skip
-    """Rounds until a motion works on the robot, the first with motion `first` (m,) of the model file as it is."""
+    """Rounds until a motion works on the robot, the first with motion `first` (m,) of the model file as it is.
+
+    `kept` gives what was made under a name before, in place of making it again.
+    """
     given = scale or Scale()
-    simulator, rng = simulator_of(scene, given.parameters), np.random.default_rng(seed)
+    simulator = simulator_of(scene, given.parameters)
     values, motion, expected, rounds = simulator.parameters.nominal, first, 1.0, []
     for number in range(given.rounds + 1):
         recordings, stood = performed(robot, task, motion, f"{scene}-{number}", given.repeats)
@@ -99,16 +106,25 @@ def campaign(
         if rounds[-1].succeeded or number == given.rounds:
             break
         known = [Runs(scene, r.recordings, task.trials[0].ends) for r in rounds]
-        seed = int(rng.integers(2**31))
-        models = calibrated(
-            known, given.parameters, seed=seed, generations=given.generations, members=given.effort.models
-        ).values
-
-        def search(begin: Array | None, models: Array = models) -> Surest:
-            return searched(scene, models, rng, begin=begin, effort=given.effort, parameters=given.parameters)
-
-        values, found = models[0], search(motion)
-        if found.share < 0.5:  # not from there: from the scene's own seeds
-            found = max(found, search(None), key=lambda f: f.share)
-        motion, expected = found.values, found.share
+        later = kept(f"round {number + 1}", partial(_designed, scene, known, motion, given, [seed, number]))
+        values, motion, expected = np.array(later["values"]), np.array(later["motion"]), later["share"]
     return tuple(rounds)
+
+
+def _designed(
+    scene: str, known: Sequence[Runs], motion: Array, scale: Scale, seeds: Sequence[int]
+) -> dict[str, list[float] | float]:
+    """The likeliest model after `known` runs, and the motion that succeeds in the largest share of all that are possible."""
+    rng = np.random.default_rng(seeds)
+    seed = int(rng.integers(2**31))
+    models = calibrated(
+        known, scale.parameters, seed=seed, generations=scale.generations, members=scale.effort.models
+    ).values
+
+    def search(begin: Array | None) -> Surest:
+        return searched(scene, models, rng, begin=begin, effort=scale.effort, parameters=scale.parameters)
+
+    found = search(motion)
+    if found.share < 0.5:  # not from there: from the scene's own seeds
+        found = max(found, search(None), key=lambda f: f.share)
+    return {"values": models[0].tolist(), "motion": found.values.tolist(), "share": found.share}

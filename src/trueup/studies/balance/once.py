@@ -14,7 +14,7 @@ from trueup.inspection.repeats import bridged
 from trueup.loop.confirm import hunt
 from trueup.search.cma_es import CmaEs
 from trueup.studies.balance.calibration import STEP, Runs, calibrated, simulator_of
-from trueup.studies.balance.campaign import Round, campaign, most, performed
+from trueup.studies.balance.campaign import Kept, Round, campaign, most, performed
 from trueup.studies.balance.pictures import poses_of
 from trueup.studies.balance.plan import SCENES, Depth, Part
 from trueup.studies.balance.robot import StandInHumanoid
@@ -28,15 +28,15 @@ Firsts = Mapping[str, Mapping[str, Any]]
 """Scene to what is kept of its parts 'first' and 'wide'."""
 
 
-def computed(part: Part, depth: Depth, firsts: Firsts) -> object:
-    """What is kept of a part: anything that JSON holds."""
+def computed(part: Part, depth: Depth, firsts: Firsts, kept: Kept) -> object:
+    """What is kept of a part: anything that JSON holds; `kept` holds what leads to it."""
     match part.kind:
         case "first":
             return first(part.scene, depth)
         case "wide":
             return wide(part.scene, depth, firsts)
         case "rounds":
-            return rounds(part.scene, part.number, depth, firsts)
+            return rounds(part.scene, part.number, depth, firsts, kept)
         case "randomised":
             robot, task = StandInHumanoid(part.scene, part.number), transition(part.scene, step=STEP)[1]
             return list(performed(robot, task, np.array(firsts[part.scene]["randomised"]), "randomised")[1])
@@ -65,10 +65,11 @@ def wide(scene: str, depth: Depth, firsts: Firsts) -> dict[str, Any]:
     return {"randomised": found.values.tolist(), "randomised_share": found.share}
 
 
-def rounds(scene: str, number: int, depth: Depth, firsts: Firsts) -> list[dict[str, Any]]:
+def rounds(scene: str, number: int, depth: Depth, firsts: Firsts, kept: Kept) -> list[dict[str, Any]]:
     """The campaign."""
     task, motion = transition(scene, step=STEP)[1], np.array(firsts[scene]["motion"])
-    done = campaign(scene, StandInHumanoid(scene, number), task, motion, seed=number, scale=depth.scale)
+    robot = StandInHumanoid(scene, number)
+    done = campaign(scene, robot, task, motion, seed=number, scale=depth.scale, kept=kept)
     return [as_told(scene, task, r, values) for r, values in zip_longest(done, [r.values for r in done[1:]])]
 
 

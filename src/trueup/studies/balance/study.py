@@ -132,5 +132,9 @@ def _kept(kept: Parts, depth: Depth, known: Firsts, wait: bool, part: Part) -> b
     """Whether a part is there now, computed if nobody else does."""
     with kept.claimed(part.name, wait=wait) as own:
         if own:
-            kept.text(part.name, lambda: computed(part, depth, known))
+
+            def led(name: str, make: Callable[[], object]) -> Any:
+                return kept.text(f"{part.name}, {name}", make)
+
+            kept.text(part.name, lambda: computed(part, depth, known, led))
         return own
