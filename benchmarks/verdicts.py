@@ -3,10 +3,10 @@
 
 Each arm has two joints with hidden gains, dampings, frictions and rotors. Its file is wrong in all of them by up to
 three times; damping of the servo is one number with that of the joint, limits are mostly not reached, and half of the
-arms have what the simulator lacks: an elastic gear or backlash behind the drive. What counts are estimates called
-'identified', and sums named for those called 'tied': how many hold the truth within their 95 % interval, and how many
-are wrong by more than a fifth. Beside it the same count for intervals that take as known what was not asked for, as
-least squares has it.
+arms have what the simulator lacks: an elastic gear, backlash behind the drive, or friction of another form. What counts
+are estimates called 'identified', and sums named for those called 'tied': how many hold the truth within their 95 %
+interval, and how many are wrong by more than a fifth. Beside it the same count for intervals that take as known what was
+not asked for, as least squares has it.
 """
 
 from __future__ import annotations
@@ -33,14 +33,17 @@ from trueup.trial import Trial
 
 TIME = np.arange(0.0, 6.0, 0.01)
 NOISE = 3e-4  # rad
-STRUCTURES = ("none", "none", "elastic", "backlash")
+STRUCTURES = ("none", "none", "elastic", "backlash", "none", "friction")
 JOINT = """<joint name="{name}" axis="{axis}" range="-3 3" damping="{damping}" armature="{armature}"
  frictionloss="{friction}"/>"""
 GEAR = {
     "none": "",
     "elastic": '<joint name="{name}_gear" axis="{axis}" stiffness="900" damping="0.6"/>',
+    "friction": "",
     "backlash": '<joint name="{name}_gear" axis="{axis}" limited="true" range="-.004 .004" damping="0.02" armature="1e-4"/>',
 }
+FRICTION = {"friction_static": 0.1, "friction_load": 0.08}
+"""N m above Coulomb friction at rest, and friction for each N m of load."""
 ARM = """<mujoco><compiler angle="radian" autolimits="true"/><option integrator="implicitfast"/><worldbody>
 <body name="upper">{j0}<inertial pos="0 0 -.001" mass=".02" diaginertia="1e-5 1e-5 1e-5"/><body name="upper_arm">{g0}
  <geom type="capsule" fromto="0 0 0 0 0 -.25" size=".03" mass="1.2"/>
@@ -98,9 +101,12 @@ class Count:
     plain_held: int
 
 
-def motions(truth: Path, rng: np.random.Generator) -> list[Recording]:
+def motions(truth: Path, structure: str, rng: np.random.Generator) -> list[Recording]:
     """Multisines and steps that the true arm was sent, and where its encoders say it went."""
-    robot = prepare(truth, (), propose=False).simulator
+    hidden = truth.with_suffix(".toml")
+    lines = FRICTION.items() if structure == "friction" else ()
+    hidden.write_text("".join(f'[[parameter]]\nquantity = "{q}"\nof = "*"\nnominal = {v}\n' for q, v in lines))
+    robot = prepare(truth, (), parameters=hidden if lines else None, propose=False).simulator
     runs = []
     for name in ("waves", "more waves", "steps"):
         if name == "steps":
@@ -111,7 +117,7 @@ def motions(truth: Path, rng: np.random.Generator) -> list[Recording]:
                           for a, f, p in zip((0.4, 0.2, 0.1, 0.05), (0.2, 0.6, 1.4, 3.0), phases, strict=True))  # fmt: skip
         sent = Channel("command", ("a", "b"), "rad", TIME, np.asarray(command))
         plan = Recording(name, {"command": sent, "position": sent.replace(name="position")})
-        (seen,) = robot.rollout([Trial.of(plan)], np.zeros((1, 0)))
+        (seen,) = robot.rollout([Trial.of(plan)], robot.parameters.nominal[None])
         measured = seen.channels["position"][0] + rng.normal(0.0, NOISE, (len(TIME), 2))
         runs.append(
             Recording(name, {"command": sent, "position": Channel("position", ("a", "b"), "rad", TIME, measured)})
@@ -129,7 +135,7 @@ def counted(number: int) -> Count:
         truth.write_text(arm.text(structure))
         wrong = arm.mistaken(rng)
         file.write_text(wrong.text())
-        recordings = motions(truth, rng)
+        recordings = motions(truth, structure, rng)
         with_twins = prepare(file, recordings).calibrate()
         taken, loop_calibrate.considered = loop_calibrate.considered, lambda problem, fit, covariance: ()
         try:
