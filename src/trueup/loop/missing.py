@@ -50,6 +50,9 @@ class Missing:
         first = len(self.values) - len(self.parameters)
         rows = zip(self.parameters, self.values[first:], self.low[first:], self.high[first:], strict=True)
         sizes = ", ".join(f"{p.name} {v:.3g} [{lo:.3g}, {hi:.3g}] {p.unit}".rstrip() for p, v, lo, hi in rows)
+        undecided = f"the recordings leave it open whether the robot has {self.name}, which the model lacks: {sizes}"
+        if not self.shown.holds:
+            return undecided
         return (
             f"the recordings show {self.name}, which the model lacks: {sizes}. With it left-out errors are "
             f"{100 * np.exp(-self.shown.gain):.0f} % of what they are; declare it, from there, to have it in the model"
@@ -57,7 +60,9 @@ class Missing:
 
 
 def missing(problem: Problem, found: Fit) -> Missing | None:
-    """The structure that the simulator lacks by the recordings' evidence; None where it explains them or none is known."""
+    """The structure that the simulator lacks by the recordings' evidence, or else the one that they favour most; None where
+    it explains them, or none of those that are known is favoured.
+    """
     if explained(found.residual) or problem.eliminated:
         return None
     part = problem
@@ -66,14 +71,15 @@ def missing(problem: Problem, found: Fit) -> Missing | None:
         found = fit(part, found.space, found.values, Watch(), stages=REFINEMENT)
     others = _structures(problem.simulator)
     looks = [_scanned(part.by(other), found, len(found.space), name) for name, other in others.items()]
-    blocks = by_stretch(part)
-    worth = part.chance(found.residual)
+    without = left_out_errors(part, found, by_stretch(part))
+    worth, tried = part.chance(found.residual), []
     for look in sorted(looks, key=lambda look: -look.gain):
         if look.gain > worth * max(len(look.sizes), 1):
-            shown = _fitted(part.by(others[look.name]), found, look, left_out_errors(part, found, blocks))
-            if shown is not None:
-                return shown
-    return None
+            fitted = _fitted(part.by(others[look.name]), found, look, without)
+            if fitted is not None and fitted.shown.holds:
+                return fitted
+            tried += [fitted] if fitted is not None and fitted.shown.gain > 0.0 else []
+    return max(tried, key=lambda m: m.shown.gain, default=None)
 
 
 @dataclass(frozen=True)
@@ -86,7 +92,7 @@ class _Look:
 
 
 def _scanned(problem: Problem, found: Fit, own: int, name: str) -> _Look:
-    """The sizes of a structure's parameters, each alone, behind the simulator's `own`."""
+    """The sizes of a structure's parameters, behind the simulator's `own`: each alone, then added, the best first."""
     more = problem.simulator.parameters.parameters[own:]
     base = np.concatenate([found.values, np.zeros(len(more))])
     rows = np.repeat(base[None], 1 + len(more) * len(_SIZES), axis=0)
@@ -102,20 +108,26 @@ def _scanned(problem: Problem, found: Fit, own: int, name: str) -> _Look:
         slope = slopes.T @ error
         return 0.5 * float(error @ error - slope @ inverse @ slope)
 
-    before, sizes, gain = left(errors), {}, 0.0
-    for k, p in enumerate(more):
+    lowest = before = left(errors)
+    singly = []
+    for k in range(len(more)):
         after = [left(r * root) for r in residuals[1 + k * len(_SIZES) : 1 + (k + 1) * len(_SIZES)]]
-        best = int(np.nanargmin(after)) if np.isfinite(after).any() else 0
-        if after[best] < before - problem.chance(found.residual):
-            sizes[p.name] = float(_SIZES[best] * p.upper)
-            gain = max(gain, before - after[best])
-    return _Look(name, sizes, gain)
+        if np.isfinite(after).any():
+            best = int(np.nanargmin(after))
+            singly.append((after[best], k, _SIZES[best]))
+    worth, taken = problem.chance(found.residual), base
+    for _, k, share in sorted(singly):
+        row = taken.copy()
+        row[own + k] = share * more[k].upper
+        after = left(problem.residuals(row[None])[0] * root)
+        if after < lowest - worth:
+            lowest, taken = after, row
+    sizes = {p.name: float(v) for p, v in zip(more, taken[own:], strict=True) if v}
+    return _Look(name, sizes, before - lowest)
 
 
 def _fitted(problem: Problem, found: Fit, look: _Look, without: Array) -> Missing | None:
-    """The fit with a structure, from where the score test has it; None where left-out recordings do not ask for it, or where
-    the simulation fails with it.
-    """
+    """The fit with a structure, from where the score test has it; None where the simulation fails with it."""
     more = problem.simulator.parameters.parameters[len(found.space) :]
     space = ParameterSpace((*found.space.parameters, *more)).freeze([p.name for p in more if p.name not in look.sizes])
     start = np.concatenate([found.values, [look.sizes.get(p.name, 0.0) for p in more]])
@@ -124,8 +136,6 @@ def _fitted(problem: Problem, found: Fit, look: _Look, without: Array) -> Missin
     except (CalibrationError, SimulationFailedError):
         return None
     shown = compared(without, left_out_errors(problem, grown, by_stretch(problem)))
-    if not shown.holds:
-        return None
     low, high = intervals(grown, unit_covariance(problem, grown))
     free = space.free
     return Missing(look.name, tuple(p for p in more if p.name in look.sizes), grown.values[free], low, high, shown)
