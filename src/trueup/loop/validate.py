@@ -13,11 +13,13 @@ from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR
 from trueup.recording import PART_OF
+from trueup.search.robust import robust_losses
 
 Array = NDArray[np.float64]
 
 _BLOCKS = 6  # parts that are left out in turn, at least: of fewer the spread is itself hardly known
 _REACH = 0.5  # share of the box: slopes foretell nothing further away
+_SHORTER = np.array([1.0, 0.25, 0.0625, 0.0])  # shares of a step
 _RIDGE = 1e-4  # share of the curvature that holds combinations which only the part left out has seen
 
 
@@ -71,6 +73,21 @@ def left_out_points(problem: Problem, fit: Fit, blocks: Sequence[Block], held: A
         step = -np.linalg.solve(left[np.ix_(free, free)] + ridge, pull[free])
         point[free] += np.clip(step, -_REACH, _REACH)
     return np.clip(points, 0.0, 1.0)
+
+
+def backtracked(problem: Problem, fit: Fit, blocks: Sequence[Block]) -> Array:
+    """As `left_out_points`, each step cut short until it lowers the loss of all that is not left out, or given up: slopes
+    of gaps and limits foretell little (backtracking: Nocedal and Wright, Numerical Optimization, 2006, section 3.1).
+    """
+    steps = left_out_points(problem, fit, blocks) - fit.unit
+    tried = np.clip(fit.unit + _SHORTER[:, None, None] * steps[None], 0.0, 1.0)
+    residuals = problem.residuals(fit.space.from_unit(tried.reshape(-1, len(fit.unit))))
+    residuals = residuals.reshape(len(_SHORTER), len(blocks), -1)
+    points = []
+    for b, block in enumerate(blocks):
+        losses = robust_losses(np.delete(residuals[:, b], block.rows, axis=1), fit.bend)
+        points.append(tried[int(np.argmin(np.nan_to_num(losses, nan=np.inf))), b])
+    return np.stack(points)
 
 
 def left_out_errors(problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None) -> Array:
