@@ -18,7 +18,7 @@ from trueup.articulated.signals import Signals
 from trueup.articulated.wiring import commanded, joints_commanded
 from trueup.controllers.controller import ControllerFactory
 from trueup.engines.simulator import Rollout
-from trueup.errors import unknown_name
+from trueup.errors import ModelError, unknown_name
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording, is_command
 from trueup.trial import Trial, command_of
@@ -45,6 +45,12 @@ class ArticulatedSimulator:
     def at_step(self, step: float) -> ArticulatedSimulator:
         """The same with another step, in s."""
         return dataclasses.replace(self, step=step)
+
+    def with_parameters(self, space: ParameterSpace) -> ArticulatedSimulator:
+        """The same with other nominal values or frozen flags (names and order must stay)."""
+        if space.names != self.parameters.names:
+            raise ModelError("with_parameters needs the same parameters in the same order")
+        return dataclasses.replace(self, parameters=space)
 
     def shipped(self) -> ArticulatedSimulator:
         """The same model as it came, without parameters."""

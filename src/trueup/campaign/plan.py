@@ -58,6 +58,8 @@ class Calibrate:
     discrepancy: Component | None = None
     search: Literal["auto", "gradient", "cma-es", "hybrid"] = "auto"
     select: bool = True
+    choose: bool = False
+    """Before each fit, keep only those parameters on which replays hang and that the recordings can tell."""
     robust: float = 3.0
 
 

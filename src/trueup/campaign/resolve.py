@@ -173,7 +173,7 @@ def _calibrator(file: PlanFile, given: Mapping[str, Any], ready: Preparation) ->
     if plan.calibrate.method.type == "none":
         return None
     if plan.calibrate.method.type == "fit":
-        return _fit(file, ready, given["discrepancy"])
+        return _fit(file, given, ready)
     target = found(plan.calibrate.method, "calibration", CALIBRATIONS, base)
     before = {**given, "recordings": (), "held_out": (), "progress": None, "earlier": None}
     arguments(plan.calibrate.method, target, before, base)  # what is wrong with the options is said now, not after runs
@@ -188,8 +188,9 @@ def _calibrator(file: PlanFile, given: Mapping[str, Any], ready: Preparation) ->
     return own
 
 
-def _fit(file: PlanFile, ready: Preparation, discrepancy: Discrepancy | None) -> Calibrator:
-    plan = file.plan.calibrate
+def _fit(file: PlanFile, given: Mapping[str, Any], ready: Preparation) -> Calibrator:
+    discrepancy: Discrepancy | None = given["discrepancy"]
+    plan, say = file.plan.calibrate, given["say"]
     if plan.method.options:
         raise PlanError(f"{plan.method.where}: 'fit' takes no options here; set search, robust, ... in [calibrate]")
     options = Options(search=plan.search, select=plan.select, robust=plan.robust, channels=plan.channels or None,
@@ -200,6 +201,12 @@ def _fit(file: PlanFile, ready: Preparation, discrepancy: Discrepancy | None) ->
         earlier: Earlier | None,
     ) -> Calibration:  # fmt: skip
         now = ready.with_recordings(recordings, held_out)
-        return now.calibrate(options, discrepancy=discrepancy, progress=progress, earlier=earlier)
+        if plan.choose:  # anew each time: what was left earlier may be told by now
+            now, choice = now.worthwhile(plan.channels or None, discrepancy)
+            for note in choice.notes:
+                say(f"note: {note}")
+        return now.calibrate(
+            options, discrepancy=discrepancy, progress=progress, earlier=None if plan.choose else earlier
+        )
 
     return fit

@@ -90,6 +90,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help=f"integration step in s (default: {STEP}): the one that you will simulate with")  # fmt: skip
     add_engine(parser)
     add_refuse(parser)
+    parser.add_argument("--choose", action="store_true",
+                        help="before the fit, keep only those parameters on which replays hang and that the recordings "
+                             "tell, and say why each was taken or left: for a file that declares much")  # fmt: skip
     parser.add_argument("--no-select", dest="select", action="store_false",
                         help="keep parameters that the recordings cannot support")  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print the outcome as JSON, for scripts")
@@ -107,6 +110,9 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     training, held_out, notes = _recordings(args, told)
     ready = prepare(args.model, training, held_out, parameters=args.parameters, beyond_mjcf=args.beyond_mjcf,
                     step=args.step, refuse=args.refuse, engine=args.engine)  # fmt: skip
+    if args.choose:
+        ready, choice = ready.worthwhile(_channels(args))
+        notes = [*notes, *choice.notes]
     family, simulator = ready.family, ready.simulator
     output = None if args.dry_run else _output(args, ready)
     if not args.quiet:
@@ -166,6 +172,7 @@ def _output(args: argparse.Namespace, ready: Preparation) -> Output:
     choices = {"held out": [r.name for r in ready.hold_out], "search": args.search, "seed": args.seed,
                "select": args.select, "channels": args.channels, "beyond MJCF": args.beyond_mjcf,
                "step": args.step, **({"engine": args.engine} if args.engine else {}),
+               **({"choose": True} if args.choose else {}),
                **({"refuse": sorted(args.refuse)} if args.refuse else {})}  # fmt: skip
     print_of = fingerprint(model, parameters, [*ready.recordings, *ready.hold_out], choices)
     return Output.open(Path(args.out), model, print_of, suffix=ready.family.suffix, force=args.force)
@@ -174,8 +181,11 @@ def _output(args: argparse.Namespace, ready: Preparation) -> Output:
 def _options(args: argparse.Namespace) -> Options:
     from trueup.loop.calibrate import Options
 
-    channels = tuple(c.strip() for c in args.channels.split(",")) if args.channels else None
-    return Options(search=args.search, select=args.select, seed=args.seed, channels=channels)
+    return Options(search=args.search, select=args.select, seed=args.seed, channels=_channels(args))
+
+
+def _channels(args: argparse.Namespace) -> tuple[str, ...] | None:
+    return tuple(c.strip() for c in args.channels.split(",")) if args.channels else None
 
 
 def _calibrated(args: argparse.Namespace, ready: Preparation, output: Output, told: Console) -> Calibration:

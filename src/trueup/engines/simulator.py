@@ -182,6 +182,15 @@ class Approximated(Protocol):
 
 
 @runtime_checkable
+class Respaced(Protocol):
+    """A Simulator of which some parameters can be frozen."""
+
+    def with_parameters(self, space: ParameterSpace) -> Simulator:
+        """The same simulator with other nominal values or frozen flags; names and order stay."""
+        ...
+
+
+@runtime_checkable
 class Commanded(Protocol):
     """A Simulator that says what the columns of a controller's command are."""
 

@@ -14,15 +14,19 @@ import numpy as np
 from trueup.calibration import Ahead, Calibration, Prediction, Replay
 from trueup.discrepancies.alignment import clock_errors
 from trueup.discrepancies.discrepancy import Discrepancy
+from trueup.discrepancies.weighted import Weighted
 from trueup.engines.family import Family, Note, Request, family_of
-from trueup.engines.simulator import Simulator
+from trueup.engines.restricted import Restricted
+from trueup.engines.simulator import Respaced, Simulator
 from trueup.errors import ModelError
 from trueup.inspection.diagnosis import Diagnosis, check_refused
 from trueup.loop.ahead import predicted_ahead
 from trueup.loop.calibrate import Options, calibrate, usual
 from trueup.loop.fit import Checkpoint, Progress
+from trueup.loop.problem import Problem
 from trueup.loop.recalibrate import Earlier, recalibrate
 from trueup.loop.replay import replays
+from trueup.loop.worth import Choice, worth_calibrating
 from trueup.recording import Recording, is_command
 from trueup.trial import command_of
 
@@ -102,6 +106,23 @@ class Preparation:
         crossed = tuple(replace(c, rmse_before=nan) for c in done.cross_validation)
         unknown = tuple(replace(r, before=np.full_like(r.before, nan)) for r in shown)
         return replace(done, replays=unknown, cross_validation=crossed)
+
+    def worthwhile(
+        self, channels: Sequence[str] | None = None, discrepancy: Discrepancy | None = None
+    ) -> tuple[Preparation, Choice]:  # fmt: skip
+        """The same with only those parameters free that are worth calibrating for replays of these recordings, and why.
+
+        See `worth_calibrating`, whose outcome are the recordings' own motions here. Raises CalibrationError.
+        """
+        seen = tuple(dict.fromkeys(c for r in self.recordings for c in self.simulator.observable(r)))
+        compared = tuple(channels or usual(seen))
+        measure = discrepancy or Weighted.estimated(self.recordings, compared)
+        choice = worth_calibrating([Problem(self.simulator, self.recordings, measure, compared)],
+                                   self.simulator.parameters)  # fmt: skip
+        space = choice.of(self.simulator.parameters)
+        if isinstance(self.simulator, Respaced):
+            return replace(self, simulator=self.simulator.with_parameters(space)), choice
+        return replace(self, simulator=Restricted(self.simulator, space)), choice
 
     def write(self, calibration: Calibration, model: str | Path, parameters: str | Path) -> tuple[str, ...]:
         """Writes the calibrated model and, where that cannot hold them all, its parameters; notes on what is lost.
