@@ -50,6 +50,7 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.loop.transfer import transfer as transfer
     from trueup.loop.whole_runs import whole_body as whole_body
     from trueup.loop.whole_runs import whole_runs as whole_runs
+    from trueup.loop.worth import worth_calibrating as worth_calibrating
     from trueup.parameters import Parameter as Parameter
     from trueup.parameters import ParameterSpace as ParameterSpace
     from trueup.paths import Path as Path
@@ -109,6 +110,7 @@ _HOME = {
     "surest": "trueup.loop.surest",
     "whole_body": "trueup.loop.whole_runs",
     "whole_runs": "trueup.loop.whole_runs",
+    "worth_calibrating": "trueup.loop.worth",
     "write": "trueup.formats",
     "write_film": "trueup.report.film_replay",
     "write_model": "trueup.engines.mujoco.writing.write",

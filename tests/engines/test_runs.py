@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from trueup.articulated.declarations import Declaration, declare
 from trueup.chance import Buffeting, Chance, CommandNoise, Disturbance, Push, Sensing, StartScatter
 from trueup.controllers.controller import Observation
+from trueup.controllers.playback import Playback
 from trueup.ends import LOOK, Arrived, Fallen, Left, When, ended
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
@@ -386,3 +387,36 @@ def test_a_sensor_that_is_late_shows_the_past_and_one_that_is_off_stays_off(tmp_
     assert away == pytest.approx(np.repeat(away[:1], len(away), axis=0), abs=1e-9)
     assert np.ptp(away[0]) > 0.05
     assert np.abs(away).max() < 1.5
+
+
+def test_commands_that_are_known_ahead_do_what_they_do_when_they_are_asked_for(tmp_path: Path) -> None:
+    file = tmp_path / "cart.xml"
+    file.write_text(CART)
+    model = load(file)
+    simulator = MujocoSimulator(
+        model, *declare(model, [Declaration("damping", ("x",)), Declaration("delay", ("push",))])
+    )
+    command = Channel("command", ("x",), "N", np.arange(40) / 50.0, np.random.default_rng(0).standard_normal((40, 1)))
+    asked: list[float] = []
+
+    class Asked:
+        """The same, without a word of what comes."""
+
+        def __init__(self, copies: int) -> None:
+            self._played, self.period = Playback(command, copies, period=0.006), 0.006
+
+        def reset(self, observation: Observation) -> None:
+            self._played.reset(observation)
+
+        def command(self, observation: Observation) -> Array:
+            asked.append(observation.time)
+            return self._played.command(observation)
+
+    values = np.array([[0.1, 0.0], [0.3, 0.013], [0.2, 0.05]])
+    trials = [riding("long", 0.9, ends=(Left("position", {"x": (-0.02, 0.02)}),)), riding("short", 0.31)]
+    told = simulator.rollout(trials, values, lambda v: Playback(command, len(v), period=0.006))
+    alone = simulator.rollout(trials, values, lambda v: Asked(len(v)))
+    assert len(asked) > 100
+    for a, b in zip(told, alone, strict=True):
+        assert np.array_equal(a.channels["position"], b.channels["position"], equal_nan=True)
+        assert a.ends == b.ends

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from trueup.articulated.kernels import own_delayed_commands
 from trueup.articulated.signals import Signals
-from trueup.controllers.controller import Controller, Forcing, Looking, Observation
+from trueup.controllers.controller import Controller, Forcing, Foretold, Looking, Observation
 from trueup.rounding import first_step
 
 Array = NDArray[np.float64]
@@ -27,6 +27,10 @@ class ClosedLoop:
         self._times = np.zeros(2 * self._acting)
         self._orders = np.zeros((2 * self._acting, *self._delay.shape))
         self._kept = self._asked = 0
+        kinds = type(controller).__mro__  # a subclass that commands otherwise does not say it ahead
+        told, commanded = (min((i for i, k in enumerate(kinds) if n in vars(k)), default=len(kinds))
+                           for n in ("ahead", "command"))  # fmt: skip
+        self._whole = told <= commanded
 
     @property
     def due(self) -> int:
@@ -58,6 +62,23 @@ class ClosedLoop:
         self._times[self._kept], self._orders[self._kept] = observation.time, order
         self._kept += 1
         self._asked += 1
+
+    def foretell(self, until: int) -> None:
+        """Takes the commands that are due before step `until`, of a controller that has begun and knows them ahead."""
+        if not self._asked or not isinstance(self._controller, Foretold) or not self._whole:
+            return
+        begun, times = self._asked, list[float]()
+        while self.due < until:
+            times.append(self.due * self._step)
+            self._asked += 1
+        orders = self._controller.ahead(np.array(times)) if times else None
+        if orders is None:
+            self._asked = begun
+            return
+        kept = slice(max(0, self._kept - self._acting), self._kept)
+        self._times = np.concatenate([self._times[kept], times])
+        self._orders = np.ascontiguousarray(np.concatenate([self._orders[kept], orders.swapaxes(0, 1)]))
+        self._kept = len(self._times)
 
     def commands(self, at: int, count: int) -> Array:
         """(b, count, width) of the steps at ... at + count, before which no other command is due, as drives take them.

@@ -48,8 +48,8 @@ def own_delayed_commands(
     for i in range(out.shape[0]):
         for s in range(out.shape[1]):
             for j in range(out.shape[2]):
-                left = (first + s) * step - delay[i, j]
-                right = left + step
+                # As instants of steps are told to controllers: what is given at the next step is none of this one's.
+                left, right = (first + s) * step - delay[i, j], (first + s + 1) * step - delay[i, j]
                 at = count - 1
                 while at > 0 and times[at] >= right:
                     at -= 1

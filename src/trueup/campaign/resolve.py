@@ -202,7 +202,7 @@ def _fit(file: PlanFile, given: Mapping[str, Any], ready: Preparation) -> Calibr
     ) -> Calibration:  # fmt: skip
         now = ready.with_recordings(recordings, held_out)
         if plan.choose:  # anew each time: what was left earlier may be told by now
-            now, choice = now.worthwhile(plan.channels or None, discrepancy)
+            now, choice = now.worthwhile(plan.channels or None, discrepancy, seed=file.plan.seed)
             for note in choice.notes:
                 say(f"note: {note}")
         return now.calibrate(

@@ -111,7 +111,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     ready = prepare(args.model, training, held_out, parameters=args.parameters, beyond_mjcf=args.beyond_mjcf,
                     step=args.step, refuse=args.refuse, engine=args.engine)  # fmt: skip
     if args.choose:
-        ready, choice = ready.worthwhile(_channels(args))
+        ready, choice = ready.worthwhile(_channels(args), seed=args.seed)
         notes = [*notes, *choice.notes]
     family, simulator = ready.family, ready.simulator
     output = None if args.dry_run else _output(args, ready)

@@ -76,5 +76,14 @@ class Forcing(Protocol):
         ...
 
 
+@runtime_checkable
+class Foretold(Protocol):
+    """A Controller that may know its commands ahead, since they depend on time alone: a simulator need not stop to ask."""
+
+    def ahead(self, times: Array) -> Array | None:
+        """(b, n, nu) what it commands at `times` (n,) since the start; None where it has to look at the robot."""
+        ...
+
+
 ControllerFactory = Callable[[Array], Controller]
 """Makes the controller of b simulations from their controller parameters (b, m)."""

@@ -237,6 +237,12 @@ class Keyframes:
         tilt, rate = self._tilt(observation)
         return np.clip(wanted + tilt[:, None] * self._gains[:, 0] + rate[:, None] * self._gains[:, 1], *self._ranges)
 
+    def ahead(self, times: Array) -> Array | None:
+        """See Foretold: (b, n, k) in rad, None with feedback."""
+        if self._tilt is not None and self._gains is not None:
+            return None
+        return np.stack([_between(self._poses, self._times, t, self._interpolation) for t in times.tolist()], axis=1)
+
 
 def _between(poses: Array, times: Array, now: float, interpolation: str) -> Array:
     """(b, k) where motions through `poses` (b, n, k) at `times` (b, n) are at one instant."""

@@ -27,6 +27,9 @@ class Playback:
 
     def command(self, observation: Observation) -> Array:
         """(b, k) the last command sent at or before this instant."""
-        now = self._start + observation.time
-        k = max(0, int(np.searchsorted(self._command.time, now + SAME_INSTANT, side="right")) - 1)
-        return np.repeat(self._command.values[k][None, :], self._copies, axis=0)
+        return self.ahead(np.array([observation.time]))[:, 0]
+
+    def ahead(self, times: Array) -> Array:
+        """See Foretold: (b, n, k)."""
+        k = np.searchsorted(self._command.time, self._start + times + SAME_INSTANT, side="right") - 1
+        return np.repeat(self._command.values[np.maximum(k, 0)][None], self._copies, axis=0)

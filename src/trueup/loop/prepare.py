@@ -108,8 +108,8 @@ class Preparation:
         return replace(done, replays=unknown, cross_validation=crossed)
 
     def worthwhile(
-        self, channels: Sequence[str] | None = None, discrepancy: Discrepancy | None = None
-    ) -> tuple[Preparation, Choice]:  # fmt: skip
+        self, channels: Sequence[str] | None = None, discrepancy: Discrepancy | None = None, *, seed: int = 0
+    ) -> tuple[Preparation, Choice]:
         """The same with only those parameters free that are worth calibrating for replays of these recordings, and why.
 
         See `worth_calibrating`, whose outcome are the recordings' own motions here. Raises CalibrationError.
@@ -118,7 +118,7 @@ class Preparation:
         compared = tuple(channels or usual(seen))
         measure = discrepancy or Weighted.estimated(self.recordings, compared)
         choice = worth_calibrating([Problem(self.simulator, self.recordings, measure, compared)],
-                                   self.simulator.parameters)  # fmt: skip
+                                   self.simulator.parameters, rng=np.random.default_rng(seed))  # fmt: skip
         space = choice.of(self.simulator.parameters)
         if isinstance(self.simulator, Respaced):
             return replace(self, simulator=self.simulator.with_parameters(space)), choice

@@ -3,8 +3,8 @@
 
 J. Tan et al., IROS 2016, section VIII, leave this choice open and take 30. Here it is an optimal design turned round: the
 expected error of the outcome (criterion V: A. C. Atkinson, A. N. Donev, R. D. Tobias, "Optimum Experimental Designs, with
-SAS", 2007, chapter 10) with the bias of what is left out (G. E. P. Box and N. R. Draper, J. Am. Stat. Assoc. 54, 1959), of
-slopes at the nominal values.
+SAS", 2007, chapter 10) with the bias of what is left out (G. E. P. Box and N. R. Draper, J. Am. Stat. Assoc. 54, 1959), on
+average over slopes at several values that may be true (chapter 18): where robots fall and touch, one point says little.
 """
 
 from __future__ import annotations
@@ -72,55 +72,65 @@ class Choice:
 
 
 def worth_calibrating(
-    problems: Sequence[Problem], space: ParameterSpace, outcomes: Sequence[Problem] = ()
+    problems: Sequence[Problem], space: ParameterSpace, outcomes: Sequence[Problem] = (), *, rng: np.random.Generator,
+    draws: int = 4,
 ) -> Choice:  # fmt: skip
     """Chooses among the free parameters of `space`, which all problems' simulators have.
 
     `problems` are the recordings that will be fitted, `outcomes` the motions that shall be foretold (default: the same). A
     parameter is believed to be wrong by a quarter of its range. The smallest set is looked for, one parameter after the
     other, with which the outcome is foretold as well as with all, but for what its mean is known to from a run's samples.
+    Slopes are taken at the nominal values and at values drawn around them, `draws` in all.
     Raises CalibrationError where nothing is free or nothing can be simulated.
     """
-    free = np.flatnonzero(space.free)
-    if not len(free):
+    names = [p.name for p in space.parameters if not p.frozen]
+    free = range(len(names))
+    if not names:
         raise CalibrationError("no parameter is free, so there is none to choose")
-    seen = np.concatenate([_slopes(p, space, free) for p in problems]) / np.sqrt(len(problems))
-    wanted = np.concatenate([_slopes(p, space, free) for p in outcomes]) / np.sqrt(len(outcomes)) if outcomes else seen
-    doubt = _Doubt(_SAMPLES * SPREAD**2 * seen.T @ seen, SPREAD**2 * wanted.T @ wanted)
+    begin = np.clip(space.to_unit(space.nominal), 0.0, 1.0)
+    away = 0.5 * SPREAD * rng.standard_normal((draws, len(names))) * (np.arange(draws) > 0)[:, None]
+    points = np.clip(begin + away, 0.0, 1.0)
+    seen = np.mean([_products(p, space, points) for p in problems], axis=0)
+    wanted = np.mean([_products(p, space, points) for p in outcomes], axis=0) if outcomes else seen
+    doubt = _Doubt(_SAMPLES * SPREAD**2 * seen, SPREAD**2 * wanted)
     channels = len({s.channel for p in (outcomes or problems) for s in p.segments})
-    everything, taken, now = doubt.left(list(range(len(free)))), list[int](), doubt.left([])
+    everything, taken, now = doubt.left(list(free)), list[int](), doubt.left([])
     none = now
     while now > everything + channels / _SAMPLES:
-        others = [j for j in range(len(free)) if j not in taken]
+        others = [j for j in free if j not in taken]
         found = [doubt.left([*taken, j]) for j in others]
         best = int(np.argmin(found))
         if found[best] >= now:
             break
         taken, now = [*taken, others[best]], found[best]
-    names = [space.names[i] for i in free]
     rows = [Worth(names[j], True, *doubt.of(j), doubt.because(j)) for j in taken]
-    left = sorted(set(range(len(free))) - set(taken), key=lambda j: -doubt.of(j)[0])
+    left = sorted(set(free) - set(taken), key=lambda j: -doubt.of(j)[0])
     rows += [Worth(names[j], False, *doubt.of(j), doubt.why_left(j, taken, names, channels)) for j in left]
     return Choice(tuple(rows), (np.sqrt(none).item(), np.sqrt(now).item(), np.sqrt(everything).item()))
 
 
 class _Doubt:
-    """What is left of the outcome's mean square error; parameters in units of how wrong they may be."""
+    """What is left of the outcome's mean square error; parameters in units of how wrong they may be.
+
+    `information` and `outcome` (draws, n, n) are products of slopes at several points.
+    """
 
     def __init__(self, information: Array, outcome: Array) -> None:
-        self._information, self._outcome = information, outcome
+        self._all = list(zip(information, outcome, strict=True))
+        self._information, self._outcome = information.mean(axis=0), outcome.mean(axis=0)
 
     def left(self, some: Sequence[int]) -> float:
         """With these calibrated: what they leave open, what the others bias, and what noise adds."""
-        a, h, n = self._information, self._outcome, len(self._outcome)
-        errors = np.eye(n)  # of all, by how wrong each parameter is: rows of those calibrated are changed by the fit
-        noise = np.zeros((n, n))
-        if some:
-            s = list(some)
-            inverse = np.linalg.inv(a[np.ix_(s, s)] + np.eye(len(s)))
-            errors[s] -= inverse @ a[s]
-            noise[np.ix_(s, s)] = inverse @ a[np.ix_(s, s)] @ inverse
-        return float(np.trace(h @ (errors @ errors.T + noise)))
+        s, found = list(some), []
+        for a, h in self._all:
+            errors = np.eye(len(a))  # of all, by how wrong each parameter is: the fit changes rows of those calibrated
+            noise = np.zeros_like(a)
+            if s:
+                inverse = np.linalg.inv(a[np.ix_(s, s)] + np.eye(len(s)))
+                errors[s] -= inverse @ a[s]
+                noise[np.ix_(s, s)] = inverse @ a[np.ix_(s, s)] @ inverse
+            found.append(np.sum(h * (errors @ errors.T + noise)))
+        return float(np.mean(found))
 
     def of(self, j: int) -> tuple[float, float]:
         """A parameter's effect on the outcome, and the share of its doubt that goes."""
@@ -145,15 +155,20 @@ class _Doubt:
         return f"what it does to the recordings is done by those taken, most of all by {names[taken[int(np.argmax(alike))]]}"
 
 
-def _slopes(problem: Problem, space: ParameterSpace, free: NDArray[np.int64]) -> Array:
-    """(m, f) weighted residuals by free parameters, in shares of the box; 0 where a simulation failed."""
-    at, n = np.clip(space.to_unit(space.nominal), 0.0, 1.0), len(free)
-    points = np.repeat(at[None], 2 * n, axis=0)  # to both sides: what bends is no difference between parameters
-    points[np.arange(n), free] = np.minimum(at[free] + _STEP, 1.0)
-    points[np.arange(n, 2 * n), free] = np.maximum(at[free] - _STEP, 0.0)
+def _products(problem: Problem, space: ParameterSpace, points: Array) -> Array:
+    """(draws, f, f) products of weighted slopes of the residuals at points (draws, f) of the unit box."""
+    slopes = np.stack([_slopes(problem, space, at) for at in points])
+    if not slopes.any():
+        raise CalibrationError("no free parameter changes anything in these recordings, or none can be simulated")
+    return slopes @ slopes.transpose(0, 2, 1)
+
+
+def _slopes(problem: Problem, space: ParameterSpace, at: Array) -> Array:
+    """(f, m) weighted residuals by free parameters, in shares of the box; 0 where a simulation failed."""
+    f = np.arange(len(at))
+    points = np.repeat(at[None], 2 * len(at), axis=0)  # to both sides: what bends is no difference between parameters
+    points[f, f], points[len(at) + f, f] = np.minimum(at + _STEP, 1.0), np.maximum(at - _STEP, 0.0)
     residuals = problem.residuals(space.from_unit(points))
-    if not np.isfinite(residuals).any():
-        raise CalibrationError("the model as it is cannot be simulated along these recordings")
-    width = points[:n][np.arange(n), free] - points[n:][np.arange(n), free]
-    slopes = (residuals[:n] - residuals[n:]) / width[:, None] * weights(problem)
-    return np.where(np.isfinite(slopes), slopes, 0.0).T
+    width = points[f, f] - points[len(at) + f, f]
+    slopes = (residuals[: len(at)] - residuals[len(at) :]) / width[:, None] * weights(problem)
+    return np.where(np.isfinite(slopes), slopes, 0.0)

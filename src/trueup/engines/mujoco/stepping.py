@@ -79,6 +79,8 @@ class Stepper:
         while done < count:
             now = at + done
             self._act_at(now, rows)
+            for loop in self._loops.values():
+                loop.foretell(at + count)
             n = min(
                 count - done, self._acts.next_after(now) - now, *(max(w.due - now, 1) for w in self._loops.values())
             )
