@@ -16,7 +16,8 @@ from trueup.errors import ModelError, TrialError, unknown_name
 from trueup.recording import Channel
 
 if TYPE_CHECKING:
-    from trueup.controllers.keyframes import Degree, Motion
+    from trueup.controllers.controller import Observation
+    from trueup.controllers.keyframes import Degree, Motion, Tilt
     from trueup.engines.mujoco.humanoid import Posture
     from trueup.engines.mujoco.model import Model
     from trueup.tasks.transitions import Transition
@@ -65,7 +66,7 @@ def task_of(
 ) -> Transition:  # fmt: skip
     """The same for a simulator that there is already: what a plan names as the task 'transition'. See `transition`."""
     from trueup.articulated.pose import ORIENTATION
-    from trueup.controllers.keyframes import Motion, pitch_of, pitch_seen
+    from trueup.controllers.keyframes import Motion, pitch_of
     from trueup.engines.dart.model import TURNING
     from trueup.engines.mujoco.base import free_joint
     from trueup.engines.mujoco.humanoid import commanded, posture, ranges
@@ -92,7 +93,7 @@ def task_of(
     joint = free_joint(model.compiled)
     tilt = pitch_of(int(model.compiled.jnt_qposadr[joint]) + 3, int(model.compiled.jnt_dofadr[joint]) + 3)
     if dart:
-        tilt = pitch_seen(ORIENTATION, TURNING)
+        tilt = _pitch_seen(ORIENTATION, TURNING)
     begun, ended = _rest(simulator, model, motion, first), _rest(simulator, model, motion, last)
     return Transition(
         f"{start}-to-{goal}", motion, begun, float(ended["base_position"].column("z")[0]), inverted=last.inverted,
@@ -112,6 +113,15 @@ def _simulator(model: Path, engine: str, step: float) -> Simulator:
     if engine not in makers:
         raise unknown_name("engine", engine, makers, "what simulates humanoids")
     return makers[engine]()
+
+
+def _pitch_seen(angles: str, turning: str) -> Tilt:
+    """The forward tilt of a free base from sensors of these names: roll, pitch, yaw in rad; rad/s about its axes."""
+
+    def tilt(seen: Observation) -> tuple[Array, Array]:
+        return seen.sensors[angles][:, 1], seen.sensors[turning][:, 1]
+
+    return tilt
 
 
 def _model(simulator: Simulator) -> tuple[Model, bool]:

@@ -290,15 +290,6 @@ def pitch_of(base: int = 3, joint: int = 3) -> Tilt:
     return tilt
 
 
-def pitch_seen(angles: str, turning: str) -> Tilt:
-    """The forward tilt of a free base from sensors of these names: roll, pitch, yaw in rad; rad/s about its axes."""
-
-    def tilt(seen: Observation) -> tuple[Array, Array]:
-        return seen.sensors[angles][:, 1], seen.sensors[turning][:, 1]
-
-    return tilt
-
-
 def mirrored(names: Sequence[str], left: str, right: str, opposite: Sequence[str] = ()) -> tuple[Degree, ...]:
     """Degrees of joints named alike but for their side's prefix; `opposite` ones turn the other way on the right."""
     return tuple(

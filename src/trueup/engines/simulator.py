@@ -91,6 +91,17 @@ def refuse_unsupported(simulator: str, trials: Sequence[Trial], *kinds: str) -> 
                 )
 
 
+def broken(done: Sequence[Rollout], simulator: Simulator) -> str:
+    """Why simulations broke off, with what may mend it; '' where none did."""
+    reasons = dict.fromkeys(f"'{r.trial.name}': {why}" for r in done for why in r.failures.values())
+    if not reasons:
+        return ""
+    return (
+        f"{'; '.join(reasons)}. At a step of {1e3 * simulator.step:g} ms: take a shorter one, or look for a stiffness, a "
+        "mass or an inertia in the model that cannot be"
+    )
+
+
 class Simulator(Protocol):
     """A simulator of one robot. `trueup.testing.check_simulator` holds the contract as tests.
 

@@ -13,7 +13,7 @@ from trueup.controllers.controller import ControllerFactory
 from trueup.discrepancies.discrepancy import Discrepancy, compared
 from trueup.ends import End
 from trueup.engines.mixed import Mixed
-from trueup.engines.simulator import Approximated, Controlled, Rollout, Simulator
+from trueup.engines.simulator import Approximated, Controlled, Rollout, Simulator, broken
 from trueup.errors import CalibrationError, SimulationFailedError
 from trueup.loop.condensing import Eliminated, cut
 from trueup.loop.segment import Segment
@@ -214,9 +214,8 @@ class Problem:
     def start_residual(self, values: Array) -> Array:
         """(m,) at one set of values. Raises SimulationFailedError with the simulator's reasons."""
         done = self.rollouts(np.atleast_2d(values))
-        reasons = [f"'{r.trial.name}': {why}" for r in done for why in r.failures.values()]
-        if reasons:
-            raise SimulationFailedError("the simulation fails at the start values: " + "; ".join(reasons))
+        if reasons := broken(done, self.simulator):
+            raise SimulationFailedError(f"the simulation fails at the start values: {reasons}")
         return self._compared(done, range(len(self.trials)))[0]
 
     def _compared(self, done: Sequence[Rollout], which: Sequence[int]) -> Array:

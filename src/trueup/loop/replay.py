@@ -13,7 +13,7 @@ from trueup.calibration import Replay
 from trueup.controllers.controller import ControllerFactory
 from trueup.discrepancies.discrepancy import Discrepancy, measured_at
 from trueup.discrepancies.weighted import Weighted
-from trueup.engines.simulator import Simulator
+from trueup.engines.simulator import Simulator, broken
 from trueup.errors import SimulationFailedError, TrueupError
 from trueup.loop.problem import Problem
 from trueup.loop.windows import in_windows, window_length
@@ -79,9 +79,8 @@ def replays(
     problem = in_windows(problem, window_length(problem, values) if windows is None else windows)
     after = problem.rollouts(values[None])
     before = (against or simulator.shipped()).rollout(problem.trials, np.zeros((1, 0)), controllers)
-    failed = [r.trial.name for r in after if r.failures]
-    if failed:
-        raise SimulationFailedError(f"the simulator fails on: {', '.join(dict.fromkeys(failed))}")
+    if failed := broken(after, problem.simulator):
+        raise SimulationFailedError(f"the simulator fails on {failed}")
     parts: dict[tuple[int, str, tuple[str, ...]], list[Replay]] = {}
     for owner, old, new in zip(problem.owners, before, after, strict=True):
         recording = everything[owner]

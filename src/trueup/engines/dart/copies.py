@@ -39,6 +39,8 @@ class DartCopies(StoredCopies):
         self._file, self._compiled, self._floating = file, file.compiled, bool(model.channels())
         self.worlds = [new_world(self._compiled) for _ in range(rows)]
         self.robots = [w.getSkeleton("robot") for w in self.worlds]
+        self._force_on, self._advance = [r.setForces for r in self.robots], [w.step for w in self.worlds]
+        self._placed, self._moving = [r.getPositions for r in self.robots], [r.getVelocities for r in self.robots]
         order = [self.robots[0].getJoint(j).getIndexInSkeleton(0) for j in self._joints]
         self._dofs = _slice(order)
         self._zeros = np.array([
@@ -130,14 +132,14 @@ class DartCopies(StoredCopies):
         going = np.flatnonzero(~(self._stopped | self._lost)).tolist()
         for k in range(count):
             forces = self._forces(law)
-            if self._lost[going].any():
+            if self._lost.any():
                 going = [row for row in going if not self._lost[row]]
             for nodes, push, com in self._pushes.values():
                 for row in going:
                     nodes[row].addExtForce(push[row], com[row], False, True)
             for row in going:
-                self.robots[row].setForces(forces[row])
-                self.worlds[row].step()
+                self._force_on[row](forces[row])
+                self._advance[row]()
             self._gather(going, speeds=damped, last=k + 1 == count)
         if self._lost.any():
             self.position[self._lost] = np.nan
@@ -218,20 +220,17 @@ class DartCopies(StoredCopies):
         if not len(rows):
             return
         some = slice(None) if len(rows) == self.rows else np.asarray(rows)
-        self.position[some] = np.array([self.robots[row].getPositions() for row in rows])[:, self._dofs] + self._zeros
+        placed = np.array([self._placed[row]() for row in rows])
+        self.position[some] = placed[:, self._dofs] + self._zeros
         if speeds or last:
-            moving = np.array([self.robots[row].getVelocities() for row in rows])
+            moving = np.array([self._moving[row]() for row in rows])
             self.velocity[some] = moving[:, self._dofs]
-            if base:
-                self._gather_base(rows, some)
+            if base:  # DART has its rotation vector and its place first, its velocity in its own axes
+                self.base_position[some] = placed[:, 3:6]
+                self.base_orientation[some] = angles_of(_quaternions(placed[:, :3]))
                 self.base_turning[some] = moving[:, :3]
         if not np.isfinite(self.position.sum() + self.velocity.sum()):
             self._lost |= ~np.isfinite(self.position + self.velocity).all(axis=1)
-
-    def _gather_base(self, rows: Sequence[int], some: slice | NDArray[np.int64]) -> None:
-        placed = [self.robots[row].getRootBodyNode().getTransform() for row in rows]
-        self.base_position[some] = [p.translation() for p in placed]
-        self.base_orientation[some] = angles_of(np.array([_quaternion(p) for p in placed]))
 
 
 class ServoLaw(NamedTuple):
@@ -243,9 +242,10 @@ class ServoLaw(NamedTuple):
     limit: Array
 
 
-def _quaternion(placed: Any) -> tuple[float, float, float, float]:
-    q = placed.quaternion()
-    return q.w(), q.x(), q.y(), q.z()
+def _quaternions(vectors: Array) -> Array:
+    """(b, 4) w, x, y, z of rotation vectors (b, 3) in rad."""
+    half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.hstack([np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors])
 
 
 def _slice(order: Sequence[int]) -> slice | NDArray[np.int64]:
