@@ -157,6 +157,21 @@ def test_the_lean_is_found_from_gyro_and_accelerometer_though_the_gyro_is_off() 
     assert np.array(found)[late] == pytest.approx(pitch[late], abs=0.02 * 0.5 + 0.004)  # bias x memory, and a step
 
 
+def test_a_body_that_falls_freely_changes_nothing_for_those_beside_it() -> None:
+    model, trial, dt = load(NAO), going({}), 0.01
+    leaning = 9.81 * np.array([np.sin(0.2), 0.0, np.cos(0.2)])
+
+    def felt(rows: int) -> Array:
+        attitude = Complementary()
+        attitude.reset(seen(model, 0.0, trial, rows))
+        shown = np.vstack([leaning, np.zeros((rows - 1, 3))])  # the others feel no weight
+        for _ in range(5):
+            lean = attitude.update(seen(model, 0.0, trial, rows, gyro=np.full((rows, 3), 0.3), accelerometer=shown), dt)
+        return np.array([lean.roll[0], lean.pitch[0]])
+
+    assert np.array_equal(felt(1), felt(4))
+
+
 def test_a_walk_turns_toward_its_target_and_stands_where_there_is_none() -> None:
     model = load(NAO)
     trial = going({TARGETS: targets(np.array([[0.0, 0.0, 5.0, 0.6, 0.0], [1.0, 0.0, 5.0, 1.0, 1.0],

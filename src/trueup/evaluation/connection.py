@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import logging
 import re
@@ -42,9 +43,10 @@ class Connection:
 
     def close(self) -> None:
         """Lets the cluster go; ends what was started for it."""
-        self.client.close(timeout=2)
-        if self.cluster is not None:
-            self.cluster.close(timeout=5)
+        with contextlib.suppress(TimeoutError, OSError):  # whoever does not let go by then is gone
+            self.client.close(timeout=2)
+            if self.cluster is not None:
+                self.cluster.close(timeout=10)
 
 
 def check(address: str) -> None:

@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 LOOK = 0.5
 """Seconds between two looks at who is there."""
-_RENEWAL = 20.0  # s for which a cluster without workers is waited for
+_RENEWAL = 60.0  # s for which a cluster without workers is waited for
 
 
 class Roster:

@@ -51,7 +51,7 @@ class Complementary:
     ) -> None:
         self._gyro, self._accelerometer, self._memory, self._smooth = gyro, accelerometer, memory, smooth
         self._angles = self._rates = np.zeros((0, 2))
-        self._begun = False
+        self._begun = np.zeros(0, dtype=bool)  # of each body, whether it was led to where down is
 
     def reset(self, observation: Observation) -> None:
         """See Attitude. Raises UnknownNameError where the robot has no such sensor."""
@@ -59,7 +59,7 @@ class Complementary:
             if name not in observation.sensors:
                 raise unknown_name("sensor", name, observation.sensors, "the robot (a walk needs to feel its lean)")
         self._angles, self._rates = np.zeros((2, len(observation.position), 2))
-        self._begun = False
+        self._begun = np.zeros(len(observation.position), dtype=bool)
 
     def update(self, observation: Observation, period: float) -> Lean:
         """See Attitude."""
@@ -69,7 +69,7 @@ class Complementary:
         shown = np.where(felt[:, None], np.stack([np.arctan2(ay, az), np.arctan2(-ax, np.hypot(ay, az))], axis=1), 0.0)
         self._rates = self._rates + period / (self._smooth + period) * (rates - self._rates)
         turned = self._angles + period * rates
-        pull = period / (self._memory + period) if self._begun else 1.0
+        pull = np.where(self._begun, period / (self._memory + period), 1.0)[:, None]
         self._angles = turned + np.where(felt[:, None], pull * (shown - turned), 0.0)
-        self._begun = self._begun or bool(felt.all())
+        self._begun |= felt
         return Lean(self._angles[:, 0], self._angles[:, 1], self._rates[:, 0], self._rates[:, 1])
