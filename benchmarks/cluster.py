@@ -144,9 +144,11 @@ def several(work: Work, rows: Array, workers: int) -> Measured:
 def main() -> None:
     """Prints throughputs, what became of killed workers, and the plan."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="100 x 4 runs of 3 s; a worker killed every 4 s, not 20 s")
+    parser.add_argument(
+        "--quick", action="store_true", help="100 x 4 runs of 2 s; a worker killed every 10 s, not 20 s"
+    )
     asked = parser.parse_args()
-    number, runs, lasting, every = (100, 4, 3.0, 4.0) if asked.quick else (150, 7, 15.0, 20.0)
+    number, runs, lasting, every = (100, 4, 2.0, 10.0) if asked.quick else (150, 7, 15.0, 20.0)
     walk, engine = task(WalkFront, runs=runs, seconds=lasting), simulator(threads=2)
     rows = np.hstack([np.tile(engine.parameters.nominal, (number, 1)), candidates(walk, number)])
     work = judgement(walk, engine)

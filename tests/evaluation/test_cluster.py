@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import os
+import shutil
 import signal
 import threading
 import time
@@ -185,6 +186,34 @@ def test_a_scheduler_that_dies_ends_it_in_a_sentence() -> None:
             doomed.evaluate(Work(slow, ()), ROWS)
 
 
+SBATCH = """#!/bin/sh
+if test -e "{refuse}"; then echo 'invalid account' >&2; exit 1; fi
+setsid sh "$1" > /dev/null 2>&1 &
+echo "Submitted batch job $!"
+"""
+
+
+@pytest.mark.skipif(shutil.which("setsid") is None, reason="the queue that is played here needs the command setsid")
+def test_jobs_of_slurm_are_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Slurm itself is played: sbatch runs the job script here, scancel ends it."""
+    from dask import config
+
+    for name, text in {
+        "sbatch": SBATCH.format(refuse=tmp_path / "no"),
+        "scancel": '#!/bin/sh\nkill -- "-$1"\n',
+    }.items():
+        (tmp_path / name).write_text(text)
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    local = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
+    with config.set({"jobqueue.slurm.scheduler-options": local}):
+        with Cluster("slurm:1") as jobs:
+            np.testing.assert_array_equal(jobs.evaluate(Work(squares, ()), ROWS).values, ROWS**2)
+        (tmp_path / "no").touch()
+        with pytest.raises(EvaluationError, match=r"no cluster at 'slurm:1'.*invalid account.*jobqueue.yaml"):
+            Cluster("slurm:1").__enter__()
+
+
 @pytest.mark.parametrize(
     ("address", "said"),
     [
@@ -192,6 +221,7 @@ def test_a_scheduler_that_dies_ends_it_in_a_sentence() -> None:
         ("localhost", "is no address of a cluster; it may be tcp://HOST:PORT"),
         ("local:0", "is no address"),
         ("slurm", "slurm:N"),
+        ("htcondor:3", "needs the command condor_submit"),
     ],
 )
 def test_an_address_that_leads_nowhere_is_named(address: str, said: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ import contextlib
 import importlib.util
 import logging
 import re
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 FORMS = "tcp://HOST:PORT (a dask scheduler), local or local:N (N workers on this machine), slurm:N, htcondor:N (N jobs)"
 ANSWER = 10.0
 """Seconds in which a scheduler must answer."""
-_QUEUES = {"slurm": "SLURMCluster", "htcondor": "HTCondorCluster"}
+_QUEUES = {"slurm": ("SLURMCluster", "sbatch"), "htcondor": ("HTCondorCluster", "condor_submit")}
 
 
 @dataclass
@@ -56,6 +57,9 @@ def check(address: str) -> None:
     for package in ("distributed", "dask_jobqueue") if address.startswith(tuple(_QUEUES)) else ("distributed",):
         if importlib.util.find_spec(package) is None:
             raise MissingExtraError(f"a cluster ('{address}')", package.replace("_", "-"), "cluster")
+    kind = address.partition(":")[0]
+    if kind in _QUEUES and shutil.which(_QUEUES[kind][1]) is None:
+        raise EvaluationError(f"'{address}' needs the command {_QUEUES[kind][1]}, which this machine has not")
 
 
 def connected(address: str, say: Callable[[str], None]) -> Connection:
@@ -75,7 +79,9 @@ def connected(address: str, say: Callable[[str], None]) -> Connection:
             return _queued(address, kind, int(count), say)
         return Connection(address, Client(address, timeout=ANSWER, set_as_default=False))
     except (OSError, RuntimeError, ValueError, TypeError) as error:
-        raise EvaluationError(f"no cluster at '{address}': {_first_line(error)}{_advice(kind)}") from error
+        raise EvaluationError(
+            f"no cluster at '{address}': {' '.join(str(error).split()) or type(error).__name__}{_advice(kind)}"
+        ) from error
 
 
 def _local(address: str, workers: int) -> Connection:
@@ -98,20 +104,32 @@ def _queued(address: str, kind: str, jobs: int, say: Callable[[str], None]) -> C
     given = {k: v for k, v in {"cores": 1, "memory": "2GB"}.items() if config.get(f"jobqueue.{kind}.{k}") is None}
     if kind == "htcondor" and config.get("jobqueue.htcondor.disk") is None:
         given["disk"] = "1GB"
-    cluster = getattr(dask_jobqueue, _QUEUES[kind])(**given, silence_logs=logging.CRITICAL)
+    made, refused = getattr(dask_jobqueue, _QUEUES[kind][0]), list[str]()
+
+    class Heard(made.job_cls):
+        async def _submit_job(self, script_filename: str) -> Any:
+            try:
+                return await super()._submit_job(script_filename)
+            except RuntimeError as error:  # nobody else would hear of it
+                refused.append(str(error))
+                raise
+
+    logging.getLogger("asyncio").setLevel(logging.CRITICAL)
+    cluster = made(**given, silence_logs=logging.CRITICAL, job_cls=Heard)
     cluster.scale(jobs=jobs)
+    cluster.sync(cluster._correct_state)
+    if refused:
+        with contextlib.suppress(AssertionError, RuntimeError):  # jobs that never were cannot be closed
+            cluster.close(timeout=5)
+        raise RuntimeError(refused[0])
     threads = jobs * int(given.get("cores") or config.get(f"jobqueue.{kind}.cores"))
     say(f"{jobs} jobs are asked of {kind}; their scheduler is at {cluster.scheduler_address}")
     return Connection(address, Client(cluster, set_as_default=False), cluster, threads, jobs)
 
 
-def _first_line(error: BaseException) -> str:
-    return (str(error) or type(error).__name__).splitlines()[0]
-
-
 def _advice(kind: str) -> str:
     if kind == "local":
         return '. In a script of your own, what starts a cluster stands under `if __name__ == "__main__":`'
-    return {"slurm": ". Is sbatch there?", "htcondor": ". Is condor_submit there?"}.get(
-        kind, ". Does its scheduler run (`dask scheduler`), and can it be reached from here?"
-    )
+    if kind in _QUEUES:
+        return ". What a job is asked for with stands in ~/.config/dask/jobqueue.yaml"
+    return ". Does its scheduler run (`dask scheduler`), and can it be reached from here?"

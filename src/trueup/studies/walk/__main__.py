@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import argparse
 import sys
+from contextlib import closing
 from pathlib import Path
 
 from rich.console import Console
 
+from trueup.commands.where import add_cluster, evaluator_of
 from trueup.errors import RenderingError, TrueupError
 from trueup.formats.aside import written_aside
 from trueup.studies.progress import telling
@@ -32,6 +34,7 @@ def main() -> int:
     parser.add_argument("--all", action="store_true", help="all ways")
     parser.add_argument("--quick", action="store_true", help="short searches on one stand-in: a minute, and rough")
     parser.add_argument("--paper", action="store_true", help="150 candidates a generation: hours")
+    add_cluster(parser)
     asked = parser.parse_args()
     told, scale = Console(stderr=True), QUICK if asked.quick else PAPER if asked.paper else FULL
     robots, seeds = asked.robots or (1 if asked.quick else 8), asked.seeds or (1 if asked.quick else 5)
@@ -39,10 +42,12 @@ def main() -> int:
     try:
         chosen = ways(list(WAYS) if asked.all else asked.ways or [CONTROL, DEFAULT])
         kept, whole = Parts.at(asked.out, scale), robots * seeds * len(chosen)
-        with telling(told, "the start walk") as tell:
+        where = evaluator_of(asked.cluster or "", asked.quorum or 1.0, told)
+        with telling(told, "the start walk") as tell, closing(where) as evaluator:
             for r in performed(
-                chosen, scale, range(robots), range(seeds), lambda text: tell(text, len(results) / whole), kept.text
-            ):
+                chosen, scale, range(robots), range(seeds), lambda text: tell(text, len(results) / whole), kept.text,
+                evaluator,
+            ):  # fmt: skip
                 results.append(r)
         film = _film(results, scale.share, asked.out / "film.svg", told)
         with written_aside(asked.out / "report.html") as aside:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.controllers.walk_engine.engine import PARAMETERS
+from trueup.evaluation.evaluator import Evaluator
 from trueup.studies.walk import scenes
 from trueup.studies.walk.evaluation import at_once
 from trueup.studies.walk.guidance import Guidance, Unguided
@@ -73,12 +74,15 @@ class Way:
         return (self.method.name if self.method else "the robot alone") + words
 
     def improved(
-        self, robot: StandInNao, scale: Scale, seed: int, line: LineWalk, told: Callable[[str], None]
-    ) -> Story:
+        self, robot: StandInNao, scale: Scale, seed: int, line: LineWalk, told: Callable[[str], None],
+        evaluator: Evaluator | None = None,
+    ) -> Story:  # fmt: skip
         """The story of one robot."""
         if self.method is None:
             return alone(robot, scale.budget, seed, line=line, told=told)
-        return improved(robot, self.method, scale.budget, seed, line=line, guidance=self.guidance, told=told)
+        return improved(
+            robot, self.method, scale.budget, seed, line=line, guidance=self.guidance, evaluator=evaluator, told=told
+        )
 
 
 @dataclass(frozen=True)
@@ -153,15 +157,17 @@ def truth_of(robot: int) -> Truth:
 
 def performed(
     ways: Mapping[str, Way], scale: Scale, robots: Iterable[int], seeds: Sequence[int], told: Callable[[str], None],
-    kept: Kept = _not_kept,
+    kept: Kept = _not_kept, evaluator: Evaluator | None = None,
 ) -> Iterator[Result]:  # fmt: skip
-    """One result for each robot, seed and way. `told` hears what happens; `kept` names parts that may be there already."""
+    """One result for each robot, seed and way. `told` hears what happens; `kept` names parts that may be there already;
+    `evaluator` says where generations are simulated (None: here).
+    """
     for number in robots:
         judge = StandInNao(truth_of(number), seed=number, log=0.0)
         start = tuple(kept(f"start {number}", partial(_started, judge, scale)))
         told(f"robot {number}: the start walk does {100 * start[1]:.1f} cm/s with steps of {100 * start[0]:.0f} %")
         for seed, (key, way) in product(seeds, ways.items()):
-            compute = partial(_found, number, judge, seed, key, way, scale, start, told)
+            compute = partial(_found, number, judge, seed, key, way, scale, start, told, evaluator)
             yield Result.read(kept(f"robot {number} seed {seed} {key}", compute))
 
 
@@ -173,12 +179,12 @@ def _started(judge: StandInNao, scale: Scale) -> list[float]:
 
 def _found(
     number: int, judge: StandInNao, seed: int, key: str, way: Way, scale: Scale, start: tuple[float, float, float],
-    told: Callable[[str], None],
+    told: Callable[[str], None], evaluator: Evaluator | None,
 ) -> dict[str, Any]:  # fmt: skip
     """A `Result`, as JSON keeps it."""
     begun, line = time.process_time(), scenes.task(LineWalk, runs=1, share=scale.share)
     told(f"robot {number}, seed {seed}: {way.name}")
-    story = way.improved(StandInNao(truth_of(number), seed=number), scale, seed, line, told)
+    story = way.improved(StandInNao(truth_of(number), seed=number), scale, seed, line, told, evaluator)
     spent, best = time.process_time() - begun, story.best
     judged = at_once(judge, line, best.values, scale.fresh, f" fresh {key} {seed}")
     return asdict(Result(

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from trueup.controllers.walk_engine.engine import PARAMETERS
 from trueup.engines.simulator import Simulator
+from trueup.evaluation.evaluator import Evaluator, Here
 from trueup.loop.correction import Correction
 from trueup.parameters import ParameterSpace
 from trueup.search.cma_es import CmaEs
@@ -46,12 +47,14 @@ class Scene:
     """(p, n) of the simulator's parameters: each walk is run with each, and judged by all."""
     correction: Correction | None = None
     """Of the scores, by what the robot showed, over the unit box of all of the walk's parameters."""
+    evaluator: Evaluator = field(default_factory=Here)
+    """Where generations are simulated."""
 
     def scores(self, walk: Walk, candidates: Array) -> Array:
         """(b,) expected losses of candidates (b, m), a deviation added of what is not sure on the robot."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # a candidate all of whose runs failed has none
-            losses = np.nanmean(simulated_scores(walk, self.simulator, self.models, candidates), axis=0)
+            losses = np.nanmean(simulated_scores(walk, self.simulator, self.models, candidates, self.evaluator), axis=0)
         if self.correction is None:
             return losses
         return np.sum(self.correction(whole(candidates), losses, np.zeros(len(losses))), axis=0)

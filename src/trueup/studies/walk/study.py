@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.controllers.walk_engine.engine import PARAMETERS
+from trueup.evaluation.evaluator import Evaluator, Here
 from trueup.robots.robot import Robot
 from trueup.search.cma_es import CmaEs
 from trueup.studies.walk import scenes
@@ -108,9 +109,11 @@ class Budget:
 
 def improved(
     robot: Robot, method: Method, budget: Budget, seed: int, *, line: LineWalk | None = None,
-    start: Array | None = None, guidance: Guidance | None = None, told: Callable[[str], None] | None = None,
+    start: Array | None = None, guidance: Guidance | None = None, evaluator: Evaluator | None = None,
+    told: Callable[[str], None] | None = None,
 ) -> Story:  # fmt: skip
-    """The story of a robot whose walk is made faster. `told` hears what happens, one sentence each.
+    """The story of a robot whose walk is made faster. `told` hears what happens, one sentence each; `evaluator`
+    says where generations are simulated (None: here).
 
     The paper's algorithm 1: a stack of open walks, at first the start walk. Each round takes the topmost, searches from it,
     and puts on the stack what the robot shows to be worth more, the best on top. Where none is open, the best is searched
@@ -123,7 +126,7 @@ def improved(
     say(f"start walk: {_words(story.tried[0].runs)}")
     guide, stack = guidance or Unguided(), [0]
     for number in range(1, budget.rounds + 1):
-        scene = method.prepared(story, seed + number)
+        scene = replace(method.prepared(story, seed + number), evaluator=evaluator or Here())
         begun = stack.pop() if stack else int(np.argmax([t.worth for t in story.tried]))
         parent = story.tried[begun]
         advice = guide.advice(number, scene, parent.values, budget.effort.sigma)
