@@ -37,31 +37,31 @@ ROOT = Path(os.environ.get("TRUEUP_DATA", Path(__file__).resolve().parents[2] / 
 QUICK = ("linear", "model-tree", "tree", "neighbours")
 
 
-def aliengo() -> list[Recording]:
+def aliengo(quick: bool = False) -> list[Recording]:
     """A quadruped's 26 short runs; none where they are absent."""
     return [formats.read([p])[0] for p in sorted((ROOT / "aliengo").glob("*.csv"))]
 
 
-def so101() -> list[Recording]:
+def so101(quick: bool = False) -> list[Recording]:
     """A servo arm's 11 motions, each of another kind."""
     folders = sorted(p for p in (ROOT / "so101" / "recordings").glob("*") if p.is_dir())
     return [formats.read([p])[0].replace(name=p.name) for p in folders]
 
 
-def nao() -> list[Recording]:
-    """A stand-in for a worn NAO: 16 walks around its start walk, 10 s each, joints of the legs."""
+def nao(quick: bool = False) -> list[Recording]:
+    """A stand-in for a worn NAO: 16 walks around its start walk, 10 s each, or 6 of 5 s, joints of the legs."""
     robot, rng = StandInNao(Truth.drawn(np.random.default_rng(0)), threads=1), np.random.default_rng(1)
-    runs = walked(robot, rng, 16, 10.0, "learn").recordings
+    runs = walked(robot, rng, *((6, 5.0) if quick else (16, 10.0)), "learn").recordings
     return [r.replace(channels={n: r.channel(n).select(scenes.MOTORS) for n in ("command", "position")}) for r in runs]
 
 
-def arm() -> list[Recording]:
+def arm(quick: bool = False) -> list[Recording]:
     """A stand-in arm with backlash, Stribeck friction, limited voltage and delay."""
     with tempfile.TemporaryDirectory() as folder:
         return formats.read(sorted(record(Path(folder))))
 
 
-ROBOTS: dict[str, Callable[[], list[Recording]]] = {"nao": nao, "aliengo": aliengo, "so101": so101, "arm": arm}
+ROBOTS: dict[str, Callable[[bool], list[Recording]]] = {"nao": nao, "aliengo": aliengo, "so101": so101, "arm": arm}
 
 
 def show(title: str, found: Comparison) -> None:
@@ -90,7 +90,7 @@ def main() -> None:
     options = parser.parse_args()
     names = QUICK if options.quick else None
     for robot in options.robots:
-        recordings = ROBOTS[robot]()
+        recordings = ROBOTS[robot](options.quick)
         if not recordings:
             print(f"{robot}: no recordings (set TRUEUP_DATA to the folder that holds '{robot}')")
             continue
