@@ -313,6 +313,25 @@ def test_without_calibration_the_simulator_is_as_unsure_as_its_ranges(write_plan
     assert only(events, Chosen)[0].spreads[1] > 3 * only(calibrated, Chosen)[0].spreads[1]
 
 
+def test_scores_of_the_robot_correct_what_is_foretold_and_a_stopped_campaign_foretells_the_same(
+    write_plan: Write, tmp_path: Path
+) -> None:
+    def wrong(events: Sequence[Event]) -> float:
+        last, round_ = only(events, Chosen)[-1], max(e.round for e in only(events, Scored))
+        shown = next(e for e in only(events, Scored) if e.round == round_ and e.step == "transfer")
+        return abs(last.predicted[last.incumbent] - shown.scores[0])
+
+    plain = run(write_plan(('"toy:regression"', '"none"')), tmp_path / "plain")
+    plan = write_plan(('"toy:regression"', '"none"'), ("samples = 4", "samples = 4\ncorrect = true"))
+    told = run(plan, tmp_path / "told")
+    assert wrong(told) < 0.5 * wrong(plain)  # of the incumbent, which the robot ran before
+    middle = [k for k, e in enumerate(told) if isinstance(e, Generation)]
+    shutil.copytree(tmp_path / "told", tmp_path / "again")
+    set_back(tmp_path / "again", middle[-2] + 1)
+    run(plan, tmp_path / "again")
+    assert (tmp_path / "again" / JOURNAL).read_bytes() == (tmp_path / "told" / JOURNAL).read_bytes()
+
+
 def test_a_damaged_journal_is_not_begun_anew_elsewhere(write_plan: Write, tmp_path: Path) -> None:
     plan = write_plan(("rounds = 2", "rounds = 1"))
     run(plan, tmp_path / "out")
