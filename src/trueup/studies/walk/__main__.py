@@ -19,7 +19,7 @@ from trueup.studies.walk.comparison import FULL, PAPER, QUICK, Result, performed
 from trueup.studies.walk.film import strip
 from trueup.studies.walk.report import html
 from trueup.studies.walk.robot import StandInNao
-from trueup.studies.walk.ways import CONTROL, DEFAULT, WAYS, ways
+from trueup.studies.walk.ways import CHALLENGER, CONTROL, WAYS, ways
 
 
 def main() -> int:
@@ -29,7 +29,7 @@ def main() -> int:
     parser.add_argument("--robots", type=int, help="how many stand-ins (default 8; 1 with --quick)")
     parser.add_argument("--seeds", type=int, help="searches on each (default 5; 1 with --quick)")
     parser.add_argument(
-        "--ways", nargs="+", metavar="WAY", help=f"of: {'; '.join(WAYS)} (default: {CONTROL}, {DEFAULT})"
+        "--ways", nargs="+", metavar="WAY", help=f"of: {'; '.join(WAYS)} (default: {CONTROL}, {CHALLENGER})"
     )
     parser.add_argument("--all", action="store_true", help="all ways")
     parser.add_argument("--quick", action="store_true", help="short searches on one stand-in: a minute, and rough")
@@ -40,7 +40,7 @@ def main() -> int:
     robots, seeds = asked.robots or (1 if asked.quick else 8), asked.seeds or (1 if asked.quick else 5)
     results: list[Result] = []
     try:
-        chosen = ways(list(WAYS) if asked.all else asked.ways or [CONTROL, DEFAULT])
+        chosen = ways(list(WAYS) if asked.all else asked.ways or [CONTROL, CHALLENGER])
         kept, whole = Parts.at(asked.out, scale), robots * seeds * len(chosen)
         where = evaluator_of(asked.cluster or "", asked.quorum or 1.0, told)
         with telling(told, "the start walk") as tell, closing(where) as evaluator:

@@ -54,33 +54,39 @@ class Ungrounded:
 
 @dataclass(frozen=True)
 class Doubted:
-    """The simulator with whatever servos, carpet and torso the robot's falls have not contradicted, several at a time.
+    """The simulator with whatever servos, carpet and torso let the start walk stand as the robot does, several at a time.
 
-    Each walk meets `models` of them, one run each; what walks in all of them has a margin. They are drawn from `library`
-    points of the box of `scenes.DOUBTS`, by how likely the robot's falls are in each. A walk that falls in f of r simulated
-    runs falls in F of R real ones with the chance that a beta distribution (Jeffreys') leaves; the product over walks is
-    tempered so that as many effective points are left as are drawn, since no point is the truth.
+    Until the robot has fallen the simulator is only made noisy: boldly on, to where it falls. From then on each walk meets
+    `models` points of the box of `scenes.DOUBTS`, one run each. They are drawn from `library` points by how likely the start
+    walk's runs on the robot are in each: a walk that falls in f of r simulated runs falls in F of R real ones with the chance
+    that a beta distribution (Jeffreys') leaves, tempered so that as many effective points are left as are drawn, since no
+    point is the truth. Later walks do not count (`learned` says how many do): a few falls in two runs each are as likely
+    where nothing ever falls, and such points foretell the robot's falls worst.
     """
 
     models: int = 8
     seconds: float = 6.0
-    fall: float = FALL
+    fall: float = 0.35
+    """m/s: less than on the robot, since each point falls somewhere that the robot does not."""
     sway: bool = True
     """Whether sway counts as the falls that it makes likely."""
     library: int = 48
-    learned: bool = True
-    """Whether the robot's falls count; False: drawn from the whole box."""
+    learned: int = 1
+    """Of how many of the robot's walks the falls count, the start walk first; 0: drawn from the whole box."""
     corrected: bool = False
     threads: int | None = None
 
     @property
     def name(self) -> str:
         """See Method."""
-        parts = ", untold" * (not self.learned), ", falls alone" * (not self.sway), ", corrected" * self.corrected
+        told = ", untold" if not self.learned else ", all falls told" if self.learned > 1 else ""
+        parts = told, ", falls alone" * (not self.sway), ", corrected" * self.corrected
         return f"doubted simulator{''.join(parts)}"
 
     def prepared(self, story: Story, seed: int) -> Scene:
         """See Method."""
+        if not any(t.runs.falls for t in story.tried):
+            return Ungrounded(threads=self.threads).prepared(story, seed)
         simulator = scenes.doubtful(threads=self.threads)
         space = simulator.parameters
         rng = np.random.default_rng([seed, 48])
@@ -91,7 +97,7 @@ class Doubted:
         )  # fmt: skip
         chances = np.full(len(points), 1.0 / len(points))
         if self.learned:
-            chances = tempered(likelihoods(story.tried, simulator, walk, points), self.models)
+            chances = tempered(likelihoods(story.tried[: self.learned], simulator, walk, points), self.models)
         models = points[drawn(chances, self.models, rng)]
         return Scene(simulator, walk, models, _correction(story, simulator, walk, models) if self.corrected else None)
 

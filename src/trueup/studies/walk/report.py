@@ -39,8 +39,8 @@ def html(results: Sequence[Result], film: str = "") -> str:
 
 
 def _judged(results: Sequence[Result]) -> list[Result]:
-    """Those of the last way that was compared: the one that the others stand beside."""
-    return [r for r in results if r.way == results[-1].way]
+    """Those of the first way: the one that the others stand beside."""
+    return [r for r in results if r.way == results[0].way]
 
 
 def _ways(results: Sequence[Result]) -> Markup:

@@ -10,7 +10,8 @@ from trueup.studies.walk.comparison import Way
 from trueup.studies.walk.guidance import Automatic, Expert
 from trueup.studies.walk.methods import Calibrated, Doubted, Grounded, Ungrounded
 
-CONTROL, DEFAULT = "noisy", "doubted"
+CONTROL, CHALLENGER = "noisy", "doubted"
+"""The way that others must beat, and the one that is put beside it by default."""
 WAYS = {
     CONTROL: Way(Ungrounded()),
     "noisy, corrected": Way(Ungrounded(corrected=True)),
@@ -22,8 +23,9 @@ WAYS = {
     "calibrated": Way(Calibrated()),
     "calibrated, corrected": Way(Calibrated(Ungrounded(corrected=True))),
     "calibrated, grounded": Way(Grounded(Calibrated(), share=1.0, chained=True)),
-    "any servo": Way(Doubted(learned=False)),
-    DEFAULT: Way(Doubted()),
+    "any servo": Way(Doubted(learned=0)),
+    CHALLENGER: Way(Doubted()),
+    "doubted, all falls": Way(Doubted(learned=60)),
     "doubted, corrected": Way(Doubted(corrected=True)),
     "doubted, expert": Way(Doubted(), Expert()),
     "doubted, automatic": Way(Doubted(), Automatic()),
