@@ -91,6 +91,7 @@ def _local(address: str, workers: int) -> Connection:
     cluster = LocalCluster(
         n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address="127.0.0.1:0",
         worker_dashboard_address="127.0.0.1:0", memory_limit=0, silence_logs=logging.CRITICAL,
+        preload=["trueup.evaluation.worker"],
     )  # fmt: skip
     return Connection(address, Client(cluster, set_as_default=False), cluster, workers)
 

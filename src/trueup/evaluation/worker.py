@@ -8,6 +8,7 @@ import importlib.metadata
 import os
 import pickle
 import platform
+import signal
 import sys
 import sysconfig
 import time
@@ -117,6 +118,11 @@ def work_on(keys: Sequence[str], blobs: Mapping[str, bytes], rows: Array, first:
     except Exception as error:  # of whoever wrote the task: named to whoever runs it
         return Reply(error=f"{type(error).__name__}: {error}")
     return Reply(outcome, time.perf_counter() - begun)
+
+
+def dask_setup(worker: object) -> None:
+    """Called by dask in a worker of this machine: Ctrl-C is for whoever started it, who then ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def identity() -> dict[str, str]:
