@@ -24,7 +24,7 @@ from trueup.studies.walk import scenes
 from trueup.studies.walk.evaluation import Runs, at_once, measured, most_falls, outcome
 from trueup.studies.walk.guidance import Advice
 from trueup.studies.walk.search import Effort, Scene, searched
-from trueup.studies.walk.study import Budget, Story, best_share, improved
+from trueup.studies.walk.study import Budget, Story, alone, best_share, improved
 from trueup.tasks.walking import ARRIVED, VEERED, LineWalk, WalkFront
 from trueup.trial import Trial
 
@@ -140,6 +140,14 @@ def test_on_a_robot_on_which_nothing_else_walks_the_start_walk_stays() -> None:
         Brittle(PARAMETERS.nominal[AMPLITUDE]), ByFormula(), Budget(effort=Effort(10, 3, 0.3, 3, 2)), 1, guidance=Two()
     )
     assert story.best.runs.falls <= 0.1 * story.best.runs.number
+
+
+def test_a_search_on_the_robot_alone_keeps_to_its_trials_and_never_ends_worse_for_sure() -> None:
+    robot, budget = Brittle(0.21), Budget(effort=SMALL)
+    story = alone(robot, budget, 0)
+    assert story.trials == len(robot.trials) <= budget.trials
+    assert story.best.worth >= story.tried[0].worth
+    assert alone(Brittle(0.21), Budget(round=6), 0).trials <= 22
 
 
 def test_few_runs_prove_little_and_bolder_walks_that_stand_speak_for_gentler_ones() -> None:

@@ -208,7 +208,8 @@ class Interval:
     high: float
 
     def __str__(self) -> str:
-        return f"{self.mean:.1f} ({self.low:.1f} ... {self.high:.1f})"
+        known = np.isfinite([self.low, self.high]).all()
+        return f"{self.mean:.1f} ({f'{self.low:.1f} ... {self.high:.1f}' if known else 'one robot: no interval'})"
 
 
 def over(

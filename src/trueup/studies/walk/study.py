@@ -168,7 +168,7 @@ def alone(
         tried += [Tried(number, PARAMETERS.from_unit(u), None, r) for u, r in zip(asked, runs, strict=True)]
         left -= len(asked)
         say(f"generation {number} on the robot: {sum(r.falls for r in runs)} of {len(runs)} fell")
-    path = [Promise(c, float("nan"), float("nan")) for c in centres[-3:]]
+    path = [Promise(c, float("nan"), float("nan")) for c in centres[-3:] or [PARAMETERS.nominal]]
     looked = _looked_at(robot, track, path, number + 1, budget, f" alone {seed}")
     return Story((*_judged(tried[:1]), *tried[1:], *looked))
 
