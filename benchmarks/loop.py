@@ -37,6 +37,7 @@ from trueup.engines.vehicle import BETAS, BicycleSimulator
 from trueup.engines.vehicle.drives import noise_of
 from trueup.loop.optimize import optimize
 from trueup.loop.transfer import try_on_robot
+from trueup.paths import Path as PathToFollow
 from trueup.robots.stand_in_vehicle import StandInVehicle
 from trueup.search.cma_es import CmaEs
 from trueup.studies.stanley import chasi
@@ -156,13 +157,13 @@ def tuned_in(simulator: BicycleSimulator, models: Array, seed: int) -> Array:
     return task.parameters.from_unit(found.unit[found.best])
 
 
-def oracle(robot: StandInVehicle, seed: int) -> Array:
+def oracle(robot: StandInVehicle, seed: int, course: str | PathToFollow = "hairpin") -> Array:
     """(4,) gains tuned directly on the hidden truth, each candidate judged by what truly happens."""
     space = chasi.task().parameters
     search = CmaEs(np.clip(space.to_unit(space.nominal), 0.0, 1.0), seed=seed, max_evaluations=ORACLE)
     while not search.done:
         asked = search.ask()
-        search.tell(asked, true_errors(robot, "hairpin", space.from_unit(asked), repeats=1))
+        search.tell(asked, true_errors(robot, course, space.from_unit(asked), repeats=1))
     return space.from_unit(search.best[0])
 
 

@@ -27,7 +27,9 @@ LOST = 1.0
 """Distance, in m, that counts for every metre of the path that was never reached."""
 
 _LEAST = 1e-6  # m: no path is followed more closely, as far as a mean of logarithms is concerned
-_SLACK = 1.12  # a robot somewhat slower than commanded still arrives
+_SLACK = 1.0 / 0.7
+"""A robot that is as slow as a calibration reckons with (`wheel_scale`) still arrives: what it has not reached counts as
+lost, so that gains would be tuned for being early."""
 _PAUSE = 4.0  # s: delays, and the first steps from standstill
 
 
