@@ -33,7 +33,7 @@ def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
     car = _told_by(car, recordings)
     commands = [driven_by(r, car.steered_over) for r in recordings]
     spins = max(turned_on_the_spot(r) for r in recordings) if car.drive != TURNED else 0.0
-    sized = [car.drive in (PURSUED, TURNED) and all(c.unit_of(label) for c in commands) for label in COMMAND]
+    sized = [car.pursues and all(c.unit_of(label) for c in commands) for label in COMMAND]
     found = [(0.0, 1.0) if si else _middle_and_full(commands, label) for si, label in zip(sized, COMMAND, strict=True)]
     middle, full = (found[0][0], found[1][0]), (found[0][1], found[1][1])
     notes = [
@@ -59,7 +59,7 @@ def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
     except CalibrationError:
         scaled = replace(scaled, full=(full[0], -(scaled.full or full)[1]))
         notes.append("steering: grows to the right, taken as its opposite")
-    return (scaled, tuple(notes)) if notes or car.drive in (PURSUED, TURNED) else (car, ())
+    return (scaled, tuple(notes)) if notes or car.pursues else (car, ())
 
 
 def _told_by(car: Vehicle, recordings: Sequence[Recording]) -> Vehicle:

@@ -166,7 +166,7 @@ def _with_parameters(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Veh
     car, taken = with_commands(car, recordings)
     plain = VehicleSimulator(car)
     drives = [plain.prepared(r) for r in recordings]
-    look = Look.at(drives)
+    look = Look.at(drives, at_once=car.pursues)
     calm = {name: why for name, why in look.unseen().items() if name in car.names}
     steers = max((float(np.nanmax(np.abs(d.channel("command").column("steering")))) for d in drives), default=1.0)
     free = [q.name for q in car.quantities if q.free and q.name not in calm]

@@ -45,10 +45,12 @@ class Look:
     drives: tuple[Past, ...] = ()
 
     @classmethod
-    def at(cls, recordings: Sequence[Recording]) -> Look:
-        """At prepared recordings. Raises RecordingError for one without pose or command."""
+    def at(cls, recordings: Sequence[Recording], *, at_once: bool = False) -> Look:
+        """At prepared recordings, see `Past.of`. Raises RecordingError for one without pose or command."""
         parts = [np.zeros((5, 0))]
-        pasts = [Past.of(Trial.of(r, ["position", "heading"]), LATE / _STEPS, COMMAND) for r in recordings]
+        pasts = [
+            Past.of(Trial.of(r, ["position", "heading"]), LATE / _STEPS, COMMAND, at_once=at_once) for r in recordings
+        ]
         for past in pasts:
             k = np.arange(past.earliest, len(past.known) - 1, _STEPS)
             k = k[past.known[k] & (past.lengths[k] > _STEPS) & (past.seen[k, 3] > MOVES)]

@@ -158,9 +158,11 @@ class VehicleSimulator:
     def past(self, trial: Trial) -> Past:
         """A trial's commands, and what was seen of it until each instant; computed once."""
         if trial not in self._pasts:
-            made = Past.at_start if np.isinf(self.horizon) else Past.of
-            self._pasts[trial] = made(
-                trial, self.step, ("speed", "steering") if self.vehicle.drive == "speed" else COMMAND
+            labels = ("speed", "steering") if self.vehicle.drive == "speed" else COMMAND
+            self._pasts[trial] = (
+                Past.at_start(trial, self.step, labels)
+                if np.isinf(self.horizon)
+                else Past.of(trial, self.step, labels, at_once=self.vehicle.pursues)
             )
         return self._pasts[trial]
 

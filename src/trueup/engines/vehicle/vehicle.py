@@ -78,6 +78,11 @@ class Vehicle:
         return DRIVES[self.drive]
 
     @property
+    def pursues(self) -> bool:
+        """Whether it is commanded by a speed that it reaches by and by."""
+        return self.drive in (PURSUED, TURNED)
+
+    @property
     def steered_over(self) -> float:
         """The wheelbase in m over which a commanded turn rate is steered; 0 where it is turned by driven wheels."""
         return 0.0 if self.drive == TURNED else self.wheelbase
