@@ -12,6 +12,8 @@ import pytest
 
 from trueup import formats
 from trueup.cli import main
+from trueup.engines.vehicle import VehicleSimulator
+from trueup.engines.vehicle.prediction import prediction_errors
 from trueup.engines.vehicle.vehicle_file import read_vehicle
 from trueup.loop.prepare import prepare
 
@@ -116,10 +118,16 @@ def test_a_robot_with_two_driven_wheels_turns_on_the_spot_and_backs_off(tmp_path
         table = np.array(rows) + rng.normal(0.0, 1e-3, (300, 6)) * [0, 0, 0, 1, 1, 1]
         logs.append(tmp_path / f"run_{n}.csv")
         np.savetxt(logs[-1], table, delimiter=",", header="t,cmd_vel.linear.x,cmd_vel.angular.z,x,y,theta", comments="")
-    ready = prepare(tmp_path / "base.toml", [formats.read(log)[0] for log in logs])
-    found = {e.name: e.value for e in ready.calibrate().estimates}
+    read = [formats.read(log)[0] for log in logs]
+    ready = prepare(tmp_path / "base.toml", read)
+    assert isinstance(ready.simulator, VehicleSimulator)
+    calibration = ready.calibrate()
+    found = {e.name: e.value for e in calibration.estimates}
     assert found["turn_left"] == pytest.approx(0.9, rel=0.05)
     assert found["turn_right"] == pytest.approx(0.9, rel=0.05)
     assert found["turn_delay"] + found["turn_lag"] == pytest.approx(0.1, abs=0.03)
-    assert found["acceleration_limit"] == pytest.approx(1.0, rel=0.15)
-    assert found["speed_scale"] == pytest.approx(1.0, rel=0.04)
+    end = [
+        prediction_errors(ready.simulator, calibration.values, ready.simulator.prepared(log), (1.0, 2.9))
+        for log in read
+    ]
+    assert np.nanmean(np.concatenate(end)[:, 1]) < 0.06

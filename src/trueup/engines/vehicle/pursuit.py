@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -20,6 +20,7 @@ _LENGTH, _MOST = 3.0, 60
 _COARSE = 2  # steps of the past in one of the scan
 _GAINS = tuple(np.geomspace(0.3, 20.0, 8).tolist())  # 1/s
 _LIMITS = tuple(np.geomspace(0.4, 30.0, 8).tolist())  # m/s^2
+_FINER = (0.7, 0.85, 1.0, 1.2, 1.4)
 _DELAYS = (0.0, 0.1, 0.25)  # s
 _SCALES = (0.94, 1.0, 1.06)  # around the usual speed for a command of one
 _RATES = tuple(np.geomspace(0.2, 20.0, 9).tolist())  # of the steering, in units of its command, 1/s
@@ -70,7 +71,16 @@ def _speed(pieces: Sequence[_Piece]) -> dict[str, float]:
     if not moved.any():
         return {}
     usual = float(np.median(seen[moved] / told[moved]))
-    options = np.array(list(product(_GAINS, _LIMITS, _LIMITS, _DELAYS, [usual * s for s in _SCALES])))
+    best = _nearest(pieces, product(_GAINS, _LIMITS, _LIMITS, _DELAYS, [usual * s for s in _SCALES]))
+    around = [[x * f for f in _FINER] for x in best[:3]] + [[max(best[3] - 0.04, 0.0), best[3], best[3] + 0.04]]
+    best = _nearest(pieces, product(*around, [best[4] * s for s in (0.98, 1.0, 1.02)]))
+    names = ("speed_gain", "acceleration_limit", "braking_limit", "speed_delay", "speed_scale")
+    return dict(zip(names, best, strict=True))
+
+
+def _nearest(pieces: Sequence[_Piece], tried: Iterable[tuple[float, ...]]) -> list[float]:
+    """Of (gain, greatest acceleration and deceleration, delay, scale) those whose speeds are nearest to what was seen."""
+    options = np.array(list(tried))
     gain, up, down, delay, scale = options.T
     off = np.zeros(len(options))
     for p in pieces:
@@ -79,8 +89,7 @@ def _speed(pieces: Sequence[_Piece]) -> dict[str, float]:
             wanted = scale * p.commands[np.maximum(k - late, 0), 0]
             v = v + p.step * np.clip(gain * (wanted - v), -down, up)
             off += np.nan_to_num(np.abs(v - p.speed[k + 1]))
-    names = ("speed_gain", "acceleration_limit", "braking_limit", "speed_delay", "speed_scale")
-    return dict(zip(names, options[int(np.argmin(off))].tolist(), strict=True))
+    return options[int(np.argmin(off))].tolist()
 
 
 def _steering(pieces: Sequence[_Piece], wheelbase: float) -> dict[str, float]:
