@@ -39,6 +39,9 @@ class Parameter:
     """Which motion shows it ("slow reversals"), for the advice on what a recording could not tell."""
     optional: str = ""
     """Name of a structure that the model can do without ("backlash"): kept only if it lowers the held-out error."""
+    absent: float | None = None
+    """The value with which it is as if there were no such structure (a limit that is never met is no zero). Where it is given
+    an optional structure is tried from the fit without it; None: searched with all else, then judged."""
 
     def __post_init__(self) -> None:
         """Checks the declaration."""
@@ -125,6 +128,11 @@ class ParameterSpace:
                 for p in self.parameters
             )
         )
+
+    def without(self, names: Iterable[str]) -> ParameterSpace:
+        """The same space as if there were nothing of some parameters (see `Parameter.absent`)."""
+        wanted = tuple(names)
+        return self.freeze(wanted, {name: self[name].absent or 0.0 for name in wanted})
 
     def with_nominal(self, values: ArrayLike) -> ParameterSpace:
         """The same space with other nominal values (n,), clipped into the bounds of the free ones."""

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trueup.articulated.kernels import dead_band_command, delayed_commands, held_integral, own_delayed_commands
+from trueup.articulated.kernels import ONSET, delayed_commands, firmware_command, held_integral, own_delayed_commands
 
 
 def held(times: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -45,5 +45,12 @@ def test_commands_issued_on_the_way_are_delayed_alike() -> None:
 def test_a_dead_band_passes_nothing_inside_and_the_rest_outside() -> None:
     command, position = np.array([[0.01, 0.5, -0.5]]), np.zeros((1, 3))
     out = np.empty((1, 3))
-    dead_band_command(command, position, np.full((1, 3), 0.02), out)
+    firmware_command(command, position, np.full((1, 3), 0.02), np.zeros((1, 3)), out)
     assert np.allclose(out, [[0.0, 0.48, -0.48]])
+
+
+def test_a_punch_is_whole_from_the_onset_on_and_grows_evenly_within_it() -> None:
+    command, position = np.array([[0.25 * ONSET, 0.5, -0.5, 0.0]]) + 1.0, np.ones((1, 4))
+    out = np.empty((1, 4))
+    firmware_command(command, position, np.zeros((1, 4)), np.full((1, 4), 0.03), out)
+    assert np.allclose(out - 1.0, [[0.25 * ONSET + 0.0075, 0.53, -0.53, 0.0]])

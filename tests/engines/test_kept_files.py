@@ -100,11 +100,13 @@ def in_the_air(kp: float = 55.0, damping: float = 0.9) -> Recording:
 
 
 def as_found(ready: Preparation, change: float = 1.3) -> Calibration:
-    """A calibration that ends with every free parameter changed: what was found does not matter to what is kept."""
+    """A calibration that ends with every free parameter changed: what was found does not matter to what is kept. Structures
+    that are tried later are not found.
+    """
     rows = [
         Estimate(p.name, p.unit, p.nominal, v, v, v, p.lower, p.upper, not p.frozen, "identified", "")
         for p in ready.simulator.parameters.parameters
-        for v in (float(np.clip(p.nominal * change + 1e-3, p.lower, p.upper)),)
+        for v in (float(np.clip(p.nominal * change + 1e-3, p.lower, p.upper)) if p.absent is None else p.absent,)
     ]
     return Calibration("dog", tuple(rows), (), (), np.eye(len(rows)))
 

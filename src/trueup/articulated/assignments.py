@@ -62,9 +62,10 @@ def changes(assignments: Sequence[Assignment], values: Array) -> Changes:
 
 
 def laws(assignments: Sequence[Assignment], values: Array, model: Model, copies: Copies) -> list[Law]:
-    """What acts in each step with values (b, n) of the parameters, once they are written."""
+    """What acts in each step with values (b, n), once they are written: no law of which there is nothing."""
     terms: dict[LawFactory, list[Term]] = {}
+    acting = {a.quantity.law for a, column in zip(assignments, values.T, strict=True) if a.quantity.acts(column)}
     for a, column in zip(assignments, values.T, strict=True):
-        if a.quantity.law is not None:
+        if a.quantity.law is not None and a.quantity.law in acting:
             terms.setdefault(a.quantity.law, []).extend(Term(a.kind, t, v) for t, v in a.spread(column))
     return [law(model, copies, found) for law, found in terms.items()]

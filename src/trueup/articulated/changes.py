@@ -12,6 +12,9 @@ from trueup.errors import unknown_name
 
 Array = NDArray[np.float64]
 
+NO_SPEED_LIMIT, NO_ACCELERATION_LIMIT = 1e4, 1e6
+"""rad/s and rad/s2: limits of a command from here on are none."""
+
 SIGNALS: Mapping[str, str] = {
     "delay": "of an actuator's command, s",
     "speed_limit": "of an actuator's command, rad/s",

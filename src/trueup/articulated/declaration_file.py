@@ -99,7 +99,7 @@ def _table(estimate: Estimate, parameter: Parameter, assignment: Assignment) -> 
         rows["note"] = estimate.note
     if not estimate.fitted:
         rows["frozen"] = True
-    if parameter.optional:
+    if parameter.optional and not (estimate.fitted and parameter.absent is not None):  # kept: it is asked about no more
         rows["optional"] = parameter.optional
     return [f"{key} = {_toml(value)}" for key, value in rows.items()]
 

@@ -152,6 +152,7 @@ def _parameter(model: Model, q: Quantity, line: Declaration, group: tuple[str, .
         name=label if label == q.name else f"{label}.{q.name}", unit=q.unit_at(model, group[0]), nominal=nominal,
         lower=lower, upper=upper, scale=scale, frozen=line.frozen, shown_by=q.shown_by,
         source="declared" if line.nominal is not None else "model", optional=line.optional,
+        absent=q.nothing,
     )  # fmt: skip
     return parameter, Assignment(q, group, signs)
 

@@ -96,19 +96,31 @@ def limited_commands(
             place[i, j], pace[i, j] = x, v
 
 
+ONSET = 2e-3
+"""rad (or m) of error within which a servo's punch sets in: an encoder step or two."""
+
+
 @njit(cache=True, nogil=True)
-def dead_band_command(command: Array, position: Array, band: Array, out: Array) -> None:
-    """What a servo without dead band must be told to push like one with it; all (b, k), band in rad (half width)."""
+def firmware_error(error: float, band: float, kick: float) -> float:
+    """The error that a plain servo must see to push like one with a dead band and a punch; all in rad.
+
+    `band` half width; `kick` the punch as an error of the plain servo: a spring so steep that it is at its limit from
+    the first encoder steps on (least power of Dynamixel AX servos: J. Tan et al., IROS 2016, Figure 8).
+    """
+    if band > 0.0:
+        error = np.sign(error) * max(abs(error) - band, 0.0)
+    if kick > 0.0:
+        error += min(max(error / ONSET, -1.0), 1.0) * kick
+    return error
+
+
+@njit(cache=True, nogil=True)
+def firmware_command(command: Array, position: Array, band: Array, kick: Array, out: Array) -> None:
+    """What a servo without dead band and punch must be told to push like one with them; all (b, k), in rad."""
     for i in range(command.shape[0]):
         for j in range(command.shape[1]):
-            error = command[i, j] - position[i, j]
-            if error > band[i, j]:
-                error -= band[i, j]
-            elif error < -band[i, j]:
-                error += band[i, j]
-            else:
-                error = 0.0
-            out[i, j] = position[i, j] + error
+            at = position[i, j]
+            out[i, j] = at + firmware_error(command[i, j] - at, band[i, j], kick[i, j])
 
 
 @njit(cache=True, nogil=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What acts in each step of a simulation: dead bands of servos, friction that depends on speed and load."""
+"""What acts in each step of a simulation: what firmware makes of an error, friction that depends on speed and load."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.articulated.kernels import dead_band_command, stribeck_friction
+from trueup.articulated.kernels import firmware_command, stribeck_friction
 from trueup.articulated.model import Copies, Model
 
 Array = NDArray[np.float64]
@@ -41,22 +41,29 @@ class Law(Protocol):
 LawFactory = Callable[[Model, Copies, Sequence[Term]], Law]
 
 
-class DeadBand:
-    """Servos that do not push while their error is small; `dead_band` is given end to end."""
+class Firmware:
+    """Servos that do not push while their error is small (`dead_band`, end to end), then at least with their `punch`."""
 
     def __init__(self, model: Model, copies: Copies, terms: Sequence[Term]) -> None:
         joint_of = {actuator: joint for joint, actuator in model.drives().items() if actuator}
-        self._columns = np.array([model.columns()[t.target] for t in terms], dtype=np.int64)
-        self._position = copies.reader("position", [joint_of[t.target] for t in terms])
-        # The error may grow to half of it on either side.
-        self._band = np.ascontiguousarray(np.stack([0.5 * t.value for t in terms], axis=1))
+        targets = list(dict.fromkeys(t.target for t in terms))
+        self._columns = np.array([model.columns()[t] for t in targets], dtype=np.int64)
+        self._position = copies.reader("position", [joint_of[t] for t in targets])
+        self._zero = np.stack([copies.get("actuator.zero", t) for t in targets], axis=1)
+        self._band, self._kick = np.zeros((2, len(terms[0].value), len(targets)))
+        for term in terms:
+            place = (slice(None), targets.index(term.target))
+            if term.quantity == "punch":
+                self._kick[place] = term.value / copies.get("actuator.kp", term.target)
+            else:
+                self._band[place] = 0.5 * term.value  # the error may grow to half of it on either side
 
     def act(self, command: Array) -> None:
         """See Law."""
         n, shaped = len(command), np.empty((len(command), len(self._columns)))
         asked = np.ascontiguousarray(command[:, self._columns])
-        dead_band_command(asked, self._position(n), self._band[:n], shaped)
-        command[:, self._columns] = shaped
+        firmware_command(asked + self._zero[:n], self._position(n), self._band[:n], self._kick[:n], shaped)
+        command[:, self._columns] = shaped - self._zero[:n]
 
 
 class VaryingFriction:

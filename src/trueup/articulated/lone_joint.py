@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from trueup.articulated.kernels import set_point
+from trueup.articulated.kernels import firmware_error, set_point
 
 Array = NDArray[np.float64]
 
@@ -50,6 +50,8 @@ class Drives(NamedTuple):
     """1/s, by which dry friction takes speed out of a joint that it holds."""
     dead_band: Array
     """Half width."""
+    kick: Array
+    """The servo's punch, as an error of the servo."""
     delay: Array
     offset: Array
     """Zero error of the command."""
@@ -124,9 +126,9 @@ def replay(drives: Drives, command: Command, load: Load, step: float, out: Array
                 place, pace = set_point(wanted, place, pace, d.speed_limit[i], most, step)
                 wanted = place
             wanted -= d.offset[i]
-            if d.dead_band[i] > 0.0:
-                error = wanted - q
-                wanted = q + np.sign(error) * max(abs(error) - d.dead_band[i], 0.0)
+            if d.dead_band[i] > 0.0 or d.kick[i] > 0.0:
+                zero = d.constant[i] / d.gain[i]  # of the servo's own sensor
+                wanted = q + firmware_error(wanted + zero - q, d.dead_band[i], d.kick[i]) - zero
             wanted = min(max(wanted, d.control_low[i]), d.control_high[i])
             # the drive
             gear = d.gear[i]

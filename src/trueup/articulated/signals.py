@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.articulated.assignments import Assignment, changes
+from trueup.articulated.changes import NO_ACCELERATION_LIMIT, NO_SPEED_LIMIT
 from trueup.articulated.kernels import delayed_commands, held_integral, limited_commands
 from trueup.articulated.model import Model, servos
 from trueup.articulated.starts import at_rest, measured_start
-from trueup.articulated.wiring import commanded, control_of
+from trueup.articulated.wiring import commanded, control_of, twins
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -31,6 +32,8 @@ class Signals:
         own = {a: np.full(self._rows, model.get("actuator.delay", a)[0]) for a in self._columns}
         for actuator, value in {**own, **self._changes.of("delay")}.items():
             self.delay[:, self._columns[actuator]] = value
+        self.twins = twins(model)
+        """Columns of the commands that repeat another one, and which."""
         self._limits = self._profile_limits()
         self._profile: dict[int, tuple[Array, Array]] = {}
         self._commands = [self._command(t) for t in trials]
@@ -142,10 +145,10 @@ class Signals:
         if not any(given):
             return None
         limits = np.full((2, self._rows, self._model.width), np.inf)
-        for limit, of_actuators in zip(limits, given, strict=True):
+        for limit, of_actuators, none in zip(limits, given, (NO_SPEED_LIMIT, NO_ACCELERATION_LIMIT), strict=True):
             for actuator, value in of_actuators.items():
-                limit[:, self._columns[actuator]] = value
-        return limits[0], limits[1]
+                limit[:, self._columns[actuator]] = np.where(value < none, value, np.inf)
+        return (limits[0], limits[1]) if np.isfinite(limits).any() else None
 
     def _limited(self, trial: int, at: int, command: Array, columns: NDArray[np.int64], step: float) -> Array:
         """(b, count, k) commands as drives with limits let them through; they have arrived when a trial begins."""

@@ -7,6 +7,16 @@ from trueup.articulated.model import Model
 from trueup.errors import ModelError, unknown_name
 from trueup.recording import Channel
 
+ONSET_OF = "/onset"
+"""Ends the name of a second actuator of a servo, which takes its command: a steep onset of force (see `kernels.ONSET`)."""
+
+
+def twins(model: Model) -> list[tuple[int, int]]:
+    """Columns of the commands that repeat another one, and which."""
+    columns = model.columns()
+    mains = {name: name.removesuffix(ONSET_OF) for name in columns if name.endswith(ONSET_OF)}
+    return [(columns[twin], columns[main]) for twin, main in mains.items() if main in columns]
+
 
 def commanded(model: Model, command: Channel) -> list[str]:
     """The actuator of each command label: its own name, or the joint that it drives. Raises UnknownNameError."""

@@ -80,8 +80,6 @@ class Family:
     """Measured channels that make recordings ready without being compared."""
     diagnoses: tuple[str, ...] = ()
     """Names of what is diagnosed, whose edits may be refused."""
-    later: tuple[str, ...] = ()
-    """Optional structures (`Parameter.optional`) that are tried only after a fit without them."""
 
     def load(self, path: Path) -> Any:
         """The model in a file, in whatever form the other methods take it. Raises ModelError."""

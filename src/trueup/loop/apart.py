@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from trueup.loop.descent import Descent, Look, Watch
 from trueup.loop.elsewhere import losses_at
 from trueup.loop.problem import Problem
+from trueup.loop.segment import labelled
 from trueup.parameters import ParameterSpace
 from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses
@@ -37,14 +38,16 @@ class Part:
     columns: NDArray[np.intp]
 
 
-def apart(problem: Problem, space: ParameterSpace, starts: Sequence[Array], robust: float) -> Array:
+def apart(
+    problem: Problem, space: ParameterSpace, starts: Sequence[Array], robust: float, tolerance: float = 1e-3
+) -> Array:
     """(n_free,) the best that least squares come to from any of `starts` (n_free,), signal by signal; parameters that several
-    signals share as in the first of them.
+    signals share as in the first of them. A search ends with steps that lower its loss by less than the share `tolerance`.
     """
     seen = problem.residuals(space.from_unit(np.stack(starts)))
     good = [start for start, residual in zip(starts, seen, strict=True) if np.isfinite(residual).all()]
-    parts = _parts(problem, space, good)
-    lanes = [[_search(space, start, part, robust) for part in parts] for start in good]
+    parts = parts_of(problem, space, good)
+    lanes = [[_search(space, start, part, robust, tolerance) for part in parts] for start in good]
     if not (parts and lanes):
         return starts[0]
     while not all(search.done for lane in lanes for search in lane):
@@ -88,26 +91,24 @@ def _together(
     return rows
 
 
-def _search(space: ParameterSpace, start: Array, part: Part, robust: float) -> LeastSquares:
+def _search(space: ParameterSpace, start: Array, part: Part, robust: float, tolerance: float) -> LeastSquares:
     free = [p for p in space.parameters if not p.frozen]
     ranges = [np.log(p.upper / p.lower) if p.scale == "log" else 0.0 for p in (free[k] for k in part.columns)]
-    return LeastSquares(start[part.columns], np.array(ranges), robust=robust, least_damping=_HELD, confirm=False)
+    return LeastSquares(start[part.columns], np.array(ranges), robust=robust, least_damping=_HELD, confirm=False,
+                        tolerance=tolerance)  # fmt: skip
 
 
-def _parts(problem: Problem, space: ParameterSpace, starts: Sequence[Array]) -> list[Part]:
+def parts_of(problem: Problem, space: ParameterSpace, starts: Sequence[Array]) -> list[Part]:
     """The signals that have parameters of their own, seen from any of the starts."""
-    names = list(dict.fromkeys(label for segment in problem.segments for label in segment.labels))
-    label = np.concatenate([
-        np.broadcast_to([names.index(x) for x in s.labels], (s.samples, len(s.labels)))[s.mask] for s in problem.segments
-    ])  # fmt: skip
+    names, label = labelled(problem.segments)
     changed = np.zeros((int(space.free.sum()), len(names)), dtype=bool)
     for start in starts:
         moved = start + np.diag(np.where(start > 0.5, -_MOVED, _MOVED))
         residuals = problem.residuals(space.from_unit(np.concatenate([start[None], moved])))
         differs = residuals[1:] != residuals[0]
         changed |= np.stack([differs[:, label == k].any(axis=1) for k in range(len(names))], axis=1)
-    alone = changed.sum(axis=1) == 1
-    own = [np.flatnonzero(alone & changed[:, k]) for k in range(len(names))]
+    alone = (changed.sum(axis=1) == 1)[:, None] & changed
+    own = [np.flatnonzero(alone[:, k]) for k in range(len(names))]
     return [Part(np.flatnonzero(label == k), columns) for k, columns in enumerate(own) if len(columns)]
 
 

@@ -56,7 +56,8 @@ class Options:
     seed: int = 0
     cross_validate: bool = True
     later: tuple[str, ...] = ()
-    """Optional structures (`Parameter.optional`) that are tried from the fit without them."""
+    """Optional structures (`Parameter.optional`) that are tried from the fit without them, beside those that say what it is
+    like to be `Parameter.absent`."""
     windows: float | None = None
     """Recordings are replayed in windows of so many s, each from where the robot was measured to be then; inf: whole. None:
     as short as an unstable robot needs (`trueup.loop.shoot.window_length`), whole with a discrepancy or controllers."""
@@ -83,12 +84,16 @@ def calibrate(
     chosen = options or Options()
     began, cpu = time.perf_counter(), time.process_time()
     warnings = check(recordings, hold_out)
-    space, chosen_before = _searched(simulator.parameters if space is None else space, chosen.later, resume)
+    space = simulator.parameters if space is None else space
+    entering = [p.optional for p in space.parameters if p.optional and p.absent is not None]
+    chosen = replace(chosen, later=tuple(dict.fromkeys((*chosen.later, *entering))))
+    space, chosen_before = _searched(space, chosen.later, resume)
     channels = sorted({c for r in recordings for c in simulator.observable(r)})
     measure = discrepancy or Weighted.estimated(recordings, channels)
     fitted = chosen.channels or usual(channels)
     problem = Problem(simulator, recordings, measure, fitted, controllers=controllers, ends=chosen.ends)
-    begin = space.nominal if start is None else start
+    waiting = [p.name for p in space.parameters if p.optional in chosen.later and not p.frozen]
+    begin = space.without(waiting).nominal if start is None else start
     windows = chosen.windows
     if windows is None:
         windows = np.inf if discrepancy is not None or controllers is not None else window_length(problem, begin)
@@ -118,9 +123,13 @@ def _searched(
     """What is searched, and whether an interrupted search had already chosen from it. Raises CalibrationError."""
     if not space.free.any():
         raise CalibrationError("all parameters are frozen: nothing to calibrate")
-    gone = set() if resume is None else {n for n in resume.get("frozen", ()) if space[n].optional not in later}
-    left = space.freeze(gone)
-    return left, not np.array_equal(left.free, space.free)
+    frozen, waiting = ([], later) if resume is None else (resume.get("frozen", ()), resume.get("waiting", later))
+    gone = [n for n in frozen if space[n].optional not in waiting]
+    asked = [n for n in gone if space[n].optional in later]
+    left = space.freeze(gone).without(asked)
+    past = set(later).difference(waiting)  # what was kept of these is no longer asked about
+    left = ParameterSpace(tuple(p.replace(optional="") if p.optional in past else p for p in left.parameters))
+    return left, len(gone) - len(asked) > int((~space.free).sum())
 
 
 def _how(options: Options) -> dict[str, Any]:

@@ -71,6 +71,8 @@ class Watch:
 
     progress: Progress | None = None
     checkpoint: Checkpoint | None = None
+    waiting: tuple[str, ...] = ()
+    """Structures that have not been asked about yet."""
     began: float = field(default_factory=time.perf_counter)
     trace: list[TracePoint] = field(default_factory=list)
 
@@ -85,7 +87,7 @@ class Watch:
         """Hands the state of the search to the checkpoint."""
         if self.checkpoint is not None:
             frozen = [p.name for p in space.parameters if p.frozen]
-            self.checkpoint({"stage": stage, "frozen": frozen, "search": state})
+            self.checkpoint({"stage": stage, "frozen": frozen, "waiting": self.waiting, "search": state})
 
 
 @dataclass(frozen=True)
@@ -160,6 +162,10 @@ class Descent:
                 self.watch.save(look.name, self.space, search.state())
         self.search, self.point = search, search.point
         return search
+
+    def stay(self, look: Look) -> None:
+        """Takes the point for where the search on a look has ended."""
+        self.search, self.near, self._slopes = self._begun(look, 0.0, True), None, None
 
     def restart(self, point: Array) -> None:
         """Forgets all that was learned, and goes on from `point` (n_free,)."""

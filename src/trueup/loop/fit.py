@@ -15,7 +15,6 @@ from trueup.errors import CalibrationError
 from trueup.loop.apart import GLANCE
 from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Watch
 from trueup.loop.elsewhere import EVOLVING
-from trueup.loop.growth import growth
 from trueup.loop.problem import FAITHFUL, Problem
 from trueup.loop.stages import (
     Run,
@@ -28,6 +27,8 @@ from trueup.loop.stages import (
     first_seconds,
     full_step,
     glance,
+    growth,
+    growth_apart,
     implicit_filtering,
     lines,
     multiple_shooting,
@@ -48,6 +49,7 @@ _COARSE = (2.5, 2.0, 1.5)  # factors on the integration step while far from the 
 
 _LINES, _EVOLUTION, _SELECTION = Stage("lines", lines), Stage("evolution", evolution), Stage("selection", selection)
 _APART, _GLANCE = Stage("joint by joint", each_apart), Stage("glance", glance)
+_GROWTH_APART = Stage("growth joint by joint", growth_apart)
 _FIRST = Stage("first seconds", first_seconds)
 _COARSE_STEP = Stage("all, coarse step", coarse_step)
 _FULL, _GROWTH = Stage("all, full step", full_step), Stage("growth", growth)
@@ -57,11 +59,11 @@ _AROUND = (_SHOOTING, Stage("implicit filtering", implicit_filtering), Stage("pr
 _ELSEWHERE = (_LINES, _EVOLUTION)
 
 STAGES = (
-    _APART, _GLANCE, _FIRST, *_ELSEWHERE, _COARSE_STEP, *_ELSEWHERE, _SELECTION, _GROWTH,
+    _APART, _GLANCE, _GROWTH_APART, _FIRST, *_ELSEWHERE, _COARSE_STEP, *_ELSEWHERE, _SELECTION, _GROWTH,
     _FULL, *_ELSEWHERE, _SELECTION, _GROWTH, Stage("off bounds", off_bounds), *_AROUND,
 )  # fmt: skip
 """What a search does unless told otherwise."""
-DESCENT = (_APART, _FIRST, _COARSE_STEP, _SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH)
+DESCENT = (_APART, _GROWTH_APART, _FIRST, _COARSE_STEP, _SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH)
 """Nothing but where slopes lead."""
 REFINEMENT = (Stage("refinement", refinement), _SHOOTING, _AROUND[-1])
 """From an earlier fit of most of the recordings."""
@@ -85,12 +87,13 @@ def fit(
 
     `stages` are gone through in their order (see `STAGES`, and `SEARCHES` for others), with `solver` for the least squares.
     `select` is asked which parameters to keep as soon as all recordings were looked at. Optional structures in `later` are
-    at zero until then (see `growth.growth`).
+    absent until then (see `growth.py`).
     """
-    waiting = {s: {p.name: p for p in space.parameters if p.optional == s and not p.frozen} for s in later}
+    watch.waiting = tuple((resume or {}).get("waiting", later))
+    waiting = {s: {p.name: p for p in space.parameters if p.optional == s and not p.frozen} for s in watch.waiting}
     names = [name for declared in waiting.values() for name in declared]
     if len(names) < int(space.free.sum()):
-        space = space.freeze(names, dict.fromkeys(names, 0.0))
+        space = space.without(names)
     else:
         waiting = {}
     waiting = {structure: declared for structure, declared in waiting.items() if declared}

@@ -89,8 +89,7 @@ class Preparation:
             simulator: Simulator, recordings: Sequence[Recording], hold_out: Sequence[Recording] = (), *,
             discrepancy: Discrepancy | None = None, cross_validate: bool = True, again: bool = False,
         ) -> Calibration:  # fmt: skip
-            asked = replace(chosen, cross_validate=chosen.cross_validate and cross_validate,
-                            later=(*chosen.later, *self.family.later))  # fmt: skip
+            asked = replace(chosen, cross_validate=chosen.cross_validate and cross_validate)
             how: dict[str, Any] = {
                 "discrepancy": discrepancy or measure, "progress": progress,
                 "checkpoint": None if again else checkpoint, "resume": None if again else resume,

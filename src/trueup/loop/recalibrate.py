@@ -16,6 +16,7 @@ from trueup.evidence import evidence
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.descent import explained
 from trueup.loop.fit import REFINEMENT
+from trueup.parameters import ParameterSpace
 from trueup.recording import PART_OF, Recording
 
 Array = NDArray[np.float64]
@@ -66,7 +67,10 @@ def recalibrate(
         return calibrate(simulator, recordings, hold_out, options=options, **how)
     start = np.array([earlier.values.get(p.name, p.nominal) for p in space.parameters])
     again = replace(options, stages=REFINEMENT, select=False, later=())
-    space = space.freeze(left_out)
+    asked = [p for p in space.parameters if p.absent is not None]  # what was kept of these is no longer asked about
+    space = space.freeze(left_out).without([p.name for p in asked if p.name in left_out])
+    kept = {p.name for p in asked if p.name not in left_out}
+    space = ParameterSpace(tuple(p.replace(optional="") if p.name in kept else p for p in space.parameters))
     refined = calibrate(simulator, recordings, hold_out, options=again, space=space, start=start, **how)
     old = {r.name for r in recordings if r.provenance.get(PART_OF, r.name) in earlier.recordings}
     if _explains(refined, old):

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,13 @@ from numpy.typing import NDArray
 from trueup.discrepancies.discrepancy import Mask
 
 Array = NDArray[np.float64]
+
+
+def labelled(segments: Sequence[Segment]) -> tuple[list[str], NDArray[np.intp]]:
+    """The labels of all segments, and (m,) the number of its label for each residual."""
+    names = list(dict.fromkeys(label for segment in segments for label in segment.labels))
+    rows = [np.broadcast_to([names.index(x) for x in s.labels], (s.samples, len(s.labels)))[s.mask] for s in segments]
+    return names, np.concatenate(rows)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from trueup.loop.apart import apart, confirmed
 from trueup.loop.descent import Descent, Fit, Look, Select, explained, last_look
 from trueup.loop.elsewhere import EDGE, FEW, LOOKED_AT, along_axes, anywhere, evolved
+from trueup.loop.growth import Settle, grown
 from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
@@ -23,6 +24,7 @@ from trueup.search.least_squares import LeastSquares
 
 Array = NDArray[np.float64]
 
+_SETTLED = 1e-2  # share of the loss: a step that gains less changes no verdict on a structure
 _ROUNDS = 4  # of corrections of the starts, each of which halves what slopes do not foretell
 
 
@@ -52,6 +54,8 @@ class Run:
     """The last of them."""
     later: Mapping[str, Mapping[str, Parameter]] = field(default_factory=dict)
     """Structures that are frozen at zero and wait for the fit without them: their parameters as declared, by name."""
+    early: Array | None = None
+    """(n,) values to which the first look led."""
     notes: list[str] = field(default_factory=list)
     ended: Fit | None = None
 
@@ -59,6 +63,12 @@ class Run:
     def start(self) -> Array:
         """(n_free,) where the search begins, in the unit box."""
         return np.clip(self.descent.space.to_unit(self.values), 0.0, 1.0)
+
+    @property
+    def alone(self) -> Problem | None:
+        """What is replayed joint by joint of the problem, at the coarser step; None where nothing is."""
+        part = self.coarse.approximate_part
+        return None if part is None else part.at_step(self.coarse.simulator.step)
 
     @property
     def seen(self) -> Problem:
@@ -88,6 +98,13 @@ class Run:
             self.descent.point = point
             self._searched(self.look)
 
+    def grow(self, look: Look, settle: Settle, alone: bool = False) -> None:
+        """Asks about all structures that wait."""
+        later, self.later, self.descent.watch.waiting = self.later, {}, ()
+        early = self.values if self.early is None else self.early
+        self.descent, notes = grown(self.descent, look, later, settle, early, alone)
+        self.notes += notes
+
     @property
     def found(self) -> Fit:
         """Where slopes have led, or what later stages made of it."""
@@ -108,12 +125,13 @@ def each_apart(run: Run) -> None:
     """Each joint by itself where joints are replayed alone, from where the search begins and from the middle of the box: the
     first seconds, then all.
     """
-    part = run.coarse.approximate_part
+    part = run.alone
     if part is None or run.saved is not None:
         return
     descent, longest = run.descent, max(t.duration for t in run.first.trials)
     starts = [run.start, np.full(len(run.start), 0.5)]
     point = apart(part.shortened(longest), descent.space, starts, descent.robust)
+    run.early = descent.space.from_unit(point)
     point = apart(part, descent.space, [point], descent.robust)
     residual = part.residuals(descent.space.from_unit(point[None]))[0]
     descent.watch.saw("joint by joint", part, float(0.5 * residual @ residual), part.rmse(residual))
@@ -135,6 +153,7 @@ def first_seconds(run: Run) -> None:
         longest = max(t.duration for t in run.first.trials)
         real = run.problem.shortened(longest) if run.coarse is not run.problem else None
         run.go(Look("first seconds", run.first, run.first, 30.0, 15, real))
+        run.early = run.descent.space.from_unit(run.descent.point)
 
 
 def coarse_step(run: Run) -> None:
@@ -194,6 +213,31 @@ def multiple_shooting(run: Run) -> None:
 def _shot(run: Run, starts: Starts, values: Array, *, bent: bool) -> Problem:
     begun = starts.eliminated_from(run.seen, values, bent=bent)
     return run.problem.with_starts(begun.trials, begun.eliminated)
+
+
+def growth_apart(run: Run) -> None:
+    """Structures that are searched `later` enter, one by one, while joints are replayed alone: a scan costs little there."""
+    part = run.alone
+    if not (run.later and run.begun) or part is None:
+        return
+    look = Look("growth", part, part, 2.0, 10)
+
+    def settle(descent: Descent) -> None:  # what signals share stays: without contact it holds the scale of torque
+        descent.point = apart(part, descent.space, [descent.point], descent.robust, _SETTLED)
+        descent.stay(look)
+
+    run.descent.stay(look)
+    run.grow(look, settle, alone=True)
+
+
+def growth(run: Run) -> None:
+    """Structures that are searched `later` enter from the fit without them, one by one, where the evidence holds."""
+    if not run.later or not run.looks or run.look.problem.duration < run.problem.duration:
+        return
+    look = run.look
+    if run.descent.search is None or len(run.descent.search.point) != len(run.descent.point):
+        run.descent.descend(look)  # something was left out since
+    run.grow(look, lambda descent: descent.descend(look) and None)
 
 
 def lines(run: Run) -> None:

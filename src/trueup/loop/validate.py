@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 _BLOCKS = 6  # parts that are left out in turn, at least: of fewer the spread is itself hardly known
 _REACH = 0.5  # share of the box: slopes foretell nothing further away
 _SHORTER = np.array([1.0, 0.25, 0.0625, 0.0])  # shares of a step
+_STRETCH, _FEWEST, _FOLDS, _HALVINGS = 2.5, 16, 10, 4  # s, stretches at least, sets of them that are left out in turn
 _RIDGE = 1e-4  # share of the curvature that holds combinations which only the part left out has seen
 
 
@@ -53,17 +54,20 @@ def by_stretch(problem: Problem) -> list[Block]:
     return [block for block in cut if len(block.rows)]
 
 
-def left_out_points(problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None) -> Array:
+def left_out_points(
+    problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None, *, settled: bool = False
+) -> Array:
     """(B, n_free) where the fit would go if it had never seen each block: one Gauss-Newton step from the optimum.
 
-    `held` (n_free,) are values in the unit box for parameters that must not be used, NaN for the others.
+    `held` (n_free,) are values in the unit box for parameters that must not be used, NaN for the others. `settled`: where
+    the fit ended is taken for the optimum, whatever slopes there still promise.
     """
     weighted = fit.jacobian * fit.weights[:, None]
     given = fit.unit if held is None else np.where(np.isfinite(held), held, fit.unit)
     free = np.ones(len(fit.unit), dtype=bool) if held is None else ~np.isfinite(held)
     jump = given - fit.unit
     curvature = fit.jacobian.T @ weighted
-    slope = weighted.T @ fit.residual
+    slope = np.zeros(len(fit.unit)) if settled else weighted.T @ fit.residual
     ridge = _RIDGE * np.diag(np.diag(curvature)[free]) + PRIOR * np.eye(int(free.sum()))
     points = np.tile(given, (len(blocks), 1))
     for point, block in zip(points, blocks, strict=True):
@@ -88,6 +92,47 @@ def backtracked(problem: Problem, fit: Fit, blocks: Sequence[Block]) -> Array:
         losses = robust_losses(np.delete(residuals[:, b], block.rows, axis=1), fit.bend)
         points.append(tried[int(np.argmin(np.nan_to_num(losses, nan=np.inf))), b])
     return np.stack(points)
+
+
+def folds(problem: Problem) -> tuple[list[Block], NDArray[np.intp]]:
+    """Blocks of many short stretches each, taken in turns all over the recordings, and (m,) the number of the stretch and
+    label of each residual: what is seen in few seconds only (a limit that is met, the fast end of a chirp) can be foretold
+    from the stretches beside.
+    """
+    every, cells, turns = range(len(problem.trials)), [], []
+    longest = min(_STRETCH, problem.duration / _FEWEST)
+    for segment in problem.segments:
+        count = max(1, round(problem.trials[segment.trial].duration / longest))
+        stretch = np.minimum(np.arange(segment.samples) * count // max(segment.samples, 1), count - 1)
+        own = np.stack(np.broadcast_arrays(stretch[:, None], np.arange(len(segment.labels))), axis=-1)[segment.mask]
+        first = 0 if not cells else int(cells[-1].max()) + 1
+        cells.append(first + own[:, 0] * len(segment.labels) + own[:, 1])
+        turns.append((own[:, 0] + segment.trial) % _FOLDS)
+    turn = np.concatenate(turns)
+    blocks = [Block(tuple(every), np.flatnonzero(turn == k)) for k in range(_FOLDS)]
+    return [block for block in blocks if len(block.rows)], np.concatenate(cells)
+
+
+def foretold(problem: Problem, fit: Fit) -> Array:
+    """(cells,) root mean square, in noise units, of each label of each stretch of `folds` by a fit that never saw it.
+
+    For searches that are still on their way: where they are counts as settled. Where slopes lead too far, so that the
+    replay fails, the step is halved, some times; inf where it fails still.
+    """
+    blocks, cells = folds(problem)
+    points = left_out_points(problem, fit, blocks, settled=True)
+    residuals = problem.residuals(fit.space.from_unit(points))
+    for _ in range(_HALVINGS):
+        failed = np.flatnonzero(~np.isfinite(residuals).all(axis=1))
+        if not len(failed):
+            break
+        points[failed] = 0.5 * (points[failed] + fit.unit)
+        residuals[failed] = problem.residuals(fit.space.from_unit(points[failed]))
+    squares = np.empty(len(cells))
+    for block, residual in zip(blocks, residuals, strict=True):
+        squares[block.rows] = residual[block.rows] ** 2
+    squares[~np.isfinite(squares)] = np.inf
+    return np.sqrt(np.bincount(cells, squares) / np.maximum(np.bincount(cells), 1))
 
 
 def left_out_errors(problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None) -> Array:

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from trueup.articulated.laws import DeadBand
+from trueup.articulated.changes import NO_ACCELERATION_LIMIT, NO_SPEED_LIMIT
+from trueup.articulated.laws import Firmware
 from trueup.articulated.quantities.quantity import Quantity, around, between, factor
 
 DRIVES = (
@@ -36,16 +37,21 @@ DRIVES = (
     ),
     Quantity(
         name="speed_limit", family="actuator", unit="rad/s", title="speed limit of the command", scale="log",
-        bounds=factor(5, 1e3, 1.0), signals=("speed_limit",), servos_only=True,
+        bounds=factor(5, 1e3, 1.0), signals=("speed_limit",), servos_only=True, nothing=NO_SPEED_LIMIT,
         shown_by="steps large enough to reach it",
     ),
     Quantity(
         name="acceleration_limit", family="actuator", unit="rad/s2", title="acceleration limit of the command",
         scale="log", bounds=factor(20, 1e4, 10.0), signals=("acceleration_limit",), servos_only=True,
-        shown_by="steps of several sizes",
+        nothing=NO_ACCELERATION_LIMIT, shown_by="fast chirps, or steps of several sizes",
     ),
     Quantity(
-        name="dead_band", family="actuator", unit="rad", title="dead band", bounds=between(0.0, 0.1), law=DeadBand,
-        servos_only=True, shown_by="slow reversals of small amplitude",
+        name="dead_band", family="actuator", unit="rad", title="dead band", bounds=between(0.0, 0.1), law=Firmware,
+        nothing=0.0, servos_only=True, shown_by="slow reversals of small amplitude",
+    ),
+    Quantity(
+        name="punch", family="actuator", unit="N m", title="punch: least force once there is an error", scale="log",
+        bounds=factor(100, 10, 0.01), law=Firmware, nothing=0.0, servos_only=True,
+        shown_by="slow motion and small steps under load",
     ),
 )  # fmt: skip

@@ -52,7 +52,8 @@ JOINTS = (
     ),
     Quantity(
         name="friction_static", family="joint", unit="N m", title="breakaway above Coulomb friction",
-        bounds=between(0.0, 2.0), law=VaryingFriction, reach=_held, shown_by="starts from rest and slow reversals",
+        bounds=between(0.0, 2.0), law=VaryingFriction, nothing=0.0, reach=_held,
+        shown_by="starts from rest and slow reversals",
     ),
     Quantity(
         name="stribeck_speed", family="joint", unit="rad/s", title="Stribeck speed", scale="log",
@@ -60,7 +61,7 @@ JOINTS = (
     ),
     Quantity(
         name="friction_load", family="joint", unit="", title="friction that grows with load", bounds=between(0.0, 1.0),
-        law=VaryingFriction,
+        law=VaryingFriction, nothing=0.0,
     ),
     Quantity(
         name="armature", family="joint", unit="kg m2", title="rotor inertia", scale="log", bounds=factor(100, 50, 0.005),

@@ -50,6 +50,8 @@ class Quantity:
     """What acts in each step, for all quantities with the same law together."""
     start: float | None = 0.0
     """The nominal value; None: what the model's attribute has."""
+    nothing: float | None = None
+    """The value with which it is as if there were none of it (a limit: so high that nothing meets it); None: not known."""
     servos_only: bool = False
     """Of position servos, where the model has any."""
     mirrored: bool = False
@@ -102,6 +104,10 @@ class Quantity:
         """The unit at one joint or actuator: m for rad where the joint slides."""
         slides = self.family in ("joint", "actuator") and model.get(f"{self.family}.slides", target)[0]
         return self.units()[1] if slides else self.unit
+
+    def acts(self, values: Array) -> bool:
+        """Whether it acts in each step with any of these values."""
+        return self.law is not None and (self.nothing is None or bool(np.any(values != self.nothing)))
 
     @property
     def written(self) -> bool:

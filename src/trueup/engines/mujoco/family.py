@@ -22,7 +22,7 @@ from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.drives import driven, suited, undriven
 from trueup.engines.mujoco.setup.floor import reach_of
 from trueup.engines.mujoco.setup.overlaps import passable
-from trueup.engines.mujoco.setup.proposal import LOAD, moving_joints, propose
+from trueup.engines.mujoco.setup.proposal import moving_joints, propose
 from trueup.engines.mujoco.setup.scales import of_slides, with_units
 from trueup.engines.mujoco.setup.still import with_still_joints
 from trueup.engines.mujoco.writing.notes import usage_of
@@ -50,7 +50,6 @@ class Articulated(Family):
 
     describes = "another MJCF or URDF file"
     diagnoses = DIAGNOSES
-    later = (LOAD,)
 
     def load(self, path: Path) -> Model:
         """The model in a file. Raises ModelError."""

@@ -60,7 +60,7 @@ class Stepper:
         step: float,
     ) -> None:  # fmt: skip
         self._batch, self._signals, self._laws, self._step = batch, signals, laws, step
-        self._loops, self._acts = loops, acts
+        self._loops, self._acts, self._twins = loops, acts, signals.twins
         self._candidates, self._width = signals.delay.shape
         self._ctrl = batch.bind("ctrl")
         self.errors: dict[int, str] = {}
@@ -129,7 +129,10 @@ class Stepper:
                 parts.append(self._acts.disturbed(k, at, self._loops[k].commands(at, n)))
             else:
                 parts.append(np.zeros((self._candidates, n, self._width)))
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        commands = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        for twin, main in self._twins:
+            commands[:, :, twin] = commands[:, :, main]
+        return commands
 
     def _stretch(self, commands: Array, n: int, rows: Rows, out: dict[str, Array]) -> None:
         if not self._laws:

@@ -19,7 +19,7 @@ from trueup.engines.mujoco.run import Parametrised
 
 Array = NDArray[np.float64]
 
-_LIVE = {"dead_band": 0.5, "friction_static": 1.0, "stribeck_speed": 1.0, "friction_load": 1.0}
+_LIVE = {"dead_band": 0.5, "punch": 1.0, "friction_static": 1.0, "stribeck_speed": 1.0, "friction_load": 1.0}
 """Kinds that act in every step, to the factor on their value: a dead band is given end to end."""
 
 
@@ -134,8 +134,11 @@ class Driven:
         """What becomes of the command before it reaches the actuator of a joint."""
         i = self._actuator(joint)
         shaped = self._signals.shaping(self._trial, self._name("ACTUATOR", i))
-        band = self._living("dead_band", self._name("ACTUATOR", i), 0.0) if i >= 0 else np.zeros(len(self._loads))
-        return {"dead_band": band, **shaped}
+        if i < 0:
+            return {"dead_band": np.zeros(len(self._loads)), "kick": np.zeros(len(self._loads)), **shaped}
+        band, punch = (self._living(kind, self._name("ACTUATOR", i), 0.0) for kind in ("dead_band", "punch"))
+        stiffness = np.maximum(self._fields.expand("actuator_gainprm")[:, i, 0], 1e-300)
+        return {"dead_band": band, "kick": np.where(punch > 0.0, punch / stiffness, 0.0), **shaped}
 
     def _living(self, kind: str, target: int | str, otherwise: float) -> Array:
         """(b,) value of a kind that acts in every step, at one target."""

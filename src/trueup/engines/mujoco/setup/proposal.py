@@ -9,9 +9,11 @@ import numpy as np
 
 from trueup.articulated.declarations import Declaration
 from trueup.articulated.pose import POSITION
+from trueup.articulated.wiring import ONSET_OF
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.setup.limits import asked_for
 from trueup.engines.mujoco.setup.profiles import accelerations, profiles
 from trueup.engines.mujoco.setup.servos import loads
 from trueup.engines.mujoco.wiring import is_motor
@@ -20,9 +22,12 @@ from trueup.trial import command_of
 
 LOAD = "friction with load"
 """The optional structure that `beyond_mjcf` proposes."""
+PUNCH = "punch"
+"""Of servos: torque that sets in steeply."""
 _NEARLY = 0.5  # of the force limit: the stiffness is not known yet
 _STRONGER = 2.0  # than what steps show, which were slowed down by other things too: where the search begins
 _LOADED = 0.05  # of the actuator's force: at zero no slope leads away from sticking
+_KICK = 0.01  # rad (or m) of error that a servo's punch is worth: amid what firmware has
 _MOVES = 5e-3  # rad or m: a joint that moves less teaches nothing
 
 
@@ -58,6 +63,7 @@ def propose(
         Declaration("armature", joints),
         Declaration("damping_quadratic", joints, optional="quadratic damping"),
     ]
+    lines += _punches(model, servos)
     if servos and beyond_mjcf:
         lines.append(Declaration("friction_load", servos, nominal=_LOADED, optional=LOAD))
     if motors:
@@ -145,12 +151,14 @@ def _profiles(
 ) -> list[Declaration]:
     """Limits of the commands' speed and acceleration, for servos whose steps show them and are not short of force."""
     speeds, accelerations = profiles(model, recordings)
-    fast = [Declaration("speed_limit", (j,), nominal=v) for j, v in speeds.items() if j in servos]
-    return fast + [
+    lines = [Declaration("speed_limit", (j,), nominal=v) for j, v in speeds.items() if j in servos]
+    lines += [
         Declaration("acceleration_limit", (j,), nominal=a)
         for j, a in accelerations.items()
         if j in servos and (j in speeds or j not in strained)
     ]
+    shown = {j for line in lines for j in line.of}
+    return lines + asked_for(model, recordings, [j for j in servos if j not in shown])
 
 
 def _strained(model: Model, recordings: Sequence[Recording], joint: str, servo: int) -> bool:
@@ -171,6 +179,13 @@ def _strained(model: Model, recordings: Sequence[Recording], joint: str, servo: 
             if stiffness * np.nanmax(ahead, initial=0.0) > _NEARLY * limit:
                 return True
     return False
+
+
+def _punches(model: Model, servos: Sequence[str]) -> list[Declaration]:
+    """Of servos that have a stiffness, and no steep onset beside it in the file."""
+    driven, names, gains = model.actuator_of_joint(), model.names("actuator"), model.compiled.actuator_gainprm[:, 0]
+    plain = [j for j in servos if names[driven[j]] + ONSET_OF not in names and gains[driven[j]] > 0.0]
+    return [Declaration("punch", (j,), nominal=_KICK * float(gains[driven[j]]), optional=PUNCH) for j in plain]
 
 
 def _damps(model: Model, joint: str, servo: int) -> bool:

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.articulated.wiring import ONSET_OF
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.rollout import MujocoSimulator
@@ -29,12 +30,17 @@ def usage_of(simulator: MujocoSimulator, values: Array, path: Path, period: floa
             "; [mujoco.mj_initCtrlHistory(model, data, i, None, np.full((n, 1), data.ctrl[i])) "
             "for i, n in enumerate(model.actuator_history[:, 0]) if n]"
         )
+    twice = [
+        n for n in punches_of(simulator, values) if has_drive(simulator, simulator.model.driven or simulator.model, n)
+    ]
+    columns = [(simulator.model.driven or simulator.model).columns()[n] for n in twice]
+    told = f"np.append(command, np.take(command, {columns}))" if twice else "command"
     steps = max(1, round(period / step)) if np.isfinite(period) else 1
     held = f"again every {1e3 * steps * step:g} ms: commands are held in between, as in the recordings"
     return (
         f'model = mujoco.MjModel.from_xml_path("{file.as_posix()}"); data = mujoco.MjData(model)',
         begin,
-        f"data.ctrl[:] = command; mujoco.mj_step(model, data, {steps})  # {held}",
+        f"data.ctrl[:] = {told}; mujoco.mj_step(model, data, {steps})  # {held}",
     )
 
 
@@ -56,6 +62,36 @@ def delays_of(simulator: MujocoSimulator, values: Array) -> dict[str, float]:
     }
 
 
+def punches_of(simulator: MujocoSimulator, values: Array) -> dict[str, float]:
+    """Punches of servos in N m, by actuator, of those that have any."""
+    return {
+        target: float(value)
+        for quantity, value in zip(simulator.quantities, values, strict=True)
+        for target in quantity.targets
+        if quantity.kind == "punch" and value > 0.0
+    }
+
+
+def _beside(simulator: MujocoSimulator, values: Array) -> list[str]:
+    """What is no attribute of an element of the file."""
+    outside: dict[str, list[str]] = {}
+    for assignment, value in zip(simulator.quantities, values, strict=True):
+        known = assignment.quantity.attributes or assignment.kind == "punch"
+        if value not in (0.0, assignment.quantity.nothing) and not known:
+            outside.setdefault(assignment.quantity.title, []).extend(assignment.targets)
+    notes = [
+        f"{title} ({', '.join(there[:12])}) is no part of MJCF: take it from parameters.toml"
+        for title, there in outside.items()
+    ]
+    if punches := punches_of(simulator, values):
+        those = ", ".join(list(punches)[:12])
+        notes.append(
+            f"the steep onset of force of {those} is a second actuator of each, '...{ONSET_OF}' behind all others, "
+            "which takes the same command"
+        )
+    return notes
+
+
 def notes_of(simulator: MujocoSimulator, values: Array) -> list[str]:
     """What to mind with a file that holds values (n,), in words."""
     model = simulator.model
@@ -67,12 +103,7 @@ def notes_of(simulator: MujocoSimulator, values: Array) -> list[str]:
         notes.append(
             "parts that overlap touch each other in the file as they did; only the fit left these contacts out"
         )
-    outside: dict[str, list[str]] = {}
-    for assignment, value in zip(simulator.quantities, values, strict=True):
-        if value and not assignment.quantity.attributes:
-            outside.setdefault(assignment.quantity.title, []).extend(assignment.targets)
-    for title, there in outside.items():
-        notes.append(f"{title} ({', '.join(there[:12])}) is no part of MJCF: take it from parameters.toml")
+    notes += _beside(simulator, values)
     delays = {actuator: seconds for actuator, seconds in delays_of(simulator, values).items() if seconds > 0.0}
     step = float(model.compiled.opt.timestep)
     if delays:

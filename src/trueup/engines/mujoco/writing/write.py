@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import mujoco
@@ -24,7 +24,7 @@ from trueup.engines.mujoco.reading.mjcf_spec import name_in_text
 from trueup.engines.mujoco.reading.mjcf_text import MjcfText, with_includes
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.writing.edits import Edits, numbers, read
-from trueup.engines.mujoco.writing.notes import delays_of, has_drive, notes_of
+from trueup.engines.mujoco.writing.notes import delays_of, has_drive, notes_of, punches_of
 from trueup.errors import ModelError, OutputError
 
 Array = NDArray[np.float64]
@@ -92,7 +92,9 @@ def _written_of(simulator: MujocoSimulator, values: Array, base: Model, path: Pa
         content = base.path.read_bytes()
         for whole in (lambda: content, lambda: with_includes(content, base.path.parent)):
             try:
-                _write(simulator, values, wanted, base, whole(), path, degrees=bool(base.spec.compiler.degree))
+                _write(
+                    simulator, values, wanted.__copy__(), base, whole(), path, degrees=bool(base.spec.compiler.degree)
+                )
             except ModelError as error:
                 reason = str(error)
             else:
@@ -118,13 +120,15 @@ def _write(
     text = MjcfText(content)
     name_in_text(text, model.spec)
     edits = Edits(text, model.compiled, wanted, degrees=degrees, autolimits=bool(model.spec.compiler.autolimits))
-    attributes = _written(simulator, model)
+    delays, punches = (_of(model, simulator, values, what) for what in (delays_of, punches_of))
+    _relieve(wanted, punches)
+    attributes = [*_written(simulator, model), *(("actuator.force_limit", a) for a in punches)]
     for attribute, target in attributes:
         edits.write(attribute, target)
-    step = min(float(model.compiled.opt.timestep), simulator.step)
-    delays = {a: s for a, s in delays_of(simulator, values).items() if has_drive(simulator, model, a)}
     for actuator, seconds in delays.items():
-        edits.delay(actuator, seconds, step)
+        edits.delay(actuator, seconds, min(float(model.compiled.opt.timestep), simulator.step))
+    for actuator, force in punches.items():
+        edits.onset(actuator, force)
     if ("world.gravity", WORLD) in attributes:
         edits.gravity()
     edits.gains(simulator.gains.given_for)
@@ -148,6 +152,22 @@ def _write(
         ) from error
     finally:
         aside.unlink(missing_ok=True)
+
+
+def _of(
+    model: Model, simulator: MujocoSimulator, values: Array, what: Callable[[MujocoSimulator, Array], dict[str, float]]
+) -> dict[str, float]:
+    """Delays or punches of the drives that a model has."""
+    return {a: value for a, value in what(simulator, values).items() if has_drive(simulator, model, a)}
+
+
+def _relieve(wanted: mujoco.MjModel, punches: Mapping[str, float]) -> None:
+    """Takes off the range of a servo's force what its onset does beside it: both together end where the servo did."""
+    for actuator, force in punches.items():
+        i = mujoco.mj_name2id(wanted, mujoco.mjtObj.mjOBJ_ACTUATOR, actuator)
+        if wanted.actuator_forcelimited[i]:
+            least, most = wanted.actuator_forcerange[i]
+            wanted.actuator_forcerange[i] = min(least + force, 1e-3 * least), max(most - force, 1e-3 * most)
 
 
 def _loaded(path: Path) -> mujoco.MjModel:
