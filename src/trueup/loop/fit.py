@@ -15,6 +15,7 @@ from trueup.errors import CalibrationError
 from trueup.loop.apart import GLANCE
 from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Watch
 from trueup.loop.elsewhere import EVOLVING
+from trueup.loop.growth import growth, growth_apart
 from trueup.loop.problem import FAITHFUL, Problem
 from trueup.loop.stages import (
     Run,
@@ -27,8 +28,6 @@ from trueup.loop.stages import (
     first_seconds,
     full_step,
     glance,
-    growth,
-    growth_apart,
     implicit_filtering,
     lines,
     multiple_shooting,

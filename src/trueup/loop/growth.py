@@ -1,189 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Structures that enter from the fit without them, one by one, where what was left out is foretold clearly better with them.
-
-Begun with, they may bend the whole fit and lead it astray (forward selection: M. A. Efroymson, 1960). A limit has no slope
-where it is not met, and a punch none where friction has taken its place: where a structure enters is scanned, with all
-other parameters settled around each place as slopes foretell it (variable projection: G. Golub, V. Pereyra, SIAM J. Numer.
-Anal. 10, 1973).
-"""
+"""Stages of the search in which structures that wait enter, one by one, where left-out data want them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from trueup.loop.apart import apart
+from trueup.loop.descent import Descent, Look
+from trueup.loop.stages import Run
+from trueup.loop.structures import Settle, grown
 
-import numpy as np
-from numpy.typing import NDArray
-
-from trueup.evidence import Evidence, evidence
-from trueup.loop.apart import Part, parts_of
-from trueup.loop.descent import Descent, Fit, Look, Watch
-from trueup.loop.selection import compared, told
-from trueup.loop.validate import foretold
-from trueup.parameters import Parameter, ParameterSpace
-from trueup.search.bounded_step import damped_step, gain
-from trueup.search.robust import robust_losses, robust_weights
-
-Array = NDArray[np.float64]
-Settle = Callable[[Descent], None]
-"""Where slopes lead from a descent's point."""
-
-_PLACES = np.linspace(0.04, 0.96, 16)
-"""Shares of the range in which a structure is looked for."""
-_AROUND = np.linspace(-0.04, 0.04, 25)
-"""The same around where it was found."""
-_CLOSER = 2  # times at most
-_HELD = 1e-4  # damping of the others' imagined steps: slopes are not exact where a structure changes the motion
+_SETTLED = 1e-2  # share of the loss: a step that gains less changes no verdict on a structure
 
 
-def grown(
-    descent: Descent,
-    look: Look,
-    later: Mapping[str, Mapping[str, Parameter]],
-    settle: Settle,
-    early: Array,
-    alone: bool = False,
-) -> tuple[Descent, list[str]]:
-    """A search that has settled on `look`, with those of the structures `later` that the evidence speaks for, and what came
-    of each in words.
+def growth_apart(run: Run) -> None:
+    """Structures that are searched `later` enter, one by one, while joints are replayed alone: a scan costs little there."""
+    part = run.alone
+    if not (run.later and run.begun) or part is None:
+        return
+    look = Look("growth", part, part, 2.0, 10)
 
-    `early` (n,): values that an earlier look at less of the recordings led to, from which a structure may enter too: what
-    all of them ask of a model without it may have led it far away. `alone`: signals of the look feel their own parameters
-    and nothing of the others.
-    """
-    notes = []
-    without = descent.finished(look)
-    errors = foretold(look.problem, without)
-    for structure, declared in later.items():
-        note = f"{structure} left out: nowhere are the recordings replayed better with it"
-        for entered in _entered(descent, look, without, declared, early, alone):
-            settle(entered)
-            with_it = entered.finished(look)
-            lower = foretold(look.problem, with_it)
-            shown = _compared(errors, lower)
-            if shown.holds:  # and not because the search has gone on, which may have led lower by itself
-                if not alone:  # alone, the first scan is each joint's own
-                    with_it = _closer(entered, look, declared, settle)
-                    lower = foretold(look.problem, with_it)
-                again = _taken_out(descent, with_it, declared)
-                settle(again)
-                left = again.finished(look)
-                if left.loss < without.loss:
-                    descent, without, errors = replace(again, watch=descent.watch), left, foretold(look.problem, left)
-                    shown = _compared(errors, lower)
-            note = told(structure, shown)
-            if shown.holds:
-                entered.watch, descent, without, errors = descent.watch, entered, with_it, lower
-                break
-        notes.append(note)
-    return descent, notes
+    def settle(descent: Descent) -> None:  # what signals share stays: without contact it holds the scale of torque
+        descent.point = apart(part, descent.space, [descent.point], descent.robust, _SETTLED)
+        descent.stay(look)
+
+    run.descent.stay(look)
+    _grow(run, look, settle, alone=True)
 
 
-def _closer(descent: Descent, look: Look, declared: Mapping[str, Parameter], settle: Settle) -> Fit:
-    """Where a search ends once its structure was scanned again, between the places of the first scan: drives with limits
-    switch from speeding up to slowing down, and the loss has cracks at which slopes end.
-    """
-    found = descent.finished(look)
-    rows = np.arange(len(found.residual))
-    for _ in range(_CLOSER):
-        entering = np.array([p.name in declared for p in found.space.parameters if not p.frozen])
-        places = np.repeat(found.unit[None], len(_AROUND), axis=0)
-        places[:, entering] = np.clip(places[:, entering] + _AROUND[:, None], 0.0, 1.0)
-        residuals = look.cheap.residuals(found.space.from_unit(places))
-        losses = [_settled(found, rows, np.flatnonzero(~entering), residual) for residual in residuals]
-        if not min(losses) < losses[len(losses) // 2] - look.problem.chance(found.residual):
-            break
-        descent.restart(places[int(np.argmin(losses))])
-        settle(descent)
-        before, found = found, descent.finished(look)
-        if not found.loss < before.loss:
-            descent.restart(before.unit)
-            descent.stay(look)
-            return before
-    return found
+def growth(run: Run) -> None:
+    """Structures that are searched `later` enter from the fit without them, one by one, where the evidence holds."""
+    if not run.later or not run.looks or run.look.problem.duration < run.problem.duration:
+        return
+    look = run.look
+    if run.descent.search is None or len(run.descent.search.point) != len(run.descent.point):
+        run.descent.descend(look)  # something was left out since
+    _grow(run, look, lambda descent: descent.descend(look) and None)
 
 
-def _parts(look: Look, space: ParameterSpace, point: Array, alone: bool) -> list[Part]:
-    """Signals with parameters of their own, if they are `alone`; else all as one."""
-    if alone:
-        return parts_of(look.cheap, space, [point])
-    return [Part(np.arange(look.problem.segments[-1].columns.stop), np.arange(len(point)))]
-
-
-def _compared(without: Array, with_it: Array) -> Evidence:
-    """The evidence of stretches (cells,): those in which nothing happens say little, so they count by their squares."""
-    if not np.isfinite(without + with_it).all():
-        return compared(without, with_it)
-    return evidence(without, with_it, 0.5 * (without**2 + with_it**2))
-
-
-def _taken_out(descent: Descent, with_it: Fit, declared: Mapping[str, Parameter]) -> Descent:
-    """The search without a structure, from where it has led with it."""
-    free = [p.name for p in with_it.space.parameters if not p.frozen]
-    again = replace(descent, watch=Watch(), search=None)
-    again.restart(with_it.unit[[name not in declared for name in free]])
-    return again
-
-
-def _entered(
-    descent: Descent, look: Look, without: Fit, declared: Mapping[str, Parameter], early: Array, alone: bool
-) -> list[Descent]:
-    """The same search with a structure where scans find it best, signal by signal where signals have parameters of their
-    own: from the fit without it, and from `early` values. Signals that gain nothing stay without; [] where none gains.
-    """
-    space = ParameterSpace(tuple(declared.get(p.name, p) for p in descent.space.parameters))
-    free = [p.name for p in space.parameters if not p.frozen]
-    entering = np.array([name in declared for name in free])
-    point = np.full(len(free), 0.5)
-    point[~entering] = without.unit
-    parts = _parts(look, space, point, alone)
-    offset = np.zeros(len(without.residual))
-    if look.cheap.simulator is not look.problem.simulator:
-        offset = without.residual - look.cheap.residuals(without.values[None])[0]
-    old = np.cumsum(~entering) - 1  # places of the other parameters among those of the fit without it
-
-    def near(part: Part, residual: Array) -> float:
-        return _settled(without, part.residuals, old[part.columns[~entering[part.columns]]], residual[part.residuals])
-
-    def far(part: Part, residual: Array) -> float:
-        return float(np.nan_to_num(robust_losses(residual[None, part.residuals], without.bend)[0], nan=np.inf))
-
-    begun, worth, found = np.clip(space.to_unit(early), 0.0, 1.0), look.problem.chance(without.residual), []
-    for base, loss in ((point, near), (np.where(entering, point, begun), far)):
-        rows = np.repeat(base[None], len(_PLACES), axis=0)
-        rows[:, entering] = _PLACES[:, None]
-        values = np.concatenate([space.without(declared).from_unit(base[None, ~entering]), space.from_unit(rows)])
-        absent, *seen = look.cheap.residuals(values) + offset
-        place, gained = np.array(base), np.zeros(len(free), dtype=bool)
-        for part in parts:
-            own, losses = part.columns[entering[part.columns]], [loss(part, residual) for residual in seen]
-            if len(own) and min(losses) < loss(part, absent) - worth * len(own):
-                place[own], gained[own] = _PLACES[int(np.argmin(losses))], True
-        if gained.any() and not (alone and found):  # alone, signals settle by themselves: one way in is enough
-            found.append(_thawed(descent, space, declared, place, {n for n, g in zip(free, gained, strict=True) if g}))
-    return found
-
-
-def _thawed(
-    descent: Descent, space: ParameterSpace, declared: Mapping[str, Parameter], place: Array, gained: set[str]
-) -> Descent:
-    """A search that begins at a place (n_free,) of a space, without those of a structure's parameters that gained nothing."""
-    values = dict(zip(space.names, space.from_unit(place), strict=True))
-    thawed = {n: replace(p, nominal=values[n], optional="") for n, p in declared.items()}  # it is no longer asked about
-    whole = ParameterSpace(tuple(thawed.get(p.name, p) for p in space.parameters))
-    free = [p.name for p in space.parameters if not p.frozen]
-    entered = replace(descent, space=whole.without(set(declared) - gained), watch=Watch(), search=None)
-    entered.restart(place[[name in gained or name not in declared for name in free]])
-    return entered
-
-
-def _settled(without: Fit, rows: NDArray[np.intp], others: NDArray[np.intp], residual: Array) -> float:
-    """The loss of residuals (r,) in some rows once other parameters have settled, by the slopes of the fit without."""
-    if not np.isfinite(residual).all():
-        return float("inf")
-    loss = float(robust_losses(residual[None], without.bend)[0])
-    jacobian = without.jacobian[np.ix_(rows, others)]
-    weighted = jacobian * robust_weights(residual, without.bend)[:, None]
-    curvature, slope = jacobian.T @ weighted, weighted.T @ residual
-    step = damped_step(curvature, slope, _HELD, without.unit[others]) if len(others) else np.zeros(0)
-    return loss - gain(curvature, slope, step)
+def _grow(run: Run, look: Look, settle: Settle, alone: bool = False) -> None:
+    """Asks about all structures that wait."""
+    later, run.later, run.descent.watch.waiting = run.later, {}, ()
+    early = run.values if run.early is None else run.early
+    run.descent, notes = grown(run.descent, look, later, settle, early, alone)
+    run.notes += notes

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from trueup.loop.apart import apart, confirmed
 from trueup.loop.descent import Descent, Fit, Look, Select, explained, last_look
 from trueup.loop.elsewhere import EDGE, FEW, LOOKED_AT, along_axes, anywhere, evolved
-from trueup.loop.growth import Settle, grown
 from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
@@ -24,7 +23,6 @@ from trueup.search.least_squares import LeastSquares
 
 Array = NDArray[np.float64]
 
-_SETTLED = 1e-2  # share of the loss: a step that gains less changes no verdict on a structure
 _ROUNDS = 4  # of corrections of the starts, each of which halves what slopes do not foretell
 
 
@@ -97,13 +95,6 @@ class Run:
         if point is not None:
             self.descent.point = point
             self._searched(self.look)
-
-    def grow(self, look: Look, settle: Settle, alone: bool = False) -> None:
-        """Asks about all structures that wait."""
-        later, self.later, self.descent.watch.waiting = self.later, {}, ()
-        early = self.values if self.early is None else self.early
-        self.descent, notes = grown(self.descent, look, later, settle, early, alone)
-        self.notes += notes
 
     @property
     def found(self) -> Fit:
@@ -213,31 +204,6 @@ def multiple_shooting(run: Run) -> None:
 def _shot(run: Run, starts: Starts, values: Array, *, bent: bool) -> Problem:
     begun = starts.eliminated_from(run.seen, values, bent=bent)
     return run.problem.with_starts(begun.trials, begun.eliminated)
-
-
-def growth_apart(run: Run) -> None:
-    """Structures that are searched `later` enter, one by one, while joints are replayed alone: a scan costs little there."""
-    part = run.alone
-    if not (run.later and run.begun) or part is None:
-        return
-    look = Look("growth", part, part, 2.0, 10)
-
-    def settle(descent: Descent) -> None:  # what signals share stays: without contact it holds the scale of torque
-        descent.point = apart(part, descent.space, [descent.point], descent.robust, _SETTLED)
-        descent.stay(look)
-
-    run.descent.stay(look)
-    run.grow(look, settle, alone=True)
-
-
-def growth(run: Run) -> None:
-    """Structures that are searched `later` enter from the fit without them, one by one, where the evidence holds."""
-    if not run.later or not run.looks or run.look.problem.duration < run.problem.duration:
-        return
-    look = run.look
-    if run.descent.search is None or len(run.descent.search.point) != len(run.descent.point):
-        run.descent.descend(look)  # something was left out since
-    run.grow(look, lambda descent: descent.descend(look) and None)
 
 
 def lines(run: Run) -> None:

@@ -56,23 +56,19 @@ class Edits:
 
     def onset(self, actuator: str, force: float) -> None:
         """A second actuator that takes the same command: a spring so steep that it is at its limit, `force`, within ONSET."""
-        m, i = self._wanted, self._id("actuator", actuator)
-        main, sections = (
-            self._element("actuator", actuator),
-            [e for e in self._text.root.children if e.tag == "actuator"],
-        )
+        m, i, main = self._wanted, self._id("actuator", actuator), self._element("actuator", actuator)
         steep, zero = force / ONSET, m.actuator_biasprm[i, 0] / m.actuator_gainprm[i, 0]
         joint = mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_JOINT, int(m.actuator_trnid[i, 0]))
-        attributes = {
-            "name": actuator + ONSET_OF, "joint": joint, "gear": number(m.actuator_gear[i, 0]), "dyntype": "none",
-            "gaintype": "fixed", "biastype": "affine", "gainprm": numbers([steep, 0.0, 0.0]),
-            "biasprm": numbers([steep * zero, -steep, 0.0]), "forcelimited": "true", "forcerange": numbers([-force, force]),
-        }  # fmt: skip
+        inside = (
+            f'name="{actuator}{ONSET_OF}" joint="{joint}" gear="{number(m.actuator_gear[i, 0])}" dyntype="none" gaintype="fixed" '
+            f'biastype="affine" gainprm="{number(steep)} 0 0" biasprm="{numbers([steep * zero, -steep, 0.0])}" '
+            f'forcelimited="true" forcerange="{numbers([-force, force])}"'
+        )
         if m.actuator_ctrllimited[i]:
-            attributes |= {"ctrllimited": "true", "ctrlrange": numbers(m.actuator_ctrlrange[i])}
-        attributes |= {k: v for k in ("nsample", "interp", "delay") if (v := main.changes.get(k))}
-        line = "<general " + " ".join(f'{k}="{v}"' for k, v in attributes.items()) + "/>"
-        self._text.insert_after(sections[-1].children[-1], line)
+            inside += f' ctrllimited="true" ctrlrange="{numbers(m.actuator_ctrlrange[i])}"'
+        inside += "".join(f' {k}="{v}"' for k in ("nsample", "interp", "delay") if (v := main.changes.get(k)))
+        last = [e for e in self._text.root.children if e.tag == "actuator"][-1].children[-1]
+        self._text.insert_after(last, f"<general {inside}/>")
         for key in self._text.all("key"):
             if given := str(key.changes.get("ctrl") or key.attributes.get("ctrl", "")):
                 self._text.change(key, ctrl=f"{given} {given.split()[int(m.actuator_ctrladr[i])]}")
