@@ -269,7 +269,11 @@ def off_bounds(run: Run) -> None:
 
 
 def implicit_filtering(run: Run) -> None:
-    """Wide differences lead further down where the loss has stairs."""
+    """Wide differences lead further down where the loss has stairs; not where so much was recorded that joints are searched
+    alone: every look would cost the engine minutes.
+    """
+    if run.coarse.approximate_part is not None:
+        return
     run.descent.watch.saw("around the optimum", run.problem, run.found.loss, run.problem.rmse(run.found.residual))
     run.ended = widened(run.problem, run.found, run.seed, run.descent.robust)
 

@@ -60,9 +60,9 @@ class Edits:
         steep, zero = force / ONSET, m.actuator_biasprm[i, 0] / m.actuator_gainprm[i, 0]
         joint = mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_JOINT, int(m.actuator_trnid[i, 0]))
         inside = (
-            f'name="{actuator}{ONSET_OF}" joint="{joint}" gear="{number(m.actuator_gear[i, 0])}" dyntype="none" gaintype="fixed" '
-            f'biastype="affine" gainprm="{number(steep)} 0 0" biasprm="{numbers([steep * zero, -steep, 0.0])}" '
-            f'forcelimited="true" forcerange="{numbers([-force, force])}"'
+            f'name="{actuator}{ONSET_OF}" joint="{joint}" gear="{number(m.actuator_gear[i, 0])}" dyntype="none" '
+            f'gaintype="fixed" biastype="affine" gainprm="{number(steep)} 0 0" '
+            f'biasprm="{numbers([steep * zero, -steep, 0.0])}" forcelimited="true" forcerange="{numbers([-force, force])}"'
         )
         if m.actuator_ctrllimited[i]:
             inside += f' ctrllimited="true" ctrlrange="{numbers(m.actuator_ctrlrange[i])}"'
