@@ -15,8 +15,10 @@ from trueup.errors import RenderingError, TrueupError
 from trueup.formats.aside import written_aside
 from trueup.studies.progress import telling
 from trueup.studies.saved import Parts
-from trueup.studies.walk.comparison import FULL, PAPER, QUICK, Result, performed, summary
+from trueup.studies.walk.comparison import FULL, PAPER, QUICK, Result, Way, performed, summary
 from trueup.studies.walk.film import strip
+from trueup.studies.walk.guidance import Expert
+from trueup.studies.walk.methods import Ungrounded
 from trueup.studies.walk.report import html
 from trueup.studies.walk.robot import StandInNao
 from trueup.studies.walk.ways import CHALLENGER, CONTROL, WAYS, ways
@@ -31,6 +33,9 @@ def main() -> int:
     parser.add_argument(
         "--ways", nargs="+", metavar="WAY", help=f"of: {'; '.join(WAYS)} (default: {CONTROL}, {CHALLENGER})"
     )
+    parser.add_argument(
+        "--expert", type=Path, help="TOML of what an expert freezes and widens: one more way, by its name"
+    )
     parser.add_argument("--all", action="store_true", help="all ways")
     parser.add_argument("--quick", action="store_true", help="short searches on one stand-in: a minute, and rough")
     parser.add_argument("--paper", action="store_true", help="150 candidates a generation: hours")
@@ -41,6 +46,8 @@ def main() -> int:
     results: list[Result] = []
     try:
         chosen = ways(list(WAYS) if asked.all else asked.ways or [CONTROL, CHALLENGER])
+        if asked.expert:
+            chosen[f"noisy + {asked.expert.name}"] = Way(Ungrounded(), Expert.read(asked.expert))
         kept, whole = Parts.at(asked.out, scale), robots * seeds * len(chosen)
         where = evaluator_of(asked.cluster or "", asked.quorum or 1.0, told)
         with telling(told, "the start walk") as tell, closing(where) as evaluator:
