@@ -26,21 +26,7 @@ from trueup.studies.walk.ways import CHALLENGER, CONTROL, WAYS, ways
 
 def main() -> int:
     """Writes report.html, a film strip and parts of the results into the folder given; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m trueup.studies.walk", description=__doc__)
-    parser.add_argument("--out", type=Path, default=Path("out/study-walk"), help="folder of the results")
-    parser.add_argument("--robots", type=int, help="how many stand-ins (default 8; 1 with --quick)")
-    parser.add_argument("--seeds", type=int, help="searches on each (default 5; 1 with --quick)")
-    parser.add_argument(
-        "--ways", nargs="+", metavar="WAY", help=f"of: {'; '.join(WAYS)} (default: {CONTROL}, {CHALLENGER})"
-    )
-    parser.add_argument(
-        "--expert", type=Path, help="TOML of what an expert freezes and widens: one more way, by its name"
-    )
-    parser.add_argument("--all", action="store_true", help="all ways")
-    parser.add_argument("--quick", action="store_true", help="short searches on one stand-in: a minute, and rough")
-    parser.add_argument("--paper", action="store_true", help="150 candidates a generation: hours")
-    add_cluster(parser)
-    asked = parser.parse_args()
+    asked = _asked()
     told, scale = Console(stderr=True), QUICK if asked.quick else PAPER if asked.paper else FULL
     robots, seeds = asked.robots or (1 if asked.quick else 8), asked.seeds or (1 if asked.quick else 5)
     results: list[Result] = []
@@ -69,6 +55,24 @@ def main() -> int:
         Console().print(line, markup=False)
     Console().print(f"report: {asked.out / 'report.html'}", soft_wrap=True, markup=False)
     return 0
+
+
+def _asked() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m trueup.studies.walk", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("out/study-walk"), help="folder of the results")
+    parser.add_argument("--robots", type=int, help="how many stand-ins (default 8; 1 with --quick)")
+    parser.add_argument("--seeds", type=int, help="searches on each (default 5; 1 with --quick)")
+    parser.add_argument(
+        "--ways", nargs="+", metavar="WAY", help=f"of: {'; '.join(WAYS)} (default: {CONTROL}, {CHALLENGER})"
+    )
+    parser.add_argument(
+        "--expert", type=Path, help="TOML of what an expert freezes and widens: one more way, by its name"
+    )
+    parser.add_argument("--all", action="store_true", help="all ways")
+    parser.add_argument("--quick", action="store_true", help="short searches on one stand-in: a minute, and rough")
+    parser.add_argument("--paper", action="store_true", help="150 candidates a generation: hours")
+    add_cluster(parser)
+    return parser.parse_args()
 
 
 def _film(results: list[Result], share: float, out: Path, told: Console) -> str:
