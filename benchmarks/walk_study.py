@@ -37,10 +37,10 @@ def main() -> None:
     asked = parser.parse_args()
     robots, seeds = (1, 1) if asked.quick else (asked.robots, asked.seeds)
     scale = QUICK if asked.quick else FULL
-    kept = {"kept": Parts.at(asked.keep, scale).text} if asked.keep else {}
+    kept = Parts.at(asked.keep, scale).text if asked.keep else lambda _, compute: compute()
     numbers = range(asked.first, asked.first + robots)
     results = []
-    for r in performed(ways(asked.ways), scale, numbers, range(seeds), print, **kept):
+    for r in performed(ways(asked.ways), scale, numbers, range(seeds), print, kept):
         results.append(r)
         print(
             f"  {r.way}: {100 * r.speed:.1f} cm/s, {100 * r.falls:.0f} falls in 100, {r.trials} trials, {r.cpu:.0f} CPU s",
