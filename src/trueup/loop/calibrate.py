@@ -104,6 +104,7 @@ def calibrate(
     found = fit(problem, space, begin, watch, resume=resume, select=select, **_how(chosen))
     watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
     cross = chosen.cross_validate and len(recordings) > 1
+    findings = _findings(problem, found, chooser.choices)  # before the seconds are taken
     return Calibration(
         replays=replays(simulator, found.values, recordings, hold_out, measure, channels=fitted,
                         controllers=controllers, windows=windows),
@@ -113,7 +114,7 @@ def calibrate(
         seconds=time.perf_counter() - began,
         cpu_seconds=time.process_time() - cpu,
         evaluations=problem.evaluations,
-        **_findings(problem, found, chooser.choices),
+        **findings,
     )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from trueup.errors import CalibrationError, SimulationFailedError
 from trueup.evidence import Evidence
 from trueup.loop.descent import Fit, Watch, explained
 from trueup.loop.fit import REFINEMENT, fit
-from trueup.loop.problem import Problem
+from trueup.loop.problem import WORTH, Problem
 from trueup.loop.selection import compared
 from trueup.loop.uncertainty import PRIOR, intervals, unit_covariance
 from trueup.loop.validate import backtracked, block_errors, by_stretch
@@ -27,7 +27,8 @@ from trueup.parameters import Parameter, ParameterSpace
 
 Array = NDArray[np.float64]
 
-_EXCERPT = 30.0  # s of motion in which structures are tried
+_EXCERPT = 20.0  # s of motion in which structures are tried
+_TRIED = 2  # structures that are fitted, the best by their scores: each costs about as much as a quarter of the fit
 _SIZES = 10.0 ** np.arange(
     -3.75, 0.0, 0.75
 )  # shares of their range at which they are looked at: they have no slope at zero
@@ -63,7 +64,8 @@ def missing(problem: Problem, found: Fit) -> Missing | None:
     """The structure that the simulator lacks by the recordings' evidence, or else the one that they favour most; None where
     it explains them, or none of those that are known is favoured.
     """
-    if explained(found.residual) or problem.eliminated:
+    # Long recordings are searched joint by joint, which knows no gears: trying them there would double the time.
+    if explained(found.residual) or problem.eliminated or problem.duration > WORTH:
         return None
     part = problem
     if problem.duration > _EXCERPT:
@@ -73,7 +75,7 @@ def missing(problem: Problem, found: Fit) -> Missing | None:
     looks = [_scanned(part.by(other), found, len(found.space), name) for name, other in others.items()]
     without = _left_out(part, found)
     worth, tried = part.chance(found.residual), []
-    for look in sorted(looks, key=lambda look: -look.gain):
+    for look in sorted(looks, key=lambda look: -look.gain)[:_TRIED]:
         if look.gain > worth * max(len(look.sizes), 1):
             fitted = _fitted(part.by(others[look.name]), found, look, without)
             if fitted is not None and fitted.shown.holds:
