@@ -103,12 +103,11 @@ def calibrate(
     select = chooser if chosen.select and not chosen_before else None
     found = fit(problem, space, begin, watch, resume=resume, select=select, **_how(chosen))
     watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
-    cross = chosen.cross_validate and len(recordings) > 1
     findings = _findings(problem, found, chooser.choices)  # before the seconds are taken
     return Calibration(
         replays=replays(simulator, found.values, recordings, hold_out, measure, channels=fitted,
                         controllers=controllers, windows=windows),
-        cross_validation=_cross_validation(problem, found) if cross else (),
+        cross_validation=_cross_validation(problem, found) if chosen.cross_validate and len(recordings) > 1 else (),
         trace=tuple(watch.trace),
         warnings=tuple(warnings),
         seconds=time.perf_counter() - began,
