@@ -152,6 +152,8 @@ class Calibration:
     seconds: float = 0.0
     cpu_seconds: float = 0.0
     evaluations: int = 0
+    lacking: str = ""
+    """A sentence on the structure that the recordings show or favour and the model lacks; '' for none."""
     notes: tuple[str, ...] = ()
     """Choices made automatically and why (structure selected, search picked, recordings aligned)."""
 

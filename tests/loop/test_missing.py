@@ -58,17 +58,17 @@ def test_a_gear_that_twists_is_noticed_and_the_rotor_that_stands_for_it_is_not_c
     assert abs(rotor.value - TRUTH["armature"]) > 0.2 * TRUTH["armature"], "the case shows nothing otherwise"
     assert rotor.verdict == "effective"
     assert rotor.low <= TRUTH["armature"] <= rotor.high
-    assert any("play and twist of gears" in note for note in found.notes)
+    assert "play and twist of gears" in found.lacking
     again = calibrated(tmp_path, GEAR, '[[parameter]]\nquantity = "gear_compliance"\nof = "j"\nnominal = 0.001\n')
     known = {e.name.rpartition(".")[2]: e for e in again.estimates}
     assert known["gear_compliance"].value == pytest.approx(1.0 / 400.0, rel=0.2)
     assert known["armature"].value == pytest.approx(TRUTH["armature"], rel=0.05)
-    assert not any("which the model lacks" in note for note in again.notes)
+    assert "twist" not in again.lacking
 
 
 def test_nothing_is_missed_where_the_model_has_the_robots_structure(tmp_path: Path) -> None:
     found = calibrated(tmp_path, "")
-    assert not any("which the model lacks" in note for note in found.notes)
+    assert not found.lacking
     for e in found.estimates:
         assert e.verdict in ("identified", "tied")
         assert e.low <= TRUTH[e.name.rpartition(".")[2]] <= e.high

@@ -124,6 +124,7 @@ def summary_numbers(calibration: Calibration) -> dict[str, Any]:
         "unidentified": list(calibration.unidentified),
         "warnings": list(calibration.warnings),
         "notes": list(calibration.notes),
+        "lacking": calibration.lacking,
         "trace": [vars(p) for p in calibration.trace],
         "seconds": calibration.seconds,
         "cpu_seconds": calibration.cpu_seconds,

@@ -34,7 +34,7 @@ def show_outcome(calibration: Calibration, console: Console, *, quiet: bool = Fa
     for sentence in calibration.unidentified:
         console.print(f"[cyan]cannot tell[/] {escape(sentence)}", soft_wrap=True, highlight=False)
     if not quiet:
-        for sentence in (*calibration.warnings, *calibration.notes):
+        for sentence in (*calibration.warnings, *calibration.notes, calibration.lacking):
             if sentence:
                 console.print(f"[yellow]note[/] {escape(sentence)}", soft_wrap=True, highlight=False)
     for comparison in comparisons(calibration):

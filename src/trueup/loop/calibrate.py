@@ -153,8 +153,8 @@ def _findings(problem: Problem, found: Fit, choices: Sequence[Choice]) -> dict[s
         "estimates": _tied(_with_structure(estimates, lacking), considered(problem, found, covariance)),
         "covariance": _in_units(found, covariance),
         "unidentified": (*unseen_directions(found, covariance), *(n for c in choices[:1] for n in c.notes)),
-        "notes": (*_in_windows(problem), found.ended, *found.notes, *(n for c in choices[1:] for n in c.notes),
-                  *([lacking.words()] if lacking else [])),
+        "notes": (*_in_windows(problem), found.ended, *found.notes, *(n for c in choices[1:] for n in c.notes)),
+        "lacking": lacking.words() if lacking else "",
     }  # fmt: skip
 
 

@@ -53,6 +53,8 @@ def _limits(calibration: Calibration) -> Markup:
     elif not any(e.verdict in _DOUBTFUL for e in calibration.estimates):
         text = "No direction was named that these recordings could not see, and no fitted parameter is in doubt."
         parts.append(tag("p", text))
+    if calibration.lacking:
+        parts.append(callout("warn", "", calibration.lacking))
     parts += _doubtful(calibration.estimates)
     if calibration.warnings:
         parts.append(tag("h3", "Warnings"))

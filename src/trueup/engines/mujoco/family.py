@@ -166,7 +166,9 @@ def _about_load(simulator: MujocoSimulator, calibration: Calibration) -> tuple[s
     """A note where servos stay far above the noise, and friction that grows with their load has not been tried."""
     kinds = {q.kind for q in simulator.quantities}
     seen = [r for r in calibration.training() if r.channel == "position"]
-    if "kp" not in kinds or "friction_load" in kinds or not seen or not all(r.noise.all() for r in seen):
+    if calibration.lacking or "kp" not in kinds or "friction_load" in kinds:
+        return ()
+    if not seen or not all(r.noise.all() for r in seen):
         return ()
     times = float(np.sqrt(np.nanmean([np.nanmean(((r.after - r.measured) / r.noise) ** 2) for r in seen])))
     if not times > _UNEXPLAINED:
