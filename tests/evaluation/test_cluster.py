@@ -205,7 +205,8 @@ def coming_within(seconds: int) -> Iterator[None]:
 
 SBATCH = """#!/bin/sh
 if test -e "{refuse}"; then echo 'invalid account' >&2; exit 1; fi
-setsid sh "$1" > /dev/null 2>&1 &
+cp "$1" "{kept}"  # the script is gone when this returns
+setsid sh "{kept}" > /dev/null 2>&1 &
 echo "Submitted batch job $!"
 """
 
@@ -216,7 +217,7 @@ def test_jobs_of_slurm_are_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     from dask import config
 
     for name, text in {
-        "sbatch": SBATCH.format(refuse=tmp_path / "no"),
+        "sbatch": SBATCH.format(refuse=tmp_path / "no", kept=tmp_path / "job.sh"),
         "scancel": '#!/bin/sh\nkill -- "-$1"\n',
     }.items():
         (tmp_path / name).write_text(text)
