@@ -50,6 +50,7 @@ ARM = """
       <body name="upper"><joint name="shoulder" axis="0 1 0"/>
         <inertial pos="0.1 0.01 0.02" mass="0.3" fullinertia="1e-3 2e-3 2.2e-3 1e-4 2e-4 1e-4"/>
         <geom name="tip" type="sphere" size="0.03" pos="0.2 0 0" mass="0"/>
+        <geom name="painted" type="box" size="0.05 0.05 0.01" mass="0" contype="0" conaffinity="0"/>
       </body>
     </body>
   </worldbody>
@@ -86,6 +87,14 @@ def test_a_quantity_keeps_its_contract_in_mujoco(arm: Model, name: str) -> None:
     check_quantity(
         quantity(name), arm, dip(), lambda lines: simulator(arm, lines), effect=name not in WITHOUT_EFFECT, extra=NAMES
     )
+
+
+def test_friction_of_all_contacts_is_of_the_shapes_that_can_touch(arm: Model) -> None:
+    made = simulator(arm, [Declaration("contact_friction")])
+    assert made.parameters.names == ("floor.contact_friction", "tip.contact_friction")
+    assert not made.rollout([Trial.of(dip(), ("position",))], made.parameters.nominal[None])[0].failures
+    with pytest.raises(UnknownNameError, match=r"'painted' is not in the shapes of 'arm' that can touch.*floor, tip"):
+        simulator(arm, [Declaration("contact_friction", ("painted",))])
 
 
 def test_mujoco_offers_every_attribute_and_reads_what_was_written(arm: Model) -> None:

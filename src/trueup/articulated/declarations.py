@@ -51,7 +51,8 @@ def declare(
         q = line.quantity if isinstance(line.quantity, Quantity) else quantity(line.quantity)
         if line.tie not in TIES:
             raise ParameterError(f"quantity '{q.name}': tie '{line.tie}' is not one of: {', '.join(TIES)}")
-        for group in _groups(line, q, q.choices(model, extra or {})):
+        where = f"the shapes of '{model.name}' that can touch" if q.needs == "shapes" else "the model"
+        for group in _groups(line, q, q.choices(model, extra or {}), where):
             parameter, assignment = _parameter(model, q, line, group)
             parameters.append(parameter)
             assignments.append(assignment)
@@ -97,29 +98,29 @@ def undeclared(model: Model, assignments: Sequence[Assignment]) -> tuple[Declara
     return tuple(line for line in lines if line.of)
 
 
-def _groups(line: Declaration, q: Quantity, known: Mapping[str, str]) -> list[tuple[str, ...]]:
+def _groups(line: Declaration, q: Quantity, known: Mapping[str, str], where: str) -> list[tuple[str, ...]]:
     if q.family == WORLD:
         return [(WORLD,)]
     if line.tie == "all":
-        return [tuple(dict.fromkeys(n for pattern in line.of for n in _matches(pattern, known, q)))]
+        return [tuple(dict.fromkeys(n for pattern in line.of for n in _matches(pattern, known, q, where)))]
     if line.tie == "mirror":
-        names = list(dict.fromkeys(n for pattern in line.of for n in _matches(pattern, known, q)))
+        names = list(dict.fromkeys(n for pattern in line.of for n in _matches(pattern, known, q, where)))
         return _mirrored(names)
     groups: list[tuple[str, ...]] = []
     for pattern in line.of:
         if "+" in pattern:
-            groups.append(tuple(n for part in pattern.split("+") for n in _matches(part.strip(), known, q)))
+            groups.append(tuple(n for part in pattern.split("+") for n in _matches(part.strip(), known, q, where)))
         else:
-            groups += [(n,) for n in _matches(pattern, known, q)]
+            groups += [(n,) for n in _matches(pattern, known, q, where)]
     return list(dict.fromkeys(groups))
 
 
-def _matches(pattern: str, known: Mapping[str, str], q: Quantity) -> list[str]:
+def _matches(pattern: str, known: Mapping[str, str], q: Quantity, where: str) -> list[str]:
     if pattern in known:
         return [known[pattern]]
     found = [known[n] for n in known if fnmatch.fnmatchcase(n, pattern)]
     if not found:
-        raise unknown_name(q.family, pattern, known)
+        raise unknown_name(q.family, pattern, known, where)
     return list(dict.fromkeys(found))
 
 

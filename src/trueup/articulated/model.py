@@ -43,6 +43,7 @@ ATTRIBUTES: Mapping[str, str] = {
     "body.inertia": "(b, 3, 3) rotational inertia about the centre of mass in the body frame, kg m2",
     "geom.friction": "sliding friction of a shape's contacts",
     "geom.softness": "time constant of a shape's contacts, s",
+    "geom.touches": "1 where a shape can touch anything, 0 where it is for the eye alone; only read",
     "world.step": "s, of the simulation; only read",
     "world.gravity": "(b, 3) m/s2",
     "world.floor_height": "height of the plane that the robot stands on, m",

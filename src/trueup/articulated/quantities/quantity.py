@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trueup.articulated.changes import Changes
 from trueup.articulated.laws import LawFactory
 from trueup.articulated.model import WORLD, Model, Writable, servos
-from trueup.errors import ModelError
+from trueup.errors import ModelError, UnknownNameError
 
 Array = NDArray[np.float64]
 Bounds = Callable[[float], tuple[float, float]]
@@ -94,7 +94,11 @@ class Quantity:
                 return {WORLD: WORLD}
             case "channel" | "recording":
                 return {n: n for n in extra.get(self.family, ())}
-        return {n: n for n in model.names(self.family) if n and n != WORLD}
+        return {
+            n: n
+            for n in model.names(self.family)
+            if n and n != WORLD and (self.needs != "shapes" or _touches(model, n))
+        }
 
     def units(self) -> tuple[str, ...]:
         """The units that it may have: at hinges, at slides."""
@@ -114,6 +118,14 @@ class Quantity:
         """Whether values go into a model, in the way of `write`: not where they change signals or act in each step."""
         own = type(self).write is not Quantity.write
         return own or (bool(self.attributes) and not self.signals and self.law is None)
+
+
+def _touches(model: Model, geom: str) -> bool:
+    """Whether a shape can touch anything; where the engine does not say, all do."""
+    try:
+        return bool(model.get("geom.touches", geom)[0])
+    except UnknownNameError:
+        return True
 
 
 def _actuators(model: Model, servos_only: bool) -> dict[str, str]:

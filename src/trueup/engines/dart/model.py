@@ -31,7 +31,7 @@ OFFERED = (
     "joint.damping", "joint.friction", "joint.armature", "joint.inertia", "joint.slides", "joint.start",
     "joint.start_velocity", "actuator.kp", "actuator.kv", "actuator.zero", "actuator.gain", "actuator.force_limit",
     "actuator.delay", "actuator.servo", "actuator.slides", "actuator.torque", "body.mass", "body.com", "body.inertia",
-    "geom.friction", "world.gravity", "world.floor_friction",
+    "geom.friction", "geom.touches", "world.gravity", "world.floor_friction",
 )  # fmt: skip
 """Attributes that quantities can read here, and write unless they are only read (see `articulated.model.ATTRIBUTES`)."""
 

@@ -265,6 +265,7 @@ _ACCESS: Mapping[str, _Access] = {
     "body.inertia": _Access(_read_inertia, _write_inertia),
     "geom.friction": _field("geom_friction", 0),
     "geom.softness": _field("geom_solref", 0),
+    "geom.touches": _only(lambda m, i: float(m.geom_contype[i] or m.geom_conaffinity[i])),
     "world.step": _Access(lambda a, i: np.array([a.model.opt.timestep])),
     "world.gravity": _Access(lambda a, i: np.array(a.fields.expand("opt.gravity")), _write_gravity),
     "world.floor_height": _floor("geom_pos", 2, 0.0),
