@@ -345,8 +345,13 @@ def test_accelerations_that_are_noise_are_cut_off_however_fast_the_ends_of_a_log
     assert 5.0 <= found < 0.7 * clean
 
 
-@pytest.mark.parametrize("ratio", [0.8, 1.0])
-def test_the_ratio_of_a_coupled_wrist_is_found(arms: SimpleNamespace, ratio: float) -> None:
+@pytest.mark.parametrize(
+    ("ratios", "rotor"),
+    [((0.0, 0.8, 0.0), 1.0), ((0.0, 1.0, 0.0), 1.0), ((0.2, 0.6, 0.1), 1.0), ((0.3, -0.5, 0.2), 0.0), ((0, 0, 0), 1.0)],
+)
+def test_the_couplings_of_a_wrist_are_found_by_rotors_and_friction_or_friction_alone(
+    arms: SimpleNamespace, ratios: tuple[float, float, float], rotor: float
+) -> None:
     rng = np.random.default_rng(3)
     half = np.pi / 2
     tree = from_dh(
@@ -356,17 +361,18 @@ def test_the_ratio_of_a_coupled_wrist_is_found(arms: SimpleNamespace, ratio: flo
     time = np.arange(6000) / 200.0
     q, v, a = arms.sines(rng, time, 5)
     C = np.eye(5)
-    C[4, 3] = ratio
+    C[3, 2], C[4, 3], C[4, 2] = ratios
     rubbing = 0.1 * np.array([40.0, 40.0, 15.0, 8.0, 6.0]) * (np.tanh(v @ C.T / 0.02) + 0.5 * v @ C.T)
-    torque = inverse_dynamics(tree, np.asarray(tree.inertial), q, v, a) + (0.05 * a @ C.T + rubbing) @ C
+    torque = inverse_dynamics(tree, np.asarray(tree.inertial), q, v, a) + (0.05 * rotor * a @ C.T + rubbing) @ C
     channels = {
         "position": Channel("position", tree.joints, "rad", time, q + 2e-5 * rng.normal(size=q.shape)),
         "torque": Channel("torque", tree.joints, "N m", time, torque + 0.05 * rng.normal(size=q.shape)),
     }
     log = log_of(Recording("run", channels), tree, Drives.direct(tree.joints))
-    found, notes = coupled(log.motion(5.0, measured_speed=False), tree, Drives.direct(tree.joints), 5.0, 0.0)
-    assert found.coupling[4, 3] == pytest.approx(ratio, abs=0.06 if ratio != 1.0 else 1e-9)
-    assert len(notes) == 1
+    motions = [log.motion(5.0, measured_speed=False)]
+    found, notes = coupled(motions, tree, Drives.direct(tree.joints), 5.0, 0.0)
+    np.testing.assert_allclose(found.coupling, C, atol=0.03)
+    assert len(notes) == np.count_nonzero(ratios)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -3,83 +3,130 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.moments import RIDGE, blocks_of, moments_of
-from trueup.identification.estimation.motion import Motion, pieces_of
+from trueup.identification.estimation.motion import Motion, Piece, pieces_of
 from trueup.identification.estimation.pool import pool_for
 from trueup.identification.estimation.selection import BLOCKS, Choice, reweighed
 from trueup.identification.kinematic_tree import KinematicTree
+from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Pair = tuple[int, int]
+"""A drive, and a joint before its own that it turns with too."""
 
-_RATIOS = (-1.0, -0.5, 0.5, 1.0)
+_RATIOS = (-1.0, -0.5, -0.2, 0.2, 0.5, 1.0)
 """That are tried first; between them the loss is smooth, so that it can be followed down from the best."""
+_NEAR, _ROUGH, _EXACT = 0.1, 0.03, 0.005
+"""First steps of that search in the ratios, those that tell whether one more pair is coupled, and the last ones."""
 _WRIST = 5
 
 
 def coupled(
-    motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, hold_out: float
+    motions: Sequence[Motion], tree: KinematicTree, drives: Drives, cutoff: float, hold_out: float
 ) -> tuple[Drives, tuple[str, ...]]:
-    """Drives of the last three joints that turn with another of them, where that predicts clearly better, and notes.
+    """Drives of the last three joints that turn with others of them, where that predicts clearly better, and notes.
 
-    Joint angles and torques that a controller has decoupled already still show the friction and rotor of the drive that
-    turns with two joints. A ratio of one, as most gears are cut, gives way only to one that is clearly better. Nothing is
-    looked for where couplings are given or the log is of motors. The share held out is not looked at.
+    Joint angles and torques that a controller has decoupled already still show the friction and rotor of a drive that
+    turns with several joints. Couplings come one by one, the ratios of all of them followed down together each time: one
+    left out leads those beside it astray. A ratio of one, as most gears are cut, gives way only to one that is clearly
+    better. Nothing is looked for where couplings are given or the log is of motors. The share held out is not looked at.
     """
-    n, C = tree.n, drives.coupling
-    if n < _WRIST or np.count_nonzero(C) > n or drives.motor_positions or drives.motor_torques:
+    n = tree.n
+    if n < _WRIST or np.count_nonzero(drives.coupling) > n or drives.motor_positions or drives.motor_torques:
         return drives, ()
-    from scipy.optimize import minimize_scalar  # half a second to load, and rarely needed
-
-    basic = _Basic(motion, tree, cutoff, hold_out)
-    pairs, notes = [(n - 2, n - 3), (n - 1, n - 2), (n - 1, n - 3)], []
-    best = basic.choice(C)
-    while pairs:
-        tried = [(basic.choice(_with(C, pair, r)), pair, r) for pair in pairs for r in _RATIOS]
-        new, pair, ratio = min(tried, key=lambda entry: entry[0].loss)
-        if not new.beats(best):
+    basic = _Basic.of(motions, tree, cutoff, hold_out)
+    rest, ratios = [(n - 2, n - 3), (n - 1, n - 2), (n - 1, n - 3)], dict[Pair, float]()
+    best = basic.choice(ratios)
+    while rest:
+        tried = [{**ratios, pair: ratio} for pair in rest for ratio in _RATIOS]
+        more = basic.lowest(min(tried, key=lambda each: basic.choice(each).loss), _ROUGH)
+        if not (new := basic.choice(more)).beats(best):
             break
-        loss = partial(lambda r, C, pair: basic.choice(_with(C, pair, float(r))).loss, C=C, pair=pair)
-        lowest: Any = minimize_scalar(loss, bounds=(ratio - 0.5, ratio + 0.5), method="bounded")
-        exact = float(lowest.x)
-        other = basic.choice(_with(C, pair, exact))
-        if abs(ratio) < 1.0 or other.beats(new):
-            new, ratio = other, exact
-        notes.append(
-            f"the drive of {tree.joints[pair[0]]} turns with {tree.joints[pair[1]]} too (ratio {ratio:.3g}): its "
-            "friction and rotor were taken so; say what is true in a drives file, [[couplings]]"
-        )
-        best, C = new, _with(C, pair, ratio)
-        pairs.remove(pair)
-    return replace(drives, coupling=C) if notes else drives, tuple(notes)
+        best, ratios = new, more
+        rest = [pair for pair in rest if pair not in ratios]
+    if not ratios:
+        return drives, ()
+    ratios = basic.lowest(ratios, _EXACT)
+    best = basic.choice(ratios)
+    for pair, ratio in list(ratios.items()):
+        plain = {**ratios, pair: float(np.sign(ratio))}
+        if not best.beats(other := basic.choice(plain)):
+            best, ratios = other, plain
+    notes = [
+        f"the drive of {tree.joints[d]} turns with {tree.joints[j]} too (ratio {ratio:.3g}): its "
+        "friction and rotor were taken so; say what is true in a drives file, [[couplings]]"
+        for (d, j), ratio in ratios.items()
+    ]
+    return replace(drives, coupling=basic.coupling(ratios)), tuple(notes)
 
 
 @dataclass(frozen=True, eq=False)
 class _Basic:
     """A basic model of the arm (rotors, offsets, viscous and Coulomb friction) for any coupling of its drives."""
 
-    motion: Motion
-    tree: KinematicTree
-    cutoff: float
-    hold_out: float
+    model: DynamicModel
+    """Without couplings."""
+    active: Integers
+    pieces: Sequence[Piece]
+    margin: float
+    """s that are left out at both ends of blocks."""
 
-    def choice(self, C: Array) -> Choice:
+    @classmethod
+    def of(cls, motions: Sequence[Motion], tree: KinematicTree, cutoff: float, hold_out: float) -> _Basic:
+        """What is the same for all couplings: the columns of links, and of the other drives."""
+        model, active = pool_for(tree, np.eye(tree.n), motions).basic()
+        pieces = [pieces_of(m, model, cutoff, hold_out)[0] for m in motions]
+        return cls(model, active, pieces, 1.0 / cutoff)
+
+    def coupling(self, ratios: Mapping[Pair, float]) -> Array:
+        """(n, n) speeds of the drives for those of the joints."""
+        C = np.eye(self.model.tree.n)
+        for pair, ratio in ratios.items():
+            C[pair] = ratio
+        return C
+
+    def choice(self, ratios: Mapping[Pair, float]) -> Choice:
         """The model with its errors on blocks that were left out of the part that is fitted."""
-        model, active = pool_for(self.tree, C, [self.motion]).basic()
-        rows = pieces_of(self.motion, model, self.cutoff, self.hold_out)[0].rows
-        moments = moments_of(blocks_of([rows], BLOCKS, 1.0 / self.cutoff))
-        mask = np.isin(np.arange(model.p), active)
-        return reweighed(moments, np.zeros(model.p), Choice(mask, RIDGE, np.ones(self.tree.n)))
+        rows = [self._driven(piece, self.coupling(ratios)) for piece in self.pieces]
+        moments = moments_of(blocks_of(rows, BLOCKS, self.margin))
+        mask = np.isin(np.arange(self.model.p), self.active)
+        return reweighed(moments, np.zeros(self.model.p), Choice(mask, RIDGE, np.ones(self.model.tree.n)))
 
+    def _driven(self, piece: Piece, C: Array) -> Rows:
+        """The rows of a piece with the columns of those drives anew that turn with several joints."""
+        n, rows, whole = self.model.tree.n, piece.rows, piece.whole
+        coupled = np.flatnonzero(np.count_nonzero(C, axis=1) > 1)
+        new = [(10 * n + k, d, effect) for k, (d, effect) in enumerate(self.model.effects) if d in coupled]
+        if not new:
+            return rows
+        q, v, a = (x @ C.T for x in (whole.q, whole.v, whole.a))
+        made = np.stack([effect.column(q[:, d], v[:, d], a[:, d]) for _, d, effect in new], axis=1)
+        own, at = piece.passed(made)[piece.keep].T, np.array([k for k, _, _ in new])
+        of, columns, values = C[[d for _, d, _ in new]], list(rows.columns), list(rows.values)
+        for j in range(n):
+            stays, turns = ~np.isin(columns[j], at), np.flatnonzero(of[:, j])
+            columns[j] = np.concatenate([columns[j][stays], at[turns]])
+            values[j] = np.concatenate([values[j][stays], of[turns, j, None] * own[turns]])
+        return replace(rows, columns=tuple(columns), values=tuple(values))
 
-def _with(C: Array, pair: tuple[int, int], ratio: float) -> Array:
-    other = C.copy()
-    other[pair] = ratio
-    return other
+    def lowest(self, ratios: Mapping[Pair, float], exact: float) -> dict[Pair, float]:
+        """The ratios of these pairs that predict best, followed down from the given ones (Nelder & Mead, 1965)."""
+        from scipy.optimize import minimize  # half a second to load, and rarely needed
+
+        pairs, start = list(ratios), np.array(list(ratios.values()))
+        simplex = start + np.vstack([np.zeros(len(start)), _NEAR * np.eye(len(start))])
+        found: Any = minimize(
+            lambda r: self.choice(dict(zip(pairs, r.tolist(), strict=True))).loss, start, method="Nelder-Mead",
+            options={"initial_simplex": simplex, "xatol": exact, "fatol": np.inf},
+        )  # fmt: skip
+        return dict(zip(pairs, found.x.tolist(), strict=True))

@@ -88,7 +88,7 @@ def identify(
     measured = measured_speed(logs, tree, gears, cutoff, wanted.hold_out)
     say("computing regressors")
     motions = [log.motion(cutoff, measured_speed=measured) for log in logs]
-    gears, said = coupled(motions[0], tree, gears, cutoff, wanted.hold_out)
+    gears, said = coupled(motions, tree, gears, cutoff, wanted.hold_out)
     # What scales measured torque compensates something else: a pull towards the file, or friction of another form.
     pool = pool_for(tree, gears.coupling, motions, gains=wanted.gains or not all(log.measured for log in logs))
     pieces = [p for m in motions for p in pieces_of(m, pool.model, cutoff, wanted.hold_out)]
