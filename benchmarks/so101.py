@@ -2,11 +2,16 @@
 """Calibrates a real SO-101 arm from recordings and replays motions held out, beside mujoco.sysid and the shipped model.
 
 Needs the recordings (folder `so101` of TRUEUP_DATA, or of ../shared/data); without them it says so and ends.
+
+`--leave-one-out FOLDER` fits without one recording in turn (`--folds NAME ...`: these alone), as it comes and without limits
+of the commands' speed and acceleration, and pools the errors on what was left out. Each fit is kept in FOLDER as soon as it
+is there, so that the command goes on where it was stopped.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -15,7 +20,9 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +30,9 @@ from results import result
 
 from trueup import formats
 from trueup.calibration import Calibration, TracePoint, pooled_rmse
+from trueup.engines.mujoco.setup.limits import LIMITS
+from trueup.engines.restricted import Restricted
+from trueup.loop.calibrate import Options
 from trueup.loop.prepare import prepare
 from trueup.recording import Recording
 
@@ -62,6 +72,44 @@ def fit(training: Sequence[Recording], held_out: Sequence[Recording]) -> Calibra
     return prepare(folder() / "model" / "so101_new_calib.xml", training, held_out).calibrate(progress=_progress)
 
 
+def left_out(name: str, limits: bool) -> dict[str, Any]:
+    """Squared error in rad^2 summed over the recording `name` by a fit to the other ones, its samples, seconds, words."""
+    ready = prepare(
+        folder() / "model" / "so101_new_calib.xml", recordings([n for n in TRAINING if n != name]), recordings([name])
+    )
+    if not limits:
+        space = ready.simulator.parameters
+        absent = [p.name for p in space.parameters if p.optional in LIMITS]
+        ready = replace(ready, simulator=Restricted(ready.simulator, space.without(absent)))
+    found = ready.calibrate(Options(cross_validate=False), progress=_progress)
+    print()
+    errors = np.concatenate([r.after - r.measured for r in found.held_out()])
+    rows = [f"{e.name} {e.value:.4g} [{e.low:.4g}, {e.high:.4g}] {e.verdict} {e.note}" for e in found.estimates]
+    return {"squares": float(np.nansum(errors**2)), "samples": int(np.isfinite(errors).sum()),
+            "cpu": found.cpu_seconds, "notes": [*rows, *found.notes, *found.unidentified]}  # fmt: skip
+
+
+def leave_one_out(names: Sequence[str], kept: Path) -> None:
+    """Prints the error on each recording by fits to the others, and the RESULT line."""
+    kept.mkdir(parents=True, exist_ok=True)
+    squares, samples = np.zeros(2), 0
+    for name in names:
+        fits = []
+        for limits in (True, False):
+            file = kept / f"{name}{'' if limits else '_without_limits'}.json"
+            if not file.exists():
+                file.write_text(json.dumps(left_out(name, limits), indent=1))
+            fits.append(json.loads(file.read_text()))
+        own = np.array([f["squares"] for f in fits])
+        squares, samples = squares + own, samples + fits[0]["samples"]
+        error = 1e3 * np.sqrt(own / fits[0]["samples"])
+        print(f"{name:20s} left out: {error[0]:6.2f} mrad, {fits[0]['cpu']:.0f} CPU s; without limits {error[1]:6.2f} mrad, "
+              f"{fits[1]['cpu']:.0f} CPU s", flush=True)  # fmt: skip
+    pooled = np.sqrt(squares / samples)
+    result("leave_one_out_over_without_limits", float(pooled[0]), "rad", 0.6, peer="trueup without limits of commands",
+           peer_value=float(pooled[1]), ratio_goal=True)  # fmt: skip
+
+
 def _progress(point: TracePoint) -> None:
     print(f"\r  {point.stage:20s} {1e3 * point.rmse:7.2f} mrad  {point.seconds:6.1f} s", end="", flush=True)
 
@@ -98,7 +146,12 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="15 s of three recordings, no peer")
     parser.add_argument("--no-peer", action="store_true")
     parser.add_argument("--peer-iterations", type=int, default=8)
+    parser.add_argument("--leave-one-out", type=Path, metavar="FOLDER")
+    parser.add_argument("--folds", nargs="+", default=TRAINING, choices=TRAINING, metavar="NAME")
     options = parser.parse_args()
+    if options.leave_one_out is not None:
+        leave_one_out(options.folds, options.leave_one_out)
+        return
     training = recordings(TRAINING[2:5] if options.quick else TRAINING, 15.0 if options.quick else None)
     held_out = recordings(HELD_OUT)
     began = time.perf_counter()

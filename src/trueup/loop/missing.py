@@ -22,7 +22,7 @@ from trueup.loop.fit import REFINEMENT, fit
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.selection import compared
 from trueup.loop.uncertainty import PRIOR, intervals, unit_covariance
-from trueup.loop.validate import backtracked, block_errors, by_stretch
+from trueup.loop.validate import by_stretch, cautious_errors
 from trueup.parameters import Parameter, ParameterSpace
 
 Array = NDArray[np.float64]
@@ -73,7 +73,7 @@ def missing(problem: Problem, found: Fit) -> Missing | None:
         found = fit(part, found.space, found.values, Watch(), stages=REFINEMENT)
     others = _structures(problem.simulator)
     looks = [_scanned(part.by(other), found, len(found.space), name) for name, other in others.items()]
-    without = _left_out(part, found)
+    without = cautious_errors(part, found, by_stretch(part))
     worth, tried = part.chance(found.residual), []
     for look in sorted(looks, key=lambda look: -look.gain)[:_TRIED]:
         if look.gain > worth * max(len(look.sizes), 1):
@@ -137,16 +137,10 @@ def _fitted(problem: Problem, found: Fit, look: _Look, without: Array) -> Missin
         grown = fit(problem, space, start, Watch(), stages=REFINEMENT)
     except (CalibrationError, SimulationFailedError):
         return None
-    shown = compared(without, _left_out(problem, grown))
+    shown = compared(without, cautious_errors(problem, grown, by_stretch(problem)))
     low, high = intervals(grown, unit_covariance(problem, grown))
     free = space.free
     return Missing(look.name, tuple(p for p in more if p.name in look.sizes), grown.values[free], low, high, shown)
-
-
-def _left_out(problem: Problem, found: Fit) -> Array:
-    """(B,) errors of what is left out in turn, by fits that go no further than all else bears them out."""
-    blocks = by_stretch(problem)
-    return block_errors(problem, blocks, found.space.from_unit(backtracked(problem, found, blocks)))
 
 
 def _structures(simulator: Simulator) -> dict[str, Simulator]:

@@ -14,7 +14,7 @@ from trueup.loop.descent import Fit
 from trueup.loop.identifiability import NO_EFFECT, effects
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import vague
-from trueup.loop.validate import by_stretch, left_out_errors
+from trueup.loop.validate import Block, by_setting, by_stretch, cautious_errors, left_out_errors
 from trueup.parameters import Parameter
 from trueup.search.bounded_step import damped_step, gain
 from trueup.search.robust import robust_losses, robust_weights
@@ -107,6 +107,7 @@ class _Judge:
         self.structures = sorted({p.optional for p in self.free if p.optional})
         self.frozen: list[str] = []
         self._problem, self._fit, self._blocks = problem, fit, by_stretch(problem)
+        self._settings = tuple(by_setting(problem).values())
         self._nominal = fit.space.to_unit(fit.space.nominal)
         self._errors: Array | None = None
 
@@ -116,19 +117,23 @@ class _Judge:
         return told(name, shown)
 
     def tried(self, names: Sequence[str]) -> Evidence:
-        """The evidence for parameters, which are frozen where it does not hold."""
+        """The evidence for parameters, which are frozen where it does not hold: by stretches and by settings."""
+        less = [*self.frozen, *names]
         if self._errors is None:
-            self._errors = self._left_out([])
-        without = self._left_out([*self.frozen, *names])
+            self._errors = self._left_out([], self._blocks)
+        without = self._left_out(less, self._blocks)
         shown = compared(without, self._errors)
+        for blocks in self._settings:
+            if shown.holds:
+                shown = compared(self._left_out(less, blocks), self._left_out(self.frozen, blocks))
         if not shown.holds:
             self.frozen += names
             self._errors = without
         return shown
 
-    def _left_out(self, frozen: Sequence[str]) -> Array:
+    def _left_out(self, frozen: Sequence[str], blocks: Sequence[Block]) -> Array:
         held = np.where([p.name in frozen for p in self.free], self._nominal, np.nan)
-        return left_out_errors(self._problem, self._fit, self._blocks, held)
+        return left_out_errors(self._problem, self._fit, blocks, held)
 
 
 def compared(without: Array, with_it: Array) -> Evidence:
@@ -139,11 +144,28 @@ def compared(without: Array, with_it: Array) -> Evidence:
     return evidence(without[some], with_it[some])
 
 
+def elsewhere(problem: Problem, without: Fit, with_it: Fit) -> str:
+    """What speaks against a structure where recordings differ in a setting (gain, load, supply): those of each setting by
+    fits to the others. "" where it holds there too, or all were made alike.
+
+    Stretches of time are foretold from the stretches beside them: friction of another form than the robot's passes there.
+    """
+    for name, blocks in by_setting(problem).items():
+        shown = compared(*(cautious_errors(problem, fit, blocks) for fit in (without, with_it)))
+        if not shown.holds:
+            return f"with it errors on recordings of another '{name}' than those fitted are {_in_words(shown)}"
+    return ""
+
+
 def told(structure: str, shown: Evidence) -> str:
     """What came of an optional structure, in words."""
     if np.isinf(shown.gain):
         return f"{structure} kept: without it left-out recordings cannot be replayed"
-    return (
-        f"{structure} {'kept' if shown.holds else 'left out'}: with it left-out errors are lower by "
-        f"{100 * shown.gain:.2g} % (standard error {100 * shown.standard_error:.2g} %)"
-    )
+    return f"{structure} {'kept' if shown.holds else 'left out'}: with it left-out errors are {_in_words(shown)}"
+
+
+def _in_words(shown: Evidence) -> str:
+    if not np.isfinite(shown.gain):
+        return "without bound"
+    size = f"{'lower' if shown.gain >= 0.0 else 'higher'} by {100 * abs(shown.gain):.2g} %"
+    return f"{size} (standard error {100 * shown.standard_error:.2g} %)"

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from trueup.evidence import Evidence, evidence
 from trueup.loop.apart import Part, parts_of
 from trueup.loop.descent import Descent, Fit, Look, Watch
-from trueup.loop.selection import compared, told
+from trueup.loop.selection import compared, elsewhere, told
 from trueup.loop.validate import foretold
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.search.bounded_step import damped_step, gain
@@ -72,7 +72,10 @@ def grown(
                     descent, without, errors = replace(again, watch=descent.watch), left, foretold(look.problem, left)
                     shown = _compared(errors, lower)
             note = told(structure, shown)
-            if shown.holds:
+            refuted = elsewhere(look.problem, without, with_it) if shown.holds else ""
+            if refuted:
+                note = f"{structure} left out: {refuted}"
+            elif shown.holds:
                 entered.watch, descent, without, errors = descent.watch, entered, with_it, lower
                 break
         notes.append(note)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR
-from trueup.recording import PART_OF
+from trueup.recording import PART_OF, Recording, is_command
 from trueup.search.robust import robust_losses
 
 Array = NDArray[np.float64]
@@ -52,6 +53,34 @@ def by_stretch(problem: Problem) -> list[Block]:
     parts = int(np.ceil(_BLOCKS / len(whole)))
     cut = [Block(b.trials, _rows(problem, b.trials, part, parts)) for b in whole for part in range(parts)]
     return [block for block in cut if len(block.rows)]
+
+
+def by_setting(problem: Problem) -> dict[str, list[Block]]:
+    """Blocks of the recordings that share a setting (a gain, a load, a supply), for each that some share and not all: a
+    number that all recordings name beside their signals. What holds at settings that were fitted need not hold at others.
+    """
+    facts = [_numbers(recording) for recording in problem.recordings]
+    found: dict[tuple[tuple[int, ...], ...], str] = {}
+    for name in facts[0]:
+        levels = sorted({fact.get(name, np.nan) for fact in facts})
+        if np.isfinite(levels).all() and 1 < len(levels) < len(facts):
+            owners = list(enumerate(problem.owners))
+            groups = tuple(tuple(k for k, own in owners if facts[own][name] == level) for level in levels)
+            found.setdefault(groups, name)
+    return {name: [Block(trials, _rows(problem, trials, 0, 1)) for trials in groups] for groups, name in found.items()}
+
+
+def _numbers(recording: Recording) -> dict[str, float]:
+    """The numbers that a recording names beside its signals, and those in columns that never change."""
+    found = {}
+    for name, text in recording.provenance.items():
+        with suppress(ValueError):
+            found[name] = float(text)
+    for name, channel in recording.channels.items():
+        single = channel.values.shape[1] == 1 and len(channel.values) > 0
+        if single and not is_command(name) and np.ptp(channel.values) == 0.0:
+            found[name] = float(channel.values[0, 0])
+    return found
 
 
 def left_out_points(
@@ -138,6 +167,11 @@ def foretold(problem: Problem, fit: Fit) -> Array:
 def left_out_errors(problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None) -> Array:
     """(B,) replay error of each block by a fit that never saw it, as `block_errors` has it; `held` as `left_out_points`."""
     return block_errors(problem, blocks, fit.space.from_unit(left_out_points(problem, fit, blocks, held)))
+
+
+def cautious_errors(problem: Problem, fit: Fit, blocks: Sequence[Block]) -> Array:
+    """(B,) replay error of each block by a fit that never saw it and goes no further than all else bears it out."""
+    return block_errors(problem, blocks, fit.space.from_unit(backtracked(problem, fit, blocks)))
 
 
 def block_errors(problem: Problem, blocks: Sequence[Block], values: Array) -> Array:
