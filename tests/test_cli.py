@@ -245,7 +245,7 @@ BAD = {
     "unknown quantity": (
         lambda: renamed("damping", "dampin", "parameters.toml"), r"quantity 'dampin' is not in.*mean 'damping'.*kp"
     ),
-    "unknown key": (lambda: renamed("of =", "off =", "parameters.toml"), r"unknown key 'off'; keys are: quantity, of"),
+    "unknown key": (lambda: renamed("of =", "off =", "parameters.toml"), r"unknown key 'off'.*keys are: frozen"),
     "unknown element": (lambda: renamed('"hinge"', '"hing"', "parameters.toml"), r"'hing' is not in.*mean 'hinge'"),
     "unreadable bag": (lambda: Path("slow.csv").rename("slow.mcap"), r"slow\.mcap"),
     "no such file": (lambda: Path("slow.csv").unlink(), r"slow\.csv: no such file"),

@@ -35,6 +35,7 @@ NOUNS = (
     "instant",
     "trial",
     "ends",
+    "typed_toml",
     "chance",
     "paths",
     "calibration",
@@ -67,7 +68,6 @@ class Rule:
 RULES = (
     Rule("errors", ()),
     *(Rule(noun, NOUNS) for noun in NOUNS),
-    *(Rule(noun, NOUNS, lazily=("controllers.controller",)) for noun in ("trial", "ends")),  # its protocol, in types
     *(Rule(base, (*NOUNS, *BASES)) for base in BASES),
     # siblings of a family know its base and the nouns; another family or sibling only where it is the point:
     *(Rule(family, (base, *NOUNS)) for family, base in FAMILIES.items()),

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,47 +16,12 @@ from numpy.typing import NDArray
 from trueup.errors import ParameterError
 from trueup.recording import Recording
 from trueup.rounding import SAME_INSTANT
-
-if TYPE_CHECKING:
-    from trueup.controllers.controller import Observation
+from trueup.trial import ENDED as ENDED
+from trueup.trial import LOOK, End, Ended, Observation, ended
+from trueup.trial import with_end as with_end
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-
-LOOK = 0.02
-"""s from one look at the conditions to the next: a fall takes some tenths of a second."""
-
-
-ENDED = "ended"
-"""Key of a recording's provenance: when its run ended before its time, in s on the recording's clock, and why."""
-
-
-@dataclass(frozen=True)
-class Ended:
-    """That a run ended before its time."""
-
-    at: float
-    """In s, on the clock of its trial or recording."""
-    name: str
-    """The condition: 'fallen'."""
-
-
-class End(Protocol):
-    """A condition that ends a run as soon as it holds."""
-
-    @property
-    def name(self) -> str:
-        """What is said of a run that ended so: 'fallen'."""
-        ...
-
-    @property
-    def looks_at(self) -> Mapping[str, tuple[str, ...]]:
-        """Channels, each to the labels of the columns that `reached` wants in `Observation.channels`."""
-        ...
-
-    def reached(self, observation: Observation) -> Mask:
-        """(b,) for which of b runs it holds now. `channels` hold the truth, without noise or latency of sensors."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -165,21 +129,6 @@ def which_end(ends: Sequence[End], seen: Sequence[Observation], rows: int) -> ND
     return first
 
 
-def with_end(recording: Recording, ended: Ended) -> Recording:
-    """The recording of a run that is known to have ended so; what was measured later stays in it."""
-    return recording.replace(provenance={**recording.provenance, ENDED: f"{ended.at!r} {ended.name}"})
-
-
-def ended(recording: Recording) -> Ended | None:
-    """When and why the run of a recording ended before its time, as whoever recorded it says; None where it did not.
-
-    A slice that stops earlier shows no end.
-    """
-    at, _, name = recording.provenance.get(ENDED, "").partition(" ")
-    last = recording.time[-2:]
-    return Ended(float(at), name) if name and float(at) <= recording.stop + LOOK + last[-1] - last[0] else None
-
-
 def end_of(recording: Recording, ends: Sequence[End] = ()) -> Ended | None:
     """How a recording of a robot ended before its time: as its driver says, else by the first of `ends` that it shows.
 
@@ -204,7 +153,5 @@ def end_of(recording: Recording, ends: Sequence[End] = ()) -> Ended | None:
 
 def _look(times: Array, seen: Mapping[str, Array]) -> Observation:
     """All instants of a recording as if they were runs side by side."""
-    from trueup.controllers.controller import Observation
-
     none = np.zeros((len(times), 0))
     return Observation(0.0, none, none, {}, channels=seen)

@@ -48,10 +48,10 @@ def text(path: Path, error: type[TrueupError]) -> str:
         raise error(f"{path}: is not text in UTF-8 ({reason.reason} at byte {reason.start})") from None
 
 
-def toml(path: Path, error: type[TrueupError]) -> dict[str, Any]:
-    """The tables of a TOML file. Raises `error`, with line and column where it is none."""
+def toml(path: Path, error: type[TrueupError], content: str | None = None) -> dict[str, Any]:
+    """The tables of a TOML file, or of `content` that came from it. Raises `error`, with line and column where it is none."""
     try:
-        return tomllib.loads(text(path, error).replace("\r\n", "\n"))
+        return tomllib.loads((text(path, error) if content is None else content).replace("\r\n", "\n"))
     except (tomllib.TOMLDecodeError, RecursionError) as reason:
         raise error(f"{path}: not valid TOML ({reason})") from None
 

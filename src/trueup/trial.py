@@ -1,26 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One planned run: where it starts, what is commanded, what is observed, for how long, within which limits."""
+"""One planned run: where it starts, who controls it, what is observed, for how long, within which limits, what ends it."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trueup.chance import Chance, Disturbance, Sensing
-from trueup.ends import End, ended
 from trueup.errors import RecordingError, TrialError
 from trueup.parameters import Parameter
 from trueup.recording import Channel, Recording, is_command
 
-if TYPE_CHECKING:
-    from trueup.controllers.controller import ControllerFactory
-
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 COMMANDS = (
     "command_sent", "command", "command_sent_torque", "command_torque", "command_sent_velocity", "command_velocity",
@@ -63,6 +60,82 @@ class Observed:
     unit: str
     time: Array
     """(T,) in s, on the trial's clock; the trial starts at `Trial.start`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """What b copies of a controller see at one instant. Arrays are views: read, never write."""
+
+    time: float
+    """Since the start of the trial, in s."""
+    position: Array
+    """(b, nq) generalised positions; (b, k) of the actuated joints for robots that know no more."""
+    velocity: Array
+    """(b, nv) generalised velocities."""
+    sensors: Mapping[str, Array]
+    """Sensor name to (b, dim)."""
+    trial: Trial | None = None
+    """The trial that all b copies are in: its references are what is to be followed. Every simulator says it."""
+    channels: Mapping[str, Array] = field(default_factory=dict)
+    """Channel name to (b, k): for the conditions that end a run, the channels that they look at (see `ends.End`), for a
+    controller those that it asked for (see `Looking`)."""
+
+
+class Controller(Protocol):
+    """Commands b simulations (or one robot) at its own rate. The command is held in between."""
+
+    @property
+    def period(self) -> float:
+        """Time between two commands, in s."""
+        ...
+
+    def reset(self, observation: Observation) -> None:
+        """Called once before a trial, for all b copies, which are the rows of this trial alone."""
+        ...
+
+    def command(self, observation: Observation) -> Array:
+        """(b, nu) what is commanded from now on."""
+        ...
+
+
+ControllerFactory = Callable[[Array], Controller]
+"""Makes the controller of b simulations from their controller parameters (b, m)."""
+
+
+LOOK = 0.02
+"""s from one look at the conditions to the next: a fall takes some tenths of a second."""
+
+
+ENDED = "ended"
+"""Key of a recording's provenance: when its run ended before its time, in s on the recording's clock, and why."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """That a run ended before its time."""
+
+    at: float
+    """In s, on the clock of its trial or recording."""
+    name: str
+    """The condition: 'fallen'."""
+
+
+class End(Protocol):
+    """A condition that ends a run as soon as it holds."""
+
+    @property
+    def name(self) -> str:
+        """What is said of a run that ended so: 'fallen'."""
+        ...
+
+    @property
+    def looks_at(self) -> Mapping[str, tuple[str, ...]]:
+        """Channels, each to the labels of the columns that `reached` wants in `Observation.channels`."""
+        ...
+
+    def reached(self, observation: Observation) -> Mask:
+        """(b,) for which of b runs it holds now. `channels` hold the truth, without noise or latency of sensors."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,6 +230,21 @@ class Trial:
             observed=observed,
             initial={name: recording.channel(name) for name in measured},
         )
+
+
+def with_end(recording: Recording, ended: Ended) -> Recording:
+    """The recording of a run that is known to have ended so; what was measured later stays in it."""
+    return recording.replace(provenance={**recording.provenance, ENDED: f"{ended.at!r} {ended.name}"})
+
+
+def ended(recording: Recording) -> Ended | None:
+    """When and why the run of a recording ended before its time, as whoever recorded it says; None where it did not.
+
+    A slice that stops earlier shows no end.
+    """
+    at, _, name = recording.provenance.get(ENDED, "").partition(" ")
+    last = recording.time[-2:]
+    return Ended(float(at), name) if name and float(at) <= recording.stop + LOOK + last[-1] - last[0] else None
 
 
 def command_of(recording: Recording) -> Channel | None:

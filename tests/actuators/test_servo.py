@@ -15,13 +15,13 @@ import mujoco
 import numpy as np
 import pytest
 
+from trueup.actuators.actuator import HARD, mjcf_text, python_text, replay_file
 from trueup.actuators.bench import Bench, runs_of
 from trueup.actuators.experiment import Experiment
 from trueup.actuators.identify import Actuator
 from trueup.actuators.replay import replay
 from trueup.actuators.servo import Law, Servo
 from trueup.actuators.simulated import servo_quantity
-from trueup.actuators.write import HARD, mjcf_text, python_text, replay_file
 from trueup.articulated.declarations import Declaration, declare
 from trueup.engines.mujoco.model import load as load_file
 from trueup.engines.mujoco.rollout import MujocoSimulator

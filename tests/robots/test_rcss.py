@@ -19,7 +19,6 @@ import pytest
 
 from trueup.campaign.kinds import ROBOTS
 from trueup.campaign.making import made
-from trueup.campaign.typed_toml import Component
 from trueup.controllers.controller import Observation
 from trueup.ends import Left, ended
 from trueup.errors import ParameterError, RobotFellError, TrialError, UnknownNameError
@@ -31,6 +30,7 @@ from trueup.robots.rcss.expressions import parse
 from trueup.robots.rcss.percept import percept
 from trueup.testing import check_robot
 from trueup.trial import Observed, Trial
+from trueup.typed_toml import Component
 
 # As rcssservermj 0.2.1 sent it, but for most of its joints and landmarks; and as SimSpark's manual shows its own.
 BOOSTER = (

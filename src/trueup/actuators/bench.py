@@ -3,14 +3,14 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup import files
 from trueup.articulated.gains import Gains
 from trueup.articulated.kernels import held_integral
 from trueup.errors import ParameterError, RecordingError, unknown_name
@@ -18,6 +18,7 @@ from trueup.noise import estimate_noise
 from trueup.recording import Recording
 from trueup.rounding import TINY
 from trueup.trial import command_of
+from trueup.typed_toml import build
 
 Array = NDArray[np.float64]
 
@@ -69,24 +70,7 @@ class Bench:
     @classmethod
     def read(cls, path: Path) -> Bench:
         """From a TOML file with these names. Raises ParameterError."""
-        try:
-            table = tomllib.loads(path.read_text("utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise ParameterError(f"{path}: {error}") from None
-        return cls().but(table, str(path))
-
-    def but(self, values: Mapping[str, object], where: str) -> Bench:
-        """With other values, by name. Raises ParameterError naming what is no number, UnknownNameError."""
-        names = [f.name for f in fields(self)]
-        found: dict[str, float] = {}
-        for name, value in values.items():
-            if name not in names:
-                raise unknown_name("key", name, names, where)
-            try:
-                found[name] = float(value)  # type: ignore[arg-type]
-            except (TypeError, ValueError):
-                raise ParameterError(f"{where}: {name} = {value!r} is not a number") from None
-        return replace(self, **found)
+        return build(cls, files.toml(path, ParameterError), str(path), ParameterError)
 
     def named_by(self, recording: Recording) -> dict[str, float]:
         """Mass and length that a recording names beside its signals and that are not known here."""
@@ -181,7 +165,7 @@ def _run(recording: Recording, bench: Bench, gain: float, joint: str) -> Run:
     on = np.isfinite(command) & _enabled(recording, told.time)
     held = _filled(command)
     noise = float(estimate_noise(measured, time)[0])
-    carried = bench.but(bench.named_by(recording), f"recording '{recording.name}'")
+    carried = replace(bench, **bench.named_by(recording))
     return Run(
         recording.name, carried, gain, told.time - zero, held, held_integral(told.time, held[:, None])[:, 0], on, time,
         measured, _lines(time, measured), noise if noise > 0.0 else 1e-6, _output(recording, position.time[good], label),

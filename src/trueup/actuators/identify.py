@@ -5,19 +5,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.actuators.actuator import Actuator, Judged
 from trueup.actuators.bench import Bench, Run, runs_of
-from trueup.actuators.choose import Asked, Chooser, Model, choose
-from trueup.actuators.experiment import Experiment, Value, experiment
+from trueup.actuators.choose import Chooser, Model, choose
+from trueup.actuators.experiment import Value, experiment
 from trueup.actuators.fit import Problem, spread
 from trueup.actuators.output import output_of
 from trueup.actuators.replay import STEP, replay
-from trueup.actuators.servo import Law
 from trueup.actuators.structures import BY_NAME, LIMIT, LIMITS, PUNCH, VISCOUS, Scales, declared, law_of
 from trueup.errors import CalibrationError, unknown_name
 from trueup.evidence import evidence, half_interval, jackknife
@@ -25,53 +23,6 @@ from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Judged:
-    """How one recording is replayed: mean absolute errors in rad over the whole of it."""
-
-    name: str
-    held_out: bool
-    """Whether it was kept from every fit; else errors are those of fits that never saw this recording, or stretch."""
-    model: float
-    file: float
-    """With the nearest law that a file in MJCF can hold."""
-
-
-@dataclass(frozen=True, eq=False)
-class Actuator:
-    """A servo as recordings show it."""
-
-    law: Law | None
-    """None where nothing is known of the load: then only `experiment` says something."""
-    file_law: Law | None
-    """The nearest that MJCF can hold."""
-    values: tuple[Value, ...]
-    """With intervals that count what the model misses."""
-    structures: tuple[str, ...]
-    asked: tuple[Asked, ...]
-    experiment: Experiment
-    judged: tuple[Judged, ...]
-    runs: tuple[Run, ...]
-    """Those fitted, then those held out."""
-    bench: Bench
-    setting: float
-    """The proportional setting of the servo that the law stands for; 0 where recordings name none."""
-    step: float
-    notes: tuple[str, ...]
-    seconds: float
-
-    def error(self, *, held_out: bool, file: bool = False) -> float:
-        """Mean over recordings in rad; NaN where there are none."""
-        found = [(j.file if file else j.model) for j in self.judged if j.held_out == held_out]
-        return float(np.mean(found)) if found else float("nan")
-
-    def write(self, folder: Path | str) -> list[Path]:
-        """Writes actuator.py, actuator.xml and actuator.json. Raises OutputError."""
-        from trueup.actuators.write import write_actuator
-
-        return write_actuator(self, Path(folder))
 
 
 def identify_actuator(

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,51 @@ from trueup.calibration import Calibration, Estimate
 from trueup.errors import ParameterError
 from trueup.formats.aside import written_aside
 from trueup.parameters import Parameter, ParameterSpace
+from trueup.typed_toml import build
 
-_DECLARED = ("quantity", "of", "tie", "nominal", "lower", "upper", "scale", "frozen", "name", "optional")
-_OF_RESULTS = ("unit", "start", "low", "high", "verdict", "note")
-"""Keys that a result adds; they are read over."""
+
+@dataclass(frozen=True)
+class _Entry:
+    """A table [[parameter]]: a Declaration, and behind `unit` what a result adds, which is read over."""
+
+    quantity: str
+    of: str | tuple[str, ...] = "*"
+    tie: str = "each"
+    nominal: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+    scale: str | None = None
+    frozen: bool = False
+    name: str | None = None
+    optional: str = ""
+    unit: str | None = None
+    start: Any = None
+    low: Any = None
+    high: Any = None
+    verdict: Any = None
+    note: Any = None
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for what is of the right kind and means nothing."""
+        if not self.of:
+            raise ValueError("of = [] names nothing")
+        _finite({name: getattr(self, name) for name in ("nominal", "lower", "upper")})
+
+
+@dataclass(frozen=True)
+class _ParametersFile:
+    parameter: tuple[Mapping[str, Any], ...] = ()
+    gains: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _finite(self.gains)
+
+
+def _finite(numbers: Mapping[str, float | None]) -> None:
+    for name, value in numbers.items():
+        if value is not None and not math.isfinite(value):
+            raise ValueError(f"{name} = {value!r} is not a finite number")
+
 
 _TITLE = """\
 # Parameters of {model}, found by trueup. Give this file back with --parameters to start from here, or to replay.
@@ -35,12 +77,8 @@ def read_declarations(path: str | Path) -> list[Declaration]:
 
     Raises ParameterError, naming file, table and key, for what is unknown, missing or of the wrong kind.
     """
-    data = _read(path)
-    unknown = sorted(set(data) - {"parameter", "gains"})
-    if unknown:
-        raise ParameterError(f"{path}: unknown table '{unknown[0]}'; parameters are tables [[parameter]]")
-    tables = data.get("parameter")
-    if not isinstance(tables, list) or not tables:
+    tables = _read(path).parameter
+    if not tables:
         raise ParameterError(f'{path}: no [[parameter]] is declared; add one with quantity = "friction", of = "*"')
     base = Path(path).parent
     return [_declaration(table, f"{path}, [[parameter]] {i}", base) for i, table in enumerate(tables, 1)]
@@ -51,15 +89,11 @@ def read_gains(path: str | Path | None) -> dict[str, float]:
 
     Raises ParameterError, naming file and key.
     """
-    table = _read(path).get("gains", {}) if path is not None else {}
-    if not isinstance(table, Mapping):
-        raise ParameterError(f"{path}: [gains] is not a table of numbers")
-    found = {key: _number(table, key, f"{path}, [gains]") for key in table}
-    return {key: value for key, value in found.items() if value is not None}
+    return dict(_read(path).gains) if path is not None else {}
 
 
-def _read(path: str | Path) -> dict[str, Any]:
-    return files.toml(Path(path), ParameterError)
+def _read(path: str | Path) -> _ParametersFile:
+    return build(_ParametersFile, files.toml(Path(path), ParameterError), str(path), ParameterError)
 
 
 def write_parameters(
@@ -112,58 +146,13 @@ def _toml(value: Any) -> str:
 
 
 def _declaration(table: Any, where: str, base: Path) -> Declaration:
-    if not isinstance(table, Mapping):
-        raise ParameterError(f"{where}: {table!r} is not a table of keys")
-    for key in table:
-        if key not in (*_DECLARED, *_OF_RESULTS):
-            raise ParameterError(f"{where}: unknown key '{key}'; keys are: {', '.join((*_DECLARED, *_OF_RESULTS))}")
-    if "quantity" not in table:
-        raise ParameterError(f"{where}: 'quantity' is missing; for example quantity = \"friction\"")
-    known = quantity(_text(table, "quantity", where), base)
-    unit = table.get("unit", known.unit)
-    if unit not in known.units():
+    entry = build(_Entry, table, where, ParameterError)
+    known = quantity(entry.quantity, base)
+    if entry.unit is not None and entry.unit not in known.units():
         raise ParameterError(
-            f"{where}: unit '{unit}' is given, but {known.name} is in '{known.unit}'; convert the numbers"
+            f"{where}: unit '{entry.unit}' is given, but {known.name} is in '{known.unit}'; convert the numbers"
         )
     return Declaration(
-        quantity=known if known.origin else known.name,
-        of=_texts(table.get("of", "*"), where),
-        tie=_text(table, "tie", where, "each"),
-        nominal=_number(table, "nominal", where),
-        lower=_number(table, "lower", where),
-        upper=_number(table, "upper", where),
-        scale=_text(table, "scale", where) if "scale" in table else None,
-        frozen=_truth(table, "frozen", where),
-        name=_text(table, "name", where) if "name" in table else None,
-        optional=_text(table, "optional", where, ""),
-    )
-
-
-def _text(table: Mapping[str, Any], key: str, where: str, default: str = "") -> str:
-    value = table.get(key, default)
-    if not isinstance(value, str):
-        raise ParameterError(f"{where}: {key} = {value!r} is not a text in quotes")
-    return value
-
-
-def _texts(value: Any, where: str) -> tuple[str, ...]:
-    entries = [value] if isinstance(value, str) else value
-    if not isinstance(entries, list) or not entries or not all(isinstance(e, str) for e in entries):
-        raise ParameterError(f"{where}: of = {value!r} is neither a name nor a list of names")
-    return tuple(entries)
-
-
-def _number(table: Mapping[str, Any], key: str, where: str) -> float | None:
-    value = table.get(key)
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise ParameterError(f"{where}: {key} = {value!r} is not a finite number")
-    return float(value)
-
-
-def _truth(table: Mapping[str, Any], key: str, where: str) -> bool:
-    value = table.get(key, False)
-    if not isinstance(value, bool):
-        raise ParameterError(f"{where}: {key} = {value!r} is neither true nor false")
-    return value
+        known if known.origin else known.name, (entry.of,) if isinstance(entry.of, str) else entry.of, entry.tie,
+        entry.nominal, entry.lower, entry.upper, entry.scale, entry.frozen, entry.name, entry.optional,
+    )  # fmt: skip

@@ -10,9 +10,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from trueup.campaign.typed_toml import Component, check_keys, convert
 from trueup.errors import PlanError, TrueupError, unknown_name
 from trueup.extensions import addressed, registered
+from trueup.typed_toml import Component, check_keys, converted
 
 
 def made(component: Component, kind: str, known: Mapping[str, str], given: Mapping[str, Any], base: Path) -> Any:
@@ -86,7 +86,7 @@ def _hints(target: Callable[..., Any]) -> dict[str, Any]:
 
 
 def _option(hint: Any, value: Any, where: str, key: str, base: Path) -> Any:
-    made_of = convert(hint, value, where, key)
+    made_of = converted(hint, value, where, key)
     choices = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
     if Path in choices and isinstance(made_of, (str, Path)):
         return base / made_of

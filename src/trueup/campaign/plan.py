@@ -12,9 +12,10 @@ from typing import Literal
 
 import numpy as np
 
-from trueup.campaign.typed_toml import Component, build, parse_toml, read_text
+from trueup import files
 from trueup.errors import PlanError
 from trueup.trial import Limits
+from trueup.typed_toml import Component, build
 
 
 @dataclass(frozen=True)
@@ -218,13 +219,15 @@ def templates() -> dict[str, Path]:
 
 def read_plan(path: Path) -> PlanFile:
     """The plan in a file. Raises PlanError, naming file, table, key, value and the choices."""
-    text = read_text(path)
+    if not path.exists() and not path.is_symlink():
+        raise PlanError(f"{path}: no such file{files.hint(path)}; `trueup new NAME` writes a plan to edit")
+    text = files.text(path, PlanError)
     return PlanFile(plan_in(text, path), path, text)
 
 
 def plan_in(text: str, where: Path) -> Plan:
     """The plan in a text, which came from the file `where`. Raises PlanError."""
-    table = parse_toml(text, where)
+    table = files.toml(where, PlanError, text)
     for f in fields(Plan):
         if f.name in ("robot", "simulator", "task") and f.name not in table:
             raise PlanError(f'{where}: [{f.name}] is missing; it says with type = "..." which {f.name} to use')

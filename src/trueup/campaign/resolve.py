@@ -26,7 +26,6 @@ from trueup.campaign.kinds import (
 from trueup.campaign.making import arguments, called, found, made
 from trueup.campaign.parts import Calibrator, Parts
 from trueup.campaign.plan import Calibrate, Plan, PlanFile
-from trueup.campaign.typed_toml import Component
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.engines.family import Family
 from trueup.engines.restricted import Restricted
@@ -38,6 +37,7 @@ from trueup.loop.prepare import Preparation
 from trueup.loop.recalibrate import Earlier
 from trueup.recording import Recording
 from trueup.search.search import Search
+from trueup.typed_toml import Component
 
 Array = NDArray[np.float64]
 

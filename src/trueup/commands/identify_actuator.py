@@ -7,6 +7,7 @@ import argparse
 import math
 from collections.abc import Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -87,7 +88,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
 
     bench = Bench.read(Path(args.bench)) if args.bench else Bench()
     given = {n.replace("-", "_"): getattr(args, n.replace("-", "_")) for n in _LOADS}
-    bench = bench.but({n: v for n, v in given.items() if v is not None}, "the command line")
+    bench = replace(bench, **{n: v for n, v in given.items() if v is not None})
     folder = Path(args.out) if args.out else None
     if folder is not None and not args.force:
         folder = free_folder(folder, lambda at: not any((at / name).exists() for name in _FILES))
@@ -169,7 +170,7 @@ def _errors(actuator: Actuator) -> Table:
 
 def _written(actuator: Actuator, paths: Sequence[Path], console: Console) -> None:
     """Names the files; the MJCF is read back and replayed by the engine itself, on the load that it holds."""
-    from trueup.actuators.write import replay_file
+    from trueup.actuators.actuator import replay_file
 
     console.print(f"wrote {', '.join(escape(str(p)) for p in paths)}", soft_wrap=True, highlight=False)
     for path in paths:

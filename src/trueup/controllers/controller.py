@@ -1,54 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What a controller must offer: b copies run in lockstep, at the controller's own rate."""
+"""What a controller (`trial.Controller`) may offer besides: channels that it looks at, torques, commands known ahead."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.trial import Trial
+from trueup.trial import Controller as Controller
+from trueup.trial import ControllerFactory as ControllerFactory
+from trueup.trial import Observation as Observation
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class Observation:
-    """What b copies of a controller see at one instant. Arrays are views: read, never write."""
-
-    time: float
-    """Since the start of the trial, in s."""
-    position: Array
-    """(b, nq) generalised positions; (b, k) of the actuated joints for robots that know no more."""
-    velocity: Array
-    """(b, nv) generalised velocities."""
-    sensors: Mapping[str, Array]
-    """Sensor name to (b, dim)."""
-    trial: Trial | None = None
-    """The trial that all b copies are in: its references are what is to be followed. Every simulator says it."""
-    channels: Mapping[str, Array] = field(default_factory=dict)
-    """Channel name to (b, k): for the conditions that end a run, the channels that they look at (see `ends.End`), for a
-    controller those that it asked for (see `Looking`)."""
-
-
-class Controller(Protocol):
-    """Commands b simulations (or one robot) at its own rate. The command is held in between."""
-
-    @property
-    def period(self) -> float:
-        """Time between two commands, in s."""
-        ...
-
-    def reset(self, observation: Observation) -> None:
-        """Called once before a trial, for all b copies, which are the rows of this trial alone."""
-        ...
-
-    def command(self, observation: Observation) -> Array:
-        """(b, nu) what is commanded from now on."""
-        ...
 
 
 @runtime_checkable
@@ -83,7 +48,3 @@ class Foretold(Protocol):
     def ahead(self, times: Array) -> Array | None:
         """(b, n, nu) what it commands at `times` (n,) since the start; None where it has to look at the robot."""
         ...
-
-
-ControllerFactory = Callable[[Array], Controller]
-"""Makes the controller of b simulations from their controller parameters (b, m)."""

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from trueup import files
 from trueup.errors import ModelError, unknown_name
+from trueup.typed_toml import build
 
 if TYPE_CHECKING:
     from trueup.identification.kinematic_tree import KinematicTree
@@ -23,6 +24,12 @@ _TO_SPEED = 0.4
 """s in which industrial arms reach their top speed; the acceleration limit where none is given."""
 _SPEED, _PRISMATIC_SPEED = np.pi, 1.0
 _FIELDS = ("lower", "upper", "speed", "acceleration", "torque")
+
+
+@dataclass(frozen=True)
+class _LimitsFile:
+    all: Mapping[str, float] = field(default_factory=dict)
+    joints: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,18 +99,13 @@ class JointLimits:
         Raises ModelError and UnknownNameError that name file and key.
         """
         file = Path(path)
-        given = files.toml(file, ModelError)
+        given = build(_LimitsFile, files.toml(file, ModelError), str(file), ModelError)
+        tables = {joint: given.all for joint in self.joints}
+        tables |= {joint: {**tables.get(joint, {}), **table} for joint, table in given.joints.items()}
         values: dict[str, dict[str, float]] = {}
-        for table in given:
-            if table not in ("all", "joints"):
-                raise unknown_name("table", table, ("all", "joints"), f"'{file}'")
-        tables = {joint: given.get("all", {}) for joint in self.joints}
-        tables = {**tables, **{k: {**tables.get(k, {}), **v} for k, v in given.get("joints", {}).items()}}
         for joint, entries in tables.items():
             for name, value in entries.items():
-                if isinstance(value, bool) or not isinstance(value, (int, float)):
-                    raise ModelError(f"{name} of joint '{joint}' in '{file}' is {value!r}; a number is expected")
-                values.setdefault(name, {})[joint] = float(value)
+                values.setdefault(name, {})[joint] = value
         made = self.changed(**values)
         said = tuple(n for n in made.notes if not ("acceleration" in values and n.startswith("acceleration")))
         return replace(made, notes=said)

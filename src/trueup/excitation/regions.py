@@ -18,6 +18,7 @@ As a file (SI units, base frame of the model):
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,17 +28,38 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trueup import files
-from trueup.errors import ModelError, unknown_name
+from trueup.errors import ModelError
 from trueup.identification.kinematic_tree import exponential, of_quaternion
+from trueup.typed_toml import build
 
 Array = NDArray[np.float64]
 
-_KEYS = {
-    "": ("link", "tool", "box", "orientation", "posture"),
-    "box": ("centre", "size", "lower", "upper"),
-    "orientation": ("centre", "cone", "spin"),
-}
-CONE = np.radians(30.0)
+CONE = math.radians(30.0)
+Three = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class _Box:
+    centre: Three | None = None
+    size: Three | None = None
+    lower: Three | None = None
+    upper: Three | None = None
+
+
+@dataclass(frozen=True)
+class _Orientation:
+    centre: tuple[float, float, float, float] | None = None
+    cone: float = CONE
+    spin: float = CONE
+
+
+@dataclass(frozen=True)
+class _RegionFile:
+    box: _Box
+    link: str | None = None
+    tool: Three = (0.0, 0.0, 0.0)
+    orientation: _Orientation = field(default_factory=_Orientation)
+    posture: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,20 +91,19 @@ class Region:
     def load(cls, path: str | Path) -> Region:
         """Reads a region file (see the module). Raises ModelError and UnknownNameError that name file and key."""
         file = Path(path)
-        given = files.toml(file, ModelError)
-        for table, keys in _KEYS.items():
-            for key in given.get(table, {}) if table else given:
-                if key not in keys:
-                    raise unknown_name("key", key, keys, f"[{table}] of '{file}'" if table else f"'{file}'")
-        if "box" not in given:
-            raise ModelError(f"region file '{file}' has no [box]; give its centre and size, or lower and upper, in m")
-        centre, size = _box(given["box"], file)
-        turn = given.get("orientation", {})
+        given = build(_RegionFile, files.toml(file, ModelError), str(file), ModelError)
+        box, turn = given.box, given.orientation
+        if box.lower is not None and box.upper is not None:
+            lower, upper = np.array(box.lower), np.array(box.upper)
+            centre, size = 0.5 * (lower + upper), upper - lower
+        elif box.centre is not None and box.size is not None:
+            centre, size = np.array(box.centre), np.array(box.size)
+        else:
+            raise ModelError(f"{file}, [box]: it needs centre and size, or lower and upper, in m")
+        middle = None if turn.centre is None else _rotation(np.array(turn.centre), file)
         return cls.of(
-            centre, size, link=given.get("link"), tool=_numbers(given, "tool", 3, file, (0.0, 0.0, 0.0)),
-            orientation=_rotation(_numbers(turn, "centre", 4, file), file) if "centre" in turn else None,
-            cone=float(_numbers(turn, "cone", 1, file, (CONE,))[0]), spin=float(_numbers(turn, "spin", 1, file, (CONE,))[0]),
-            posture={name: float(value) for name, value in given.get("posture", {}).items()},
+            centre, size, link=given.link, tool=np.array(given.tool), orientation=middle, cone=turn.cone, spin=turn.spin,
+            posture=given.posture,
         )  # fmt: skip
 
     def positions(self, genes: Array) -> Array:
@@ -104,31 +125,6 @@ class Region:
     def holds(self, positions: Array, margin: float = 0.0) -> NDArray[np.bool_]:
         """(...,) whether tool positions (..., 3) lie in the box, `margin` m around it included."""
         return np.all(np.abs(positions - self.centre) <= 0.5 * self.size + margin, axis=-1)
-
-
-def _box(box: Mapping[str, Any], file: Path) -> tuple[Array, Array]:
-    if "lower" in box and "upper" in box:
-        lower, upper = _numbers(box, "lower", 3, file), _numbers(box, "upper", 3, file)
-        return 0.5 * (lower + upper), upper - lower
-    if "centre" in box and "size" in box:
-        return _numbers(box, "centre", 3, file), _numbers(box, "size", 3, file)
-    raise ModelError(
-        f"[box] of '{file}' needs centre and size, or lower and upper, in m; it has {', '.join(box) or 'nothing'}"
-    )
-
-
-def _numbers(
-    table: Mapping[str, Any], key: str, count: int, file: Path, otherwise: tuple[float, ...] | None = None
-) -> Array:
-    """(count,) numbers of a key; one number may stand for a list of one."""
-    given = table.get(key, otherwise)
-    try:
-        values = np.atleast_1d(np.asarray(given, dtype=np.float64))
-    except (TypeError, ValueError):
-        values = np.zeros(0)
-    if values.shape != (count,) or not np.isfinite(values).all():
-        raise ModelError(f"'{key}' in '{file}' is {given!r}; expected {count} number{'s' if count > 1 else ''}")
-    return values
 
 
 def _rotation(quaternion: Array, file: Path) -> Array:

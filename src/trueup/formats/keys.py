@@ -6,11 +6,10 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 from trueup.errors import MappingError, TrueupError
-from trueup.formats.table import listing
 from trueup.units import to_si
 
 T = TypeVar("T")
@@ -27,17 +26,6 @@ def key(default: Any, read: Read, *, comment: str = "", unset: str | None = "") 
     return dataclasses.field(default=default, metadata={"read": read, "comment": comment, "unset": unset})
 
 
-def from_table(kind: type[T], value: Any, where: str) -> T:
-    """The dataclass whose keys a table has. Raises MappingError for unknown keys, missing ones and wrong values."""
-    data = section(value, where)
-    fields = {f.name: f for f in dataclasses.fields(kind)}  # type: ignore[arg-type]
-    known(data, list(fields), where)
-    for name, field in fields.items():
-        if field.default is dataclasses.MISSING and name not in data:
-            raise MappingError(f"{where}: '{name}' is missing; name the columns that hold this channel")
-    return kind(**{name: fields[name].metadata["read"](entry, f"{where}, {name}") for name, entry in data.items()})
-
-
 def to_lines(table: Any) -> list[str]:
     """The lines `key = value  # comment` of a dataclass with such fields, those that have their default left out."""
     lines: list[str] = []
@@ -49,20 +37,6 @@ def to_lines(table: Any) -> list[str]:
         elif unset and not getattr(table, f"{field.name}s", ()):  # `units` in the place of `unit`
             lines.append(unset)
     return lines
-
-
-def known(data: Mapping[str, Any], names: Sequence[str], where: str) -> None:
-    """Raises MappingError for a key that is none of `names`."""
-    for name in data:
-        if name not in names:
-            raise MappingError(f"{where}: unknown key '{name}'; keys are: {listing(sorted(names))}")
-
-
-def section(value: Any, where: str) -> Mapping[str, Any]:
-    """The value as a table of keys. Raises MappingError."""
-    if not isinstance(value, Mapping):
-        raise MappingError(f"{where}: {value!r} is not a table of keys")
-    return value
 
 
 def text(value: Any, where: str) -> str:

@@ -14,6 +14,7 @@ from trueup.errors import MappingError
 from trueup.formats import keys
 from trueup.formats.aside import written_aside
 from trueup.formats.keys import key
+from trueup.typed_toml import build
 
 Repair = Literal["", "sort", "drop"]
 
@@ -77,6 +78,11 @@ class TimeColumn:
     repair: Repair = key("", _repair, unset=_NO_REPAIR)  # noqa: RUF009 - a field
     """'sort' orders the rows by time, 'drop' leaves out the rows that go back; both drop repeated times."""
 
+    def __post_init__(self) -> None:
+        """Raises ValueError where two things say when samples were taken."""
+        if self.column and self.rate is not None:
+            raise ValueError("both column and rate are given; keep one of them")
+
 
 @dataclass(frozen=True)
 class ChannelColumns:
@@ -110,6 +116,13 @@ class ChannelColumns:
 
 
 @dataclass(frozen=True)
+class _MappingFile:
+    channels: Mapping[str, ChannelColumns] = field(default_factory=dict)
+    time: TimeColumn = field(default_factory=TimeColumn)
+    joints: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class ChannelMap:
     """How the columns of files become the channels of a recording."""
 
@@ -134,22 +147,10 @@ class ChannelMap:
     @staticmethod
     def from_dict(data: Mapping[str, Any], where: str = "mapping") -> ChannelMap:
         """The mapping in nested dicts, as TOML gives them. Raises MappingError for unknown keys and wrong kinds."""
-        keys.known(data, ("time", "channels", "joints"), where)
-        channels = keys.section(data.get("channels", {}), f"{where}, [channels]")
-        if not channels:
+        given = build(_MappingFile, data, where, MappingError)
+        if not given.channels:
             raise MappingError(f'{where}: no channel is named; add [channels.position] with columns = ["..."]')
-        time = keys.from_table(TimeColumn, data.get("time", {}), f"{where}, [time]")
-        if time.column and time.rate is not None:
-            raise MappingError(f"{where}, [time]: both column and rate are given; keep one of them")
-        joints = keys.section(data.get("joints", {}), f"{where}, [joints]")
-        return ChannelMap(
-            channels={
-                name: keys.from_table(ChannelColumns, entry, f"{where}, [channels.{name}]")
-                for name, entry in channels.items()
-            },
-            time=time,
-            joints={old: keys.text(new, f"{where}, [joints], {old}") for old, new in joints.items()},
-        )
+        return ChannelMap(given.channels, given.time, given.joints)
 
     def to_toml(self) -> str:
         """The mapping as commented TOML, for a user to edit; `load` reads it back."""

@@ -48,7 +48,7 @@ def test_currents_become_torques_by_the_constants() -> None:
     ("change", "said"),
     [
         ({"gears": 1}, "unknown key 'gears'"),
-        ({"positions": "gear"}, "choices are: 'motor', 'joint'"),
+        ({"positions": "gear"}, "is not one of: motor, joint"),
         ({"joints": {"a": {"ratio": 0}}}, "non-zero"),
         ({"couplings": [{"drive": "c"}]}, "'joint' is missing"),
         ({"couplings": [{"drive": "c", "joint": "c"}]}, "both 'c'"),

@@ -6,19 +6,43 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trueup import files
 from trueup.errors import IdentificationError, unknown_name
+from trueup.typed_toml import build
 
 Array = NDArray[np.float64]
 
-_TOP = ("positions", "torques", "joints", "couplings")
-_JOINT = ("ratio", "offset", "torque_constant")
-_COUPLING = ("drive", "joint", "ratio")
+
+@dataclass(frozen=True)
+class _Joint:
+    ratio: float = 1.0
+    offset: float = 0.0
+    torque_constant: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("ratio", "torque_constant"):
+            if getattr(self, name) == 0.0:
+                raise ValueError(f"{name} is 0; a non-zero number is expected")
+
+
+@dataclass(frozen=True)
+class _Coupling:
+    drive: str
+    joint: str
+    ratio: float = 1.0
+
+
+@dataclass(frozen=True)
+class _DrivesFile:
+    positions: Literal["motor", "joint"] = "joint"
+    torques: Literal["motor", "joint"] = "joint"
+    joints: Mapping[str, _Joint] = field(default_factory=dict)
+    couplings: tuple[_Coupling, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,31 +76,20 @@ class Drives:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], joints: Sequence[str], where: str = "drives") -> Drives:
         """The drives in nested dicts, as TOML gives them."""
-        _known(data, _TOP, where)
+        given = build(_DrivesFile, data, where, IdentificationError)
         names, n = tuple(joints), len(joints)
         ratios, offsets, constants, coupling = np.ones(n), np.zeros(n), np.ones(n), np.eye(n)
-        given = []
-        for name, entry in _table(data.get("joints", {}), f"{where}, [joints]").items():
-            at, here = _index(name, names, where), f"{where}, [joints.{name}]"
-            values = _table(entry, here)
-            _known(values, _JOINT, here)
-            ratios[at] = _number(values.get("ratio", 1.0), f"{here}, ratio", zero=False)
-            offsets[at] = _number(values.get("offset", 0.0), f"{here}, offset")
-            if "torque_constant" in values:
-                constants[at] = _number(values["torque_constant"], f"{here}, torque_constant", zero=False)
-                given.append(name)
-        for i, entry in enumerate(data.get("couplings", [])):
-            here = f"{where}, [[couplings]] {i + 1}"
-            values = _table(entry, here)
-            _known(values, _COUPLING, here)
-            if missing := [key for key in ("drive", "joint") if key not in values]:
-                raise IdentificationError(f"{here}: '{missing[0]}' is missing; name the joints with drive and joint")
-            drive, joint = (_index(str(values[key]), names, here) for key in ("drive", "joint"))
-            if drive == joint:
-                raise IdentificationError(f"{here}: drive and joint are both '{names[drive]}'")
-            coupling[drive, joint] = _number(values.get("ratio", 1.0), f"{here}, ratio")
-        positions, torques = (_side(data.get(key, "joint"), f"{where}, {key}") for key in ("positions", "torques"))
-        return cls(names, ratios, offsets, constants, coupling, positions, torques, tuple(given))
+        for name, joint in given.joints.items():
+            at = _index(name, names, where)
+            ratios[at], offsets[at], constants[at] = joint.ratio, joint.offset, joint.torque_constant or 1.0
+        for k, one in enumerate(given.couplings, 1):
+            if one.drive == one.joint:
+                raise IdentificationError(f"{where}, [[couplings]] {k}: drive and joint are both '{one.drive}'")
+            coupling[_index(one.drive, names, where), _index(one.joint, names, where)] = one.ratio
+        known = tuple(name for name, joint in given.joints.items() if joint.torque_constant is not None)
+        return cls(
+            names, ratios, offsets, constants, coupling, given.positions == "motor", given.torques == "motor", known
+        )
 
     def only(self, joints: Sequence[str]) -> Drives:
         """The drives of some joints, in their order. Raises UnknownNameError."""
@@ -101,36 +114,7 @@ class Drives:
         return (torque * self.ratios) @ self.coupling if self.motor_torques else torque
 
 
-def _side(value: Any, where: str) -> bool:
-    if value not in ("motor", "joint"):
-        raise IdentificationError(f"{where}: '{value}' is unknown; choices are: 'motor', 'joint'")
-    return value == "motor"
-
-
 def _index(name: str, names: Sequence[str], where: str) -> int:
     if name not in names:
         raise unknown_name("joint", name, names, f"the model ({where})")
     return names.index(name)
-
-
-def _known(data: Mapping[str, Any], known: Sequence[str], where: str) -> None:
-    for key in data:
-        if key not in known:
-            raise IdentificationError(f"{where}: unknown key '{key}'; keys are: {', '.join(known)}")
-
-
-def _table(value: Any, where: str) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise IdentificationError(f"{where}: {value!r} is not a table of keys")
-    return value
-
-
-def _number(value: Any, where: str, *, zero: bool = True) -> float:
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, int | float)
-        or not abs(value) < 1e12
-        or (not zero and value == 0)
-    ):
-        raise IdentificationError(f"{where}: {value!r} is not a {'' if zero else 'non-zero '}finite number")
-    return float(value)

@@ -16,8 +16,8 @@ from trueup.campaign.journal import Journal, read_journal
 from trueup.campaign.parts import Silent
 from trueup.campaign.plan import Plan, PlanFile, read_plan, templates
 from trueup.campaign.resolve import parts_of
-from trueup.campaign.typed_toml import Component
 from trueup.robots.robot import Robot
+from trueup.typed_toml import Component
 
 
 def in_rounds(

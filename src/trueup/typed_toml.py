@@ -1,21 +1,22 @@
 # SPDX-License-Identifier: Apache-2.0
-"""TOML tables into frozen dataclasses: every unknown key and every value of a wrong type is named with its choices."""
+"""TOML tables into frozen dataclasses: every unknown key and every value of a wrong type is named with its choices.
+
+A field says by its annotation what it takes, or by `metadata["read"]`, a function of the value and where it stands.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import difflib
-import tomllib
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from trueup import files
-from trueup.errors import PlanError
+from trueup.errors import PlanError, TrueupError
 
 T = TypeVar("T")
 Value = Any
@@ -44,81 +45,88 @@ class Component:
         object.__setattr__(self, "options", MappingProxyType(dict(self.options)))
 
 
-def read_text(path: Path) -> str:
-    """The text of a file. Raises PlanError."""
-    if not path.exists() and not path.is_symlink():
-        raise PlanError(f"{path}: no such file{files.hint(path)}; `trueup new NAME` writes a plan to edit")
-    return files.text(path, PlanError)
+class _WrongError(Exception):
+    """What is wrong with a table, before it is known which error the reader of the file raises."""
 
 
-def parse_toml(text: str, where: Path) -> dict[str, Value]:
-    """The tables of a TOML text. Raises PlanError with line and column where it is none."""
+def build(kind: type[T], table: Value, where: str, error: type[TrueupError] = PlanError) -> T:
+    """The dataclass `kind` from a table. Raises `error`, which names `where`, key, value and the choices."""
     try:
-        return tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise PlanError(f"{where}: not valid TOML ({error})") from None
+        return _built(kind, table, where)
+    except _WrongError as wrong:
+        raise error(str(wrong)) from None
 
 
-def build(kind: type[T], table: Value, where: str) -> T:
-    """The dataclass `kind` from a table. Raises PlanError, which names `where`, key, value and the choices."""
+def converted(hint: Any, value: Value, where: str, key: str) -> Any:
+    """`value` as the annotation `hint` says. Raises PlanError where it is of another type."""
+    try:
+        return _converted(hint, value, where, key)
+    except _WrongError as wrong:
+        raise PlanError(str(wrong)) from None
+
+
+def check_keys(
+    table: Mapping[str, Value], known: Sequence[str], where: str, error: type[Exception] = PlanError
+) -> None:
+    """Raises `error` for a key that is not among `known`, nearest match first."""
+    for key in table:
+        if key not in known:
+            close = difflib.get_close_matches(key, known, n=1)
+            hint = f" (did you mean '{close[0]}'?)" if close else ""
+            raise error(f"{where}: unknown key '{key}' = {table[key]!r}{hint}; keys are: {', '.join(sorted(known))}")
+
+
+def _built(kind: type[T], table: Value, where: str) -> T:
     if not isinstance(table, Mapping):
-        raise PlanError(f"{where}: {table!r} is not a table of keys")
+        raise _WrongError(f"{where}: {table!r} is not a table of keys")
     hints = typing.get_type_hints(kind)
     known = [f for f in dataclasses.fields(kind) if not f.name.startswith("_")]  # type: ignore[arg-type]
-    check_keys(table, [f.name for f in known], where)
+    check_keys(table, [f.name for f in known], where, _WrongError)
     missing = [
         f.name for f in known
         if f.name not in table and f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
     ]  # fmt: skip
     if missing:
-        raise PlanError(f"{where}: '{missing[0]}' is missing")
-    made = {key: convert(hints[key], value, where, key) for key, value in table.items()}
+        raise _WrongError(f"{where}: '{missing[0]}' is missing")
+    reads = {f.name: f.metadata["read"] for f in known if "read" in f.metadata}
+    made = {
+        key: reads[key](value, f"{where}, {key}") if key in reads else _converted(hints[key], value, where, key)
+        for key, value in table.items()
+    }
     try:
         return kind(**made)
     except ValueError as error:
-        raise PlanError(f"{where}: {error}") from None
+        raise _WrongError(f"{where}: {error}") from None
 
 
-def check_keys(table: Mapping[str, Value], known: list[str], where: str) -> None:
-    """Raises PlanError for a key that is not among `known`, nearest match first."""
-    for key in table:
-        if key not in known:
-            close = difflib.get_close_matches(key, known, n=1)
-            hint = f" (did you mean '{close[0]}'?)" if close else ""
-            raise PlanError(
-                f"{where}: unknown key '{key}' = {table[key]!r}{hint}; keys are: {', '.join(sorted(known))}"
-            )
-
-
-def convert(hint: Any, value: Value, where: str, key: str) -> Any:
-    """`value` as the annotation `hint` says. Raises PlanError where it is of another type."""
+def _converted(hint: Any, value: Value, where: str, key: str) -> Any:
     table = where if key == "" else f"{where}, {key}"
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
         return _one_of(arguments, value, where, key)
     if origin is typing.Literal:
         if value not in arguments:
-            raise PlanError(f"{table} = {value!r}: is not one of: {', '.join(map(str, arguments))}")
+            raise _WrongError(f"{table} = {value!r}: is not one of: {', '.join(map(str, arguments))}")
         return value
     if hint is Component:
-        return component(value, _inside(where, key))
+        return _component(value, _inside(where, key))
     if dataclasses.is_dataclass(hint) and isinstance(hint, type):
-        return build(hint, value, _inside(where, key))
+        return _built(hint, value, _inside(where, key))
     if origin is tuple or origin is list or _is_sequence(origin):
         return _several(arguments, value, table)
     if origin is Mapping or (origin is not None and isinstance(value, Mapping)):
         if not isinstance(value, Mapping):
-            raise PlanError(f"{table} = {value!r}: must be a table")
-        return {k: convert(arguments[1], v, _inside(where, key), k) for k, v in value.items()}
+            raise _WrongError(f"{table} = {value!r}: must be a table")
+        return {k: _converted(arguments[1], v, _inside(where, key), k) for k, v in value.items()}
     return _scalar(hint, value, table)
 
 
-def component(value: Value, where: str) -> Component:
-    """A component from its name alone, or from a table with `type` and options. Raises PlanError."""
+def _component(value: Value, where: str) -> Component:
+    """A component from its name alone, or from a table with `type` and options."""
     if isinstance(value, str):
         return Component(value, {}, where)
     if not isinstance(value, Mapping) or not isinstance(value.get("type"), str):
-        raise PlanError(f'{where} = {value!r}: give a name in quotes, or a table with type = "..." and its options')
+        raise _WrongError(f'{where} = {value!r}: give a name in quotes, or a table with type = "..." and its options')
     return Component(value["type"], {k: v for k, v in value.items() if k != "type"}, where)
 
 
@@ -128,7 +136,7 @@ def _scalar(hint: Any, value: Value, where: str) -> Any:
     if hint is Path and isinstance(value, str):
         return Path(value)
     if hint in _WORDS and (not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool)):
-        raise PlanError(f"{where} = {value!r}: must be {_WORDS[hint]}")
+        raise _WrongError(f"{where} = {value!r}: must be {_WORDS[hint]}")
     return value
 
 
@@ -140,13 +148,13 @@ def _one_of(choices: tuple[Any, ...], value: Value, where: str, key: str) -> Any
     problems = []
     for choice in wanted:
         try:
-            return convert(choice, value, where, key)
-        except PlanError as error:
+            return _converted(choice, value, where, key)
+        except _WrongError as error:
             problems.append(error)
     raise (
         problems[-1]
         if len(problems) == 1
-        else PlanError(
+        else _WrongError(
             f"{where}, {key} = {value!r}: must be {' or '.join(_WORDS.get(c, 'a list or table') for c in wanted)}"
         )
     )
@@ -154,12 +162,14 @@ def _one_of(choices: tuple[Any, ...], value: Value, where: str, key: str) -> Any
 
 def _several(arguments: tuple[Any, ...], value: Value, where: str) -> tuple[Any, ...]:
     if not isinstance(value, list):
-        raise PlanError(f"{where} = {value!r}: must be a list in square brackets")
+        raise _WrongError(f"{where} = {value!r}: must be a list in square brackets")
     if len(arguments) > 1 and arguments[-1] is not Ellipsis:
         if len(value) != len(arguments):
-            raise PlanError(f"{where} = {value!r}: must hold {len(arguments)} values")
-        return tuple(convert(a, v, where, "") for a, v in zip(arguments, value, strict=True))
-    return tuple(convert(arguments[0] if arguments else Any, v, where, "") for v in value)
+            raise _WrongError(f"{where} = {value!r}: must hold {len(arguments)} values")
+        return tuple(_converted(a, v, where, "") for a, v in zip(arguments, value, strict=True))
+    each = arguments[0] if arguments else Any
+    tables = dataclasses.is_dataclass(each)
+    return tuple(_converted(each, v, f"{where} {k}" if tables else where, "") for k, v in enumerate(value, 1))
 
 
 def _is_sequence(origin: Any) -> bool:

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
-"""An identified servo as files: a law in Python that needs nothing, the nearest MJCF, and all figures."""
+"""A servo as recordings show it, and as files: a law in Python that needs nothing, the nearest MJCF, and all figures."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
 import math
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,21 +16,19 @@ from numpy.typing import NDArray
 
 from trueup.actuators import servo
 from trueup.actuators.bench import Bench, Run
+from trueup.actuators.choose import Asked
+from trueup.actuators.experiment import Experiment, Value
 from trueup.actuators.servo import Law
+from trueup.articulated.kernels import ONSET
 from trueup.errors import OutputError
 from trueup.formats.aside import written_aside
 from trueup.formats.plain import finite
-
-if TYPE_CHECKING:
-    from trueup.actuators.identify import Actuator
 
 Array = NDArray[np.float64]
 
 PYTHON, MJCF, FIGURES = "actuator.py", "actuator.xml", "actuator.json"
 HARD = 'solreffriction="0.0001 1" solimpfriction="0.9999 0.9999 0.001 0.5 2"'
 """Dry friction that holds, within MuJoCo's limits: it takes all speed in one step."""
-
-_ONSET = 2e-3  # rad
 
 _HEAD = '''"""A servo, identified by trueup: replayed recordings are met to {error:.3g} rad in the mean ({which}).
 
@@ -49,15 +48,58 @@ In plain MuJoCo, with one <motor> at the joint and, in the MJCF,
 '''
 
 
-def write_actuator(actuator: Actuator, folder: Path) -> list[Path]:
-    """Writes the files and returns their paths. Raises OutputError; without a law only the figures are written."""
-    texts = {FIGURES: json.dumps(figures(actuator), indent=2, allow_nan=False) + "\n"}
-    if actuator.law is not None and actuator.file_law is not None:
-        texts |= {PYTHON: python_text(actuator), MJCF: mjcf_text(actuator.file_law, actuator.bench, actuator.step)}
-    for name, text in texts.items():
-        with written_aside(folder / name) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-    return [folder / name for name in texts]
+@dataclass(frozen=True)
+class Judged:
+    """How one recording is replayed: mean absolute errors in rad over the whole of it."""
+
+    name: str
+    held_out: bool
+    """Whether it was kept from every fit; else errors are those of fits that never saw this recording, or stretch."""
+    model: float
+    file: float
+    """With the nearest law that a file in MJCF can hold."""
+
+
+@dataclass(frozen=True, eq=False)
+class Actuator:
+    """A servo as recordings show it."""
+
+    law: Law | None
+    """None where nothing is known of the load: then only `experiment` says something."""
+    file_law: Law | None
+    """The nearest that MJCF can hold."""
+    values: tuple[Value, ...]
+    """With intervals that count what the model misses."""
+    structures: tuple[str, ...]
+    asked: tuple[Asked, ...]
+    experiment: Experiment
+    judged: tuple[Judged, ...]
+    runs: tuple[Run, ...]
+    """Those fitted, then those held out."""
+    bench: Bench
+    setting: float
+    """The proportional setting of the servo that the law stands for; 0 where recordings name none."""
+    step: float
+    notes: tuple[str, ...]
+    seconds: float
+
+    def error(self, *, held_out: bool, file: bool = False) -> float:
+        """Mean over recordings in rad; NaN where there are none."""
+        found = [(j.file if file else j.model) for j in self.judged if j.held_out == held_out]
+        return float(np.mean(found)) if found else float("nan")
+
+    def write(self, folder: Path | str) -> list[Path]:
+        """Writes actuator.py, actuator.xml and actuator.json and returns their paths; without a law only the figures.
+
+        Raises OutputError.
+        """
+        texts = {FIGURES: json.dumps(figures(self), indent=2, allow_nan=False) + "\n"}
+        if self.law is not None and self.file_law is not None:
+            texts |= {PYTHON: python_text(self), MJCF: mjcf_text(self.file_law, self.bench, self.step)}
+        for name, text in texts.items():
+            with written_aside(Path(folder) / name) as temporary:
+                temporary.write_text(text, encoding="utf-8")
+        return [Path(folder) / name for name in texts]
 
 
 def python_text(actuator: Actuator) -> str:
@@ -89,7 +131,7 @@ def mjcf_text(law: Law, bench: Bench, step: float) -> str:
     ranged = f' forcerange="{-limit:.6g} {limit:.6g}"' if math.isfinite(limit) else ""
     drives = f'<position name="servo" joint="joint" kp="{law.stiffness:.6g}"{ranged}/>'
     if law.punch > 0.0:  # a spring so stiff that it is at its limit from the first encoder steps on
-        steep, most = law.punch / _ONSET, law.punch
+        steep, most = law.punch / ONSET, law.punch
         drives += f"""
     <!-- takes the same command: the least torque once there is an error -->
     <position name="onset" joint="joint" kp="{steep:.6g}" forcerange="{-most:.6g} {most:.6g}"/>"""
