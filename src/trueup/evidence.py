@@ -12,6 +12,8 @@ from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
 
+BLOCKS = 6
+"""Parts that are left out in turn, at least: of fewer the spread is itself hardly known."""
 STANDARD_ERRORS = 2.0
 """A gain on left-out data counts from this many of its standard errors on: one chance in twenty of being none. L. Breiman,
 J. Friedman, R. Olshen, C. Stone, Classification and Regression Trees, 1984, section 3.4.3, prefer the simpler of two

@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 from trueup.evidence import STANDARD_ERRORS
 from trueup.noise import estimate_noise
 from trueup.recording import Channel
+from trueup.rounding import ROUNDED
 
 Array = NDArray[np.float64]
 
 _REACH = 0.25  # s to either side: what lies further off says nothing of an instant
 _GROWTH = 1.5  # each window holds so many times the samples of the one before
-_FEWEST = 4  # samples of a parabola that has a degree of freedom left
-_EXACT = 1e-9  # rad, m: least noise, of simulated recordings
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,12 +91,13 @@ def _samples(channel: Channel, label: str, time: float, order: int) -> tuple[Arr
     """(n,) instants of samples near `time`, from there on; (n, 3) what each is of value, speed and acceleration; (n,) the
     samples; both in units of their noise.
     """
+    fewest = 4  # samples of a parabola that has a degree of freedom left
     values = channel.column(label)
     good = np.flatnonzero(np.isfinite(values))
     away = np.abs(channel.time[good] - time)
-    near = good[np.argsort(away, kind="stable")[: max(_FEWEST, int((away <= _REACH).sum()))]]
+    near = good[np.argsort(away, kind="stable")[: max(fewest, int((away <= _REACH).sum()))]]
     t, one = channel.time[near] - time, np.ones(len(near))
-    noise = max(float(np.nan_to_num(_noise(channel)[channel.labels.index(label)])), _EXACT)
+    noise = max(float(np.nan_to_num(_noise(channel)[channel.labels.index(label)])), ROUNDED)
     rows = [one, t, 0.5 * t**2] if order == 0 else [0.0 * one, one, t]
     return t, np.stack(rows, axis=1) / noise, values[near] / noise
 

@@ -16,9 +16,7 @@ Array = NDArray[np.float64]
 
 # Orders of the differences. Low ones keep motion, high ones need many samples; motion only adds, so the least counts.
 _ORDERS = (2, 3, 4, 6, 8)
-_BLOCK = 40  # differences per block
 _FEWEST = 8  # samples below which nothing is estimated
-_LEVELS = 6  # distinct values needed to tell a grid
 
 
 def estimate_noise(values: ArrayLike, time: ArrayLike, grid: Sequence[float | None] | None = None) -> Array:
@@ -65,7 +63,7 @@ def estimate_grid(values: ArrayLike) -> float | None:
     fuzz = 3e-7 * float(np.abs(levels).max()) + TINY
     steps = np.diff(levels)
     steps = steps[steps > fuzz]
-    if steps.size < _LEVELS - 1:
+    if steps.size < 5:  # six distinct values are needed to tell a grid
         return None
     best = max((_refined(steps, s) for s in np.quantile(steps, [0.0, 0.01, 0.05, 0.25, 0.5])), default=0.0)
     if best <= 4.0 * fuzz or _is_printed(best, float(np.ptp(levels))):
@@ -83,10 +81,11 @@ def _scattered(columns: Array, time: Array) -> Array:
 
 def _scatter(columns: Array, time: Array, order: int) -> Array:
     """(k,) noise by divided differences: weights that annul polynomials below `order`, of unit norm."""
+    block = 40  # differences per block
     weights = _annulling(time, order)
     windows = sliding_window_view(columns, order + 1, axis=0)
     squares = np.einsum("tj,tkj->tk", weights, windows - windows[:, :, :1]) ** 2
-    blocks = max(1, len(squares) // _BLOCK)
+    blocks = max(1, len(squares) // block)
     if blocks < 3:
         return np.sqrt(np.mean(squares, axis=0))
     sizes = np.full(blocks, len(squares) // blocks) + (np.arange(blocks) < len(squares) % blocks)

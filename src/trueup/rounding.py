@@ -9,6 +9,10 @@ import numpy as np
 
 TINY = float(np.finfo(float).tiny)
 """Keeps quotients and logarithms of nothing finite, and changes nothing else."""
+NEGLIGIBLE = 1e-12
+"""What is smaller beside one is what rounding leaves of sums: a floor of variances and determinants, a ridge."""
+ROUNDED = 1e-9
+"""Relative: results of longer computations, or in SI units of robots, that differ by less are the same."""
 SAME_INSTANT = 1e-9
 """s: clocks are printed with a few decimals, and sums of steps round; instants closer than this are the same."""
 

@@ -102,6 +102,8 @@ ControllerFactory = Callable[[Array], Controller]
 """Makes the controller of b simulations from their controller parameters (b, m)."""
 
 
+STEP = 0.002
+"""s: integration step of a simulation unless told otherwise, as MuJoCo's models have it."""
 LOOK = 0.02
 """s from one look at the conditions to the next: a fall takes some tenths of a second."""
 

@@ -23,6 +23,7 @@ from trueup.articulated.kernels import ONSET
 from trueup.errors import OutputError
 from trueup.formats.aside import written_aside
 from trueup.formats.plain import finite
+from trueup.rounding import ROUNDED
 
 Array = NDArray[np.float64]
 
@@ -137,7 +138,7 @@ def mjcf_text(law: Law, bench: Bench, step: float) -> str:
     <position name="onset" joint="joint" kp="{steep:.6g}" forcerange="{-most:.6g} {most:.6g}"/>"""
     pendulum = bench.moment > 0.0 or not math.isnan(bench.mass)
     mass, length = (bench.mass, bench.length) if pendulum else (1.0, 0.0)
-    inertia = max(bench.inertia, 1e-9)
+    inertia = max(bench.inertia, ROUNDED)
     return f"""<mujoco model="servo on its bench">
   <!-- the setting of the servo's gain scales kp (and biasprm) in proportion -->
   <option timestep="{step:g}" integrator="implicitfast" gravity="0 0 {-bench.gravity:g}"/>

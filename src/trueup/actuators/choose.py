@@ -17,8 +17,6 @@ from trueup.parameters import Parameter
 Array = NDArray[np.float64]
 
 _QUICK = 8  # iterations that show what a structure promises
-_WAYS = 3  # models that are followed side by side
-_TRIED = 4  # structures that promise the most are fitted in earnest
 
 
 @dataclass(frozen=True)
@@ -113,6 +111,7 @@ def choose(chooser: Chooser, offered: Sequence[str], told: Callable[[str, float]
     It begins with friction under load, which four of four servos had that were studied for it (Duclusaud et al. 2025), and
     which stays unless left-out errors are as low without it.
     """
+    ways = 3  # models that are followed side by side
     beam = [chooser.plain((LOAD,))]
     best, asked, seen = beam[0], {}, {}
     while beam:
@@ -122,7 +121,7 @@ def choose(chooser: Chooser, offered: Sequence[str], told: Callable[[str, float]
                 asked[frozenset(parent.structures), name] = found = Asked.of(name, parent, child)
                 if found.kept:
                     grown[frozenset(child.structures)] = child
-        beam = sorted(grown.values(), key=lambda m: m.error)[:_WAYS]
+        beam = sorted(grown.values(), key=lambda m: m.error)[:ways]
         best = min([best, *beam], key=lambda m: m.error)
     answers = {name: a for (_, name), a in asked.items()}
     answers |= {name: a for (parent, name), a in asked.items() if parent == frozenset(best.structures)}
@@ -153,9 +152,10 @@ def _tried(
     if not promised:
         return {}
     bend = min(f.bend for f in promised.values())
+    most = 4  # structures that promise the most are fitted in earnest
     losses = chooser.problem.losses([f.values for f in promised.values()], bend, WINDOWS[-2])
     tried = {}
-    for name in [list(promised)[k] for k in np.argsort(losses)[:_TRIED]]:
+    for name in [list(promised)[k] for k in np.argsort(losses)[:most]]:
         key = frozenset((*parent.structures, name))
         if key not in seen:
             seen[key] = chooser.with_structure(parent, BY_NAME[name], promised[name])

@@ -11,19 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.actuators.bench import Run
-from trueup.actuators.replay import STEP, replay
+from trueup.actuators.replay import replay
 from trueup.actuators.structures import law_of
 from trueup.errors import CalibrationError
+from trueup.evidence import BLOCKS
 from trueup.parameters import Parameter, ParameterSpace
-from trueup.rounding import TINY
+from trueup.rounding import NEGLIGIBLE, TINY
 from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses, robust_weights
+from trueup.trial import STEP
 
 Array = NDArray[np.float64]
 
-BLOCKS = 6  # parts that are left out in turn, at least: of fewer the spread is itself hardly known
 WINDOWS = (0.3, 1.0, np.inf)  # s: strokes of a servo, motions of several, all
-_AGAIN = 4  # iterations of a fit that begins where the whole one ended
 _APART = 5e-3  # share of the box between which slopes are taken for intervals
 _NUDGE = 1e-3  # share of the box: a structure may be absent
 
@@ -141,11 +141,12 @@ def spread(problem: Problem, found: Found) -> Array:
     pulls = np.stack([slopes[a:b].T @ (root * misses[0])[a:b] for a, b in pairwise(edges)])
     curvature = slopes.T @ slopes
     between = B / (B - 1) * (pulls.T @ pulls)
-    size = max(float(np.trace(between) / max(np.trace(curvature), TINY)), 1e-12)
+    size = max(float(np.trace(between) / max(np.trace(curvature), TINY)), NEGLIGIBLE)
     inverse = np.linalg.inv(curvature + size * 12.0 * np.eye(n))
     return inverse @ (between + size**2 * 12.0 * np.eye(n)) @ inverse
 
 
 def left_out(problem: Problem, parameters: Sequence[Parameter], found: Found) -> list[dict[str, float]]:
     """Values of fits that never saw one block each; they begin where the whole one ended."""
-    return [dict(fit(problem, parameters, found.values, without=b, iterations=_AGAIN).values) for b in problem.blocks]
+    again = 4  # iterations of a fit that begins where the whole one ended
+    return [dict(fit(problem, parameters, found.values, without=b, iterations=again).values) for b in problem.blocks]

@@ -15,12 +15,13 @@ from trueup.actuators.choose import Chooser, Model, choose
 from trueup.actuators.experiment import Value, experiment
 from trueup.actuators.fit import Problem, spread
 from trueup.actuators.output import output_of
-from trueup.actuators.replay import STEP, replay
+from trueup.actuators.replay import replay
 from trueup.actuators.structures import BY_NAME, LIMIT, LIMITS, PUNCH, VISCOUS, Scales, declared, law_of
 from trueup.errors import CalibrationError, unknown_name
 from trueup.evidence import evidence, half_interval, jackknife
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
+from trueup.trial import STEP
 
 Array = NDArray[np.float64]
 

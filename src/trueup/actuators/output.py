@@ -11,7 +11,6 @@ import numpy as np
 from trueup.actuators.bench import Run
 
 _FIRMWARE = 0.99  # least correlation with the error by which a channel is the firmware's own output
-_FLAT = 5  # samples at the same highest value that make a limit
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ def output_of(runs: Sequence[Run]) -> Output | None:
     slope = float(error[low] @ value[low] / (error[low] @ error[low]))
     full, reached = top / slope, float(np.max(np.abs(error)))
     flat = int(np.sum(np.abs(value) == top))
-    if flat >= _FLAT and reached > 1.05 * full:
+    if flat >= 5 and reached > 1.05 * full:
         return Output(
             full, reached, f"the servo's output ends at {top:g}: full duty from an error of {full:.3g} rad on"
         )

@@ -16,10 +16,10 @@ from trueup.actuators.bench import Run
 from trueup.actuators.servo import STATES, Law
 from trueup.articulated.lone_joint import friction_force
 from trueup.rounding import whole_steps
+from trueup.trial import STEP
 
 Array = NDArray[np.float64]
 
-STEP = 2e-3  # s, as MuJoCo's models have it
 SOFTNESS = 1e-4  # (1 - d) / d of MuJoCo's dry friction at its hardest, d = 0.9999
 
 

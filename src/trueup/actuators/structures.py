@@ -11,6 +11,7 @@ import numpy as np
 from trueup.actuators.bench import Run
 from trueup.actuators.servo import Law
 from trueup.parameters import Parameter
+from trueup.rounding import NEGLIGIBLE, ROUNDED
 
 BASE = ("stiffness", "armature", "back_emf", "coulomb")
 """What every servo has: the balancing paper's eq. 2 and the rotor. A file in MJCF can hold them."""
@@ -86,13 +87,13 @@ class Scales:
             speeds.append(v)
             rates.append(a)
         top = (float(np.quantile(np.abs(np.concatenate(x)), 0.95)) for x in (torques, asked, speeds, rates))
-        torque, error, speed, rate = (max(x, 1e-9) for x in top)
+        torque, error, speed, rate = (max(x, ROUNDED) for x in top)
         return cls(torque, error, speed, rate, max(r.bench.about_axis for r in runs), most)
 
 
 def declared(scales: Scales) -> dict[str, Parameter]:
     """All parameters, with generous bounds: those of a law, but for `full_error` in place of its voltage limit."""
-    t, e, v, a, i = scales.torque, scales.error, scales.speed, scales.acceleration, max(scales.inertia, 1e-12)
+    t, e, v, a, i = scales.torque, scales.error, scales.speed, scales.acceleration, max(scales.inertia, NEGLIGIBLE)
     rows = (
         # name, unit, nominal, lower, upper, log
         ("stiffness", "N m/rad", 2.0 * t / e, 0.02 * t / e, 200.0 * t / e, 1),

@@ -10,6 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trueup.rounding import NEGLIGIBLE
+
 Array = NDArray[np.float64]
 
 COMPONENTS = ("alpha", "d1", "d2", "d3", "s12", "s23", "s13", "t1", "t2", "t3")
@@ -33,7 +35,7 @@ def log_cholesky(mass: ArrayLike, com: Array, inertia: Array) -> Array:
     masses = np.asarray(mass, dtype=np.float64)
     spread = 0.5 * np.trace(inertia, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - inertia
     # A rod or plate has no spread across: a millionth of the largest keeps the logarithms finite.
-    least = np.maximum(1e-6 * np.trace(spread, axis1=-2, axis2=-1), 1e-12)[..., None, None]
+    least = np.maximum(1e-6 * np.trace(spread, axis1=-2, axis2=-1), NEGLIGIBLE)[..., None, None]
     reverse = (spread + least * np.eye(3))[..., ::-1, ::-1]
     upper = np.linalg.cholesky(reverse)[..., ::-1, ::-1] / np.sqrt(masses)[..., None, None]
     d = np.log(np.diagonal(upper, axis1=-2, axis2=-1))

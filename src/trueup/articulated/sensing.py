@@ -18,8 +18,6 @@ Rows = NDArray[np.int64]
 Turn = Callable[[Array, Array], Array]
 """An orientation (b, m) turned by small angles (b, 3) in rad about the body's own axes."""
 
-_AHEAD = 64  # looks for which noise is drawn at once: generators are asked seldom, and little is kept
-
 
 @dataclass(frozen=True, eq=False)
 class Sense:
@@ -103,9 +101,10 @@ class Senses:
 
     def _next(self, number: int, streams: Streams, width: int) -> Array:
         """(b, width) standard normal numbers for the next look."""
-        block, used = self._blocks.get(number, (np.zeros(0), _AHEAD))
-        if used == _AHEAD:
-            block, used = streams.normal(_AHEAD, width), 0
+        ahead = 64  # looks for which noise is drawn at once: generators are asked seldom, and little is kept
+        block, used = self._blocks.get(number, (np.zeros(0), ahead))
+        if used == ahead:
+            block, used = streams.normal(ahead, width), 0
         self._blocks[number] = block, used + 1
         return block[:, used]
 

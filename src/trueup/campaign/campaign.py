@@ -40,14 +40,13 @@ from trueup.loop.optimize import Optimum, TrustRegion, optimize
 from trueup.loop.plausible import plausible
 from trueup.loop.transfer import best_known, mean_score
 from trueup.parameters import ParameterSpace
+from trueup.rounding import NEGLIGIBLE
 from trueup.tasks.task import Task, unit_of
 
 Array = NDArray[np.float64]
 E = TypeVar("E")
 
 _EXPERIMENT, _MODELS, _SEARCH = range(3)  # what a round's generators are for
-_SPARE = 4  # samples drawn for each that is kept
-_CHOICES = 24  # settings among which an experiment is chosen
 
 
 class Campaign:
@@ -129,13 +128,14 @@ class Campaign:
 
     def _models(self, number: int, belief: Belief) -> Array:
         """(p, n) what the simulator's parameters may be, less what the robot's scores so far rule out."""
+        spare = 4  # samples drawn for each that is kept
         plan, rng = self._plan.optimize, self._generator(number, _MODELS)
         units = [s.unit for s in self._scores]
         measured = np.array([mean_score(np.array(s.scores)) for s in self._scores])
         known = measured[np.isfinite(measured)]
         if plan.within == 0.0 or plan.samples == 1 or not len(known) or not (known > 0.0).all():
             return belief.sample(plan.samples, rng, widen=plan.widen)
-        many = belief.sample(_SPARE * plan.samples, rng, widen=plan.widen)
+        many = belief.sample(spare * plan.samples, rng, widen=plan.widen)
         tried = self._space.from_unit(np.array(units))
         return plausible(
             self._parts.task, self._parts.simulator, many, tried, measured, plan.samples, within=plan.within
@@ -156,12 +156,13 @@ class Campaign:
             if not self._scored() or self._room() < 1:
                 return
             best, _score = self._best()
-            tries = [s for s in self._scores if np.allclose(s.unit, best, atol=1e-12)]
+            tries = [s for s in self._scores if np.allclose(s.unit, best, atol=NEGLIGIBLE)]
             if sum(s.fell + int(np.isfinite(s.scores).sum()) for s in tries) > 1:
                 return
             self._scores += self._hardware.test(number, "confirm", best[None], plan.repeats, plan.again)
 
     def _experiment(self, number: int, region: TrustRegion, belief: Belief) -> None:
+        choices = 24  # settings among which an experiment is chosen
         plan = self._plan.experiment
         count = min(plan.settings if number == 1 else plan.later, self._room(plan.repeats))
         if count == 0:
@@ -170,7 +171,7 @@ class Campaign:
         units = region.centre[None] if number == 1 else np.zeros((0, len(region.centre)))
         more = count - len(units)
         if more > 0 and len(belief.unsure):
-            options = spread_settings(region, _CHOICES, rng)
+            options = spread_settings(region, choices, rng)
             known = () if number > 1 else (0,)
             choice = most_telling(self._parts.task, self._parts.simulator, belief, self._space.from_unit(options), more,
                                   noise=plan.noise, known=known)  # fmt: skip

@@ -15,8 +15,6 @@ from trueup.errors import PlanError, TrueupError, unknown_name
 from trueup.tasks.task import robot_trials
 from trueup.trial import Limits, Trial
 
-_ROWS = 2  # simulations side by side, so that a score of the wrong shape shows
-
 
 @contextmanager
 def blamed(what: str, kind: type[TrueupError]) -> Iterator[None]:
@@ -37,6 +35,7 @@ def rehearse(parts: Parts) -> str:
 
     Raises PlanError where task, simulator and limits do not fit together, and what the simulator raises.
     """
+    rows = 2  # simulations side by side, so that a score of the wrong shape shows
     task, simulator = parts.task, parts.simulator
     with blamed(f"task '{task.name}', before anything moved", PlanError):
         trials = robot_trials(task, task.parameters.nominal)
@@ -45,11 +44,11 @@ def rehearse(parts: Parts) -> str:
                 f"task '{task.name}': `planned` gives {len(trials)} trials, `trials` has {len(task.trials)}"
             )
         row = np.concatenate([simulator.parameters.nominal, task.parameters.nominal])
-        rollouts = simulator.rollout(task.trials, np.repeat(row[None], _ROWS, axis=0), task.controllers)
+        rollouts = simulator.rollout(task.trials, np.repeat(row[None], rows, axis=0), task.controllers)
         scores = np.asarray(task.score(rollouts), dtype=np.float64)
-    if scores.shape != (_ROWS,):
+    if scores.shape != (rows,):
         raise PlanError(
-            f"task '{task.name}': `score` gave shape {scores.shape} for {_ROWS} simulations; it must be (b,)"
+            f"task '{task.name}': `score` gave shape {scores.shape} for {rows} simulations; it must be (b,)"
         )
     if parts.limits is not None:
         _check_limits(parts.limits, trials)

@@ -20,7 +20,6 @@ from trueup.campaign.output import Output, fingerprint
 from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
 from trueup.commands.sources import (
-    STEP,
     add_engine,
     add_refuse,
     mapping_for,
@@ -35,6 +34,7 @@ from trueup.errors import ModelError
 from trueup.recording import Recording
 from trueup.report import replay_picture, write_report
 from trueup.report.writing import write_aside
+from trueup.trial import STEP
 
 if TYPE_CHECKING:
     from trueup.loop.calibrate import Options

@@ -21,7 +21,6 @@ from trueup.calibration import Ahead, Replay, pooled_rmse
 from trueup.campaign.output import free_folder
 from trueup.commands.replay_drives import drive_table, plain_drive, write_drives
 from trueup.commands.sources import (
-    STEP,
     add_engine,
     add_refuse,
     mapping_for,
@@ -38,7 +37,7 @@ from trueup.report import replay_picture
 from trueup.report.numbers import ratio_text, scale_for
 from trueup.report.replay_page import ahead_of, errors_of, scale_of, write_replay_report
 from trueup.report.writing import write_aside
-from trueup.trial import command_of
+from trueup.trial import STEP, command_of
 
 if TYPE_CHECKING:
     from trueup.loop.prepare import Comparison

@@ -23,10 +23,6 @@ Mapped = ChannelMap | Path | None
 """What says how columns become channels; None: guessed."""
 ENABLED = "torque_enable"
 """Channel that is zero while a drive is off."""
-STEP = 0.002
-"""s: the step of MuJoCo models unless told otherwise."""
-_LARGE = 5_000_000
-"""Bytes that take longer to read than one likes to wait without a word."""
 MAPPING = Path("mapping.toml")
 """The mapping that is used when none is named, in the current folder."""
 
@@ -75,12 +71,13 @@ def recordings_in(
 
 def _shown(paths: Sequence[Path], told: Console | None) -> Iterator[Path]:
     """The paths, with a bar on a terminal that says which is being read, by bytes, where they are large."""
+    large = 5_000_000  # Bytes that take longer to read than one likes to wait without a word
     if told is None or not told.is_terminal:
         yield from paths
         return
     each = ([p] if p.is_file() else [f for f in p.rglob("*") if f.is_file()] for p in paths)
     sizes = [sum(f.stat().st_size for f in files_in) for files_in in each]
-    if sum(sizes) < _LARGE:
+    if sum(sizes) < large:
         yield from paths
         return
     columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(24), DownloadColumn(), TimeElapsedColumn())

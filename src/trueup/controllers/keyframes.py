@@ -18,6 +18,7 @@ from trueup.controllers.controller import Observation
 from trueup.errors import ParameterError, unknown_name
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel
+from trueup.rounding import ROUNDED
 
 Array = NDArray[np.float64]
 
@@ -162,7 +163,7 @@ class Motion:
         for number, given in enumerate(self.intervals):
             needed = _PEAK[self.interpolation] * np.abs(poses[0, number + 1] - poses[0, number]) / given
             worst = int(np.argmax(needed / self.speeds))
-            if needed[worst] > self.speeds[worst] * (1.0 + 1e-9):
+            if needed[worst] > self.speeds[worst] * (1.0 + ROUNDED):
                 raise ParameterError(
                     f"interval {number + 1} of {given:.3g} s is too short: joint '{self.joints[worst]}' would need "
                     f"{needed[worst]:.3g} rad/s, its servo can do {self.speeds[worst]:.3g} rad/s; give at least "

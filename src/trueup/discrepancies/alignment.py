@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from trueup.errors import RecordingError
 from trueup.recording import Channel, Recording
+from trueup.rounding import NEGLIGIBLE
 from trueup.trial import command_of
 
 Array = NDArray[np.float64]
@@ -44,7 +45,7 @@ def lag(reference: Channel, delayed: Channel, *, longest: float = 0.5, hold: boo
         raise RecordingError(f"channels '{reference.name}' and '{delayed.name}' do not move: no lag can be seen")
     # Faded at both ends, so that what enters and leaves the overlap does not pull the peak.
     fade = np.hanning(len(grid) + 2)[1:-1]
-    a, b = (fade[:, None] * (x - x.mean(axis=0)) / (x.std(axis=0) + 1e-12) for x in (a, b))
+    a, b = (fade[:, None] * (x - x.mean(axis=0)) / (x.std(axis=0) + NEGLIGIBLE) for x in (a, b))
     width = int(longest / step)
     size = 1 << int(np.ceil(np.log2(len(grid) + width)))
     spectrum = np.fft.rfft(b, size, axis=0) * np.conj(np.fft.rfft(a, size, axis=0))
@@ -128,6 +129,6 @@ def _unexplained(recording: Recording, shift: float) -> float:
     if not labels or good.sum() < 10:
         return 1.0
     told, moved = told[good] - told[good].mean(axis=0), moved[good] - moved[good].mean(axis=0)
-    slope = (told * moved).sum(axis=0) / np.maximum((told**2).sum(axis=0), 1e-12)
-    scale = np.maximum((moved**2).sum(axis=0), 1e-12)
+    slope = (told * moved).sum(axis=0) / np.maximum((told**2).sum(axis=0), NEGLIGIBLE)
+    scale = np.maximum((moved**2).sum(axis=0), NEGLIGIBLE)
     return float(np.mean(((moved - slope * told) ** 2).sum(axis=0) / scale))

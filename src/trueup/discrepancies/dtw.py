@@ -12,6 +12,7 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from trueup.errors import RecordingError
+from trueup.rounding import ROUNDED
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -77,8 +78,8 @@ def _band(n: int, m: int, band: float) -> tuple[Indices, Indices]:
         slope = (m - 1) / (n - 1)
         # Narrower than this, paths of different lengths would have no way through.
         width = max(band * (m - 1), 0.5 * (1.0 + slope) if n != m else 0.0)
-        low = np.maximum(low, np.ceil((k - width) / (1.0 + slope) - 1e-9).astype(np.int64))
-        high = np.minimum(high, np.floor((k + width) / (1.0 + slope) + 1e-9).astype(np.int64))
+        low = np.maximum(low, np.ceil((k - width) / (1.0 + slope) - ROUNDED).astype(np.int64))
+        high = np.minimum(high, np.floor((k + width) / (1.0 + slope) + ROUNDED).astype(np.int64))
     return low, high
 
 

@@ -18,6 +18,7 @@ from trueup.discrepancies.dtw import dtw, dtw_path
 from trueup.engines.simulator import Rollout
 from trueup.errors import RecordingError, unknown_name
 from trueup.recording import Recording
+from trueup.rounding import NEGLIGIBLE
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -151,7 +152,7 @@ def _squares(p: Array, q: Array, reading: str, band: float, *, signed: bool = Fa
         i, j = pairs.T
         difference = q[j] - p[i]
         if reading == "accumulated":  # |d| = (dx^2 + dy^2) / |d|
-            share = 1.0 / np.maximum(np.linalg.norm(difference, axis=1), 1e-12)
+            share = 1.0 / np.maximum(np.linalg.norm(difference, axis=1), NEGLIGIBLE)
         else:
             share = np.full(len(pairs), (0.5 if reading == "separate" else 1.0) / len(pairs))
         found[:, axis] = np.bincount(i, difference[:, axis] ** 2 * share, len(p))

@@ -13,10 +13,9 @@ from trueup.discrepancies.discrepancy import measured_at
 from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Rollout
 from trueup.recording import Recording
+from trueup.rounding import ROUNDED
 
 Array = NDArray[np.float64]
-
-_ITERATIONS = 3  # the rotation enters almost linearly: start headings are measured to a few hundredths of a radian
 
 
 class RigidlyAligned:
@@ -41,6 +40,9 @@ class RigidlyAligned:
 
     def residual(self, real: Recording, simulated: Rollout) -> Array:
         """See Discrepancy."""
+        iterations = (
+            3  # the rotation enters almost linearly: start headings are measured to a few hundredths of a radian
+        )
         trial = simulated.trial
         if "position" not in simulated.channels or trial.observed["position"].labels != ("x", "y"):
             return self._weighted.residual(real, simulated)
@@ -49,7 +51,7 @@ class RigidlyAligned:
         moved["position"] = np.array(moved["position"])
         if "heading" in moved:
             moved["heading"] = np.array(moved["heading"])
-        for _ in range(_ITERATIONS):
+        for _ in range(iterations):
             self._turn(moved, measured)
         return self._weighted.residual(real, replace(simulated, channels=moved))
 
@@ -63,7 +65,7 @@ class RigidlyAligned:
         arms = points[:, good] - centre
         gap = measured["position"][good][None] - points[:, good] - shift
         above = weight * np.sum(arms[:, :, 0] * gap[:, :, 1] - arms[:, :, 1] * gap[:, :, 0], axis=1)
-        below = weight * np.sum(arms**2, axis=(1, 2)) + 1e-9
+        below = weight * np.sum(arms**2, axis=(1, 2)) + ROUNDED
         if "heading" in moved:
             known = np.isfinite(measured["heading"][:, 0])
             each = 1.0 / float(self.scale("heading", ("heading",))[0]) ** 2

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.recording import Recording
+from trueup.rounding import NEGLIGIBLE, ROUNDED
 
 Array = NDArray[np.float64]
 
@@ -59,7 +60,7 @@ def rotation_between(first: Array, second: Array) -> Array:
     ], axis=-1)  # fmt: skip
     sine = np.linalg.norm(vector, axis=-1)
     angle = 2.0 * np.arctan2(sine, np.abs(scalar))
-    factor = np.where(sine > 1e-9, angle / np.maximum(sine, 1e-12), 2.0) * np.where(scalar < 0.0, -1.0, 1.0)
+    factor = np.where(sine > ROUNDED, angle / np.maximum(sine, NEGLIGIBLE), 2.0) * np.where(scalar < 0.0, -1.0, 1.0)
     return vector * factor[..., None]
 
 

@@ -14,7 +14,6 @@ from itertools import pairwise
 import numpy as np
 
 _PATIENCE = 3.0  # times the expected time, after which a chunk counts as hung
-_ALONE = 3  # times that a single row may be lost before it is given up
 
 
 @dataclass(frozen=True)
@@ -147,11 +146,12 @@ class Chunks:
 
     def lost(self, chunk: Chunk, why: str) -> None:
         """A chunk did not come back: again, in pieces, after what was lost less often; a row that is alone is given up."""
+        alone = 3  # times that a single row may be lost before it is given up
         if len(chunk) > 1:
             size = 1 if chunk.losses else math.isqrt(len(chunk))
             edges = [*range(chunk.start, chunk.stop, size), chunk.stop]
             self._put_back(Chunk(a, b, int(b - a > 1)) for a, b in pairwise(edges))
-        elif chunk.losses + 1 < _ALONE:
+        elif chunk.losses + 1 < alone:
             self._put_back([replace(chunk, losses=chunk.losses + 1)])
         else:
             self._give_up(chunk, why)

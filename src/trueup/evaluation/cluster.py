@@ -24,7 +24,6 @@ from trueup.evaluation.worker import Reply, packed, work_on
 Array = NDArray[np.float64]
 
 _REPLY = 5.0  # s in which a finished reply must be here
-_PACKED = 32  # parts kept ready to be sent
 
 
 @dataclass(eq=False)
@@ -157,7 +156,7 @@ class Cluster:
         """The key of a part that is ready to be sent."""
         kept = self._parts.pop(id(part), None)
         self._parts[id(part)] = kept = (part, *packed(part)) if kept is None else kept
-        for old in list(self._parts)[:-_PACKED]:
+        for old in list(self._parts)[:-32]:  # so many are kept ready
             del self._parts[old]
         return kept[1]
 

@@ -28,7 +28,6 @@ from trueup.evaluation.evaluator import Outcome
 
 Array = NDArray[np.float64]
 
-_KEPT = 16  # parts that a worker holds at a time, those used last
 _SAME = ("trueup", "mujoco", "numpy", "numba", "scipy")
 
 
@@ -45,8 +44,9 @@ class Kept:
 
     def put(self, key: str, blob: bytes) -> None:
         """Takes a part as `packed` made it."""
+        kept = 16  # parts that a worker holds at a time, those used last
         self.parts[key] = pickle.loads(zlib.decompress(blob))  # from the client that this worker serves, as its code is
-        for old in list(self.parts)[:-_KEPT]:
+        for old in list(self.parts)[:-kept]:
             del self.parts[old]
 
 

@@ -16,8 +16,6 @@ from trueup.recording import Recording
 
 __all__ = ["ChannelColumns", "ChannelMap", "TimeColumn", "guess_mapping", "is_recording", "read", "write"]
 
-_FEWEST = 3
-"""Samples without which there is neither speed nor rate."""
 _SLOWEST, _FASTEST = 1e-3, 1e6
 """Hz: from one sample in a quarter of an hour to what oscilloscopes do."""
 Paths = str | Path | Sequence[str | Path]
@@ -67,11 +65,12 @@ def guess_mapping(source: Paths) -> ChannelMap:
 
 def _check_sampled(recording: Recording) -> None:
     """Raises FormatError for a channel that is no signal: of too few samples, or at a rate that nothing is sampled at."""
+    fewest = 3  # Samples without which there is neither speed nor rate
     for channel in recording.channels.values():
         where = f"'{recording.name}', channel '{channel.name}'"
-        if len(channel.time) < _FEWEST:
+        if len(channel.time) < fewest:
             count = f"{len(channel.time)} sample{'s' * (len(channel.time) != 1)}"
-            raise FormatError(f"{where}: {count}; at least {_FEWEST} are needed to tell how it moves")
+            raise FormatError(f"{where}: {count}; at least {fewest} are needed to tell how it moves")
         rate = (len(channel.time) - 1) / float(channel.time[-1] - channel.time[0])
         if not _SLOWEST <= rate <= _FASTEST:
             raise FormatError(

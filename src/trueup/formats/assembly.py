@@ -27,7 +27,6 @@ _BLANK = 0.4
 # The squares of such numbers overflow: damage, not a measurement.
 _ABSURD = 1e150
 # Tables of words with at most so many rows are lists of events.
-_EVENTS = 50
 
 
 def assemble(tables: Sequence[Table], mapping: ChannelMap, name: str, provenance: Mapping[str, str]) -> Recording:
@@ -248,9 +247,10 @@ def _from_zero(channels: Mapping[str, Channel]) -> tuple[dict[str, Channel], flo
 
 def _metadata(tables: Sequence[Table]) -> dict[str, str]:
     """Facts that stand beside the signals, and short lists of events."""
+    events = 50
     facts = {key: value for table in tables for key, value in table.metadata.items()}
     for table in tables:
-        if table.text and table.length <= _EVENTS:
+        if table.text and table.length <= events:
             columns = [[f"{value:g}" for value in v] for v in table.columns.values() if v.ndim == 1]
             rows = zip(*columns, *table.text.values(), strict=True)
             facts[f"events in {table.name}"] = "; ".join(" ".join(row) for row in rows)

@@ -16,7 +16,6 @@ from trueup.formats.table import Array, Table
 
 INFO = Path("meta", "info.json")
 """Where a LeRobot data set says what its columns hold, from its root."""
-_ABOVE = 4  # folders between a data file and the root of its set
 _COUNTERS = frozenset(["index", "frame", "episode", "task", "id"])
 _RUNS = frozenset(["run", "trial", "trip", "session", "drive", "route", "segment"])
 _WHICH = frozenset(["id", "number", "nr", "no", "name", "index"])
@@ -29,7 +28,8 @@ def is_description(folder: Path) -> bool:
 
 def described(table: Table, path: Path) -> Table:
     """The table with the names that the data set around its file gives to the numbers of list-valued columns."""
-    for root in list(path.absolute().parents)[:_ABOVE]:
+    above = 4  # folders between a data file and the root of its set
+    for root in list(path.absolute().parents)[:above]:
         if (root / INFO).is_file():
             return replace(table, named=_names(root / INFO, table))
     return table

@@ -13,8 +13,6 @@ import numpy as np
 from trueup.units import to_si
 
 _NAME_FIELDS = ("name", "names", "joint_names", "joint_name")
-_LONGEST = 256  # arrays beyond this are images, scans or maps
-_DEEPEST = 6
 _BESIDE = ("header", "time_from_start", "layout")
 _REPEATED = ("error", "output")  # of a controller's state: the difference of the rest, and what it told the drives
 
@@ -61,18 +59,20 @@ def _numbers(
     value: Any, name: str, joints: Sequence[str], depth: int, without: Sequence[str] = ()
 ) -> Iterator[tuple[str, float]]:
     """Every number below `value`, with the path of field names that leads to it; not the fields `without`."""
+    deepest = 6
+    longest = 256  # arrays beyond this are images, scans or maps
     if isinstance(value, (bool, int, float, np.number)):
         yield name, float(value)
     elif isinstance(value, np.ndarray):
-        if value.dtype.kind in "biuf" and 0 < value.size <= _LONGEST:
+        if value.dtype.kind in "biuf" and 0 < value.size <= longest:
             yield from _entries(name, value.ravel().tolist(), joints)
-    elif dataclasses.is_dataclass(value) and depth < _DEEPEST:
+    elif dataclasses.is_dataclass(value) and depth < deepest:
         for item in dataclasses.fields(value):
             if item.name in (*_BESIDE, *without) or item.name.startswith("__"):
                 continue
             path = f"{name}.{item.name}" if name else item.name
             yield from _numbers(getattr(value, item.name), path, joints, depth + 1)
-    elif isinstance(value, list) and 0 < len(value) <= _LONGEST and depth < _DEEPEST:
+    elif isinstance(value, list) and 0 < len(value) <= longest and depth < deepest:
         named = joints if len(joints) == len(value) else [str(i) for i in range(len(value))]
         for label, entry in zip(named, value, strict=True):
             yield from _numbers(entry, f"{name}/{label}", joints, depth + 1)

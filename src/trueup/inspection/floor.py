@@ -15,7 +15,6 @@ from trueup.trial import command_of
 
 Array = NDArray[np.float64]
 
-_POSES = 400  # of a recording that are looked at
 _SHORT = 0.01  # m above the commanded height: more than friction and sag explain
 _PLAINLY = 0.02  # m, reached at least once
 _SLOW = 0.02  # m/s of the lowest point: not on its way any more
@@ -74,7 +73,7 @@ def _reached(heights: Heights, recording: Recording) -> tuple[Array, Array, NDAr
     shared = [label for label in measured.labels if label in command.labels]
     if not shared:
         return None
-    time = position.time[:: max(1, len(position.time) // _POSES)]
+    time = position.time[:: max(1, len(position.time) // 400)]  # so many poses show where it stops
     own = measured.at(time)
     wanted = np.array(own)
     wanted[:, [measured.labels.index(label) for label in shared]] = command.select(shared).at(time, hold=True)

@@ -18,9 +18,7 @@ Array = NDArray[np.float64]
 _GAP = 1.75  # in median steps: one sample missing
 _JITTER = 0.2  # of a step in time: beyond, it is worth a word
 _MEASURED = ("position", "velocity", "torque", "current")
-_SMOOTHED = 16  # samples in a mean that shows slow motion under noise
 _STUCK_SECONDS, _STUCK_SAMPLES, _STUCK_SHARE = 0.15, 10, 0.02
-_FEW_LEVELS = 10  # a signal with fewer distinct values is a switch: resting at its highest is no saturation
 
 
 @dataclass(frozen=True)
@@ -175,24 +173,26 @@ def _repeats(channel: Channel) -> tuple[int, int]:
 
 
 def _is_motionless(column: Array, noise: float, step: float | None) -> bool:
+    smoothed = 16  # samples in a mean that shows slow motion under noise
     finite = column[np.isfinite(column)]
     if finite.size < 2:
         return True
     span = float(np.ptp(finite))
     if span == 0.0 or (step is not None and span <= 1.01 * step):
         return True
-    if finite.size < 20 * _SMOOTHED or not np.isfinite(noise):
+    if finite.size < 20 * smoothed or not np.isfinite(noise):
         return False
     # Means of white noise scatter little; a motion, which lasts, stays in them.
-    means = finite[: finite.size // _SMOOTHED * _SMOOTHED].reshape(-1, _SMOOTHED).mean(axis=1)
-    return float(np.std(means)) < 1.5 * noise / np.sqrt(_SMOOTHED) and float(np.std(finite)) < 1.3 * noise
+    means = finite[: finite.size // smoothed * smoothed].reshape(-1, smoothed).mean(axis=1)
+    return float(np.std(means)) < 1.5 * noise / np.sqrt(smoothed) and float(np.std(finite)) < 1.3 * noise
 
 
 def _is_saturated(channel: Channel, label: str, recording: Recording) -> bool:
     """Whether a column rests at its largest size for long; a position only where its command goes further."""
+    few_levels = 10  # a signal with fewer distinct values is a switch: resting at its highest is no saturation
     column = channel.column(label)
     finite = column[np.isfinite(column)]
-    if finite.size == 0 or len(np.unique(finite)) < _FEW_LEVELS:
+    if finite.size == 0 or len(np.unique(finite)) < few_levels:
         return False
     size = float(np.abs(finite).max())
     close = 1e-6 * size

@@ -17,8 +17,6 @@ _CORRELATED = 0.9
 """Correlation from which one signal is called a multiple of another: a fifth of its variance may be something else."""
 _TOLERANCE = 0.12
 """Relative, of a factor: units differ by more (rpm and rev/s beside rad/s by 1.5), delays and filters make less."""
-_FEWEST = 20
-"""Samples from which a correlation says something."""
 
 
 def factor(values: Array, reference: Array) -> float | None:
@@ -26,8 +24,9 @@ def factor(values: Array, reference: Array) -> float | None:
 
     The geometric mean of both regressions, which noise in one of them does not pull to zero.
     """
+    fewest = 20  # Samples from which a correlation says something
     good = np.isfinite(values) & np.isfinite(reference)
-    if np.count_nonzero(good) < _FEWEST:
+    if np.count_nonzero(good) < fewest:
         return None
     x, y = reference[good] - reference[good].mean(), values[good] - values[good].mean()
     sizes, together = float(np.sqrt(np.sum(x**2) * np.sum(y**2))), float(np.sum(x * y))

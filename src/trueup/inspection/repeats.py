@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trueup.ends import ENDED, ended
 from trueup.errors import RecordingError
 from trueup.recording import Channel, Recording, is_command, with_warnings
-from trueup.rounding import SAME_INSTANT
+from trueup.rounding import NEGLIGIBLE, SAME_INSTANT
 from trueup.trial import command_of
 
 Array = NDArray[np.float64]
@@ -127,7 +127,7 @@ def together(recordings: Sequence[Recording], name: str = "") -> Repeats:
 def _parting(time: Array, mean: Array, between: Array) -> float | None:
     """When the variance between runs, summed over labels, first exceeds that of their average over time."""
     moved = float(np.nansum(np.nanvar(mean, axis=0)))
-    apart = np.flatnonzero(np.nan_to_num(between).sum(axis=1) > max(moved, 1e-12))
+    apart = np.flatnonzero(np.nan_to_num(between).sum(axis=1) > max(moved, NEGLIGIBLE))
     return float(time[apart[0]]) if len(apart) else None
 
 

@@ -19,7 +19,6 @@ Array = NDArray[np.float64]
 
 HORIZONS = (0.1, 1.0)
 """s ahead that are judged, beside the next sample."""
-_STARTS = 60  # predictions of a recording
 _PAST, _FITTED = 200, 5  # samples before a start that tell of it, and of the place
 
 
@@ -43,7 +42,8 @@ def predicted_ahead(
         begin = begin[begin <= clock[-1] - horizons[1] if len(horizons) > 1 else begin <= clock[-1] - period]
         if not len(begin):
             continue
-        starts = begin[np.unique(np.linspace(0, len(begin) - 1, _STARTS).astype(int))]
+        count = 60  # predictions of a recording
+        starts = begin[np.unique(np.linspace(0, len(begin) - 1, count).astype(int))]
         trials = [_from(whole, recording, float(at), horizons) for at in starts]
         rows = [r for r in simulator.rollout(trials, values[None])]
         for name, observed in whole.observed.items():

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.loop.descent import Descent, Look, Watch
+from trueup.loop.descent import HELD, Descent, Look, Watch
 from trueup.loop.elsewhere import losses_at
 from trueup.loop.problem import Problem
 from trueup.loop.segment import labelled
@@ -27,7 +27,6 @@ GLANCE = 2.5  # s: the least of each recording that a first look takes
 _MOVED = (
     0.2  # share of the box by which parameters are moved to see what they change: a limit has no slope until it is met
 )
-_HELD = 3e-3  # least damping: what is weakly seen must not wander off in a first look
 
 
 @dataclass(frozen=True)
@@ -94,7 +93,7 @@ def _together(
 def _search(space: ParameterSpace, start: Array, part: Part, robust: float, tolerance: float) -> LeastSquares:
     free = [p for p in space.parameters if not p.frozen]
     ranges = [np.log(p.upper / p.lower) if p.scale == "log" else 0.0 for p in (free[k] for k in part.columns)]
-    return LeastSquares(start[part.columns], np.array(ranges), robust=robust, least_damping=_HELD, confirm=False,
+    return LeastSquares(start[part.columns], np.array(ranges), robust=robust, least_damping=HELD, confirm=False,
                         tolerance=tolerance)  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from trueup.calibration import TracePoint
 from trueup.errors import CalibrationError
 from trueup.loop.problem import Problem
 from trueup.parameters import ParameterSpace
+from trueup.rounding import NEGLIGIBLE
 from trueup.search.bounded_step import careful_difference
 from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses, robust_weights
@@ -24,10 +25,9 @@ Array = NDArray[np.float64]
 Progress = Callable[[TracePoint], None]
 Checkpoint = Callable[[dict[str, Any]], None]
 
-_HELD = 3e-3  # least damping of the first looks: what is weakly seen must not wander off before all data are in
+HELD = 3e-3  # least damping of the first looks: what is weakly seen must not wander off before all data are in
 _EXPLAINED = 2.0  # noise units of the residuals' rms: below, the model has the structure of the robot
 _SETTLED = 5e-3  # share of the loss: an approximation that gains less than this is not made anew
-_ROUNDS = 3  # approximations at most; then the real problem is searched, unless no such model explains the robot
 
 
 @dataclass
@@ -175,9 +175,10 @@ class Descent:
         """The last look where slopes come from a cheaper problem. The cheaper one is solved at the level of the real one,
         which is looked at again where that ends: one simulation of the real problem each time round.
         """
+        rounds = 3  # approximations at most; then the real problem is searched, unless no such model explains the robot
         begun, fine = self.point, self._residual(look.problem)
-        for left in reversed(range(_ROUNDS)):
-            confirm = left == _ROUNDS - 1
+        for left in reversed(range(rounds)):
+            confirm = left == rounds - 1
             near = self._level(look.cheap, fine)
             if near is None:
                 return self.descend(replace(look, cheap=look.problem))
@@ -227,7 +228,7 @@ class Descent:
         ranges = np.array([np.log(p.upper / p.lower) if p.scale == "log" else 0.0 for p in free])
         last = look.last
         return self.solver(
-            self.point, ranges, least_damping=1e-9 if last else _HELD, share=2e-2 if last else 3e-2, robust=self.robust,
+            self.point, ranges, least_damping=1e-9 if last else HELD, share=2e-2 if last else 3e-2, robust=self.robust,
             tolerance=look.tolerance, max_iterations=look.most, nudge=nudge, confirm=confirm and last,
             difference=careful_difference(None if self.search is None else self.search.residual, LeastSquares.difference),
             worth=lambda residual: look.problem.chance(residual) * len(free) * _patience(residual),
@@ -278,6 +279,6 @@ def _patience(residual: Array) -> float:
     """1 where the residuals are noise; up to 20 where no model of this kind gets near it, and the last percent of the
     replay error is not worth minutes of simulation.
     """
-    square = max(float(np.mean(residual**2)), 1e-12)
+    square = max(float(np.mean(residual**2)), NEGLIGIBLE)
     misfit = max(0.0, 1.0 - 1.0 / square)
     return 1.0 + 4.0 * misfit**4 * float(np.clip(0.1 * np.sqrt(square), 1.0, 5.0))

@@ -17,12 +17,12 @@ from trueup.errors import CalibrationError
 from trueup.loop.belief import Belief
 from trueup.loop.optimize import TrustRegion
 from trueup.recording import is_command
+from trueup.rounding import NEGLIGIBLE, ROUNDED
 from trueup.tasks.task import Task
 
 Array = NDArray[np.float64]
 
 _STEP = 0.02  # share of the box by which a parameter is moved to see its effect
-_MOST = 400  # samples of a channel that are looked at; more tell the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ def most_telling(
     if not len(belief.unsure):
         raise CalibrationError("no parameter of the simulator is unsure, so no run can tell anything about one")
     information = [_information(task, simulator, belief, row, noise) for row in np.atleast_2d(settings)]
-    now = np.linalg.inv(belief.covariance + 1e-12 * np.eye(len(belief.unsure)))
+    now = np.linalg.inv(belief.covariance + NEGLIGIBLE * np.eye(len(belief.unsure)))
     now = now + sum((information[k] for k in known), np.zeros_like(now))
     chosen: list[int] = []
     gains: list[float] = []
@@ -85,14 +85,15 @@ def _information(task: Task, simulator: Simulator, belief: Belief, setting: Arra
 
 
 def _seen(rollout: Rollout, noise: float) -> Array:
+    most = 400  # samples of a channel that are looked at; more tell the same
     rows = next(iter(rollout.channels.values())).shape[0]
     total = np.zeros((rows - 1, rows - 1))
     for name, values in rollout.channels.items():
         if is_command(name):
             continue
-        some = values[:, :: max(1, values.shape[1] // _MOST)]
+        some = values[:, :: max(1, values.shape[1] // most)]
         span = np.ptp(some[0], axis=0)
-        good = span > 1e-9
+        good = span > ROUNDED
         slopes = ((some[1:] - some[0]) / _STEP)[:, :, good] / (noise * span[good])
         flat = np.nan_to_num(slopes.reshape(rows - 1, -1))
         # Model errors last: the samples of a whole run are worth about as much as a hundredth of them would be.

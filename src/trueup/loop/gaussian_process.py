@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 from scipy.optimize import minimize
 
+from trueup.rounding import ROUNDED
+
 Array = NDArray[np.float64]
 
 
@@ -57,7 +59,7 @@ class GaussianProcess:
         if not len(y) or len(X) != len(y):
             raise ValueError(f"{len(y)} values at {len(X)} places are no measurements of a function")
         each = np.ones(len(y)) if counts is None else np.asarray(counts, dtype=np.float64)
-        size = max(float(np.sqrt(np.mean(y**2))), 1e-9)
+        size = max(float(np.sqrt(np.mean(y**2))), ROUNDED)
         apart = _apart(X, X)
         far = Prior(float(np.exp(np.sqrt(2.0)) * np.sqrt(X.shape[1])), float(np.sqrt(3.0)))
         priors = Prior(size, 1.0), far, noise or Prior(size / 3.0, 1.0)

@@ -21,14 +21,13 @@ from trueup.loop.descent import Fit, Watch, explained
 from trueup.loop.fit import REFINEMENT, fit
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.selection import compared
+from trueup.loop.ties import EXCERPT
 from trueup.loop.uncertainty import PRIOR, intervals, unit_covariance
 from trueup.loop.validate import by_stretch, cautious_errors
 from trueup.parameters import Parameter, ParameterSpace
 
 Array = NDArray[np.float64]
 
-_EXCERPT = 20.0  # s of motion in which structures are tried
-_TRIED = 2  # structures that are fitted, the best by their scores: each costs about as much as a quarter of the fit
 _SIZES = 10.0 ** np.arange(
     -3.75, 0.0, 0.75
 )  # shares of their range at which they are looked at: they have no slope at zero
@@ -68,14 +67,15 @@ def missing(problem: Problem, found: Fit) -> Missing | None:
     if explained(found.residual) or problem.eliminated or problem.duration > WORTH:
         return None
     part = problem
-    if problem.duration > _EXCERPT:
-        part = problem.shortened(_EXCERPT / len(problem.trials))
+    if problem.duration > EXCERPT:
+        part = problem.shortened(EXCERPT / len(problem.trials))
         found = fit(part, found.space, found.values, Watch(), stages=REFINEMENT)
     others = _structures(problem.simulator)
     looks = [_scanned(part.by(other), found, len(found.space), name) for name, other in others.items()]
     without = cautious_errors(part, found, by_stretch(part))
     worth, tried = part.chance(found.residual), []
-    for look in sorted(looks, key=lambda look: -look.gain)[:_TRIED]:
+    best = sorted(looks, key=lambda look: -look.gain)[:2]  # each costs about as much as a quarter of the fit
+    for look in best:
         if look.gain > worth * max(len(look.sizes), 1):
             fitted = _fitted(part.by(others[look.name]), found, look, without)
             if fitted is not None and fitted.shown.holds:

@@ -19,7 +19,6 @@ from trueup.search.robust import robust_losses, robust_weights
 Array = NDArray[np.float64]
 
 _REACH = 2.5  # standard deviations: 95 % intervals end at two
-_PAIRS = 5  # points looked at, each with its mirror image
 ROUGH = 0.15  # share of a wide difference that slopes do not explain; smooth problems stay below 0.05
 
 
@@ -31,9 +30,10 @@ def probed(problem: Problem, fit: Fit, seed: int) -> Fit:
     Where it leads is what an estimate from that side would be, so these ends scatter as estimates do. And among stairs
     that are higher all around than the bowl foretells, the lowest may be any where the bowl is no deeper than they are.
     """
+    pairs = 5  # points looked at, each with its mirror image
     problem = fit.near or problem
     search = ImplicitFiltering(fit.unit, fit.bend, fit.jacobian, fit.residual, chance=problem.chance, seed=seed)
-    points = search.around(_REACH, _PAIRS)
+    points = search.around(_REACH, pairs)
     weak = effects(fit) < NO_EFFECT
     points[:, weak] = fit.unit[weak]
     residuals = problem.residuals(fit.space.from_unit(points))

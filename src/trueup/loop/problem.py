@@ -24,7 +24,6 @@ from trueup.trial import Observed, Trial
 Array = NDArray[np.float64]
 
 # More residuals than this cost memory and time and hardly add knowledge: samples are thinned evenly.
-_MOST_RESIDUALS = 600_000
 
 
 FAITHFUL = 0.3
@@ -288,8 +287,9 @@ def _trial(simulator: Simulator, recording: Recording, channels: Sequence[str] |
 
 
 def _thinned(trials: Sequence[Trial]) -> Sequence[Trial]:
+    most_residuals = 600_000
     total = sum(len(o.time) * len(o.labels) for t in trials for o in t.observed.values())
-    stride = int(np.ceil(total / _MOST_RESIDUALS))
+    stride = int(np.ceil(total / most_residuals))
     if stride <= 1:
         return trials
     return [

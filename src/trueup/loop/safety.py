@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from trueup.engines.simulator import Rollout
 from trueup.errors import TrialError
 from trueup.recording import is_command
+from trueup.rounding import ROUNDED
 from trueup.trial import Limits, Trial
 
 Array = NDArray[np.float64]
 
-_SLACK = 1e-9
 _RANGE, _SPEED, _EFFORT = ("rad", "m"), ("rad/s", "m/s"), ("N m", "N")
 
 
@@ -69,8 +69,8 @@ def _beyond(limits: Limits, labels: Sequence[str], unit: str, values: Array, wor
         if not len(seen):
             continue
         for extreme, bad in (
-            (float(seen.min()), seen.min() < low - _SLACK),
-            (float(seen.max()), seen.max() > high + _SLACK),
+            (float(seen.min()), seen.min() < low - ROUNDED),
+            (float(seen.max()), seen.max() > high + ROUNDED),
         ):
             if bad:
                 found.append(f"'{label}' {words} {extreme:.4g} {unit} (allowed: {low:.4g} to {high:.4g})")

@@ -16,7 +16,6 @@ from trueup.trial import Observed, Trial
 Array = NDArray[np.float64]
 
 _RATE = 50.0  # Hz
-_TOGETHER = 4  # heights tried at once: an engine may take its time for each
 _FLOOR = 0.005  # m: contacts are soft by less; what rises by more was thrown out of something
 
 
@@ -30,10 +29,11 @@ def settled(
     holds the pose for `seconds`; the lowest height from which nothing throws it up, and from which it comes to rest, counts.
     Raises TrialError where the pose penetrates something at all of them, or does not come to rest.
     """
+    together = 4  # heights tried at once: an engine may take its time for each
     time = np.arange(round(seconds * _RATE) + 1) / _RATE
     restless, broken = list[TrialError](), list[str]()
-    for first in range(0, len(heights), _TOGETHER):
-        some = sorted(heights)[first : first + _TOGETHER]
+    for first in range(0, len(heights), together):
+        some = sorted(heights)[first : first + together]
         trials = [
             _let_down(tuple(joints), pose, (*at, float(z)), (roll, pitch), time, f"{name} from {z:.4g} m") for z in some
         ]

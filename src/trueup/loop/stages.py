@@ -23,8 +23,6 @@ from trueup.search.least_squares import LeastSquares
 
 Array = NDArray[np.float64]
 
-_ROUNDS = 4  # of corrections of the starts, each of which halves what slopes do not foretell
-
 
 @dataclass
 class Run:
@@ -178,6 +176,7 @@ def multiple_shooting(run: Run) -> None:
 
     Where noise at the starts moves the estimates by less than all else leaves them unsure, it is added to that.
     """
+    rounds = 4  # of corrections of the starts, each of which halves what slopes do not foretell
     before, values = run.found, run.descent.space.from_unit(run.descent.point)
     starts = Starts.as_measured(run.seen, values)
     shot = _shot(run, starts, values, bent=False)
@@ -187,7 +186,7 @@ def multiple_shooting(run: Run) -> None:
     if np.all(np.diag(scatter) < np.diag(own)):
         run.ended = replace(before, scatter=scatter)
         return
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         shot = _shot(run, starts, values, bent=True)
         coarse = run.coarse.with_starts(shot.trials, shot.eliminated)
         run.problem, run.coarse, run.ended = shot, shot if run.coarse is run.problem else coarse, None

@@ -26,7 +26,7 @@ from trueup.rounding import TINY
 Array = NDArray[np.float64]
 
 _STEP = 1e-3  # share of its value or range by which a quantity is moved
-_EXCERPT = 20.0  # s of motion: what is parallel is so in every motion
+EXCERPT = 20.0  # s of motion: what is parallel, or lacking, is so in every motion
 
 
 @dataclass(frozen=True)
@@ -118,10 +118,10 @@ def _related(simulator: Simulator) -> Simulator | None:
 
 
 def _excerpt(problem: Problem) -> tuple[list[int], float]:
-    """Trials of `_EXCERPT` s in all, the shortest first, or all where starts are eliminated; their share of the residuals."""
+    """Trials of `EXCERPT` s in all, the shortest first, or all where starts are eliminated; their share of the residuals."""
     order = sorted(range(len(problem.trials)), key=lambda k: problem.trials[k].duration)
     lasting = np.cumsum([problem.trials[k].duration for k in order])
-    some = sorted(order[: len(order) if problem.eliminated else int(np.searchsorted(lasting, _EXCERPT)) + 1])
+    some = sorted(order[: len(order) if problem.eliminated else int(np.searchsorted(lasting, EXCERPT)) + 1])
     sizes = [problem.columns(k).stop - problem.columns(k).start for k in range(len(problem.trials))]
     return some, sum(sizes[k] for k in some) / sum(sizes)
 

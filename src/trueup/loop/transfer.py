@@ -19,12 +19,11 @@ from trueup.loop.ranking import Agreement, agreement
 from trueup.loop.safety import require_safe
 from trueup.recording import Recording
 from trueup.robots.robot import Robot
+from trueup.rounding import ROUNDED
 from trueup.tasks.task import DoneOrNot, Task, robot_scores, robot_trials
 from trueup.trial import Limits, Trial
 
 Array = NDArray[np.float64]
-
-_REPLAYED = 4  # times as many candidates are replayed as are taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +48,10 @@ def shortlist(
     Of a task that is done or not (`tasks.task.DoneOrNot`) four times as many are replayed under noise over all models, and
     those that succeed in most replays are taken: the best score may be luck.
     """
+    replayed = 4  # times as many candidates are replayed as are taken
     width = float((region.high - region.low).max())
     if isinstance(task, DoneOrNot):
-        most = np.array(optimum.distinct(_REPLAYED * count, apart * width), dtype=np.int64)
+        most = np.array(optimum.distinct(replayed * count, apart * width), dtype=np.int64)
         values = task.parameters.from_unit(optimum.unit[most])
         steady = steadiness(task, simulator, models, values, np.random.default_rng(0))
         rows = most[np.argsort(-steady, kind="stable")][:count]
@@ -61,7 +61,7 @@ def shortlist(
     if not incumbent:
         return Shortlist(unit, means, spreads, -1)
     now = judge(task, simulator, models, region.centre, correction=correction)
-    new = np.abs(unit - region.centre).max(axis=1) > 1e-9
+    new = np.abs(unit - region.centre).max(axis=1) > ROUNDED
     return Shortlist(
         np.concatenate([region.centre[None], unit[new]]), np.concatenate([now.means, means[new]]),
         np.concatenate([now.spreads, spreads[new]]), 0,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from trueup.calibration import NORMAL_95
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
-from trueup.rounding import TINY
+from trueup.rounding import NEGLIGIBLE, TINY
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ def unit_covariance(problem: Problem, fit: Fit) -> Array:
         counts = segment.shaped(fit.weights)
         for j in range(len(segment.labels)):
             spread += _series(slopes[:, :, j].T, errors[:, j], counts[:, j], segment.mask[:, j])
-    size = max(float(np.trace(spread)) / max(float(np.trace(curvature)), TINY), 1e-12)
+    size = max(float(np.trace(spread)) / max(float(np.trace(curvature)), TINY), NEGLIGIBLE)
     inverse = np.linalg.inv(curvature + size * PRIOR * np.eye(len(curvature)))
     covariance = inverse @ (spread + size**2 * PRIOR * np.eye(len(curvature))) @ inverse
     return covariance if fit.scatter is None else covariance + fit.scatter
@@ -83,7 +83,7 @@ def _series(slopes: Array, errors: Array, weights: Array, given: NDArray[np.bool
     if int(given.sum()) < 3:
         return np.zeros((slopes.shape[1], slopes.shape[1]))
     autocovariance = _autocovariance(errors * weights, given)
-    autocovariance /= max(float(np.mean(weights[given] ** 2)), 1e-12)
+    autocovariance /= max(float(np.mean(weights[given] ** 2)), NEGLIGIBLE)
     if len(autocovariance) == 1:
         return autocovariance[0] * (slopes.T @ slopes)
     kernel = np.concatenate([autocovariance[:0:-1], autocovariance])

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.evidence import BLOCKS
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR
@@ -18,7 +19,6 @@ from trueup.search.robust import robust_losses
 
 Array = NDArray[np.float64]
 
-_BLOCKS = 6  # parts that are left out in turn, at least: of fewer the spread is itself hardly known
 _REACH = 0.5  # share of the box: slopes foretell nothing further away
 _SHORTER = np.array([1.0, 0.25, 0.0625, 0.0])  # shares of a step
 _STRETCH, _FEWEST, _FOLDS, _HALVINGS = 2.5, 16, 10, 4  # s, stretches at least, sets of them that are left out in turn
@@ -50,7 +50,7 @@ def by_recording(problem: Problem) -> list[Block]:
 def by_stretch(problem: Problem) -> list[Block]:
     """Blocks as `by_recording`, each cut into as many stretches of time as it takes to have enough of them."""
     whole = by_recording(problem)
-    parts = int(np.ceil(_BLOCKS / len(whole)))
+    parts = int(np.ceil(BLOCKS / len(whole)))
     cut = [Block(b.trials, _rows(problem, b.trials, part, parts)) for b in whole for part in range(parts)]
     return [block for block in cut if len(block.rows)]
 

@@ -31,9 +31,7 @@ Told = Callable[[int, float], None]
 """Candidates tried, and the lowest loss."""
 
 _BEND = 5.0  # residuals from which losses grow linearly: one fall is not all
-
-
-_SPREAD = 0.25  # of the prior, as a share of the box
+SPREAD = 0.25  # of the prior, as a share of the box
 _DAMPINGS = np.array([0.01, 0.1, 1.0, 10.0, 100.0])
 _STEP = 0.01  # share of the box over which slopes are taken: contacts have none over less
 
@@ -66,7 +64,7 @@ def whole_runs(
         candidates = search.ask()
         values = space.from_unit(candidates)
         seen = np.mean([losses(problem, values) for problem in problems], axis=0)
-        seen = seen + prior * np.sum(((candidates - begin) / _SPREAD) ** 2, axis=1)
+        seen = seen + prior * np.sum(((candidates - begin) / SPREAD) ** 2, axis=1)
         search.tell(candidates, seen)
         kept += zip(np.nan_to_num(seen, nan=np.inf).tolist(), candidates, strict=True)
         if told is not None:
@@ -75,7 +73,7 @@ def whole_runs(
     points = np.array([p for _, p in best])[np.arange(members) % len(best)]
     if not descents:
         return WholeRuns(space.from_unit(points[:1]), np.array([best[0][0]]), problems[0].evaluations)
-    centres = begin + 0.5 * _SPREAD * rng.standard_normal(points.shape) * (np.arange(members) > 0)[:, None]
+    centres = begin + 0.5 * SPREAD * rng.standard_normal(points.shape) * (np.arange(members) > 0)[:, None]
     descent = _Descent(problems, space, np.clip(centres, 0.0, 1.0), prior)
     points, found = descent.run(np.clip(points, 0.01, 0.99), descents, told)
     order = np.argsort(found)
@@ -124,7 +122,7 @@ class _Descent:
         """(5, n) the next point with several dampings; `slopes` are (n, m)."""
         share = self._weights * np.sqrt(robust_weights(residual, _BEND))
         slopes = np.where(np.isfinite(slopes), slopes, 0.0) * share
-        pull = self._prior / _SPREAD**2
+        pull = self._prior / SPREAD**2
         normal = slopes @ slopes.T + pull * np.eye(len(point))
         slope = slopes @ (residual * share) + pull * (point - centre)
         steps = [np.linalg.solve(normal + x * np.diag(np.diag(normal)), slope) for x in lambdas]
@@ -137,7 +135,7 @@ class _Descent:
         return np.where(np.isfinite(found), found, 10.0 * _BEND)
 
     def _losses(self, residuals: Array, points: Array, members: NDArray[np.int64]) -> Array:
-        away = np.sum(((points - self._centres[members]) / _SPREAD) ** 2, axis=1)
+        away = np.sum(((points - self._centres[members]) / SPREAD) ** 2, axis=1)
         return _robust(residuals, self._weights) + self._prior * away
 
 

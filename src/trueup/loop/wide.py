@@ -17,8 +17,6 @@ from trueup.search.robust import robust_weights
 Array = NDArray[np.float64]
 
 _LOOKS = (8.0, 32.0)  # standard deviations
-_PAIRS = 3  # at each
-_ROUNDS = 3  # of looking wide and going down from there
 _GAIN = 0.01  # share of the loss: for less it is not searched again from a lower place
 _GROSS = 10.0  # noise units of the residuals' rms beyond which the model is wrong by far more than stairs could explain
 
@@ -28,9 +26,10 @@ def widened(problem: Problem, fit: Fit, seed: int = 0, robust: float = 3.0) -> F
 
     Costs twelve simulations where the loss is smooth, and none where the model is nowhere near the recordings.
     """
+    rounds = 3  # of looking wide and going down from there
     if np.sqrt(np.mean(fit.residual**2)) > _GROSS:
         return fit
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         wider = _wider(problem, fit, seed)
         if wider.loss > (1.0 - _GAIN) * fit.loss:
             return wider
@@ -59,5 +58,6 @@ def _wider(problem: Problem, fit: Fit, seed: int) -> Fit:
 
 def _roughness(problem: Problem, fit: Fit, search: ImplicitFiltering) -> float:
     """Which share of differences across the optimum its slopes do not explain, in the worse of the looks."""
-    looks = [search.around(width, _PAIRS) for width in _LOOKS]
+    pairs = 3  # at each
+    looks = [search.around(width, pairs) for width in _LOOKS]
     return max(unexplained(points, problem.residuals(fit.space.from_unit(points)), fit.jacobian) for points in looks)

@@ -17,8 +17,6 @@ from trueup.trial import Trial
 Array = NDArray[np.float64]
 
 _GROWTH = np.log(5.0)  # so many times an error at the start of a window may grow in it
-_FEWEST = 8  # samples in a window
-_PARTS = 4  # windows that a recording is cut into to see how fast errors grow: all kinds of motion have their say
 
 
 def window_length(problem: Problem, values: Array) -> float:
@@ -29,10 +27,11 @@ def window_length(problem: Problem, values: Array) -> float:
     unstable does, at the rate of its largest Lyapunov exponent (A. Wolf et al., Physica D 16(3), 1985). Runs under a
     controller of the simulator's own begin only where it does, unless windows of some length are asked for.
     """
+    parts = 4  # windows that a recording is cut into to see how fast errors grow: all kinds of motion have their say
     if any(t.command is None for t in problem.trials):
         return np.inf
     longest = max(t.duration for t in problem.trials)
-    for length in (longest / _PARTS, longest):
+    for length in (longest / parts, longest):
         reached = _reached(in_windows(problem, length), values)
         if np.isfinite(reached):
             return reached
@@ -52,8 +51,9 @@ def in_windows(problem: Problem, length: float) -> Problem:
 
 
 def _cut(trial: Trial, length: float, period: float) -> list[Trial]:
+    fewest = 8  # samples in a window
     samples = max(len(o.time) for o in trial.observed.values())
-    count = max(1, min(round(trial.duration / length), samples // _FEWEST))
+    count = max(1, min(round(trial.duration / length), samples // fewest))
     step = trial.duration / count
     # A controller's commands are due at multiples of its period.
     begins = step * np.arange(count) if not period else period * np.round(step / period * np.arange(count))

@@ -17,13 +17,11 @@ from numpy.typing import NDArray
 
 from trueup.errors import CalibrationError
 from trueup.loop.problem import Problem
-from trueup.loop.whole_runs import weights
+from trueup.loop.whole_runs import SPREAD, weights
 from trueup.parameters import ParameterSpace
 
 Array = NDArray[np.float64]
 
-SPREAD = 0.25
-"""Of what is believed of a parameter, as a share of its box: as in `whole_runs`."""
 _STEP = 0.01  # share of the box by which a parameter is moved to see its effect
 _SAMPLES = 50.0
 """Independent samples that a channel of a whole run is worth: what `whole_runs` weighs against its prior (1 / 0.02)."""

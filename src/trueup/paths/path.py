@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trueup.errors import RecordingError, unknown_name
 from trueup.paths.speed import SpeedLimits, speed_profile
-from trueup.rounding import first_step
+from trueup.rounding import ROUNDED, first_step
 from trueup.trial import Reference
 
 Array = NDArray[np.float64]
@@ -72,7 +72,7 @@ class Path:
         given = np.asarray(points, dtype=np.float64)
         if given.ndim != 2 or given.shape[1:] != (2,):
             raise RecordingError(f"path '{name}' needs points (N, 2); got an array of {given.shape}")
-        keep = np.concatenate([[True], np.hypot(*np.diff(given, axis=0).T) > 1e-9])
+        keep = np.concatenate([[True], np.hypot(*np.diff(given, axis=0).T) > ROUNDED])
         wanted = np.broadcast_to(np.asarray(speed, dtype=np.float64), (len(given),))[keep]
         given = given[keep]
         if len(given) < 2 or not np.isfinite(given).all():

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import RecordingError
+from trueup.rounding import NEGLIGIBLE
 
 Array = NDArray[np.float64]
 
@@ -46,7 +47,7 @@ def speed_profile(arc: Array, curvature: Array, wanted: Array, limits: SpeedLimi
     Curves first (v^2 |curvature| <= lateral), then forward with the acceleration and backward with the deceleration
     limit: v_next^2 <= v^2 + 2 a ds.
     """
-    bend = np.maximum(np.abs(curvature), 1e-12)
+    bend = np.maximum(np.abs(curvature), NEGLIGIBLE)
     speed = np.minimum(np.minimum(wanted, limits.highest), np.sqrt(limits.lateral / bend))
     if limits.start is not None:
         speed[0] = min(speed[0], limits.start)

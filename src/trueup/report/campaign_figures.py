@@ -12,8 +12,6 @@ from trueup.report.numbers import shortened, significant
 from trueup.report.plots import AFTER, BEFORE, FAINT, INK, SOFT, Plot, span
 
 _ROUNDS = "round"
-_APART = 14
-"""Pixels between numbers that can be read."""
 
 
 def score_figure(history: History) -> Markup:
@@ -81,6 +79,7 @@ def parameter_figures(history: History) -> Markup:
 
 def ranking_figure(history: History) -> Markup:
     """What the simulator expected of each candidate against what the robot did; the diagonal is agreement."""
+    apart = 14  # Pixels between numbers that can be read
     pairs = [(r.begun.round, p, m) for r in history.rounds if r.validated is not None
              for p, m in zip(r.validated.predicted, r.validated.measured, strict=True) if math.isfinite(m)]  # fmt: skip
     both = span([x for _, p, m in pairs for x in (p, m)], margin=0.15)
@@ -92,7 +91,7 @@ def ranking_figure(history: History) -> Markup:
             (p, m), AFTER if r == last else SOFT, title=f"round {r}: expected {significant(p)}, was {significant(m)}"
         )
         place = plot.at((p, m))
-        if all(math.dist(place, other) > _APART for other in written):  # numbers would cover each other
+        if all(math.dist(place, other) > apart for other in written):  # numbers would cover each other
             plot.text((p, m), str(r), above=7)
             written.append(place)
     return tag("div", plot.svg("Expected against measured scores"), style="max-width:640px")

@@ -41,8 +41,6 @@ SAMPLES = 1600
 """Samples of a line in a picture: about two for each pixel."""
 MARGIN = 0.06
 """Share of a range that an axis leaves free on both sides."""
-OVERFLOW = 100
-"""Heights of a box that a curve may leave it by; far beyond, renderers draw nonsense."""
 
 _FONT = "system-ui, 'Helvetica Neue', 'Liberation Sans', Arial, sans-serif"
 
@@ -66,7 +64,8 @@ class Box:
 
     def y(self, values: Array) -> Array:
         """Pixels from the top of `values` on the vertical axis."""
-        part = np.clip((values - self.y0) / ((self.y1 - self.y0) or 1.0), -OVERFLOW, OVERFLOW)
+        overflow = 100  # Heights of a box that a curve may leave it by; far beyond, renderers draw nonsense
+        part = np.clip((values - self.y0) / ((self.y1 - self.y0) or 1.0), -overflow, overflow)
         return self.bottom - part * (self.bottom - self.top)
 
     def curve(self, x: Array, y: Array, colour: str, *, width: float = LINE, dash: str | None = None) -> Markup:

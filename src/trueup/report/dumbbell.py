@@ -10,6 +10,7 @@ from trueup.report.marks import mark_texts, nice_marks, spans_decades
 from trueup.report.markup import Markup, tag
 from trueup.report.numbers import Scale, significant, with_unit
 from trueup.report.summary import Score
+from trueup.rounding import ROUNDED
 
 
 class Axis:
@@ -39,7 +40,7 @@ class Axis:
         """Round values to write on the axis."""
         if self.log:
             first = round(math.log10(self.low))
-            decades = [10.0**d for d in range(first, math.floor(math.log10(self.high) + 1e-9) + 1)]
+            decades = [10.0**d for d in range(first, math.floor(math.log10(self.high) + ROUNDED) + 1)]
             return decades[:: max(1, math.ceil(len(decades) / 6))]
         return nice_marks(0.0, self.high, 6)
 

@@ -17,18 +17,16 @@ from trueup.report.numbers import Scale, scale_for
 from trueup.report.spectra import amplitude_density, error_by_speed, white_density
 from trueup.report.summary import Comparison, column_score, comparisons, noise_of, pooled_score
 
-MOST_IN_ALL = 400_000
-"""Samples of all lines together at most, which keeps the file small enough to mail."""
-
 FAR = 1e6
 """Clocks further from zero than this (seconds of an epoch) are shown from the start of the recording."""
 
 
 def figure_data(calibration: Calibration) -> dict[str, Any]:
     """All that the figures need, ready for JSON: replays, search trace and correlations."""
+    most_in_all = 400_000  # Samples of all lines together at most, which keeps the file small enough to mail
     groups = comparisons(calibration)
     columns = sum(len(r.labels) for r in calibration.replays)
-    most = max(SAMPLES, MOST_IN_ALL // max(columns, 1))
+    most = max(SAMPLES, most_in_all // max(columns, 1))
     replays = [_replay(r, error_scale(group), most) for group in groups for r in group.ordered]
     correlation = correlations(calibration)
     return {

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from trueup.report.numbers import fixed
+from trueup.rounding import ROUNDED
 
 
 def nice_marks(low: float, high: float, most: int) -> list[float]:
@@ -16,7 +17,7 @@ def nice_marks(low: float, high: float, most: int) -> list[float]:
         return [low]
     magnitude = 10.0 ** (math.floor(math.log10(high - low)) - 2)
     for step in (f * magnitude * 10.0**d for d in range(5) for f in (1.0, 2.0, 5.0)):
-        first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+        first, last = math.ceil(low / step - ROUNDED), math.floor(high / step + ROUNDED)
         if last - first + 1 <= most:
             return [i * step for i in range(first, last + 1)]
     return [low, high]
@@ -30,5 +31,5 @@ def spans_decades(low: float, high: float) -> bool:
 def mark_texts(marks: Sequence[float]) -> list[str]:
     """The marks with as many decimals as their distance needs."""
     distance = min((b - a for a, b in pairwise(marks)), default=abs(marks[0]) if marks else 1.0)
-    decimals = max(0, -math.floor(math.log10(distance) + 1e-9)) if distance > 0 else 0
+    decimals = max(0, -math.floor(math.log10(distance) + ROUNDED)) if distance > 0 else 0
     return [fixed(m, decimals) for m in marks]

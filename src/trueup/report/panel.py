@@ -32,8 +32,6 @@ class Panel:
 
 _MOTION, _GAP, _NUMBERS = 126, 14, 64
 """Pixels: from the panel's top to the end of the motion, between it and the error, and left of both for numbers."""
-_RUN_AWAY = 15
-"""Times its own range that the error after calibration leaves to the error before it."""
 _LOOKS = {"command": (1.0, "4 3"), "measured": (1.25 * LINE, None)}
 """Width and dashes of lines that are not drawn as the others."""
 
@@ -72,13 +70,14 @@ def replay_panel(
 def _boxes(
     panel: Panel, start: float, stop: float, lines: dict[str, Array], errors: dict[str, Array]
 ) -> tuple[Box, Box]:
+    run_away = 15  # Times its own range that the error after calibration leaves to the error before it
     left, right = panel.x + _NUMBERS, panel.x + panel.width - EDGE
     top, split, bottom = panel.y + 22, panel.y + _MOTION, panel.y + panel.height - FOOT
     stop = stop if stop > start else start + 1.0
     upper = Box(
         left, right, top, split, start, stop, *_range([lines[k] for k in lines if k != "before"], lines["before"])
     )
-    low, high = _range([errors["after"]], errors["before"], spare=_RUN_AWAY)
+    low, high = _range([errors["after"]], errors["before"], spare=run_away)
     size = max(abs(low), abs(high))
     return upper, Box(left, right, split + _GAP, bottom, start, stop, -size, size)
 

@@ -31,7 +31,6 @@ from trueup.report.parts import (
 from trueup.report.picture import replay_picture
 from trueup.report.writing import write_aside
 
-_SHOWN = 6  # recordings with a picture; the others are files beside
 _STYLE = """
 figure.replay { overflow-x: auto; margin: 0 0 20px; }
 figure.replay svg { width: 100%; min-width: 560px; height: auto; }
@@ -43,10 +42,11 @@ def write_replay_report(
     notes: Sequence[str] = (), context: Mapping[str, str] | None = None,
 ) -> Path:  # fmt: skip
     """Writes the report of `replays` (`before` is that of `against`, '' for none) to an HTML file. Raises OutputError."""
+    shown = 6  # recordings with a picture; the others are files beside
     kinds = dict.fromkeys((r.channel, r.unit) for r in replays)
     groups = [[r for r in replays if (r.channel, r.unit) == kind] for kind in kinds]
     names = {"before": against, "after": model}
-    worst = sorted(groups[0], key=lambda r: -pooled_rmse([r], after=True))[:_SHOWN]
+    worst = sorted(groups[0], key=lambda r: -pooled_rmse([r], after=True))[:shown]
     drawn = tag("div", [tag("figure", Markup(replay_picture(r, names=names)), class_="replay") for r in worst])
     parts = [
         Section("far", "How far?", "How far is the model from the recordings?", _headline(groups, against)),

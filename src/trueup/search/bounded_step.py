@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.noise import spread
-from trueup.rounding import TINY
+from trueup.rounding import NEGLIGIBLE, ROUNDED, TINY
 
 Array = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ def damped_step(curvature: Array, slope: Array, damping: float, at: Array) -> Ar
     """
     n = len(slope)
     diagonal = np.diag(curvature)
-    floor = 1e-9 * max(float(diagonal.max()), TINY)
+    floor = ROUNDED * max(float(diagonal.max()), TINY)
     damped = curvature + np.diag(damping * (diagonal + floor) + floor)
     free = np.ones(n, dtype=bool)
     step = np.zeros(n)
@@ -47,7 +47,7 @@ def damped_step(curvature: Array, slope: Array, damping: float, at: Array) -> Ar
             continue
         # What was held while others pushed may now want to leave its bound.
         pull = np.where(free, 0.0, -(slope + damped @ step) * np.where(at > 0.5, -1.0, 1.0))
-        if pull.max() <= 1e-12 * np.abs(slope).max():
+        if pull.max() <= NEGLIGIBLE * np.abs(slope).max():
             break
         free[int(pull.argmax())] = True
     return step

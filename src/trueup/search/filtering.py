@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.errors import CalibrationError
-from trueup.rounding import TINY
+from trueup.rounding import NEGLIGIBLE, TINY
 from trueup.search.bounded_step import damped_step
 from trueup.search.robust import robust_losses, robust_weights
 from trueup.search.search import SearchState
@@ -140,7 +140,7 @@ class ImplicitFiltering:
         size = 2.0 * max(self.chance(self.residual), TINY)
         weighted = self.jacobian * robust_weights(self.residual, self.bend)[:, None]
         values, frame = np.linalg.eigh(self.jacobian.T @ weighted / size)
-        return frame * np.minimum(width / np.sqrt(np.maximum(values, 1e-12)), self.reach)
+        return frame * np.minimum(width / np.sqrt(np.maximum(values, NEGLIGIBLE)), self.reach)
 
     @property
     def slopes(self) -> Array:

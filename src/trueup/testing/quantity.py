@@ -15,6 +15,7 @@ from trueup.articulated.quantities.quantity import FAMILIES, Quantity
 from trueup.engines.simulator import Simulator
 from trueup.errors import UnknownNameError
 from trueup.recording import Recording
+from trueup.rounding import NEGLIGIBLE, ROUNDED
 from trueup.testing.broken import require
 from trueup.trial import Trial
 
@@ -123,7 +124,10 @@ def _check_attribute(copies: Writable, attribute: str, element: str, before: Arr
         return
     read = copies.get(attribute, element)
     require(read.shape == wanted.shape, f"'{attribute}' of {rows} copies is read as {read.shape}, not {wanted.shape}")
-    require(np.allclose(read, wanted, rtol=1e-9, atol=1e-12), f"'{attribute}' is written as {wanted}, read as {read}")
+    require(
+        np.allclose(read, wanted, rtol=ROUNDED, atol=NEGLIGIBLE),
+        f"'{attribute}' is written as {wanted}, read as {read}",
+    )
     read += 1.0
     require(
         np.allclose(copies.get(attribute, element), wanted), f"reading '{attribute}' hands out the engine's own array"

@@ -7,6 +7,7 @@ import numpy as np
 
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.recording import Recording
+from trueup.rounding import NEGLIGIBLE
 from trueup.testing.broken import require
 from trueup.testing.runs import check_runs
 from trueup.trial import Trial
@@ -38,7 +39,7 @@ def check_simulator(simulator: Simulator, recording: Recording, *, width: int | 
     require([r.trial.name for r in together] == [short.name, trial.name], "rollouts come in another order than trials")
     _check_equal(both, together[1], slice(None), "a trial's result depends on the other trials in the call")
     coarser = simulator.at_step(2.0 * simulator.step)
-    require(abs(coarser.step - 2.0 * simulator.step) < 1e-12, "at_step returned a simulator with another step")
+    require(abs(coarser.step - 2.0 * simulator.step) < NEGLIGIBLE, "at_step returned a simulator with another step")
     require(coarser.parameters.names == simulator.parameters.names, "at_step changed the parameters")
     shipped = simulator.shipped()
     require(len(shipped.parameters) == 0, "a shipped simulator still has parameters")

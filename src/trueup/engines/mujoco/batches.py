@@ -8,8 +8,6 @@ from mujoco.batch import Batch
 
 from trueup.cores import cores
 
-_KEPT = 3
-
 
 class Batches:
     """Makes batches of `whole`, or of `bare` (the same model without shapes) where nothing touches anything.
@@ -34,9 +32,10 @@ class Batches:
 
     def get(self, rows: int, *, contacts: bool, sensors: bool) -> Batch:
         """A batch of that many simulations, in whatever state it was left."""
+        kept = 3
         key = (rows, contacts, sensors)
         if key not in self._kept:
-            if len(self._kept) >= _KEPT:
+            if len(self._kept) >= kept:
                 self._kept.pop(next(iter(self._kept)))
             self._kept[key] = Batch(self._model(contacts, sensors), rows, min(self._threads or cores(), rows))
         return self._kept[key]

@@ -21,7 +21,6 @@ from trueup.engines.mujoco.shapes import box, capsule, solid, with_capsules, wit
 Array = NDArray[np.float64]
 
 _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
-_AT_RANDOM = 200
 _NEAR = (0.025, 0.05)
 """m, for small and large arms; parts that are never further apart are held so by a joint: their distance says nothing."""
 
@@ -148,12 +147,13 @@ class MujocoClearance:
 
     def _without_overlaps(self, rng: np.random.Generator) -> tuple[NDArray[np.int64], list[str]]:
         """The pairs that do not overlap as modelled, and whose distance changes at all; what was left out, in words."""
+        at_random = 200
         data, address = self.data, self._address()
         own = self.compiled.qpos0[address]
         ranges = self.compiled.jnt_range[[self._joint(name) for name in self.joints]]
         wide = np.where((ranges[:, 1] > ranges[:, 0])[:, None], ranges, [-np.pi, np.pi])
-        far, segment = np.zeros((_AT_RANDOM + 1, len(self.pairs))), np.empty(6)
-        for s in range(_AT_RANDOM + 1):
+        far, segment = np.zeros((at_random + 1, len(self.pairs))), np.empty(6)
+        for s in range(at_random + 1):
             data.qpos[address] = np.clip(own, wide[:, 0], wide[:, 1]) if s == 0 else rng.uniform(wide[:, 0], wide[:, 1])
             mujoco.mj_kinematics(self.compiled, data)
             for k, (a, b) in enumerate(self.pairs.tolist()):

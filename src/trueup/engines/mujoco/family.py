@@ -34,9 +34,8 @@ from trueup.inspection.joint_names import named_as
 from trueup.inspection.strangers import several_robots, without_strangers
 from trueup.inspection.zeros import zeros_off
 from trueup.recording import Recording
+from trueup.trial import STEP
 
-STEP = 0.002
-"""s: the step of MuJoCo models unless told otherwise."""
 _UNEXPLAINED = 5.0  # noise units
 _CHANGES = (
     ("base", floating), ("base", held), ("servos", driven), ("overlaps", passable), ("still", with_still_joints)

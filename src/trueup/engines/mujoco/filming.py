@@ -26,8 +26,6 @@ Array = NDArray[np.float64]
 Pictures = NDArray[np.uint8]
 
 _SHOWN = 3  # groups of geoms that MuJoCo's own viewer shows
-_RING = 12  # points of a circle
-_MOST = 60  # points of a mesh
 _LIBRARIES = ("egl", "osmesa") if sys.platform.startswith("linux") else ("cgl", "glfw")
 
 
@@ -189,6 +187,8 @@ _FLAT = (int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_HFIELD))
 
 def _hull(compiled: mujoco.MjModel, g: int) -> tuple[Array, float]:
     """Points (n, 3) in the geom's own frame whose hull, thickened by a radius, it is."""
+    most = 60  # points of a mesh
+    ring = 12  # points of a circle
     kind, size = mujoco.mjtGeom(int(compiled.geom_type[g])), np.array(compiled.geom_size[g])
     if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
         return np.zeros((1, 3)), float(size[0])
@@ -198,15 +198,15 @@ def _hull(compiled: mujoco.MjModel, g: int) -> tuple[Array, float]:
         mesh = int(compiled.geom_dataid[g])
         first, count = int(compiled.mesh_vertadr[mesh]), int(compiled.mesh_vertnum[mesh])
         points = np.array(compiled.mesh_vert[first : first + count], dtype=np.float64)
-        toward = np.random.default_rng(0).standard_normal((_MOST, 3))  # the outermost points in many directions
+        toward = np.random.default_rng(0).standard_normal((most, 3))  # the outermost points in many directions
         return points[np.unique((toward @ points.T).argmax(axis=1))], 0.0
-    turn = 2.0 * np.pi * np.arange(_RING) / _RING
+    turn = 2.0 * np.pi * np.arange(ring) / ring
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        ends = [np.column_stack([size[0] * circle, np.full(_RING, z)]) for z in (-size[1], size[1])]
+        ends = [np.column_stack([size[0] * circle, np.full(ring, z)]) for z in (-size[1], size[1])]
         return np.concatenate(ends), 0.0
     if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-        rings = [np.column_stack([c * circle, np.full(_RING, s)]) for s, c in ((-0.8, 0.6), (0.0, 1.0), (0.8, 0.6))]
+        rings = [np.column_stack([c * circle, np.full(ring, s)]) for s, c in ((-0.8, 0.6), (0.0, 1.0), (0.8, 0.6))]
         return np.concatenate([*rings, [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]]) * size, 0.0
     corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
     return corners * size, 0.0

@@ -9,6 +9,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.rounding import ROUNDED
+
 Array = NDArray[np.float64]
 
 _DENSITY = 2000.0
@@ -64,7 +66,7 @@ def _ends(
     ends = [turn.T @ (data.xpos[b] - origin) for b in children]
     if not ends and root:
         weights = compiled.body_mass[members]
-        centre = (weights[:, None] * data.xipos[members]).sum(axis=0) / max(float(weights.sum()), 1e-9)
+        centre = (weights[:, None] * data.xipos[members]).sum(axis=0) / max(float(weights.sum()), ROUNDED)
         ends = [2.0 * turn.T @ (centre - origin)]
     return ends
 

@@ -39,6 +39,7 @@ from trueup.engines.vehicle.kernels import (
     step_actuators,
     step_chassis,
 )  # fmt: skip
+from trueup.rounding import NEGLIGIBLE
 
 Array = NDArray[np.float64]
 
@@ -83,7 +84,7 @@ def compare_speed(m: Array, dt: float, slows: float, faster: float) -> None:
 @njit(cache=True, nogil=True, error_model="numpy")
 def explained_speed(m: Array) -> tuple[float, float]:
     """The push (m/s^2) that the moments of `compare_speed` tell, and by how much (m/s) the car is faster by now."""
-    determinant = max(m[2] * m[4] - m[3] * m[3], 1e-12)
+    determinant = max(m[2] * m[4] - m[3] * m[3], NEGLIGIBLE)
     push = (m[5] * m[4] - m[6] * m[3]) / determinant
     return push, push * m[0] + (m[2] * m[6] - m[3] * m[5]) / determinant * m[1]
 

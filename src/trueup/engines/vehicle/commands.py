@@ -15,6 +15,7 @@ from trueup.engines.vehicle.tracking import cleaned
 from trueup.engines.vehicle.vehicle import DRIVES, PURSUED, TURNED, Vehicle
 from trueup.errors import CalibrationError, RecordingError
 from trueup.recording import Channel, Recording
+from trueup.rounding import ROUNDED
 
 Array = NDArray[np.float64]
 
@@ -89,4 +90,4 @@ def _rounded(values: Array) -> float:
     """The next of 1, 2, 5, 10 ... of the largest value."""
     largest = max(float(np.nanmax(np.abs(values))), 1e-6)
     ten = 10.0 ** np.floor(np.log10(largest))
-    return float(next(n * ten for n in (1.0, 2.0, 5.0, 10.0) if n * ten >= largest * (1.0 - 1e-9)))
+    return float(next(n * ten for n in (1.0, 2.0, 5.0, 10.0) if n * ten >= largest * (1.0 - ROUNDED)))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from trueup.errors import RecordingError
 from trueup.recording import Channel, Recording, is_command
+from trueup.rounding import ROUNDED
 from trueup.trial import command_of
 
 Array = NDArray[np.float64]
@@ -67,7 +68,7 @@ def turned_on_the_spot(recording: Recording) -> float:
     found = _signals(recording)
     time = found["turn"].time
     turns, speeds = (np.abs(_held(found[label], time)) for label in ("turn", "speed"))
-    most = [max(float(np.nanmax(x, initial=0.0)), 1e-9) for x in (turns, speeds)]
+    most = [max(float(np.nanmax(x, initial=0.0)), ROUNDED) for x in (turns, speeds)]
     return float(np.mean((turns > _STANDS * most[0]) & (speeds <= _STANDS * most[1])))
 
 

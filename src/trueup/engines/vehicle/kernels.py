@@ -13,6 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from trueup.rounding import ROUNDED
+
 Array = NDArray[np.float64]
 
 COLUMNS = (
@@ -62,7 +64,7 @@ def toward(value: float, wanted: float, most: float) -> float:
 @njit(cache=True, nogil=True, error_model="numpy")
 def share_of(lag: float, dt: float) -> float:
     """How much of a step toward its goal a first-order lag makes in dt."""
-    return 1.0 - math.exp(-dt / lag) if lag > 1e-9 else 1.0
+    return 1.0 - math.exp(-dt / lag) if lag > ROUNDED else 1.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

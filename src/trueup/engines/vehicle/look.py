@@ -18,13 +18,13 @@ from trueup.errors import CalibrationError
 from trueup.evidence import STANDARD_ERRORS
 from trueup.noise import spread
 from trueup.recording import Recording
+from trueup.rounding import NEGLIGIBLE
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
 LATE = 0.12
 """In s: between command and effect, roughly, of small servos and drives; speeds gained are taken over as long."""
-_STEPS = 12  # of the grid within LATE
 _SLIDES = 3.0
 """In m/s^2 sideways, a third of g. Below it a car hardly slips: its understeer is less than the play of a steering, so that a
 fit would bend it to mend something else, and be far off in the first fast curve. Chosen on JetRacer."""
@@ -47,16 +47,17 @@ class Look:
     @classmethod
     def at(cls, recordings: Sequence[Recording], *, at_once: bool = False) -> Look:
         """At prepared recordings, see `Past.of`. Raises RecordingError for one without pose or command."""
+        steps = 12  # of the grid within LATE
         parts = [np.zeros((5, 0))]
         pasts = [
-            Past.of(Trial.of(r, ["position", "heading"]), LATE / _STEPS, COMMAND, at_once=at_once) for r in recordings
+            Past.of(Trial.of(r, ["position", "heading"]), LATE / steps, COMMAND, at_once=at_once) for r in recordings
         ]
         for past in pasts:
-            k = np.arange(past.earliest, len(past.known) - 1, _STEPS)
-            k = k[past.known[k] & (past.lengths[k] > _STEPS) & (past.seen[k, 3] > MOVES)]
+            k = np.arange(past.earliest, len(past.known) - 1, steps)
+            k = k[past.known[k] & (past.lengths[k] > steps) & (past.seen[k, 3] > MOVES)]
             speed = past.seen[k, 3]
-            gained = (speed - past.seen[k - _STEPS, 3]) / LATE  # half of LATE ago
-            asked = past.commands[k - _STEPS, 1], past.commands[k - _STEPS * 3 // 2, 0]
+            gained = (speed - past.seen[k - steps, 3]) / LATE  # half of LATE ago
+            asked = past.commands[k - steps, 1], past.commands[k - steps * 3 // 2, 0]
             parts.append(np.stack([past.seen[k, 4] / speed, speed, gained, *asked]))
         curvature, speed, gained, steering, throttle = np.concatenate(parts, axis=1)
         return cls(curvature, speed, gained, throttle, steering, tuple(pasts))
@@ -122,5 +123,5 @@ def _least_squares(table: Array, wanted: Array) -> Array:
     for _ in range(3):
         values = np.linalg.lstsq(table[kept], wanted[kept], rcond=None)[0]
         off = np.abs(table @ values - wanted)
-        kept = off <= 3.0 * spread(off) + 1e-12
+        kept = off <= 3.0 * spread(off) + NEGLIGIBLE
     return np.asarray(values, dtype=np.float64)

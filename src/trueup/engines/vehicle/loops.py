@@ -33,6 +33,7 @@ from trueup.engines.vehicle.kernels import (
     step_actuators,
     step_chassis,
 )  # fmt: skip
+from trueup.rounding import SAME_INSTANT
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -99,7 +100,7 @@ def replay_rows(
     longest = 0.0
     for j in range(len(times)):
         longest = max(longest, times[j])
-    history = np.empty((math.ceil(longest / dt - 1e-9) + 2, READ))
+    history = np.empty((math.ceil(longest / dt - SAME_INSTANT) + 2, READ))
     for i in range(rows.shape[0]):
         p = rows[i]
         shares[0], shares[1] = share_of(p[DRIVE_LAG], dt), share_of(p[STEERING_LAG], dt)
@@ -108,7 +109,7 @@ def replay_rows(
                 continue
             begin(p, dt, commands, seen, starts[j], pasts[j], settle, shares, s)
             keep(p, s, history[0])
-            steps = math.ceil(times[first[j + 1] - 1] / dt - 1e-9)
+            steps = math.ceil(times[first[j + 1] - 1] / dt - SAME_INSTANT)
             for k in range(steps):
                 advance(p, dt, commands, starts[j] + k, shares, s)
                 step_chassis(p, dt, s)

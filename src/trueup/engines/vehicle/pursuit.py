@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from trueup.engines.vehicle.kernels import MOVES
 from trueup.engines.vehicle.past import Past
+from trueup.rounding import NEGLIGIBLE
 
 Array = NDArray[np.float64]
 
 _LENGTH, _MOST = 3.0, 60
 """In s, of a piece that begins with what was seen; how many pieces are looked at."""
-_COARSE = 2  # steps of the past in one of the scan
 _GAINS = tuple(np.geomspace(0.3, 20.0, 8).tolist())  # 1/s
 _LIMITS = tuple(np.geomspace(0.4, 30.0, 8).tolist())  # m/s^2
 _FINER = (0.7, 0.85, 1.0, 1.2, 1.4)
@@ -52,6 +52,7 @@ def pursuit(drives: Sequence[Past], wheelbase: float) -> dict[str, float]:
 
 
 def _pieces(past: Past) -> list[_Piece]:
+    coarse = 2  # steps of the past in one of the scan
     per = round(_LENGTH / past.step)
     known = np.flatnonzero(past.known[past.earliest :]) + past.earliest
     firsts: list[int] = []
@@ -59,8 +60,8 @@ def _pieces(past: Past) -> list[_Piece]:
         if not firsts or k >= firsts[-1] + per:
             firsts.append(k)
     seen = np.where(past.known[:, None], past.seen[:, 3:], np.nan)
-    cuts = [slice(k, k + per, _COARSE) for k in firsts]
-    return [_Piece(past.commands[c], seen[c, 0], seen[c, 1], past.step * _COARSE) for c in cuts]
+    cuts = [slice(k, k + per, coarse) for k in firsts]
+    return [_Piece(past.commands[c], seen[c, 0], seen[c, 1], past.step * coarse) for c in cuts]
 
 
 def _speed(pieces: Sequence[_Piece]) -> dict[str, float]:
@@ -116,7 +117,7 @@ def _steering(pieces: Sequence[_Piece], wheelbase: float) -> dict[str, float]:
     # Least squares of gain and offset for each option at once, by its normal equations.
     a, b, c = (X * way[:, None] * X * way[:, None]).sum(0), (X * (way**2)[:, None]).sum(0), float((way**2).sum())
     f, g = (X * (way * y)[:, None]).sum(0), float((way * y).sum())
-    determinant = np.maximum(a * c - b * b, 1e-12)
+    determinant = np.maximum(a * c - b * b, NEGLIGIBLE)
     gain, offset = (f * c - g * b) / determinant, (a * g - b * f) / determinant
     best = int(np.argmin(np.abs(way[:, None] * (gain * X + offset) - y[:, None]).sum(0)))
     names = ("turn_delay", "turn_lag", "turn_change_limit")

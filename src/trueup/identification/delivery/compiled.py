@@ -21,8 +21,6 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _COMPILERS = ("cc", "gcc", "clang")
-_CALLS = 20_000
-"""That are timed at least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +40,8 @@ class Compiled:
 
     def seconds(self, q: Array, v: Array, a: Array) -> float:
         """Seconds a call, the best of several runs over the motion (S, n)."""
-        runs = max(5, _CALLS // max(len(q), 1))
+        calls = 20_000  # That are timed at least
+        runs = max(5, calls // max(len(q), 1))
         taken = []
         for _ in range(runs):
             begun = time.perf_counter()

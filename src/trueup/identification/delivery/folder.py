@@ -26,8 +26,6 @@ from trueup.identification.torque_model import FILE, TorqueModel, load
 Array = NDArray[np.float64]
 
 HEADER, PYTHON = "torque.h", "torque.py"
-_COMPARED = 100
-"""Instants at which the Python file is compared: it takes a tenth of a millisecond for each."""
 
 
 def deliver(
@@ -102,9 +100,10 @@ def _header(result: Identification, path: Path) -> Deliverable:
 
 def _python(result: Identification, predictor: TorqueModel, path: Path) -> Deliverable:
     """The Python file, compared with the predictor at the first instants of a log."""
+    compared = 100  # Instants at which the Python file is compared: it takes a tenth of a millisecond for each
     p = result.predictions[0]
-    q, v = p.position[:_COMPARED], p.velocity[:_COMPARED]
-    a = np.gradient(v, p.time[:_COMPARED], axis=0)
+    q, v = p.position[:compared], p.velocity[:compared]
+    a = np.gradient(v, p.time[:compared], axis=0)
     names = runpy.run_path(str(path))
     state, begun = names["State"](), time.perf_counter()
     said = [names["torque"](*instant, state) for instant in zip(q.tolist(), v.tolist(), a.tolist(), strict=True)]

@@ -18,6 +18,7 @@ from trueup.identification.inertial import NAMES, from_com, moved, pseudo_inerti
 from trueup.identification.kinematic_tree import KinematicTree, of_angles
 from trueup.identification.model_file import load_tree
 from trueup.identification.urdf import GEAR, ROTOR, is_urdf
+from trueup.rounding import NEGLIGIBLE, ROUNDED
 
 if TYPE_CHECKING:
     import mujoco
@@ -173,10 +174,10 @@ def _without(total: Array, attached: Array) -> tuple[Array, float]:
     The whole, where that leaves a body that can exist; else half of the most that does.
     """
     own = total - attached
-    size = max(float(np.abs(pseudo_inertia(total)).max()), 1e-12)
-    if not np.abs(attached).max() > 1e-12 * size:
+    size = max(float(np.abs(pseudo_inertia(total)).max()), NEGLIGIBLE)
+    if not np.abs(attached).max() > NEGLIGIBLE * size:
         return total, 1.0
-    if np.linalg.eigvalsh(pseudo_inertia(own))[0] > 1e-9 * size:
+    if np.linalg.eigvalsh(pseudo_inertia(own))[0] > ROUNDED * size:
         return own, 1.0
     root = np.linalg.inv(np.linalg.cholesky(pseudo_inertia(total)))
     most = 1.0 / float(np.linalg.eigvalsh(root @ pseudo_inertia(attached) @ root.T)[-1])

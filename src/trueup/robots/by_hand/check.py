@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.recording import Channel, Recording, is_command
+from trueup.rounding import ROUNDED
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
 _CLOCKS = {1e3: "ms", 1e6: "us", 1e9: "ns", 1.0 / 60.0: "min", 60.0: "s read as min", 1e-3: "s read as ms",
-           1e-6: "s read as us", 1e-9: "s read as ns"}  # fmt: skip
+           1e-6: "s read as us", ROUNDED: "s read as ns"}  # fmt: skip
 _COMPLETE, _ARRIVED = (
     0.95,
     0.6,
@@ -103,7 +104,7 @@ def _commands(trial: Trial, recording: Recording) -> list[str]:
 
 def _as_asked(asked: Channel, done: Channel) -> list[str]:
     request, sent = _side_by_side(asked, done)
-    spread = np.maximum(request.std(axis=0), 1e-3 * max(1e-9, float(request.std())))
+    spread = np.maximum(request.std(axis=0), 1e-3 * max(ROUNDED, float(request.std())))
     off = np.sqrt(np.mean((sent - request) ** 2, axis=0)) / spread
     wrong = [k for k in range(len(off)) if off[k] > _SAME_COMMAND]
     if not wrong:
@@ -194,7 +195,7 @@ def _follows(trial: Trial, recording: Recording) -> list[str]:
     extent = float(np.ptp(wanted, axis=0).max())
     if np.median(away) <= max(_ASTRAY * extent, 0.5):
         return []
-    ratio = float(np.ptp(driven, axis=0).max()) / max(extent, 1e-9)
+    ratio = float(np.ptp(driven, axis=0).max()) / max(extent, ROUNDED)
     unit = " (its extent is about a thousand times the path's: in mm?)" if 300 < ratio < 3000 else ""
     return [f"its positions lie {np.median(away):.3g} m from the path{unit}: another run, frame or unit?"]
 
@@ -225,7 +226,7 @@ def _points(recording: Recording) -> list[str]:
     if len(time) < 2 or gone[-1] <= 0.0:
         return []
     legs = np.interp(
-        np.linspace(0.0, gone[-1], 41), gone + 1e-9 * np.arange(len(gone)), time
+        np.linspace(0.0, gone[-1], 41), gone + ROUNDED * np.arange(len(gone)), time
     )  # a fortieth of the way each
     ends = np.stack([np.interp(legs, time, column) for column in place.T], axis=1)
     way = np.arctan2(*np.diff(ends, axis=0).T[::-1])

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from trueup.errors import OutputError
 from trueup.formats import ChannelColumns, ChannelMap, TimeColumn
+from trueup.rounding import ROUNDED
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -149,7 +150,7 @@ def _limits(trial: Trial) -> list[str]:
 
 def _range(low: float, high: float, unit: str) -> str:
     if np.isfinite(low) and np.isfinite(high):
-        low, high = (0.0 if abs(x) < 1e-9 * max(abs(low), abs(high)) else x + 0.0 for x in (low, high))
+        low, high = (0.0 if abs(x) < ROUNDED * max(abs(low), abs(high)) else x + 0.0 for x in (low, high))
         return f"{low:.4g} to {high:.4g} {unit}".rstrip()
     return (f"at least {low:.4g} {unit}" if np.isfinite(low) else f"at most {high:.4g} {unit}").rstrip()
 

@@ -17,6 +17,7 @@ from trueup.robots.rcss.agent import CYCLE, Agent
 from trueup.robots.rcss.body import body_named, columns
 from trueup.robots.rcss.connection import Connection
 from trueup.robots.rcss.log import Log, Look
+from trueup.rounding import SAME_INSTANT
 from trueup.tasks.task import Task
 from trueup.trial import Trial
 
@@ -104,7 +105,7 @@ class RcssRobot:
             asked = decide(log, now)
             log.order(asked, self._body.within(asked))
             ended = self._ended(trial, agent, log)
-            if ended is not None or now >= trial.duration - 1e-9:
+            if ended is not None or now >= trial.duration - SAME_INSTANT:
                 return log, ended
             agent.move(self._body.within(asked))
 
@@ -162,7 +163,7 @@ class _Controlled:
 
     def __call__(self, log: Log, now: float) -> Array:
         """(k,) angles in rad."""
-        if now < self._due - 1e-9:
+        if now < self._due - SAME_INSTANT:
             return self._asked
         seen = log.observation(self._trial, self._look)
         if not self._begun:

@@ -10,6 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from trueup.controllers.stanley.kernel import MEMORY, stanley
+from trueup.rounding import SAME_INSTANT
 
 Array = NDArray[np.float64]
 
@@ -71,7 +72,7 @@ def advance(p: Array, s: Array, speed: float, steering: float, h: float) -> None
 @njit(cache=True, nogil=True, error_model="numpy")
 def in_force(orders: Array, column: int, last: int, tick: float, every: int) -> float:
     """The order that has arrived: held since the tick at which it was given (or `every` so many), zero before the first."""
-    n = min(math.floor(tick + 1e-9), last)
+    n = min(math.floor(tick + SAME_INSTANT), last)
     return orders[n - n % every, column] if n >= 0 else 0.0
 
 

@@ -20,7 +20,6 @@ from trueup.recording import Channel
 Array = NDArray[np.float64]
 
 _SMOOTHED = 0.08  # s that a cubic is laid through for speed and acceleration: five samples of a servo bus at 50 Hz
-_CUBIC = 3
 _MOVED = 1e-4  # rad or m: by which a joint is moved to see what that changes in its load
 
 
@@ -128,10 +127,11 @@ def carried(assignment: Assignment) -> bool:
 
 def _motion(compiled: mujoco.MjModel, measured: Channel, rest: Array) -> Motion:
     """A moving cubic through the samples: A. Savitzky, M. Golay, Analytical Chemistry 36(8), 1964."""
+    cubic = 3
     dt = float(np.median(np.diff(measured.time)))
     count = int(np.floor((measured.time[-1] - measured.time[0]) / dt + 0.5)) + 1
     time = measured.time[0] + dt * np.arange(count)
-    half = max(round(0.5 * _SMOOTHED / dt), (_CUBIC + 1) // 2)
+    half = max(round(0.5 * _SMOOTHED / dt), (cubic + 1) // 2)
     window = min(2 * half + 1, count - 1 + count % 2)
     states = np.zeros((3, count, compiled.nv))
     states[0] = rest
@@ -140,7 +140,7 @@ def _motion(compiled: mujoco.MjModel, measured: Channel, rest: Array) -> Motion:
         if joint >= 0 and good.any():
             values = np.interp(time, measured.time[good], column[good])
             for order in range(3):
-                states[order, :, joint] = savgol_filter(values, window, min(_CUBIC, window - 1), deriv=order, delta=dt)
+                states[order, :, joint] = savgol_filter(values, window, min(cubic, window - 1), deriv=order, delta=dt)
     return Motion(time, *states)
 
 

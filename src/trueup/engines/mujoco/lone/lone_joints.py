@@ -33,7 +33,6 @@ Array = NDArray[np.float64]
 
 _STATES = ("qpos", "qvel")
 _BLOWN = "the simulation gave values that are not finite"
-_FEWEST = 5  # samples that a smoothed motion can be taken from
 
 
 class LoneJoints:
@@ -152,10 +151,11 @@ class LoneJoints:
 
 def _replayable(whole: Parametrised, trial: Trial) -> bool:
     """Whether a trial carries the motion of all that it observes, as long as it is observed."""
+    fewest = 5  # samples that a smoothed motion can be taken from
     if trial.controller is not None or trial.ends or trial.disturbances or trial.sensing:
         return False
     measured: Channel | None = trial.initial.get("position")
-    if measured is None or len(measured.time) < _FEWEST:
+    if measured is None or len(measured.time) < fewest:
         return False
     first, last = measured.time[0], measured.time[-1]
     return all(

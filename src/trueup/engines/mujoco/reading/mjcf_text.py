@@ -13,8 +13,6 @@ from xml.sax.saxutils import quoteattr
 from trueup import files
 from trueup.errors import ModelError
 
-_DEEPEST = 20  # includes in includes
-
 
 @dataclass(eq=False)
 class Element:
@@ -148,7 +146,8 @@ def with_includes(content: bytes, folder: Path) -> bytes:
 
     Raises ModelError for one that is missing or includes itself.
     """
-    for _ in range(_DEEPEST):
+    deepest = 20  # includes in includes
+    for _ in range(deepest):
         text = MjcfText(content)
         included = text.all("include")
         if not included:

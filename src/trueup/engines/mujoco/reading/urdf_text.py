@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from trueup import files
 from trueup.errors import ModelError, listed
+from trueup.rounding import NEGLIGIBLE, ROUNDED
 
 Array = NDArray[np.float64]
 Element = ElementTree.Element
@@ -95,7 +96,7 @@ def mend_inertias(root: Element) -> list[str]:
             without.append(link.get("name", "?"))
             continue
         possible = _possible(tensor)
-        if not np.allclose(tensor, possible, rtol=1e-9, atol=0.0):
+        if not np.allclose(tensor, possible, rtol=ROUNDED, atol=0.0):
             _write(written, possible)
             impossible.append(link.get("name", "?"))
     notes = []
@@ -109,12 +110,12 @@ def mend_inertias(root: Element) -> list[str]:
 def _possible(tensor: Array) -> Array:
     """The inertia with the same axes whose moments are above zero and none larger than the others together."""
     moments, axes = np.linalg.eigh(tensor)
-    least = _THIN * max(float(np.abs(moments).max()), 1e-9)
-    moments = np.where(moments < 1e-12 * np.abs(moments).max(), least, moments)
+    least = _THIN * max(float(np.abs(moments).max()), ROUNDED)
+    moments = np.where(moments < NEGLIGIBLE * np.abs(moments).max(), least, moments)
     if moments[2] > moments[0] + moments[1]:
         # The largest moment is the one that is measured best: the others grow, alike.
         moments[:2] *= 1.001 * moments[2] / (moments[0] + moments[1])
-    elif np.allclose(moments, np.linalg.eigvalsh(tensor), rtol=1e-12, atol=0.0):
+    elif np.allclose(moments, np.linalg.eigvalsh(tensor), rtol=NEGLIGIBLE, atol=0.0):
         return tensor
     return (axes * moments) @ axes.T
 

@@ -18,6 +18,7 @@ from trueup.engines.mujoco.inertia import body_inertia
 from trueup.engines.mujoco.model import SETTING
 from trueup.engines.mujoco.reading.mjcf_text import Element, MjcfText
 from trueup.errors import ModelError
+from trueup.rounding import NEGLIGIBLE, ROUNDED
 
 Array = NDArray[np.float64]
 
@@ -75,7 +76,7 @@ class Edits:
 
     def gravity(self) -> None:
         """The direction of gravity."""
-        if np.allclose(self._wanted.opt.gravity, self._shipped.opt.gravity, rtol=1e-12, atol=0.0):
+        if np.allclose(self._wanted.opt.gravity, self._shipped.opt.gravity, rtol=NEGLIGIBLE, atol=0.0):
             return
         self.option("gravity", numbers(self._wanted.opt.gravity))
 
@@ -116,7 +117,7 @@ class Edits:
             )  # fmt: skip
         elif element.tag == "position":
             self._text.change(element, kp=number(gain[0]))
-            damped = not np.isclose(bias[2], self._shipped.actuator_biasprm[i, 2], rtol=1e-9, atol=1e-15)
+            damped = not np.isclose(bias[2], self._shipped.actuator_biasprm[i, 2], rtol=ROUNDED, atol=1e-15)
             if damped or "dampratio" in element.attributes:
                 # The ratio that the file gave is no longer the one that was found.
                 self._text.change(element, kv=number(-bias[2]), dampratio=None)
@@ -254,7 +255,7 @@ class Edits:
     def _same(self, family: str, name: str, *fields: str) -> bool:
         return all(
             np.allclose(
-                read(self._wanted, family, name, f), read(self._shipped, family, name, f), rtol=1e-9, atol=1e-15
+                read(self._wanted, family, name, f), read(self._shipped, family, name, f), rtol=ROUNDED, atol=1e-15
             )
             for f in fields
         )

@@ -26,6 +26,7 @@ from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.writing.edits import Edits, numbers, read
 from trueup.engines.mujoco.writing.notes import delays_of, has_drive, notes_of, punches_of
 from trueup.errors import ModelError, OutputError
+from trueup.rounding import NEGLIGIBLE
 
 Array = NDArray[np.float64]
 
@@ -221,7 +222,7 @@ def _written(simulator: MujocoSimulator, model: Model) -> list[tuple[str, str]]:
 
 def _close(name: str, field: str, written: Array, wanted: Array) -> None:
     size = float(np.max(np.abs(wanted), initial=0.0))
-    if written.shape != wanted.shape or not np.all(np.abs(written - wanted) <= _TOLERANCE * size + 1e-12):
+    if written.shape != wanted.shape or not np.all(np.abs(written - wanted) <= _TOLERANCE * size + NEGLIGIBLE):
         raise ModelError(
             f"the written model differs from the simulated one: {field} of '{name}' is {written}, not {wanted}"
         )
