@@ -79,6 +79,8 @@ class Observation:
     channels: Mapping[str, Array] = field(default_factory=dict)
     """Channel name to (b, k): for the conditions that end a run, the channels that they look at (see `ends.End`), for a
     controller those that it asked for (see `Looking`)."""
+    settings: Array | None = None
+    """(b, m) parameters of the controllers of these copies, for the conditions that end a run; None where nobody says."""
 
 
 class Controller(Protocol):

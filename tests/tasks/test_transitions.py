@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.chance import Push
 from trueup.controllers.keyframes import Keyframes, pitch_of
 from trueup.ends import Ended
 from trueup.engines.mujoco.rollout import MujocoSimulator
@@ -18,7 +19,7 @@ from trueup.errors import ParameterError, TrialError, UnknownNameError
 from trueup.loop.confirm import holds, hunt
 from trueup.loop.settle import settled
 from trueup.studies.balance.scenes import SCENES, STAND, Scene, model_of, pose_of, transition
-from trueup.tasks.transitions import Transition
+from trueup.tasks.transitions import AFTER, Transition
 
 Array = NDArray[np.float64]
 
@@ -109,6 +110,40 @@ def test_who_stays_seated_has_not_risen(sitting: tuple[Any, Transition]) -> None
     assert not task.succeeded(seated)[0]
 
 
+def test_runs_end_once_they_are_over_and_are_judged_as_if_they_had_gone_on(sitting: tuple[Any, Transition]) -> None:
+    simulator, task = sitting
+    (trial,) = task.trials
+    space, rng = task.parameters, np.random.default_rng(0)
+    near = np.clip(space.to_unit(space.nominal) + 0.1 * rng.standard_normal((96, len(space))), 0.0, 1.0)
+    candidates = space.from_unit(near)
+    on = replace(trial, ends=tuple(e for e in trial.ends if e.name == "fallen"))
+    ended, whole = (simulator.rollout([t], candidates, task.controllers)[0] for t in (trial, on))
+    stood = task.succeeded([whole])
+    assert 5 < stood.sum() < 90
+    assert np.array_equal(task.succeeded([ended]), stood)
+    stop = np.array([ended.ends[row].at for row in np.flatnonzero(stood)])
+    arrival = task.arrivals(ended)[stood]
+    assert (stop <= arrival + AFTER + 0.03).all()
+    assert np.mean(stop - arrival) < 0.9 * AFTER  # who stands still stands
+    pushed = replace(trial, disturbances=(Push("torso", (1.0, 1.0), (2.5, 2.5), (0.1, 0.1)),)).seeded(rng)
+    (going,) = simulator.rollout([pushed], candidates[stood][:3], task.controllers)
+    assert not [e for e in going.ends.values() if e.name != "fallen"]  # whether it stands a push is seen after it
+
+
+def test_a_recording_that_stops_before_it_is_judged_is_no_success(sitting: tuple[Any, Transition]) -> None:
+    _, task = sitting
+    count = len(task.trials[0].observed["base_position"].time)
+    motion = task.parameters.nominal
+    arrival = float(task.motion.knots(motion[None])[1][0, -1])
+    done = replace(
+        runs(task, np.zeros((2, count)), np.full((2, count), task.final_height)), settings=np.tile(motion, (2, 1))
+    )
+    for row, stop in enumerate((arrival + AFTER, arrival + 0.5)):
+        for channel in done.channels.values():
+            channel[row, int(stop * task.rate) + 1 :] = np.nan
+    assert task.succeeded([done]).tolist() == [True, False]
+
+
 def test_what_a_robot_would_be_sent_leads_to_the_same_end(sitting: tuple[Any, Transition]) -> None:
     simulator, task = sitting
     (planned,) = task.planned(task.parameters.nominal)
@@ -153,6 +188,8 @@ def test_what_reacts_to_the_tilt_reacts_on_a_robot_too(sitting: tuple[Any, Trans
     played = simulator.rollout([planned], np.zeros((1, 0)))
     with_it = simulator.rollout(task.trials, candidate[None], task.controllers)
     without = simulator.rollout(plain.planned(plain.parameters.nominal), np.zeros((1, 0)))
-    same, other = (np.abs(played[0].channels["position"] - r[0].channels["position"]).max() for r in (with_it, without))
+    same, other = (
+        np.nanmax(np.abs(played[0].channels["position"] - r[0].channels["position"])) for r in (with_it, without)
+    )
     assert same < 1e-9
     assert other > 0.05

@@ -112,7 +112,7 @@ class Run:
         c, now = self._copies, s * self._step
         sensors = {n: c.reader(n, labels)(self._rows) for n, labels in self._model.channels().items()}
         seen = [
-            Observation(now, c.position, c.velocity, sensors, self._trial, self._shown(e.looks_at))
+            Observation(now, c.position, c.velocity, sensors, self._trial, self._shown(e.looks_at), self._settings)
             for e in self._trial.ends
         ]
         reached = which_end(self._trial.ends, seen, self._rows)

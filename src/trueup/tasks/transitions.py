@@ -12,12 +12,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.chance import Buffeting, Push
+from trueup.controllers.controller import Observation
 from trueup.controllers.keyframes import Keyframes, Motion, Tilt
 from trueup.ends import End, Fallen
 from trueup.engines.simulator import Rollout
 from trueup.errors import ParameterError, unknown_name
 from trueup.parameters import ParameterSpace
 from trueup.recording import Channel
+from trueup.rounding import SAME_INSTANT
 from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]
@@ -29,6 +32,8 @@ AFTER = 1.0
 _JUDGED = 0.5  # s at the end over which it must be upright and still
 _UPRIGHT = 0.25  # rad: a small humanoid that leans further does not come back by itself
 _HIGH = 0.93  # share of the settled final height: below, a knee or a hand carries it
+_AT_REST = 0.005  # rad/s and m/s, of all joints and the base at once: a fall from there takes longer than is watched
+_TURNING = "base_turning"
 _STILL = 0.5  # rad/s of tilting, on average over `_JUDGED`
 _EPSILON = 0.1  # rad, in the paper's integrand 1 / (|angle| + 0.1)
 _GRAVITY = 9.81  # m/s2
@@ -36,16 +41,47 @@ _NEAREST = 0.1  # beside 1 for standing all the time
 
 
 @dataclass(frozen=True, eq=False)
+class Settled:
+    """An End of simulated runs: the motion is over, and nothing moves any more, or `AFTER` s have gone by since.
+
+    It needs to know the motion, so recordings and runs of planned commands do not end so; nor do runs that are pushed, of
+    which nobody knows whether they are over.
+    """
+
+    motion: Motion
+    name: str = "settled"
+
+    @property
+    def looks_at(self) -> Mapping[str, tuple[str, ...]]:
+        """See End: nothing by its name."""
+        return {}
+
+    def reached(self, observation: Observation) -> NDArray[np.bool_]:
+        """See End."""
+        pushed = observation.trial is not None and any(
+            isinstance(d, (Push, Buffeting)) for d in observation.trial.disturbances
+        )
+        if observation.settings is None or pushed:
+            return np.zeros(len(observation.position), dtype=bool)
+        since = observation.time - self.motion.knots(observation.settings)[1][:, -1]
+        # MuJoCo's speeds are those of the base too; DART tells its turning beside those of the joints.
+        speeds = [observation.velocity, *(v for n, v in observation.sensors.items() if n == _TURNING)]
+        fastest = np.max([np.abs(v).max(axis=1, initial=0.0) for v in speeds], axis=0)
+        return (since > AFTER) | ((since > 0.0) & (fastest < _AT_REST))
+
+
+@dataclass(frozen=True, eq=False)
 class Transition:
     """A Task: the keyframes and times with which a humanoid gets from one pose to another, and stays there.
 
-    Every candidate is watched for the same time, the longest motion and `AFTER`, and stands or falls at its end; one that
-    fell keeps its last tilt for the rest of the time. The score is minus a fitness. 'paper' is theirs as printed, eq. 3: the
-    integral of 1 / (|angle| + 0.1) from 0 to T + 1, which grows with T and pays for waiting and then falling. 'repaired'
-    (default) counts what is gained over the start: the mean over the trial of their integrand times the square of the share
-    of the final height, both at most 1, less what the start has of it, so that waiting earns nothing. And how near it ever
-    came to being upright, high and about to rest (extrapolated centre of mass: A. L. Hof et al., J. Biomechanics 38, 2005),
-    with a small weight: it compares those who fall at once, and would hide how long the others stood.
+    Every candidate stands or falls as it is `AFTER` s after its last keyframe (the paper's T + 1), where simulated runs end;
+    scores are over the same time for all, the longest motion and `AFTER`, for which what was last seen is kept. The score
+    is minus a fitness. 'paper' is theirs as printed, eq. 3: the integral of 1 / (|angle| + 0.1) from 0 to T + 1, which grows
+    with T and pays for waiting and then falling. 'repaired' (default) counts what is gained over the start: the mean over the
+    trial of their integrand times the square of the share of the final height, both at most 1, less what the start has of it,
+    so that waiting earns nothing. And how near it ever came to being upright, high and about to rest (extrapolated centre of
+    mass: A. L. Hof et al., J. Biomechanics 38, 2005), with a small weight: it compares those who fall at once, and would hide
+    how long the others stood.
     """
 
     name: str
@@ -100,6 +136,13 @@ class Transition:
         own = (lambda values: self.controllers(np.tile(candidate, (len(values), 1)))) if self.motion.feedback else None
         return (replace(trial, command=command, controller=own),)
 
+    def watched(self, candidate: Array) -> Trial:
+        """`planned`, until it is judged: all that a robot has to be recorded for."""
+        (trial,) = self.planned(candidate)
+        stop = float(self.motion.knots(candidate[None])[1][0, -1]) + AFTER
+        seen = {n: replace(o, time=o.time[o.time < stop + 1.0 / self.rate]) for n, o in trial.observed.items()}
+        return replace(trial, duration=min(stop + 1.0 / self.rate, trial.duration), observed=seen)
+
     def score(self, rollouts: Sequence[Rollout]) -> Array:
         """(b,) minus the fitness, NaN where a simulation failed or nothing was measured. See Task.score."""
         (rollout,) = rollouts
@@ -126,29 +169,43 @@ class Transition:
         """(b,) whether it ended upright (or inverted), high and still, by simulations and recordings alike."""
         (rollout,) = rollouts
         angle, height, rate = self._seen(rollout)
-        last = slice(angle.shape[1] - round(_JUDGED * self.rate), None)
-        whole = np.array([row not in rollout.ends and row not in rollout.failures for row in range(len(angle))])
+        away = rollout.trial.observed[ANGLES].time - self._judged(rollout)[:, None]
+        last = (away > -_JUDGED + SAME_INSTANT) & (away <= SAME_INSTANT)
+        over = {row for row, end in rollout.ends.items() if end.name != Settled.name}
+        whole = np.array([row not in over and row not in rollout.failures for row in range(len(angle))])
         with np.errstate(invalid="ignore"):
             return (
-                whole & (angle[:, last].max(axis=1) < _UPRIGHT) & (rate[:, last].mean(axis=1) < _STILL)
-                & (height[:, last].min(axis=1) > _HIGH * self.final_height)
+                whole & ~np.any(last & ~(angle < _UPRIGHT), axis=1) & (np.mean(rate, axis=1, where=last) < _STILL)
+                & ~np.any(last & ~(height > _HIGH * self.final_height), axis=1)
             )  # fmt: skip
+
+    def _judged(self, rollout: Rollout) -> Array:
+        """(b,) when each run is judged, in s: `AFTER` s after its motion; where it is pushed, at the end of its trial."""
+        pushed = any(isinstance(d, (Push, Buffeting)) for d in rollout.trial.disturbances)
+        return self.arrivals(replace(rollout, settings=None) if pushed else rollout) + AFTER
 
     def _seen(self, rollout: Rollout) -> tuple[Array, Array, Array]:
         """(b, T) angle of the torso from the wanted direction in rad, height in m, and size of the tilt's rate in rad/s."""
         held = rollout.held()
-        roll, pitch, _ = np.moveaxis(held.channels[ANGLES], 2, 0)
+        kept = {name: self._kept(rollout, held.channels[name]) for name in (ANGLES, HEIGHT)}
+        roll, pitch, _ = np.moveaxis(kept[ANGLES], 2, 0)
         cosine = np.cos(roll) * np.cos(pitch) * (-1.0 if self.inverted else 1.0)
         angle = np.arccos(np.clip(cosine, -1.0, 1.0))
         rate = np.abs(np.gradient(angle, 1.0 / self.rate, axis=1))
-        return angle, held.channels[HEIGHT][:, :, 2], rate
+        return angle, kept[HEIGHT][:, :, 2], rate
+
+    def _kept(self, rollout: Rollout, values: Array) -> Array:
+        """(b, T, k) held from the last sample on, in runs that were watched until they are judged."""
+        known = np.isfinite(values).all(axis=2)
+        last = np.maximum.accumulate(np.where(known, np.arange(known.shape[1]), 0), axis=1)
+        whole = rollout.trial.observed[ANGLES].time[last[:, -1]] > self._judged(rollout) - 1.5 / self.rate
+        return np.where(whole[:, None, None], np.take_along_axis(values, last[:, :, None], axis=1), values)
 
     def _trial(self) -> Trial:
         time = np.arange(round(self.duration * self.rate) + 1) / self.rate
-        ends: tuple[End, ...] = ()
         lowest = min(self.final_height, float(self.start[HEIGHT].column("z")[0]))
-        if self.fallen > 0.0:
-            ends = (Fallen(height=self.fallen * lowest),)
+        fallen = (Fallen(height=self.fallen * lowest),) if self.fallen > 0.0 else ()
+        ends: tuple[End, ...] = (*fallen, Settled(self.motion))
         return Trial(
             name=self.name, start=0.0, duration=float(time[-1]), command=None, initial=self.start, ends=ends,
             observed={

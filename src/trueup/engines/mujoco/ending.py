@@ -36,11 +36,13 @@ class Watch:
         self.fields = tuple(sorted(state | {s.field for s in sources}))
         """What must be recorded."""
 
-    def ends(self, k: int, joined: Mapping[str, Array], at: int, good: NDArray[np.int64]) -> list[tuple[int, Ended]]:
+    def ends(
+        self, k: int, joined: Mapping[str, Array], at: int, good: NDArray[np.int64], settings: Array | None = None
+    ) -> list[tuple[int, Ended]]:
         """Rows of one trial that end within a stretch, and how.
 
         Field to (n, m, ...): the state after `at` steps and after each of the steps that follow; row i is what it seems for
-        `good[i]` of these.
+        `good[i]` of these. `settings` (n, p) are those of their controllers.
         """
         trial = self._trials[k]
         over: list[tuple[int, Ended]] = []
@@ -55,6 +57,7 @@ class Watch:
         for look, i in enumerate(places.tolist()):
             rows = np.flatnonzero(left & (good >= i))
             whole = self._look(k, joined, rows, i, (at + i) * self._step)
+            whole = replace(whole, settings=None if settings is None else settings[rows])
             seen = [replace(whole, channels={n: v[rows, look] for n, v in each.items()}) for each in channels]
             which = which_end(trial.ends, seen, len(rows))
             for row, end in zip(rows[which >= 0].tolist(), which[which >= 0].tolist(), strict=True):

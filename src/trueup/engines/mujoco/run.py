@@ -197,7 +197,8 @@ class Run:
             own = rows[mine] - k * self.candidates
             if not len(own):
                 continue
-            for i, ended in self.watch.ends(k, {f: v[mine] for f, v in joined.items()}, at, good[mine]):
+            settings = None if self.settings is None else self.settings[own]
+            for i, ended in self.watch.ends(k, {f: v[mine] for f, v in joined.items()}, at, good[mine], settings):
                 self.ends[k][int(own[i])] = ended
                 self._stopped[k][int(own[i])] = ended.at
                 over[mine.start + i] = True

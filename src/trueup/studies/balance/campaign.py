@@ -79,10 +79,9 @@ def performed(
 
     Raises RecordingError where the motion capture lost it for too long.
     """
-    (planned,) = task.planned(motion)
-    recordings = robot.perform(led(replace(planned, name=name, repeats=repeats)))
+    recordings = robot.perform(led(replace(task.watched(motion), name=name, repeats=repeats)))
     seen = [bridged(r) for r in recordings]
-    done = as_rollout(task.trials[0], [r.slice(0.0, r.stop) for r in seen])
+    done = as_rollout(task.trials[0], [r.slice(0.0, r.stop) for r in seen], motion)
     return tuple(recordings), tuple(bool(x) for x in task.succeeded([done]))
 
 

@@ -122,7 +122,7 @@ def generalised(number: int, on: tuple[str, ...], depth: Depth, firsts: Firsts) 
 def as_told(scene: str, task: Transition, one: Round, later: Array | None) -> dict[str, Any]:
     """A round in numbers, with what its pictures need; `later` are the values that its recordings led to."""
     simulator = simulator_of(scene)
-    (planned,) = task.planned(one.motion)
+    planned = task.watched(one.motion)
     usual = next(r for r, stood in zip(one.recordings, one.stood, strict=True) if stood == one.succeeded)
     shown = {"robot": bridged(usual)}
     fitted = {} if later is None else {"fitted": later}
