@@ -76,7 +76,7 @@ def base_at(x: float, z: float, pitch: float = 0.0) -> dict[str, Channel]:
 
 def test_servos_step_alike_within_their_limits(arm: Path) -> None:
     ours, theirs = (s.rollout([swing()], np.zeros((1, 0)))[0] for s in (
-        simulator(load(arm), step=0.0005), MujocoSimulator(load_file(arm), step=0.0005),
+        simulator(load(arm), step=0.0005), MujocoSimulator(load_file(arm), step=0.0001),
     ))  # fmt: skip
     moved = np.ptp(theirs.channels["position"][0], axis=0)
     apart = np.abs(ours.channels["position"] - theirs.channels["position"])[0].max(axis=0)
@@ -195,6 +195,56 @@ def test_what_dart_cannot_have_is_named(tmp_path: Path) -> None:
         simulator(load(tmp_path / "arm.xml"), [Declaration("backlash", ("elbow",))]).rollout(
             [swing()], np.zeros((1, 1))
         )
+
+
+CORNERS = "-0.05 -0.04 -0.03 0.07 -0.04 -0.03 0.07 0.04 -0.03 -0.05 0.04 -0.03 0.02 0 0.05 0.01 0.01 -0.01"
+MESHED = f"""<mujoco><option gravity="0 0 -9.81"/><asset><mesh name="rock" vertex="{CORNERS}"/></asset><worldbody>
+  <geom name="floor" type="plane" size="2 2 0.1" friction="0.3" priority="1"/>
+  <body name="rock" pos="0 0 1"><freejoint/><geom name="rock" type="mesh" mesh="rock" mass="2" friction="0.3"/>
+    <body name="beam" pos="0.01 0 0.06"><joint name="hip" axis="0 1 0" damping="0.5" armature="0.01"/>
+      <geom type="capsule" fromto="0 0 0 0.05 0 0" size="0.01" mass="0.4" contype="0" conaffinity="0"/></body></body>
+  </worldbody><actuator><position name="hip" joint="hip" kp="4" forcerange="-3 3"/></actuator></mujoco>"""
+
+
+def rock_and_seen(tmp_path: Path, trial: Trial, lines: list[Declaration], values: Array) -> list[dict[str, Array]]:
+    """The same runs in DART and in MuJoCo."""
+    (tmp_path / "rock.xml").write_text(MESHED)
+    made = simulator(load(tmp_path / "rock.xml"), lines, step=0.0005)
+    other = MujocoSimulator(load_file(tmp_path / "rock.xml"), made.parameters, made.quantities, step=0.0005)
+    return [s.rollout([trial], values)[0].channels for s in (made, other)]  # type: ignore[misc]
+
+
+def test_a_mesh_falls_lies_and_bears_as_in_mujoco(tmp_path: Path) -> None:
+    time = np.arange(0.0, 1.5, 0.01)
+    trial = Trial(
+        "lie", 0.0, 1.5, Channel("command", ("hip",), "rad", np.zeros(1), np.zeros((1, 1))),
+        {"base_position": Observed(("x", "y", "z"), "m", time), "position": Observed(("hip",), "rad", time)},
+        base_at(0.0, 0.1),
+    )  # fmt: skip
+    ours, theirs = rock_and_seen(tmp_path, trial, [], np.zeros((1, 0)))
+    falling = time < 0.08
+    np.testing.assert_allclose(ours["base_position"][0, falling, 2], 0.1 - 0.5 * 9.81 * time[falling] ** 2, atol=2e-3)
+    # At rest it lies on its flat side, and the servo bears the beam.
+    fallen = ours["base_position"][0, -1, 2], theirs["base_position"][0, -1, 2]
+    assert fallen[0] == pytest.approx(fallen[1], rel=0.01)
+    sagged = ours["position"][0, -1, 0], theirs["position"][0, -1, 0]
+    assert abs(sagged[1]) > 0.02
+    assert sagged[0] == pytest.approx(sagged[1], rel=0.01)
+
+
+def test_a_mesh_slides_down_a_floor_that_is_tilted_as_in_mujoco(tmp_path: Path) -> None:
+    time, tilt = np.arange(0.0, 1.0, 0.01), np.array([0.35, 0.5])
+    trial = Trial("slide", 0.0, 0.99, None, {"base_position": Observed(("x", "y", "z"), "m", time)}, base_at(0.0, 0.0))
+    lines = [Declaration("floor_pitch", lower=-0.6, upper=0.6), Declaration("floor_height", nominal=0.0)]
+    gone = []
+    for angle in tilt:
+        trial = replace(trial, initial=base_at(0.03 * np.sin(angle), 0.03 * np.cos(angle), angle))  # on its flat side
+        ours, theirs = rock_and_seen(tmp_path, trial, lines, np.array([[angle, 0.0]]))
+        far = [np.linalg.norm(r["base_position"][0, -1] - r["base_position"][0, 0]) for r in (ours, theirs)]
+        assert far[0] == pytest.approx(far[1], rel=0.01)
+        gone.append(far[0])
+    law = 0.5 * 9.81 * (np.sin(tilt) - 0.3 * np.cos(tilt)) * time[-1] ** 2
+    np.testing.assert_allclose(gone, law, rtol=0.02)
 
 
 PUSHED = BALL.replace("<geom name=", "<geom contype='0' conaffinity='0' name=", 1)

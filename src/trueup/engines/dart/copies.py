@@ -15,8 +15,8 @@ from trueup.articulated.described import StoredCopies
 from trueup.articulated.model import WORLD, BasePose, Engine
 from trueup.articulated.pose import angles_of, quaternion_of, turning
 from trueup.articulated.starts import at_rest
-from trueup.engines.dart.skeleton import new_world, transform
-from trueup.engines.mujoco.floor_plane import plane_of
+from trueup.engines.dart.hulls import hulls
+from trueup.engines.dart.skeleton import lay_floor, new_world, plane_name, shapes_of, transform
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.wiring import rest
 from trueup.rounding import first_step
@@ -37,7 +37,8 @@ class DartCopies(StoredCopies):
     def __init__(self, model: Engine, file: Model, rows: int) -> None:
         super().__init__(model, rows)
         self._file, self._compiled, self._floating = file, file.compiled, bool(model.channels())
-        self.worlds = [new_world(self._compiled) for _ in range(rows)]
+        shapes = hulls(self._compiled)
+        self.worlds = [new_world(self._compiled, shapes) for _ in range(rows)]
         self.robots = [w.getSkeleton("robot") for w in self.worlds]
         self._force_on, self._advance = [r.setForces for r in self.robots], [w.step for w in self.worlds]
         self._placed, self._moving = [r.getPositions for r in self.robots], [r.getVelocities for r in self.robots]
@@ -59,6 +60,7 @@ class DartCopies(StoredCopies):
         self._pushes: dict[str, tuple[list[Any], Array, Array]] = {}
         self._drives: tuple[Array, ...] | None = None
         self.substep, self._set = LONGEST, 0.0
+        self._damping, self._shared = np.zeros_like(self.position), 0.0
         for joint in self._joints:
             for attribute in ("joint.damping", "joint.friction"):
                 self._apply(attribute, joint)
@@ -128,7 +130,8 @@ class DartCopies(StoredCopies):
             for world in self.worlds:
                 world.setTimeStep(self.substep)
         law = self._law(command)
-        damped = bool(np.any(law.kv))  # by the servos: only then are speeds asked for between two commands
+        self._share_damping()
+        damped = bool(np.any(law.kv) or np.any(self._damping))  # only then are speeds asked for between two commands
         going = np.flatnonzero(~(self._stopped | self._lost)).tolist()
         for k in range(count):
             forces = self._forces(law)
@@ -143,6 +146,28 @@ class DartCopies(StoredCopies):
             self._gather(going, speeds=damped, last=k + 1 == count)
         if self._lost.any():
             self.position[self._lost] = np.nan
+
+    def _share_damping(self) -> None:
+        """Viscous friction is applied here where a joint takes longer than a substep to slow down, as it does on average over
+        one; elsewhere by DART, implicitly.
+
+        DART counts its implicit friction in what forces do and not in what contacts do: a joint of a robot that lies on the
+        ground would sag too far, by the share that substep x damping has of its inertia.
+        """
+        if self._shared == self.substep or not self._joints:
+            return
+        self._shared = self.substep
+        damping = np.stack([self.get("joint.damping", j) for j in self._joints], axis=1)
+        inertia = np.stack([
+            self.get("joint.inertia", j) - self.model.get("joint.armature", j) + self.get("joint.armature", j)
+            for j in self._joints
+        ], axis=1)  # fmt: skip
+        gone = self.substep * damping / inertia  # of the speed, at first
+        own = gone <= 1.0
+        self._damping = np.where(own, -np.expm1(-gone) * inertia / self.substep, 0.0)
+        for robot, row in zip(self.robots, np.where(own, 0.0, damping), strict=True):
+            for joint, value in zip(self._joints, row.tolist(), strict=True):
+                robot.getJoint(joint).setDampingCoefficient(0, value)
 
     def _law(self, command: Array) -> ServoLaw:
         """What the drives do about positions and speeds during a step: position servos within their limits, or motors."""
@@ -163,7 +188,7 @@ class DartCopies(StoredCopies):
         position, velocity = self.position[:, self._at], self.velocity[:, self._at]
         wanted = law.given - law.kp * position - law.kv * velocity
         self.force[:, self._at] = np.minimum(np.maximum(wanted, -law.limit), law.limit)
-        self._whole[:, self._dofs] = self.force
+        self._whole[:, self._dofs] = self.force - self._damping * self.velocity
         if not np.isfinite(self.force.sum()):
             self._lost |= ~np.isfinite(self.force).all(axis=1)
         return self._whole
@@ -180,12 +205,12 @@ class DartCopies(StoredCopies):
     def _apply(self, attribute: str, name: str) -> None:
         family = attribute.partition(".")[0]
         if attribute == "joint.damping":
-            for robot, value in zip(self.robots, self.get(attribute, name), strict=True):
-                robot.getJoint(name).setDampingCoefficient(0, float(value))
+            self._shared = 0.0
         elif attribute == "joint.friction":
             for robot, value in zip(self.robots, self.get(attribute, name), strict=True):
                 robot.getJoint(name).setCoulombFriction(0, float(value))
         elif attribute == "joint.armature":
+            self._shared = 0.0
             body = int(self._compiled.jnt_bodyid[self._compiled.joint(name).id])
             self._write_body(self._compiled.body(body).name)
         elif family == "body":
@@ -194,10 +219,14 @@ class DartCopies(StoredCopies):
             for world, value in zip(self.worlds, self.get(attribute, name), strict=True):
                 world.setGravity(value)
         elif attribute in ("geom.friction", "world.floor_friction"):
-            geom = name if family == "geom" else self._compiled.geom(plane_of(self._compiled)).name
+            geom = name if family == "geom" else plane_name(self._compiled)
             for world, value in zip(self.worlds, self.get(attribute, name), strict=True):
-                for shape in _shapes(world, geom):
+                for shape in shapes_of(world, geom):
                     shape.getDynamicsAspect().setFrictionCoeff(float(value))
+        elif attribute in ("world.floor_height", "world.floor_tilt"):
+            heights, tilts = self.get("world.floor_height", WORLD), self.get("world.floor_tilt", WORLD)
+            for world, height, tilt in zip(self.worlds, heights, tilts, strict=True):
+                lay_floor(self._compiled, world, float(height), tilt)
 
     def _write_body(self, name: str) -> None:
         """Mass, centre of mass and inertia of a body; the rotor of its joint turns with it, about the joint's axis.
@@ -260,8 +289,3 @@ def _command_range(compiled: mujoco.MjModel, columns: Sequence[int]) -> tuple[Ar
     limited = compiled.actuator_ctrllimited[columns].astype(bool)
     low, high = compiled.actuator_ctrlrange[columns].T
     return (np.where(limited, low, -np.inf), np.where(limited, high, np.inf)) if limited.any() else None
-
-
-def _shapes(world: Any, geom: str) -> list[Any]:
-    bodies = [body for name in ("world", "robot") for body in world.getSkeleton(name).getBodyNodes()]
-    return [shape for body in bodies for shape in body.getShapeNodes() if shape.getName() == geom]

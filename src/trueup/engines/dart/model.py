@@ -32,6 +32,7 @@ OFFERED = (
     "joint.start_velocity", "actuator.kp", "actuator.kv", "actuator.zero", "actuator.gain", "actuator.force_limit",
     "actuator.delay", "actuator.servo", "actuator.slides", "actuator.torque", "body.mass", "body.com", "body.inertia",
     "geom.friction", "geom.touches", "world.gravity", "world.floor_friction",
+    "world.floor_height", "world.floor_tilt",
 )  # fmt: skip
 """Attributes that quantities can read here, and write unless they are only read (see `articulated.model.ATTRIBUTES`)."""
 
@@ -76,7 +77,7 @@ class DartModel:
 
     def get(self, attribute: str, name: str) -> Array:
         """See Model."""
-        offered = [a for a in OFFERED if a != "world.floor_friction" or plane_of(self.file.compiled) >= 0]
+        offered = [a for a in OFFERED if not a.startswith("world.floor") or plane_of(self.file.compiled) >= 0]
         if attribute not in offered:
             raise unknown_name("attribute", attribute, offered, f"what DART offers of '{self.name}'")
         return np.array(self.file.get(attribute, name))

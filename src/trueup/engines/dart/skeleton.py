@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import dartpy
@@ -10,6 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.engines.mujoco.floor_plane import plane_of, turned
 from trueup.errors import ModelError
 
 Array = NDArray[np.float64]
@@ -19,17 +21,19 @@ _PLANE = 20.0, 1.0  # m: width and depth of the box that stands for a plane
 _GEOM = mujoco.mjtGeom
 
 
-def new_world(model: mujoco.MjModel) -> Any:
+def new_world(model: mujoco.MjModel, hulls: Mapping[int, Any]) -> Any:
     """A `dartpy.simulation.World` with the robot, and with the shapes of the model's world as a second, unmoved skeleton.
 
-    Contacts are found by Bullet, which knows all primitive shapes, and solved as a linear complementarity problem with a
-    pyramid of friction. Raises ModelError for joints and shapes that it cannot have.
+    `hulls` are those of the model's meshes (`hulls.hulls`). Contacts are found by Bullet, which knows all primitive shapes,
+    and where there are hulls by ODE, in which they slide as boxes do (Bullet lets them turn and sink); they are solved as a
+    linear complementarity problem with a pyramid of friction. Raises ModelError for joints and shapes that it cannot have.
     """
     world = dartpy.simulation.World()
     world.setGravity(np.array(model.opt.gravity))
     solver = world.getConstraintSolver()
-    solver.setCollisionDetector(dartpy.collision.BulletCollisionDetector())
-    ground, robot = _ground(model), _robot(model)
+    finder = dartpy.collision.OdeCollisionDetector if hulls else dartpy.collision.BulletCollisionDetector
+    solver.setCollisionDetector(finder())
+    ground, robot = _ground(model, hulls), _robot(model, hulls)
     world.addSkeleton(ground)
     world.addSkeleton(robot)
     blocked = solver.getCollisionOption().collisionFilter
@@ -50,25 +54,54 @@ def transform(position: Array, quaternion: Array) -> Any:
     return made
 
 
+def shapes_of(world: Any, geom: str) -> list[Any]:
+    """All of one name."""
+    bodies = [body for name in ("world", "robot") for body in world.getSkeleton(name).getBodyNodes()]
+    return [shape for body in bodies for shape in body.getShapeNodes() if shape.getName() == geom]
+
+
+def plane_name(model: mujoco.MjModel) -> str:
+    """That of the plane on which the robot stands."""
+    return _geom(model, plane_of(model))
+
+
+def lay_floor(model: mujoco.MjModel, world: Any, height: float, tilt: Array) -> None:
+    """Moves the plane on which the robot stands to a height in m, and turns it about x and y, (2,) in rad."""
+    own = plane_of(model)
+    (turn,) = turned(model.geom_quat[own], *np.asarray(tilt)[:, None])
+    for shape in shapes_of(world, plane_name(model)):
+        shape.setRelativeTransform(_placed(np.array([*model.geom_pos[own, :2], height]), turn, -0.5 * _PLANE[1]))
+
+
+def _placed(position: Array, quaternion: Array, offset: float = 0.0) -> Any:
+    """A shape's place in m and quaternion, moved by `offset` m along its own z axis."""
+    there = transform(position, quaternion)
+    return there.multiply(transform(np.array([0.0, 0.0, offset]), np.array([1.0, 0.0, 0.0, 0.0]))) if offset else there
+
+
 def _body(model: mujoco.MjModel, i: int) -> str:
     return mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, i) or f"body{i}"
 
 
-def _ground(model: mujoco.MjModel) -> Any:
+def _geom(model: mujoco.MjModel, i: int) -> str:
+    return mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, i) or f"geom{i}"
+
+
+def _ground(model: mujoco.MjModel, hulls: Mapping[int, Any]) -> Any:
     ground = dartpy.dynamics.Skeleton("world")
     _, node = ground.createWeldJointAndBodyNodePair()
     node.setName("world")
-    _add_shapes(model, 0, node)
+    _add_shapes(model, 0, node, hulls)
     ground.setMobile(False)
     return ground
 
 
-def _robot(model: mujoco.MjModel) -> Any:
+def _robot(model: mujoco.MjModel, hulls: Mapping[int, Any]) -> Any:
     robot = dartpy.dynamics.Skeleton("robot")
     nodes: dict[int, Any] = {0: None}
     for i in range(1, model.nbody):
         nodes[i] = _add_body(model, robot, i, nodes[int(model.body_parentid[i])])
-        _add_shapes(model, i, nodes[i])
+        _add_shapes(model, i, nodes[i], hulls)
     robot.setSelfCollisionCheck(True)
     robot.setAdjacentBodyCheck(False)
     return robot
@@ -110,24 +143,20 @@ def _add_body(model: mujoco.MjModel, robot: Any, i: int, parent: Any) -> Any:
     return body
 
 
-def _add_shapes(model: mujoco.MjModel, body: int, node: Any) -> None:
+def _add_shapes(model: mujoco.MjModel, body: int, node: Any, hulls: Mapping[int, Any]) -> None:
     for geom in range(model.ngeom):
         touches = model.geom_contype[geom] or model.geom_conaffinity[geom]
         if int(model.geom_bodyid[geom]) != body or not touches:
             continue
-        shape, offset = _shape(model, geom)
+        shape, offset = _shape(model, geom, hulls)
         made = node.createShapeNode(shape)
-        made.setName(mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom) or f"geom{geom}")
-        made.setRelativeTransform(
-            transform(model.geom_pos[geom], model.geom_quat[geom]).multiply(
-                transform(np.array([0.0, 0.0, offset]), np.array([1.0, 0.0, 0.0, 0.0]))
-            )
-        )
+        made.setName(_geom(model, geom))
+        made.setRelativeTransform(_placed(model.geom_pos[geom], model.geom_quat[geom], offset))
         made.createCollisionAspect()
         made.createDynamicsAspect().setFrictionCoeff(float(model.geom_friction[geom, 0]))
 
 
-def _shape(model: mujoco.MjModel, geom: int) -> tuple[Any, float]:
+def _shape(model: mujoco.MjModel, geom: int, hulls: Mapping[int, Any]) -> tuple[Any, float]:
     """A shape, and how far along its own z axis it has to be moved, in m. Raises ModelError."""
     dynamics, kind, (a, b, c) = dartpy.dynamics, int(model.geom_type[geom]), model.geom_size[geom]
     if kind == _GEOM.mjGEOM_PLANE:
@@ -140,10 +169,11 @@ def _shape(model: mujoco.MjModel, geom: int) -> tuple[Any, float]:
         return dynamics.CapsuleShape(a, 2 * b), 0.0
     if kind == _GEOM.mjGEOM_CYLINDER:
         return dynamics.CylinderShape(a, 2 * b), 0.0
-    if kind == _GEOM.mjGEOM_ELLIPSOID:
+    if kind == _GEOM.mjGEOM_MESH:
+        return hulls[int(model.geom_dataid[geom])], 0.0
+    if kind == _GEOM.mjGEOM_ELLIPSOID and not hulls:
         return dynamics.EllipsoidShape([2 * a, 2 * b, 2 * c]), 0.0
-    name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_GEOM, geom) or str(geom)
     raise ModelError(
-        f"shape '{name}' is a {_GEOM(kind).name}; in DART boxes, spheres, capsules, cylinders, ellipsoids and planes can "
-        "be had"
+        f"shape '{_geom(model, geom)}' is a {_GEOM(kind).name}; in DART boxes, spheres, capsules, cylinders, planes and "
+        "meshes can be had, and ellipsoids where there are no meshes"
     )
