@@ -247,6 +247,46 @@ def test_a_mesh_slides_down_a_floor_that_is_tilted_as_in_mujoco(tmp_path: Path) 
     np.testing.assert_allclose(gone, law, rtol=0.02)
 
 
+SENSORS = """<sensor><gyro name="gyro" site="imu"/><accelerometer name="felt" site="imu"/><framequat name="turned" objtype="site"
+  objname="imu"/><jointvel name="pace" joint="elbow"/><actuatorfrc name="push" actuator="shoulder"/><subtreecom name="com"
+  body="upper"/><force name="grip" site="imu"/></sensor></mujoco>"""
+
+
+def test_a_robots_sensors_tell_in_dart_what_they_tell_in_mujoco(tmp_path: Path) -> None:
+    imu = '<site name="imu" pos="0.03 0.01 -0.1" euler="20 30 40"/><joint name="slide"'
+    text = ARM.replace('<joint name="slide"', imu).replace("</mujoco>", SENSORS)
+    (tmp_path / "arm.xml").write_text(text)
+    made = simulator(load(tmp_path / "arm.xml"), step=0.0005)
+    channels = made.engine.channels()
+    assert set(channels) == {"gyro", "felt", "turned", "pace", "push"}
+    assert channels["gyro"] == ("gyro.x", "gyro.y", "gyro.z")
+    time = np.arange(0.05, 0.6, 0.01)
+    trial = replace(swing(0.7), observed={n: Observed(labels, "", time) for n, labels in channels.items()})
+    ours, theirs = (
+        s.rollout([trial], np.zeros((1, 0)))[0].channels
+        for s in (made, MujocoSimulator(load_file(tmp_path / "arm.xml"), step=0.0001))
+    )
+    for name, values in theirs.items():
+        size = np.abs(values - values.mean(axis=1, keepdims=True)).max()
+        apart = np.abs(ours[name] - values)
+        assert np.sqrt(np.mean(apart**2)) < 0.01 * max(size, 0.1), name
+    late = replace(trial, sensing=(Sensing("gyro", 0.1, 0.03),)).seeded(np.random.default_rng(1))
+    seen: list[Array] = []
+
+    class Watching(Playback):
+        def command(self, observation: Observation) -> Array:
+            seen.append(np.array(observation.sensors["gyro"][0]))
+            return super().command(observation)
+
+    assert trial.command is not None
+    command = trial.command
+    for one in (trial, late):
+        made.rollout([one], np.zeros((1, 0)), lambda v: Watching(command, len(v), period=0.01))
+    clean, noisy = np.array(seen).reshape(2, -1, 3)
+    error = noisy[10:60] - clean[7:57]  # what was so 0.03 s ago, and noise
+    assert np.std(error) == pytest.approx(0.1, rel=0.25)
+
+
 PUSHED = BALL.replace("<geom name=", "<geom contype='0' conaffinity='0' name=", 1)
 
 

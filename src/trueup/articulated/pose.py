@@ -38,6 +38,12 @@ def angles_of(quaternion: Array) -> Array:
     return np.stack([roll, pitch, yaw], axis=-1)
 
 
+def quaternions_of_vectors(vectors: Array) -> Array:
+    """(b, 4) w, x, y, z of rotation vectors (b, 3) in rad."""
+    half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.hstack([np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors])
+
+
 def quaternion_of(angles: Array) -> Array:
     """(..., 4) w, x, y, z of roll, pitch, yaw (..., 3) in rad."""
     half = np.moveaxis(0.5 * angles, -1, 0)

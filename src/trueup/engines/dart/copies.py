@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from trueup.articulated.described import StoredCopies
 from trueup.articulated.model import WORLD, BasePose, Engine
-from trueup.articulated.pose import angles_of, quaternion_of, turning
+from trueup.articulated.pose import POSITION, angles_of, quaternion_of, quaternions_of_vectors, turning
 from trueup.articulated.starts import at_rest
 from trueup.engines.dart.hulls import hulls
+from trueup.engines.dart.sensors import Sensors
 from trueup.engines.dart.skeleton import lay_floor, new_world, plane_name, shapes_of, transform
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.wiring import rest
@@ -36,7 +37,7 @@ class DartCopies(StoredCopies):
 
     def __init__(self, model: Engine, file: Model, rows: int) -> None:
         super().__init__(model, rows)
-        self._file, self._compiled, self._floating = file, file.compiled, bool(model.channels())
+        self._file, self._compiled, self._floating = file, file.compiled, POSITION in model.channels()
         shapes = hulls(self._compiled)
         self.worlds = [new_world(self._compiled, shapes) for _ in range(rows)]
         self.robots = [w.getSkeleton("robot") for w in self.worlds]
@@ -47,11 +48,11 @@ class DartCopies(StoredCopies):
         self._zeros = np.array([
             self._compiled.qpos0[self._compiled.jnt_qposadr[self._compiled.joint(j).id]] for j in self._joints
         ])  # fmt: skip
-        self.base_position = np.zeros((rows, 3))
-        self.base_orientation = np.zeros((rows, 3))
-        self.base_turning = np.zeros((rows, 3))
-        self._stopped = np.zeros(rows, dtype=bool)
-        self._lost = np.zeros(rows, dtype=bool)  # DART goes on with zeros where a number is none; these do not
+        self.base_position, self.base_orientation, self.base_turning, self._rotations = np.zeros((4, rows, 3))
+        self._sensors = Sensors(self._compiled, self._joints, self.robots)
+        self._seen: Array | None = None
+        # Lost: some number is none, where DART goes on with zeros.
+        self._stopped, self._lost = np.zeros((2, rows), dtype=bool)
         self._driven = [(i, a) for i, a in enumerate(model.drives().values()) if a]
         self._at = _slice([i for i, _ in self._driven])
         self._columns = [model.columns()[a] for _, a in self._driven]
@@ -62,8 +63,7 @@ class DartCopies(StoredCopies):
         self.substep, self._set = LONGEST, 0.0
         self._damping, self._shared = np.zeros_like(self.position), 0.0
         for joint in self._joints:
-            for attribute in ("joint.damping", "joint.friction"):
-                self._apply(attribute, joint)
+            self._apply("joint.friction", joint)
         for name in model.names("body")[1:]:
             self._apply("body.mass", name)
         self._apply("world.gravity", WORLD)
@@ -115,7 +115,20 @@ class DartCopies(StoredCopies):
         if state not in self.model.channels():
             return super().reader(state, joints)
         where = [self.model.channels()[state].index(label) for label in joints]
-        return lambda n: np.ascontiguousarray(getattr(self, state)[:n, where])
+        read = self._sensed if state in self._sensors.columns else lambda name: getattr(self, name)
+        return lambda n: np.ascontiguousarray(read(state)[:n, where])
+
+    def _sensed(self, name: str) -> Array:
+        """(b, k) what a sensor of the file tells; all are computed once a state."""
+        if self._seen is None:
+            base = None
+            if self._floating:
+                turns = quaternions_of_vectors(self._rotations)
+                speed = np.array([np.asarray(r.getRootBodyNode().getLinearVelocity()) for r in self.robots])
+                base = {"qpos": np.hstack([self.base_position, turns]), "qvel": np.hstack([speed, self.base_turning])}
+            gravity = self.get("world.gravity", WORLD)
+            self._seen = self._sensors.read(self.position, self.velocity, self.force, gravity, base)
+        return self._seen[:, self._sensors.columns[name]]
 
     def stop(self, rows: NDArray[np.int64]) -> None:
         """These are stepped no further."""
@@ -245,7 +258,7 @@ class DartCopies(StoredCopies):
 
     def _gather(self, rows: Sequence[int], *, speeds: bool, last: bool = True) -> None:
         """Takes the state of some rows out of their worlds, that of their bases at `last`; what is no number is lost."""
-        base = last and self._floating
+        base, self._seen = last and self._floating, None
         if not len(rows):
             return
         some = slice(None) if len(rows) == self.rows else np.asarray(rows)
@@ -256,7 +269,8 @@ class DartCopies(StoredCopies):
             self.velocity[some] = moving[:, self._dofs]
             if base:  # DART has its rotation vector and its place first, its velocity in its own axes
                 self.base_position[some] = placed[:, 3:6]
-                self.base_orientation[some] = angles_of(_quaternions(placed[:, :3]))
+                self._rotations[some] = placed[:, :3]
+                self.base_orientation[some] = angles_of(quaternions_of_vectors(placed[:, :3]))
                 self.base_turning[some] = moving[:, :3]
         if not np.isfinite(self.position.sum() + self.velocity.sum()):
             self._lost |= ~np.isfinite(self.position + self.velocity).all(axis=1)
@@ -269,12 +283,6 @@ class ServoLaw(NamedTuple):
     kp: Array
     kv: Array
     limit: Array
-
-
-def _quaternions(vectors: Array) -> Array:
-    """(b, 4) w, x, y, z of rotation vectors (b, 3) in rad."""
-    half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.hstack([np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors])
 
 
 def _slice(order: Sequence[int]) -> slice | NDArray[np.int64]:

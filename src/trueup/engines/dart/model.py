@@ -6,6 +6,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from trueup.articulated.declarations import Declaration, declare
 from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION
 from trueup.articulated.simulator import ArticulatedSimulator
+from trueup.engines.dart.sensors import offered
 from trueup.engines.mujoco import model as files
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.errors import MissingExtraError, unknown_name
@@ -72,14 +74,19 @@ class DartModel:
         return bool(len(types)) and int(types[0]) == mujoco.mjtJoint.mjJNT_FREE
 
     def channels(self) -> Mapping[str, tuple[str, ...]]:
-        """See Engine: the pose of a free base, and its angular velocity about its own axes, in rad/s."""
-        return {POSITION: AXES, ORIENTATION: ANGLES, TURNING: AXES} if self.floating else {}
+        """See Engine: the file's sensors; the pose of a free base, and its angular velocity about its own axes, in rad/s."""
+        return self._channels
+
+    @cached_property
+    def _channels(self) -> Mapping[str, tuple[str, ...]]:
+        base = {POSITION: AXES, ORIENTATION: ANGLES, TURNING: AXES} if self.floating else {}
+        return {**offered(self.file.compiled), **base}
 
     def get(self, attribute: str, name: str) -> Array:
         """See Model."""
-        offered = [a for a in OFFERED if not a.startswith("world.floor") or plane_of(self.file.compiled) >= 0]
-        if attribute not in offered:
-            raise unknown_name("attribute", attribute, offered, f"what DART offers of '{self.name}'")
+        known = [a for a in OFFERED if not a.startswith("world.floor") or plane_of(self.file.compiled) >= 0]
+        if attribute not in known:
+            raise unknown_name("attribute", attribute, known, f"what DART offers of '{self.name}'")
         return np.array(self.file.get(attribute, name))
 
     def copies(self, rows: int) -> DartCopies:
