@@ -197,7 +197,7 @@ class Transition:
     def _kept(self, rollout: Rollout, values: Array) -> Array:
         """(b, T, k) held from the last sample on, in runs that were watched until they are judged."""
         known = np.isfinite(values).all(axis=2)
-        last = np.maximum.accumulate(np.where(known, np.arange(known.shape[1]), 0), axis=1)
+        last = np.maximum.accumulate(np.where(known, np.arange(values.shape[1]), 0), axis=1)
         whole = rollout.trial.observed[ANGLES].time[last.max(axis=1)] > self._judged(rollout) - 1.5 / self.rate
         return np.where(whole[:, None, None], np.take_along_axis(values, last[:, :, None], axis=1), values)
 
