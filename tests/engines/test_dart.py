@@ -247,9 +247,10 @@ def test_a_mesh_slides_down_a_floor_that_is_tilted_as_in_mujoco(tmp_path: Path) 
     np.testing.assert_allclose(gone, law, rtol=0.02)
 
 
-SENSORS = """<sensor><gyro name="gyro" site="imu"/><accelerometer name="felt" site="imu"/><framequat name="turned" objtype="site"
-  objname="imu"/><jointvel name="pace" joint="elbow"/><actuatorfrc name="push" actuator="shoulder"/><subtreecom name="com"
-  body="upper"/><force name="grip" site="imu"/></sensor></mujoco>"""
+SENSORS = """<sensor><gyro name="gyro" site="imu"/><accelerometer name="felt" site="imu"/>
+  <framequat name="turned" objtype="site" objname="imu"/><jointvel name="pace" joint="elbow"/>
+  <actuatorfrc name="push" actuator="shoulder"/><subtreecom name="com" body="upper"/><force name="grip" site="imu"/>
+  </sensor></mujoco>"""
 
 
 def test_a_robots_sensors_tell_in_dart_what_they_tell_in_mujoco(tmp_path: Path) -> None:
