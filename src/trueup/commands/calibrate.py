@@ -17,19 +17,10 @@ from rich.table import Table
 
 from trueup.calibration import Calibration
 from trueup.campaign.output import Output, fingerprint
+from trueup.commands.console import notes
 from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
-from trueup.commands.sources import (
-    add_engine,
-    add_refuse,
-    mapping_for,
-    readable,
-    recordings_in,
-    refusable,
-    split,
-    step_of,
-    while_driven,
-)
+from trueup.commands.sources import add_engine, add_refuse, add_shared, given, refusable, step_of
 from trueup.errors import ModelError
 from trueup.recording import Recording
 from trueup.report import replay_picture, write_report
@@ -68,18 +59,14 @@ A parameters file says what to calibrate, one table for each line; the result, f
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What this command takes."""
     parser.add_argument("model", metavar="MODEL", help="MJCF or URDF of the robot, or TOML of a car")
-    parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="files or folders")
+    add_shared(parser, "recordings", "hold-out", "mapping", "seed", "json", "quiet")
     parser.add_argument("--out", metavar="DIR", default="fit",
                         help="folder for the results; the next run takes DIR-2 (default: %(default)s)")  # fmt: skip
     parser.add_argument("--dry-run", action="store_true",
                         help="read everything, say what would be calibrated and from where to where, and stop")  # fmt: skip
-    parser.add_argument("--hold-out", nargs="+", action="append", default=[], metavar="NAME",
-                        help="recordings to judge by and not to fit: names, patterns ('fast_*') or paths")  # fmt: skip
     parser.add_argument("--parameters", metavar="FILE", help="what to calibrate (TOML); proposed if absent")
-    parser.add_argument("--mapping", metavar="FILE", help="how columns become channels (default: mapping.toml if here)")
     parser.add_argument("--search", default="auto", choices=("auto", "gradient", "cma-es", "hybrid"),
                         help="gradient where it is smooth, cma-es where it is not (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all random numbers (default: %(default)s)")
     parser.add_argument("--channels", metavar="LIST",
                         help="measured channels to fit, with commas (default: positions and sensors; velocity and torque "
                              "only if asked for, or if there is nothing else)")  # fmt: skip
@@ -95,9 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                              "tell, and say why each was taken or left: for a file that declares much")  # fmt: skip
     parser.add_argument("--no-select", dest="select", action="store_false",
                         help="keep parameters that the recordings cannot support")  # fmt: skip
-    parser.add_argument("--json", action="store_true", help="print the outcome as JSON, for scripts")
     parser.add_argument("--force", action="store_true", help="start anew in DIR and replace what is there")
-    parser.add_argument("-q", "--quiet", action="store_true", help="no progress, no notes")
 
 
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
@@ -107,12 +92,12 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """
     from trueup.loop.prepare import prepare
 
-    training, held_out, notes = _recordings(args, told)
+    training, held_out, found = given(args, told)
     ready = prepare(args.model, training, held_out, parameters=args.parameters, beyond_mjcf=args.beyond_mjcf,
                     step=args.step, refuse=args.refuse, engine=args.engine)  # fmt: skip
     if args.choose:
         ready, choice = ready.worthwhile(_channels(args), seed=args.seed)
-        notes = [*notes, *choice.notes]
+        found = [*found, *choice.notes]
     family, simulator = ready.family, ready.simulator
     output = None if args.dry_run else _output(args, ready)
     if not args.quiet:
@@ -123,8 +108,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
             *family.advice(simulator),
             *([output.note] if output and output.note else []),
         )
-        for note in (*notes, *more):
-            told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
+        notes(told, (*found, *more))
         told.print(escape(proposal_line(family.kinds(simulator), given=args.parameters is not None)), soft_wrap=True)
     if output is None:
         _show_proposal(ready, console)
@@ -135,8 +119,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         console.print_json(output.outcome_file.read_text(encoding="utf-8"))
     else:
         show_outcome(calibration, console, quiet=args.quiet)
-        for note in (*said, *family.advice(simulator, calibration)):
-            console.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
+        notes(console, (*said, *family.advice(simulator, calibration)))
         for k, line in enumerate(ready.usage(calibration, output.model_file)):
             console.print(("to simulate it as it was fitted:\n" if not k else "") + f"    {escape(line)}",
                           soft_wrap=True, highlight=False)  # fmt: skip
@@ -155,15 +138,6 @@ def _show_proposal(ready: Preparation, console: Console) -> None:
     console.print(table)
     fitted, judged = (", ".join(r.name for r in rows) or "none" for rows in (ready.recordings, ready.hold_out))
     console.print(f"  fitted: {escape(fitted)}; held out: {escape(judged)}", soft_wrap=True, highlight=False)
-
-
-def _recordings(args: argparse.Namespace, told: Console) -> tuple[list[Recording], list[Recording], list[str]]:
-    paths, notes = readable(args.recordings)
-    mapping, more = mapping_for(args.mapping)
-    recordings, others = recordings_in(paths, mapping, told, named=args.mapping is not None)
-    recordings, cut = while_driven(recordings)
-    training, held_out = split(recordings, [h for group in args.hold_out for h in group], mapping)
-    return training, held_out, [*notes, *more, *others, *cut]
 
 
 def _output(args: argparse.Namespace, ready: Preparation) -> Output:

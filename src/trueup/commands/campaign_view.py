@@ -30,6 +30,7 @@ from trueup.campaign.events import (
 )
 from trueup.campaign.history import History, astray
 from trueup.campaign.plan import Plan
+from trueup.commands.console import notes
 from trueup.commands.progress import Watcher
 from trueup.errors import TrialError, listed
 from trueup.report.numbers import duration_text
@@ -81,8 +82,7 @@ class CampaignView:
 
     def doubt(self, words: str) -> None:
         """See Listener."""
-        if words and not self._quiet:
-            self._console.print(f"[yellow]note[/] {escape(words)}", soft_wrap=True, highlight=False)
+        notes(self._console, [words] if words else [], quiet=self._quiet)
 
     def fitting(self, point: TracePoint) -> None:
         """See Listener."""

@@ -4,10 +4,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from json import dumps, loads
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.text import Text
 
 # C0 but tab and newline, DEL and C1, and what turns the direction of writing.
@@ -17,6 +19,12 @@ _UNSAFE = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u20
 def shown(text: str) -> str:
     r"""A text with its control characters written out, such as '\x1b': a name in a file cannot move the cursor."""
     return _UNSAFE.sub(lambda c: f"\\x{ord(c[0]):02x}" if ord(c[0]) < 256 else f"\\u{ord(c[0]):04x}", text)
+
+
+def notes(console: Console, sentences: Iterable[object], *, quiet: bool = False) -> None:
+    """What was noticed, a sentence a line; nothing with `quiet`."""
+    for sentence in () if quiet else sentences:
+        console.print(f"[yellow]note[/] {escape(str(sentence))}", soft_wrap=True, highlight=False)
 
 
 class PlainConsole(Console):

@@ -17,6 +17,7 @@ from dataclasses import asdict, dataclass
 from rich.console import Console
 from rich.markup import escape
 
+from trueup.commands.sources import add_shared
 from trueup.cores import cores
 
 ABOUT = """\
@@ -46,7 +47,7 @@ class Finding:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What this command takes."""
-    parser.add_argument("--json", action="store_true", help="print the findings as JSON, for scripts")
+    add_shared(parser, "json")
 
 
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:

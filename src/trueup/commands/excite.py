@@ -16,7 +16,9 @@ from rich.console import Console
 from rich.markup import escape
 
 from trueup.campaign.output import free_folder
+from trueup.commands.console import notes
 from trueup.commands.progress import bar
+from trueup.commands.sources import add_shared
 from trueup.errors import IdentificationError, MissingExtraError, listed
 from trueup.formats.plain import finite
 from trueup.formats.trajectory import write_bag, write_csv, write_json
@@ -63,7 +65,7 @@ _FILES = ("trajectory.csv", "trajectory.json", "path.svg", "trajectory_bag")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What this command takes."""
     parser.add_argument("model", metavar="MODEL", help="URDF or MJCF of the arm")
-    parser.add_argument("--out", required=True, metavar="DIR", help="folder for the results; the next run takes DIR-2")
+    add_shared(parser, "out", "seed", "json", "force", "quiet")
     parser.add_argument("--region", metavar="FILE", help="box and cone in which the tool stays (TOML)")
     parser.add_argument("--motion", choices=("fourier", "sines", "via-points"),
                         help="class of motion (default: via-points with --via-points, else fourier)")  # fmt: skip
@@ -85,10 +87,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--floor", default="auto", metavar="Z", help="height of the floor in m, 'none', or 'auto'")
     parser.add_argument("--rate", type=float, default=500.0, metavar="HZ", help="of trajectory.csv (default: 500)")
     parser.add_argument("--budget", type=float, default=20.0, metavar="S", help="seconds of search (default: 20)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all random numbers (default: %(default)s)")
-    parser.add_argument("--json", action="store_true", help="print the outcome as JSON, for scripts")
-    parser.add_argument("--force", action="store_true", help="replace what is in DIR")
-    parser.add_argument("-q", "--quiet", action="store_true", help="no progress, no notes")
 
 
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
@@ -98,10 +96,8 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
 
     problem = _problem(args)
     folder = free_folder(Path(args.out), lambda at: args.force or not any((at / f).exists() for f in _FILES))
-    if not args.quiet:
-        moved = [f"results go to {folder}"] if folder != Path(args.out) else []
-        for note in (*problem.notes, *moved):
-            told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True, highlight=False)
+    moved = [f"results go to {folder}"] if folder != Path(args.out) else []
+    notes(told, (*problem.notes, *moved), quiet=args.quiet)
     try:
         with _progress(told, args.budget, quiet=args.quiet) as watcher:
             outcome = excite(problem.criterion, problem.feasibility, problem.wish, problem.options, told=watcher)
@@ -110,13 +106,12 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         raise
     expected = expectations(problem.criterion, outcome.trajectory, problem.feasibility.limits, percent=args.percent)
     numbers = _numbers(args, problem, outcome, expected)
-    files, notes = _write(args, folder, problem, outcome, numbers)
+    files, lost = _write(args, folder, problem, outcome, numbers)
     if args.json:
         console.print_json(data=numbers)
         return 0
     _show(args, problem, outcome, expected, console)
-    for note in () if args.quiet else (*outcome.notes, *notes):
-        console.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
+    notes(console, (*outcome.notes, *lost), quiet=args.quiet)
     console.print("  " + "  ".join(escape(str(f)) for f in files), soft_wrap=True, highlight=False)
     return 0
 
@@ -155,7 +150,7 @@ def _write(
     args: argparse.Namespace, folder: Path, problem: ExcitationProblem, outcome: Outcome, numbers: dict[str, Any]
 ) -> tuple[list[Path], list[str]]:
     """All files, and what could not be written for want of a package."""
-    t, limits, notes = outcome.trajectory, problem.feasibility.limits, []
+    t, limits, lost = outcome.trajectory, problem.feasibility.limits, []
     files = [folder / name for name in _FILES]
     recording = t.recording({"command": shlex.join(["trueup", *args.command_line])})
     write_csv(recording, files[0])
@@ -172,10 +167,10 @@ def _write(
     try:
         write_bag(recording, files[3])
     except MissingExtraError as error:
-        notes.append(f"no bag: {error}")
+        lost.append(f"no bag: {error}")
         files.pop()
     write_json(recording, files[1], numbers)
-    return files, notes
+    return files, lost
 
 
 def _numbers(

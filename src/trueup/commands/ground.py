@@ -17,8 +17,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from trueup.campaign.output import free_folder
+from trueup.commands.console import notes
 from trueup.commands.progress import bar
-from trueup.commands.sources import mapping_for, readable, recordings_in, split, while_driven
+from trueup.commands.sources import add_shared, given
 from trueup.errors import GroundingError
 from trueup.formats.plain import finite
 from trueup.recording import Recording
@@ -59,10 +60,7 @@ _TOLD = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What this command takes."""
-    parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="files or folders")
-    parser.add_argument("--out", required=True, metavar="DIR", help="folder for the results; the next run takes DIR-2")
-    parser.add_argument("--hold-out", nargs="+", action="append", default=[], metavar="NAME",
-                        help="recordings to judge by and not to learn from: names, patterns ('fast_*') or paths")  # fmt: skip
+    add_shared(parser, "recordings", "out", "hold-out", "mapping", "seed", "json", "quiet")
     parser.add_argument("--model", metavar="MODEL", help="MJCF or URDF of a simulator to ground")
     parser.add_argument("--learners", nargs="+", metavar="NAME", help="which to compare (default: all ten; a wrong name "
                         "lists them)")  # fmt: skip
@@ -84,10 +82,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         "replays the robot: added to commands (a delta action), or to joints as torque")  # fmt: skip
     parser.add_argument("--budget", type=float, default=120.0, metavar="S",
                         help="CPU time for comparing learners (default: %(default)g s)")  # fmt: skip
-    parser.add_argument("--mapping", metavar="FILE", help="how columns become channels (default: mapping.toml if here)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all random numbers (default: %(default)s)")
-    parser.add_argument("--json", action="store_true", help="print the numbers as JSON, for scripts")
-    parser.add_argument("-q", "--quiet", action="store_true", help="no progress and no notes")
 
 
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
@@ -98,9 +92,10 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         raise GroundingError(
             f"--residual {args.residual}: what a simulator lacks is found in it; say which with --model"
         )
-    training, held_out, notes = _recordings(args)
-    for note in () if args.quiet else notes:
-        told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
+    training, held_out, found = given(args)
+    if not training:
+        raise GroundingError(f"all {len(held_out)} recordings are held out; none is left to learn from")
+    notes(told, found, quiet=args.quiet)
     learned, scores = _learned(args, training, held_out, told)
     story = _story(args, learned, scores, training, held_out)
     grounding = (
@@ -118,17 +113,6 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         _show(story, console)
         console.print(f"  start with {escape(str(folder / 'report.html'))}", soft_wrap=True, highlight=False)
     return 0
-
-
-def _recordings(args: argparse.Namespace) -> tuple[list[Recording], list[Recording], list[str]]:
-    paths, notes = readable(args.recordings)
-    mapping, more = mapping_for(args.mapping)
-    recordings, others = recordings_in(paths, mapping, named=args.mapping is not None)
-    recordings, cut = while_driven(recordings)
-    training, held_out = split(recordings, [n for each in args.hold_out for n in each], mapping)
-    if not training:
-        raise GroundingError(f"all {len(held_out)} recordings are held out; none is left to learn from")
-    return training, held_out, [*notes, *more, *others, *cut]
 
 
 def _learned(
@@ -197,8 +181,7 @@ def _grounded(
 
     ready = prepare(args.model, training, held_out, propose=False)
     simulator, values = ready.simulator, ready.simulator.parameters.nominal
-    for note in () if args.quiet else ready.notes:
-        told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
+    notes(told, ready.notes, quiet=args.quiet)
     best, why = best_way(
         grounding, simulator, ready.recordings, values, inverse=args.inverse, residual=args.residual or "",
         share=args.share, seed=args.seed,

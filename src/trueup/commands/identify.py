@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.markup import escape
 
 from trueup.campaign.output import free_folder
-from trueup.commands.sources import Mapped, mapping_for, readable, recordings_in, split
+from trueup.commands.console import notes
+from trueup.commands.sources import add_shared, given, mapping_for, recordings_in
 from trueup.errors import IdentificationError, OutputError
-from trueup.formats import ChannelMap, TimeColumn, guess_mapping
+from trueup.formats import ChannelMap, TimeColumn
 from trueup.recording import Recording
 
 if TYPE_CHECKING:
@@ -64,9 +64,8 @@ _SHARE = re.compile(r"(\d+(?:\.\d+)?)\s*%")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What this command takes."""
     parser.add_argument("model", metavar="MODEL", help="URDF or MJCF of the arm")
-    parser.add_argument("recordings", nargs="+", metavar="LOG", help="files or folders")
-    parser.add_argument("--out", required=True, metavar="DIR", help="folder for the results; the next run takes DIR-2")
-    parser.add_argument("--hold-out", nargs="+", action="append", default=[], metavar="NAME",
+    add_shared(parser, "recordings", "out", "mapping", "rate", "seed", "json", "force", "quiet")
+    parser.add_argument("--hold-out", nargs="+", action="extend", default=[], metavar="NAME",
                         help="logs to judge by, not to fit: names, patterns, paths; '30%%': the end of each")  # fmt: skip
     parser.add_argument("--drives", metavar="FILE", help="gear ratios, couplings, offsets, torque constants (TOML)")
     parser.add_argument("--payload", nargs="+", default=[], metavar="LOG",
@@ -74,10 +73,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--payload-mass", type=float, default=0.0, metavar="KG", help="its mass")
     parser.add_argument("--payload-com", nargs=3, type=float, metavar=("X", "Y", "Z"),
                         help="its centre of mass in the last link's frame, m (default: found too)")  # fmt: skip
-    parser.add_argument("--mapping", metavar="FILE", help="how columns become channels (default: mapping.toml if here)")
-    parser.add_argument(
-        "--rate", type=float, metavar="HZ", help="samples per second, for logs without a column of time"
-    )
     parser.add_argument(
         "--lock", nargs="+", default=[], metavar="JOINT", help="joints that do not move: welded at zero"
     )
@@ -96,10 +91,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                              "channel or columns, as the message lists them")  # fmt: skip
     parser.add_argument("--no-consistent", dest="consistent", action="store_false",
                         help="no physically possible bodies, and so no model file")  # fmt: skip
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of all random numbers (default: %(default)s)")
-    parser.add_argument("--json", action="store_true", help="print the outcome as JSON, for scripts")
-    parser.add_argument("--force", action="store_true", help="replace what is in DIR")
-    parser.add_argument("-q", "--quiet", action="store_true", help="no progress, no notes")
 
 
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
@@ -113,7 +104,8 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     from trueup.identification.model_file import load_tree
 
     options, names = _options(args)
-    training, held_out, notes = _recordings(args, names, told)
+    rated = None if args.rate is None else (lambda mapping: _with_rate(mapping, args.rate))
+    training, held_out, found = given(args, told, hold_out=names, rated=rated, driven=False)
     tree = load_tree(args.model).lock(args.lock)
     if args.gravity is not None:
         tree = tree.replace(gravity=args.gravity)
@@ -123,9 +115,8 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         drives, more = _weighed(args, tree, training, drives)
         said = (*said, *more)
     folder = free_folder(Path(args.out), lambda at: _free(at, Path(args.model), force=args.force))
-    if not args.quiet:
-        for note in (*notes, *said, *([f"results go to {folder}"] if folder != Path(args.out) else [])):
-            told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
+    elsewhere = [f"results go to {folder}"] if folder != Path(args.out) else []
+    notes(told, (*found, *said, *elsewhere), quiet=args.quiet)
     progress = None if args.quiet else (lambda stage, share: told.print(f"  {stage}", highlight=False))
     result = identify(tree, training, held_out, drives=drives, options=options, told=progress)
     delivered, more = _write(args, result, folder)
@@ -138,7 +129,7 @@ def _options(args: argparse.Namespace) -> tuple[Options, list[str]]:
     from trueup.identification.estimation.identify import Options
 
     names, share = [], 0.0
-    for entry in (e for group in args.hold_out for e in group):
+    for entry in args.hold_out:
         if found := _SHARE.fullmatch(entry):
             share = 0.01 * float(found[1])
         else:
@@ -152,19 +143,6 @@ def _options(args: argparse.Namespace) -> tuple[Options, list[str]]:
     made = Options(cutoff=args.cutoff, align=align, hold_out=share, structure=args.friction,  # type: ignore[arg-type]
                    consistent=args.consistent, gains=args.gains, seed=args.seed)  # fmt: skip
     return made, names
-
-
-def _recordings(
-    args: argparse.Namespace, hold_out: Sequence[str], told: Console
-) -> tuple[list[Recording], list[Recording], list[str]]:
-    paths, notes = readable(args.recordings)
-    mapping, more = mapping_for(args.mapping)
-    used: Mapped = mapping
-    if args.rate is not None:
-        used = _with_rate(ChannelMap.load(mapping) if mapping else guess_mapping(paths), args.rate)
-    recordings, others = recordings_in(paths, used, told, named=args.mapping is not None)
-    training, held_out = split(recordings, hold_out, mapping)
-    return training, held_out, [*notes, *more, *others]
 
 
 def _weighed(
@@ -203,15 +181,15 @@ def _write(
     from trueup.identification.delivery.numbers import numbers_of
     from trueup.report.identification import write_identification_report
 
-    delivered, notes = deliver(result, args.model, folder)
+    delivered, lost = deliver(result, args.model, folder)
     context = {"command": shlex.join(["trueup", *args.command_line]), "python": sys.version.split()[0]}
     write_identification_report(result, folder / _FILES[0], delivered=delivered, context=context)
     save_numbers(numbers_of(result, delivered), folder / _FILES[1])
-    return delivered, notes
+    return delivered, lost
 
 
 def _show(
-    args: argparse.Namespace, result: Identification, delivered: Sequence[Deliverable], notes: Sequence[str], folder: Path,
+    args: argparse.Namespace, result: Identification, delivered: Sequence[Deliverable], lost: Sequence[str], folder: Path,
     console: Console,
 ) -> None:  # fmt: skip
     from trueup.commands.show_identification import show_identification
@@ -220,5 +198,4 @@ def _show(
         console.print_json((folder / _FILES[1]).read_text(encoding="utf-8"))
         return
     show_identification(result, delivered, folder, console, quiet=args.quiet)
-    for note in notes if not args.quiet else ():
-        console.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
+    notes(console, lost, quiet=args.quiet)

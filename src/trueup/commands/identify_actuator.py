@@ -19,8 +19,8 @@ from rich.table import Table
 
 from trueup.calibration import Replay
 from trueup.campaign.output import free_folder
-from trueup.commands.sources import mapping_for, readable, split, step_of
-from trueup.formats import read
+from trueup.commands.console import notes
+from trueup.commands.sources import add_shared, given, step_of
 from trueup.report.numbers import duration_text
 from trueup.report.picture import replay_picture
 from trueup.report.writing import write_aside
@@ -66,11 +66,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for name, line in _LOADS.items():
         parser.add_argument(f"--{name}", type=float, metavar="X", help=line)
     parser.add_argument("--joint", default="", metavar="NAME", help="which joint, where the recordings have several")
-    parser.add_argument("--hold-out", nargs="+", action="extend", default=[], metavar="NAME",
-                        help="recordings to judge by: names, patterns, files or folders")  # fmt: skip
+    add_shared(parser, "hold-out", "mapping", "quiet")
     parser.add_argument("--ask", nargs="*", metavar="STRUCTURE",
                         help='ask about these structures only, by their names in the table ("dead band")')  # fmt: skip
-    parser.add_argument("--mapping", metavar="FILE", help="read with this mapping instead of guessing")
     parser.add_argument(
         "--step", type=step_of, default=0.002, metavar="S", help="integration step in s (default 0.002)"
     )
@@ -78,7 +76,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--force", action="store_true", help="overwrite them in DIR; otherwise DIR-2, DIR-3 ... are used"
     )
-    parser.add_argument("--quiet", action="store_true", help="no progress and no notes")
 
 
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
@@ -87,20 +84,17 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     from trueup.actuators.identify import identify_actuator
 
     bench = Bench.read(Path(args.bench)) if args.bench else Bench()
-    given = {n.replace("-", "_"): getattr(args, n.replace("-", "_")) for n in _LOADS}
-    bench = replace(bench, **{n: v for n, v in given.items() if v is not None})
+    loads = {n.replace("-", "_"): getattr(args, n.replace("-", "_")) for n in _LOADS}
+    bench = replace(bench, **{n: v for n, v in loads.items() if v is not None})
     folder = Path(args.out) if args.out else None
     if folder is not None and not args.force:
         folder = free_folder(folder, lambda at: not any((at / name).exists() for name in _FILES))
-    paths, notes = readable(args.recordings)
-    mapping, more = mapping_for(args.mapping)
-    fitted, kept = split(read(paths, mapping), args.hold_out, mapping)
+    fitted, kept, found = given(args, driven=False)
     with _progress(told, quiet=args.quiet) as watch:
         actuator = identify_actuator(
             fitted, kept, bench=bench, joint=args.joint, step=args.step, ask=args.ask, told=watch
         )
-    for note in (*notes, *more, *actuator.notes) if not args.quiet else ():
-        console.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True, highlight=False)
+    notes(console, (*found, *actuator.notes), quiet=args.quiet)
     _show(actuator, console)
     if folder is not None:
         _written(actuator, [*actuator.write(folder), *_pictures(actuator, folder)], console)

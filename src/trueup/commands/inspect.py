@@ -14,7 +14,8 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from trueup.commands.sources import MAPPING, mapping_for, readable, recordings_in
+from trueup.commands.console import notes
+from trueup.commands.sources import MAPPING, add_shared, mapping_for, readable, recordings_in
 from trueup.errors import MappingError
 from trueup.formats import ChannelMap, TimeColumn, guess_mapping, read
 from trueup.formats.plain import finite
@@ -36,37 +37,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What this command takes."""
     parser.add_argument("files", nargs="+", metavar="FILE", help="CSV, JSON, NPZ, Parquet, ROS bags, or folders")
     parser.add_argument("--mapping", metavar="FILE", help="read with this mapping instead of guessing")
-    parser.add_argument(
-        "--rate", type=float, metavar="HZ", help="samples per second, for logs without a column of time"
-    )
+    add_shared(parser, "rate", "json")
     parser.add_argument("--model", metavar="MODEL", help="compare joint names with this MJCF or URDF, propose renaming")
     parser.add_argument("--write-mapping", metavar="FILE", help="where to write the mapping (default: mapping.toml)",
                         nargs="?", const="mapping.toml")  # fmt: skip
     parser.add_argument("--force", action="store_true", help="guess anew and overwrite the mapping")
-    parser.add_argument("--json", action="store_true", help="print the findings as JSON, for scripts")
 
 
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Prints the findings; writes the mapping where there is none. Returns the exit code."""
-    paths, notes = readable(args.files)
+    paths, said = readable(args.files)
     target = Path(args.write_mapping or MAPPING)
     mapping, more = (None, []) if args.force and not args.mapping else mapping_for(args.mapping or _existing(target))
-    notes += more
+    said += more
     recordings, other = _read(paths, mapping, args.rate, target, told, named=args.mapping is not None)
-    notes += other
+    said += other
     if args.model is not None:
-        notes += _unknown(recordings, args.model) if mapping is not None else []
+        said += _unknown(recordings, args.model) if mapping is not None else []
     found = [inspect(r) for r in (_in_units_of(args.model, recordings) if args.model is not None else recordings)]
     written = None
     if mapping is None and any("reader" in r.provenance for r in recordings):
         guess = _with_rate(guess_mapping(paths), args.rate)
         if args.model is not None:
-            guess, said = _renamed(guess, recordings, _drives_of(args.model))
-            notes += said
+            guess, more = _renamed(guess, recordings, _drives_of(args.model))
+            said += more
         guess.save(target)
         written = target
     if args.json:
-        plain = {"recordings": [_plain(f) for f in found], "notes": notes, "mapping": str(written or mapping or "")}
+        plain = {"recordings": [_plain(f) for f in found], "notes": said, "mapping": str(written or mapping or "")}
         console.print_json(json.dumps(plain, allow_nan=False))
         return 0
     for inspection in found:
@@ -74,8 +72,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     # The same guess for each file differs in its numbers only; once is enough.
     for guessed in {g.split(" (")[0]: g for inspection in found for g in inspection.guesses}.values():
         console.print(f"[cyan]guess[/] {escape(guessed)}", highlight=False, soft_wrap=True)
-    for note in notes:
-        console.print(f"[yellow]note[/] {escape(note)}", highlight=False, soft_wrap=True)
+    notes(console, said)
     if written is not None:
         console.print(f"wrote [bold]{escape(str(written))}[/]; edit it if a guess is wrong", soft_wrap=True)
     elif mapping is not None:

@@ -19,17 +19,9 @@ from rich.table import Table
 
 from trueup.calibration import Ahead, Replay, pooled_rmse
 from trueup.campaign.output import free_folder
+from trueup.commands.console import notes
 from trueup.commands.replay_drives import drive_table, plain_drive, write_drives
-from trueup.commands.sources import (
-    add_engine,
-    add_refuse,
-    mapping_for,
-    readable,
-    recordings_in,
-    refusable,
-    step_of,
-    while_driven,
-)
+from trueup.commands.sources import add_engine, add_refuse, add_shared, given, refusable, step_of
 from trueup.formats.plain import finite
 from trueup.formats.replayed import KINDS, write_replays
 from trueup.recording import Recording, is_command
@@ -62,14 +54,13 @@ Parquet (--trajectories).
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What this command takes."""
     parser.add_argument("model", metavar="MODEL", help="MJCF or URDF of the robot, or a car's TOML file")
-    parser.add_argument("recordings", nargs="+", metavar="RECORDING", help="files or folders")
+    add_shared(parser, "recordings", "mapping", "json", "quiet")
     parser.add_argument(
         "--parameters", metavar="FILE", help="values to apply (TOML), as `trueup calibrate` writes them"
     )
     parser.add_argument("--against", metavar="MODEL", help="another model to compare with (default with --parameters: "
                         "MODEL without them)")  # fmt: skip
     parser.add_argument("--grounding", metavar="FILE", help="pass commands through what `trueup ground` has learned")
-    parser.add_argument("--mapping", metavar="FILE", help="how columns become channels (default: mapping.toml if here)")
     parser.add_argument("--channels", metavar="LIST", help="measured channels to compare, with commas (default: "
                         "position, or whatever there is)")  # fmt: skip
     parser.add_argument("--step", type=step_of, metavar="S", help=f"integration step in s (default: {STEP})")
@@ -83,34 +74,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--trajectories", choices=KINDS, default="csv", metavar="KIND",
                         help="how measured and simulated trajectories are written into DIR: csv, npz or parquet "
                              "(default: %(default)s)")  # fmt: skip
-    parser.add_argument("--json", action="store_true", help="print the errors as JSON, for scripts")
-    parser.add_argument("-q", "--quiet", action="store_true", help="no notes")
 
 
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Replays, shows a table, writes pictures if asked. Raises TrueupError. Returns the exit code."""
-    paths, notes = readable(args.recordings)
-    mapping, more = mapping_for(args.mapping)
-    recordings, others = recordings_in(paths, mapping, told, named=args.mapping is not None)
-    recordings, cut = while_driven(recordings)
+    recordings, _, found = given(args, told)
     recordings, between = _commanded(recordings, args.commands, args.step or STEP)
     compared, taken = _compared(args, recordings)
-    said = (*notes, *more, *others, *cut, *between, *taken)
-    if not args.quiet:
-        for note in said:
-            told.print(f"[yellow]note[/] {escape(note)}", soft_wrap=True)
+    said = (*found, *between, *taken)
+    notes(told, said, quiet=args.quiet)
     beside = bool(args.against or args.parameters or args.grounding)
-    found = compared.replays
+    replays = compared.replays
     if args.json and compared.predictions:
         console.print_json(json.dumps([plain_drive(p) for p in compared.predictions]))
     elif args.json:
-        console.print_json(json.dumps([_plain(r, beside, compared.ahead) for r in found]))
+        console.print_json(json.dumps([_plain(r, beside, compared.ahead) for r in replays]))
     elif compared.predictions:
         console.print(drive_table(compared.predictions))
     else:
-        for kind in dict.fromkeys((r.channel, r.unit) for r in found):
-            console.print(_table([r for r in found if (r.channel, r.unit) == kind], beside))
-            console.print(_further([r for r in found if (r.channel, r.unit) == kind], compared.ahead))
+        for kind in dict.fromkeys((r.channel, r.unit) for r in replays):
+            console.print(_table([r for r in replays if (r.channel, r.unit) == kind], beside))
+            console.print(_further([r for r in replays if (r.channel, r.unit) == kind], compared.ahead))
     if args.out:
         folder = free_folder(Path(args.out), lambda at: not at.exists() or not any(at.iterdir()))
         if compared.predictions:

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from trueup.campaign.folder import Folder
+from trueup.commands.sources import add_shared
 from trueup.report.campaign import write_campaign_report
 
 ABOUT = """\
@@ -22,9 +23,7 @@ simulator foretold it. One file that holds all it needs; may be written while th
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What this command takes."""
-    parser.add_argument(
-        "folder", nargs="?", default=".", metavar="DIR", help="the campaign's folder (default: this one)"
-    )
+    add_shared(parser, "folder")
     parser.add_argument("--out", metavar="FILE", help="where to write (default: DIR/report.html)")
 
 

@@ -7,11 +7,12 @@ import argparse
 from pathlib import Path
 
 from rich.console import Console
-from rich.markup import escape
 
 from trueup.campaign.folder import Folder
 from trueup.campaign.journal import set_back
+from trueup.commands.console import notes
 from trueup.commands.run import add_common, go_on
+from trueup.commands.sources import add_shared
 
 ABOUT = """\
 Goes on with the campaign in DIR as if it had never been stopped: same proposals, no trial on the robot lost, none
@@ -26,9 +27,7 @@ silently repeated. If a trial was under way on hardware when it was stopped, you
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What this command takes."""
-    parser.add_argument(
-        "folder", nargs="?", default=".", metavar="DIR", help="the campaign's folder (default: this one)"
-    )
+    add_shared(parser, "folder")
     parser.add_argument("--from-line", type=int, metavar="N", help="forget line N of the journal and all after it")
     add_common(parser)
 
@@ -38,7 +37,5 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     folder = Folder.open(Path(args.folder))
     if args.from_line is not None:
         aside = set_back(folder.path, args.from_line)
-        told.print(
-            f"[yellow]note[/] the journal as it was is kept in {escape(str(aside))}", soft_wrap=True, highlight=False
-        )
+        notes(told, [f"the journal as it was is kept in {aside}"])
     return go_on(folder, args, console, told)

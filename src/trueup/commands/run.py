@@ -17,6 +17,8 @@ from trueup.campaign.history import History
 from trueup.campaign.journal import Journal
 from trueup.campaign.plan import PlanFile, read_plan
 from trueup.commands.campaign_view import CampaignView, Unknown
+from trueup.commands.console import notes
+from trueup.commands.sources import add_shared
 from trueup.commands.status import as_json, show_status
 from trueup.commands.where import CLUSTER, add_cluster, evaluator_of
 from trueup.extensions import version
@@ -56,8 +58,7 @@ def add_common(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--unknown", choices=("ask", "repeat", "leave"), default="ask",
                         help="what to do about a trial that was interrupted on hardware (default: %(default)s)")  # fmt: skip
     add_cluster(parser)
-    parser.add_argument("--json", action="store_true", help="print the outcome as JSON, for scripts")
-    parser.add_argument("-q", "--quiet", action="store_true", help="no progress, no notes")
+    add_shared(parser, "json", "quiet")
 
 
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
@@ -93,8 +94,7 @@ def go_on(folder: Folder, args: argparse.Namespace, console: Console, told: Cons
     from trueup.campaign.campaign import Campaign  # with all that a calibration needs: --help must not wait for it
     from trueup.campaign.resolve import parts_of
 
-    if folder.note and not args.quiet:
-        told.print(f"[yellow]note[/] {escape(folder.note)}", soft_wrap=True, highlight=False)
+    notes(told, [folder.note] if folder.note else [], quiet=args.quiet)
 
     def say(line: str) -> None:
         if not args.quiet:

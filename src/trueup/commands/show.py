@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from trueup.calibration import Calibration, Replay
+from trueup.commands.console import notes
 from trueup.report.numbers import duration_text, ratio_text, scale_for
 from trueup.report.summary import Score, comparisons, pooled_score
 
@@ -33,10 +34,7 @@ def show_outcome(calibration: Calibration, console: Console, *, quiet: bool = Fa
     """Prints errors before and after (fitted, held out, each held-out motion), noise floor, and what to mind."""
     for sentence in calibration.unidentified:
         console.print(f"[cyan]cannot tell[/] {escape(sentence)}", soft_wrap=True, highlight=False)
-    if not quiet:
-        for sentence in (*calibration.warnings, *calibration.notes, calibration.lacking):
-            if sentence:
-                console.print(f"[yellow]note[/] {escape(sentence)}", soft_wrap=True, highlight=False)
+    notes(console, filter(None, (*calibration.warnings, *calibration.notes, calibration.lacking)), quiet=quiet)
     for comparison in comparisons(calibration):
         name = comparison.channel
         _line(console, f"{name}, fitted", comparison.training, comparison.unit, floor=not comparison.held_out)

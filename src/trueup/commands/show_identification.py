@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from trueup.commands.console import notes
 from trueup.identification.estimation.result import Deliverable, Identification, relative_error, relative_errors, rmse
 from trueup.report.numbers import duration_of_a_call, duration_text, significant
 
@@ -28,9 +29,7 @@ def show_identification(
     """Prints warnings, errors by joint, the error of each file in `folder`, and what could not be told."""
     for sentence in result.warnings:
         console.print(f"[red]mind[/] {escape(sentence)}", soft_wrap=True, highlight=False)
-    if not quiet:
-        for sentence in result.notes:
-            console.print(f"[yellow]note[/] {escape(sentence)}", soft_wrap=True, highlight=False)
+    notes(console, result.notes, quiet=quiet)
     for sentence in result.advice if not quiet else ():
         console.print(f"[cyan]{escape(sentence)}[/]", soft_wrap=True, highlight=False)
     console.print(_table(result))

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import argparse
 import fnmatch
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -15,7 +16,7 @@ from rich.progress import BarColumn, DownloadColumn, Progress, SpinnerColumn, Te
 
 from trueup import files
 from trueup.errors import FormatError, OtherFilesMappingError, RecordingError, unknown_name
-from trueup.formats import ChannelMap, is_recording, read
+from trueup.formats import ChannelMap, guess_mapping, is_recording, read
 from trueup.inspection.diagnosis import Diagnosis
 from trueup.recording import Recording
 
@@ -89,6 +90,27 @@ def _shown(paths: Sequence[Path], told: Console | None) -> Iterator[Path]:
             bar.advance(task, size)
 
 
+def given(
+    args: argparse.Namespace, told: Console | None = None, *, hold_out: Sequence[str] | None = None,
+    rated: Callable[[ChannelMap], ChannelMap] | None = None, driven: bool = True,
+) -> tuple[list[Recording], list[Recording], list[str]]:  # fmt: skip
+    """The recordings that a command line names, those held out (None: as it says), and notes on what was done.
+
+    `rated` gives the mapping a rate where one is asked for; `driven`: cut to where the drives were on. Raises what
+    `readable`, `recordings_in` and `split` raise.
+    """
+    paths, notes = readable(args.recordings)
+    mapping, more = mapping_for(args.mapping)
+    used: Mapped = mapping
+    if rated is not None:
+        used = rated(ChannelMap.load(mapping) if mapping else guess_mapping(paths))
+    recordings, others = recordings_in(paths, used, told, named=args.mapping is not None)
+    recordings, off = while_driven(recordings) if driven else (recordings, [])
+    held = getattr(args, "hold_out", ()) if hold_out is None else hold_out
+    training, kept = split(recordings, held, mapping)
+    return training, kept, [*notes, *more, *others, *off]
+
+
 def split(
     recordings: Sequence[Recording], hold_out: Sequence[str], mapping: Path | None
 ) -> tuple[list[Recording], list[Recording]]:
@@ -134,6 +156,29 @@ def while_driven(recordings: Sequence[Recording]) -> tuple[list[Recording], list
         )
         kept.append(recording.slice(start, stop))
     return kept, notes
+
+
+_HOLD_OUT = "recordings to judge by and not to fit: names, patterns ('fast_*') or paths"
+_SHARED: Mapping[str, tuple[tuple[str, ...], Mapping[str, Any]]] = {
+    "recordings": (("recordings",), {"nargs": "+", "metavar": "RECORDING", "help": "files or folders"}),
+    "folder": (("folder",), {"nargs": "?", "default": ".", "metavar": "DIR",
+                             "help": "the campaign's folder (default: this one)"}),
+    "out": (("--out",), {"required": True, "metavar": "DIR", "help": "folder for the results; the next run takes DIR-2"}),
+    "hold-out": (("--hold-out",), {"nargs": "+", "action": "extend", "default": [], "metavar": "NAME", "help": _HOLD_OUT}),
+    "mapping": (("--mapping",), {"metavar": "FILE", "help": "how columns become channels (default: mapping.toml if here)"}),
+    "rate": (("--rate",), {"type": float, "metavar": "HZ", "help": "samples per second, for logs without a column of time"}),
+    "seed": (("--seed",), {"type": int, "default": 0, "metavar": "N", "help": "of all random numbers (default: 0)"}),
+    "json": (("--json",), {"action": "store_true", "help": "print the outcome as JSON, for scripts"}),
+    "force": (("--force",), {"action": "store_true", "help": "replace what is in DIR"}),
+    "quiet": (("-q", "--quiet"), {"action": "store_true", "help": "no progress, no notes"}),
+}  # fmt: skip
+
+
+def add_shared(parser: argparse.ArgumentParser, *names: str) -> None:
+    """Options that several commands have, by their names."""
+    for name in names:
+        flags, how = _SHARED[name]
+        parser.add_argument(*flags, **how)
 
 
 def add_engine(parser: argparse.ArgumentParser) -> None:

@@ -17,6 +17,7 @@ from rich.table import Table
 from trueup.campaign.folder import Folder
 from trueup.campaign.history import History, RoundStory
 from trueup.campaign.plan import Plan
+from trueup.commands.sources import add_shared
 from trueup.formats.plain import finite
 
 ABOUT = """\
@@ -30,10 +31,7 @@ may be asked while the campaign runs.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What this command takes."""
-    parser.add_argument(
-        "folder", nargs="?", default=".", metavar="DIR", help="the campaign's folder (default: this one)"
-    )
-    parser.add_argument("--json", action="store_true", help="print it as JSON, for scripts")
+    add_shared(parser, "folder", "json")
 
 
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:

@@ -8,7 +8,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.markup import escape
+
+from trueup.commands.console import notes
 
 if TYPE_CHECKING:
     from trueup.evaluation.evaluator import Evaluator
@@ -45,11 +46,7 @@ def evaluator_of(
         return Here()
     from trueup.evaluation.cluster import Cluster
 
-    def say(line: str) -> None:
-        if not quiet:
-            console.print(f"[yellow]note[/] {escape(line)}", soft_wrap=True, highlight=False)
-
-    made = Cluster(cluster, quorum=quorum, say=say, watch=watch)
+    made = Cluster(cluster, quorum=quorum, say=lambda line: notes(console, [line], quiet=quiet), watch=watch)
     if "://" in cluster:
         made.__enter__()
     return made
