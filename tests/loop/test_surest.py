@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from trueup.controllers.controller import Controller, ControllerFactory
 from trueup.engines.simulator import Rollout
-from trueup.loop.surest import SURE, Effort, surest
+from trueup.loop.surest import Effort, surest
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Recording
 from trueup.trial import Observed, Trial
@@ -76,7 +76,7 @@ def test_what_works_in_all_models_is_found_where_one_model_alone_is_not_enough(m
     assert alone.share == 1.0
     assert hit.mean() < 0.5
     found = surest(Hitting(), Throw(), models, np.random.default_rng(0), doubt=0.01, effort=Effort(generations=60))
-    assert found.share >= SURE
+    assert found.share >= Effort().sure
     assert np.abs(found.values[0] + winds * found.values[1] - 1.0).max() < 0.06
 
 

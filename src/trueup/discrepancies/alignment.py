@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +15,6 @@ from trueup.rounding import NEGLIGIBLE
 from trueup.trial import command_of
 
 Array = NDArray[np.float64]
-
-_CLOSE = 0.3  # share of the variance that may be left, for a shift to count as an explanation
-_BETTER = 0.5  # ... and that share, over the least that a lag that may be leaves
-_ENOUGH = 2.5  # s: in less than that a single move may look like another one
-_LEAD = 0.01  # s: no robot moves before it is told to
-_APART = 0.25  # s of lag beyond that of the other recordings
-_ALIKE, _LEAST_APART = 0.1, 0.03  # how far the lags of joints are apart behind one clock: of its error; s
-_USUAL = 0.05  # s of lag where no other recording tells: servos take a few hundredths
 
 
 def lag(reference: Channel, delayed: Channel, *, longest: float = 0.5, hold: bool = False) -> float:
@@ -60,61 +53,85 @@ def lag(reference: Channel, delayed: Channel, *, longest: float = 0.5, hold: boo
     return float((k - width + fraction) * step)
 
 
-def clock_errors(recordings: Sequence[Recording]) -> dict[str, float]:
-    """How late the commands of a recording are stamped, in s (negative: early), for those where it is beyond doubt.
+@dataclass(frozen=True)
+class Clocks:
+    """What is beyond doubt a clock of its own, and no lag of a robot."""
 
-    That is where positions move before they are told to, or far later than in the other recordings, and a shift of the
-    clock explains them far better than any lag that a robot may have.
-    """
-    lags = {r.name: v for r in recordings for v in (_command_lag(r),) if v is not None}
-    sound = sorted(v for v in lags.values() if v >= -_LEAD)
-    usual = sound[(len(sound) - 1) // 2] if sound else _USUAL  # the lower median: late clocks are among them
-    suspects = {name: v for name, v in lags.items() if v < -_LEAD or v > usual + _APART}
-    by_name = {r.name: r for r in recordings}
-    return {name: usual - v for name, v in suspects.items() if _explains(by_name[name], v, usual)}
+    close: float = 0.3
+    """Share of the variance that may be left, for a shift to count as an explanation."""
+    better: float = 0.5
+    """... and that share, over the least that a lag that may be leaves."""
+    enough: float = 2.5
+    """s: in less than that a single move may look like another one."""
+    lead: float = 0.01
+    """s: no robot moves before it is told to."""
+    apart: float = 0.25
+    """s of lag beyond that of the other recordings."""
+    alike: float = 0.1
+    """How far the lags of joints are apart behind one clock: of its error, or `least_apart` s."""
+    least_apart: float = 0.03
+    usual: float = 0.05
+    """s of lag where no other recording tells: servos take a few hundredths."""
 
+    def errors(self, recordings: Sequence[Recording]) -> dict[str, float]:
+        """How late the commands of a recording are stamped, in s (negative: early), for those where it is beyond doubt.
 
-def _command_lag(recording: Recording) -> float | None:
-    command = command_of(recording)
-    if command is None or not recording.has("position"):
-        return None
-    if command.unit not in ("", recording.channel("position").unit):
-        return None
-    found = None
-    overlap = min(recording.stop, command.time[-1]) - max(recording.start, command.time[0])
-    if overlap < _ENOUGH:
-        return None
-    for longest in (0.5, min(5.0, 0.4 * overlap)):
-        try:
-            found = lag(command, recording.channel("position"), longest=longest, hold=True)
-        except RecordingError:
-            break
-        if _unexplained(recording, found) < _CLOSE:
-            break
-    return found
+        That is where positions move before they are told to, or far later than in the other recordings, and a shift of the
+        clock explains them far better than any lag that a robot may have.
+        """
+        lags = {r.name: v for r in recordings for v in (self._command_lag(r),) if v is not None}
+        sound = sorted(v for v in lags.values() if v >= -self.lead)
+        usual = sound[(len(sound) - 1) // 2] if sound else self.usual  # the lower median: late clocks are among them
+        suspects = {name: v for name, v in lags.items() if v < -self.lead or v > usual + self.apart}
+        by_name = {r.name: r for r in recordings}
+        return {name: usual - v for name, v in suspects.items() if self._explains(by_name[name], v, usual)}
 
-
-def _explains(recording: Recording, shift: float, usual: float) -> bool:
-    """Whether commands shifted by `shift` explain the positions, and far better than with a lag that may be."""
-    may_be = min(_unexplained(recording, v) for v in np.linspace(0.0, usual + _APART, 12))
-    left = _unexplained(recording, shift)
-    return left < _CLOSE and left < _BETTER * may_be and _shared(recording, shift, abs(shift - usual))
-
-
-def _shared(recording: Recording, shift: float, error: float) -> bool:
-    """Whether the joints lag alike, as they do behind a wrong clock; what friction holds back in slow motion lags each its
-    own way.
-    """
-    command, position = command_of(recording), recording.channel("position")
-    lags = []
-    for label in position.labels:
-        if command is not None and label in command.labels:
+    def _command_lag(self, recording: Recording) -> float | None:
+        command = command_of(recording)
+        if command is None or not recording.has("position"):
+            return None
+        if command.unit not in ("", recording.channel("position").unit):
+            return None
+        found = None
+        overlap = min(recording.stop, command.time[-1]) - max(recording.start, command.time[0])
+        if overlap < self.enough:
+            return None
+        for longest in (0.5, min(5.0, 0.4 * overlap)):
             try:
-                lags.append(lag(command.select([label]), position.select([label]), longest=abs(shift) + 0.5, hold=True))
-            except RecordingError:  # it does not move
-                continue
-    apart = float(np.median(np.abs(np.array(lags) - np.median(lags)))) if lags else 0.0
-    return apart < max(_ALIKE * error, _LEAST_APART)
+                found = lag(command, recording.channel("position"), longest=longest, hold=True)
+            except RecordingError:
+                break
+            if _unexplained(recording, found) < self.close:
+                break
+        return found
+
+    def _explains(self, recording: Recording, shift: float, usual: float) -> bool:
+        """Whether commands shifted by `shift` explain the positions, and far better than with a lag that may be."""
+        may_be = min(_unexplained(recording, v) for v in np.linspace(0.0, usual + self.apart, 12))
+        left = _unexplained(recording, shift)
+        return left < self.close and left < self.better * may_be and self._shared(recording, shift, abs(shift - usual))
+
+    def _shared(self, recording: Recording, shift: float, error: float) -> bool:
+        """Whether the joints lag alike, as they do behind a wrong clock; what friction holds back in slow motion lags each
+        its own way.
+        """
+        command, position = command_of(recording), recording.channel("position")
+        lags = []
+        for label in position.labels:
+            if command is not None and label in command.labels:
+                try:
+                    lags.append(
+                        lag(command.select([label]), position.select([label]), longest=abs(shift) + 0.5, hold=True)
+                    )
+                except RecordingError:  # it does not move
+                    continue
+        apart = float(np.median(np.abs(np.array(lags) - np.median(lags)))) if lags else 0.0
+        return apart < max(self.alike * error, self.least_apart)
+
+
+def clock_errors(recordings: Sequence[Recording]) -> dict[str, float]:
+    """See `Clocks.errors`."""
+    return Clocks().errors(recordings)
 
 
 def _unexplained(recording: Recording, shift: float) -> float:

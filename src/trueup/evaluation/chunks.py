@@ -13,8 +13,6 @@ from itertools import pairwise
 
 import numpy as np
 
-_PATIENCE = 3.0  # times the expected time, after which a chunk counts as hung
-
 
 @dataclass(frozen=True)
 class Chunk:
@@ -40,6 +38,8 @@ class Pace:
 
     grace: float = 5.0
     """Seconds that a chunk may take beside its work."""
+    patience: float = 3.0
+    """Times the expected time, after which it counts as hung."""
     sizes: list[float] = field(default_factory=list)
     """Rows a thread."""
     seconds: list[float] = field(default_factory=list)
@@ -70,7 +70,7 @@ class Pace:
         """
         rows, seen = len(chunk) / threads, zip(self.sizes, self.seconds, strict=True)
         slowest = max((s * max(1.0, rows / n) for n, s in seen), default=math.inf)
-        return (self.grace + _PATIENCE * slowest) * 2.0**chunk.losses
+        return (self.grace + self.patience * slowest) * 2.0**chunk.losses
 
     def most(self, threads: int, between: float) -> int:
         """Rows of a chunk where a worker is lost every `between` s on average: the best interval between checkpoints.

@@ -7,7 +7,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from trueup.errors import EvaluationError
 from trueup.evaluation.connection import Connection
@@ -17,11 +17,13 @@ T = TypeVar("T")
 
 LOOK = 0.5
 """Seconds between two looks at who is there."""
-_RENEWAL = 60.0  # s for which a cluster without workers is waited for
 
 
 class Roster:
     """The workers of a cluster that fit, each with its threads; `say` hears of those that do not."""
+
+    renewal: ClassVar[float] = 60.0
+    """s for which a cluster without workers is waited for."""
 
     def __init__(self, connection: Connection, say: Callable[[str], None]) -> None:
         self.connection, self._say = connection, say
@@ -70,14 +72,14 @@ class Roster:
 
     def endure(self) -> None:
         """Raises EvaluationError where nobody has been there for too long; a queue may take its time."""
-        if not self.fit and not self.connection.jobs and time.monotonic() > self._peopled + _RENEWAL:
+        if not self.fit and not self.connection.jobs and time.monotonic() > self._peopled + self.renewal:
             why = next(iter(self._unfit.values()), f"start some: dask worker {self.connection.address}")
             raise EvaluationError(f"{self.where} has no worker: {why}")
 
     @property
     def last(self) -> bool:
         """Whether a single worker is left, and no other one will come."""
-        return len(self.fit) == 1 and not self.renewed and time.monotonic() > self._lost + _RENEWAL
+        return len(self.fit) == 1 and not self.renewed and time.monotonic() > self._lost + self.renewal
 
     def bar(self, worker: str, why: str) -> None:
         """A worker that hangs is ended, where somebody there can start it again, and left alone where not."""
@@ -87,7 +89,7 @@ class Roster:
 
         def restart() -> None:
             try:
-                client.restart_workers([worker], timeout=_RENEWAL, raise_for_error=False)
+                client.restart_workers([worker], timeout=self.renewal, raise_for_error=False)
             except Exception:  # it has no nanny: it stays as it is, and nothing is sent to it
                 return
 

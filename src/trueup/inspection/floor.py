@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -14,12 +15,6 @@ from trueup.recording import Recording
 from trueup.trial import command_of
 
 Array = NDArray[np.float64]
-
-_SHORT = 0.01  # m above the commanded height: more than friction and sag explain
-_PLAINLY = 0.02  # m, reached at least once
-_SLOW = 0.02  # m/s of the lowest point: not on its way any more
-_NEAR = 0.04  # m above the lowest height ever reached
-_SHARE = 0.01  # of all poses that must look stopped
 
 
 class Heights(Protocol):
@@ -35,24 +30,43 @@ class Heights(Protocol):
         ...
 
 
-def stopped_by_floor(heights: Heights, recordings: Sequence[Recording]) -> Diagnosis | None:
+@dataclass(frozen=True)
+class Stopped:
+    """What counts as stopped."""
+
+    short: float = 0.01
+    """m above the commanded height: more than friction and sag explain."""
+    plainly: float = 0.02
+    """m, reached at least once."""
+    slow: float = 0.02
+    """m/s of the lowest point: not on its way any more."""
+    near: float = 0.04
+    """m above the lowest height ever reached."""
+    share: float = 0.01
+    """Of all poses that must look stopped."""
+
+
+def stopped_by_floor(
+    heights: Heights, recordings: Sequence[Recording], rule: Stopped | None = None
+) -> Diagnosis | None:
     """Whether the robot's lowest point stays well above where its commands would put it, near the lowest reach of all.
 
     Servos sag below their commands; one that rests above it was stopped. `numbers` has the height in m, the median of the
     lowest points where they were stopped.
     """
-    looks = [(r.name, *seen) for r in recordings for seen in (_reached(heights, r),) if seen is not None]
+    rule = rule or Stopped()
+    looks = [(r.name, *seen) for r in recordings for seen in (_reached(heights, r, rule.slow),) if seen is not None]
     if not looks:
         return None
     lowest = min(float(reached.min()) for _, reached, _, _ in looks)
     stopped, names, poses = [], [], 0
     for name, reached, told, slow in looks:
         poses += len(reached)
-        resting = slow & (reached - told > _SHORT) & (reached < lowest + _NEAR)
-        if np.any(reached[resting] - told[resting] > _PLAINLY):
+        resting = slow & (reached - told > rule.short) & (reached < lowest + rule.near)
+        if np.any(reached[resting] - told[resting] > rule.plainly):
             stopped.append(reached[resting])
             names.append(name)
-    if not stopped or sum(map(len, stopped)) < _SHARE * poses:
+    if not stopped or sum(map(len, stopped)) < rule.share * poses:
         return None
     height = float(np.median(np.concatenate(stopped)))
     return Diagnosis(
@@ -63,7 +77,7 @@ def stopped_by_floor(heights: Heights, recordings: Sequence[Recording]) -> Diagn
     )  # fmt: skip
 
 
-def _reached(heights: Heights, recording: Recording) -> tuple[Array, Array, NDArray[np.bool_]] | None:
+def _reached(heights: Heights, recording: Recording, slow: float) -> tuple[Array, Array, NDArray[np.bool_]] | None:
     """(T,) lowest points of the robot as measured and as commanded, and whether it moves slowly up or down."""
     command = command_of(recording)
     if command is None or not recording.has("position") or command.unit != recording.channel("position").unit:
@@ -81,4 +95,4 @@ def _reached(heights: Heights, recording: Recording) -> tuple[Array, Array, NDAr
     if good.sum() < 3:
         return None
     reached, told = (heights.lowest(measured.labels, poses[good]) for poses in (own, wanted))
-    return reached, told, np.abs(np.gradient(reached, time[good])) < _SLOW
+    return reached, told, np.abs(np.gradient(reached, time[good])) < slow

@@ -18,10 +18,6 @@ Array = NDArray[np.float64]
 
 DOUBT = 0.05
 """Standard deviation of draws around models, in shares of each parameter's box: what a calibration leaves open."""
-SURE = 0.9
-"""Share of models in which a candidate has to succeed to be tried as it is."""
-_CONFIRMED = 12  # models that a winner is tried in
-_FINE = 0.002  # s, at which it is
 _NEAR, _FAR, _LATER = (
     0.08,
     0.15,
@@ -37,6 +33,12 @@ class Effort:
     generations: int = 24
     """At most, with the likeliest model alone; at most half as many follow with `models`."""
     models: int = 4
+    confirmed: int = 12
+    """Models that a winner is tried in."""
+    fine: float = 0.002
+    """s, the step at which it is."""
+    sure: float = 0.9
+    """Share of them in which a candidate has to succeed to be tried as it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,20 +59,20 @@ def surest(
 
     CMA-ES from `begin` (m,), or the task's nominal values, in the likeliest model, then in several drawn anew for each
     generation (common random numbers within it), until what it has come to succeeds in a dozen of them in a row. With
-    `untried`, `begin` has not failed on the robot: it is kept where it succeeds in `SURE` of the models.
+    `untried`, `begin` has not failed on the robot: it is kept where it succeeds in `Effort.sure` of the models.
     """
     given, space, count = effort or Effort(), task.parameters, 0
 
     def share(candidates: Array) -> Array:
-        several = around(simulator.parameters, models, doubt, _CONFIRMED, rng)
-        return simulated(task, simulator.at_step(_FINE), several, candidates)[1].mean(axis=0)
+        several = around(simulator.parameters, models, doubt, given.confirmed, rng)
+        return simulated(task, simulator.at_step(given.fine), several, candidates)[1].mean(axis=0)
 
     def draw(number: int) -> Array:
         return around(simulator.parameters, models, doubt, number, rng)
 
     if untried and begin is not None:
-        kept, count = float(share(begin[None])[0]), _CONFIRMED
-        if kept >= SURE:
+        kept, count = float(share(begin[None])[0]), given.confirmed
+        if kept >= given.sure:
             return Surest(begin, kept, count)
     if len(space) == 1:  # a look at all of it
         grid = space.from_unit(np.linspace(0.0, 1.0, 2 * given.population)[:, None])
@@ -85,7 +87,7 @@ def surest(
         best, more = space.from_unit(np.stack([two, one])), a + b
     shares = share(best)
     k = int(shares.argmax())
-    return Surest(best[k], float(shares[k]), count + more + len(best) * _CONFIRMED)
+    return Surest(best[k], float(shares[k]), count + more + len(best) * given.confirmed)
 
 
 def around(space: ParameterSpace, models: Array, doubt: float, count: int, rng: np.random.Generator) -> Array:
@@ -101,7 +103,8 @@ def _descended(
 ) -> tuple[Array, int]:  # fmt: skip
     """The unit box's point to which CMA-ES comes by the mean score in the models drawn for each generation; simulations.
 
-    It ends where the centre of the good candidates has succeeded in `_CONFIRMED` models in a row (in one model: three times).
+    It ends where the centre of the good candidates has succeeded in `effort.confirmed` models in a row (in one model:
+    three times).
     """
     seed, count, held = int(rng.integers(2**31)), 0, 0
     search = CmaEs(begin, seed=seed, sigma=sigma, population=effort.population, restarts=0,
@@ -116,7 +119,7 @@ def _descended(
         search.tell(asked, scores[:, :-1].mean(axis=0))
         count += scores.size
         held = held + len(models) if recent and done[:, -1].all() else 0
-        if held >= (_CONFIRMED if len(models) > 1 else 3):
+        if held >= (effort.confirmed if len(models) > 1 else 3):
             return centre, count
         recent = [*recent, asked[np.argsort(scores[:, :-1].mean(axis=0))[: len(asked) // 2]]][-3:]
     return np.concatenate(recent).mean(axis=0), count

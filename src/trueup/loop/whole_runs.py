@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +33,6 @@ Told = Callable[[int, float], None]
 
 _BEND = 5.0  # residuals from which losses grow linearly: one fall is not all
 SPREAD = 0.25  # of the prior, as a share of the box
-_DAMPINGS = np.array([0.01, 0.1, 1.0, 10.0, 100.0])
-_STEP = 0.01  # share of the box over which slopes are taken: contacts have none over less
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +82,10 @@ def whole_runs(
 class _Descent:
     """Levenberg-Marquardt of several members in lockstep, each with a prior of its own: batches, not loops."""
 
+    dampings: ClassVar[tuple[float, ...]] = (0.01, 0.1, 1.0, 10.0, 100.0)
+    step: ClassVar[float] = 0.01
+    """Share of the box over which slopes are taken: contacts have none over less."""
+
     def __init__(self, problems: Sequence[Problem], space: ParameterSpace, centres: Array, prior: float) -> None:
         self._problems, self._space, self._centres, self._prior = problems, space, centres, prior
         self._weights = np.concatenate([weights(p) for p in problems]) / np.sqrt(len(problems))
@@ -96,19 +99,19 @@ class _Descent:
         slopes = np.zeros((k, n, residuals.shape[1]))
         for _ in range(iterations):
             if moved.any():  # the others' slopes are what they were
-                steps = _STEP * np.where(points[moved] > 0.5, -1.0, 1.0)
+                steps = self.step * np.where(points[moved] > 0.5, -1.0, 1.0)
                 shifted = points[moved][:, None] + steps[:, :, None] * np.eye(n)
                 there = self._residuals(shifted.reshape(-1, n)).reshape(len(steps), n, -1)
                 slopes[moved] = (there - residuals[moved][:, None]) / steps[:, :, None]
-            tried, lambdas = [], damping[:, None] * _DAMPINGS
+            tried, lambdas = [], damping[:, None] * np.array(self.dampings)
             for i, p in enumerate(points):
                 tried.append(self._steps(p, residuals[i], slopes[i], self._centres[i], lambdas[i]))
-            candidates, owners = np.concatenate(tried), np.repeat(members, len(_DAMPINGS))
+            candidates, owners = np.concatenate(tried), np.repeat(members, len(self.dampings))
             seen = self._residuals(candidates)
             found = self._losses(seen, candidates, owners).reshape(k, -1)
             chosen = found.argmin(axis=1)
             better = moved = found[members, chosen] < loss
-            rows = members * len(_DAMPINGS) + chosen
+            rows = members * len(self.dampings) + chosen
             damping = np.where(better, np.maximum(lambdas[members, chosen], 1e-4), 10.0 * damping)
             points, residuals = (
                 np.where(better[:, None], x[rows], y) for x, y in ((candidates, points), (seen, residuals))

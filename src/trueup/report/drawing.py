@@ -25,16 +25,9 @@ COLOURS = {
 }
 """Colours that differ in lightness too, so that they survive colour blindness and grey printing."""
 
-WIDTH = 900
-"""Pixels, or points on paper: the width of every still picture."""
-EDGE = 14
-"""Pixels that are left free along the edges."""
-HEAD = 44
-"""Pixels for a picture's title and key."""
-FOOT = 32
-"""Pixels below an axis for its marks and title."""
-TEXT = 12
-"""Pixels: the size of words; a line of them needs half as much again."""
+WIDTH, EDGE, HEAD, FOOT, TEXT = 900, 14, 44, 32, 12
+"""Pixels, or points on paper: the width of every still picture; what is left free along its edges, for its title and key, and
+below an axis for marks and title; the size of words, of which a line needs half as much again."""
 LINE = 1.3
 """Pixels: the width of a curve; what matters most is twice as wide, what is there for comparison half."""
 SAMPLES = 1600

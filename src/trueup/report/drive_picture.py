@@ -13,12 +13,8 @@ from trueup.report.markup import Markup, join, tag
 
 Array = NDArray[np.float64]
 
-_NUMBERS = 56
-"""Pixels left of the error's axes, for numbers."""
-_STRIP = 110
-"""Pixels of one error over time, with its title."""
-_ROOM = 4
-"""The share of the way's size, as its inverse, that predictions may leave it by and still be seen."""
+_NUMBERS, _STRIP = 56, 110
+"""Pixels left of the error's axes, for numbers; of one error over time, with its title."""
 _HIGHEST, _LOWEST = 560, 160
 """Pixels of the map, whatever the shape of the way."""
 
@@ -49,7 +45,7 @@ def drive_picture(position: Replay, heading: Replay, *, compared: bool = False) 
 def _view(seen: Array, ways: list[tuple[str, Array]]) -> tuple[Markup, float]:
     """The way from above, to scale, y upward, and its height in pixels; predictions leave it where they run away."""
     low, high = np.nanmin(seen, axis=0), np.nanmax(seen, axis=0)
-    room = (high - low).max() / _ROOM
+    room = (high - low).max() / 4  # by so much predictions may leave the way and still be seen
     low = np.fmax(np.fmin.reduce([low, *(np.nanmin(p, axis=0) for _, p in ways)]), low - room)
     high = np.fmin(np.fmax.reduce([high, *(np.nanmax(p, axis=0) for _, p in ways)]), high + room)
     size = np.maximum(high - low, np.finfo(float).tiny)

@@ -8,12 +8,6 @@ import numpy as np
 from trueup.calibration import Array
 from trueup.report.hints import velocity
 
-SEGMENT = 1024
-"""Samples of one Welch segment at most; short recordings use a quarter of theirs, so that there is an average."""
-
-POINTS = 220
-"""Frequencies kept, spaced evenly on a logarithmic axis."""
-
 MOST_MISSING = 0.2
 """With a larger share of missing samples a spectrum would show the gaps, not the error."""
 
@@ -32,7 +26,8 @@ def amplitude_density(time: Array, error: Array) -> tuple[Array, Array]:
     step = float(np.median(np.diff(time)))
     grid = time[0] + step * np.arange(max(16, int((time[-1] - time[0]) / step) + 1))
     even = np.interp(grid, time[finite], error[finite])
-    segment = min(SEGMENT, max(16, grid.size // 4))
+    # Short recordings use a quarter of theirs, so that there is an average.
+    segment = min(1024, max(16, grid.size // 4))
     frequency, power = welch(even, fs=1.0 / step, nperseg=segment, detrend="constant")
     return _thinned(np.asarray(frequency[1:], float), np.sqrt(np.asarray(power[1:], float)))
 
@@ -68,9 +63,10 @@ def error_by_speed(time: Array, measured: Array, error: Array, bins: int = 24) -
 
 def _thinned(frequency: Array, density: Array) -> tuple[Array, Array]:
     """Means over logarithmic bands, so that the upper decade is not a black bar."""
-    if frequency.size <= POINTS:
+    points = 220  # spaced evenly on a logarithmic axis
+    if frequency.size <= points:
         return frequency, density
-    edges = np.geomspace(frequency[0], frequency[-1] * 1.0001, POINTS + 1)
+    edges = np.geomspace(frequency[0], frequency[-1] * 1.0001, points + 1)
     band = np.digitize(frequency, edges)
     kept = np.unique(band)
     mean = [(float(np.mean(frequency[band == b])), float(np.sqrt(np.mean(density[band == b] ** 2)))) for b in kept]

@@ -16,8 +16,6 @@ from trueup.search.search import SearchState
 
 Array = NDArray[np.float64]
 
-_FLAT = 40
-
 
 class Evolution:
     """Asks for generations of candidates; the box is mirrored at its walls, so that no candidate is ever moved or lost."""
@@ -35,7 +33,7 @@ class Evolution:
         self._constants()
         self._C, self._B, self._D = np.eye(n), np.eye(n), np.ones(n)
         self._pc, self._ps, self._z = np.zeros(n), np.zeros(n), np.zeros((0, n))
-        self._generation, self._evaluations, self._stale = 0, 0, 0
+        self._generation, self._evaluations, self._stale, self._flat = 0, 0, 0, 40
         self._best, self._best_loss, self._recent, self._done = self._mean, np.inf, [], ""
 
     def ask(self) -> Array:
@@ -51,7 +49,7 @@ class Evolution:
         self._generation += 1
         if told[order[0]] < self._best_loss:
             self._best, self._best_loss = np.array(candidates[order[0]]), float(told[order[0]])
-        self._recent = [*self._recent, float(told[order[0]])][-_FLAT:]
+        self._recent = [*self._recent, float(told[order[0]])][-self._flat :]
         if np.isfinite(told).any():
             self._move(self._steps()[order])
         self._check()
@@ -133,7 +131,7 @@ class Evolution:
             self._D = np.sqrt(np.maximum(values, 1e-20))
 
     def _check(self) -> None:
-        flat = len(self._recent) == _FLAT and np.ptp(self._recent) < self._tolerance * (1.0 + abs(self._best_loss))
+        flat = len(self._recent) == self._flat and np.ptp(self._recent) < self._tolerance * (1.0 + abs(self._best_loss))
         if self._evaluations >= self._most:
             self._done = f"stopped after {self._most} evaluations; more may help"
         elif flat or self._sigma * float(self._D.max()) < 1e-7:

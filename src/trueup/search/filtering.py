@@ -20,8 +20,6 @@ from trueup.search.search import SearchState
 
 Array = NDArray[np.float64]
 
-_DAMPING = (1e-6, 0.1, 1.0, 10.0)  # of the steps tried side by side
-
 
 def _half(residual: Array) -> float:
     return 0.5
@@ -55,6 +53,8 @@ class ImplicitFiltering:
     """At most so many in a round, drawn anew each time; others keep the slopes that they had."""
     reach: float = 0.1
     """No difference is wider than this share of the box to either side."""
+    dampings: tuple[float, ...] = (1e-6, 0.1, 1.0, 10.0)
+    """Of the steps tried side by side."""
     seed: int = 0
 
     point: Array = field(init=False)
@@ -169,7 +169,7 @@ class ImplicitFiltering:
         told = self._stencil[1][np.isfinite(self._stencil[1]).all(axis=1)]
         smooth = 0.5 * (self.residual + told.mean(axis=0)) if len(told) else self.residual
         slopes = [weighted.T @ residual for residual in (self.residual, smooth)]
-        steps = [damped_step(curvature, slope, d, self.point) for slope in slopes for d in _DAMPING]
+        steps = [damped_step(curvature, slope, d, self.point) for slope in slopes for d in self.dampings]
         return np.clip(self.point + np.array(steps), 0.0, 1.0)
 
     def _go(self, points: Array, residuals: Array) -> None:

@@ -20,11 +20,6 @@ from trueup.search.search import SearchState
 
 Array = NDArray[np.float64]
 
-_ALIKE = 0.02  # steps nearer to one another than this share of the promised gain, and of the box, are one
-_CROSSING = 1e-4  # damping of the imagined step across the valley that candidates are judged by
-_STUCK = 10.0  # times what is negligible: slopes that promise more where no step goes down are those of a crack
-_CREEP = 0.2  # share of what new slopes promised: a search that gains less until the next ones creeps
-
 
 @dataclass
 class LeastSquares:
@@ -73,6 +68,14 @@ class LeastSquares:
     """Factors on the damping that are tried side by side, in one batch."""
     climbs: int = 2
     """Steps uphill in a row, each on the promise that the next one comes down below everything before."""
+    alike: float = 0.02
+    """Steps nearer to one another than this share of the promised gain, and of the box, are one."""
+    crossing: float = 1e-4
+    """Damping of the imagined step across the valley that candidates are judged by."""
+    cracked: float = 10.0
+    """Times what is negligible: slopes that promise more where no step goes down are those of a crack."""
+    creep: float = 0.2
+    """Share of what new slopes promised: a search that gains less until the next ones creeps."""
     _fresh: bool = field(init=False, default=True)
     _reused: int = field(init=False, default=0)
     _short: int = field(init=False, default=0)
@@ -123,7 +126,7 @@ class LeastSquares:
     def stuck(self) -> bool:
         """Whether slopes still promise what no step gives: it is at a crack in the loss, or creeping along one."""
         known = self.jacobian is not None and self.residual is not None
-        return known and self._promise() > _STUCK * self._negligible(self.loss, self._known()[1])
+        return known and self._promise() > self.cracked * self._negligible(self.loss, self._known()[1])
 
     @property
     def fresh(self) -> bool:
@@ -167,7 +170,7 @@ class LeastSquares:
             self._done = "converged: no step promises a gain that noise would not give"
         elif self.impatient and self.best[1] > self._enough:
             self._done = "stopped creeping along a crack in the loss"
-        self._enough = self.best[1] - _CREEP * promise
+        self._enough = self.best[1] - self.creep * promise
 
     def _bend_and_lowest(self, base: Array) -> None:
         """Sets the robust loss by the residuals at hand, and what is lowest by that loss."""
@@ -237,7 +240,7 @@ class LeastSquares:
         """
         curvature, _ = self._normal_equations()
         slopes = (robust_weights(residuals, self.delta) * residuals) @ self._known()[0]
-        damping = max(self.least_damping, _CROSSING)
+        damping = max(self.least_damping, self.crossing)
         return np.array([
             loss - gain(curvature, slope, damped_step(curvature, slope, damping, at)) if np.isfinite(loss) else np.inf
             for loss, slope, at in zip(losses, slopes, candidates, strict=True)
@@ -290,7 +293,7 @@ class LeastSquares:
         """Steps of several lengths that differ; the factor on the damping that made each is kept beside it."""
         curvature, slope = self._normal_equations()
         dampings = [max(self._damping * factor, self.least_damping) for factor in self.ladder]
-        least = _ALIKE * self._promise()
-        points, rungs = steps_apart(curvature, slope, dampings, self.point, self.log_range, least, _ALIKE)
+        least = self.alike * self._promise()
+        points, rungs = steps_apart(curvature, slope, dampings, self.point, self.log_range, least, self.alike)
         self._factors = [self.ladder[k] for k in rungs]
         return points

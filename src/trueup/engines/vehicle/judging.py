@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,6 @@ from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
-_UNIT = {"position": 0.02, "heading": 0.04}  # m and rad, a second ahead
-_SPEED = 1.5  # m/s: of faster cars, the unit of position grows in proportion
-_AT_ONCE = 0.25  # share of it at once; the rest grows with time
-
 
 class Ahead:
     """A Discrepancy for a VehicleSimulator: (predicted - tracked) over a unit that grows with the time ahead.
@@ -29,15 +26,22 @@ class Ahead:
     (delays, the servo's lag and play) would be bent to mend them.
     """
 
+    unit: ClassVar[Mapping[str, float]] = {"position": 0.02, "heading": 0.04}
+    """m and rad, a second ahead."""
+    usual: ClassVar[float] = 1.5
+    """m/s: of faster cars, the unit of position grows in proportion."""
+    at_once: ClassVar[float] = 0.25
+    """Share of the unit at once; the rest grows with time."""
+
     def __init__(self, simulator: VehicleSimulator, drives: Sequence[Recording] = ()) -> None:
         self._simulator = simulator
         # A fast car's position is off by metres where its heading is as well predicted as a slow one's.
         speeds = [s for s in (usual_speed(d.channel("position")) for d in drives) if np.isfinite(s)]
-        self._larger = max(1.0, float(np.median(speeds)) / _SPEED) if speeds else 1.0
+        self._larger = max(1.0, float(np.median(speeds)) / self.usual) if speeds else 1.0
 
     def scale(self, channel: str, labels: tuple[str, ...]) -> Array:
         """(k,) the unit a second ahead, in m or rad."""
-        return np.full(len(labels), _UNIT.get(channel, 1.0) * (self._larger if channel == "position" else 1.0))
+        return np.full(len(labels), self.unit.get(channel, 1.0) * (self._larger if channel == "position" else 1.0))
 
     def residual(self, real: Recording, simulated: Rollout) -> Array:
         """See Discrepancy."""
@@ -45,7 +49,7 @@ class Ahead:
         for name, values in simulated.channels.items():
             o = simulated.trial.observed[name]
             ahead = self._simulator.ahead(simulated.trial, o.time)[:, None]
-            unit = (_AT_ONCE + (1.0 - _AT_ONCE) * ahead) * self.scale(name, o.labels)
+            unit = (self.at_once + (1.0 - self.at_once) * ahead) * self.scale(name, o.labels)
             parts.append(((values - measured_at(real, name, o.labels, o.time)) / unit).reshape(len(values), -1))
         return np.concatenate(parts, axis=1)
 

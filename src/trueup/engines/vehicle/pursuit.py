@@ -16,16 +16,33 @@ from trueup.rounding import NEGLIGIBLE
 
 Array = NDArray[np.float64]
 
-_LENGTH, _MOST = 3.0, 60
-"""In s, of a piece that begins with what was seen; how many pieces are looked at."""
-_GAINS = tuple(np.geomspace(0.3, 20.0, 8).tolist())  # 1/s
-_LIMITS = tuple(np.geomspace(0.4, 30.0, 8).tolist())  # m/s^2
-_FINER = (0.7, 0.85, 1.0, 1.2, 1.4)
-_DELAYS = (0.0, 0.1, 0.25)  # s
-_SCALES = (0.94, 1.0, 1.06)  # around the usual speed for a command of one
-_RATES = tuple(np.geomspace(0.2, 20.0, 9).tolist())  # of the steering, in units of its command, 1/s
-_LAGS = (0.0, 0.05, 0.1, 0.2, 0.4)  # s
-_WAITS = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3)  # s
+
+@dataclass(frozen=True)
+class Scan:
+    """What is scanned; of delays, lags and rates the ranges that servos and small drives have."""
+
+    length: float = 3.0
+    """s, of a piece that begins with what was seen."""
+    most: int = 60
+    """Pieces that are looked at."""
+    coarse: int = 2
+    """Steps of the past in one of the scan."""
+    gains: tuple[float, ...] = tuple(np.geomspace(0.3, 20.0, 8).tolist())
+    """1/s."""
+    limits: tuple[float, ...] = tuple(np.geomspace(0.4, 30.0, 8).tolist())
+    """m/s^2."""
+    finer: tuple[float, ...] = (0.7, 0.85, 1.0, 1.2, 1.4)
+    """Around the best of these."""
+    delays: tuple[float, ...] = (0.0, 0.1, 0.25)
+    """s."""
+    scales: tuple[float, ...] = (0.94, 1.0, 1.06)
+    """Around the usual speed for a command of one."""
+    rates: tuple[float, ...] = tuple(np.geomspace(0.2, 20.0, 9).tolist())
+    """Of the steering, in units of its command, 1/s."""
+    lags: tuple[float, ...] = (0.0, 0.05, 0.1, 0.2, 0.4)
+    """s, of the steering."""
+    waits: tuple[float, ...] = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3)
+    """s, its delays."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,33 +55,33 @@ class _Piece:
     step: float
 
 
-def pursuit(drives: Sequence[Past], wheelbase: float) -> dict[str, float]:
+def pursuit(drives: Sequence[Past], wheelbase: float, scan: Scan | None = None) -> dict[str, float]:
     """Start values of speed and steering; nothing where the car never drives.
 
     Each combination is run under the recorded commands from what was seen when a piece began, all at once; the one that is
     nearest to what was seen counts, by the mean of absolute differences.
     """
-    pieces = [piece for past in drives for piece in _pieces(past)]
+    scan = scan or Scan()
+    pieces = [piece for past in drives for piece in _pieces(past, scan)]
     if not pieces:
         return {}
-    pieces = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, _MOST).round().astype(int))]
-    return _speed(pieces) | _steering(pieces, wheelbase)
+    pieces = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, scan.most).round().astype(int))]
+    return _speed(pieces, scan) | _steering(pieces, wheelbase, scan)
 
 
-def _pieces(past: Past) -> list[_Piece]:
-    coarse = 2  # steps of the past in one of the scan
-    per = round(_LENGTH / past.step)
+def _pieces(past: Past, scan: Scan) -> list[_Piece]:
+    per = round(scan.length / past.step)
     known = np.flatnonzero(past.known[past.earliest :]) + past.earliest
     firsts: list[int] = []
     for k in known.tolist():
         if not firsts or k >= firsts[-1] + per:
             firsts.append(k)
     seen = np.where(past.known[:, None], past.seen[:, 3:], np.nan)
-    cuts = [slice(k, k + per, coarse) for k in firsts]
-    return [_Piece(past.commands[c], seen[c, 0], seen[c, 1], past.step * coarse) for c in cuts]
+    cuts = [slice(k, k + per, scan.coarse) for k in firsts]
+    return [_Piece(past.commands[c], seen[c, 0], seen[c, 1], past.step * scan.coarse) for c in cuts]
 
 
-def _speed(pieces: Sequence[_Piece]) -> dict[str, float]:
+def _speed(pieces: Sequence[_Piece], scan: Scan) -> dict[str, float]:
     """Acceleration = gain * (scale * speed commanded - speed), within its limits."""
     told = np.concatenate([p.commands[:, 0] for p in pieces])
     seen = np.concatenate([p.speed for p in pieces])
@@ -72,8 +89,10 @@ def _speed(pieces: Sequence[_Piece]) -> dict[str, float]:
     if not moved.any():
         return {}
     usual = float(np.median(seen[moved] / told[moved]))
-    best = _nearest(pieces, product(_GAINS, _LIMITS, _LIMITS, _DELAYS, [usual * s for s in _SCALES]))
-    around = [[x * f for f in _FINER] for x in best[:3]] + [[max(best[3] - 0.04, 0.0), best[3], best[3] + 0.04]]
+    best = _nearest(
+        pieces, product(scan.gains, scan.limits, scan.limits, scan.delays, [usual * s for s in scan.scales])
+    )
+    around = [[x * f for f in scan.finer] for x in best[:3]] + [[max(best[3] - 0.04, 0.0), best[3], best[3] + 0.04]]
     best = _nearest(pieces, product(*around, [best[4] * s for s in (0.98, 1.0, 1.02)]))
     names = ("speed_gain", "acceleration_limit", "braking_limit", "speed_delay", "speed_scale")
     return dict(zip(names, best, strict=True))
@@ -93,12 +112,12 @@ def _nearest(pieces: Sequence[_Piece], tried: Iterable[tuple[float, ...]]) -> li
     return options[int(np.argmin(off))].tolist()
 
 
-def _steering(pieces: Sequence[_Piece], wheelbase: float) -> dict[str, float]:
+def _steering(pieces: Sequence[_Piece], wheelbase: float, scan: Scan) -> dict[str, float]:
     """Turn rate = speed / wheelbase * (gain * wheel + offset), the wheel late, slow and limited in its speed.
 
     With a wheelbase of 0 the turn rate itself is commanded.
     """
-    options = np.array(list(product(_WAITS, _LAGS, _RATES)))
+    options = np.array(list(product(scan.waits, scan.lags, scan.rates)))
     delay, lag, rate = options.T
     wheels, turned, ways = [], [], []
     for p in pieces:

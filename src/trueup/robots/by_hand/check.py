@@ -15,7 +15,7 @@ from trueup.trial import Trial
 Array = NDArray[np.float64]
 
 _CLOCKS = {1e3: "ms", 1e6: "us", 1e9: "ns", 1.0 / 60.0: "min", 60.0: "s read as min", 1e-3: "s read as ms",
-           1e-6: "s read as us", ROUNDED: "s read as ns"}  # fmt: skip
+           1e-6: "s read as us", 1e-9: "s read as ns"}  # fmt: skip
 _COMPLETE, _ARRIVED = (
     0.95,
     0.6,
