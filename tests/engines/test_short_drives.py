@@ -74,23 +74,32 @@ def test_units_of_a_command_are_those_of_its_names(logs: list[Path]) -> None:
     assert other.channel("command").values == pytest.approx(command.values)
 
 
-def test_a_controller_that_pursues_a_speed_is_found_from_drives_of_two_seconds(logs: list[Path]) -> None:
-    ready = prepare(logs[0].with_name("car.toml"), [formats.read(log)[0] for log in logs])
-    found = {e.name: e.value for e in ready.calibrate().estimates}
-    assert found["speed_scale"] == pytest.approx(1.0, abs=0.02)
-    assert found["speed_gain"] == pytest.approx(GAIN, rel=0.2)
-    assert found["acceleration_limit"] == pytest.approx(UP, rel=0.15)
-    assert found["braking_limit"] == pytest.approx(DOWN, rel=0.15)
-    assert found["steering_rate_limit"] == pytest.approx(RATE, rel=0.25)
-    assert found["steering_left"] == pytest.approx(TURN, rel=0.07)
+@pytest.fixture(scope="module")
+def fit(logs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The folder of a calibration by twelve of the drives."""
+    folder = str(tmp_path_factory.mktemp("fitted") / "fit")
+    car = str(logs[0].with_name("car.toml"))
+    assert (
+        main(["calibrate", car, *map(str, logs[:12]), "--hold-out", *map(str, logs[12:]), "--out", folder, "-q"]) == 0
+    )
+    return folder
+
+
+def test_a_controller_that_pursues_a_speed_is_found_from_drives_of_two_seconds(fit: str) -> None:
+    car = read_vehicle(f"{fit}/car.toml")
+    assert car.drive == "pursued speed"
+    assert car.values["speed_scale"] == pytest.approx(1.0, abs=0.02)
+    assert car.values["speed_gain"] == pytest.approx(GAIN, rel=0.2)
+    assert car.values["acceleration_limit"] == pytest.approx(UP, rel=0.15)
+    assert car.values["braking_limit"] == pytest.approx(DOWN, rel=0.15)
+    assert car.values["steering_rate_limit"] == pytest.approx(RATE, rel=0.25)
+    assert car.values["steering_left"] == pytest.approx(TURN, rel=0.07)
 
 
 def test_the_command_judges_short_drives_from_their_first_state(
-    logs: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    logs: list[Path], fit: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    car, fit = str(logs[0].with_name("car.toml")), str(tmp_path / "fit")
-    assert main(["calibrate", car, *map(str, logs[:12]), "--hold-out", *map(str, logs[12:]), "--out", fit, "-q"]) == 0
-    assert read_vehicle(f"{fit}/car.toml").drive == "pursued speed"
+    car = str(logs[0].with_name("car.toml"))
     capsys.readouterr()
     assert main(["replay", f"{fit}/car.toml", *map(str, logs[12:]), "--against", car, "--json", "-q"]) == 0
     shown = json.loads(capsys.readouterr().out)
