@@ -14,8 +14,6 @@ from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
 
-# Orders of the differences. Low ones keep motion, high ones need many samples; motion only adds, so the least counts.
-_ORDERS = (2, 3, 4, 6, 8)
 _FEWEST = 8  # samples below which nothing is estimated
 
 
@@ -75,7 +73,8 @@ def _scattered(columns: Array, time: Array) -> Array:
     """(k,) what scatters in columns (T, k) without gaps."""
     if len(time) < _FEWEST:
         return np.full(columns.shape[1], np.nan)
-    orders = [order for order in _ORDERS if len(time) >= 4 * order] or [_ORDERS[0]]
+    # Of differences: low orders keep motion, high ones need many samples; motion only adds, so the least counts.
+    orders = [order for order in (2, 3, 4, 6, 8) if len(time) >= 4 * order] or [2]
     return np.min([_scatter(columns, time, order) for order in orders], axis=0)
 
 

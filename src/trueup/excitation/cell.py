@@ -27,8 +27,6 @@ Array = NDArray[np.float64]
 Apart = Callable[[Array], tuple[Array, tuple[str, ...]]]
 """Least distance (S,) [m] of parts at postures (S, n), and which two they are: `Clearance.distances`."""
 
-_LOOK = 160
-"""Samples of a program on which it is judged where joints must be slowed."""
 _WHY = (*REASONS, "its via points are all the same")
 
 
@@ -147,9 +145,10 @@ class Cell:
         limits = (self.limits.speed, self.limits.acceleration)
 
         def some(rows: slice) -> None:
+            look = 160  # Samples of a program on which it is judged where joints must be slowed
             tool_programs(
                 self.chain.arrays, self.kinematics.equations, P[rows], R[rows], X[rows], pace[rows], limits, self.posture,
-                _LOOK, time[rows], q[rows], qd[rows], qdd[rows], ended[rows],
+                look, time[rows], q[rows], qd[rows], qdd[rows], ended[rows],
             )  # fmt: skip
 
         in_threads(some, B, threads)

@@ -23,7 +23,6 @@ Array = NDArray[np.float64]
 
 _FRICTION = 0.05
 """Share of nominal torque that each friction of an industrial arm takes (at top speed, where it grows with speed)."""
-_MOST_SAMPLES = 3000
 
 
 @dataclass(frozen=True)
@@ -108,7 +107,8 @@ def _wide(criterion: Criterion, limits: JointLimits, seconds: float, noise: Nois
 
 
 def _as_motions(trajectory: Trajectory) -> Motions:
-    step = max(1, len(trajectory.time) // _MOST_SAMPLES)
+    most_samples = 3000
+    step = max(1, len(trajectory.time) // most_samples)
     t = trajectory
     return Motions(t.time[None, ::step], t.q[None, ::step], t.qd[None, ::step], t.qdd[None, ::step])
 

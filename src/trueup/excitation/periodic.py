@@ -25,7 +25,6 @@ Array = NDArray[np.float64]
 
 _RESYNC = 64
 """Steps after which a rotating phase is computed anew, before rounding shows."""
-_POWER = 20
 _ASIDE = 0.9
 
 
@@ -149,12 +148,13 @@ class Fourier:
 
         A sum of high powers stands for the largest value: it is never below it, and smooth, so that slopes help a search.
         """
+        power = 20
         used = np.zeros(c.shape[:2])
         allowed = (room, self.limits.speed, self.limits.acceleration)
         for basis, most in zip(self._bases(12 * self.harmonics), allowed, strict=True):
             share = (c @ basis.T) / np.broadcast_to(most, c.shape[:2])[..., None]
-            used += ((share * share) ** (_POWER // 2)).sum(axis=-1)
-        return np.maximum(used, np.finfo(float).tiny) ** (-1.0 / _POWER)
+            used += ((share * share) ** (power // 2)).sum(axis=-1)
+        return np.maximum(used, np.finfo(float).tiny) ** (-1.0 / power)
 
     def _bases(self, samples: int) -> tuple[Array, Array, Array]:
         """(samples, 2 H) what the coefficients are multiplied with for q (of mean zero), qd, qdd."""

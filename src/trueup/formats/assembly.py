@@ -26,7 +26,6 @@ _DATE = 1e7
 _BLANK = 0.4
 # The squares of such numbers overflow: damage, not a measurement.
 _ABSURD = 1e150
-# Tables of words with at most so many rows are lists of events.
 
 
 def assemble(tables: Sequence[Table], mapping: ChannelMap, name: str, provenance: Mapping[str, str]) -> Recording:
@@ -247,7 +246,7 @@ def _from_zero(channels: Mapping[str, Channel]) -> tuple[dict[str, Channel], flo
 
 def _metadata(tables: Sequence[Table]) -> dict[str, str]:
     """Facts that stand beside the signals, and short lists of events."""
-    events = 50
+    events = 50  # tables of words with at most so many rows are lists of them
     facts = {key: value for table in tables for key, value in table.metadata.items()}
     for table in tables:
         if table.text and table.length <= events:

@@ -30,10 +30,7 @@ from trueup.grounding.rows import Inputs, Rows, inputs_of, rows_of
 from trueup.grounding.views import VIEWS, Model, fitted, view_named
 from trueup.recording import Recording
 
-_PROBE_ROWS = 4000  # by which inputs are chosen
 _SHARES = (1.0, 0.75, 0.5, 0.25)  # of what a learner departs from a line
-_TRIED = 3  # learners of which shares are tried
-_LONGEST = 6  # frames of history that are tried
 
 
 @dataclass(frozen=True)
@@ -97,13 +94,14 @@ def no_worse_than_a_line(found: Comparison, rows: Rows, view: str, seed: int) ->
 
     What the noise of a measurement hides in one frame is told by a second; there a learner may have learned the noise.
     """
+    tried = 3  # learners of which shares are tried
     name, line = found.chosen, found.by_run.get("linear")
     if line is None or name not in found.by_run:
         return LEARNERS[name or "linear"], 1.0, found.by_run.get(name, found.held)
     if evidence(line.by_fold, found.by_run[name].by_fold).gain >= 0.0:
         return LEARNERS[name], 1.0, found.by_run[name]
     kept = [(LEARNERS["linear"], 1.0, line)]
-    for name in sorted(found.by_run, key=lambda n: found.by_run[n].typical)[:_TRIED]:
+    for name in sorted(found.by_run, key=lambda n: found.by_run[n].typical)[:tried]:
         for share in _SHARES:
             learner = tempered(LEARNERS[name], share)
             told = cross_validated(learner, rows, folds_by_run(rows), view, seed=seed)
@@ -117,13 +115,15 @@ def _inputs(
     recordings: Sequence[Recording], wish: Wishes, every: Sequence[Learner], progress: Progress | None
 ) -> tuple[Inputs, str, tuple[tuple[str, float], ...]]:
     """What to look at: a view, then as many frames before, then other channels, as the evidence of left-out runs holds."""
+    longest = 6  # frames of history that are tried
     named = [x.name for x in every]
     probe = LEARNERS[next((n for n in ("model-tree", "tree", "linear") if n in named), named[0])]
     tried: list[tuple[str, float]] = []
 
     def tell(inputs: Inputs, view: str) -> Score:
+        probe_rows = 4000  # by which inputs are chosen
         rows = rows_of(recordings, inputs)
-        found = cross_validated(probe, rows, folds_by_run(rows), view, seed=wish.seed, most=_PROBE_ROWS)
+        found = cross_validated(probe, rows, folds_by_run(rows), view, seed=wish.seed, most=probe_rows)
         if found is None:
             raise RuntimeError("a cross-validation without a limit of time was not done")
         more = f" with {', '.join(inputs.others)}" if inputs.others else ""
@@ -143,7 +143,7 @@ def _inputs(
         shorter = tell(dataclasses.replace(inputs, history=1), view)
         if not surely(shorter, best):
             inputs, best = dataclasses.replace(inputs, history=1), shorter
-        while 1 < inputs.history < _LONGEST:
+        while 1 < inputs.history < longest:
             longer = tell(dataclasses.replace(inputs, history=inputs.history + 1), view)
             if not surely(best, longer):
                 break

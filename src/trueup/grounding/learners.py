@@ -18,12 +18,10 @@ from trueup.grounding.predictors import Neighbours, Network, Predictor, Tempered
 
 Array = NDArray[np.float64]
 
-_NEAREST = 5
-_ROUNDS = 300  # of the network's search
-
 
 def network(X: Array, Y: Array, rng: np.random.Generator) -> Network:
     """A perceptron with one hidden layer of (d + k) / 2 units (Weka's default), by quasi-Newton steps."""
+    rounds = 300  # of the network's search
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.neural_network import MLPRegressor
 
@@ -32,7 +30,7 @@ def network(X: Array, Y: Array, rng: np.random.Generator) -> Network:
     V = (Y - middle) / spread
     units = max((X.shape[1] + Y.shape[1]) // 2, 2)
     start = int(rng.integers(2**31))
-    net = MLPRegressor(hidden_layer_sizes=(units,), solver="lbfgs", alpha=1e-3, max_iter=_ROUNDS, random_state=start)
+    net = MLPRegressor(hidden_layer_sizes=(units,), solver="lbfgs", alpha=1e-3, max_iter=rounds, random_state=start)
     with warnings.catch_warnings():  # that it could go on is no news
         warnings.simplefilter("ignore", ConvergenceWarning)
         net.fit((X - centre) / scale, V if V.shape[1] > 1 else V[:, 0])
@@ -42,8 +40,9 @@ def network(X: Array, Y: Array, rng: np.random.Generator) -> Network:
 
 def neighbours(X: Array, Y: Array, rng: np.random.Generator) -> Neighbours:
     """The mean of the five nearest rows, inputs in units of their standard deviation."""
+    nearest = 5
     centre, scale = standard(X)
-    return Neighbours(centre, scale, (X - centre) / scale, np.array(Y), np.array([min(_NEAREST, len(X))]))
+    return Neighbours(centre, scale, (X - centre) / scale, np.array(Y), np.array([min(nearest, len(X))]))
 
 
 @dataclass(frozen=True)

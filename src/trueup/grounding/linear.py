@@ -13,7 +13,6 @@ from trueup.rounding import TINY
 Array = NDArray[np.float64]
 
 _SUBSETS = 500  # drawn for the least median of squares
-_JUDGED = 2000  # rows by which a subset is judged
 _GRID = 60  # sizes of a coefficient among which their distribution is estimated
 
 
@@ -84,10 +83,11 @@ def least_median(X: Array, Y: Array, rng: np.random.Generator) -> Affine:
     P. J. Rousseeuw, "Least median of squares regression", JASA 79, 1984, with his reweighting: residuals beyond 2.5
     deviations, these from the median with his correction for small samples, do not count.
     """
+    judged = 2000  # rows by which a subset is judged
     centre, scale = standard(X)
     Z = np.concatenate([np.ones((len(X), 1)), (X - centre) / scale], axis=1)
     n, p = Z.shape
-    few = rng.choice(n, min(n, _JUDGED), replace=False)
+    few = rng.choice(n, min(n, judged), replace=False)
     subsets = np.stack([rng.choice(n, min(p + 1, n), replace=False) for _ in range(_SUBSETS)])
     A = Z[subsets]  # (m, p + 1, p)
     gram = np.einsum("mij,mik->mjk", A, A) + 1e-8 * np.eye(p)

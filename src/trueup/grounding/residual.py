@@ -35,7 +35,6 @@ from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]
 
-_ROUNDS = 8  # of improvement; each counts only where it replays better
 _MEMORY = 0.3  # s after which a joint has answered to what was added
 
 
@@ -81,6 +80,7 @@ def inverse_replay(
     seed: int = 0,
 ) -> Inverted:  # fmt: skip
     """Additions with which the simulator replays recordings. Raises GroundingError where it replays none to its end."""
+    rounds = 8  # of improvement; each counts only where it replays better
     if torque and not isinstance(simulator, Forced):
         raise GroundingError(
             f"simulator '{simulator.name}' has no joints that can be pushed on: no residual torque here"
@@ -95,7 +95,7 @@ def inverse_replay(
     reach = _roots(errors)
     response = replay.response(plain, reach, np.random.default_rng(seed))
     after, steps = np.array(before), np.ones(len(added))
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         tried = [
             a if e is None else a + step * response.answer(e, a, replay.noise / reach)
             for a, e, step in zip(added, errors, steps, strict=True)

@@ -23,8 +23,6 @@ from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]
 
-# More residuals than this cost memory and time and hardly add knowledge: samples are thinned evenly.
-
 
 FAITHFUL = 0.3
 """Share of the residuals by which a coarser step, or an approximation, may change them and be searched in their place."""
@@ -287,7 +285,7 @@ def _trial(simulator: Simulator, recording: Recording, channels: Sequence[str] |
 
 
 def _thinned(trials: Sequence[Trial]) -> Sequence[Trial]:
-    most_residuals = 600_000
+    most_residuals = 600_000  # more cost memory and time and hardly add knowledge: samples are thinned evenly
     total = sum(len(o.time) * len(o.labels) for t in trials for o in t.observed.values())
     stride = int(np.ceil(total / most_residuals))
     if stride <= 1:

@@ -24,7 +24,7 @@ _POSE_TOGETHER = listed("odom odometry vicon mocap optitrack pf gps gnss slam am
 _SPEEDS = ("m/s", "km/h", "mph", "cm/s", "mm/s")
 _MANY_TURNS = 50.0
 """rad: a heading that grows on and on is beyond this after eight turns, one in degrees at once."""
-_FULL_LOCK = math.pi / 2.0
+FULL_LOCK = math.pi / 2.0
 """rad: no wheel is steered further."""
 
 
@@ -191,8 +191,8 @@ def _in_degrees(label: str, signal: Signal, beside: Mapping[str, Signal]) -> boo
     if label == "heading":  # a compass jumps by a whole turn where it passes its zero
         turns_by = nearest(jump, {"deg": math.degrees(math.tau), "rad": math.tau})
         return hardly_radians(largest, _MANY_TURNS) or (turns_by == "deg" and largest <= math.degrees(math.tau) + 1.0)
-    inside = not hardly_radians(largest * math.radians(1.0), _FULL_LOCK)
-    return label == "steering" and "speed" in beside and hardly_radians(largest, _FULL_LOCK) and inside
+    inside = not hardly_radians(largest * math.radians(1.0), FULL_LOCK)
+    return label == "steering" and "speed" in beside and hardly_radians(largest, FULL_LOCK) and inside
 
 
 def _unit_of_speed(column: Column, parts: Sequence[Part], time: TimeColumn) -> str:

@@ -28,7 +28,6 @@ PULL = 1e-4
 _FIRST, _NEAR, _COOLING, _ROUGH, _EXACT = 0.1, 1e-3, 0.1, 0.3, 1e-3
 _LEAST_ERROR = 1e-6
 """Of the squared torque: exact logs have no error left to compare with."""
-_STEPS = 200
 _ROTOR = 10.0
 """Times a link's mass times its squared length: how large rotors may be, seen from the joint, where the file has none."""
 _BASIS = pseudo_inertia(np.eye(len(NAMES)))  # (10, 4, 4)
@@ -187,11 +186,12 @@ class _Barrier:
 
         Boyd & Vandenberghe, "Convex Optimization", 2004, section 9.5. None where a step is not finite.
         """
+        steps = 200
         # Half of all, as derivatives like it.
         half = 0.5 * weight
         P, linear = squares.P + half * np.diag(self.free), squares.q + half * self.slope
         value = self._value(P, linear, x, half)
-        for _ in range(_STEPS):
+        for _ in range(steps):
             slope, bend = self._derivatives(x)
             g, H = P @ x + linear + half * slope, P + half * bend
             scale = 1.0 / np.sqrt(np.diag(H))

@@ -28,7 +28,6 @@ _RATIOS = (-1.0, -0.5, -0.2, 0.2, 0.5, 1.0)
 """That are tried first; between them the loss is smooth, so that it can be followed down from the best."""
 _NEAR, _ROUGH, _EXACT = 0.1, 0.03, 0.005
 """First steps of that search in the ratios, those that tell whether one more pair is coupled, and the last ones."""
-_WRIST = 5
 
 
 def coupled(
@@ -41,8 +40,9 @@ def coupled(
     left out leads those beside it astray. A ratio of one, as most gears are cut, gives way only to one that is clearly
     better. Nothing is looked for where couplings are given or the log is of motors. The share held out is not looked at.
     """
+    wrist = 5
     n = tree.n
-    if n < _WRIST or np.count_nonzero(drives.coupling) > n or drives.motor_positions or drives.motor_torques:
+    if n < wrist or np.count_nonzero(drives.coupling) > n or drives.motor_positions or drives.motor_torques:
         return drives, ()
     basic = _Basic.of(motions, tree, cutoff, hold_out)
     rest, ratios = [(n - 2, n - 3), (n - 1, n - 2), (n - 1, n - 3)], dict[Pair, float]()

@@ -42,8 +42,6 @@ STILL = 0.02
 """rad (m): a joint that moves less shows no dynamics."""
 _APART = 2.0
 """Between what is fitted and what is held out of the same recording, in periods of the cut-off."""
-_FEWEST = 40
-"""Samples in a piece."""
 _ARRAYS = ("time", "q", "v", "a", "torque")
 
 
@@ -277,6 +275,7 @@ def pieces_of(motion: Motion, model: DynamicModel, cutoff: float, hold_out: floa
 
     Standstill at both ends is left out, and what a filter cannot know: one period of the cut-off there and around gaps.
     """
+    fewest = 40  # Samples in a piece
     rows = model.rows(motion.time, motion.q, motion.v, motion.a, motion.torque)
     every, lowpass = 1, None
     if cutoff < 0.45 * motion.rate:
@@ -291,7 +290,7 @@ def pieces_of(motion: Motion, model: DynamicModel, cutoff: float, hold_out: floa
     keeps = [(known & (rows.time >= start) & (rows.time <= edge), False)]
     if hold_out > 0.0:
         keeps.append((known & (rows.time > edge + _APART / cutoff) & (rows.time <= stop), True))
-    if min(np.count_nonzero(keep) for keep, _ in keeps) < _FEWEST:
+    if min(np.count_nonzero(keep) for keep, _ in keeps) < fewest:
         raise IdentificationError(
             f"recording '{motion.name}': {max(stop - start, 0.0):.2g} s of motion are too little for a cut-off of "
             f"{cutoff:g} Hz{' and a part held out' if hold_out else ''}"

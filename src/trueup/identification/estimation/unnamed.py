@@ -22,8 +22,6 @@ from trueup.units import hardly_radians
 
 Array = NDArray[np.float64]
 
-_KINDS = 6
-"""The most signals of a joint that a log is taken to hold: position, speed, torque, and what was asked of each."""
 _ALIKE = 0.97
 """Correlation from which one signal is another's rate of change."""
 _GAIN = 0.1
@@ -92,9 +90,10 @@ def _block(recording: Recording) -> Channel | None:
 
 def _arms(tree: KinematicTree, width: int) -> Iterator[KinematicTree]:
     """The tree, or its hinges alone (a gripper's fingers are rarely logged), if `width` columns can be of its joints."""
+    kinds = 6  # The most signals of a joint that a log is taken to hold: position, speed, torque, and what was asked of each
     slides = [j for j, slides in zip(tree.joints, np.asarray(tree.prismatic).tolist(), strict=True) if slides]
     for arm in (tree, tree.lock(slides)) if 0 < len(slides) < tree.n else (tree,):
-        if width % arm.n == 0 and 2 <= width // arm.n <= _KINDS:
+        if width % arm.n == 0 and 2 <= width // arm.n <= kinds:
             yield arm
 
 

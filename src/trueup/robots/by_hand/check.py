@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.formats.rules.drive import FULL_LOCK
 from trueup.recording import Channel, Recording, is_command
 from trueup.rounding import ROUNDED
 from trueup.trial import Trial
@@ -23,7 +24,6 @@ _COMPLETE, _ARRIVED = (
 _TOO_LONG = 1.6
 _SAME_COMMAND = 0.15  # root mean square difference from what was asked, as a share of its spread
 _ASTRAY = 0.25  # median distance from the path, as a share of its extent
-_FULL_LOCK = 1.6  # rad: no wheel is steered further
 _AWRY = 0.7  # rad, median angle between where a vehicle points and where it goes
 
 
@@ -207,7 +207,7 @@ def _steers(trial: Trial, recording: Recording) -> list[str]:
         return []
     found = []
     largest = float(np.nanmax(np.abs(recording.channel("command").column("steering"))))
-    if largest > _FULL_LOCK:
+    if largest > FULL_LOCK:
         found.append(
             f"its steering reaches {largest:.3g} rad: in degrees? say in mapping.toml, [channels.command], what one of its "
             "numbers is (scale, one for each label; a degree is 0.01745)"

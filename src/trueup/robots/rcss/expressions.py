@@ -11,21 +11,20 @@ from trueup.errors import TrialError
 
 Expression: TypeAlias = "str | list[Expression]"
 
-DEEPEST = 16
-"""Levels of brackets; the protocol's own messages have five."""
 _TOKEN = re.compile(r"[()]|[^\s()]+")
 
 
 def parse(message: bytes) -> list[Expression]:
     """The expressions of a message, atoms as text. Raises TrialError that shows where a message is malformed."""
+    deepest = 16  # Levels of brackets; the protocol's own messages have five
     text = message.decode("utf-8", errors="replace")
     top: list[Expression] = []
     inside = [top]
     for token in _TOKEN.finditer(text):
         word = token.group()
         if word == "(":
-            if len(inside) > DEEPEST:
-                raise _malformed(text, token.start(), f"brackets are nested more than {DEEPEST} deep")
+            if len(inside) > deepest:
+                raise _malformed(text, token.start(), f"brackets are nested more than {deepest} deep")
             inside.append([])
             inside[-2].append(inside[-1])
         elif word == ")":

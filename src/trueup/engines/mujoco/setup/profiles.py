@@ -16,7 +16,6 @@ Array = NDArray[np.float64]
 
 _JUMP = 0.04  # rad, or m: a command that moves this far from one sample to the next is a step
 _ARRIVES = 0.6  # of the step: less is something in the way
-_FEWEST = 4  # steps from which a law is told
 _APART = 1.8  # how many times the smallest step the largest must be
 _SCATTER = 0.15  # of the logarithm of the speeds about their law
 _SAME_SPEED, _SAME_ACCELERATION = 0.3, 0.65  # exponents of speed by size of the step: 0, 1/2; linear servos have 1
@@ -30,13 +29,14 @@ def profiles(model: Model, recordings: Sequence[Recording]) -> tuple[dict[str, f
     limited acceleration in between. Both limits are given where the speed is limited: the second, as a start, is
     reached in a tenth of a second.
     """
+    fewest = 4  # steps from which a law is told
     speed: dict[str, float] = {}
     acceleration: dict[str, float] = {}
     for joint, actuator in model.actuator_of_joint().items():
         if not model.is_position_servo(actuator):
             continue
         found = _steps(model, recordings, joint)
-        law = _law(found) if len(found) >= _FEWEST else None
+        law = _law(found) if len(found) >= fewest else None
         if law is None or law[0] >= _SAME_ACCELERATION:
             continue
         _, fastest, steepest = law
