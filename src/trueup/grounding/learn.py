@@ -115,15 +115,13 @@ def _inputs(
     recordings: Sequence[Recording], wish: Wishes, every: Sequence[Learner], progress: Progress | None
 ) -> tuple[Inputs, str, tuple[tuple[str, float], ...]]:
     """What to look at: a view, then as many frames before, then other channels, as the evidence of left-out runs holds."""
-    longest = 6  # frames of history that are tried
     named = [x.name for x in every]
     probe = LEARNERS[next((n for n in ("model-tree", "tree", "linear") if n in named), named[0])]
     tried: list[tuple[str, float]] = []
 
     def tell(inputs: Inputs, view: str) -> Score:
-        probe_rows = 4000  # by which inputs are chosen
         rows = rows_of(recordings, inputs)
-        found = cross_validated(probe, rows, folds_by_run(rows), view, seed=wish.seed, most=probe_rows)
+        found = cross_validated(probe, rows, folds_by_run(rows), view, seed=wish.seed, most=4000)
         if found is None:
             raise RuntimeError("a cross-validation without a limit of time was not done")
         more = f" with {', '.join(inputs.others)}" if inputs.others else ""
@@ -143,7 +141,7 @@ def _inputs(
         shorter = tell(dataclasses.replace(inputs, history=1), view)
         if not surely(shorter, best):
             inputs, best = dataclasses.replace(inputs, history=1), shorter
-        while 1 < inputs.history < longest:
+        while 1 < inputs.history < 6:  # more frames are not tried
             longer = tell(dataclasses.replace(inputs, history=inputs.history + 1), view)
             if not surely(best, longer):
                 break

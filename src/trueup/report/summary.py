@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -143,18 +143,10 @@ def _rise(score: Score) -> float:
 
 def _only(replay: Replay, column: int) -> Replay:
     part = slice(column, column + 1)
-    return Replay(
-        recording=replay.recording,
-        held_out=replay.held_out,
-        channel=replay.channel,
-        labels=replay.labels[part],
-        unit=replay.unit,
-        time=replay.time,
-        measured=replay.measured[:, part],
-        before=replay.before[:, part],
-        after=replay.after[:, part],
-        noise=noise_of(replay)[part],
-    )
+    return replace(
+        replay, labels=replay.labels[part], measured=replay.measured[:, part], before=replay.before[:, part],
+        after=replay.after[:, part], noise=noise_of(replay)[part],
+    )  # fmt: skip
 
 
 def _rms(errors: Sequence[Array], *, every: bool = False) -> float:
