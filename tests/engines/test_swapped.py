@@ -88,7 +88,7 @@ def test_a_calibration_in_dart_finds_what_a_robot_in_either_engine_hides(leg: Pa
     hidden = made if robot == "dart" else MujocoSimulator(load_file(leg), made.parameters, made.quantities, step=0.001)
     recorded = performed(hidden, 0.001)
     problem = whole_body(made, [recorded])
-    found = whole_runs([problem], made.parameters, seed=0, generations=0, members=1, descents=4, prior=1e-4)
+    found = whole_runs([problem], made.parameters, seed=0, generations=0, members=1, descents=6, prior=1e-4)
     apart = np.abs(found.values[0] / HIDDEN - 1.0)
     assert (apart < (0.05 if robot == "dart" else 0.12)).all(), apart
     before, after = (
