@@ -13,7 +13,7 @@ from trueup.evidence import Evidence, evidence
 from trueup.loop.descent import Fit
 from trueup.loop.identifiability import NO_EFFECT, effects
 from trueup.loop.problem import Problem
-from trueup.loop.uncertainty import vague
+from trueup.loop.uncertainty import PRIOR, vague
 from trueup.loop.validate import Block, by_setting, by_stretch, cautious_errors, left_out_errors
 from trueup.parameters import Parameter
 from trueup.search.bounded_step import damped_step, gain
@@ -104,12 +104,21 @@ class _Judge:
 
     def __init__(self, problem: Problem, fit: Fit) -> None:
         self.free = [p for p in fit.space.parameters if not p.frozen]
-        self.structures = sorted({p.optional for p in self.free if p.optional})
         self.frozen: list[str] = []
         self._problem, self._fit, self._blocks = problem, fit, by_stretch(problem)
         self._settings = tuple(by_setting(problem).values())
         self._nominal = fit.space.to_unit(fit.space.nominal)
         self._errors: Array | None = None
+        self.structures = sorted({p.optional for p in self.free if p.optional}, key=self._lost)
+
+    def _lost(self, name: str) -> float:
+        """By how much the loss rises without a structure, by slopes, once all others have settled."""
+        gone = np.array([p.optional == name for p in self.free])
+        fit, moved = self._fit, (self._nominal - self._fit.unit)[gone]
+        curvature = fit.jacobian.T @ (fit.jacobian * fit.weights[:, None]) + PRIOR * np.eye(len(gone))
+        slope = curvature[np.ix_(~gone, gone)] @ moved
+        settled = np.linalg.solve(curvature[np.ix_(~gone, ~gone)], slope) if len(slope) else slope
+        return float(0.5 * moved @ curvature[np.ix_(gone, gone)] @ moved - 0.5 * slope @ settled)
 
     def structure(self, name: str) -> str:
         """Judges one optional structure; says what came of it."""

@@ -24,6 +24,8 @@ LOAD = "friction with load"
 """The optional structure that `beyond_mjcf` proposes."""
 PUNCH = "punch"
 """Of servos: torque that sets in steeply."""
+HEIGHT, TILT = "height of the floor", "tilt of the floor"
+"""Of the floor that a robot stands on, and of one that the model lacks."""
 _NEARLY = 0.5  # of the force limit: the stiffness is not known yet
 _STRONGER = 2.0  # than what steps show, which were slowed down by other things too: where the search begins
 _LOADED = 0.05  # of the actuator's force: at zero no slope leads away from sticking
@@ -74,8 +76,9 @@ def propose(
     if commanded and not all(r.name in clocks for r in recordings):
         lines.append(Declaration("delay", commanded, tie="all", name="delay"))
     if floor is not None:
-        lines.append(Declaration("floor_height", nominal=floor))
-        lines += [Declaration(kind) for kind in ("floor_roll", "floor_pitch", "floor_friction")]
+        lines.append(Declaration("floor_height", nominal=floor))  # where it was stopped is no more than a first guess
+        lines += [Declaration(kind, optional=TILT) for kind in ("floor_roll", "floor_pitch")]
+        lines.append(Declaration("floor_friction"))
     lines += _of_the_base(model, recordings)
     lines += [Declaration("clock", (name,), nominal=late) for name, late in clocks.items()]
     return lines
@@ -98,7 +101,7 @@ def _of_the_base(model: Model, recordings: Sequence[Recording]) -> list[Declarat
     body = compiled.body(compiled.jnt_bodyid[joint]).name
     lines = [Declaration(kind, (body,)) for kind in ("mass", "com_x", "com_y")] if body else []
     if plane_of(compiled) >= 0:
-        lines += [Declaration("floor_height"), Declaration("floor_friction")]
+        lines += [Declaration("floor_height", optional=HEIGHT), Declaration("floor_friction")]
     return lines
 
 
