@@ -31,7 +31,7 @@ from results import result
 from trueup import formats
 from trueup.calibration import Calibration, TracePoint, pooled_rmse
 from trueup.engines.mujoco.setup.limits import LIMITS
-from trueup.engines.restricted import Restricted
+from trueup.engines.simulator import Respaced
 from trueup.loop.calibrate import Options
 from trueup.loop.prepare import prepare
 from trueup.recording import Recording
@@ -77,15 +77,16 @@ def left_out(name: str, limits: bool) -> dict[str, Any]:
     ready = prepare(
         folder() / "model" / "so101_new_calib.xml", recordings([n for n in TRAINING if n != name]), recordings([name])
     )
-    if not limits:
-        space = ready.simulator.parameters
-        absent = [p.name for p in space.parameters if p.optional in LIMITS]
-        ready = replace(ready, simulator=Restricted(ready.simulator, space.without(absent)))
+    space = ready.simulator.parameters
+    absent = [p.name for p in space.parameters if p.optional in LIMITS]
+    if not limits and isinstance(ready.simulator, Respaced):
+        ready = replace(ready, simulator=ready.simulator.with_parameters(space.without(absent)))
     found = ready.calibrate(Options(cross_validate=False), progress=_progress)
     print()
     errors = np.concatenate([r.after - r.measured for r in found.held_out()])
     rows = [f"{e.name} {e.value:.4g} [{e.low:.4g}, {e.high:.4g}] {e.verdict} {e.note}" for e in found.estimates]
-    return {"squares": float(np.nansum(errors**2)), "samples": int(np.isfinite(errors).sum()),
+    kept = [e.name for e in found.estimates if e.fitted and e.name in absent]
+    return {"squares": float(np.nansum(errors**2)), "samples": int(np.isfinite(errors).sum()), "limits": kept,
             "cpu": found.cpu_seconds, "notes": [*rows, *found.notes, *found.unidentified]}  # fmt: skip
 
 
@@ -97,6 +98,9 @@ def leave_one_out(names: Sequence[str], kept: Path) -> None:
         fits = []
         for limits in (True, False):
             file = kept / f"{name}{'' if limits else '_without_limits'}.json"
+            if not limits and not fits[0]["limits"]:
+                fits.append(fits[0])  # as it comes it has none either
+                continue
             if not file.exists():
                 file.write_text(json.dumps(left_out(name, limits), indent=1))
             fits.append(json.loads(file.read_text()))

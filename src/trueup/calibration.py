@@ -35,6 +35,8 @@ class Estimate:
     """One of: identified, tied, weak, not identified, at bound, no effect, frozen, not supported."""
     note: str = ""
     """Why, in words a user can act on."""
+    absent: bool = False
+    """Whether it is a limit of which there is none: its value says that nothing ever meets it."""
 
 
 @dataclass(frozen=True)

@@ -82,6 +82,9 @@ def value(done: Calibration, kind: str) -> float:
 def test_a_limit_of_acceleration_is_found_in_a_chirp_that_becomes_too_fast(tmp_path: Path) -> None:
     ready, done, error = found(tmp_path, "chirp", acceleration=60.0)
     assert value(done, "acceleration_limit") == pytest.approx(60.0, rel=0.02)
+    limit = next(e for e in done.estimates if e.name.endswith("acceleration_limit"))
+    assert limit.low <= 60.0 <= limit.high < 66.0
+    assert limit.verdict == "identified"
     assert value(done, "punch") == 0.0
     assert error < 0.012  # 0.066 without it: switching from speeding up to slowing down, it makes cracks in the loss
     said = " ".join(ready.write(done, tmp_path / "out.xml", tmp_path / "parameters.toml"))
@@ -94,6 +97,14 @@ def test_a_servo_that_follows_all_that_it_is_told_is_given_neither(tmp_path: Pat
         e.name for e in done.estimates if e.name.endswith(("_limit", "punch")) and e.fitted and "force" not in e.name
     ]
     assert error < 2.0 * NOISE
+    for e in done.estimates:
+        if e.name.endswith("_limit") and not e.fitted:
+            assert e.absent
+            assert "left-out errors" in e.note or "nowhere" in e.note
+        elif e.name.endswith("_limit"):
+            assert e.verdict in ("no effect", "weak")
+            assert e.high == e.upper_bound
+    assert not any("_limit and" in sentence for sentence in done.unidentified)
 
 
 def test_a_steep_onset_of_force_is_found_and_written_as_a_second_actuator(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,6 +21,7 @@ from trueup.errors import CalibrationError
 from trueup.loop.checks import check
 from trueup.loop.fit import Checkpoint, Fit, Progress, Stage, Watch, fit, searched_by
 from trueup.loop.identifiability import unseen_directions, verdicts
+from trueup.loop.limits import Seen, is_limit, limits_seen
 from trueup.loop.missing import Missing, missing
 from trueup.loop.problem import Problem
 from trueup.loop.replay import replays
@@ -29,7 +30,7 @@ from trueup.loop.ties import Considered, considered
 from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.validate import block_errors, by_recording, left_out_errors
 from trueup.loop.windows import in_windows, window_length
-from trueup.parameters import ParameterSpace
+from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import PART_OF, Recording
 from trueup.search.least_squares import LeastSquares
 
@@ -147,13 +148,15 @@ def _findings(problem: Problem, found: Fit, choices: Sequence[Choice]) -> dict[s
     """The fields of a Calibration that follow from the fit alone."""
     covariance = unit_covariance(problem, found)
     lacking = missing(problem, found)
-    estimates = _estimates(found, covariance, choices, problem.simulator.parameters)
+    notes = (*found.notes, *(n for c in choices[1:] for n in c.notes))
+    limits = limits_seen(problem, found)
+    estimates = _estimates(found, covariance, choices, problem.simulator.parameters, limits, notes)
     return {
         "model_name": problem.simulator.name,
-        "estimates": _tied(_with_structure(estimates, lacking), considered(problem, found, covariance)),
+        "estimates": _tied(_with_structure(estimates, lacking), considered(problem, found, covariance), limits),
         "covariance": _in_units(found, covariance),
         "unidentified": (*unseen_directions(found, covariance), *(n for c in choices[:1] for n in c.notes)),
-        "notes": (*_in_windows(problem), found.ended, *found.notes, *(n for c in choices[1:] for n in c.notes)),
+        "notes": (*_in_windows(problem), found.ended, *notes),
         "lacking": lacking.words() if lacking else "",
     }  # fmt: skip
 
@@ -181,7 +184,12 @@ class _Chooser:
 
 
 def _estimates(
-    found: Fit, covariance: Array, choices: Sequence[Choice], declared: ParameterSpace
+    found: Fit,
+    covariance: Array,
+    choices: Sequence[Choice],
+    declared: ParameterSpace,
+    limits: Mapping[str, Seen],
+    notes: Sequence[str],
 ) -> tuple[Estimate, ...]:
     low, high = intervals(found, covariance)
     words = iter(zip(low, high, verdicts(found, covariance), strict=True))
@@ -191,17 +199,19 @@ def _estimates(
         if not p.frozen:
             lo, hi, verdict = next(words)
             word, note = verdict.word, verdict.note
-            if word == "not identified" and p.name in vague:
+            if seen := limits.get(p.name):
+                lo, hi, word, note = seen.low, seen.high, seen.word, seen.note
+            elif word == "not identified" and p.name in vague:
                 word, note = (
                     "weak",
                     "left-out recordings replay better with it than at its start value, yet it is vague",
                 )
         else:
             lo = hi = float("nan")
-            word, note = _frozen(p.name, unseen, declared[p.name].frozen)
+            word, note = _frozen(declared[p.name], unseen, notes)
         rows.append(
             Estimate(p.name, p.unit, float(start), float(value), float(lo), float(hi), p.lower, p.upper, not p.frozen, word,
-                     note)
+                     note, absent=p.frozen and is_limit(p) and value == p.absent)
         )  # fmt: skip
     return tuple(rows)
 
@@ -226,10 +236,14 @@ def _with_structure(estimates: Sequence[Estimate], lacking: Missing | None) -> t
     return tuple(rows)
 
 
-def _tied(estimates: Sequence[Estimate], others: Sequence[Considered]) -> tuple[Estimate, ...]:
-    """With intervals that hold whatever related quantities are that nobody asked for, and words where those rule."""
-    free = iter(range(len(estimates)))
-    return tuple(_with_others(e, others, next(free)) if e.fitted else e for e in estimates)
+def _tied(
+    estimates: Sequence[Estimate], others: Sequence[Considered], limits: Mapping[str, Seen]
+) -> tuple[Estimate, ...]:
+    """With intervals that hold whatever related quantities are that nobody asked for, and words where those rule; not of
+    limits, which are told by when they are met.
+    """
+    places = {e.name: k for k, e in enumerate(e for e in estimates if e.fitted)}
+    return tuple(_with_others(e, others, places[e.name]) if e.fitted and e.name not in limits else e for e in estimates)
 
 
 def _with_others(e: Estimate, others: Sequence[Considered], place: int) -> Estimate:
@@ -243,11 +257,16 @@ def _with_others(e: Estimate, others: Sequence[Considered], place: int) -> Estim
     return replace(wide, verdict="tied", note=chief.words(e, float(chief.trade[place])))
 
 
-def _frozen(name: str, unseen: Sequence[str], declared: bool) -> tuple[str, str]:
-    if declared:
+def _frozen(p: Parameter, unseen: Sequence[str], notes: Sequence[str]) -> tuple[str, str]:
+    if p.frozen:
         return "frozen", "as declared"
-    if name in unseen:
+    if p.name in unseen:
         return "not identified", "these recordings cannot tell it; kept at its start value"
+    judged = next((n for n in notes if p.optional and n.startswith(f"{p.optional} left out: ")), "")
+    if judged:
+        return "not supported", judged.removeprefix(f"{p.optional} left out: ")
+    if any(n.startswith(f"{p.optional} kept") for n in notes):
+        return "not supported", "this signal is not replayed better with one of its own"
     return "not supported", "leaving it out does not raise the error on left-out recordings"
 
 

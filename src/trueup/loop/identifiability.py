@@ -70,11 +70,16 @@ def _advice(p: Parameter) -> str:
 
 
 def unseen_directions(fit: Fit, covariance: Array) -> list[str]:
-    """Sentences on combinations that the recordings do not see: what can be traded for what without a trace."""
-    free = [p for p in fit.space.parameters if not p.frozen]
-    variances, directions = np.linalg.eigh(covariance)
-    slopes = fit.space.unit_slope(fit.values)
-    sentences = []
+    """Sentences on combinations that the recordings do not see: what can be traded for what without a trace.
+
+    What has no effect stands by itself: any mixture of two such would do, and none says anything.
+    """
+    every = [p for p in fit.space.parameters if not p.frozen]
+    some = effects(fit) >= NO_EFFECT
+    free = [p for p, seen in zip(every, some, strict=True) if seen]
+    variances, directions = np.linalg.eigh(covariance[np.ix_(some, some)])
+    slopes = fit.space.unit_slope(fit.values)[some]
+    sentences = [_sentence([p], np.ones(1), np.ones(1)) for p, seen in zip(every, some, strict=True) if not seen]
     for variance, direction in zip(variances[::-1], directions.T[::-1], strict=True):
         if np.sqrt(max(variance, 0.0)) < _LOOSE / NORMAL_95:
             break

@@ -93,7 +93,7 @@ def _closer(descent: Descent, look: Look, declared: Mapping[str, Parameter], set
         places = np.repeat(found.unit[None], len(_AROUND), axis=0)
         places[:, entering] = np.clip(places[:, entering] + _AROUND[:, None], 0.0, 1.0)
         residuals = look.cheap.residuals(found.space.from_unit(places))
-        losses = [_settled(found, rows, np.flatnonzero(~entering), residual) for residual in residuals]
+        losses = [settled_loss(found, rows, np.flatnonzero(~entering), residual) for residual in residuals]
         if not min(losses) < losses[len(losses) // 2] - look.problem.chance(found.residual):
             break
         descent.restart(places[int(np.argmin(losses))])
@@ -146,7 +146,9 @@ def _entered(
     old = np.cumsum(~entering) - 1  # places of the other parameters among those of the fit without it
 
     def near(part: Part, residual: Array) -> float:
-        return _settled(without, part.residuals, old[part.columns[~entering[part.columns]]], residual[part.residuals])
+        return settled_loss(
+            without, part.residuals, old[part.columns[~entering[part.columns]]], residual[part.residuals]
+        )
 
     def far(part: Part, residual: Array) -> float:
         return float(np.nan_to_num(robust_losses(residual[None, part.residuals], without.bend)[0], nan=np.inf))
@@ -180,7 +182,7 @@ def _thawed(
     return entered
 
 
-def _settled(without: Fit, rows: NDArray[np.intp], others: NDArray[np.intp], residual: Array) -> float:
+def settled_loss(without: Fit, rows: NDArray[np.intp], others: NDArray[np.intp], residual: Array) -> float:
     """The loss of residuals (r,) in some rows once other parameters have settled, by the slopes of the fit without."""
     if not np.isfinite(residual).all():
         return float("inf")

@@ -126,7 +126,7 @@ def _row(estimate: Estimate) -> Markup:
     e = estimate
     sure = e.fitted and math.isfinite(e.low) and math.isfinite(e.high)
     decimals = supported_decimals(e.value, e.low, e.high) if sure else supported_decimals(e.value, math.nan, math.nan)
-    value = fixed(e.value, decimals) if sure or e.fitted else _plain(e.value)
+    value = "none" if e.absent else fixed(e.value, decimals) if sure or e.fitted else _plain(e.value)
     interval = join(fixed(e.low, decimals), " … ", fixed(e.high, decimals)) if e.low == e.low and e.fitted else "–"
     name = join(
         tag("span", breakable(e.name), class_="parameter"), tag("small", e.note, class_="note") if e.note else None

@@ -19,7 +19,7 @@ DRIVES = (
     ),
     Quantity(
         name="force_limit", family="actuator", unit="N m", title="force limit", scale="log", bounds=factor(10, 10, 0.3),
-        attributes=("actuator.force_limit",), start=None, needs="limit",
+        attributes=("actuator.force_limit",), start=None, needs="limit", nothing=1e6,
         shown_by="steps large enough to saturate the drive",
     ),
     Quantity(
