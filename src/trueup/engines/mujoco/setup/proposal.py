@@ -75,13 +75,19 @@ def propose(
     # A delay and the clocks of all recordings are the same thing.
     if commanded and not all(r.name in clocks for r in recordings):
         lines.append(Declaration("delay", commanded, tie="all", name="delay"))
-    if floor is not None:
-        lines.append(Declaration("floor_height", nominal=floor))  # where it was stopped is no more than a first guess
-        lines += [Declaration(kind, optional=TILT) for kind in ("floor_roll", "floor_pitch")]
-        lines.append(Declaration("floor_friction"))
+    lines += [] if floor is None else _of_a_floor(floor)
     lines += _of_the_base(model, recordings)
     lines += [Declaration("clock", (name,), nominal=late) for name, late in clocks.items()]
     return lines
+
+
+def _of_a_floor(height: float) -> list[Declaration]:
+    """Of one that the model lacks: where the robot was stopped is no more than a first guess of its height."""
+    return [
+        Declaration("floor_height", nominal=height),
+        *(Declaration(kind, optional=TILT) for kind in ("floor_roll", "floor_pitch")),
+        Declaration("floor_friction"),
+    ]
 
 
 def _of_several_joints(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
