@@ -155,7 +155,7 @@ def _findings(problem: Problem, found: Fit, choices: Sequence[Choice]) -> dict[s
         "model_name": problem.simulator.name,
         "estimates": _tied(_with_structure(estimates, lacking), considered(problem, found, covariance), limits),
         "covariance": _in_units(found, covariance),
-        "unidentified": (*unseen_directions(found, covariance), *(n for c in choices[:1] for n in c.notes)),
+        "unidentified": (*unseen_directions(found, covariance, limits), *(n for c in choices[:1] for n in c.notes)),
         "notes": (*_in_windows(problem), found.ended, *notes),
         "lacking": lacking.words() if lacking else "",
     }  # fmt: skip

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,17 +70,19 @@ def _advice(p: Parameter) -> str:
     return f"; {p.shown_by} would show it" if p.shown_by else ""
 
 
-def unseen_directions(fit: Fit, covariance: Array) -> list[str]:
+def unseen_directions(fit: Fit, covariance: Array, told: Collection[str] = ()) -> list[str]:
     """Sentences on combinations that the recordings do not see: what can be traded for what without a trace.
 
-    What has no effect stands by itself: any mixture of two such would do, and none says anything.
+    What has no effect stands by itself: any mixture of two such would do, and none says anything. Parameters that are `told`
+    otherwise (limits) are left to the words beside them.
     """
     every = [p for p in fit.space.parameters if not p.frozen]
-    some = effects(fit) >= NO_EFFECT
+    here = np.array([p.name not in told for p in every], dtype=bool)
+    some = (effects(fit) >= NO_EFFECT) & here
     free = [p for p, seen in zip(every, some, strict=True) if seen]
     variances, directions = np.linalg.eigh(covariance[np.ix_(some, some)])
     slopes = fit.space.unit_slope(fit.values)[some]
-    sentences = [_sentence([p], np.ones(1), np.ones(1)) for p, seen in zip(every, some, strict=True) if not seen]
+    sentences = [_sentence([p], np.ones(1), np.ones(1)) for p, left in zip(every, here & ~some, strict=True) if left]
     for variance, direction in zip(variances[::-1], directions.T[::-1], strict=True):
         if np.sqrt(max(variance, 0.0)) < _LOOSE / NORMAL_95:
             break

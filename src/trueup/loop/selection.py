@@ -132,6 +132,9 @@ class _Judge:
             self._errors = self._left_out([], self._blocks)
         without = self._left_out(less, self._blocks)
         shown = compared(without, self._errors)
+        if shown.holds:  # and not because slopes, which contacts make rough, led too far without it
+            without = np.fmin(without, cautious_errors(self._problem, self._fit, self._blocks, self._held(less)))
+            shown = compared(without, self._errors)
         for blocks in self._settings:
             if shown.holds:
                 shown = compared(self._left_out(less, blocks), self._left_out(self.frozen, blocks))
@@ -141,8 +144,10 @@ class _Judge:
         return shown
 
     def _left_out(self, frozen: Sequence[str], blocks: Sequence[Block]) -> Array:
-        held = np.where([p.name in frozen for p in self.free], self._nominal, np.nan)
-        return left_out_errors(self._problem, self._fit, blocks, held)
+        return left_out_errors(self._problem, self._fit, blocks, self._held(frozen))
+
+    def _held(self, frozen: Sequence[str]) -> Array:
+        return np.where([p.name in frozen for p in self.free], self._nominal, np.nan)
 
 
 def compared(without: Array, with_it: Array) -> Evidence:

@@ -108,12 +108,13 @@ def left_out_points(
     return np.clip(points, 0.0, 1.0)
 
 
-def backtracked(problem: Problem, fit: Fit, blocks: Sequence[Block]) -> Array:
+def backtracked(problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None) -> Array:
     """As `left_out_points`, each step cut short until it lowers the loss of all that is not left out, or given up: slopes
     of gaps and limits foretell little (backtracking: Nocedal and Wright, Numerical Optimization, 2006, section 3.1).
     """
-    steps = left_out_points(problem, fit, blocks) - fit.unit
-    tried = np.clip(fit.unit + _SHORTER[:, None, None] * steps[None], 0.0, 1.0)
+    start = fit.unit if held is None else np.where(np.isfinite(held), held, fit.unit)
+    steps = left_out_points(problem, fit, blocks, held) - start
+    tried = np.clip(start + _SHORTER[:, None, None] * steps[None], 0.0, 1.0)
     residuals = problem.residuals(fit.space.from_unit(tried.reshape(-1, len(fit.unit))))
     residuals = residuals.reshape(len(_SHORTER), len(blocks), -1)
     points = []
@@ -169,9 +170,9 @@ def left_out_errors(problem: Problem, fit: Fit, blocks: Sequence[Block], held: A
     return block_errors(problem, blocks, fit.space.from_unit(left_out_points(problem, fit, blocks, held)))
 
 
-def cautious_errors(problem: Problem, fit: Fit, blocks: Sequence[Block]) -> Array:
-    """(B,) replay error of each block by a fit that never saw it and goes no further than all else bears it out."""
-    return block_errors(problem, blocks, fit.space.from_unit(backtracked(problem, fit, blocks)))
+def cautious_errors(problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None) -> Array:
+    """As `left_out_errors`, by fits that go no further than all that they saw bears them out."""
+    return block_errors(problem, blocks, fit.space.from_unit(backtracked(problem, fit, blocks, held)))
 
 
 def block_errors(problem: Problem, blocks: Sequence[Block], values: Array) -> Array:

@@ -24,7 +24,7 @@ LOAD = "friction with load"
 """The optional structure that `beyond_mjcf` proposes."""
 PUNCH = "punch"
 """Of servos: torque that sets in steeply."""
-HEIGHT, TILT = "height of the floor", "tilt of the floor"
+HEIGHT, TILTS = "height of the floor", {"floor_roll": "floor turned about x", "floor_pitch": "floor turned about y"}
 """Of the floor that a robot stands on, and of one that the model lacks."""
 _NEARLY = 0.5  # of the force limit: the stiffness is not known yet
 _STRONGER = 2.0  # than what steps show, which were slowed down by other things too: where the search begins
@@ -85,7 +85,7 @@ def _of_a_floor(height: float) -> list[Declaration]:
     """Of one that the model lacks: where the robot was stopped is no more than a first guess of its height."""
     return [
         Declaration("floor_height", nominal=height),
-        *(Declaration(kind, optional=TILT) for kind in ("floor_roll", "floor_pitch")),
+        *(Declaration(kind, optional=tilt) for kind, tilt in TILTS.items()),
         Declaration("floor_friction"),
     ]
 
