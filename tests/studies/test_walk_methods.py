@@ -16,15 +16,16 @@ from trueup.controllers.walk_engine.engine import PARAMETERS
 from trueup.ends import Ended
 from trueup.engines.simulator import Rollout
 from trueup.errors import PlanError, UnknownNameError
+from trueup.loop.odds import Odds
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.studies.walk import scenes
 from trueup.studies.walk.comparison import Result, over
 from trueup.studies.walk.evaluation import Runs
+from trueup.studies.walk.falls import Falling, Falls, drawn
 from trueup.studies.walk.guidance import BALANCE, Automatic, Expert
-from trueup.studies.walk.methods import drawn, likelihoods, tempered
+from trueup.studies.walk.methods import likelihoods, tempered
 from trueup.studies.walk.report import html
-from trueup.studies.walk.search import Scene
-from trueup.studies.walk.study import Tried
+from trueup.studies.walk.search import Effort, Scene, searched
 from trueup.tasks.walking import WalkFront, likely_falls
 from trueup.trial import Trial
 
@@ -63,14 +64,10 @@ def walk_of(amplitude: float) -> Array:
     return values
 
 
-def test_points_that_fall_where_the_robot_fell_and_stand_where_it_stood_are_likeliest() -> None:
-    edges = np.array([0.12, 0.16, 0.21, 0.28, 0.34])
-    tried = [
-        Tried(1, walk_of(a), None, Runs(speeds=(0.1,) * (5 - f), falls=f))
-        for a, f in ((0.14, 0), (0.19, 0), (0.23, 4), (0.3, 5))
-    ]
-    logs = likelihoods(tried, Edge(), WALK, edges[:, None])  # type: ignore[arg-type]
-    assert edges[np.argmax(logs)] == 0.21
+def test_points_that_fall_as_often_as_the_robot_are_likeliest() -> None:
+    falls = np.array([0.0, 1.0, 3.0, 6.0, 8.0])  # of eight simulated runs
+    logs = likelihoods(Runs(speeds=(0.1,) * 5, falls=2, veers=1), falls, 8)
+    assert np.argmax(logs) == 2
     assert logs[0] < logs[1] < logs[2] > logs[3] > logs[4]
     chances = tempered(logs, 3.0)
     assert 1.0 / np.sum(chances**2) == pytest.approx(3.0, rel=1e-3)
@@ -78,6 +75,25 @@ def test_points_that_fall_where_the_robot_fell_and_stand_where_it_stood_are_like
     assert tempered(np.zeros(4), 2.0) == pytest.approx(np.full(4, 0.25))
     counts = np.bincount(drawn(chances, 1000, np.random.default_rng(0)), minlength=5)
     assert counts == pytest.approx(1000 * chances, abs=1.0)
+
+
+def test_a_search_stops_where_doubted_simulators_fall_though_its_own_does_not() -> None:
+    effort, low = Effort(population=12, generations=8, shown=4, fresh=2), walk_of(0.12)
+    free = PARAMETERS.freeze([n for n in PARAMETERS.names if n != "amp_swing"])
+    edges = np.linspace(0.16, 0.3, 24)[:, None]
+    walk = scenes.task(Falling, runs=1, seconds=5.0)
+    odds = Odds.of(np.array([-4.0, 0.0]), np.array([0, 4]), np.array([8, 4]))
+    falls = Falls(Edge(), walk, edges, np.full(24, 1.0 / 24), odds, 0.5)  # type: ignore[arg-type]
+    bold = Scene(Edge(), replace(WALK, fall=0.0), np.full((1, 1), 0.35))  # type: ignore[arg-type]
+    ends = [searched(s, low, effort, 0, space=free).path[-1] for s in (bold, replace(bold, falls=falls))]
+    assert ends[0].values[AMPLITUDE] > 0.25
+    assert 0.14 < ends[1].values[AMPLITUDE] < 0.2
+    signals = falls.signals(np.array([walk_of(a) for a in (0.12, 0.2, 0.25, 0.34)]))
+    assert (np.diff(signals) > 0.0).all()
+    assert ends[1].signal == pytest.approx(falls.signals(ends[1].values[None])[0])
+    stood, fell = Runs(speeds=(0.1,) * 4), Runs(speeds=(0.1,), falls=2, veers=1)
+    shares = falls.shares(np.array([-4.0, -1.0, -1.0]), [stood, stood, fell])
+    assert shares[0] < shares[1] < shares[2]  # alike in simulators, not on the robot
 
 
 def test_sway_foretells_as_many_falls_as_there_are() -> None:
@@ -130,12 +146,12 @@ def results(better: float) -> list[Result]:
     rng, nothing = np.random.default_rng(3), tuple(PARAMETERS.nominal.tolist())
     return [
         Result(w, n, s, nothing, 0.2 + 0.01 * n + more + 0.002 * rng.standard_normal(), 0.03, 1.0, 0.17, 0.0, 58, 500.0)
-        for n in range(6) for s in range(2) for w, more in (("noisy", 0.0), ("doubted", better))
+        for n in range(6) for s in range(2) for w, more in (("noisy", 0.0), ("bounded", better))
     ]  # fmt: skip
 
 
 def test_differences_between_ways_are_taken_robot_by_robot() -> None:
-    sure, none = (over(results(b), "doubted", "noisy", lambda r: 100.0 * r.speed) for b in (0.01, 0.0))
+    sure, none = (over(results(b), "bounded", "noisy", lambda r: 100.0 * r.speed) for b in (0.01, 0.0))
     assert sure.low > 0.5
     assert sure.mean == pytest.approx(1.0, abs=0.2)  # though robots differ by five
     assert none.low < 0.0 < none.high

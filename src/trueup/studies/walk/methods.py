@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,8 +16,10 @@ from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.correction import Correction
 from trueup.recording import Recording
 from trueup.studies.walk import scenes
+from trueup.studies.walk.evaluation import Runs
+from trueup.studies.walk.falls import Falling, Falls, read
 from trueup.studies.walk.search import Scene, whole
-from trueup.studies.walk.study import FALL, Story, Tried
+from trueup.studies.walk.study import FALL, Story
 from trueup.tasks.task import simulated_scores
 from trueup.tasks.walking import Walk, WalkFront
 
@@ -53,53 +54,35 @@ class Ungrounded:
 
 
 @dataclass(frozen=True)
-class Doubted:
-    """The simulator with whatever servos, carpet and torso let the start walk stand as the robot does, several at a time.
+class Bounded:
+    """Speed as the noisy simulator has it, falls as doubtful simulators have them, read by the robot's runs (`falls.Falls`).
 
-    Until the robot has fallen the simulator is only made noisy: boldly on, to where it falls. From then on each walk meets
-    `models` points of the box of `scenes.DOUBTS`, one run each. They are drawn from `library` points by how likely the start
-    walk's runs on the robot are in each: a walk that falls in f of r simulated runs falls in F of R real ones with the chance
-    that a beta distribution (Jeffreys') leaves, tempered so that as many effective points are left as are drawn, since no
-    point is the truth. Later walks do not count (`learned` says how many do): a few falls in two runs each are as likely
-    where nothing ever falls, and such points foretell the robot's falls worst.
+    Points of the box of `scenes.DOUBTS` are taken by how likely the start walk's runs on the robot are in each: a walk that
+    falls in f of r simulated runs falls in F of R real ones with the chance that a beta distribution (Jeffreys') leaves,
+    tempered so that `effective` points are left, since no point is the truth. What later walks say of falls goes into the
+    odds: points by which they were likely foretell the robot's falls no better.
     """
 
-    models: int = 8
-    seconds: float = 6.0
-    fall: float = 0.35
-    """m/s: less than on the robot, since each point falls somewhere that the robot does not."""
-    sway: bool = True
-    """Whether sway counts as the falls that it makes likely."""
     library: int = 48
-    learned: int = 1
-    """Of how many of the robot's walks the falls count, the start walk first; 0: drawn from the whole box."""
-    corrected: bool = False
+    effective: int = 16
+    seconds: float = 6.0
     threads: int | None = None
-
-    @property
-    def name(self) -> str:
-        """See Method."""
-        told = ", untold" if not self.learned else ", all falls told" if self.learned > 1 else ""
-        parts = told, ", falls alone" * (not self.sway), ", corrected" * self.corrected
-        return f"doubted simulator{''.join(parts)}"
+    name: str = "noisy simulator, falls of doubted ones"
 
     def prepared(self, story: Story, seed: int) -> Scene:
         """See Method."""
-        if not any(t.runs.falls for t in story.tried):
-            return Ungrounded(threads=self.threads).prepared(story, seed)
-        simulator = scenes.doubtful(threads=self.threads)
-        space = simulator.parameters
-        rng = np.random.default_rng([seed, 48])
-        points = space.from_unit(_spread(self.library, len(space), rng))
-        walk = scenes.task(
-            WalkFront, runs=1, seconds=self.seconds, fall=self.fall, seed=seed, alike=True,
-            tips=scenes.TIPS if self.sway else None,
-        )  # fmt: skip
-        chances = np.full(len(points), 1.0 / len(points))
-        if self.learned:
-            chances = tempered(likelihoods(story.tried[: self.learned], simulator, walk, points), self.models)
-        models = points[drawn(chances, self.models, rng)]
-        return Scene(simulator, walk, models, _correction(story, simulator, walk, models) if self.corrected else None)
+        simulator, start = scenes.doubtful(threads=self.threads), story.tried[0]
+        points = simulator.parameters.from_unit(
+            _spread(self.library, len(simulator.parameters), np.random.default_rng(self.library))
+        )
+        walk = scenes.task(Falling, runs=1, seconds=self.seconds, alike=True, tips=scenes.TIPS)
+        shares = simulated_scores(walk, simulator, points, start.values[None])[:, 0]
+        chances = tempered(likelihoods(start.runs, shares, walk.runs), self.effective)
+        falls = Falls(simulator, walk, points, chances, read(np.zeros(1), [start.runs]), FALL)
+        signals = np.array([falls.signals(start.values[None])[0], *(t.signal for t in story.tried[1:])])
+        falls = replace(falls, odds=read(signals, [t.runs for t in story.tried]))
+        scene = Ungrounded(runs=2, seconds=self.seconds, threads=self.threads).prepared(story, seed)
+        return replace(scene, falls=falls)
 
 
 @dataclass(frozen=True)
@@ -132,22 +115,10 @@ class Calibrated:
         return replace(scene, simulator=simulator, models=models, correction=correction)
 
 
-_TELLING = 6  # walks by which points are judged: each costs a run of every point
-
-
-def likelihoods(tried: Sequence[Tried], simulator: Simulator, walk: Walk, points: Array) -> Array:
-    """(p,) logarithms: how likely the robot's falls are if the simulator has the parameters `points` (p, n).
-
-    By the walks of which the robot showed most, the later ones of equals, each in the walk's own disturbed runs.
-    """
-    known = sorted(range(len(tried)), key=lambda k: (tried[k].runs.number, k))[-_TELLING:]
-    values = np.array([tried[k].values for k in known])
-    real = np.array([[tried[k].runs.falls + tried[k].runs.veers, tried[k].runs.number] for k in known]).T
-    rows = np.hstack([np.repeat(points, len(values), axis=0), np.tile(values, (len(points), 1))])
-    falls = np.sum([walk.risk(r) for r in simulator.rollout(walk.trials, rows, walk.controllers)], axis=0)
-    falls = falls.reshape(len(points), -1)
-    a, b = falls + 0.5, len(walk.trials) - falls + 0.5
-    return np.sum(betaln(a + real[0], b + real[1] - real[0]) - betaln(a, b), axis=1)
+def likelihoods(runs: Runs, falls: Array, simulated: int) -> Array:
+    """(p,) logarithms: how likely the robot's runs are if simulators fall in `falls` (p,) of `simulated` runs of the walk."""
+    failed, a, b = runs.falls + runs.veers, falls + 0.5, simulated - falls + 0.5
+    return betaln(a + failed, b + runs.number - failed) - betaln(a, b)
 
 
 def tempered(logs: Array, effective: float) -> Array:
@@ -167,12 +138,6 @@ def tempered(logs: Array, effective: float) -> Array:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if 1.0 / np.sum(chances(middle) ** 2) >= effective else (low, middle)
     return chances(low)
-
-
-def drawn(chances: Array, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
-    """(count,) of p by their chances, evenly spaced along their sum, so that each comes about as often as it should."""
-    edges = (rng.random() + np.arange(count)) / count
-    return np.minimum(np.searchsorted(np.cumsum(chances), edges), len(chances) - 1)
 
 
 def _spread(count: int, dimensions: int, rng: np.random.Generator) -> Array:
@@ -198,7 +163,7 @@ class Grounded:
     model goes on from its own predictions, which replays the robot best (`trueup.grounding.blend`).
     """
 
-    base: Ungrounded | Doubted | Calibrated = field(default_factory=Ungrounded)
+    base: Ungrounded | Calibrated = field(default_factory=Ungrounded)
     learner: str = "linear"
     share: float = 0.3
     chained: bool = False

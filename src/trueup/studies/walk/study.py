@@ -19,6 +19,7 @@ from trueup.robots.robot import Robot
 from trueup.search.cma_es import CmaEs
 from trueup.studies.walk import scenes
 from trueup.studies.walk.evaluation import Runs, at_once, most_falls
+from trueup.studies.walk.falls import Falls
 from trueup.studies.walk.guidance import Guidance, Unguided
 from trueup.studies.walk.search import Effort, Promise, Scene, searched
 from trueup.tasks.walking import LineWalk
@@ -40,6 +41,8 @@ class Tried:
     runs: Runs
     worth: float = -FALL
     """m/s that it is worth at least, falls counted: as its round was judged."""
+    signal: float = float("nan")
+    """Of `Scene.falls`, where the round had it."""
 
 
 @dataclass(frozen=True)
@@ -127,6 +130,9 @@ def improved(
     guide, stack = guidance or Unguided(), [0]
     for number in range(1, budget.rounds + 1):
         scene = replace(method.prepared(story, seed + number), evaluator=evaluator or Here())
+        if scene.falls is not None:
+            first = replace(story.tried[0], signal=float(scene.falls.signals(begin[None])[0]))
+            story = replace(story, tried=tuple(_judged([first, *story.tried[1:]], scene.falls)))
         begun = stack.pop() if stack else int(np.argmax([t.worth for t in story.tried]))
         parent = story.tried[begun]
         advice = guide.advice(number, scene, parent.values, budget.effort.sigma)
@@ -139,7 +145,7 @@ def improved(
         found = searched(
             scene, parent.values, budget.effort, seed * 10 + number, space=advice.space, wide=advice.wide, told=hears
         )
-        new = _looked_at(robot, track, found.path, number, budget, f" seed {seed}")
+        new = _looked_at(robot, track, found.path, number, budget, f" seed {seed}", scene.falls, story.tried)
         better = [k for k, t in enumerate(new, len(story.tried)) if t.worth > parent.worth]
         story = Story((*story.tried, *new), (*story.rounds, Round(begun, advice.words)))
         stack += sorted(better, key=lambda k: story.tried[k].worth)
@@ -174,8 +180,9 @@ def alone(
 
 
 def _looked_at(
-    robot: Robot, track: LineWalk, path: Sequence[Promise], number: int, budget: Budget, label: str
-) -> list[Tried]:
+    robot: Robot, track: LineWalk, path: Sequence[Promise], number: int, budget: Budget, label: str,
+    falls: Falls | None = None, before: Sequence[Tried] = (),
+) -> list[Tried]:  # fmt: skip
     """A round on the robot: from the gentlest walk on until one falls in most of its looks, then the best ones again."""
     tried: list[Tried] = []
 
@@ -184,19 +191,22 @@ def _looked_at(
         return at_once(robot, track, path[k].values, count, f"{label} round {number} walk {k} from {done}")
 
     for k, promise in enumerate(path):
-        tried.append(Tried(number, promise.values, promise, runs(k, budget.looks)))
+        tried.append(Tried(number, promise.values, promise, runs(k, budget.looks), signal=promise.signal))
         if len(tried[-1].runs.speeds) < budget.looks / 2:
             break
     while (left := budget.round - sum(t.runs.number for t in tried)) > 0:
-        tried = _judged(tried)
+        tried = _judged(tried, falls, before)
         k = max(range(len(tried)), key=lambda i: tried[i].worth)
         tried[k] = replace(tried[k], runs=tried[k].runs + runs(k, min(left, budget.looks)))
-    return _judged(tried)
+    return _judged(tried, falls, before)
 
 
-def _judged(tried: Sequence[Tried]) -> list[Tried]:
-    """What walks, the gentlest first, are worth for sure."""
+def _judged(tried: Sequence[Tried], falls: Falls | None = None, before: Sequence[Tried] = ()) -> list[Tried]:
+    """What walks, the gentlest first, are worth for sure, or as their signals and all walks' runs lead to expect."""
     shares = most_falls([t.runs for t in tried])
+    if falls is not None:
+        every = [*before, *tried]
+        shares = falls.shares(np.array([t.signal for t in every]), [t.runs for t in every])[len(before) :]
     return [replace(t, worth=t.runs.worth(FALL, float(s))) for t, s in zip(tried, shares, strict=True)]
 
 

@@ -8,29 +8,21 @@ from collections.abc import Sequence
 from trueup.errors import unknown_name
 from trueup.studies.walk.comparison import Way
 from trueup.studies.walk.guidance import Automatic, Expert
-from trueup.studies.walk.methods import Calibrated, Doubted, Grounded, Ungrounded
+from trueup.studies.walk.methods import Bounded, Calibrated, Grounded, Ungrounded
 
-CONTROL, CHALLENGER = "noisy", "doubted"
+CONTROL, CHALLENGER = "noisy", "bounded"
 """The way that others must beat, and the one that is put beside it by default."""
 WAYS = {
     CONTROL: Way(Ungrounded()),
     "noisy + expert": Way(Ungrounded(), Expert()),
     "noisy + automatic": Way(Ungrounded(), Automatic()),
     "noisy + corrected": Way(Ungrounded(corrected=True)),
-    "quiet": Way(Ungrounded(noisy=False)),
+    CHALLENGER: Way(Bounded()),
     "grounded + linear 0.3": Way(Grounded()),
     "grounded + tree 0.3": Way(Grounded(learner="model-tree")),
     "grounded + linear chained": Way(Grounded(share=1.0, chained=True)),
-    "grounded + corrected": Way(Grounded(Ungrounded(corrected=True))),
     "calibrated": Way(Calibrated()),
-    "calibrated + corrected": Way(Calibrated(Ungrounded(corrected=True))),
     "calibrated + grounded": Way(Grounded(Calibrated(), share=1.0, chained=True)),
-    "any servo": Way(Doubted(learned=0)),
-    CHALLENGER: Way(Doubted()),
-    "doubted + all falls": Way(Doubted(learned=60)),
-    "doubted + corrected": Way(Doubted(corrected=True)),
-    "doubted + expert": Way(Doubted(), Expert()),
-    "doubted + automatic": Way(Doubted(), Automatic()),
     "robot alone": Way(None),
 }
 
