@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from trueup.calibration import Calibration
+from trueup.loop.calibrate import Options
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
@@ -46,7 +47,9 @@ def calibrated(folder: Path, gear: str, more: str = "") -> Calibration:
         recordings.append(
             Recording(name, {"command": command, "position": Channel("position", ("j",), "rad", TIME, measured)})
         )
-    return prepare(folder / "arm.xml", recordings, parameters=folder / "parameters.toml").calibrate()
+    return prepare(folder / "arm.xml", recordings, parameters=folder / "parameters.toml").calibrate(
+        Options(cross_validate=False)
+    )
 
 
 def test_a_gear_that_twists_is_noticed_and_the_rotor_that_stands_for_it_is_not_called_identified(

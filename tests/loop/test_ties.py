@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from trueup.calibration import Calibration
+from trueup.loop.calibrate import Options
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
@@ -49,7 +50,9 @@ def calibrated(folder: Path, declared: tuple[str, ...], truth: dict[str, float],
         recordings.append(
             Recording(name, {"command": command, "position": Channel("position", ("j",), "rad", TIME, measured)})
         )
-    return prepare(folder / "arm.xml", recordings, parameters=folder / "parameters.toml").calibrate()
+    return prepare(folder / "arm.xml", recordings, parameters=folder / "parameters.toml").calibrate(
+        Options(cross_validate=False)
+    )
 
 
 @pytest.mark.parametrize("case", LINES)
