@@ -16,8 +16,6 @@ from trueup.parameters import Parameter
 
 Array = NDArray[np.float64]
 
-_QUICK = 8  # iterations that show what a structure promises
-
 
 @dataclass(frozen=True)
 class Asked:
@@ -73,7 +71,8 @@ class Chooser:
     def promise(self, model: Model, structure: Structure) -> Found:
         """What a structure would do to a model's replays in windows: quickly fitted."""
         parameters = self.parameters((*model.structures, structure.name))
-        return fit(self.problem, parameters, model.found.values, iterations=_QUICK, window=WINDOWS[-2])
+        # So many iterations show what a structure promises.
+        return fit(self.problem, parameters, model.found.values, iterations=8, window=WINDOWS[-2])
 
     def with_structure(self, model: Model, structure: Structure, promised: Found) -> Model:
         """A model with one more structure: from where it promised to lead, and without regard to what was found before, which

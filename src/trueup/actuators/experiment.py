@@ -23,7 +23,6 @@ from trueup.rounding import TINY
 Array = NDArray[np.float64]
 
 _CUBIC = 0.06  # s that a cubic is laid through for speed and acceleration
-_BLOCKS = 12  # stretches of all recordings together that are left out in turn
 _MOVES = 4.0  # times the noise of the speed from which on a joint moves
 
 
@@ -67,7 +66,8 @@ def experiment(runs: Sequence[Run], full_error: float = np.inf) -> Experiment:
     heavy = any(run.bench.moment > 0.0 for run in runs)
     names = ["kd / kp", "kc / kp", "I / kp", *(["m g l / kp"] if heavy else [])]
     units = ["s", "rad", "s2", "rad"]
-    if len(table) < 10 * _BLOCKS:
+    blocks = 12  # stretches of all recordings together that are left out in turn
+    if len(table) < 10 * blocks:
         return Experiment(
             (), (), 0.0, ("the servo hardly moves: send it to and fro between two angles, slow and fast",)
         )
@@ -75,7 +75,7 @@ def experiment(runs: Sequence[Run], full_error: float = np.inf) -> Experiment:
     columns = slice(1, 5 if heavy else 4)
     x, y = table[:, columns], table[:, 0]
     whole = _solve(x, y)
-    edges = np.linspace(0, len(y), _BLOCKS + 1).astype(int)
+    edges = np.linspace(0, len(y), blocks + 1).astype(int)
     keep = [np.r_[0:a, b : len(y)] for a, b in pairwise(edges)]
     ratios = _intervals(whole, [_solve(x[k], y[k]) for k in keep])
     told = tuple(_value(n, row, u) for n, row, u in zip(names, ratios, units, strict=False))

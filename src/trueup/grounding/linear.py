@@ -12,9 +12,6 @@ from trueup.rounding import TINY
 
 Array = NDArray[np.float64]
 
-_SUBSETS = 500  # drawn for the least median of squares
-_GRID = 60  # sizes of a coefficient among which their distribution is estimated
-
 
 def standard(X: Array) -> tuple[Array, Array]:
     """(d,), (d,) mean and standard deviation of inputs (n, d); 1 where an input does not move."""
@@ -66,7 +63,8 @@ def _posterior_mean(z: Array) -> Array:
 
     size = np.abs(z)
     top = max(float(size.max()), 1.0)
-    grid = np.concatenate([[0.0], np.geomspace(0.1, top + 1.0, _GRID - 1)])
+    # Sizes among which their distribution is estimated.
+    grid = np.concatenate([[0.0], np.geomspace(0.1, top + 1.0, 59)])
     at = np.sort(size)
     spread = norm.cdf(at[:, None] - grid) - norm.cdf(-at[:, None] - grid)  # P(|Z| <= at) for each true size
     share, _ = nnls(spread, (np.arange(len(at)) + 0.5) / len(at))
@@ -88,7 +86,7 @@ def least_median(X: Array, Y: Array, rng: np.random.Generator) -> Affine:
     Z = np.concatenate([np.ones((len(X), 1)), (X - centre) / scale], axis=1)
     n, p = Z.shape
     few = rng.choice(n, min(n, judged), replace=False)
-    subsets = np.stack([rng.choice(n, min(p + 1, n), replace=False) for _ in range(_SUBSETS)])
+    subsets = np.stack([rng.choice(n, min(p + 1, n), replace=False) for _ in range(500)])
     A = Z[subsets]  # (m, p + 1, p)
     gram = np.einsum("mij,mik->mjk", A, A) + 1e-8 * np.eye(p)
     W = np.empty((p, Y.shape[1]))

@@ -18,7 +18,6 @@ from trueup.grounding.predictors import Trees
 Array = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
-_BINS = 10  # of an output that is made classes: Weka's default
 _FEWEST = 2  # rows in a leaf: Weka's REPTree and J48
 _PSEUDO = 15.0  # Quinlan's smoothing constant
 
@@ -63,7 +62,7 @@ def discretised(X: Array, Y: Array, rng: np.random.Generator) -> Trees:
 
     trees = []
     for y in Y.T:
-        edges = np.linspace(y.min(), y.max(), _BINS + 1)[1:-1]
+        edges = np.linspace(y.min(), y.max(), 11)[1:-1]  # ten classes: Weka's default
         bins = np.digitize(y, edges)
         grown = DecisionTreeClassifier(criterion="entropy", min_samples_leaf=_FEWEST, random_state=0).fit(X, bins)
         means = np.array([y[bins == c].mean() for c in grown.classes_])

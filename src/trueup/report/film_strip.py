@@ -17,9 +17,6 @@ from trueup.report.markup import tag
 
 Pictures = NDArray[np.uint8]
 
-_NAME = 20
-"""Pixels above a row for its name."""
-
 
 def film_strip(rows: Mapping[str, Pictures], time: Sequence[float], about: str) -> str:
     """An SVG of rows by name, each (n, height, width, 3) pictures at n instants in s, which are written below.
@@ -35,7 +32,7 @@ def film_strip(rows: Mapping[str, Pictures], time: Sequence[float], about: str) 
     parts, y = [title(about)], float(HEAD)
     for name, pictures in rows.items():
         parts.append(words(name, EDGE, y + 13, bold=True, colour="soft"))
-        y += _NAME
+        y += 20  # for its name
         high = across * pictures.shape[1] / pictures.shape[2]
         for k, picture in enumerate(pictures):
             shown = "data:image/png;base64," + base64.b64encode(png(picture)).decode("ascii")

@@ -22,8 +22,6 @@ from trueup.report.panel import Panel, replay_panel
 from trueup.report.summary import Comparison, Score, amounts, column_score, comparisons, pooled_score
 from trueup.report.writing import write_aside
 
-_PANEL = 230
-"""Pixels of a joint's panel, motion and error."""
 _NAMES, _AMOUNTS, _ROW = 220, 210, 26
 """Pixels of a row of the comparison: for names on its left and amounts on its right; its height."""
 
@@ -71,7 +69,7 @@ def replay_picture(
             raise unknown_name("label", label, replay.labels, f"the replay of '{replay.recording}'")
     scale = scale_for(replay.unit, [column_score(replay, j).after for j in range(len(replay.labels))])
     across = 1 if len(chosen) < 3 else 2
-    width, height, top = WIDTH / across, _PANEL, HEAD
+    width, height, top = WIDTH / across, 230, HEAD
     rows = math.ceil(len(chosen) / across)
     parts = [_key(replay, names or {}, with_command=replay.command is not None)]
     for index, label in enumerate(chosen):

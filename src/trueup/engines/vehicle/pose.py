@@ -19,7 +19,6 @@ _WAY = 0.05  # m at least between the poses that show a direction of motion
 _SPAN = 0.4  # s, the same
 _FADES = 4.0  # s over which the zero of a gyroscope's angle is averaged
 _TOGETHER = 0.95  # length of the mean direction at which a gyroscope and the way driven go together
-_SAMPLES = 10  # at least, however slowly a log was written
 
 
 def heading_of(recording: Recording) -> Channel | None:
@@ -130,11 +129,11 @@ def aligned(position: Channel, heading: Channel, good: Mask) -> tuple[Channel, l
 
 
 def _motion_until(time: Array, points: Array) -> tuple[Array, Mask]:
-    """(T, 2) velocity at the end of a parabola through the last _SPAN s, at least _SAMPLES, and where it shows a direction.
+    """(T, 2) velocity at the end of a parabola through the last _SPAN s, ten samples at least, and where it shows one.
 
     It does where the car went farther in that time than the noise of the points could feign.
     """
-    width = max(round(_SPAN / max(float(np.median(np.diff(time))), 1e-3)) + 1, _SAMPLES)
+    width = max(round(_SPAN / max(float(np.median(np.diff(time))), 1e-3)) + 1, 10)
     velocity, far = np.zeros_like(points), np.zeros(len(time), dtype=bool)
     if len(time) <= width:
         return velocity, far

@@ -15,7 +15,6 @@ from trueup.errors import ModelError, listed
 from trueup.recording import Recording
 
 _DEEP = 1e-3  # m: what meshes, soft contacts and calibration errors explain overlaps less
-_POSTURES = 50  # of each recording
 
 
 def passable(model: Model, recordings: Sequence[Recording]) -> Model:
@@ -53,7 +52,7 @@ def _overlaps(compiled: mujoco.MjModel, recordings: Sequence[Recording]) -> dict
         return found
     own = {int(compiled.body_treeid[compiled.jnt_bodyid[j]]) for r in recordings for j in _measured(compiled, r)}
     data = mujoco.MjData(compiled)
-    for qpos in postures(compiled, recordings, _POSTURES):
+    for qpos in postures(compiled, recordings, 50):  # of each
         data.qpos[:] = qpos
         mujoco.mj_kinematics(compiled, data)
         mujoco.mj_comPos(compiled, data)
