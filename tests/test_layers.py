@@ -23,6 +23,7 @@ SOURCE = ROOT / "src" / "trueup"
 # ---- the rules; names are modules or folders below trueup/, a folder stands for all in it, "" for everything ----
 
 NOUNS = (
+    "arrays",
     "cores",
     "evidence",
     "files",

@@ -11,17 +11,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers, Mask
 from trueup.errors import ParameterError
 from trueup.recording import Recording
 from trueup.rounding import SAME_INSTANT
 from trueup.trial import ENDED as ENDED
 from trueup.trial import LOOK, End, Ended, Observation, ended
 from trueup.trial import with_end as with_end
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -115,7 +112,7 @@ class When:
         return np.asarray(self.predicate(observation), dtype=bool)
 
 
-def which_end(ends: Sequence[End], seen: Sequence[Observation], rows: int) -> NDArray[np.int64]:
+def which_end(ends: Sequence[End], seen: Sequence[Observation], rows: int) -> Integers:
     """(rows,) number of the first of `ends` that is reached, by what each of them sees; -1 where none is.
 
     Raises ParameterError for a predicate that gives another shape than (b,).

@@ -6,11 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.rounding import TINY
-
-Array = NDArray[np.float64]
 
 BLOCKS = 6
 """Parts that are left out in turn, at least: of fewer the spread is itself hardly known."""

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.evidence import STANDARD_ERRORS
 from trueup.noise import estimate_noise
 from trueup.recording import Channel
 from trueup.rounding import ROUNDED
-
-Array = NDArray[np.float64]
 
 _REACH = 0.25  # s to either side: what lies further off says nothing of an instant
 _GROWTH = 1.5  # each window holds so many times the samples of the one before

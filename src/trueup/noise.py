@@ -8,11 +8,10 @@ from math import comb, sqrt
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueup.arrays import Array
 from trueup.rounding import TINY
-
-Array = NDArray[np.float64]
 
 _FEWEST = 8  # samples below which nothing is estimated
 

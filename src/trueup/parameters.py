@@ -9,12 +9,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueup.arrays import Array, Mask
 from trueup.errors import ParameterError, unknown_name
 from trueup.rounding import TINY
-
-Array = NDArray[np.float64]
 
 SCALES = ("linear", "log")
 
@@ -102,7 +101,7 @@ class ParameterSpace:
         return np.array([p.nominal for p in self.parameters], dtype=np.float64)
 
     @property
-    def free(self) -> NDArray[np.bool_]:
+    def free(self) -> Mask:
         """(n,) True where the search may change the value."""
         return np.array([not p.frozen for p in self.parameters], dtype=bool)
 
@@ -169,7 +168,7 @@ class ParameterSpace:
         low, high, log = self._box()
         return np.where(log, given, 1.0) * (high - low)
 
-    def _box(self) -> tuple[Array, Array, NDArray[np.bool_]]:
+    def _box(self) -> tuple[Array, Array, Mask]:
         free = [p for p in self.parameters if not p.frozen]
         log = np.array([p.scale == "log" for p in free], dtype=bool)
         low = np.array([math.log(p.lower) if p.scale == "log" else p.lower for p in free])

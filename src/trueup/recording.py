@@ -10,12 +10,11 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueup.arrays import Array
 from trueup.errors import RecordingError, unknown_name
 from trueup.rounding import SAME_INSTANT
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,15 +9,12 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Mask
 from trueup.chance import Chance, Disturbance, Sensing
 from trueup.errors import RecordingError, TrialError
 from trueup.parameters import Parameter
 from trueup.recording import Channel, Recording, is_command
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 COMMANDS = (
     "command_sent", "command", "command_sent_torque", "command_torque", "command_sent_velocity", "command_velocity",

@@ -12,20 +12,18 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup.actuators import servo
 from trueup.actuators.bench import Bench, Run
 from trueup.actuators.choose import Asked
 from trueup.actuators.experiment import Experiment, Value
 from trueup.actuators.servo import Law
+from trueup.arrays import Array
 from trueup.articulated.kernels import ONSET
 from trueup.errors import OutputError
 from trueup.formats.aside import written_aside
 from trueup.formats.plain import finite
 from trueup.rounding import ROUNDED
-
-Array = NDArray[np.float64]
 
 PYTHON, MJCF, FIGURES = "actuator.py", "actuator.xml", "actuator.json"
 HARD = 'solreffriction="0.0001 1" solimpfriction="0.9999 0.9999 0.001 0.5 2"'

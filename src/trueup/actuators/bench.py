@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup import files
+from trueup.arrays import Array, Mask
 from trueup.articulated.gains import Gains
 from trueup.articulated.kernels import held_integral
 from trueup.errors import ParameterError, RecordingError, unknown_name
@@ -19,8 +20,6 @@ from trueup.recording import Recording
 from trueup.rounding import TINY
 from trueup.trial import command_of
 from trueup.typed_toml import build
-
-Array = NDArray[np.float64]
 
 _AROUND = 0.04  # s that a line is laid through to know position and speed at an instant
 _OUTPUTS = ("torque", "current", "load", "effort", "pwm", "duty", "present_load", "present_current", "present_pwm")
@@ -97,7 +96,7 @@ class Run:
     command: Array
     """(n,) held from then on; where the motor is off, the last one before."""
     integral: Array
-    on: NDArray[np.bool_]
+    on: Mask
     """(n,) whether the motor is."""
     time: Array
     position: Array
@@ -117,7 +116,7 @@ class Run:
         return np.maximum(np.searchsorted(self.command_time, time, side="right") - 1, 0)
 
     @property
-    def driven(self) -> NDArray[np.bool_]:
+    def driven(self) -> Mask:
         """(T,) whether the motor is on."""
         return self.on[self.given(self.time)]
 
@@ -184,7 +183,7 @@ def _lines(time: Array, position: Array) -> Array:
     return np.stack([q / count + slope * (time - t / count), slope], axis=1)
 
 
-def _enabled(recording: Recording, time: Array) -> NDArray[np.bool_]:
+def _enabled(recording: Recording, time: Array) -> Mask:
     if not recording.has(ENABLED):
         return np.ones(len(time), dtype=bool)
     return np.nan_to_num(recording.channel(ENABLED).at(time, hold=True)[:, 0]) != 0.0

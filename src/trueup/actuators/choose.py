@@ -7,14 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup.actuators.fit import WINDOWS, Found, Problem, fit, left_out, widening
 from trueup.actuators.structures import BASE, BY_NAME, LOAD, STRUCTURES, Structure
+from trueup.arrays import Array
 from trueup.evidence import Evidence, evidence
 from trueup.parameters import Parameter
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -13,14 +13,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from trueup.actuators.bench import Run
+from trueup.arrays import Array
 from trueup.evidence import half_interval, jackknife
 from trueup.rounding import TINY
-
-Array = NDArray[np.float64]
 
 _CUBIC = 0.06  # s that a cubic is laid through for speed and acceleration
 _MOVES = 4.0  # times the noise of the speed from which on a joint moves

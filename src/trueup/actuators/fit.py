@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup.actuators.bench import Run
 from trueup.actuators.replay import replay
 from trueup.actuators.structures import law_of
+from trueup.arrays import Array
 from trueup.errors import CalibrationError
 from trueup.evidence import BLOCKS
 from trueup.parameters import Parameter, ParameterSpace
@@ -20,8 +20,6 @@ from trueup.rounding import NEGLIGIBLE, TINY
 from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses, robust_weights
 from trueup.trial import STEP
-
-Array = NDArray[np.float64]
 
 WINDOWS = (0.3, 1.0, np.inf)  # s: strokes of a servo, motions of several, all
 _APART = 5e-3  # share of the box between which slopes are taken for intervals

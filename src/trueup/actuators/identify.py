@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup.actuators.actuator import Actuator, Judged
 from trueup.actuators.bench import Bench, Run, runs_of
@@ -22,8 +21,6 @@ from trueup.evidence import evidence, half_interval, jackknife
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.trial import STEP
-
-Array = NDArray[np.float64]
 
 
 def identify_actuator(

@@ -9,16 +9,14 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from trueup.actuators import servo
 from trueup.actuators.bench import Run
 from trueup.actuators.servo import STATES, Law
+from trueup.arrays import Array, Mask
 from trueup.articulated.lone_joint import friction_force
 from trueup.rounding import whole_steps
 from trueup.trial import STEP
-
-Array = NDArray[np.float64]
 
 SOFTNESS = 1e-4  # (1 - d) / d of MuJoCo's dry friction at its hardest, d = 0.9999
 
@@ -34,7 +32,7 @@ compiled_drive = _compiled(servo.drive, demand=_demand)
 
 @njit(nogil=True)
 def _replay(
-    law: Law, gain: float, time: Array, value: Array, integral: Array, on: NDArray[np.bool_], moment: float, hangs: float,
+    law: Law, gain: float, time: Array, value: Array, integral: Array, on: Mask, moment: float, hangs: float,
     inertia: float, starts: Array, every: int, step: float, out: Array,
 ) -> None:  # fmt: skip
     """Writes positions (steps + 1,) to `out`; begins anew after `every` steps, from one of `starts` (k, 2) after the other.

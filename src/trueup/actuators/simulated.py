@@ -7,16 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from trueup.actuators.replay import compiled_drive
 from trueup.actuators.servo import STATES, Law
+from trueup.arrays import Array
 from trueup.articulated.laws import Term
 from trueup.articulated.model import Copies, Model
 from trueup.articulated.quantities.quantity import Quantity, factor
 from trueup.errors import ModelError
-
-Array = NDArray[np.float64]
 
 
 def servo_quantity(law: Law) -> Quantity:

@@ -6,15 +6,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from trueup.arrays import Array
 from trueup.articulated.changes import Changes
 from trueup.articulated.laws import Law, LawFactory, Term
 from trueup.articulated.model import Copies, Model, Writable
 from trueup.articulated.quantities.quantity import Quantity
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.articulated.disturbances import CommandNoises, Forces
 from trueup.articulated.model import BasePose, Engine, Pushable, Running
 from trueup.articulated.pose import ORIENTATION, POSITION
@@ -18,7 +18,6 @@ from trueup.chance import StartScatter
 from trueup.controllers.controller import Observation
 from trueup.errors import ModelError, unknown_name
 
-Array = NDArray[np.float64]
 Read = Callable[[str, Sequence[str]], Callable[[int], Array]]
 """What reads a channel's labels of the first n copies."""
 
@@ -119,7 +118,7 @@ class Chances:
             found.append(Sense("position", columns, columns, np.zeros(self._rows), bias=bias))
         return found
 
-    def _columns(self, channel: str, labels: Sequence[str], known: Mapping[str, object]) -> NDArray[np.int64]:
+    def _columns(self, channel: str, labels: Sequence[str], known: Mapping[str, object]) -> Integers:
         """Of a channel's labels, all for (). Raises UnknownNameError."""
         where = f"what can be sensed in trial '{self._trial.name}'"
         if channel not in known:

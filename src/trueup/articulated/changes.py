@@ -6,11 +6,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import unknown_name
-
-Array = NDArray[np.float64]
 
 NO_SPEED_LIMIT, NO_ACCELERATION_LIMIT = 1e4, 1e6
 """rad/s and rad/s2: limits of a command from here on are none."""

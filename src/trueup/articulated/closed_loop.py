@@ -6,14 +6,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.kernels import own_delayed_commands
 from trueup.articulated.signals import Signals
 from trueup.controllers.controller import Controller, Forcing, Foretold, Looking, Observation
 from trueup.rounding import first_step
-
-Array = NDArray[np.float64]
 
 
 class ClosedLoop:

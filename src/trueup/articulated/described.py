@@ -7,12 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.model import WORLD, BasePose, Model
 from trueup.errors import unknown_name
-
-Array = NDArray[np.float64]
 
 _OTHERWISE = {
     "joint.start": 0.0, "joint.start_velocity": 0.0, "joint.slides": 0.0,

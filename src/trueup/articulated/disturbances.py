@@ -6,16 +6,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.articulated.model import Model
 from trueup.chance import Buffeting, CommandNoise, Push, Pushed
 from trueup.errors import unknown_name
 from trueup.rounding import SAME_INSTANT, whole_steps
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
-Rows = NDArray[np.int64]
 
 NEVER = 1 << 62
 """The step at which nothing happens."""
@@ -38,7 +35,9 @@ class Forces:
         self._buffets = [(d, d.forces(trial.duration, s)) for d, s in drawn if isinstance(d, Buffeting)]
         edges = [np.ceil(t / step - SAME_INSTANT) for p in self._pushes for t in (p.start, p.stop)]
         edges += [np.ceil(np.arange(f.shape[1]) * d.every / step - SAME_INSTANT) for d, f in self._buffets]
-        self.edges: Rows = np.unique(np.concatenate(edges)).astype(np.int64) if edges else np.zeros(0, dtype=np.int64)
+        self.edges: Integers = (
+            np.unique(np.concatenate(edges)).astype(np.int64) if edges else np.zeros(0, dtype=np.int64)
+        )
         """Steps before which a force changes."""
 
     def at(self, step: int) -> Mapping[str, Array]:
@@ -62,7 +61,9 @@ class CommandNoises:
     """Noise on the commands of one trial's b rows. Raises UnknownNameError for labels that the model has not."""
 
     def __init__(self, model: Model, trial: Trial, rows: int) -> None:
-        self._all: list[tuple[float, Rows, Array]] = []  # each with its ticks' length, columns and values (b, ticks, k)
+        self._all: list[
+            tuple[float, Integers, Array]
+        ] = []  # each with its ticks' length, columns and values (b, ticks, k)
         for i, noise in enumerate(trial.disturbances):
             if isinstance(noise, CommandNoise):
                 columns = np.array([_column(model, x) for x in noise.labels] or range(model.width), dtype=np.int64)

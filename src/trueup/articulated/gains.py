@@ -8,12 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup.articulated.model import Model, Writable, servos
 from trueup.recording import Recording
-
-Array = NDArray[np.float64]
 
 _WORDS = {
     "kp": ("kp", "p_gain", "kp_gain", "position_p_gain", "p_coefficient"),

@@ -8,11 +8,10 @@ J = U U^T with U upper triangular; every real vector of ten numbers is a body th
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueup.arrays import Array
 from trueup.rounding import NEGLIGIBLE
-
-Array = NDArray[np.float64]
 
 COMPONENTS = ("alpha", "d1", "d2", "d3", "s12", "s23", "s13", "t1", "t2", "t3")
 """alpha = ln(mass) / 2; t = centre of mass [m]; d and s shape the spread of mass about it."""

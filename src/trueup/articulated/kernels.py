@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from trueup.arrays import Array, Integers
 
 
 @njit(cache=True, nogil=True)
@@ -139,7 +138,7 @@ def stribeck_friction(
 
 @njit(cache=True, nogil=True)
 def read_off(
-    history: Array, rows: NDArray[np.int64], first: int, last: int, ends: bool, at: Array, shared: bool, bias: Array,
+    history: Array, rows: Integers, first: int, last: int, ends: bool, at: Array, shared: bool, bias: Array,
     out: Array,
 ) -> None:  # fmt: skip
     """Interpolates a stretch of simulated steps at the instants that fall into it.

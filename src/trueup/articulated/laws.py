@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.kernels import firmware_command, stribeck_friction
 from trueup.articulated.model import Copies, Model
-
-Array = NDArray[np.float64]
 
 STRIBECK_SPEED = 0.05
 """rad/s at which breakaway friction has faded where no parameter says it: an ordinary value of greased gears (Armstrong-

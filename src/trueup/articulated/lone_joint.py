@@ -11,11 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.articulated.kernels import firmware_error, set_point
-
-Array = NDArray[np.float64]
 
 
 class Drives(NamedTuple):
@@ -60,7 +58,7 @@ class Drives(NamedTuple):
     position: Array
     speed: Array
     """At the start."""
-    load: NDArray[np.int64]
+    load: Integers
     """Which of the loads the row has."""
 
 

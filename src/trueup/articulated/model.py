@@ -11,10 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from trueup.arrays import Array, Integers
 
 ATTRIBUTES: Mapping[str, str] = {
     "joint.damping": "viscous friction, N m s/rad",
@@ -157,7 +154,7 @@ class Running(Copies, Protocol):
 class Stopping(Protocol):
     """Copies of which some can be left out of further steps while the others go on."""
 
-    def stop(self, rows: NDArray[np.int64]) -> None:
+    def stop(self, rows: Integers) -> None:
         """These are stepped no further."""
         ...
 

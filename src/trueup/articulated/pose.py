@@ -4,11 +4,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.recording import Recording
-
-Array = NDArray[np.float64]
 
 POSITION, ORIENTATION = "base_position", "base_orientation"
 """Channels: x, y, z in m; roll, pitch, yaw in rad (turned about the base's x first, then y, then z of the world)."""

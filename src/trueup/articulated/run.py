@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Mask
 from trueup.articulated.assignments import Assignment, laws, write
 from trueup.articulated.chance import Chances
 from trueup.articulated.closed_loop import ClosedLoop
@@ -23,8 +23,6 @@ from trueup.engines.simulator import Rollout
 from trueup.errors import ModelError
 from trueup.rounding import first_step, whole_steps
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 STATES = {"position": "position", "velocity": "velocity", "torque": "force"}
 """Channels whose labels are joints, and the state that they show."""
@@ -87,7 +85,7 @@ class Run:
             histories["command"] = [g[:, columns] for g in (*given, given[-1])]
         return self._seen(histories, ~np.logical_and.accumulate(np.stack(sound, axis=1), axis=1))
 
-    def _sound(self) -> NDArray[np.bool_]:
+    def _sound(self) -> Mask:
         """(b,) whether a simulation has not blown up."""
         return np.asarray(np.isfinite(self._copies.position + self._copies.velocity).all(axis=1))
 
@@ -126,7 +124,7 @@ class Run:
         """Channel to (b, k) of what is so now."""
         return {n: self._reader(n, labels)(self._rows) for n, labels in wanted.items()}
 
-    def _seen(self, histories: Mapping[str, Sequence[Array]], lost: NDArray[np.bool_]) -> Rollout:
+    def _seen(self, histories: Mapping[str, Sequence[Array]], lost: Mask) -> Rollout:
         """Channels as they are measured; (b, m) `lost` says from when on a simulation has none."""
         channels = {}
         for name, observed in self._trial.observed.items():

@@ -7,14 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.articulated.pose import ORIENTATION, POSITION, angles_of, quaternion_of
 from trueup.chance import Sensing, Streams
 from trueup.trial import Trial
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.int64]
 Turn = Callable[[Array, Array], Array]
 """An orientation (b, m) turned by small angles (b, 3) in rad about the body's own axes."""
 
@@ -24,8 +22,8 @@ class Sense:
     """How some columns of a field of the state are seen by b rows."""
 
     field: str
-    columns: Rows
-    noisy: Rows
+    columns: Integers
+    noisy: Integers
     """Those that are noisy and off."""
     latency: Array
     """(b,) in steps."""
@@ -40,7 +38,7 @@ class Sense:
 
     @classmethod
     def declared(
-        cls, trial: Trial, s: Sensing, rows: int, step: float, field: str, columns: Rows, noisy: Rows, *,
+        cls, trial: Trial, s: Sensing, rows: int, step: float, field: str, columns: Integers, noisy: Integers, *,
         derived: bool = False, turn: Turn | None = None,
     ) -> Sense:  # fmt: skip
         """One that a trial declares, of columns of a field. Raises TrialError where its chance is not settled."""
@@ -67,7 +65,7 @@ class Senses:
         """Takes the start (b, size) of each of the `late` fields: before it, it was the same."""
         self._past = {f: np.repeat(now[:, None], self._kept, axis=1) for f, now in state.items()}
 
-    def note(self, history: Mapping[str, Array], rows: Rows) -> None:
+    def note(self, history: Mapping[str, Array], rows: Integers) -> None:
         """Takes what `rows` went through: field to (len(rows), n, size)."""
         for field, past in self._past.items():
             past[rows] = np.concatenate([past[rows], history[field]], axis=1)[:, -self._kept :]

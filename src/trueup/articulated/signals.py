@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.articulated.assignments import Assignment, changes
 from trueup.articulated.changes import NO_ACCELERATION_LIMIT, NO_SPEED_LIMIT
 from trueup.articulated.kernels import delayed_commands, held_integral, limited_commands
@@ -15,8 +15,6 @@ from trueup.articulated.model import Model, servos
 from trueup.articulated.starts import at_rest, measured_start
 from trueup.articulated.wiring import commanded, control_of, twins
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 
 class Signals:
@@ -150,7 +148,7 @@ class Signals:
                 limit[:, self._columns[actuator]] = np.where(value < none, value, np.inf)
         return (limits[0], limits[1]) if np.isfinite(limits).any() else None
 
-    def _limited(self, trial: int, at: int, command: Array, columns: NDArray[np.int64], step: float) -> Array:
+    def _limited(self, trial: int, at: int, command: Array, columns: Integers, step: float) -> Array:
         """(b, count, k) commands as drives with limits let them through; they have arrived when a trial begins."""
         if self._limits is None:
             return command
@@ -180,7 +178,7 @@ class Signals:
                 bias[:, labels.index(joint)] += value
         return bias
 
-    def _command(self, trial: Trial) -> tuple[NDArray[np.int64], Array, Array, Array] | None:
+    def _command(self, trial: Trial) -> tuple[Integers, Array, Array, Array] | None:
         if trial.command is None:
             return None
         actuators = commanded(self._model, trial.command)

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.assignments import Assignment
 from trueup.articulated.gains import Gains
 from trueup.articulated.model import Engine
@@ -22,8 +22,6 @@ from trueup.errors import ModelError, unknown_name
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording, is_command
 from trueup.trial import Trial, command_of
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,14 +6,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.model import BasePose, Model
 from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION
 from trueup.instant import at_instant
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 
 def measured_base(trial: Trial) -> BasePose | None:

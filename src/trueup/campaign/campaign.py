@@ -11,8 +11,8 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.campaign.events import (
     Begun,
     Calibrated,
@@ -43,7 +43,6 @@ from trueup.parameters import ParameterSpace
 from trueup.rounding import NEGLIGIBLE
 from trueup.tasks.task import Task, unit_of
 
-Array = NDArray[np.float64]
 E = TypeVar("E")
 
 _EXPERIMENT, _MODELS, _SEARCH = range(3)  # what a round's generators are for

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.campaign.events import Scored, TrialDone, TrialPlanned, TrialStarted
 from trueup.campaign.journal import Journal
 from trueup.campaign.parts import Listener, Parts
@@ -24,7 +24,6 @@ from trueup.robots.robot import HandsOut
 from trueup.tasks.task import robot_scores, robot_trials
 from trueup.trial import Trial
 
-Array = NDArray[np.float64]
 E = TypeVar("E")
 
 

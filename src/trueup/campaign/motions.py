@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.simulator import Simulator
 from trueup.errors import ModelError, TrialError, unknown_name
 from trueup.recording import Channel
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from trueup.engines.mujoco.model import Model
     from trueup.tasks.transitions import Transition
 
-Array = NDArray[np.float64]
 
 _LET_DOWN = np.linspace(-0.05, 0.15, 21)  # of the base's height in a keyframe, added to it: where it is let down from
 _STANDS, _SINKS = (

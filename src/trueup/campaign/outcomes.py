@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.calibration import Calibration, pooled_rmse
 from trueup.campaign.events import Calibrated, Chosen, Generation, Row, Scored, Validated
 from trueup.campaign.parts import Listener, Parts
@@ -24,8 +24,6 @@ from trueup.loop.transfer import Shortlist, mean_score, prepared, shortlist
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.tasks.task import robot_trials
-
-Array = NDArray[np.float64]
 
 
 def calibrated(

@@ -7,9 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from trueup.arrays import Array
 from trueup.calibration import Calibration, TracePoint
 from trueup.campaign.events import Event
 from trueup.discrepancies.discrepancy import Discrepancy
@@ -21,8 +19,6 @@ from trueup.robots.robot import Robot
 from trueup.search.search import Search
 from trueup.tasks.task import Task
 from trueup.trial import Limits, Trial
-
-Array = NDArray[np.float64]
 
 Calibrator = Callable[
     [Sequence[Recording], Sequence[Recording], Callable[[TracePoint], None], Earlier | None], Calibration

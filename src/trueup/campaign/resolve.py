@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.calibration import Calibration, TracePoint
 from trueup.campaign.kinds import (
     CALIBRATIONS,
@@ -38,8 +38,6 @@ from trueup.loop.recalibrate import Earlier
 from trueup.recording import Recording
 from trueup.search.search import Search
 from trueup.typed_toml import Component
-
-Array = NDArray[np.float64]
 
 _ROLES = {
     "robot": ("perform", "repeatable"),

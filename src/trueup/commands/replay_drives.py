@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.box import SIMPLE
 from rich.markup import escape
 from rich.table import Table
 
+from trueup.arrays import Array
 from trueup.calibration import Prediction
 from trueup.report.drive_picture import drive_picture
 from trueup.report.numbers import ratio_text, scale_for
@@ -20,8 +20,6 @@ from trueup.report.writing import write_aside
 
 if TYPE_CHECKING:
     from trueup.loop.prepare import Comparison
-
-Array = NDArray[np.float64]
 
 
 def write_drives(compared: Comparison, folder: Path) -> None:

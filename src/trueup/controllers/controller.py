@@ -6,14 +6,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-from numpy.typing import NDArray
-
+from trueup.arrays import Array
 from trueup.trial import Controller as Controller
 from trueup.trial import ControllerFactory as ControllerFactory
 from trueup.trial import Observation as Observation
-
-Array = NDArray[np.float64]
 
 
 @runtime_checkable

@@ -12,15 +12,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.controller import Observation
 from trueup.errors import ParameterError, unknown_name
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel
 from trueup.rounding import ROUNDED
-
-Array = NDArray[np.float64]
 
 INTERPOLATIONS = ("linear", "smooth")
 _PEAK = {"linear": 1.0, "smooth": 1.5}

@@ -4,13 +4,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.controller import Observation
 from trueup.recording import Channel
 from trueup.rounding import SAME_INSTANT
-
-Array = NDArray[np.float64]
 
 
 class Playback:

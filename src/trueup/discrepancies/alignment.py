@@ -7,14 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup.errors import RecordingError
 from trueup.recording import Channel, Recording
 from trueup.rounding import NEGLIGIBLE
 from trueup.trial import command_of
-
-Array = NDArray[np.float64]
 
 
 def lag(reference: Channel, delayed: Channel, *, longest: float = 0.5, hold: bool = False) -> float:

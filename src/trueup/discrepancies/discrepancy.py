@@ -6,15 +6,12 @@ from __future__ import annotations
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Mask
 from trueup.engines.simulator import Rollout
 from trueup.recording import Recording
 from trueup.rounding import SAME_INSTANT
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 class Discrepancy(Protocol):

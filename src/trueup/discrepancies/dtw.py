@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueup.arrays import Array, Integers
 from trueup.errors import RecordingError
 from trueup.rounding import ROUNDED
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # Inputs are checked to be finite; infinity, which the kernels use, stays what it is.
 _FAST = {"nnan", "nsz"}
@@ -33,7 +31,7 @@ def dtw(a: ArrayLike, b: ArrayLike, *, band: float = 0.1, squared: bool = False)
     return float(_total(first, second, low, high, squared, 0, np.empty((0, 0, 0))))
 
 
-def dtw_path(a: ArrayLike, b: ArrayLike, *, band: float = 0.1, squared: bool = False) -> tuple[float, Indices]:
+def dtw_path(a: ArrayLike, b: ArrayLike, *, band: float = 0.1, squared: bool = False) -> tuple[float, Integers]:
     """As `dtw`, with the matched pairs (K, 2) of indices into a and b, from (0, 0) to (n-1, m-1).
 
     Two antidiagonals are kept in every sqrt(n + m); between them the path is traced back in the cells that it can reach,
@@ -68,7 +66,7 @@ def _checked(a: ArrayLike, b: ArrayLike) -> tuple[Array, Array]:
     return np.ascontiguousarray(paths[0].T), np.ascontiguousarray(paths[1].T[:, ::-1])
 
 
-def _band(n: int, m: int, band: float) -> tuple[Indices, Indices]:
+def _band(n: int, m: int, band: float) -> tuple[Integers, Integers]:
     """(n + m - 1,) first and last i of each antidiagonal; none where it has no cell in the band."""
     if not band >= 0.0:
         raise RecordingError(f"band is {band}; it is a share of the path, from 0 to 1")
@@ -127,7 +125,7 @@ def _advance(
 
 
 @njit(cache=True)
-def _total(a: Array, b: Array, low: Indices, high: Indices, squared: bool, every: int, kept: Array) -> float:
+def _total(a: Array, b: Array, low: Integers, high: Integers, squared: bool, every: int, kept: Array) -> float:
     """D(n-1, m-1); into `kept` goes the last of each `every` antidiagonals with the one before it."""
     n = a.shape[1]
     two, one, now = np.full(n + 2, np.inf), np.full(n + 2, np.inf), np.full(n + 2, np.inf)
@@ -149,7 +147,7 @@ def _total(a: Array, b: Array, low: Indices, high: Indices, squared: bool, every
 
 @njit(cache=True)
 def _block(
-    a: Array, b: Array, low: Indices, high: Indices, squared: bool, every: int, kept: Array, end: int, last: int
+    a: Array, b: Array, low: Integers, high: Integers, squared: bool, every: int, kept: Array, end: int, last: int
 ) -> tuple[Array, int]:  # fmt: skip
     """(rows, cells) of D below cell (end, last - end), back to the antidiagonals kept before it, and their number k0.
 
@@ -177,7 +175,7 @@ def _block(
 
 
 @njit(cache=True)
-def _trace(a: Array, b: Array, low: Indices, high: Indices, squared: bool, every: int, kept: Array) -> Indices:
+def _trace(a: Array, b: Array, low: Integers, high: Integers, squared: bool, every: int, kept: Array) -> Integers:
     """(K, 2) matched pairs, the last first; of equal ways the diagonal one."""
     pairs = np.empty((len(low), 2), np.int64)
     i, k = a.shape[1] - 1, len(low) - 1

@@ -8,15 +8,13 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trueup.discrepancies.discrepancy import Mask, measured_at
+from trueup.arrays import Array, Mask
+from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.errors import RecordingError
 from trueup.recording import Recording
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 FEATURES: Mapping[str, Callable[[Array, Array], Array]] = MappingProxyType(
     {

@@ -13,15 +13,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from trueup.discrepancies.discrepancy import Mask, measured_at
+from trueup.arrays import Array, Mask
+from trueup.discrepancies.discrepancy import measured_at
 from trueup.discrepancies.dtw import dtw, dtw_path
 from trueup.engines.simulator import Rollout
 from trueup.errors import RecordingError, unknown_name
 from trueup.recording import Recording
 from trueup.rounding import NEGLIGIBLE
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 READINGS: Mapping[str, str] = MappingProxyType(
     {
@@ -180,7 +179,7 @@ def _plane(labels: tuple[str, ...]) -> list[int]:
 
 
 @njit(cache=True)
-def _apart(points: Array, least: float) -> NDArray[np.bool_]:
+def _apart(points: Array, least: float) -> Mask:
     """(n,) True for points at least `least` from the last one kept; the first and the last always."""
     kept = np.zeros(len(points), np.bool_)
     kept[0] = kept[-1] = True

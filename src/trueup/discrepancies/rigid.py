@@ -7,15 +7,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.discrepancies.discrepancy import measured_at
 from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Rollout
 from trueup.recording import Recording
 from trueup.rounding import ROUNDED
-
-Array = NDArray[np.float64]
 
 
 class RigidlyAligned:

@@ -6,14 +6,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.noise import estimate_noise
 from trueup.recording import Recording
-
-Array = NDArray[np.float64]
 
 
 class Weighted:

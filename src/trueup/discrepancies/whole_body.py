@@ -10,14 +10,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.recording import Recording
 from trueup.rounding import NEGLIGIBLE, ROUNDED
-
-Array = NDArray[np.float64]
 
 SCALES = {"base_orientation": 0.1, "base_position": 0.05, "position": 0.3}
 """rad, m, rad that count as one: a torso that leans 0.1 rad more is about to fall, a joint that lags as much is not."""

@@ -6,15 +6,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from trueup.arrays import Array
 from trueup.controllers.controller import ControllerFactory
 from trueup.engines.simulator import InPlaceOf, Rollout, Simulator
 from trueup.parameters import ParameterSpace
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

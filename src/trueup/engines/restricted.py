@@ -7,16 +7,12 @@ import fnmatch
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from trueup.arrays import Array
 from trueup.controllers.controller import ControllerFactory
 from trueup.engines.simulator import Approximated, Controlled, InPlaceOf, Rollout, Simulator
 from trueup.errors import unknown_name
 from trueup.parameters import ParameterSpace
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Mask
 from trueup.controllers.controller import ControllerFactory
 from trueup.ends import Ended, with_end
 from trueup.errors import ModelError
@@ -17,8 +17,6 @@ from trueup.parameters import ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.rounding import SAME_INSTANT
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +34,7 @@ class Rollout:
     settings: Array | None = None
     """(b, m) parameters of the controller of each row, for scores that depend on them; None where they are not known."""
 
-    def lasted(self, channel: str) -> NDArray[np.bool_]:
+    def lasted(self, channel: str) -> Mask:
         """(b, T) which samples of a channel lie before the end of their run."""
         time = self.trial.observed[channel].time
         stop = np.full(len(self.channels[channel]), np.inf)

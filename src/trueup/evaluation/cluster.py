@@ -12,16 +12,14 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import EvaluationError, TrueupError
 from trueup.evaluation.chunks import Chunk, Chunks, Hazard, Pace
 from trueup.evaluation.connection import check, connected
 from trueup.evaluation.evaluator import Outcome, Work
 from trueup.evaluation.roster import LOOK, Roster
 from trueup.evaluation.worker import Reply, packed, work_on
-
-Array = NDArray[np.float64]
 
 _REPLY = 5.0  # s in which a finished reply must be here
 

@@ -8,11 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import EvaluationError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

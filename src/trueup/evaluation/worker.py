@@ -19,14 +19,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from trueup.arrays import Array
 from trueup.cores import THREADS
 from trueup.errors import EvaluationError, TrueupError
 from trueup.evaluation.evaluator import Outcome
-
-Array = NDArray[np.float64]
 
 _SAME = ("trueup", "mujoco", "numpy", "numba", "scipy")
 

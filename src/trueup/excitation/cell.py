@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueup.arrays import Array, Integers
 from trueup.errors import ModelError
 from trueup.excitation.chain import Chain
 from trueup.excitation.following import NO_MOTION, tool_programs
@@ -22,7 +23,6 @@ from trueup.identification.information import in_threads
 if TYPE_CHECKING:
     from trueup.identification.kinematic_tree import KinematicTree
 
-Array = NDArray[np.float64]
 
 Apart = Callable[[Array], tuple[Array, tuple[str, ...]]]
 """Least distance (S,) [m] of parts at postures (S, n), and which two they are: `Clearance.distances`."""
@@ -155,7 +155,7 @@ class Cell:
         return overridden(Motions(time, q, qd, qdd, failures(ended)), settings)
 
 
-def failures(ended: NDArray[np.int64]) -> tuple[str, ...]:
+def failures(ended: Integers) -> tuple[str, ...]:
     """Why each plan failed, in words; '' where it did not."""
     return tuple("" if code == REACHED else _WHY[code if code < NO_MOTION else -1] for code in ended)
 
@@ -213,7 +213,7 @@ def _score(
     return float(gains.mean()) - 0.05 * float(np.abs((q[chain.arrays.joint] - middle) / span).max())
 
 
-def _unwound(q: Array, joint: NDArray[np.int64], equations: Equations) -> Array:
+def _unwound(q: Array, joint: Integers, equations: Equations) -> Array:
     """The same posture with joints that may make more than a turn brought as near as can be to their middle."""
     near = q.copy()
     middle = 0.5 * (equations.lower + equations.upper)

@@ -8,23 +8,22 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueup.arrays import Array, Integers, Mask
 from trueup.errors import unknown_name
 from trueup.identification.poses import about, go, joint_pose, multiply
 
 if TYPE_CHECKING:
     from trueup.identification.kinematic_tree import KinematicTree
 
-Array = NDArray[np.float64]
-
 
 class ChainArrays(NamedTuple):
     """A chain of m joints as plain arrays, in the form that the kernels take."""
 
-    joint: NDArray[np.int64]
+    joint: Integers
     """(m,) which column of q each is."""
-    prismatic: NDArray[np.bool_]
+    prismatic: Mask
     axis: Array
     rotation: Array
     offset: Array

@@ -13,12 +13,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trueup.arrays import Array, Integers, Mask
 from trueup.errors import IdentificationError, unknown_name
 from trueup.excitation.trajectories import Motions
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.information import log_determinants
-
-Array = NDArray[np.float64]
 
 Kind = Literal["D", "A", "E", "condition", "prediction"]
 Weighting = Literal["nominal", "printed", "none"]
@@ -31,7 +30,7 @@ class Criterion:
     """A loss of motions. `Criterion.of` computes what the fields cannot know."""
 
     model: DynamicModel
-    independent: NDArray[np.int64]
+    independent: Integers
     """(c,) the base columns among the model's."""
     torque: Array
     """(n,) nominal torque of the joints, N m."""
@@ -135,7 +134,7 @@ class Criterion:
         return -as_printed.losses(motions, threads)
 
     @property
-    def _friction(self) -> NDArray[np.bool_]:
+    def _friction(self) -> Mask:
         return self.model.friction[self.independent]
 
     def _friction_alone(self, M: Array) -> Array:

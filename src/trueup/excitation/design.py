@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import IdentificationError
 from trueup.excitation.cell import Cell, Settings
 from trueup.excitation.criteria import Criterion
@@ -22,8 +22,6 @@ from trueup.search.evolution import Evolution
 from trueup.search.genetic import Genetic
 from trueup.search.quasi_newton import QuasiNewton
 from trueup.search.search import Search
-
-Array = NDArray[np.float64]
 
 Method = Literal["genetic", "cma-es", "quick"]
 Penalty = Callable[[Motions, int], Array]

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.excitation.chain import ChainArrays, place, unforced_acceleration
 from trueup.excitation.inverse_kinematics import (
     LEAST_GAIN,
@@ -20,9 +20,6 @@ from trueup.excitation.inverse_kinematics import (
 )
 from trueup.excitation.tool_path import Pace, Program, program, slow_down, starts, tool_laws, tool_state
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
 NO_MOTION = 4
 """How a plan ended when all its moves have no length; the other ends are those of the inverse kinematics."""
 
@@ -30,7 +27,7 @@ NO_MOTION = 4
 @njit(cache=True, nogil=True)
 def follow(
     chain: ChainArrays, equations: Equations, way: Program, times: Array, start: Array, q: Array, qd: Array, qdd: Array,
-    under: Indices,
+    under: Integers,
 ) -> int:  # fmt: skip
     """q, qd, qdd (S, n) at `times` (S,) along a program, from the posture `start` (n,) near its first pose.
 
@@ -134,7 +131,7 @@ def keep(time: Array, qd: Array, qdd: Array, speed: Array, acceleration: Array) 
 @njit(cache=True, nogil=True)
 def tool_programs(
     chain: ChainArrays, equations: Equations, P: Array, R: Array, X: Array, pace: Array, limits: tuple[Array, Array],
-    posture: Array, look: int, time: Array, q: Array, qd: Array, qdd: Array, ended: Indices,
+    posture: Array, look: int, time: Array, q: Array, qd: Array, qdd: Array, ended: Integers,
 ) -> None:  # fmt: skip
     """Plans and follows B programs of K via points: P (B, K, 3), R (B, K, 3, 3), X (B, K, own), pace (B, 6).
 

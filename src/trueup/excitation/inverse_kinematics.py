@@ -13,13 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueup.arrays import Array, Integers
 from trueup.errors import ModelError
 from trueup.excitation.chain import Chain, ChainArrays, place, rotation_between, slopes, turned
 from trueup.excitation.limits import JointLimits
-
-Array = NDArray[np.float64]
 
 REACHED, LOST, SINGULAR, OUT_OF_RANGE = 0, 1, 2, 3
 """How a solution ended: found; not found (out of reach); too near a singularity; a joint beyond its range."""
@@ -33,7 +32,7 @@ class Equations(NamedTuple):
 
     rows: int
     """6 or 3."""
-    own: NDArray[np.int64]
+    own: Integers
     """(m - rows,) places in the chain of the joints whose values are asked for."""
     lower: Array
     upper: Array

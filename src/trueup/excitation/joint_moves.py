@@ -5,14 +5,12 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.excitation.following import NO_MOTION, excess, keep
 from trueup.excitation.inverse_kinematics import REACHED
 from trueup.excitation.profiles import law
 from trueup.excitation.tool_path import law_of, slow_down, starts
-
-Array = NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True)
@@ -48,7 +46,7 @@ def joint_laws(Q: Array, share: float, ramp: float, rounding: float, speed: Arra
 @njit(cache=True, nogil=True)
 def joint_programs(
     Q: Array, pace: Array, speed: Array, acceleration: Array, time: Array, q: Array, qd: Array, qdd: Array,
-    ended: NDArray[np.int64],
+    ended: Integers,
 ) -> None:  # fmt: skip
     """Plans B programs of joint moves through Q (B, K, n); pace (B, 4) is share, ramp, rounding, fly.
 

@@ -12,16 +12,14 @@ from typing import Protocol
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import ModelError
 from trueup.excitation.cell import Cell
 from trueup.excitation.inverse_kinematics import REACHED
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.trajectories import Motions, Trajectory
 from trueup.identification.information import in_threads
-
-Array = NDArray[np.float64]
 
 _RESYNC = 64
 """Steps after which a rotating phase is computed anew, before rounding shows."""

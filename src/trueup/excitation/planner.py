@@ -13,8 +13,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueup.arrays import Array
 from trueup.errors import ModelError
 from trueup.excitation.cell import Cell, Settings, failures, overridden
 from trueup.excitation.joint_moves import joint_programs
@@ -23,8 +24,6 @@ from trueup.excitation.trajectories import RATE, Motions, Trajectory
 
 if TYPE_CHECKING:
     from trueup.identification.kinematic_tree import KinematicTree
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,16 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.excitation.cell import Cell
 from trueup.excitation.trajectories import Motions
 from trueup.identification.information import in_threads
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.poses import TreeArrays, link_poses, place_links
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 SOFT = 0.02
 """m; coming this much nearer than the margin counts 1."""
@@ -29,7 +26,7 @@ SOFT = 0.02
 class Proxies(NamedTuple):
     """Shapes as capsules and boxes, in the base frame with all joints at 0."""
 
-    joint: Indices
+    joint: Integers
     """(c,) the joint that carries each capsule, -1 for what stands fixed."""
     start: Array
     """(c, 3) m."""
@@ -40,9 +37,9 @@ class Proxies(NamedTuple):
     """(k, 3) boxes that stand fixed, as `box_rotation` (k, 3, 3) and `box_half` (k, 3)."""
     box_rotation: Array
     box_half: Array
-    pairs: Indices
+    pairs: Integers
     """(m, 2) capsules that must not meet."""
-    box_pairs: Indices
+    box_pairs: Integers
     """(l, 2) capsules that must not meet boxes."""
 
 

@@ -25,14 +25,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trueup import files
+from trueup.arrays import Array, Mask
 from trueup.errors import ModelError
 from trueup.identification.kinematic_tree import exponential, of_quaternion
 from trueup.typed_toml import build
-
-Array = NDArray[np.float64]
 
 CONE = math.radians(30.0)
 Three = tuple[float, float, float]
@@ -122,7 +121,7 @@ class Region:
         spin = exponential(np.stack([nought, nought, self.spin * (2.0 * genes[..., 2] - 1.0)], axis=-1))
         return middle @ lean @ spin
 
-    def holds(self, positions: Array, margin: float = 0.0) -> NDArray[np.bool_]:
+    def holds(self, positions: Array, margin: float = 0.0) -> Mask:
         """(...,) whether tool positions (..., 3) lie in the box, `margin` m around it included."""
         return np.all(np.abs(positions - self.centre) <= 0.5 * self.size + margin, axis=-1)
 

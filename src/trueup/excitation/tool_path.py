@@ -12,12 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.excitation.chain import rotation_between, turned
 from trueup.excitation.profiles import law, ramps, time_of_share
-
-Array = NDArray[np.float64]
 
 
 class Pace(NamedTuple):

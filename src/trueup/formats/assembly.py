@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import FormatError, MappingError, OtherFilesMappingError, unknown_name
 from trueup.formats.clock import Samples, guess_unit, increasing, row_offset, seconds
 from trueup.formats.mapping import ChannelColumns, ChannelMap, TimeColumn
@@ -17,8 +17,6 @@ from trueup.formats.rules.joints import joint_labels
 from trueup.formats.table import Table, listing, shown
 from trueup.recording import Channel, Recording, with_warnings
 from trueup.units import to_si
-
-Array = NDArray[np.float64]
 
 # Clocks further from zero than this [s] count from a date: they are moved to begin at 0, which keeps their precision.
 _DATE = 1e7

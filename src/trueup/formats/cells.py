@@ -8,14 +8,13 @@ import re
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import FormatError
 from trueup.formats.dialect import is_empty
 from trueup.formats.table import shown
 from trueup.units import to_si
 
-Array = NDArray[np.float64]
 Place = Callable[[int], str]
 
 _CLOCK = re.compile(r"(?:\d{4}[-/]\d\d[-/](\d\d)[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")

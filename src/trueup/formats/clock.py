@@ -7,14 +7,12 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import FormatError
 from trueup.formats.mapping import Repair
 from trueup.formats.table import Table
 from trueup.units import canonical, to_si
-
-Array = NDArray[np.float64]
 
 # Rates between these [Hz] are believed when the unit of a clock is guessed.
 _SLOWEST, _FASTEST = 2.0, 20_000.0

@@ -12,16 +12,14 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pacsv
-from numpy.typing import NDArray
 
 from trueup import files
+from trueup.arrays import Array, Integers
 from trueup.errors import FormatError
 from trueup.formats.cells import parse_clock, parse_lists
 from trueup.formats.dialect import Dialect, is_empty, is_number, sniff, split
 from trueup.formats.table import Table, listing, shown
 from trueup.units import to_si
-
-Array = NDArray[np.float64]
 
 _NULLS = ["", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "na", "n/a", "null", "NULL", "None", "none", "-", "--"]
 # Lines that are blank or a comment, in the middle of the data.
@@ -37,7 +35,7 @@ class _Body:
 
     data: bytes
     first_line: int
-    lines: NDArray[np.int64] | None
+    lines: Integers | None
 
     def number(self, row: int) -> int:
         return int(self.lines[row]) if self.lines is not None and row < len(self.lines) else self.first_line + row
@@ -116,7 +114,7 @@ def _body(data: bytes, dialect: Dialect) -> _Body:
     for _ in range(dialect.first):
         start = data.index(b"\n", start) + 1
     body = data[start:].rstrip(b"\n")
-    numbers: NDArray[np.int64] | None = None
+    numbers: Integers | None = None
     if _SKIPPED_LINE.search(body):
         lines = body.split(b"\n")
         kept = [i for i, line in enumerate(lines) if not _SKIPPED_LINE.match(line)]

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from trueup.arrays import Array
 from trueup.formats.rules.names import words
-from trueup.formats.table import Array, Table
+from trueup.formats.table import Table
 
 INFO = Path("meta", "info.json")
 """Where a LeRobot data set says what its columns hold, from its root."""

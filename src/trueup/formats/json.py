@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from trueup import files
+from trueup.arrays import Array
 from trueup.errors import FormatError
-from trueup.formats.table import Array, Table, numbers, shown
+from trueup.formats.table import Table, numbers, shown
 
 
 def read(path: Path) -> Table:

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import FormatError
 from trueup.formats.rules.names import is_time
-from trueup.formats.table import Array, Table
+from trueup.formats.table import Table
 
 
 def read(path: Path) -> Table:

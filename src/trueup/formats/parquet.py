@@ -16,9 +16,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from trueup.arrays import Array
 from trueup.errors import FormatError, OutputError
 from trueup.formats.aside import written_aside
-from trueup.formats.table import Array, Table, listing, numbers
+from trueup.formats.table import Table, listing, numbers
 from trueup.recording import Channel, Recording
 from trueup.units import to_si
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from trueup.arrays import Array
 from trueup.formats.messages import seconds_of
-from trueup.formats.table import Array
 from trueup.units import to_si
 
 KIND = "/JointTrajectory"

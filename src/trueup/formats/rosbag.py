@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from trueup.arrays import Array
 from trueup.errors import FormatError, MissingExtraError
 from trueup.formats.messages import Rows, rows_of, stamp_of
 from trueup.formats.planned import KIND, Plan, followed, plan_of
-from trueup.formats.table import Array, Table, numbers, shown
+from trueup.formats.table import Table, numbers, shown
 from trueup.units import to_si
 
 _JOINT_STATE_UNITS = {"position": "rad", "velocity": "rad/s", "effort": "N m"}

@@ -7,11 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.errors import FormatError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +34,7 @@ class Table:
     """What a row is called: line, row, entry, message."""
     first_row: int = 1
     """Number of the first row in that counting."""
-    rows: NDArray[np.int64] | None = None
+    rows: Integers | None = None
     """(T,) number of each row, where they do not follow one another (comments and blank lines between them)."""
     metadata: Mapping[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()

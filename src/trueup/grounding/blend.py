@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import GroundingError
 from trueup.evidence import evidence
@@ -21,8 +21,6 @@ from trueup.grounding.rows import rows_of
 from trueup.grounding.views import Model, fitted
 from trueup.recording import Recording
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 SHARES = np.linspace(0.0, 1.0, 11)
 """Shares of what is predicted that are tried; 0 is the simulator as it is."""

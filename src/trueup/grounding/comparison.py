@@ -8,16 +8,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.evidence import evidence
 from trueup.grounding.learners import Learner
 from trueup.grounding.rows import Rows
 from trueup.grounding.views import Model, fitted
 from trueup.rounding import TINY
-
-Array = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 FOLDS = 10
 AHEAD = 1.0
@@ -67,12 +64,12 @@ class Comparison:
     """Learners for which the time was not enough."""
 
 
-def folds_by_row(rows: Rows, rng: np.random.Generator) -> list[Whole]:
+def folds_by_row(rows: Rows, rng: np.random.Generator) -> list[Integers]:
     """Ten parts of the rows, at random: neighbours in time are on both sides, so it flatters."""
     return [np.sort(part) for part in np.array_split(rng.permutation(len(rows.X)), FOLDS)]
 
 
-def folds_by_run(rows: Rows) -> list[Whole]:
+def folds_by_run(rows: Rows) -> list[Integers]:
     """At most ten parts of whole runs, about equally long; stretches of a run where there is one run alone."""
     runs, counts = np.unique(rows.run, return_counts=True)
     if len(runs) == 1:
@@ -87,7 +84,7 @@ def folds_by_run(rows: Rows) -> list[Whole]:
 
 
 def cross_validated(
-    learner: Learner, rows: Rows, folds: Sequence[Whole], view: str = "plain", *, seed: int = 0,
+    learner: Learner, rows: Rows, folds: Sequence[Integers], view: str = "plain", *, seed: int = 0,
     until: float = float("inf"), chained: bool = True, most: int = MOST, moves: bool = True,
 ) -> Score | None:  # fmt: skip
     """How a learner predicts each part from the others; None where it would not be done by `until` (process time, s)."""
@@ -133,7 +130,7 @@ def error_ahead(model: Model | None, rows: Rows) -> float:
 
 
 def score(
-    name: str, rows: Rows, predicted: Array, mean: Array, folds: Sequence[Whole], ahead: Array, seconds: float = 0.0
+    name: str, rows: Rows, predicted: Array, mean: Array, folds: Sequence[Integers], ahead: Array, seconds: float = 0.0
 ) -> Score:
     """Errors of `predicted` (N, k) beside those of the training means (N, k)."""
     wrong, base = predicted - rows.Y, mean - rows.Y
@@ -200,8 +197,8 @@ def chosen(by_run: dict[str, Score], plain: str = "linear") -> tuple[str, str]:
 
 
 def _jobs(
-    learners: Sequence[Learner], runs: list[Whole], parts: list[Whole], by_row: bool
-) -> Iterator[tuple[int, Learner, list[Whole]]]:
+    learners: Sequence[Learner], runs: list[Integers], parts: list[Integers], by_row: bool
+) -> Iterator[tuple[int, Learner, list[Integers]]]:
     yield from ((0, learner, runs) for learner in learners)
     if by_row:
         yield from ((1, learner, parts) for learner in learners)

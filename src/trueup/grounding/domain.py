@@ -12,13 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers, Mask
 from trueup.grounding.comparison import folds_by_run
 from trueup.grounding.rows import Rows
-
-Array = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 _FAR = 0.99  # of the frames left out lie nearer than what is called far
 _REFUSED = 0.01  # of runs like the recorded ones
@@ -30,7 +27,7 @@ class Block:
     """Inputs that belong together (commands, positions, a sensor), and how far from their rows they may be."""
 
     name: str
-    columns: Whole
+    columns: Integers
     centre: Array
     whiten: Array
     """(m, r): offsets from the centre times this have unit covariance."""
@@ -54,12 +51,12 @@ class Domain:
     """(d,) of the inputs."""
     blocks: tuple[Block, ...]
 
-    def far(self, X: Array) -> NDArray[np.bool_]:
+    def far(self, X: Array) -> Mask:
         """(n, blocks) which frames are far in which block."""
         return np.stack([b.distance(X) > b.limit for b in self.blocks], axis=1)
 
     @property
-    def patience(self) -> Whole:
+    def patience(self) -> Integers:
         """(blocks,) frames in a row that may be far."""
         return np.array([b.patience for b in self.blocks])
 
@@ -82,7 +79,7 @@ def domain_of(rows: Rows) -> Domain:
     return Domain(rows.inputs.names, tuple(_block(n, c, rows, folds, share) for n, c in blocks.items()))
 
 
-def _block(name: str, columns: Whole, rows: Rows, folds: Sequence[Whole], refused: float) -> Block:
+def _block(name: str, columns: Integers, rows: Rows, folds: Sequence[Integers], refused: float) -> Block:
     V = rows.X[:, columns]
     distance = np.empty(len(V))
     for left_out in folds:
@@ -113,7 +110,7 @@ def _shape(V: Array) -> tuple[Array, Array, Array]:
     return centre, vectors / np.sqrt(np.maximum(values, _RESOLUTION**2)) / scale[:, None], scale
 
 
-def _longest(far: NDArray[np.bool_]) -> int:
+def _longest(far: Mask) -> int:
     """How many frames in a row are far at most."""
     edges = np.diff(np.concatenate([[0], far.astype(np.int64), [0]]))
     lengths = np.flatnonzero(edges < 0) - np.flatnonzero(edges > 0)

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.controller import Controller, ControllerFactory, Looking, Observation
 from trueup.controllers.playback import Playback
 from trueup.engines.simulator import Commanded, Forced, InPlaceOf, Rollout, Simulator
@@ -19,8 +19,6 @@ from trueup.grounding.grounding import Grounding
 from trueup.parameters import ParameterSpace
 from trueup.rounding import SAME_INSTANT
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 _EVEN = 0.02  # share by which a frame may miss a whole number of the controller's periods
 

@@ -21,16 +21,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import GroundingError
 from trueup.formats.aside import written_aside
 from trueup.grounding.domain import Block, Domain
 from trueup.grounding.predictors import as_arrays, from_arrays
 from trueup.grounding.rows import Inputs
 from trueup.grounding.views import Model
-
-Array = NDArray[np.float64]
 
 REQUESTED, PREDICTED = 0.7, 0.3
 """The paper's weights of the requested and of the predicted angles."""

@@ -9,14 +9,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import MissingExtraError, unknown_name
 from trueup.grounding import linear, trees
 from trueup.grounding.linear import standard
 from trueup.grounding.predictors import Neighbours, Network, Predictor, Tempered
-
-Array = NDArray[np.float64]
 
 
 def network(X: Array, Y: Array, rng: np.random.Generator) -> Network:

@@ -4,13 +4,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from trueup.arrays import Array
 from trueup.grounding.predictors import Affine
 from trueup.rounding import TINY
-
-Array = NDArray[np.float64]
 
 
 def standard(X: Array) -> tuple[Array, Array]:

@@ -9,12 +9,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.errors import GroundingError
-
-Array = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 
 class Predictor(Protocol):
@@ -47,13 +44,13 @@ class Trees:
     What leaves give is added to one affine function of all rows, from which none departs farther than its own rows did.
     """
 
-    roots: Whole
+    roots: Integers
     """(k,) node of each output."""
-    feature: Whole
+    feature: Integers
     """(m,) input that a node asks for; -1: a leaf."""
     threshold: Array
-    left: Whole
-    right: Whole
+    left: Integers
+    right: Integers
     b: Array
     """(m,) of leaves."""
     W: Array
@@ -127,7 +124,7 @@ class Neighbours:
     """(N, d) standardised."""
     values: Array
     """(N, k)."""
-    count: Whole
+    count: Integers
     """(1,) how many of the nearest."""
 
     def predict(self, X: Array) -> Array:

@@ -15,10 +15,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
+from trueup.arrays import Array, Mask
 from trueup.controllers.controller import Controller, Observation
 from trueup.engines.simulator import Commanded, Forced, Simulator
 from trueup.errors import GroundingError
@@ -32,8 +32,6 @@ from trueup.grounding.views import fitted
 from trueup.recording import Recording
 from trueup.rounding import SAME_INSTANT, TINY
 from trueup.trial import Observed, Trial
-
-Array = NDArray[np.float64]
 
 _MEMORY = 0.3  # s after which a joint has answered to what was added
 
@@ -159,7 +157,7 @@ class _Replay:
         self._values = np.atleast_2d(values)
         labels = self._inputs.commands
         self._trials: list[Trial] = []
-        self._measured: list[NDArray[np.bool_]] = []
+        self._measured: list[Mask] = []
         self.real: list[Array] = []
         for recording in recordings:
             trial, instants = Trial.of(recording, ["position"]), instants_of(recording, self._inputs)

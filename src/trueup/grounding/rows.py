@@ -14,12 +14,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers, Mask
 from trueup.errors import GroundingError, unknown_name
 from trueup.noise import estimate_noise
 from trueup.recording import Recording, is_command
 from trueup.trial import command_of
-
-Array = NDArray[np.float64]
 
 FRAME = 0.02
 """s: the paper's frame, in which simulator and robot are compared; the shortest one that is taken by itself."""
@@ -65,7 +64,7 @@ class Inputs:
         return (*first, *more, *(f"{name} {k} before" for k in range(1, self.history) for name in first))
 
     @property
-    def blocks(self) -> dict[str, NDArray[np.int64]]:
+    def blocks(self) -> dict[str, Integers]:
         """Columns that a run may be strange in: commands of all frames, each other channel of the present one.
 
         Where joints are, and were, is what simulator and robot differ in, and no part.
@@ -87,7 +86,7 @@ class Inputs:
         return [0, *(later + k * both for k in range(self.history - 1))]
 
     @property
-    def own(self) -> NDArray[np.int64]:
+    def own(self) -> Integers:
         """(k,) which of the inputs is the present position of each output."""
         return np.array([self.joints.index(j) for j in self.commands])
 
@@ -111,9 +110,9 @@ class Rows:
     """(N, d) as `Inputs.names`."""
     Y: Array
     """(N, k) positions of the commanded joints one frame later."""
-    run: NDArray[np.int64]
+    run: Integers
     """(N,) number of the run."""
-    frame: NDArray[np.int64]
+    frame: Integers
     """(N,) number of the frame within its run; one that follows another has the next number."""
     names: tuple[str, ...]
     """Of the runs."""
@@ -133,7 +132,7 @@ class Rows:
         X[:, self.inputs.asked] = self.Y
         return replace(self, X=X, Y=np.array(self.X[:, self.inputs.asked]))
 
-    def where(self, keep: NDArray[np.bool_] | NDArray[np.int64]) -> Rows:
+    def where(self, keep: Mask | Integers) -> Rows:
         """Some of the frames."""
         return replace(self, X=self.X[keep], Y=self.Y[keep], run=self.run[keep], frame=self.frame[keep])
 

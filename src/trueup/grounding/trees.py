@@ -10,13 +10,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers, Mask
 from trueup.grounding.linear import standard
 from trueup.grounding.predictors import Trees
-
-Array = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 _FEWEST = 2  # rows in a leaf: Weka's REPTree and J48
 _PSEUDO = 15.0  # Quinlan's smoothing constant
@@ -98,7 +95,9 @@ def model_tree(X: Array, Y: Array, rng: np.random.Generator) -> Trees:
     return Trees.together(trees)
 
 
-def _functions(tree: Any, leaves: Whole, Z: Array, y: Array, whole: Array, line: Array) -> tuple[Array, Array, Array]:
+def _functions(
+    tree: Any, leaves: Integers, Z: Array, y: Array, whole: Array, line: Array
+) -> tuple[Array, Array, Array]:
     """(m, d + 1) the linear function of each node, (m,) the error expected of it, in rows times their unit, and (m, 2) how
     far it departs from `line` on its rows.
     """
@@ -108,7 +107,7 @@ def _functions(tree: Any, leaves: Whole, Z: Array, y: Array, whole: Array, line:
     last = np.searchsorted(leaves[order], np.arange(m), side="right")
     begin, end = np.array(first), np.array(last)
     # Rows sorted by leaf are not sorted by node; a node's rows are those of its leaves.
-    below: list[Whole] = [order[a:b] for a, b in zip(begin, end, strict=True)]
+    below: list[Integers] = [order[a:b] for a, b in zip(begin, end, strict=True)]
     for node in range(m - 1, -1, -1):  # children stand behind their parents
         if tree.children_left[node] >= 0:
             below[node] = np.concatenate([below[tree.children_left[node]], below[tree.children_right[node]]])
@@ -130,7 +129,7 @@ def _functions(tree: Any, leaves: Whole, Z: Array, y: Array, whole: Array, line:
     return W, error, reach
 
 
-def _pruned(tree: Any, error: Array) -> NDArray[np.bool_]:
+def _pruned(tree: Any, error: Array) -> Mask:
     """(m,) where a tree ends, from the error of each node were it a leaf: a subtree that is no better gives way."""
     left, right = tree.children_left, tree.children_right
     leaf, best = left < 0, np.array(error)
@@ -149,7 +148,7 @@ def _constant(grown: Any) -> Trees:
     return _table(tree, tree.children_left < 0, tree.value[:, 0, 0], np.zeros((0, grown.n_features_in_)))
 
 
-def _table(tree: Any, leaf: NDArray[np.bool_], b: Array, W: Array, reach: Array | None = None) -> Trees:
+def _table(tree: Any, leaf: Mask, b: Array, W: Array, reach: Array | None = None) -> Trees:
     """A tree that ends at `leaf`, with the nodes that can be reached; `reach` (m, 2) of what its leaves give."""
     reached, kept = [0], []
     while reached:

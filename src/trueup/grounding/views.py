@@ -11,14 +11,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import unknown_name
 from trueup.grounding.learners import Learner
 from trueup.grounding.predictors import Predictor
 from trueup.grounding.rows import Inputs, Rows
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueup.arrays import Array, Integers
 from trueup.errors import ModelError
-
-Array = NDArray[np.float64]
 
 _SMALL = 3e-3  # a column of which less than this is left outside the others says nothing that torque could tell
 _NOTHING = 1e-6  # below this there is nothing to tell apart any more
@@ -26,7 +25,7 @@ class BaseParameters:
 
     columns: tuple[str, ...]
     """Names of all p parameters."""
-    independent: NDArray[np.int64]
+    independent: Integers
     """(r,) the columns that stay; each stands for its group."""
     grouping: Array
     """(r, p) coefficients of the groups; the independent columns have an identity."""

@@ -7,14 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers, Mask
 from trueup.identification.effects import of_state
 from trueup.identification.kernels import ROWS, TILE, W, carried, motion, pose, power, sines
 from trueup.identification.kinematic_tree import KinematicTree
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 LONG = 256  # samples for which regressor rows are gathered before they are multiplied: they stay in the second cache
 _FUSED = {"contract"}
@@ -23,7 +20,7 @@ _FUSED = {"contract"}
 class Layout(NamedTuple):
     """A tree as the kernels want it; n joints, m further columns (rotors, friction, couplings)."""
 
-    parent: Ints
+    parent: Integers
     turns: Array
     """(n,) 1 for a revolute joint, 0 for a prismatic one."""
     axis: Array
@@ -32,14 +29,14 @@ class Layout(NamedTuple):
     slide: Array
     """(n, 2, 3) offset in the parent = slide[0] + q slide[1]."""
     gravity: Array
-    carries: NDArray[np.bool_]
-    kind: Ints
+    carries: Mask
+    kind: Integers
     """(m,) what a further column is a function of, see `effects.of_state`."""
-    drive: Ints
+    drive: Integers
     scale: Array
     drives: Array
     """(n, n) speeds of the drives for speeds of the joints."""
-    single: NDArray[np.bool_]
+    single: Mask
     """(n,) drives that turn with their own joint alone, one to one."""
     rest: float
 
@@ -100,7 +97,7 @@ def kinematics(tree: Layout, q: Array, qd: Array, qdd: Array, first: int, count:
 
 
 @njit(cache=True, nogil=True, fastmath=_FUSED)
-def inertial_rows(tree: Layout, work: Array, count: int, place: Ints, out: Array, stride: int, at: int) -> None:
+def inertial_rows(tree: Layout, work: Array, count: int, place: Integers, out: Array, stride: int, at: int) -> None:
     """Writes each wanted regressor entry (joint i, column k) of a block to row place[i, k] of `out`, from `at` on."""
     n = len(tree.parent)
     size = (ROWS + 6 * n) * W
@@ -125,7 +122,16 @@ def inertial_rows(tree: Layout, work: Array, count: int, place: Ints, out: Array
 
 @njit(cache=True, nogil=True, fastmath=_FUSED)
 def further_rows(
-    tree: Layout, q: Array, qd: Array, qdd: Array, first: int, count: int, place: Ints, out: Array, stride: int, at: int
+    tree: Layout,
+    q: Array,
+    qd: Array,
+    qdd: Array,
+    first: int,
+    count: int,
+    place: Integers,
+    out: Array,
+    stride: int,
+    at: int,
 ) -> None:
     """As `inertial_rows` for what drives add; the papers' four effects as loops without a branch."""
     n = len(tree.parent)
@@ -156,7 +162,7 @@ def further_rows(
 
 @njit(cache=True, nogil=True, fastmath=_FUSED)
 def coupled_rows(
-    tree: Layout, q: Array, qd: Array, qdd: Array, first: int, count: int, place: Ints, out: Array, stride: int, at: int,
+    tree: Layout, q: Array, qd: Array, qdd: Array, first: int, count: int, place: Integers, out: Array, stride: int, at: int,
     k: int,
 ) -> None:  # fmt: skip
     """The rows of further column k, whose drive turns with several joints."""
@@ -175,7 +181,7 @@ def coupled_rows(
 
 
 @njit(cache=True, nogil=True)
-def regressor_rows(tree: Layout, q: Array, qd: Array, qdd: Array, place: Ints, out: Array) -> None:
+def regressor_rows(tree: Layout, q: Array, qd: Array, qdd: Array, place: Integers, out: Array) -> None:
     """All samples (S, n) into `out` (rows S,), row place[i, k] for joint i and column k; rows not placed stay as they are."""
     S = len(q)
     work = workspace(len(tree.parent))
@@ -227,7 +233,7 @@ def tile(Z: Array, r: int, c: int, G: Array, width: int) -> None:
 
 @njit(cache=True, nogil=True)
 def gram(
-    tree: Layout, q: Array, qd: Array, qdd: Array, place: Ints, start: Ints, width: Ints, Z: Array, G: Array
+    tree: Layout, q: Array, qd: Array, qdd: Array, place: Integers, start: Integers, width: Integers, Z: Array, G: Array
 ) -> None:
     """Upper tiles of the Gram matrix of each joint's regressor columns, added to G.
 

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueup.arrays import Array, Integers, Mask
 from trueup.errors import ModelError, ParameterError
 from trueup.identification import regressors
 from trueup.identification.base_parameters import BaseParameters, base_parameters
@@ -23,9 +24,6 @@ from trueup.identification.inertial import NAMES, UNITS, link_names
 from trueup.identification.information import information
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _STATES = (np.pi, 3.0, 10.0)
 """Ranges of random positions, speeds and accelerations, rad and s: gravity and motion of like weight."""
@@ -98,7 +96,7 @@ class DynamicModel:
         return np.array(found, dtype=np.int64)
 
     @cached_property
-    def friction(self) -> NDArray[np.bool_]:
+    def friction(self) -> Mask:
         """(p,) which columns are effects other than rotors."""
         rotors = np.array([effect.kind != "rotor" for _, effect in self.effects], dtype=bool)
         return np.concatenate([np.zeros(10 * self.tree.n, dtype=bool), rotors])
@@ -137,7 +135,7 @@ class DynamicModel:
         return layout(self.tree, tuple((e.code, d, e.scale) for d, e in self.effects), self.drives, self.rest)
 
     @cached_property
-    def acts(self) -> NDArray[np.bool_]:
+    def acts(self) -> Mask:
         """(n, p) whether the torque of a joint may depend on a column at all."""
         links = np.repeat(self.tree.carries(), len(NAMES), axis=1)
         turned = self.drives[[d for d, _ in self.effects]].T.reshape(self.tree.n, -1) != 0.0

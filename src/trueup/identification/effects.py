@@ -10,11 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import ParameterError, unknown_name
-
-Array = NDArray[np.float64]
 
 
 class _Kind(NamedTuple):

@@ -9,16 +9,13 @@ from itertools import pairwise
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers, Mask
 from trueup.identification import blocks
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 def information(
-    tree: blocks.Layout, acts: NDArray[np.bool_], chosen: Ints, squared: Array, batch: Sequence[Array], threads: int = 1
+    tree: blocks.Layout, acts: Mask, chosen: Integers, squared: Array, batch: Sequence[Array], threads: int = 1
 ) -> Array:
     """(B, c, c) sum_i squared[i] G_i of motions `batch` (q, qd, qdd, each (B, S, n)) for the `chosen` (c,) columns.
 
@@ -64,8 +61,8 @@ def log_determinants(M: Array) -> Array:
 
 @njit(cache=True, nogil=True)
 def _sums(
-    tree: blocks.Layout, q: Array, qd: Array, qdd: Array, place: Ints, start: Ints, width: Ints, counts: Ints, listed: Ints,
-    squared: Array, Z: Array, packed: Array, out: Array,
+    tree: blocks.Layout, q: Array, qd: Array, qdd: Array, place: Integers, start: Integers, width: Integers,
+    counts: Integers, listed: Integers, squared: Array, Z: Array, packed: Array, out: Array,
 ) -> None:  # fmt: skip
     for b in range(len(q)):
         packed[:] = 0.0

@@ -13,10 +13,8 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from trueup.arrays import Array
 
 W = 32
 ROWS = 9

@@ -8,13 +8,11 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueup.arrays import Array, Integers, Mask
 from trueup.errors import ModelError, unknown_name
 from trueup.identification.inertial import moved
-
-Array = NDArray[np.float64]
-
 
 GRAVITY = 9.81
 """m/s^2, downwards, where a file says nothing else."""
@@ -34,9 +32,9 @@ class KinematicTree:
     joints: tuple[str, ...]
     links: tuple[str, ...]
     """What each joint moves; bodies that are fixed to it are merged into it."""
-    parent: NDArray[np.int64]
+    parent: Integers
     """(n,) index of the joint before, -1 for the base."""
-    prismatic: NDArray[np.bool_]
+    prismatic: Mask
     axis: Array
     """(n, 3) unit vectors in the link's own frame."""
     rotation: Array
@@ -97,7 +95,7 @@ class KinematicTree:
             raise unknown_name("joint", joint, self.joints)
         return self.joints.index(joint)
 
-    def carries(self) -> NDArray[np.bool_]:
+    def carries(self) -> Mask:
         """(n, n) whether joint i carries link j, itself included: where the torque of i depends on the mass of j."""
         moves = np.eye(self.n, dtype=bool)
         for j, p in enumerate(self.parent):

@@ -7,16 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.errors import ModelError
 from trueup.identification.inertial import from_com, moved
 from trueup.identification.kinematic_tree import KinematicTree, about, of_quaternion
 
 if TYPE_CHECKING:
     import mujoco
-
-Array = NDArray[np.float64]
 
 
 def tree_from_mjcf(path: str | Path, *, fix_base: bool = False) -> KinematicTree:
@@ -60,7 +58,7 @@ def tree_of(model: mujoco.MjModel, name: str, *, fix_base: bool = False, notes: 
 
 
 def _tree(
-    model: mujoco.MjModel, name: str, notes: tuple[str, ...], ids: NDArray[np.int64], parent: list[int],
+    model: mujoco.MjModel, name: str, notes: tuple[str, ...], ids: Integers, parent: list[int],
     rotation: list[Array], offset: list[Array], mass: list[Array],
 ) -> KinematicTree:  # fmt: skip
     limited = model.jnt_limited[ids].astype(bool)

@@ -7,19 +7,18 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueup.arrays import Array, Integers, Mask
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.regressors import samples
-
-Array = NDArray[np.float64]
 
 
 class TreeArrays(NamedTuple):
     """A tree of n joints as plain arrays, in the form that the kernels take; as in KinematicTree."""
 
-    parent: NDArray[np.int64]
-    prismatic: NDArray[np.bool_]
+    parent: Integers
+    prismatic: Mask
     axis: Array
     rotation: Array
     offset: Array

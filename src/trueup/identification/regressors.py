@@ -4,13 +4,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueup.arrays import Array
 from trueup.errors import ModelError
 from trueup.identification import blocks
 from trueup.identification.kinematic_tree import KinematicTree
-
-Array = NDArray[np.float64]
 
 
 def inverse_dynamics(tree: KinematicTree, inertial: ArrayLike, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Array:

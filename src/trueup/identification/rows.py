@@ -7,10 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from trueup.arrays import Array, Integers, Mask
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,7 @@ class Rows:
         torque = lowpass(self.torque, axis=0)[::every] if np.isfinite(self.torque).all() else self.torque[::every]
         return replace(self, values=values, torque=torque, time=self.time[::every])
 
-    def part(self, keep: slice | Integers | NDArray[np.bool_]) -> Rows:
+    def part(self, keep: slice | Integers | Mask) -> Rows:
         """Some of the samples."""
         values = tuple(v[:, keep] for v in self.values)
         return replace(self, values=values, torque=self.torque[keep], time=self.time[keep])

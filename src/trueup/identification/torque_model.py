@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from trueup import files
+from trueup.arrays import Array
 from trueup.errors import ModelError, TrueupError
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.effects import OF_LOAD, Effect
@@ -20,8 +21,6 @@ from trueup.identification.inertial import NAMES
 from trueup.identification.kinematic_tree import GEOMETRY, KinematicTree
 from trueup.identification.regressors import inverse_dynamics, samples
 from trueup.recording import Channel, Recording
-
-Array = NDArray[np.float64]
 
 FILE = "torque.json"
 FORMAT = "trueup torque model 1"

@@ -9,13 +9,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import ModelError
 from trueup.identification.inertial import from_com, moved
 from trueup.identification.kinematic_tree import GRAVITY, KinematicTree, of_angles
 
-Array = NDArray[np.float64]
 Element = ElementTree.Element
 
 ROTOR, GEAR = "drake:rotor_inertia", "drake:gear_ratio"

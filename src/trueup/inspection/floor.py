@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Mask
 from trueup.inspection.diagnosis import Diagnosis
 from trueup.recording import Recording
 from trueup.trial import command_of
-
-Array = NDArray[np.float64]
 
 
 class Heights(Protocol):
@@ -77,7 +75,7 @@ def stopped_by_floor(
     )  # fmt: skip
 
 
-def _reached(heights: Heights, recording: Recording, slow: float) -> tuple[Array, Array, NDArray[np.bool_]] | None:
+def _reached(heights: Heights, recording: Recording, slow: float) -> tuple[Array, Array, Mask] | None:
     """(T,) lowest points of the robot as measured and as commanded, and whether it moves slowly up or down."""
     command = command_of(recording)
     if command is None or not recording.has("position") or command.unit != recording.channel("position").unit:

@@ -7,13 +7,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers, Mask
 from trueup.inspection.suspicions import suspicions
 from trueup.noise import estimate_grid, estimate_noise, spread
 from trueup.recording import Channel, Recording, is_command
-
-Array = NDArray[np.float64]
 
 _GAP = 1.75  # in median steps: one sample missing
 _JITTER = 0.2  # of a step in time: beyond, it is worth a word
@@ -50,7 +48,7 @@ class ChannelInspection:
     """Rows equal to the row before. Many mean that the sensor is slower than the log."""
     held: int
     """How many rows each value stands for, where that is regular; 1 where every row is a new sample."""
-    missing: NDArray[np.int64]
+    missing: Integers
     """NaN samples."""
     lowest: Array
     highest: Array
@@ -206,7 +204,7 @@ def _is_saturated(channel: Channel, label: str, recording: Recording) -> bool:
     return False
 
 
-def _rests(there: NDArray[np.bool_], time: Array) -> bool:
+def _rests(there: Mask, time: Array) -> bool:
     """Whether samples stay at an extreme long enough, in one go and in all."""
     if float(np.mean(there)) < _STUCK_SHARE:
         return False
@@ -217,7 +215,7 @@ def _rests(there: NDArray[np.bool_], time: Array) -> bool:
     return bool(stops[longest] - starts[longest] >= _STUCK_SAMPLES and seconds >= _STUCK_SECONDS)
 
 
-def _is_pushed(channel: Channel, label: str, extreme: float, there: NDArray[np.bool_], recording: Recording) -> bool:
+def _is_pushed(channel: Channel, label: str, extreme: float, there: Mask, recording: Recording) -> bool:
     """Positions rest wherever they are told to; only a command that moves on beyond shows that something stops them."""
     if is_command(channel.name):
         return False

@@ -7,11 +7,9 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.noise import estimate_noise
-
-Array = NDArray[np.float64]
 
 _CORRELATED = 0.9
 """Correlation from which one signal is called a multiple of another: a fifth of its variance may be something else."""

@@ -7,15 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.ends import ENDED, ended
 from trueup.errors import RecordingError
 from trueup.recording import Channel, Recording, is_command, with_warnings
 from trueup.rounding import NEGLIGIBLE, SAME_INSTANT
 from trueup.trial import command_of
-
-Array = NDArray[np.float64]
 
 LONGEST_GAP = 0.5
 """s without a measurement of the base after which nobody can say what a robot did there: a fall takes as long."""

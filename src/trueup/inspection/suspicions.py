@@ -7,13 +7,10 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup.inspection.relations import factor, nearest, rate
 from trueup.recording import Channel, Recording
 from trueup.units import FURTHEST_TURN
-
-Array = NDArray[np.float64]
 
 _LARGEST_SPEED = 60.0  # rad/s, of a joint
 _LARGEST_CURRENT = 60.0  # A

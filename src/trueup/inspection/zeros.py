@@ -7,14 +7,12 @@ import itertools
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.evidence import STANDARD_ERRORS
 from trueup.inspection.diagnosis import Diagnosis
 from trueup.recording import Recording
 from trueup.trial import command_of
-
-Array = NDArray[np.float64]
 
 _HELD = 0.5  # s that a command stays as it is, of which the second half is looked at: servos settle faster
 

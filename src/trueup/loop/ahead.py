@@ -7,15 +7,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.calibration import Ahead
 from trueup.engines.simulator import Simulator
 from trueup.recording import Channel, Recording
 from trueup.rounding import SAME_INSTANT
 from trueup.trial import Observed, Trial
-
-Array = NDArray[np.float64]
 
 HORIZONS = (0.1, 1.0)
 """s ahead that are judged, beside the next sample."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.loop.descent import HELD, Descent, Look, Watch
 from trueup.loop.elsewhere import losses_at
 from trueup.loop.problem import Problem
@@ -20,8 +21,6 @@ from trueup.loop.segment import labelled
 from trueup.parameters import ParameterSpace
 from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses
-
-Array = NDArray[np.float64]
 
 GLANCE = 2.5  # s: the least of each recording that a first look takes
 _MOVED = (

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.arrays import Array, Mask
 from trueup.calibration import Calibration
 from trueup.errors import ParameterError
 from trueup.parameters import ParameterSpace
-
-Array = NDArray[np.float64]
 
 UNSEEN = 0.1
 """Standard deviation, as a share of its range, of a parameter that the recordings could not tell."""
@@ -48,7 +47,7 @@ class Belief:
         cls,
         space: ParameterSpace,
         values: Array,
-        fitted: NDArray[np.bool_],
+        fitted: Mask,
         covariance: Array,
         verdicts: tuple[str, ...],
     ) -> Belief:

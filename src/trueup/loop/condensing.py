@@ -9,12 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.rounding import SAME_INSTANT
 from trueup.trial import Observed, Trial
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

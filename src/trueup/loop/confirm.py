@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Mask
 from trueup.chance import Buffeting, CommandNoise, Disturbance, Push, StartScatter
 from trueup.engines.simulator import Simulator
 from trueup.errors import CalibrationError
@@ -21,8 +21,6 @@ from trueup.search.cma_es import CmaEs
 from trueup.search.search import Search
 from trueup.tasks.task import DoneOrNot, judgement
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 NOISE: tuple[Disturbance, ...] = (StartScatter("position", 0.01), CommandNoise(0.01))
 """Twice the step of a small servo's encoder (0.3 degrees), in where joints start and in what they are told."""
@@ -121,7 +119,7 @@ def steadiness(
 
 def _judged(
     task: DoneOrNot, simulator: Simulator, rows: Array, trials: Sequence[Trial], evaluator: Evaluator
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Array, Mask]:
     """(b,) losses, NaN where a simulation failed, and which rows succeeded. Raises CalibrationError where all failed."""
     found = evaluator.evaluate(judgement(task, simulator, trials), rows)
     losses, done = found.values.T
@@ -168,7 +166,7 @@ def margin(
 def _replayed(
     task: DoneOrNot, simulator: Simulator, candidates: Sequence[Array], rng: np.random.Generator, model: Array | None,
     noise: Sequence[Disturbance], replays: int,
-) -> NDArray[np.bool_]:  # fmt: skip
+) -> Mask:  # fmt: skip
     """(c, replays) which replays succeeded; every one of them meets noise of its own."""
     values = simulator.parameters.nominal if model is None else model
     trials = _disturbed(task, noise, rng)

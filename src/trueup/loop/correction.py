@@ -12,13 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.simulator import Simulator
 from trueup.loop.gaussian_process import GaussianProcess
 from trueup.tasks.task import Task, simulated_scores
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.calibration import TracePoint
 from trueup.errors import CalibrationError
 from trueup.loop.problem import Problem
@@ -19,8 +19,6 @@ from trueup.rounding import NEGLIGIBLE
 from trueup.search.bounded_step import careful_difference
 from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses, robust_weights
-
-Array = NDArray[np.float64]
 
 Progress = Callable[[TracePoint], None]
 Checkpoint = Callable[[dict[str, Any]], None]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.loop.descent import Watch
 from trueup.loop.problem import Problem
 from trueup.parameters import ParameterSpace
@@ -15,8 +16,6 @@ from trueup.rounding import TINY
 from trueup.search.cma_es import CmaEs
 from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses
-
-Array = NDArray[np.float64]
 
 EVOLVING = "cma-es"  # the name of its stage
 FEW = 8  # parameters: so few can be searched widely where slopes end far above the noise

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import CalibrationError
 from trueup.loop.belief import Belief
@@ -19,8 +19,6 @@ from trueup.loop.optimize import TrustRegion
 from trueup.recording import is_command
 from trueup.rounding import NEGLIGIBLE, ROUNDED
 from trueup.tasks.task import Task
-
-Array = NDArray[np.float64]
 
 _STEP = 0.02  # share of the box by which a parameter is moved to see its effect
 

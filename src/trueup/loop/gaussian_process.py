@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 from scipy.optimize import minimize
 
+from trueup.arrays import Array
 from trueup.rounding import ROUNDED
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.simulator import Related, Simulator
 from trueup.errors import CalibrationError, SimulationFailedError
 from trueup.evidence import Evidence
@@ -25,8 +25,6 @@ from trueup.loop.ties import EXCERPT
 from trueup.loop.uncertainty import PRIOR, intervals, unit_covariance
 from trueup.loop.validate import by_stretch, cautious_errors
 from trueup.parameters import Parameter, ParameterSpace
-
-Array = NDArray[np.float64]
 
 _SIZES = 10.0 ** np.arange(
     -3.75, 0.0, 0.75

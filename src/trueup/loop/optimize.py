@@ -13,16 +13,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.simulator import Simulator
 from trueup.errors import CalibrationError
 from trueup.evaluation.evaluator import Evaluator
 from trueup.loop.correction import Correction
 from trueup.search.search import Search
 from trueup.tasks.task import Task, simulated_scores
-
-Array = NDArray[np.float64]
 
 _TOLERATED = 0.2  # share of the samples in which a candidate may fail and still have a loss
 

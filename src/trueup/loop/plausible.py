@@ -4,12 +4,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.simulator import Simulator
 from trueup.tasks.task import Task, simulated_scores
-
-Array = NDArray[np.float64]
 
 
 def plausible(

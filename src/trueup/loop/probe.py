@@ -6,8 +6,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.loop.descent import Fit
 from trueup.loop.identifiability import NO_EFFECT, effects
 from trueup.loop.problem import Problem
@@ -15,8 +15,6 @@ from trueup.loop.uncertainty import PRIOR
 from trueup.rounding import TINY
 from trueup.search.filtering import ImplicitFiltering
 from trueup.search.robust import robust_losses, robust_weights
-
-Array = NDArray[np.float64]
 
 _REACH = 2.5  # standard deviations: 95 % intervals end at two
 ROUGH = 0.15  # share of a wide difference that slopes do not explain; smooth problems stay below 0.05

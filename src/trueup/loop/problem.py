@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.controller import ControllerFactory
 from trueup.discrepancies.discrepancy import Discrepancy, compared
 from trueup.ends import End
@@ -20,9 +20,6 @@ from trueup.loop.segment import Segment
 from trueup.recording import Recording
 from trueup.rounding import TINY
 from trueup.trial import Observed, Trial
-
-Array = NDArray[np.float64]
-
 
 FAITHFUL = 0.3
 """Share of the residuals by which a coarser step, or an approximation, may change them and be searched in their place."""

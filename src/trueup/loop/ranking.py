@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from math import nan
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from trueup.arrays import Array
 
 _SURE = 60.0  # |theta| at which a Mallows model is certain of its order
 

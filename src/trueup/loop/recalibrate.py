@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup.calibration import Calibration, pooled_rmse
 from trueup.engines.simulator import Simulator
@@ -18,8 +17,6 @@ from trueup.loop.descent import explained
 from trueup.loop.fit import REFINEMENT
 from trueup.parameters import ParameterSpace
 from trueup.recording import PART_OF, Recording
-
-Array = NDArray[np.float64]
 
 _LEFT_OUT = "not supported"
 

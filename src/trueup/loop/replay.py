@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.calibration import Replay
 from trueup.controllers.controller import ControllerFactory
 from trueup.discrepancies.discrepancy import Discrepancy, measured_at
@@ -19,8 +19,6 @@ from trueup.loop.problem import Problem
 from trueup.loop.windows import in_windows, window_length
 from trueup.recording import Channel, Recording
 from trueup.trial import Observed, command_of
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

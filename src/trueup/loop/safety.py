@@ -6,15 +6,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.simulator import Rollout
 from trueup.errors import TrialError
 from trueup.recording import is_command
 from trueup.rounding import ROUNDED
 from trueup.trial import Limits, Trial
-
-Array = NDArray[np.float64]
 
 _RANGE, _SPEED, _EFFORT = ("rad", "m"), ("rad/s", "m/s"), ("N m", "N")
 

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.discrepancies.discrepancy import Mask
-
-Array = NDArray[np.float64]
 
 
 def labelled(segments: Sequence[Segment]) -> tuple[list[str], NDArray[np.intp]]:

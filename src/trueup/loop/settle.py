@@ -6,14 +6,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import TrialError
 from trueup.recording import Channel
 from trueup.trial import Observed, Trial
-
-Array = NDArray[np.float64]
 
 _RATE = 50.0  # Hz
 _FLOOR = 0.005  # m: contacts are soft by less; what rises by more was thrown out of something

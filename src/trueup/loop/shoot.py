@@ -9,15 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.instant import at_instant
 from trueup.loop.condensing import Eliminated, cut
 from trueup.loop.problem import Problem
 from trueup.noise import spread
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 _GLANCE = 0.1  # s: by then a start has shown whether it has an effect
 _DAMPINGS = (0.0, 0.1, 1.0, 10.0)  # of the corrections that are tried side by side

@@ -7,14 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.simulator import Simulator
 from trueup.parameters import ParameterSpace
 from trueup.search.cma_es import CmaEs
 from trueup.tasks.task import DoneOrNot, simulated
-
-Array = NDArray[np.float64]
 
 DOUBT = 0.05
 """Standard deviation of draws around models, in shares of each parameter's box: what a calibration leaves open."""

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.simulator import Simulator
 from trueup.errors import RobotFellError, TrialAbortedError
 from trueup.loop.confirm import steadiness
@@ -22,8 +22,6 @@ from trueup.robots.robot import Robot
 from trueup.rounding import ROUNDED
 from trueup.tasks.task import DoneOrNot, Task, robot_scores, robot_trials
 from trueup.trial import Limits, Trial
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

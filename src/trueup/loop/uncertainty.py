@@ -4,14 +4,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Mask
 from trueup.calibration import NORMAL_95
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.rounding import NEGLIGIBLE, TINY
-
-Array = NDArray[np.float64]
 
 # Nothing is less certain than "anywhere in the box": a uniform prior's variance is 1 / 12.
 PRIOR = 12.0
@@ -75,7 +73,7 @@ def intervals(fit: Fit, covariance: Array) -> tuple[Array, Array]:
     return low, high
 
 
-def _series(slopes: Array, errors: Array, weights: Array, given: NDArray[np.bool_]) -> Array:
+def _series(slopes: Array, errors: Array, weights: Array, given: Mask) -> Array:
     """(n, n) variance of sum(slopes * errors) for one series (T, n), (T,), with the errors' own autocorrelation.
 
     Where nothing was measured (not `given`, (T,)) slopes and errors are 0.
@@ -94,7 +92,7 @@ def _series(slopes: Array, errors: Array, weights: Array, given: NDArray[np.bool
     return 0.5 * (found + found.T)
 
 
-def _autocovariance(errors: Array, given: NDArray[np.bool_]) -> Array:
+def _autocovariance(errors: Array, given: Mask) -> Array:
     """(lags,) autocovariance until it is lost in its own noise, tapered so that it stays a covariance.
 
     Each lag is the mean over the pairs of samples that were measured (E. Parzen, Sankhya A 25, 1963), of which there are

@@ -10,14 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.evidence import BLOCKS
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR
 from trueup.recording import PART_OF, Recording, is_command
 from trueup.search.robust import robust_losses
-
-Array = NDArray[np.float64]
 
 _REACH = 0.5  # share of the box: slopes foretell nothing further away
 _SHORTER = np.array([1.0, 0.25, 0.0625, 0.0])  # shares of a step

@@ -6,15 +6,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup.loop.descent import Fit, descended
 from trueup.loop.probe import ROUGH, unexplained
 from trueup.loop.problem import Problem
 from trueup.search.filtering import ImplicitFiltering
 from trueup.search.robust import robust_weights
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

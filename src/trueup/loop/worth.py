@@ -13,14 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import CalibrationError
 from trueup.loop.problem import Problem
 from trueup.loop.whole_runs import SPREAD, weights
 from trueup.parameters import ParameterSpace
-
-Array = NDArray[np.float64]
 
 _STEP = 0.01  # share of the box by which a parameter is moved to see its effect
 _SAMPLES = 50.0

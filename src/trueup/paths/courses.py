@@ -8,13 +8,10 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup.paths.path import SPACING, Path
 from trueup.paths.speed import SpeedLimits
 from trueup.rounding import first_step
-
-Array = NDArray[np.float64]
 
 LIMITS = SpeedLimits(lateral=0.9, acceleration=0.25, deceleration=0.25, highest=1.0, start=0.1, stop=0.1)
 """For a carrying robot of 50 kg at walking pace."""

@@ -8,14 +8,13 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueup.arrays import Array
 from trueup.errors import RecordingError, unknown_name
 from trueup.paths.speed import SpeedLimits, speed_profile
 from trueup.rounding import ROUNDED, first_step
 from trueup.trial import Reference
-
-Array = NDArray[np.float64]
 
 SPACING = 0.05
 """Default distance between dense points, in m."""

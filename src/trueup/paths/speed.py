@@ -7,12 +7,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import RecordingError
 from trueup.rounding import NEGLIGIBLE
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.campaign.history import History, TrialStory
 from trueup.errors import TrueupError
 from trueup.formats import read
@@ -17,8 +17,6 @@ from trueup.recording import Recording
 from trueup.report.drawing import LINE, SAMPLES
 from trueup.report.markup import Markup, join, tag
 from trueup.report.plots import AFTER, BEFORE, FAINT, Plot, span
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

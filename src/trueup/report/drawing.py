@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trueup.calibration import Array
+from trueup.arrays import Array
 from trueup.report.marks import mark_texts, nice_marks
 from trueup.report.markup import Markup, escape, join, tag
 

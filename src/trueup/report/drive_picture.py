@@ -4,14 +4,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.calibration import Replay
 from trueup.report.drawing import EDGE, FOOT, HEAD, LINE, SAMPLES, WIDTH, Box, document, ruler, stroke, title, words
 from trueup.report.marks import nice_marks
 from trueup.report.markup import Markup, join, tag
-
-Array = NDArray[np.float64]
 
 _NUMBERS, _STRIP = 56, 110
 """Pixels left of the error's axes, for numbers; of one error over time, with its title."""

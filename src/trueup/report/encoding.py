@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from trueup.calibration import Array
+from trueup.arrays import Array
 
 MISSING = -32768
 """The 16-bit code of a missing sample."""

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from trueup.calibration import Array, Calibration, Replay
+from trueup.arrays import Array
+from trueup.calibration import Calibration, Replay
 from trueup.formats.plain import finite
 from trueup.report.drawing import SAMPLES
 from trueup.report.encoding import kept_samples, packed

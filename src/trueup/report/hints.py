@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trueup.calibration import Array, Replay
+from trueup.arrays import Array
+from trueup.calibration import Replay
 from trueup.report.numbers import Scale, significant, with_unit
 from trueup.report.summary import Score, label_score
 from trueup.rounding import SAME_INSTANT

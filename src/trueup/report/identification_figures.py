@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.calibration import NORMAL_95
 from trueup.identification.estimation.result import Identification, Prediction, rmse
 from trueup.report.drawing import SAMPLES
@@ -15,8 +15,6 @@ from trueup.report.encoding import kept_samples
 from trueup.report.markup import Markup, join, tag
 from trueup.report.numbers import significant
 from trueup.report.plots import AFTER, FAINT, INK, SOFT, Plot, span
-
-Array = NDArray[np.float64]
 
 _SPEED_BINS, _CELLS = 15, 14
 _FEW = 8

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trueup.calibration import Array, Replay
+from trueup.arrays import Array
+from trueup.calibration import Replay
 from trueup.report.drawing import EDGE, FOOT, LINE, MARGIN, SAMPLES, WIDTH, Box, words
 from trueup.report.encoding import kept_samples
 from trueup.report.marks import nice_marks

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from trueup.calibration import Array
+from trueup.arrays import Array
 from trueup.report.drawing import EDGE, HEAD, LINE, MARGIN, TEXT, Box, path_of
 from trueup.report.marks import mark_texts, nice_marks
 from trueup.report.markup import Markup, tag

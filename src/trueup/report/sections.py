@@ -8,7 +8,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from trueup.calibration import Array, Calibration, CrossValidation, Estimate
+from trueup.arrays import Array
+from trueup.calibration import Calibration, CrossValidation, Estimate
 from trueup.report.figures import correlations
 from trueup.report.headline import headline
 from trueup.report.joints import joints

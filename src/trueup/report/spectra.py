@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trueup.calibration import Array
+from trueup.arrays import Array
 from trueup.report.hints import velocity
 
 MOST_MISSING = 0.2

@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from trueup.calibration import Array, Calibration, Replay
+from trueup.arrays import Array
+from trueup.calibration import Calibration, Replay
 from trueup.report.numbers import Scale, with_unit
 
 SAME = 0.01

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.report.drawing import (
     COLOURS,
     EDGE,
@@ -25,8 +25,6 @@ from trueup.report.drawing import (
     words,
 )
 from trueup.report.markup import Markup, tag
-
-Array = NDArray[np.float64]
 
 _ROW, _SIDE = 92, 300
 """Pixels of a joint's profile with its title, and of a view of the path."""

@@ -13,13 +13,11 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import ModelError, RecordingError, unknown_name
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 _STEP = 1e-3  # s
 _SETTLE = 1.0  # s of holding the first command before a trial

@@ -6,12 +6,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.noise import spread
 from trueup.rounding import NEGLIGIBLE, ROUNDED, TINY
-
-Array = NDArray[np.float64]
 
 _MOST_SHRINK = 5.0
 

@@ -12,8 +12,8 @@ import warnings
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import CalibrationError, unknown_name
 from trueup.search.search import SearchState
 
@@ -21,7 +21,6 @@ with warnings.catch_warnings():  # it tells everybody that it cannot plot, who d
     warnings.simplefilter("ignore", UserWarning)
     import cma
 
-Array = NDArray[np.float64]
 
 REGIMES = ("ipop", "bipop")
 

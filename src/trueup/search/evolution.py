@@ -8,13 +8,11 @@ of that text. Where a loss takes 0.1 ms, the bookkeeping of a full-featured pack
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import CalibrationError
 from trueup.rounding import TINY
 from trueup.search.search import SearchState
-
-Array = NDArray[np.float64]
 
 
 class Evolution:

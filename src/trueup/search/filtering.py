@@ -10,15 +10,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import CalibrationError
 from trueup.rounding import NEGLIGIBLE, TINY
 from trueup.search.bounded_step import damped_step
 from trueup.search.robust import robust_losses, robust_weights
 from trueup.search.search import SearchState
-
-Array = NDArray[np.float64]
 
 
 def _half(residual: Array) -> float:

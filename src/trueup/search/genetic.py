@@ -11,10 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import CalibrationError
 from trueup.search.search import SearchState
-
-Array = NDArray[np.float64]
 
 
 class Genetic:

@@ -14,15 +14,13 @@ from typing import Any
 
 import numpy as np
 import optuna
-from numpy.typing import NDArray
 from optuna.distributions import BaseDistribution, FloatDistribution
 from optuna.trial import TrialState, create_trial
 
+from trueup.arrays import Array
 from trueup.errors import CalibrationError, MissingExtraError
 from trueup.search.search import SearchState
 from trueup.search.study_file import append
-
-Array = NDArray[np.float64]
 
 SAMPLERS = ("tpe", "gp", "cma")
 

@@ -8,12 +8,10 @@ Comput. 16(5), 1995, for the bounds).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import CalibrationError
 from trueup.search.search import SearchState
-
-Array = NDArray[np.float64]
 
 _LENGTHS = (2.0, 1.0, 0.5, 0.2, 0.05, 0.01, 1e-3)
 """Steps tried side by side, in lengths of the quasi-Newton step."""

@@ -5,10 +5,7 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from trueup.arrays import Array
 
 SearchState = dict[str, Any]
 """Plain numbers, strings and lists (it is written as JSON); a search made from it goes on as if never interrupted."""

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.stanley.kernel import MEMORY, nearest, path_table
 from trueup.controllers.stanley.law import GAINS, Stanley, StanleySettings, gain_space
 from trueup.engines.simulator import Rollout
@@ -17,8 +17,6 @@ from trueup.parameters import ParameterSpace
 from trueup.paths import Path
 from trueup.recording import Channel
 from trueup.trial import Observed, Trial
-
-Array = NDArray[np.float64]
 
 POINTS = ("front", "rear")
 MEASURES = ("rms", "mean", "max")

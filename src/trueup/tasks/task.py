@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Mask
 from trueup.controllers.controller import Controller
 from trueup.ends import Ended, end_of
 from trueup.engines.simulator import Rollout, Simulator
@@ -18,8 +18,6 @@ from trueup.evaluation.evaluator import Evaluator, Here, Outcome, Work
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 
 class Task(Protocol):
@@ -76,7 +74,7 @@ class Plans(Protocol):
 class DoneOrNot(Task, Protocol):
     """A task that is done or not, whatever its score: what seems to do it can be confirmed."""
 
-    def succeeded(self, rollouts: Sequence[Rollout]) -> NDArray[np.bool_]:
+    def succeeded(self, rollouts: Sequence[Rollout]) -> Mask:
         """(b,) from one Rollout of b rows for each of the task's trials, by simulations and recordings alike."""
         ...
 
@@ -98,7 +96,7 @@ def simulated_scores(
 
 def simulated(
     task: Task, simulator: Simulator, model: Array, candidates: Array, evaluator: Evaluator | None = None
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Array, Mask]:
     """`simulated_scores`, and (p, b) which of the runs did what the task wants (never where it cannot say)."""
     models, tried = np.atleast_2d(model), np.atleast_2d(candidates)
     if tried.shape[1] != len(task.parameters):

@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Mask
 from trueup.chance import Buffeting, Push
 from trueup.controllers.controller import Observation
 from trueup.controllers.keyframes import Keyframes, Motion, Tilt
@@ -22,8 +22,6 @@ from trueup.parameters import ParameterSpace
 from trueup.recording import Channel
 from trueup.rounding import SAME_INSTANT
 from trueup.trial import Observed, Trial
-
-Array = NDArray[np.float64]
 
 FITNESS = ("paper", "repaired")
 ANGLES, HEIGHT = "base_orientation", "base_position"
@@ -56,7 +54,7 @@ class Settled:
         """See End: nothing by its name."""
         return {}
 
-    def reached(self, observation: Observation) -> NDArray[np.bool_]:
+    def reached(self, observation: Observation) -> Mask:
         """See End."""
         pushed = observation.trial is not None and any(
             isinstance(d, (Push, Buffeting)) for d in observation.trial.disturbances
@@ -165,7 +163,7 @@ class Transition:
             return np.full(len(rollout.channels[ANGLES]), self.duration - AFTER)
         return self.motion.knots(rollout.settings)[1][:, -1]
 
-    def succeeded(self, rollouts: Sequence[Rollout]) -> NDArray[np.bool_]:
+    def succeeded(self, rollouts: Sequence[Rollout]) -> Mask:
         """(b,) whether it ended upright (or inverted), high and still, by simulations and recordings alike."""
         (rollout,) = rollouts
         angle, height, rate = self._seen(rollout)

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Mask
 from trueup.chance import Disturbance, Sensing
 from trueup.controllers.controller import Controller, ControllerFactory
 from trueup.controllers.walk_engine.requests import TARGETS, targets
@@ -22,9 +22,6 @@ from trueup.engines.simulator import Rollout
 from trueup.parameters import ParameterSpace
 from trueup.rounding import SAME_INSTANT
 from trueup.trial import Observed, Trial
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 PLACE, ANGLES = "base_position", "base_orientation"
 TILT = 0.8

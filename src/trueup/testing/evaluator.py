@@ -4,12 +4,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import ParameterError
 from trueup.evaluation.evaluator import Evaluator, Outcome, Work
-
-Array = NDArray[np.float64]
 
 
 def check_evaluator(evaluator: Evaluator) -> None:

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.declarations import Declaration, declare
 from trueup.articulated.described import StoredCopies
 from trueup.articulated.model import ATTRIBUTES, WORLD, Model, Writable
@@ -18,8 +18,6 @@ from trueup.recording import Recording
 from trueup.rounding import NEGLIGIBLE, ROUNDED
 from trueup.testing.broken import require
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 
 def check_quantity(

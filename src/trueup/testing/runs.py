@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.chance import Disturbance, Sensing, StartScatter
 from trueup.controllers.controller import Observation
 from trueup.ends import LOOK, When
@@ -21,8 +21,6 @@ from trueup.errors import ModelError, TrialError
 from trueup.rounding import SAME_INSTANT
 from trueup.testing.broken import require
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 
 class _Witness:

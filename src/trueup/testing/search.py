@@ -8,12 +8,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.search.search import Search
 from trueup.testing.broken import require
-
-Array = NDArray[np.float64]
 
 
 def check_search(

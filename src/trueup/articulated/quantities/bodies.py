@@ -7,13 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.inertia import COMPONENTS, from_log_cholesky, log_cholesky
 from trueup.articulated.model import Attributes, Model, Writable
 from trueup.articulated.quantities.quantity import Bounds, Quantity, around, factor
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

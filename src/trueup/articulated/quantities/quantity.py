@@ -7,14 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.changes import Changes
 from trueup.articulated.laws import LawFactory
 from trueup.articulated.model import WORLD, Model, Writable, servos
 from trueup.errors import ModelError, UnknownNameError
 
-Array = NDArray[np.float64]
 Bounds = Callable[[float], tuple[float, float]]
 
 FAMILIES = ("actuator", "joint", "body", "geom", "world", "channel", "recording")

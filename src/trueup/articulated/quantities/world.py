@@ -7,12 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.model import WORLD, Writable
 from trueup.articulated.quantities.quantity import Quantity, around, factor
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,11 +7,9 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.paths import Path
-
-Array = NDArray[np.float64]
 
 MEMORY = 3
 """Numbers that one copy remembers: segment, arc length, speed range; all zero at the start."""

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.controller import Observation
 from trueup.errors import ParameterError, RecordingError
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.paths import Path
-
-Array = NDArray[np.float64]
 
 _OPTIONS = (
     Parameter("k1", "1/s", 1.0, 0.05, 5.0, "log", source="cross-track gain below 0.5 m/s"),

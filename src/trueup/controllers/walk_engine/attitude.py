@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.controller import Observation
 from trueup.errors import unknown_name
-
-Array = NDArray[np.float64]
 
 _FREE_FALL = 2.0  # m/s2: an accelerometer that shows less says nothing of where down is
 

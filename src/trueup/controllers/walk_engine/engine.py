@@ -11,16 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.controller import Observation
 from trueup.controllers.walk_engine.attitude import Attitude, Complementary, Lean
 from trueup.controllers.walk_engine.legs import Biped
 from trueup.controllers.walk_engine.requests import OfTrial, Requests
 from trueup.errors import ParameterError
 from trueup.parameters import Parameter, ParameterSpace
-
-Array = NDArray[np.float64]
 
 _SHORT = 0.125
 """Share of a straight leg by which a leg of extension -1 is shorter (Behnke: eta_min = 0.875)."""

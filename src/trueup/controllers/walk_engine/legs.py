@@ -6,11 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.errors import ModelError
-
-Array = NDArray[np.float64]
 
 JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")
 """The order of a leg's joints from the hip down; the first may turn about any axis (a NAO's about yaw and pitch at once)."""
@@ -99,9 +97,9 @@ class Biped:
     """What a walk must know of a robot: its legs, and where their joints stand in commands and observations."""
 
     legs: Legs
-    columns: NDArray[np.int64]
+    columns: Integers
     """(2, 6) of the legs' joints in commands; -1 where no motor turns one."""
-    places: NDArray[np.int64]
+    places: Integers
     """(2, 6) of the legs' joints in `Observation.position`."""
     rest: Array
     """(nu,) what all motors are commanded that do not move legs (in rad): arms and head keep still."""

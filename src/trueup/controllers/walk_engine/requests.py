@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.controller import Observation
 from trueup.errors import TrialError
 from trueup.rounding import SAME_INSTANT
 from trueup.trial import Reference
-
-Array = NDArray[np.float64]
 
 TARGETS, REQUESTS = "targets", "requests"
 """Names of a trial's references that a walk follows."""

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import dartpy
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.articulated.described import StoredCopies
 from trueup.articulated.model import WORLD, BasePose, Engine
 from trueup.articulated.pose import POSITION, angles_of, quaternion_of, quaternions_of_vectors, turning
@@ -21,8 +21,6 @@ from trueup.engines.dart.skeleton import lay_floor, new_world, plane_name, shape
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.wiring import rest
 from trueup.rounding import first_step
-
-Array = NDArray[np.float64]
 
 LONGEST = 5e-4
 """s: DART applies the servos' forces explicitly; with steps of 2 ms a standing humanoid falls over, with these it stands."""
@@ -130,7 +128,7 @@ class DartCopies(StoredCopies):
             self._seen = self._sensors.read(self.position, self.velocity, self.force, gravity, base)
         return self._seen[:, self._sensors.columns[name]]
 
-    def stop(self, rows: NDArray[np.int64]) -> None:
+    def stop(self, rows: Integers) -> None:
         """These are stepped no further."""
         self._stopped[rows] = True
 
@@ -285,7 +283,7 @@ class ServoLaw(NamedTuple):
     limit: Array
 
 
-def _slice(order: Sequence[int]) -> slice | NDArray[np.int64]:
+def _slice(order: Sequence[int]) -> slice | Integers:
     """Columns in this order, as a slice where they are neighbours: then nothing is copied."""
     if len(order) and list(order) == list(range(order[0], order[0] + len(order))):
         return slice(order[0], order[0] + len(order))

@@ -10,8 +10,8 @@ from typing import Any
 import dartpy
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.errors import ModelError
 
 _ROBOT = (
@@ -32,7 +32,7 @@ def hulls(model: mujoco.MjModel) -> dict[int, Any]:
     return {int(mesh): _shape(*hull(model, int(mesh))) for mesh in np.unique(meshes)}
 
 
-def hull(model: mujoco.MjModel, mesh: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def hull(model: mujoco.MjModel, mesh: int) -> tuple[Array, Integers]:
     """(n, 3) corners in m and (m, 3) triangles of a mesh's convex hull, seen from outside against the clock.
 
     Raises ModelError where MuJoCo made none.
@@ -52,13 +52,13 @@ def hull(model: mujoco.MjModel, mesh: int) -> tuple[NDArray[np.float64], NDArray
     return places, _outwards(places, local)
 
 
-def _outwards(places: NDArray[np.float64], triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+def _outwards(places: Array, triangles: Integers) -> Integers:
     a, b, c = (places[triangles[:, i]] for i in range(3))
     inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), a - places.mean(axis=0)) < 0.0
     return np.where(inwards[:, None], triangles[:, ::-1], triangles)
 
 
-def _shape(places: NDArray[np.float64], triangles: NDArray[np.int64]) -> Any:
+def _shape(places: Array, triangles: Integers) -> Any:
     """A `dartpy.dynamics.MeshShape`."""
     lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in places.tolist()]
     lines += [f"f {i} {j} {k}" for i, j, k in (triangles + 1).tolist()]

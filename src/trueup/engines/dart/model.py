@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.declarations import Declaration, declare
 from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION
 from trueup.articulated.simulator import ArticulatedSimulator
@@ -25,7 +25,6 @@ from trueup.errors import MissingExtraError, unknown_name
 if TYPE_CHECKING:
     from trueup.engines.dart.copies import DartCopies
 
-Array = NDArray[np.float64]
 
 TURNING = "base_turning"
 """Channel: angular velocity of a free base about its own axes x, y, z in rad/s."""

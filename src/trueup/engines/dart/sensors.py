@@ -12,9 +12,8 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from trueup.arrays import Array
 
 _SENSOR, _STAGE = mujoco.mjtSensor, mujoco.mjtStage
 _OWN = (int(_SENSOR.mjSENS_ACCELEROMETER), int(_SENSOR.mjSENS_ACTUATORFRC), int(_SENSOR.mjSENS_JOINTACTFRC))

@@ -9,12 +9,10 @@ from typing import Any
 import dartpy
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.mujoco.floor_plane import plane_of, turned
 from trueup.errors import ModelError
-
-Array = NDArray[np.float64]
 
 _PLANE = 20.0, 1.0  # m: width and depth of the box that stands for a plane
 

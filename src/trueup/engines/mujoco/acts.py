@@ -9,8 +9,8 @@ from types import MappingProxyType
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.articulated.disturbances import NEVER, CommandNoises, Forces
 from trueup.articulated.pose import angles_of
 from trueup.articulated.sensing import Senses
@@ -21,9 +21,6 @@ from trueup.engines.mujoco.sensing import senses_of
 from trueup.engines.mujoco.wiring import Source, source_of
 from trueup.errors import ModelError
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
-Rows = NDArray[np.int64]
 
 
 class Acts:
@@ -85,7 +82,7 @@ class Acts:
         return self._noises[k].add(at, self._step, commands)
 
     def seen(
-        self, k: int, now: float, rows: Rows, channels: Mapping[str, tuple[str, ...]] = MappingProxyType({})
+        self, k: int, now: float, rows: Integers, channels: Mapping[str, tuple[str, ...]] = MappingProxyType({})
     ) -> Observation:
         """What the controllers of one trial see, of which `rows` still run; the others as they ended.
 
@@ -121,7 +118,7 @@ class Acts:
             self._sources[channel, labels] = source
         return self._sources[channel, labels]
 
-    def note(self, history: Mapping[str, Array], rows: Rows) -> None:
+    def note(self, history: Mapping[str, Array], rows: Integers) -> None:
         """Takes what `rows` went through, where controllers see the past."""
         for k, senses in enumerate(self._senses):
             if senses.late:

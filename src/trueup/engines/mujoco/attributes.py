@@ -9,15 +9,13 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.inertia import from_principal, principal
 from trueup.engines.mujoco import gears
 from trueup.engines.mujoco.fields import Fields, FromNominal
 from trueup.engines.mujoco.floor_plane import FLOOR_FRICTION, plane_of, turned
 from trueup.errors import unknown_name
-
-Array = NDArray[np.float64]
 
 _JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 _OBJECTS = {

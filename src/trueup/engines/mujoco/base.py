@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.model import BasePose
 from trueup.articulated.pose import (
     ANGLES,
@@ -23,8 +23,6 @@ from trueup.engines.mujoco.floor_plane import add_floor, plane_of
 from trueup.engines.mujoco.model import Model
 from trueup.errors import ModelError
 from trueup.recording import Recording
-
-Array = NDArray[np.float64]
 
 _MOVES = 0.01  # m: a base that moves further does not stand fixed
 

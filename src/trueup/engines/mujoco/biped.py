@@ -7,14 +7,12 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.walk_engine.legs import JOINTS, Biped, Legs
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.model import Model
 from trueup.errors import ModelError
-
-Array = NDArray[np.float64]
 
 _AXES = (None, 0, 1, 1, 1, 0)  # of the joints of a leg, after the first: x for rolls, y for pitches
 _APART = 0.01  # m: axes of a hip or an ankle that lie closer count as meeting in one point

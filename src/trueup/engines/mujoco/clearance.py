@@ -15,10 +15,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.shapes import box, capsule, solid, with_capsules, with_floor
-
-Array = NDArray[np.float64]
 
 _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 _NEAR = (0.025, 0.05)
@@ -31,7 +30,7 @@ class MujocoClearance:
 
     compiled: mujoco.MjModel
     joints: tuple[str, ...]
-    pairs: NDArray[np.int64]
+    pairs: Integers
     """(k, 2) geoms."""
     parts: tuple[str, ...]
     """(ngeom,) name of the part that each geom belongs to."""
@@ -145,7 +144,7 @@ class MujocoClearance:
         arms = [far[model.jnt_bodyid[k]] + float(np.linalg.norm(model.jnt_pos[k])) for k in joints]
         return np.where(slide, 1.0, arms)
 
-    def _without_overlaps(self, rng: np.random.Generator) -> tuple[NDArray[np.int64], list[str]]:
+    def _without_overlaps(self, rng: np.random.Generator) -> tuple[Integers, list[str]]:
         """The pairs that do not overlap as modelled, and whose distance changes at all; what was left out, in words."""
         at_random = 200
         data, address = self.data, self._address()
@@ -170,7 +169,7 @@ class MujocoClearance:
                 said.append(f"not checked, since {why}: {'; '.join(named)}")
         return self.pairs[~always & ~near], said
 
-    def _address(self) -> NDArray[np.int64]:
+    def _address(self) -> Integers:
         return np.array([self.compiled.jnt_qposadr[self._joint(name)] for name in self.joints], dtype=np.int64)
 
     def _joint(self, name: str) -> int:

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.articulated.pose import angles_of
 from trueup.controllers.controller import Observation
 from trueup.ends import LOOK, Ended, which_end
@@ -19,8 +20,6 @@ from trueup.engines.mujoco.wiring import Source, source_of
 from trueup.errors import ModelError
 from trueup.rounding import SAME_INSTANT
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 
 class Watch:
@@ -37,7 +36,7 @@ class Watch:
         """What must be recorded."""
 
     def ends(
-        self, k: int, joined: Mapping[str, Array], at: int, good: NDArray[np.int64], settings: Array | None = None
+        self, k: int, joined: Mapping[str, Array], at: int, good: Integers, settings: Array | None = None
     ) -> list[tuple[int, Ended]]:
         """Rows of one trial that end within a stretch, and how.
 
@@ -65,7 +64,7 @@ class Watch:
                 left[row] = False
         return over
 
-    def _looks(self, at: int, count: int, duration: float) -> NDArray[np.int64]:
+    def _looks(self, at: int, count: int, duration: float) -> Integers:
         """After how many of the `count` steps that follow step `at` is looked, the state before them included."""
         every = LOOK / self._step
         looks = np.arange(int(at / every), int((at + count) / every) + 1)
@@ -79,7 +78,7 @@ class Watch:
         return Observation(now, joined["qpos"][rows, i], joined["qvel"][rows, i], sensors, self._trials[k])
 
 
-def _along(source: Source, history: Array, places: NDArray[np.int64]) -> Array:
+def _along(source: Source, history: Array, places: Integers) -> Array:
     """(n, looks, k) a channel at some places of a field's history (n, m, size)."""
     # Derived fields describe the state before each step: their history begins one step earlier.
     values = source.read(history[:, places + int(source.derived)])

@@ -6,10 +6,8 @@ from __future__ import annotations
 from typing import Protocol
 
 import mujoco
-import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from trueup.arrays import Array
 
 
 class Fields(Protocol):

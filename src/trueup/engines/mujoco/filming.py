@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, in_angles, quaternion_of
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.floor_plane import plane_of
@@ -22,7 +23,6 @@ from trueup.errors import RecordingError, RenderingError
 from trueup.film import Film, Shape
 from trueup.recording import Recording
 
-Array = NDArray[np.float64]
 Pictures = NDArray[np.uint8]
 
 _SHOWN = 3  # groups of geoms that MuJoCo's own viewer shows

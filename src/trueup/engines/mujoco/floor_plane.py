@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from trueup.arrays import Array
 
 FLOOR = "calibrated_floor"
 """Name of the plane that is added to a model without one."""

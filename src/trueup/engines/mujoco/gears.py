@@ -5,11 +5,9 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.mujoco.fields import Fields
-
-Array = NDArray[np.float64]
 
 SLACK = "/slack"
 SECOND = {"slack": SLACK, "gear": "/gear"}

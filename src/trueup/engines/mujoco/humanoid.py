@@ -12,14 +12,12 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.pose import angles_of
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.model import Model
 from trueup.errors import ModelError, unknown_name
-
-Array = NDArray[np.float64]
 
 _AS_GOOD = 0.02  # share of the robot's size by which mirrored joints may miss one another
 _ALONG = 0.98  # cosine: axes that point the same way

@@ -4,12 +4,9 @@
 from __future__ import annotations
 
 import mujoco
-import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.inertia import from_principal
-
-Array = NDArray[np.float64]
 
 
 def body_inertia(model: mujoco.MjModel, body: int) -> Array:

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup import files
+from trueup.arrays import Array
 from trueup.engines.mujoco.attributes import MujocoAttributes, is_position_servo
 from trueup.engines.mujoco.fields import SingleModel
 from trueup.engines.mujoco.floor_plane import add_floor, plane_of
@@ -20,8 +20,6 @@ from trueup.engines.mujoco.reading.mjcf_spec import mjcf_spec
 from trueup.engines.mujoco.reading.urdf_spec import urdf_spec
 from trueup.engines.mujoco.reading.urdf_text import root_tag
 from trueup.errors import ModelError, unknown_name
-
-Array = NDArray[np.float64]
 
 # Sensors that look at geoms, those without contacts too.
 _SEEING = tuple(int(getattr(mujoco.mjtSensor, f"mjSENS_{n}")) for n in

@@ -8,8 +8,8 @@ from functools import partial
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.assignments import Assignment, needs
 from trueup.articulated.declarations import Declaration, declare, lacking, undeclared
 from trueup.articulated.gains import Gains
@@ -28,8 +28,6 @@ from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
 from trueup.recording import Recording, is_command
 from trueup.trial import Trial, command_of
-
-Array = NDArray[np.float64]
 
 
 class MujocoSimulator:

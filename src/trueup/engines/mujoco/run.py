@@ -8,8 +8,8 @@ from typing import Protocol
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers, Mask
 from trueup.articulated.assignments import Assignment, laws, write
 from trueup.articulated.closed_loop import ClosedLoop
 from trueup.articulated.gains import Gains
@@ -32,9 +32,6 @@ from trueup.errors import ModelError
 from trueup.rounding import SAME_INSTANT, whole_steps
 from trueup.trial import Trial
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.int64]
-
 # Steps simulated between two readings: long enough to hide the call, short enough for memory. Where rows may end it is a
 # `BLOCK`, since they leave the batch at the next reading only.
 _CHUNK = 8 * BLOCK
@@ -56,7 +53,7 @@ class Parametrised(Simulator, Protocol):
 
 
 class Run:
-    """Rows are trial-major, the longest trial first. Rows that end or fail are stepped no further."""
+    """Integers are trial-major, the longest trial first. Integers that end or fail are stepped no further."""
 
     def __init__(
         self, simulator: Parametrised, trials: Sequence[Trial], values: Array,
@@ -174,7 +171,7 @@ class Run:
         acting = laws(self.simulator.quantities, tiled, self.simulator.model, self.copies)
         return Stepper(self.batch, self.signals, acting, loops, self.acts, step)
 
-    def _good(self, time: Array, joined: dict[str, Array], rows: Rows, at: int) -> Rows:
+    def _good(self, time: Array, joined: dict[str, Array], rows: Integers, at: int) -> Integers:
         """(n,) how many of the steps of a stretch went well: the clock of a simulation that blows up stops or is reset.
 
         What was recorded later repeats the last that is known.
@@ -188,7 +185,7 @@ class Run:
                 values[i, good[i] + 1 :] = values[i, good[i]]
         return good
 
-    def _close(self, joined: Mapping[str, Array], rows: Rows, good: Rows, at: int, count: int) -> NDArray[np.bool_]:
+    def _close(self, joined: Mapping[str, Array], rows: Integers, good: Integers, at: int, count: int) -> Mask:
         """(n,) which rows ended in a stretch, by a condition or because their simulation broke off."""
         over = np.zeros(len(rows), dtype=bool)
         step = self.simulator.step
@@ -211,11 +208,11 @@ class Run:
                 over[mine.start + i] = True
         return over
 
-    def _mine(self, k: int, rows: Rows) -> slice:
+    def _mine(self, k: int, rows: Integers) -> slice:
         first, last = np.searchsorted(rows, (k * self.candidates, (k + 1) * self.candidates))
         return slice(int(first), int(last))
 
-    def _read(self, joined: dict[str, Array], rows: Rows, at: int, count: int) -> None:
+    def _read(self, joined: dict[str, Array], rows: Integers, at: int, count: int) -> None:
         for k in range(len(self.trials)):
             mine = self._mine(k, rows)
             own = rows[mine] - k * self.candidates

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION
 from trueup.articulated.sensing import Sense, Senses, on_robot, turned
 from trueup.articulated.signals import Signals
@@ -15,8 +15,6 @@ from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.wiring import Source, source_of
 from trueup.errors import unknown_name
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 
 def senses_of(model: Model, compiled: mujoco.MjModel, signals: Signals, k: int, step: float) -> Senses:

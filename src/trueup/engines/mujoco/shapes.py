@@ -9,9 +9,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.rounding import ROUNDED
-
-Array = NDArray[np.float64]
 
 _DENSITY = 2000.0
 """kg/m^3 of a link as a whole: aluminium castings with motors in them."""

@@ -11,15 +11,12 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 from numba import cfunc
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.articulated.closed_loop import ClosedLoop
 from trueup.articulated.laws import Law
 from trueup.articulated.signals import Signals
 from trueup.engines.mujoco.acts import Acts
-
-Array = NDArray[np.float64]
-Rows = NDArray[np.int64]
 
 BLOCK = 32
 """Steps for which recorded commands are computed at once: whatever the rows are stepped beside, they round alike."""
@@ -66,7 +63,7 @@ class Stepper:
         self.errors: dict[int, str] = {}
         """Row to what the engine says of its failure."""
 
-    def advance(self, at: int, count: int, rows: Rows, record: Sequence[str]) -> dict[str, Array]:
+    def advance(self, at: int, count: int, rows: Integers, record: Sequence[str]) -> dict[str, Array]:
         """Field to (len(rows), count, ...) after each of `count` steps; `at` is the number of steps done so far.
 
         Of a row whose simulation broke off, 'time' stands still or is NaN from there on.
@@ -96,7 +93,7 @@ class Stepper:
             done += n
         return out
 
-    def _act_at(self, now: int, rows: Rows) -> None:
+    def _act_at(self, now: int, rows: Integers) -> None:
         self._acts.push(now)
         for k, loop in self._loops.items():
             own = self._own(k, rows)
@@ -105,12 +102,12 @@ class Stepper:
                 if loop.push is not None:
                     self._acts.force(k, *loop.push)
 
-    def _own(self, k: int, rows: Rows) -> Rows:
+    def _own(self, k: int, rows: Integers) -> Integers:
         """Those of `rows` that belong to one trial."""
         first, last = np.searchsorted(rows, (k * self._candidates, (k + 1) * self._candidates))
         return rows[first:last]
 
-    def _open(self, rows: Rows) -> list[int]:
+    def _open(self, rows: Integers) -> list[int]:
         """The trials of `rows` that play recorded commands."""
         return [k for k in np.unique(rows // self._candidates).tolist() if k not in self._loops]
 
@@ -119,7 +116,7 @@ class Stepper:
         blocks = [self._signals.commands(k, at + s, min(BLOCK, count - s), self._step) for s in range(0, count, BLOCK)]
         return self._acts.disturbed(k, at, blocks[0] if len(blocks) == 1 else np.concatenate(blocks, axis=1))
 
-    def _commands(self, at: int, n: int, rows: Rows, planned: Mapping[int, Array]) -> Array:
+    def _commands(self, at: int, n: int, rows: Integers, planned: Mapping[int, Array]) -> Array:
         """(r, n, nu) commands of the first r rows, among them all of `rows`."""
         parts = []
         for k in range(int(rows[-1]) // self._candidates + 1):
@@ -134,7 +131,7 @@ class Stepper:
             commands[:, :, twin] = commands[:, :, main]
         return commands
 
-    def _stretch(self, commands: Array, n: int, rows: Rows, out: dict[str, Array]) -> None:
+    def _stretch(self, commands: Array, n: int, rows: Integers, out: dict[str, Array]) -> None:
         if not self._laws:
             control = commands if len(rows) == len(commands) else commands[rows]
             into = {_CLOCK if f == "time" else f: values for f, values in out.items()}

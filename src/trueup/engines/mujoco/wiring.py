@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.articulated.pose import ORIENTATION
 from trueup.articulated.starts import measured_base
 from trueup.articulated.wiring import commanded
@@ -20,8 +20,6 @@ from trueup.engines.mujoco.model import Model
 from trueup.errors import unknown_name
 from trueup.recording import Channel
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 JOINT_CHANNELS = {"position": "qpos", "velocity": "qvel", "torque": "qfrc_actuator"}
 """Channels whose labels are joints, and the field that holds them."""
@@ -34,8 +32,8 @@ class Source:
     """Where a channel's columns are read: `field[:, columns] + field[:, second]` (second: the gap of a slack joint)."""
 
     field: str
-    columns: NDArray[np.int64]
-    second: NDArray[np.int64] | None
+    columns: Integers
+    second: Integers | None
     derived: bool
     """Derived fields describe the state before the step, states the one after it."""
     turned: bool = False

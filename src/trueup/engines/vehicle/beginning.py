@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.vehicle.kernels import (
     ANGLE,
     DRIVE,
@@ -40,8 +40,6 @@ from trueup.engines.vehicle.kernels import (
     step_chassis,
 )  # fmt: skip
 from trueup.rounding import NEGLIGIBLE
-
-Array = NDArray[np.float64]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

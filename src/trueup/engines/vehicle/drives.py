@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup.calibration import NORMAL_95, Calibration, Estimate
 from trueup.discrepancies.rigid import RigidlyAligned
@@ -22,8 +21,6 @@ from trueup.errors import RecordingError
 from trueup.noise import estimate_noise
 from trueup.recording import Channel, Recording, is_command, part_of
 from trueup.rounding import SAME_INSTANT
-
-Array = NDArray[np.float64]
 
 LENGTH = 6.0
 """In s: long enough to see a delay and a curve, too short to drift far away."""

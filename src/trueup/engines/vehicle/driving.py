@@ -4,14 +4,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import RecordingError
 from trueup.recording import Channel, Recording, is_command
 from trueup.rounding import ROUNDED
 from trueup.trial import command_of
-
-Array = NDArray[np.float64]
 
 COMMAND = ("throttle", "steering")
 """Labels of the command channel: both without unit, usually -1 ... 1."""

@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.calibration import Calibration, Prediction
 from trueup.engines.family import Family, Fit, Request
 from trueup.engines.vehicle.commands import with_commands
@@ -24,8 +24,6 @@ from trueup.evidence import evidence
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 HORIZONS = (1.0, 3.0)
 """How far ahead predictions are judged, in s."""

@@ -7,16 +7,14 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Mask
 from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.engines.vehicle.rollout import VehicleSimulator
 from trueup.engines.vehicle.tracking import usual_speed
 from trueup.recording import Recording
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 
 class Ahead:
@@ -53,7 +51,7 @@ class Ahead:
             parts.append(((values - measured_at(real, name, o.labels, o.time)) / unit).reshape(len(values), -1))
         return np.concatenate(parts, axis=1)
 
-    def compared(self, real: Recording, trial: Trial) -> NDArray[np.bool_]:
+    def compared(self, real: Recording, trial: Trial) -> Mask:
         """(m,) what was measured and predicted."""
         parts = []
         for name, o in trial.observed.items():

@@ -9,13 +9,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.rounding import ROUNDED
-
-Array = NDArray[np.float64]
 
 COLUMNS = (
     "wheelbase", "max_steering", "drive_delay", "drive_lag", "steering_delay", "steering_lag", "steering_rate_limit",

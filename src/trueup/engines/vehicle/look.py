@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.vehicle.driving import COMMAND
 from trueup.engines.vehicle.kernels import MOVES
 from trueup.engines.vehicle.past import Past
@@ -20,8 +20,6 @@ from trueup.noise import spread
 from trueup.recording import Recording
 from trueup.rounding import NEGLIGIBLE
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 LATE = 0.12
 """In s: between command and effect, roughly, of small servos and drives; speeds gained are taken over as long."""

@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers, Mask
 from trueup.controllers.stanley.kernel import MEMORY, stanley
 from trueup.engines.vehicle.beginning import advance, begin, delayed
 from trueup.engines.vehicle.kernels import (
@@ -34,9 +34,6 @@ from trueup.engines.vehicle.kernels import (
     step_chassis,
 )  # fmt: skip
 from trueup.rounding import SAME_INSTANT
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 READ = 5
 """What is kept of each step: x, y (m) and heading (rad) of the tracked point; speed of the wheels (m/s); yaw rate (rad/s)."""
@@ -87,7 +84,7 @@ def read_off(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def replay_rows(
-    rows: Array, dt: float, commands: Array, seen: Array, starts: Indices, pasts: Indices, settle: int, first: Indices,
+    rows: Array, dt: float, commands: Array, seen: Array, starts: Integers, pasts: Integers, settle: int, first: Integers,
     times: Array, out: Array,
 ) -> None:  # fmt: skip
     """Open loop for all rows (b, n): stretch j begins at grid instant starts[j], is read at times[first[j]:first[j+1]].
@@ -169,7 +166,7 @@ def measure_all(rows: Array, history: Array, k: int, dt: float, noise: Array, ou
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def drive_all(
-    rows: Array, alive: NDArray[np.bool_], start: Array, orders: Array, tick: int, substeps: int, dt: float, state: Array,
+    rows: Array, alive: Mask, start: Array, orders: Array, tick: int, substeps: int, dt: float, state: Array,
     history: Array,
 ) -> None:  # fmt: skip
     """`drive` for rows that are `alive` (b,): orders (b, ticks, 2), state (b, STATE), history (b, steps + 1, READ)."""

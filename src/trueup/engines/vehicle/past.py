@@ -6,17 +6,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers, Mask
 from trueup.engines.vehicle.kernels import HEADING, SPEED, TURNING, X, Y
 from trueup.engines.vehicle.start import start_state
 from trueup.errors import RecordingError
 from trueup.recording import Channel
 from trueup.rounding import SAME_INSTANT
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 SPEED_WINDOW = 0.25  # s: a line through the car's own forward and sideways speed, which change more slowly
 POSE_WINDOW = 0.12  # s: a parabola through this much of the past gives the pose and the turn rate at its end
@@ -37,7 +34,7 @@ class Past:
     """(G, 5) x, y, heading, forward speed, yaw rate; no sample after an instant counts at that instant."""
     known: Mask
     """(G,) where `seen` is known."""
-    lengths: NDArray[np.int64]
+    lengths: Integers
     """(G,) for how many steps back it is known without a gap, at most PAST."""
 
     @classmethod
@@ -169,7 +166,7 @@ def _past_only(path: Array, weights: Array) -> Array:
     return np.convolve(padded, weights[::-1], mode="valid")
 
 
-def _run_lengths(mask: Mask) -> NDArray[np.int64]:
+def _run_lengths(mask: Mask) -> Integers:
     """(T,) how many True values in a row end here."""
     index = np.arange(1, len(mask) + 1)
     return index - np.maximum.accumulate(np.where(mask, 0, index))

@@ -5,12 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Mask
 from trueup.recording import Channel, Recording
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _WITHIN = 0.3  # rad: as far as a tracker's frame may be turned on the car without being another convention

@@ -6,16 +6,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.engines.vehicle.kernels import MOVES
 from trueup.engines.vehicle.past import PAST, Past
 from trueup.engines.vehicle.rollout import VehicleSimulator
 from trueup.errors import RecordingError
 from trueup.recording import Recording
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 
 def prediction_errors(
@@ -91,7 +89,7 @@ def horizons_for(simulator: VehicleSimulator, drives: Sequence[Recording], usual
     return (min(*usual, round(far / 2.0, 2)), float(far)) if far > 0.0 else tuple(usual)
 
 
-def first_state(drive: Past, least: float) -> NDArray[np.int64]:
+def first_state(drive: Past, least: float) -> Integers:
     """(1,) the first grid instant at which the car drives and all is known, if tracked for `least` s more; else (0,)."""
     begun = np.flatnonzero(drive.known & (drive.seen[:, 3] > MOVES))[:1].astype(np.int64)
     return begun[drive.begin + drive.step * begun + least <= _last(drive) + 0.5 * drive.step]
@@ -103,7 +101,7 @@ def _last(drive: Past) -> float:
     return drive.begin + drive.step * float(known[-1]) if len(known) else -np.inf
 
 
-def begun_at(drive: Past, longest: float, every: float) -> NDArray[np.int64]:
+def begun_at(drive: Past, longest: float, every: float) -> Integers:
     """(S,) grid instants, every `every` s, at which the car drives and from which it is tracked for `longest` s."""
     ahead, back = round(longest / drive.step), round(PAST / drive.step)
     missing = np.concatenate([[0], np.cumsum(~drive.known)])

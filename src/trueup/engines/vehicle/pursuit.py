@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.vehicle.kernels import MOVES
 from trueup.engines.vehicle.past import Past
 from trueup.rounding import NEGLIGIBLE
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.controllers.controller import Observation
 from trueup.ends import LOOK, Ended, which_end
 from trueup.engines.simulator import Rollout
@@ -16,9 +16,6 @@ from trueup.errors import ModelError, unknown_name
 from trueup.recording import is_command
 from trueup.rounding import SAME_INSTANT
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 CHANNELS = {"position": ("x", "y"), "heading": ("heading",), "speed": ("speed",), "yaw_rate": ("yaw_rate",)}
 """What is measured: pose of the tracked point in m and rad, speed of the wheels in m/s, turn rate in rad/s."""
@@ -44,7 +41,7 @@ class Reading:
 
     times: Array
     """(T,) since the start of the trial, in s."""
-    rows: dict[str, Indices]
+    rows: dict[str, Integers]
 
     @classmethod
     def of(cls, trial: Trial) -> Reading:
@@ -58,7 +55,7 @@ class Reading:
         return cls(times - trial.start, {name: np.searchsorted(times, o.time) for name, o in measured.items()})
 
     def rollout(
-        self, trial: Trial, run: Array, orders: Orders | None, unusable: Indices, ends: Mapping[int, Ended]
+        self, trial: Trial, run: Array, orders: Orders | None, unusable: Integers, ends: Mapping[int, Ended]
     ) -> Rollout:
         """The Rollout of a run (b, T, 5) read off at `times`; rows that are `unusable` or not finite have failed."""
         channels = {}

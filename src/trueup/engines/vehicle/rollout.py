@@ -9,8 +9,8 @@ from itertools import pairwise
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.controllers.controller import Controller, ControllerFactory, Observation
 from trueup.controllers.stanley import Stanley
 from trueup.controllers.stanley.kernel import path_table
@@ -28,9 +28,6 @@ from trueup.parameters import ParameterSpace, concatenate
 from trueup.recording import Recording
 from trueup.rounding import SAME_INSTANT, first_step
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 STEP = {"speed": 0.02, "throttle": 0.01, PURSUED: 0.01, TURNED: 0.01}
 """In s, by what commands the vehicle: the period of usual controllers; twice as fine where tyres are integrated (on
@@ -146,7 +143,7 @@ class VehicleSimulator:
             done.append(read.rollout(trial, out, orders, unusable, ending.ends))
         return done
 
-    def rows(self, values: Array) -> tuple[Array, Indices]:
+    def rows(self, values: Array) -> tuple[Array, Integers]:
         """(b, columns) for the kernels, and the rows that are not numbers: what is none is not simulated."""
         given = np.atleast_2d(np.asarray(values, dtype=np.float64))
         rows = np.tile(self.vehicle.row, (len(given), 1))
@@ -171,7 +168,7 @@ class VehicleSimulator:
         since, _, _ = self._stretches(trial, times)
         return since
 
-    def predict(self, past: Past, rows: Array, starts: Indices, first: Indices, since: Array) -> Array:
+    def predict(self, past: Past, rows: Array, starts: Integers, first: Integers, since: Array) -> Array:
         """(b, len(since), 5) x, y, heading, speed, yaw rate of stretches; see `replay_rows`."""
         out = np.empty((len(rows), len(since), READ))
         lengths = past.lengths[starts]
@@ -183,7 +180,7 @@ class VehicleSimulator:
         )
         return out
 
-    def _stretches(self, trial: Trial, times: Array) -> tuple[Array, Indices, Indices]:
+    def _stretches(self, trial: Trial, times: Array) -> tuple[Array, Integers, Integers]:
         """(T,) time since the stretch that holds each instant began; its number; (S,) where stretches begin."""
         past = self.past(trial)
         starts = _starts(past, trial, self.horizon)
@@ -255,7 +252,7 @@ class VehicleSimulator:
             list(pool.map(work, [slice(a, b) for a, b in pairwise(edges.tolist())]))
 
 
-def _starts(past: Past, trial: Trial, horizon: float) -> Indices:
+def _starts(past: Past, trial: Trial, horizon: float) -> Integers:
     """(S,) grid instants at which stretches begin: every `horizon` s, later where nothing was known then.
 
     Raises ModelError where nothing is known in all that was measured; the first moments of a drive may show too little.

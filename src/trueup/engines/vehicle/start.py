@@ -4,15 +4,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.vehicle.kernels import STATE
 from trueup.errors import RecordingError
 from trueup.paths import Path
 from trueup.recording import Channel
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 _AROUND = 0.15  # s on both sides of the start: long enough to average noise, short enough to be straight
 

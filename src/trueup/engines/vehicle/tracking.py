@@ -8,13 +8,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.arrays import Array, Mask
 from trueup.engines.vehicle.driving import effective
 from trueup.engines.vehicle.place import fresh, place_of
 from trueup.engines.vehicle.pose import aligned, course, heading_of, turned_with
 from trueup.recording import Channel, Recording, with_warnings
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _NOISE, _TURN = 0.03, 0.15  # m, rad: more from one sample to the next, beyond what the speed explains, is a jump
 _FASTEST = 15.0  # m/s: nothing goes faster that does not do so often

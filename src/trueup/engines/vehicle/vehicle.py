@@ -10,12 +10,11 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.vehicle.kernels import COLUMNS, STEERING_LEFT, STEERING_RIGHT, STEERING_SCALE
 from trueup.engines.vehicle.quantities import SPEED_DRIVEN, SPEED_PURSUED, THROTTLE_DRIVEN, TURN_PURSUED, Quantity
 from trueup.errors import ParameterError, unknown_name
 from trueup.parameters import Parameter, ParameterSpace
-
-Array = NDArray[np.float64]
 
 PURSUED, TURNED = "pursued speed", "pursued speed and turn rate"
 DRIVES: Mapping[str, tuple[Quantity, ...]] = MappingProxyType(

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from trueup.arrays import Array
 from trueup.formats.rules.names import listed, words
-from trueup.formats.rules.rule import Array, Column, Example, Rule
+from trueup.formats.rules.rule import Column, Example, Rule
 from trueup.units import hardly_radians, to_si
 
 POSITION, ORIENTATION = "base_position", "base_orientation"

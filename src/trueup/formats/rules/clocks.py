@@ -8,15 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.formats.clock import guess_unit
 from trueup.formats.mapping import TimeColumn
 from trueup.formats.rules.names import is_time, names_its_clock, stem, words
 from trueup.formats.table import Table, listing
 from trueup.units import to_si
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

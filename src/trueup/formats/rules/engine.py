@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from trueup.arrays import Array
 from trueup.errors import MappingError
 from trueup.formats.mapping import ChannelColumns, ChannelMap
 from trueup.formats.rules import bases, joints
@@ -15,7 +16,7 @@ from trueup.formats.rules.clocks import Clocks, find_clocks
 from trueup.formats.rules.coherence import Proposal, own, with_common_labels, with_twins, without_sensors
 from trueup.formats.rules.drive import Part, drive
 from trueup.formats.rules.names import AXES, stem, taken_apart, with_actual, words
-from trueup.formats.rules.rule import Array, Column
+from trueup.formats.rules.rule import Column
 from trueup.formats.rules.sizes import Sizes
 from trueup.formats.table import Table, listing
 from trueup.recording import is_command

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.formats.rules.names import Name, taken_apart
 from trueup.formats.table import Table
 from trueup.units import canonical
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Mask
 from trueup.formats.clock import guess_unit, seconds
 from trueup.formats.mapping import ChannelColumns, TimeColumn
 from trueup.formats.rules.joints import BY_KIND
-from trueup.formats.rules.rule import Array, Column
+from trueup.formats.rules.rule import Column
 from trueup.inspection.relations import factor, nearest, rate
 from trueup.units import hardly_radians, to_si
 
@@ -175,7 +175,7 @@ def speed_of(column: Column, time: TimeColumn) -> tuple[Array, Array]:
     return rate(column.values[good], instants[good]) if np.count_nonzero(good) > 2 else (np.zeros(0), np.zeros(0))
 
 
-def _usable(instants: Array, *signals: Array) -> NDArray[np.bool_]:
+def _usable(instants: Array, *signals: Array) -> Mask:
     """(T,) where all are known and time goes forward."""
     good = np.isfinite(instants) & np.logical_and.reduce([np.isfinite(s) for s in signals])
     good[1:] &= np.diff(np.fmax.accumulate(np.where(np.isfinite(instants), instants, -np.inf))) > 0.0

@@ -10,8 +10,9 @@ from types import MappingProxyType
 
 import numpy as np
 
+from trueup.arrays import Array
 from trueup.formats.rules.names import COMMANDED, listed, words
-from trueup.formats.rules.rule import Array, Column, Example, Rule
+from trueup.formats.rules.rule import Column, Example, Rule
 from trueup.units import canonical, to_si
 
 

@@ -11,8 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import OutputError
 from trueup.formats.aside import written_aside
 from trueup.formats.plain import finite
@@ -22,8 +22,6 @@ from trueup.identification.delivery.source import c_header, prefix, python_file
 from trueup.identification.estimation.result import Deliverable, Identification, Prediction, log_errors
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.torque_model import FILE, TorqueModel, load
-
-Array = NDArray[np.float64]
 
 HEADER, PYTHON = "torque.h", "torque.py"
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import ModelError
 from trueup.formats.aside import written_aside
 from trueup.identification.estimation.file_fit import FileFit
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from trueup.engines.mujoco.reading.mjcf_text import Element, MjcfText
 
-Array = NDArray[np.float64]
 
 _TENSOR = tuple(name.casefold() for name in NAMES if name.startswith("I"))
 """Attributes of <inertia>, in the order of the ten numbers."""

@@ -10,12 +10,10 @@ from importlib import resources
 from string import Template
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.torque_model import TorqueModel
-
-Array = NDArray[np.float64]
 
 _SYMBOLS = {"q": "position", "v": "speed", "a": "acceleration"}
 

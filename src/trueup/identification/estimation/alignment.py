@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.evidence import evidence, jackknife
 from trueup.identification.estimation.filtering import moved, stretches
 from trueup.identification.estimation.moments import RIDGE, solve
@@ -16,9 +16,6 @@ from trueup.identification.estimation.result import Alignment
 from trueup.identification.estimation.selection import BLOCKS
 from trueup.identification.rows import Rows
 from trueup.rounding import TINY
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 REACH = 0.06
 """s that are looked at on both sides."""

@@ -6,16 +6,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.evidence import STANDARD_ERRORS, jackknife
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.consistent import PULL, ConsistentFit, consistent_fit
 from trueup.identification.estimation.moments import Moments, Normal
 from trueup.identification.estimation.selection import clearly_smaller
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

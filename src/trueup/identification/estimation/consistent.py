@@ -7,15 +7,12 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers, Mask
 from trueup.errors import IdentificationError
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.moments import Normal
 from trueup.identification.inertial import NAMES, from_pseudo_inertia, pseudo_inertia
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _MARGIN = 1e-4
 """The least second moment, as a share of a link's natural size: simulators want inertias above zero."""
@@ -151,13 +148,13 @@ class _Barrier:
     """(m,) of the linear terms."""
     margin: Array
     """(n, 4, 4)."""
-    held: NDArray[np.bool_]
+    held: Mask
     """(m,) rotors and friction that may not be negative."""
     free: Array
     """(m,) curvature for rotors that may: what torque cannot tell of them is zero."""
 
     @classmethod
-    def of(cls, model: DynamicModel, prior: Array, held: NDArray[np.bool_], rotors: Integers) -> _Barrier:
+    def of(cls, model: DynamicModel, prior: Array, held: Mask, rotors: Integers) -> _Barrier:
         n = model.tree.n
         reach, mass = np.maximum(np.linalg.norm(model.tree.offset, axis=1), 0.05), np.maximum(prior[: 10 * n : 10], 0.1)
         units = np.column_stack([reach, reach, reach, np.ones(n)]) * np.sqrt(mass)[:, None]

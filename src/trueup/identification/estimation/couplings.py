@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.moments import RIDGE, blocks_of, moments_of
@@ -19,8 +19,6 @@ from trueup.identification.estimation.selection import BLOCKS, Choice, reweighed
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Pair = tuple[int, int]
 """A drive, and a joint before its own that it turns with too."""
 

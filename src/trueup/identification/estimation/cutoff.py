@@ -6,13 +6,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.identification.estimation.filtering import derivative, slow_cutoff
 from trueup.identification.estimation.motion import Log
 from trueup.rounding import TINY
-
-Array = NDArray[np.float64]
 
 _NOISY = 0.1  # share of accelerations that noise may be
 _NEAR = 25

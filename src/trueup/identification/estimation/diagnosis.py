@@ -9,14 +9,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError, listed
 from trueup.identification.estimation.motion import STILL, Log, Motion
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.units import FURTHEST_TURN
-
-Array = NDArray[np.float64]
 
 DOUBTFUL, POOR = 0.1, 0.35
 """Relative errors of a fit from which on simple mistakes are looked for, and from which on it is said to be poor."""

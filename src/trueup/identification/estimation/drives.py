@@ -9,13 +9,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup import files
+from trueup.arrays import Array
 from trueup.errors import IdentificationError, unknown_name
 from trueup.typed_toml import build
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

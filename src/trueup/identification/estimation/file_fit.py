@@ -7,15 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.identification.estimation.consistent import consistent_fit
 from trueup.identification.estimation.moments import Moments, weighted_fit
 from trueup.identification.estimation.pool import Pool
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.rounding import TINY
-
-Array = NDArray[np.float64]
 
 _FRICTION = ("coulomb", "viscous")
 _LEAST = 1e-3

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueup.arrays import Array, Mask
 from trueup.errors import IdentificationError
 from trueup.noise import spread
 from trueup.rounding import whole_steps
-
-Array = NDArray[np.float64]
 
 ORDER = 8
 """Of the filter as a whole: half of it runs forward, half of it backward."""
@@ -200,7 +199,7 @@ def without_spikes(values: Array) -> tuple[Array, Array]:
     return kept, spikes.sum(axis=0).astype(np.float64)
 
 
-def _far_off(full: Array, least: Array) -> NDArray[np.bool_]:
+def _far_off(full: Array, least: Array) -> Mask:
     """(T, k) whether samples are off their neighbours' median by more than `least` (k,) and more than is usual there."""
     around = np.pad(full, ((_NEAR, _NEAR), (0, 0)), mode="edge")
     around = np.lib.stride_tricks.sliding_window_view(around, 2 * _NEAR + 1, axis=0)

@@ -10,8 +10,8 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import IdentificationError
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.alignment import find_shift, shifted
@@ -35,7 +35,6 @@ from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 from trueup.recording import Recording
 
-Array = NDArray[np.float64]
 Told = Callable[[str, float], None]
 Structured = tuple[list[Piece], Array, Moments, Choice]
 """Pieces with their effects of load, the links (n, 10) that these were made of, moments, the model that predicts best."""

@@ -8,14 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.errors import IdentificationError
 from trueup.identification.rows import Rows
 from trueup.rounding import TINY
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 RIDGE = 1e-9
 """Of the mean squared size of a column: keeps what the data cannot tell at its prior, changes nothing else."""

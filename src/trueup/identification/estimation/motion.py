@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Mask
 from trueup.errors import IdentificationError, unknown_name
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.drives import Drives
@@ -24,8 +24,6 @@ from trueup.identification.estimation.filtering import (
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 from trueup.recording import Channel, Recording
-
-Array = NDArray[np.float64]
 
 TORQUES = ("torque", "current", "load")
 """Channels that may hold torque, the first one present counts."""
@@ -252,7 +250,7 @@ class Piece:
     held_out: bool
     lowpass: Lowpass | None
     every: int
-    keep: NDArray[np.bool_]
+    keep: Mask
     """Which of every `every`-th instant of `whole` are compared."""
 
     @property

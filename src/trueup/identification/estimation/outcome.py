@@ -9,8 +9,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.consistent import ConsistentFit, violation, violations
 from trueup.identification.estimation.estimate import Estimate
@@ -35,7 +35,6 @@ from trueup.identification.torque_model import TorqueModel
 if TYPE_CHECKING:
     from trueup.identification.estimation.motion import Piece, Torque
 
-Array = NDArray[np.float64]
 
 _MANY = 0.4
 """Share of combinations not seen from which on the whole is in doubt."""
@@ -132,7 +131,7 @@ def _links(
     return tuple(made)
 
 
-def _structure(model: DynamicModel, active: NDArray[np.int64]) -> tuple[tuple[str, ...], ...]:
+def _structure(model: DynamicModel, active: Integers) -> tuple[tuple[str, ...], ...]:
     """For each drive its effects in words, without repeating one kind."""
     said: list[list[str]] = [[] for _ in model.tree.joints]
     for k in active[active >= 10 * model.tree.n]:

@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueup.arrays import Array, Integers
 from trueup.errors import IdentificationError
 from trueup.evidence import half_interval, jackknife
 from trueup.identification.estimation.cutoff import natural_cutoff
@@ -29,9 +30,6 @@ from trueup.identification.rows import Rows
 from trueup.recording import Recording
 from trueup.rounding import TINY
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
 _POOR = 0.2
 
 
@@ -47,7 +45,7 @@ class DriveGains:
     payload: Array
     """(10,) of the payload: what was given, and what was found of the rest."""
 
-    def poor(self) -> NDArray[np.int64]:
+    def poor(self) -> Integers:
         """Joints whose gain is uncertain by more than a fifth: the payload hardly loads them in these runs."""
         return np.flatnonzero(~(self.deviations < _POOR * np.abs(self.gains)))
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers, Mask
 from trueup.identification.base_parameters import BaseParameters
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.effects import OF_LOAD, Effect
@@ -16,10 +16,6 @@ from trueup.identification.estimation.moments import RIDGE, Moments
 from trueup.identification.estimation.motion import Motion, Piece
 from trueup.identification.estimation.selection import Choice, cross_validated, forward_selected, reweighed
 from trueup.identification.kinematic_tree import KinematicTree
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 _SPEEDS = (0.003, 0.01, 0.03, 0.1, 0.3)
 """Of a drive's top speed: where friction that saturates does so."""

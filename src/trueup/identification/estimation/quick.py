@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.diagnosis import BETTER, DOUBTFUL, POOR, Fit, mistakes, signs
 from trueup.identification.estimation.drives import Drives
@@ -21,8 +21,6 @@ from trueup.identification.rows import Rows
 from trueup.recording import Channel, Recording
 from trueup.rounding import TINY
 
-Array = NDArray[np.float64]
-
 _LONGEST = 20.0
 """s of a log that a rough fit looks at."""
 _TILTS = (0.4, 0.1, 0.03)
@@ -31,7 +29,7 @@ _SMALL, _SURELY = 0.02, 0.5
 """Of a joint's torque, below which friction is not looked at; correlation with speed that is certain."""
 
 
-def basic_columns(pool: Pool) -> NDArray[np.int64]:
+def basic_columns(pool: Pool) -> Integers:
     """The columns of a model that fits any arm roughly: rotors, offsets, viscous and Coulomb friction."""
     return np.flatnonzero(pool.with_groups(*BASIC))
 

@@ -11,15 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers, Mask
 from trueup.evidence import evidence
 from trueup.identification.estimation.moments import RIDGE, Moments, solve, weighted_fit
 from trueup.rounding import TINY
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 BLOCKS = 16
 """Into which the time of all logs is cut. Eight gave errors 1.3 % larger on 18 simulated arms, and 1 % on three real ones

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.diagnosis import POOR
 from trueup.identification.estimation.filtering import Lowpass, derivative, even, grid, slow_cutoff
@@ -19,8 +19,6 @@ from trueup.identification.kinematic_tree import KinematicTree
 from trueup.recording import Channel, Recording
 from trueup.rounding import TINY
 from trueup.units import hardly_radians
-
-Array = NDArray[np.float64]
 
 _ALIKE = 0.97
 """Correlation from which one signal is another's rate of change."""

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import listed
 from trueup.identification.base_parameters import BaseParameters
 from trueup.identification.dynamic_model import DynamicModel
@@ -15,8 +15,6 @@ from trueup.identification.estimation.estimate import Estimate
 from trueup.identification.estimation.result import Parameter
 from trueup.identification.rows import Rows
 from trueup.rounding import TINY
-
-Array = NDArray[np.float64]
 
 SURE, ROUGH = 0.1, 0.5
 """Relative standard deviations up to which a parameter is identified, or roughly."""

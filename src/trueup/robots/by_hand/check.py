@@ -6,14 +6,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.formats.rules.drive import FULL_LOCK
 from trueup.recording import Channel, Recording, is_command
 from trueup.rounding import ROUNDED
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 _CLOCKS = {1e3: "ms", 1e6: "us", 1e9: "ns", 1.0 / 60.0: "min", 60.0: "s read as min", 1e-3: "s read as ms",
            1e-6: "s read as us", 1e-9: "s read as ns"}  # fmt: skip

@@ -11,14 +11,12 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import OutputError
 from trueup.formats import ChannelColumns, ChannelMap, TimeColumn
 from trueup.rounding import ROUNDED
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 
 def write_sheet(trial: Trial, outbox: Path, inbox: Path) -> Path:

@@ -7,14 +7,12 @@ import math
 import time
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import RobotFellError, TrialError
 from trueup.robots.rcss.body import Body
 from trueup.robots.rcss.connection import Connection
 from trueup.robots.rcss.percept import Percept, percept
-
-Array = NDArray[np.float64]
 
 CYCLE = 0.02
 """s from one message to the next, of both servers."""

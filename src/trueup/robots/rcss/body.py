@@ -9,11 +9,9 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import ParameterError, unknown_name
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION, QUATERNION, angles_of
 from trueup.controllers.controller import Observation
 from trueup.engines.simulator import InPlaceOf, Simulator
@@ -18,7 +18,6 @@ from trueup.robots.rcss.agent import CYCLE, Agent
 from trueup.robots.rcss.percept import Percept, Values
 from trueup.trial import Trial
 
-Array = NDArray[np.float64]
 Told = Callable[[Percept], Mapping[str, Values]]
 
 _TOLD: Mapping[str, tuple[Told, str, tuple[str, ...]]] = {

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.controller import Controller, Observation
 from trueup.ends import Ended, which_end, with_end
 from trueup.engines.simulator import Simulator
@@ -20,8 +20,6 @@ from trueup.robots.rcss.log import Log, Look
 from trueup.rounding import SAME_INSTANT
 from trueup.tasks.task import Task
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 PORTS = {False: 60000, True: 3100}
 """Of agents, by whether the server is SimSpark."""

@@ -7,12 +7,10 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.stanley.kernel import MEMORY, stanley
 from trueup.rounding import SAME_INSTANT
-
-Array = NDArray[np.float64]
 
 (
     WHEELBASE, FORWARD, MASS, YAW_INERTIA,

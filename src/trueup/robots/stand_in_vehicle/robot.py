@@ -7,8 +7,8 @@ import zlib
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.stanley.kernel import path_table
 from trueup.controllers.stanley.law import GAINS, Stanley, StanleySettings
 from trueup.errors import RecordingError, TrialAbortedError, unknown_name
@@ -18,8 +18,6 @@ from trueup.robots.stand_in_vehicle.kernel import KEPT, follow, play
 from trueup.robots.stand_in_vehicle.truth import VehicleTruth
 from trueup.rounding import SAME_INSTANT
 from trueup.trial import Observed, Trial
-
-Array = NDArray[np.float64]
 
 STEP = 2e-3
 """Of the truth, in s."""

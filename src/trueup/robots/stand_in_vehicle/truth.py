@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import astuple, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from trueup.arrays import Array
 
 _SERIES = {
     "forward": (0.24, 0.31), "mass": (40.0, 60.0), "yaw_inertia": (3.0, 5.0), "front_stiffness": (600.0, 1400.0),

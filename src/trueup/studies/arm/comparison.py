@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.excitation.cell import Cell
 from trueup.excitation.trajectories import Trajectory
 from trueup.identification.dynamic_model import DynamicModel
@@ -18,8 +18,6 @@ from trueup.studies.arm.fitting import Fitted, our_fit, papers_fit
 from trueup.studies.arm.hidden import Effects, HiddenArm
 from trueup.studies.arm.measuring import Run, papers_columns, runs, separate, torque_model
 from trueup.studies.arm.robot import NOMINAL, REGIONS, limits, ns16
-
-Array = NDArray[np.float64]
 
 CASES = {
     "1 local, fast": "local fast",

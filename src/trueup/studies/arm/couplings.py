@@ -7,13 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.identification.estimation.moments import moments_of, weighted_fit
 from trueup.identification.rows import Rows
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _LEAST = 0.03
 """A coupling below this is taken for none."""

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import IdentificationError
 from trueup.excitation.cell import Cell, Settings
 from trueup.excitation.criteria import Criterion
@@ -20,8 +20,6 @@ from trueup.excitation.trajectories import Trajectory
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.studies.arm.hidden import RATE
 from trueup.studies.arm.robot import NOMINAL, limits, ns16
-
-Array = NDArray[np.float64]
 
 FAST, SLOW = Settings(speed=1.0, turn=2.0), Settings(speed=0.25, turn=0.6)
 """Of algorithm B and test case 1: up to 1 m/s, or 0.25 m/s."""

@@ -8,11 +8,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.studies.arm.comparison import CASES, Errors, redrawn, weights
 
-Array = NDArray[np.float64]
 Key = tuple[str, str]
 """Algorithm and test case."""
 

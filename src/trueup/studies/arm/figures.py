@@ -9,14 +9,11 @@ from importlib import resources
 from string import Template
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup.report.markup import Markup, escape, join, tag
 from trueup.report.plots import AFTER, BEFORE, INK, SOFT, Plot, span
 from trueup.studies.arm.comparison import Errors
 from trueup.studies.arm.robot import NOMINAL
-
-Array = NDArray[np.float64]
 
 _SHOWN = ("A", "A_local", "B fast", "B slow", "ours")
 _COLOURS = {"A": BEFORE, "A_local": SOFT, "B fast": INK, "B slow": "var(--bad)", "ours": AFTER}

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.effects import Effect
 from trueup.identification.estimation.consistent import consistent_fit
@@ -19,9 +19,6 @@ from trueup.identification.rows import Rows
 from trueup.studies.arm.couplings import proposed_couplings
 from trueup.studies.arm.measuring import Run
 from trueup.studies.arm.robot import NOMINAL
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 WRIST = ((4, 3), (5, 4), (5, 3))
 """(drive, joint) pairs that may be coupled: drives of a wrist sit behind the joints before them."""

@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.studies.arm.robot import COULOMB, VISCOUS
-
-Array = NDArray[np.float64]
 
 _TRAVEL = 0.004  # rad
 _SLOW = np.array([0.05, 0.05, 0.05, 0.12, 0.12, 0.15])  # rad/s: friction above the plain one has halved here

@@ -11,17 +11,15 @@ from dataclasses import dataclass, fields, replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import bilinear, lfilter, lfilter_zi
 
+from trueup.arrays import Array
 from trueup.excitation.trajectories import Trajectory
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.regressors import inverse_dynamics
 from trueup.recording import Channel, Recording
 from trueup.studies.arm.foreign import foreign_friction
 from trueup.studies.arm.robot import COULOMB, NOMINAL, QUADRATIC, RATIOS, ROTORS, VISCOUS
-
-Array = NDArray[np.float64]
 
 RATE = 500.0
 """Samples per second of the arm's controller."""

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.excitation.trajectories import Trajectory
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.effects import Effect
@@ -16,9 +16,6 @@ from trueup.identification.estimation.filtering import Lowpass, derivative
 from trueup.identification.rows import Rows
 from trueup.studies.arm.hidden import RATE, HiddenArm
 from trueup.studies.arm.robot import NOMINAL, RATIOS, ns16
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 CUTOFF = 30.0
 """Hz: a Butterworth low-pass of order 8, sub-workspace evolved trajectories, section III-B."""

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import rankdata, spearmanr
 
+from trueup.arrays import Array
 from trueup.excitation.criteria import Criterion
 from trueup.excitation.periodic import Sines, at_rest
 from trueup.excitation.planner import ViaPoints
@@ -20,8 +20,6 @@ from trueup.studies.arm.fitting import Fitted, papers_fit
 from trueup.studies.arm.hidden import Effects, HiddenArm
 from trueup.studies.arm.measuring import papers_columns, runs, separate
 from trueup.studies.arm.robot import JOINTS, NOMINAL, ns16
-
-Array = NDArray[np.float64]
 
 _CRITERIA = {
     "D as printed": {"kind": "D", "weighting": "printed"},

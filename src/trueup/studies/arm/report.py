@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup.report.markup import Markup
 from trueup.studies.arm import tables
@@ -16,8 +15,6 @@ from trueup.studies.arm.comparison import Errors, Scale, share_of_best
 from trueup.studies.arm.factors import ratios
 from trueup.studies.arm.figures import distributions, page, torques
 from trueup.studies.arm.questions import after_search
-
-Array = NDArray[np.float64]
 
 _LEVELS = {
     "B and case 1 slow instead of fast": ("speed", "fast", "slow"),

@@ -10,14 +10,11 @@ parameters that [2], table III, prints for algorithm A, with priors on mass and 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.regions import Region
 from trueup.identification.inertial import from_com
 from trueup.identification.kinematic_tree import KinematicTree, from_dh
-
-Array = NDArray[np.float64]
 
 JOINTS = tuple(f"axis{i}" for i in range(1, 7))
 NOMINAL = np.array([546.0, 954.0, 486.0, 51.1, 55.3, 35.0])

@@ -6,13 +6,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.formats.aside import written_aside
 from trueup.studies.arm.comparison import Errors, Example
 from trueup.studies.saved import Parts
-
-Array = NDArray[np.float64]
 
 _SEP = "|"
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.excitation.cell import Cell
 from trueup.formats.aside import written_aside
 from trueup.identification.dynamic_model import DynamicModel
@@ -25,7 +25,6 @@ from trueup.studies.arm.report import Findings, html, markdown
 from trueup.studies.arm.robot import COULOMB, QUADRATIC, REGIONS, ROTORS, VISCOUS, limits, ns16
 from trueup.studies.arm.saved import Store
 
-Array = NDArray[np.float64]
 Told = Callable[[str, float], None]
 
 FULL = Scale(population=60, generations=20)

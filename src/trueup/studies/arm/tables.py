@@ -7,13 +7,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.studies.arm.comparison import ALGORITHMS, CASES, Errors, interval, redrawn, share_of_best, weights
 from trueup.studies.arm.factors import CLAIMS, Cell, Ratio, bounds, main_effect
 from trueup.studies.arm.robot import NOMINAL
-
-Array = NDArray[np.float64]
 
 _PAPERS = {  # local identification, table II: mean absolute error in % of nominal torque, axes 1-6
     "1 local": {"A": (2.6, 3.7, 2.5, 7.0, 3.6, 30.1), "A_local": (3.2, 2.2, 3.1, 11.5, 4.1, 16.6),

@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.model import WORLD, BasePose
 from trueup.engines.dart.copies import DartCopies, ServoLaw
 from trueup.engines.dart.model import DartModel
 from trueup.studies.balance.hidden import ENCODER, Truth
-
-Array = NDArray[np.float64]
 
 _TEETH = 40.0, 0.04  # N m/rad and N m s/rad of teeth in contact
 _STRIBECK = 0.1  # rad/s

@@ -9,9 +9,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from trueup.arrays import Array
 from trueup.articulated.assignments import Assignment
 from trueup.articulated.declaration_file import read_declarations
 from trueup.articulated.declarations import declare
@@ -23,8 +21,6 @@ from trueup.loop.whole_runs import Told, WholeRuns, whole_body, whole_runs
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.studies.balance.scenes import model_of
-
-Array = NDArray[np.float64]
 
 PARAMETERS = {
     name: Path(str(resources.files("trueup") / "studies" / "balance" / f"{name}.toml"))

@@ -9,8 +9,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.inspection.repeats import bridged
 from trueup.loop.surest import Effort, Surest
 from trueup.recording import Recording
@@ -21,7 +21,6 @@ from trueup.studies.balance.searching import searched
 from trueup.tasks.task import as_rollout
 from trueup.tasks.transitions import Transition
 
-Array = NDArray[np.float64]
 Told = Callable[[str], None]
 Kept = Callable[[str, Callable[[], Any]], Any]
 """From a name, and what makes it, to what it is: anything that JSON holds."""

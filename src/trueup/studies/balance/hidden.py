@@ -11,9 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from trueup.arrays import Array
 
 ENCODER = float(np.deg2rad(300.0 / 1024.0))
 """rad between two positions that a servo can tell."""

@@ -8,8 +8,8 @@ from itertools import zip_longest
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.inspection.repeats import bridged
 from trueup.loop.confirm import hunt
 from trueup.search.cma_es import CmaEs
@@ -23,7 +23,6 @@ from trueup.studies.balance.searching import RANDOM, searched, task_of
 from trueup.tasks.task import robot_scores
 from trueup.tasks.transitions import Transition
 
-Array = NDArray[np.float64]
 Firsts = Mapping[str, Mapping[str, Any]]
 """Scene to what is kept of its parts 'first' and 'wide'."""
 

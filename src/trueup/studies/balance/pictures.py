@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION
 from trueup.engines.mujoco.filming import filmed, pictures
 from trueup.errors import RenderingError
@@ -18,7 +18,6 @@ from trueup.report.markup import Markup, join, tag
 from trueup.report.plots import AFTER, BEFORE, INK, Plot, span
 from trueup.studies.balance.scenes import model_of
 
-Array = NDArray[np.float64]
 Frames = Sequence[Sequence[float]]
 
 RATE = 25.0  # Hz

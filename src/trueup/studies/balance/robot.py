@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Mask
 from trueup.articulated.declarations import Declaration, declare
 from trueup.articulated.pose import ANGLES, AXES, ORIENTATION, POSITION
 from trueup.articulated.simulator import ArticulatedSimulator
@@ -25,8 +25,6 @@ from trueup.recording import Channel, Recording
 from trueup.studies.balance.hidden import ENCODER, Truth, drawn
 from trueup.studies.balance.scenes import model_of
 from trueup.trial import Observed, Trial
-
-Array = NDArray[np.float64]
 
 LEAD = 0.4
 """s that a robot is recorded before its motion begins (see `led`)."""
@@ -137,7 +135,7 @@ def _measured(name: str, done: Rollout, truth: Truth, rng: np.random.Generator) 
     return with_end(made, done.ends[0]) if done.ends else made
 
 
-def _dropped(time: Array, rng: np.random.Generator) -> NDArray[np.bool_]:
+def _dropped(time: Array, rng: np.random.Generator) -> Mask:
     """(T,) where the motion capture lost its markers; never at the start, while the robot is at rest."""
     lost = np.zeros(len(time), dtype=bool)
     span = max(0.0, float(time[-1] - time[0]) - LEAD)

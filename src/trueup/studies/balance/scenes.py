@@ -12,16 +12,14 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.keyframes import Degree, Motion, mirrored
 from trueup.engines.mujoco.model import Model, load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.simulator import Simulator
 from trueup.loop.settle import settled
 from trueup.tasks.transitions import Transition
-
-Array = NDArray[np.float64]
 
 PATH = Path(str(resources.files("trueup") / "studies" / "balance" / "bioloid_gp.xml"))
 PITCH = ("shoulder", "hand", "thigh", "shin", "heel")

@@ -6,16 +6,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.loop.settle import settled
 from trueup.loop.surest import DOUBT, Effort, Surest, surest
 from trueup.studies.balance.calibration import STEP, simulator_of
 from trueup.studies.balance.scenes import SCENES, transition
 from trueup.tasks.transitions import Transition
-
-Array = NDArray[np.float64]
 
 RANDOM = 4.0 * DOUBT
 """What a model file does not know, as a share of each parameter's box."""

@@ -9,8 +9,8 @@ from importlib import resources
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.calibration import Calibration, TracePoint, pooled_rmse
 from trueup.errors import OutputError
 from trueup.formats import read
@@ -19,8 +19,6 @@ from trueup.recording import Channel, Recording
 from trueup.report import write_report
 from trueup.robots.stand_in import StandInArm
 from trueup.trial import Observed, Trial
-
-Array = NDArray[np.float64]
 
 RATE = 50.0  # Hz
 HELD_OUT = ("sinusoids", "pick_and_place")

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.campaign.kinds import drives as calibrate_drives
 from trueup.engines.simulator import Simulator
 from trueup.engines.vehicle.drives import noise_of
@@ -26,8 +26,6 @@ from trueup.robots.stand_in_vehicle import StandInVehicle
 from trueup.search.cma_es import CmaEs
 from trueup.studies.stanley import chasi
 from trueup.tasks.follow_path import FollowPath
-
-Array = NDArray[np.float64]
 
 TRAINING, HELD_OUT = 4, 6
 """How many courses are drawn of each kind."""

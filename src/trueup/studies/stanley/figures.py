@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from trueup.arrays import Array
 from trueup.parameters import ParameterSpace
 from trueup.paths import Path
 from trueup.report.markup import Markup, join, tag
@@ -16,8 +16,6 @@ from trueup.report.numbers import fixed
 from trueup.report.plots import AFTER, BEFORE, INK, SOFT, Plot, span
 from trueup.studies.stanley.paper import PaperStudy, Searched
 from trueup.studies.stanley.profile import FLAT, Profile
-
-Array = NDArray[np.float64]
 
 _THIN = 4  # every so many-th sample is drawn
 

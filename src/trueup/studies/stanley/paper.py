@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.stanley import GAINS
 from trueup.discrepancies.path_shape import mean_distance, path_loss
 from trueup.engines.simulator import Rollout
@@ -25,8 +25,6 @@ from trueup.search.optuna import OptunaSearch
 from trueup.studies.stanley import chasi
 from trueup.tasks.follow_path import FollowPath
 from trueup.tasks.task import as_rollout, robot_trials
-
-Array = NDArray[np.float64]
 
 CALIBRATION_TRIALS, TUNING_TRIALS = 324, 116
 """N_s and N_o of the paper."""

@@ -6,16 +6,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.discrepancies.path_shape import path_loss
 from trueup.engines.vehicle import BicycleSimulator
 from trueup.recording import Recording
 from trueup.studies.stanley.paper import BAND, SPACING
 from trueup.tasks.follow_path import FollowPath
 from trueup.tasks.task import as_rollout
-
-Array = NDArray[np.float64]
 
 FLAT = 1.1
 """A loss below this many times the least one is as good: what lies between cannot be told apart."""

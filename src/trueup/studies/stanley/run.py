@@ -9,8 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.campaign.history import History
 from trueup.engines.vehicle import BETAS
 from trueup.loop.transfer import try_on_robot
@@ -30,8 +30,6 @@ from trueup.studies.stanley.profile import profiles
 from trueup.studies.stanley.rounds import in_rounds
 from trueup.studies.stanley.study import Study
 from trueup.tasks.task import as_rollout
-
-Array = NDArray[np.float64]
 
 NOISY = (*BETAS, "position_noise", "heading_noise")
 

@@ -6,15 +6,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from trueup.arrays import Array
 from trueup.campaign.history import History
 from trueup.studies.stanley.courses import Courses
 from trueup.studies.stanley.paper import PaperStudy, Searched
 from trueup.studies.stanley.profile import Profile
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

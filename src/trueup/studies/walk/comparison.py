@@ -11,8 +11,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.walk_engine.engine import PARAMETERS
 from trueup.evaluation.evaluator import Evaluator
 from trueup.studies.walk import scenes
@@ -22,8 +22,6 @@ from trueup.studies.walk.robot import StandInNao, Truth
 from trueup.studies.walk.search import Effort
 from trueup.studies.walk.study import Budget, Method, Story, Tried, alone, best_share, improved
 from trueup.tasks.walking import LineWalk
-
-Array = NDArray[np.float64]
 
 Kept = Callable[[str, Callable[[], object]], Any]
 """Names a part of the study and computes it if it is not there."""

@@ -7,15 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.ends import ended
 from trueup.recording import Recording
 from trueup.robots.robot import Robot
 from trueup.tasks.task import robot_trials
 from trueup.tasks.walking import ARRIVED, VEERED, LineWalk
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

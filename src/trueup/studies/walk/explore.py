@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.controller import Controller, Observation
 from trueup.controllers.walk_engine.engine import WalkEngine
 from trueup.controllers.walk_engine.requests import REQUESTS, requests
@@ -19,8 +19,6 @@ from trueup.errors import SimulationFailedError
 from trueup.studies.walk import scenes
 from trueup.tasks.walking import OmniWalk
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 
 class _Asked:

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.walk_engine.engine import PARAMETERS
 from trueup.engines.mujoco.filming import pictures
 from trueup.report.film_strip import film_strip
@@ -16,8 +16,6 @@ from trueup.studies.walk import scenes
 from trueup.studies.walk.robot import StandInNao
 from trueup.tasks.task import robot_trials
 from trueup.tasks.walking import WalkFront
-
-Array = NDArray[np.float64]
 
 _BEGUN = 3.0  # s: steps have grown to their full length
 

@@ -13,15 +13,13 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.walk_engine.engine import PARAMETERS
 from trueup.errors import PlanError, unknown_name
 from trueup.evidence import STANDARD_ERRORS
 from trueup.parameters import ParameterSpace
 from trueup.studies.walk.search import Scene, whole
-
-Array = NDArray[np.float64]
 
 BALANCE = (
     "gyro_hipPitch", "gyro_kneePitch", "gyro_hipRoll", "gyro_ankleRoll", "scale_roll", "offset_pitch", "scale_pitch",

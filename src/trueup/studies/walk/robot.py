@@ -10,8 +10,8 @@ from functools import cache
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.assignments import Assignment
 from trueup.articulated.declarations import Declaration, declare
 from trueup.chance import Buffeting, StartScatter
@@ -27,8 +27,6 @@ from trueup.recording import Channel, Recording
 from trueup.studies.walk.scenes import MOTORS, NAO, NOISE, STEP, biped
 from trueup.tasks.walking import TILT
 from trueup.trial import Observed, Trial
-
-Array = NDArray[np.float64]
 
 PERIOD = 0.01
 """s from one command to the next."""

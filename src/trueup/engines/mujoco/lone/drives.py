@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.articulated.assignments import Assignment, needs, write
 from trueup.articulated.laws import STRIBECK_SPEED
 from trueup.articulated.lone_joint import Command, Drives
@@ -16,8 +16,6 @@ from trueup.articulated.signals import Signals
 from trueup.engines.mujoco.attributes import MujocoAttributes
 from trueup.engines.mujoco.gears import SECOND
 from trueup.engines.mujoco.run import Parametrised
-
-Array = NDArray[np.float64]
 
 _LIVE = {"dead_band": 0.5, "punch": 1.0, "friction_static": 1.0, "stribeck_speed": 1.0, "friction_load": 1.0}
 """Kinds that act in every step, to the factor on their value: a dead band is given end to end."""
@@ -59,7 +57,7 @@ class Driven:
     """
 
     def __init__(
-        self, whole: Parametrised, signals: Signals, trial: int, values: Array, loads: NDArray[np.int64],
+        self, whole: Parametrised, signals: Signals, trial: int, values: Array, loads: Integers,
         rigid: Array, step: float,
     ) -> None:  # fmt: skip
         self._compiled, self._signals, self._trial, self._loads = whole.compiled, signals, trial, loads
@@ -74,7 +72,7 @@ class Driven:
         inverse = np.linalg.inv(rigid[loads] + armature[:, None] * np.eye(whole.compiled.nv))
         self._weight = np.diagonal(inverse, axis1=1, axis2=2)
 
-    def alike(self, joint: int) -> tuple[Drives, NDArray[np.int64]]:
+    def alike(self, joint: int) -> tuple[Drives, Integers]:
         """The drives of one joint that differ, (u,) each, and (b,) which of them each row has."""
         columns = {**self._passive(joint), **self._drive(joint), **self._signal(joint)}
         rows = np.stack([np.broadcast_to(columns[name], len(self._loads)) for name in Drives._fields[:-1]], axis=1)

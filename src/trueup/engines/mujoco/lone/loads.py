@@ -8,16 +8,14 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from trueup.arrays import Array, Integers
 from trueup.articulated.assignments import Assignment, changes, write
 from trueup.engines.mujoco.attributes import MujocoAttributes
 from trueup.engines.mujoco.fields import SingleModel
 from trueup.engines.mujoco.wiring import joint_id
 from trueup.recording import Channel
-
-Array = NDArray[np.float64]
 
 _SMOOTHED = 0.08  # s that a cubic is laid through for speed and acceleration: five samples of a servo bus at 50 Hz
 _MOVED = 1e-4  # rad or m: by which a joint is moved to see what that changes in its load
@@ -55,7 +53,7 @@ class InverseDynamics:
         self._loads: dict[tuple[int, bytes], Loads] = {}
         self._references: dict[bytes, Array] = {}
 
-    def sets(self, values: Array) -> tuple[Array, NDArray[np.int64]]:
+    def sets(self, values: Array) -> tuple[Array, Integers]:
         """(g, k) values that load the joints differently, and (b,) which of them each row of values (b, n) has.
 
         Forgets what other sets gave.

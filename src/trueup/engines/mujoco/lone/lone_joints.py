@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.articulated.kernels import read_off
 from trueup.articulated.lone_joint import Load, replay
 from trueup.articulated.signals import Signals
@@ -28,8 +28,6 @@ from trueup.parameters import ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.rounding import whole_steps
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 _STATES = ("qpos", "qvel")
 _BLOWN = "the simulation gave values that are not finite"
@@ -132,7 +130,7 @@ class LoneJoints:
         return Rollout(trial, out, {int(row): _BLOWN for row in np.flatnonzero(~whole)})
 
     def _read(
-        self, signals: Signals, k: int, name: str, label: str, history: Array, again: NDArray[np.int64], out: Array
+        self, signals: Signals, k: int, name: str, label: str, history: Array, again: Integers, out: Array
     ) -> None:
         """Reads one joint of one channel off the histories (u, steps, 2), each of which serves several rows of `out`."""
         labels = signals.trial(k).observed[name].labels

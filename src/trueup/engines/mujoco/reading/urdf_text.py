@@ -10,13 +10,12 @@ from pathlib import Path
 from xml.parsers import expat
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup import files
+from trueup.arrays import Array
 from trueup.errors import ModelError, listed
 from trueup.rounding import NEGLIGIBLE, ROUNDED
 
-Array = NDArray[np.float64]
 Element = ElementTree.Element
 
 _PREFIX = re.compile(rb"<([A-Za-z_][\w.-]*):|\s([A-Za-z_][\w.-]*):[\w.-]+\s*=")

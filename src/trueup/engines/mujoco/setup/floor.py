@@ -7,12 +7,10 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import Model
-
-Array = NDArray[np.float64]
 
 
 def reach_of(model: Model) -> Reach | None:

@@ -6,15 +6,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup.articulated.declarations import Declaration
 from trueup.articulated.quantities.known import quantity
 from trueup.engines.mujoco.model import Model
 from trueup.recording import Channel, Recording
 from trueup.trial import command_of
-
-Array = NDArray[np.float64]
 
 LIMITS = ("acceleration limit of commands", "speed limit of commands")
 """The optional structures, in the order in which they are asked about."""

@@ -6,13 +6,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.mujoco.model import Model
 from trueup.recording import Channel, Recording
 from trueup.trial import command_of
-
-Array = NDArray[np.float64]
 
 _JUMP = 0.04  # rad, or m: a command that moves this far from one sample to the next is a step
 _ARRIVES = 0.6  # of the step: less is something in the way

@@ -7,15 +7,13 @@ from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.wiring import joint_id
 from trueup.recording import Channel, Recording
 from trueup.trial import COMMANDS
 from trueup.units import hardly_radians, to_si
-
-Array = NDArray[np.float64]
 
 _BEYOND = 0.2  # rad that a joint may be found beyond its range: zeros and ranges of models are not exact
 _LINEAR = {"rad": "m", "rad/s": "m/s", "N m": "N"}

@@ -9,12 +9,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.wiring import is_motor, joint_id
 from trueup.recording import Recording
-
-Array = NDArray[np.float64]
 
 _BANDWIDTH = 2.0 * np.pi * 5.0  # rad/s: servos of arms, hands and legs follow at some hertz
 _SAG = 0.02  # rad or m: what a servo gives way under the robot's own weight, at most

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.inertia import principal
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.reading.mjcf_text import MjcfText
@@ -18,8 +18,6 @@ from trueup.engines.mujoco.writing.edits import Edits
 from trueup.engines.mujoco.writing.write import relocate
 from trueup.errors import ModelError
 from trueup.formats.aside import written_aside
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.kernels import ONSET
 from trueup.articulated.wiring import ONSET_OF
 from trueup.engines.mujoco.floor_plane import plane_of
@@ -19,8 +19,6 @@ from trueup.engines.mujoco.model import SETTING
 from trueup.engines.mujoco.reading.mjcf_text import Element, MjcfText
 from trueup.errors import ModelError
 from trueup.rounding import NEGLIGIBLE, ROUNDED
-
-Array = NDArray[np.float64]
 
 _ROTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 _TAGS = {"joint": ("joint", "hinge"), "actuator": (), "body": ("body",), "geom": ("geom",)}

@@ -7,14 +7,12 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.articulated.wiring import ONSET_OF
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.rollout import MujocoSimulator
-
-Array = NDArray[np.float64]
 
 DELAY = "actuator.delay"
 

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from trueup.arrays import Array
 from trueup.articulated.assignments import needs, write
 from trueup.articulated.model import WORLD
 from trueup.engines.mujoco.attributes import MujocoAttributes
@@ -27,8 +28,6 @@ from trueup.engines.mujoco.writing.edits import Edits, numbers, read
 from trueup.engines.mujoco.writing.notes import delays_of, has_drive, notes_of, punches_of
 from trueup.errors import ModelError, OutputError
 from trueup.rounding import NEGLIGIBLE
-
-Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-6
 _FIELDS = {
