@@ -115,10 +115,75 @@ def test_a_limits_file_is_kept(arm: Path) -> None:
 def test_no_arm_jumps_between_the_passes_of_a_motion(arm: Path) -> None:
     """Sines do not end where they begin: their path is gone back, and what is written moves as its speeds say."""
     out = arm.parent / "out"
-    asked = ["excite", str(arm), "--motion", "sines", "--duration", "24", "--budget", "1", "--out", str(out), "-q"]
+    asked = ["excite", str(arm), "--motion", "sines", "--duration", "24", "--budget", "4", "--out", str(out), "-q"]
     assert main(asked) == 0
     (recording,) = read(out / "trajectory.csv")
     position, speed = (recording.channel(name) for name in ("position", "velocity"))
     assert len(json.loads((out / "trajectory.json").read_text())["passes"]) > 1
     moved = np.gradient(position.values, position.time, axis=0)
     assert np.abs(moved - speed.values).max() < 0.02
+
+
+def test_a_mix_of_classes_is_the_default_and_keeps_all_limits(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = []
+    for name in ("a", "b"):
+        asked = ["excite", str(arm), "--duration", "30", "--out", str(arm.parent / name), "--json", "-q"]
+        assert main(asked) == 0
+        found.append(json.loads(capsys.readouterr().out))
+    plan = found[0]
+    assert plan == {**found[1], "seconds_of_search": plan["seconds_of_search"]}, (
+        "the search ends by a count, not a clock"
+    )
+    assert all(kind in plan["mix"] for kind in ("slow moves", "gentle moves", "abrupt moves"))
+    assert 20.0 < plan["duration"] <= 30.0
+    taken, limits = plan["taken"], plan["limits"]
+    for name in ("upper", "speed", "acceleration", "torque", "peak"):
+        assert all(x <= most * (1 + 1e-6) for x, most in zip(taken[name], limits[name], strict=True)), name
+    assert set(plan["limits_from"]["acceleration"]) == {"assumed"}
+    assert set(plan["limits_from"]["torque"]) == {"model"}
+
+
+def test_a_peak_torque_is_used_for_short_times_only(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = arm.parent / "weak.toml"
+    file.write_text("[joints.lift]\ntorque = 14.0\n")
+    asked = [
+        "excite",
+        str(arm),
+        "--limits",
+        str(file),
+        "--out",
+        str(arm.parent / "out"),
+        "-q",
+        "--json",
+        "--rate",
+        "100",
+    ]
+    plans = []
+    for more in ([], ["--peak", "4"]):
+        assert main([*asked, *more]) == 0
+        plans.append(json.loads(capsys.readouterr().out))
+    most, lasting = ([plan["taken"][name][1] for plan in plans] for name in ("peak", "torque"))
+    assert most[0] <= 14.0 * (1 + 1e-6)
+    assert 14.0 < most[1] <= 4 * 14.0
+    assert lasting[1] <= 14.0
+    assert plans[1]["limits_from"]["peak"] == ["--peak 4"] * 3
+    assert plans[1]["limits_from"]["torque"] == ["model", "weak.toml", "model"]
+    file.write_text("[joints.lift]\ntorque = 0.01\n")
+    assert main(asked) == 1
+    assert "--peak" in capsys.readouterr().err
+
+
+def test_what_is_expected_follows_from_what_an_earlier_fit_left(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, found = arm.parent / "fit", []
+    folder.mkdir()
+    asked = ["excite", str(arm), "--duration", "20", "--rate", "100", "--out", str(arm.parent / "out"), "--json"]
+    for density in (0.01, 0.04):
+        left = {"joints": ["lift", "turn", "bend"], "error_density": [density] * 3}
+        (folder / "identification.json").write_text(json.dumps(left))
+        assert main([*asked, "--after", str(folder)]) == 0
+        plan = json.loads(capsys.readouterr().out)
+        found.append({p["name"]: p["deviation"] for p in plan["parameters"]})
+    assert all(found[1][name] == pytest.approx(2.0 * deviation) for name, deviation in found[0].items())
+    (folder / "identification.json").write_text(json.dumps({"joints": ["lift"], "error_density": [1.0]}))
+    assert main([*asked, "--after", str(folder)]) == 1
+    assert "does not say which errors were left" in " ".join(capsys.readouterr().err.split())

@@ -252,13 +252,15 @@ def test_a_designed_excitation_identifies_a_noisy_arm_better_than_random_ones(
 def test_expected_deviations_are_those_of_repeated_estimates(criterion: Criterion, limits: JointLimits) -> None:
     kind = Fourier(limits, 6.0, 4)
     motion = kind.motions(np.random.default_rng(11).uniform(size=(1, kind.size)), 121).single(0, arm().joints)
-    expected = {e.leading: e for e in expectations(criterion, motion, limits)}
     # 121 samples in 6 s are white noise at 20 Hz: repeat the estimate with such noise and look at its spread
-    model, columns = criterion.model, criterion.independent
-    Y = model.regressor(motion.q, motion.qd, motion.qdd)[:, :, columns] / limits.torque[None, :, None]
-    Y = Y.reshape(-1, len(columns))
+    density = (0.01 * limits.torque) ** 2 / 20.0
+    expected = {e.leading: e for e in expectations(criterion, motion, limits, density)}
+    model, columns, n = criterion.model, criterion.independent, len(limits.torque)
+    offsets = np.broadcast_to(np.eye(n), (121, n, n))  # unknown too, as in any fit
+    Y = np.concatenate([model.regressor(motion.q, motion.qd, motion.qdd)[:, :, columns], offsets], axis=2)
+    Y = (Y / limits.torque[None, :, None]).reshape(-1, len(columns) + n)
     rng = np.random.default_rng(0)
     spread = np.std([np.linalg.lstsq(Y, 0.01 * rng.standard_normal(len(Y)), rcond=None)[0] for _ in range(300)], axis=0)
-    for k, deviation in zip(columns.tolist(), spread, strict=True):
+    for k, deviation in zip(columns.tolist(), spread[: len(columns)], strict=True):
         assert abs(expected[model.names[k]].deviation / deviation - 1.0) < 0.25
     assert any(e.advice for e in expected.values() if e.percent > 5.0)

@@ -17,9 +17,10 @@ from rich.markup import escape
 
 from trueup.campaign.output import free_folder
 from trueup.commands.console import notes
+from trueup.commands.excite_summary import limits_table, show, taken
 from trueup.commands.progress import bar
 from trueup.commands.sources import add_shared
-from trueup.errors import IdentificationError, MissingExtraError, listed
+from trueup.errors import IdentificationError, MissingExtraError
 from trueup.formats.plain import finite
 from trueup.formats.trajectory import write_bag, write_csv, write_json
 from trueup.report.trajectory_picture import trajectory_picture
@@ -56,7 +57,8 @@ A limits file replaces what the model says, or cannot say:
   [all]
   acceleration = 5.0            # rad/s^2; without it, top speed in 0.4 s
   [joints.elbow]
-  torque = 150.0                # N m; also lower, upper, speed
+  torque = 150.0                # N m, nominal: the root mean square stays below; also lower, upper, speed
+  peak = 350.0                  # N m, for short times (default: the nominal torque, times --peak)
 """
 
 _FILES = ("trajectory.csv", "trajectory.json", "path.svg", "trajectory_bag")
@@ -67,19 +69,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("model", metavar="MODEL", help="URDF or MJCF of the arm")
     add_shared(parser, "out", "seed", "json", "force", "quiet")
     parser.add_argument("--region", metavar="FILE", help="box and cone in which the tool stays (TOML)")
-    parser.add_argument("--motion", choices=("fourier", "sines", "via-points"),
-                        help="class of motion (default: via-points with --via-points, else fourier)")  # fmt: skip
+    parser.add_argument("--motion", choices=("mix", "fourier", "sines", "via-points"),
+                        help="a mix of classes and speeds (default), or the best of one class by --criterion")  # fmt: skip
     parser.add_argument("--via-points", type=int, metavar="N", help="straight moves through N poses of the region")
     parser.add_argument("--speed", type=float, default=1.0, metavar="V", help="m/s of those moves at most (default: 1)")
     parser.add_argument("--duration", type=float, metavar="S", help="of the whole, about (default: 30)")
-    parser.add_argument("--criterion", default="D", choices=("D", "A", "E", "condition", "prediction"),
+    parser.add_argument("--criterion", choices=("D", "A", "E", "condition", "prediction"),
                         help="D: determinant; A: sum of variances; E: worst variance; condition: condition number; "
-                             "prediction: torque error on random motions (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--friction", default="with", choices=("with", "without", "alone"),
-                        help="whether friction parameters count, or count alone (default: %(default)s)")  # fmt: skip
+                             "prediction: torque error on random motions, as for a mix (one class: D)")  # fmt: skip
+    parser.add_argument("--friction", choices=("with", "without", "alone"),
+                        help="whether friction parameters count, or count alone, in one class (default: with)")  # fmt: skip
     parser.add_argument("--percent", type=float, default=5.0, metavar="P",
                         help="how well each parameter is wanted (default: %(default)s %%)")  # fmt: skip
+    parser.add_argument(
+        "--after", metavar="DIR", help="folder of an identification of this arm: its errors are expected again"
+    )
     parser.add_argument("--limits", metavar="FILE", help="joint limits that replace the model's (TOML)")
+    parser.add_argument("--peak", type=float, default=1.0, metavar="R",
+                        help="times the nominal torque that drives give for short times; the root mean square stays "
+                             "below the nominal one (default: 1, the model's torque is a limit)")  # fmt: skip
     parser.add_argument("--lock", nargs="+", default=[], metavar="JOINT", help="joints that do not move")
     parser.add_argument(
         "--margin", type=float, default=2.0, metavar="CM", help="least clearance (default: %(default)s cm)"
@@ -92,9 +100,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Designs, checks and writes a trajectory. Raises TrueupError. Returns the exit code."""
     from trueup.excitation.excite import excite
-    from trueup.excitation.expectation import expectations
+    from trueup.excitation.expectation import densities_of, expectations
 
     problem = _problem(args)
+    density = densities_of(args.after, problem.criterion.model.tree.joints) if args.after else None
     folder = free_folder(Path(args.out), lambda at: args.force or not any((at / f).exists() for f in _FILES))
     moved = [f"results go to {folder}"] if folder != Path(args.out) else []
     notes(told, (*problem.notes, *moved), quiet=args.quiet)
@@ -104,13 +113,16 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     except KeyboardInterrupt:
         told.print("stopped; nothing was written. A smaller --budget ends sooner, with a result")
         raise
-    expected = expectations(problem.criterion, outcome.trajectory, problem.feasibility.limits, percent=args.percent)
+    expected = expectations(
+        problem.criterion, outcome.trajectory, problem.feasibility.limits, density, percent=args.percent
+    )
     numbers = _numbers(args, problem, outcome, expected)
     files, lost = _write(args, folder, problem, outcome, numbers)
     if args.json:
         console.print_json(data=numbers)
         return 0
-    _show(args, problem, outcome, expected, console)
+    show(args, problem, outcome, expected, console)
+    console.print(limits_table(problem, outcome))
     notes(console, (*outcome.notes, *lost), quiet=args.quiet)
     console.print("  " + "  ".join(escape(str(f)) for f in files), soft_wrap=True, highlight=False)
     return 0
@@ -120,18 +132,25 @@ def _problem(args: argparse.Namespace) -> ExcitationProblem:
     """The arm, its limits and what is asked for. Raises IdentificationError for arguments that do not go together."""
     from trueup.excitation.problem import Asked, clearance_for, excitation_problem
 
-    motion = args.motion or ("via-points" if args.via_points else "fourier")
+    within = args.criterion or args.friction
+    motion = args.motion or ("via-points" if args.via_points else "fourier" if within else "mix")
+    if motion == "mix" and within:
+        raise IdentificationError("--criterion and --friction belong to a search within one class: --motion fourier")
     if motion == "via-points" and not args.region:
         raise IdentificationError("--via-points needs a region for its poses: --region box.toml (`--help` shows one)")
     if args.via_points is not None and args.via_points < 3:
         raise IdentificationError(f"--via-points {args.via_points}: at least 3 are needed to make a path")
-    for name in ("speed", "duration", "rate", "budget", "percent"):
+    for name in ("speed", "duration", "rate", "budget", "percent", "peak"):
         value = getattr(args, name)
         if value is not None and not 0.0 < value < math.inf:
             raise IdentificationError(f"--{name} {value:g}: a number above 0 is needed")
+    if not args.peak >= 1.0:
+        raise IdentificationError(
+            f"--peak {args.peak:g}: drives give their nominal torque at least, 1 or more is needed"
+        )
     asked = Asked(
-        motion, args.region, args.limits, tuple(args.lock), args.via_points or 6, args.speed, args.duration, args.criterion,
-        args.friction, args.margin / 100.0, args.rate, args.budget, args.seed,
+        motion, args.region, args.limits, args.peak, tuple(args.lock), args.via_points or 6, args.speed, args.duration,
+        args.criterion or "D", args.friction or "with", args.margin / 100.0, args.rate, args.budget, args.seed,
     )  # fmt: skip
     height = _height(args.floor)
     return excitation_problem(args.model, asked, lambda joints: clearance_for(args.model, joints, height))
@@ -180,11 +199,15 @@ def _numbers(
     t, limits = outcome.trajectory, problem.feasibility.limits
     return {
         "model": str(args.model), "motion": problem.wish.motion, "seed": args.seed, "duration": t.duration,
-        "passes": list(outcome.passes), "log10_determinant_as_printed": outcome.found.printed, "criterion": args.criterion,
+        "passes": list(outcome.passes), "log10_determinant_as_printed": outcome.found.printed,
+        "criterion": args.criterion or ("prediction" if outcome.mix else "D"), "mix": outcome.mix,
         "loss": outcome.found.loss, "seconds_of_search": outcome.found.seconds,
         "speed_shares": (np.abs(t.qd).max(axis=0) / limits.speed).round(4).tolist(),
         "acceleration_shares": (np.abs(t.qdd).max(axis=0) / limits.acceleration).round(4).tolist(),
         "clearance": finite(outcome.clearance), "nearest_parts": outcome.nearest,
+        "limits": {name: finite(x.tolist()) for name, x in limits.values().items()},
+        "limits_from": {name: list(x) for name, x in limits.sources.items()},
+        "taken": {name: x.round(6).tolist() for name, x in taken(problem, outcome).items()},
         "starts_at": t.q[0].round(6).tolist(), "notes": [*problem.notes, *outcome.notes],
         "parameters": [
             {"name": e.leading, "combination": e.name, "unit": e.unit, "deviation": e.deviation,
@@ -195,48 +218,6 @@ def _numbers(
     }  # fmt: skip
 
 
-def _show(
-    args: argparse.Namespace,
-    problem: ExcitationProblem,
-    outcome: Outcome,
-    expected: tuple[Expected, ...],
-    console: Console,
-) -> None:
-    """What a user wants to know before the arm moves: how fast, how near, what it will tell."""
-    t, limits = outcome.trajectory, problem.feasibility.limits
-    shares = 100.0 * np.abs(t.qd).max(axis=0) / limits.speed
-    k = int(np.argmax(shares))
-    near = f", clear of collision by {100 * outcome.clearance:.1f} cm ({outcome.nearest})" if outcome.nearest else ""
-    lines = [
-        f"{t.duration:.1f} s trajectory, reaches {shares[k]:.0f} % of speed limits ({t.joints[k]}){near}, "
-        "starts and ends at rest",
-    ]
-    seen = [e for e in expected if e.percent <= args.percent]
-    lines.append(
-        f"will identify {len(seen)} of {len(expected)} combinations better than {args.percent:g} % (torque noise of 1 % of "
-        "nominal assumed, friction and elasticity beyond the model come on top)"
-    )
-    groups: dict[str, list[Expected]] = {}
-    for e in expected:
-        if e.percent > args.percent:
-            groups.setdefault(e.advice, []).append(e)
-    for advice, members in sorted(groups.items(), key=lambda item: -len(item[1])):
-        shown = listed([f"{e.leading} {_percent(e.percent)}" for e in members])
-        lines.append(f"not so well: {shown}" + (f"; {advice}" if advice else ""))
-    slower = [f"1/{f:g}" for f in outcome.passes[1:] if f != 1.0]
-    if len(outcome.passes) > 1:
-        said = f" at {', '.join(slower)} of the speed" if slower else ""
-        lines.append(f"{len(outcome.passes)} passes over the same path{said}, so that friction and inertia part")
-    start = ", ".join(f"{j} {v:.2f}" for j, v in zip(t.joints, t.q[0], strict=True))
-    lines.append(f"bring the arm to its start first: {start} rad")
-    for line in lines:
-        console.print(f"  {escape(line)}", soft_wrap=True, highlight=False)
-
-
-def _percent(value: float) -> str:
-    return "not at all" if value > 1000.0 else f"to {value:.0f} %"
-
-
 @contextmanager
 def _progress(console: Console, budget: float, *, quiet: bool) -> Iterator[Callable[[Step], None]]:
     """What is called with each step of a search of `budget` s: a bar in a terminal, nothing elsewhere or with `quiet`."""
@@ -244,7 +225,7 @@ def _progress(console: Console, budget: float, *, quiet: bool) -> Iterator[Calla
         task = shown.add_task("searching", total=1.0, said="")
 
         def watch(step: Step) -> None:
-            said = f"criterion {step.loss:.1f}, {step.evaluations} motions"
+            said = f"{step.evaluations} motions" + (f", criterion {step.loss:.1f}" if math.isfinite(step.loss) else "")
             shown.update(task, completed=max(step.share, step.seconds / budget), said=said)
 
         yield watch

@@ -16,8 +16,10 @@ from trueup.errors import IdentificationError
 from trueup.excitation.cell import Settings
 from trueup.excitation.criteria import Criterion
 from trueup.excitation.design import Excitation, Options, Told, design
+from trueup.excitation.expectation import as_motions
 from trueup.excitation.feasibility import Feasibility, spread
 from trueup.excitation.limits import JointLimits
+from trueup.excitation.mixture import class_length, local_classes, mixed, wide_classes
 from trueup.excitation.periodic import Fourier, MotionClass, Sines, at_rest, joint_box
 from trueup.excitation.planner import ViaPoints
 from trueup.excitation.proximity import SOFT, Proxies, Proximity
@@ -28,6 +30,8 @@ Array = NDArray[np.float64]
 _SHARES = (1.0, 0.75, 0.55, 0.4, 0.3, 0.2, 0.1)
 _ONE_PASS, _LONGEST = 12.0, 20.0
 """s up to which a series is one pass; longer ones are passes of this many s at most, at several speeds."""
+_MIXED = 20.0
+"""s from which on there is time for five classes of motion, of which one takes some 4 s at least."""
 _CLOSED = 1e-6  # rad, from the end of a path to its start
 _ENOUGH = 0.1
 """Share of random motions that must be clear for a range to be searched."""
@@ -37,8 +41,8 @@ _ENOUGH = 0.1
 class Wish:
     """What excitation is asked for."""
 
-    motion: str = "fourier"
-    """'fourier', 'via-points' or 'sines'."""
+    motion: str = "mix"
+    """'mix' of classes and speeds (see mixture), or one class: 'fourier', 'via-points' or 'sines'."""
     duration: float = 30.0
     """s in all, about."""
     via_points: int = 6
@@ -61,6 +65,8 @@ class Outcome:
     """m; inf where nothing was checked."""
     nearest: str
     notes: tuple[str, ...]
+    mix: str = ""
+    """Classes of motion with the time that each got, in words."""
 
 
 def excite(
@@ -71,16 +77,54 @@ def excite(
     asked, chosen = wish or Wish(), options or Options(samples=1000)
     limits = feasibility.limits.within(range_share=asked.spare, speed_share=asked.spare)
     limits = replace(limits, acceleration=limits.acceleration * asked.spare)
-    joints = criterion.model.tree.joints
-    kind, notes = _kind(asked, limits, feasibility, joints, np.random.default_rng(chosen.seed))
+    joints, rng, notes = criterion.model.tree.joints, np.random.default_rng(chosen.seed), list[str]()
+    if asked.motion == "mix":
+        if asked.duration >= _MIXED:
+            return _mixed(criterion, feasibility, asked, chosen.budget, limits, rng, told)
+        notes.append(f"a mix of motions takes {_MIXED:g} s: one class of motion was searched instead")
+        asked = replace(asked, motion="fourier")
+    kind, said = _kind(asked, limits, feasibility, joints, rng)
     trajectory, found = _feasible(kind, criterion, feasibility, asked, chosen, limits, told)
     passes = _passes(trajectory.duration, asked)
     whole, closed = trajectory, np.abs(trajectory.q[-1] - trajectory.q[0]).max() < _CLOSED
     for k, factor in enumerate(passes[1:], 1):  # a path that does not end where it begins is gone back
-        again = _resampled(trajectory.slower(factor), asked.rate)
+        again = trajectory.slower(factor).sampled(asked.rate)
         whole = whole.then(again if closed or k % 2 == 0 else again.back())
-    distance, parts, _ = feasibility.nearest(spread(trajectory)[1])
-    return Outcome(whole, found, passes, distance, parts, notes)
+    distance, parts, _ = feasibility.nearest(spread(whole)[1])
+    return Outcome(whole, found, passes, distance, parts, (*notes, *said))
+
+
+def _mixed(
+    criterion: Criterion, feasibility: Feasibility, wish: Wish, budget: float, limits: JointLimits,
+    rng: np.random.Generator, told: Told | None,
+) -> Outcome:  # fmt: skip
+    """Motions of several classes, each from one posture and back to it. Raises IdentificationError where none is found."""
+    began, cpu, joints = time.perf_counter(), time.process_time(), criterion.model.tree.joints
+    free, start, notes = _free(replace(wish, motion="fourier"), limits, feasibility, joints, rng)
+    length = class_length(wish.duration)
+    if feasibility.cell is not None:
+        cell = replace(feasibility.cell, limits=limits)
+        classes = local_classes(cell, free, wish.settings or Settings(), length, wish.rate)
+    else:
+        classes = wide_classes(limits, start, free, length=length, rate=wish.rate, clear=feasibility.clear_way)
+    parts = mixed(classes, criterion, wish.duration, rng, allowed=feasibility.slowed, budget=budget, told=told)
+    whole = parts[0]
+    for part in parts[1:]:
+        whole = whole.then(part)
+    whole = replace(whole, name="excitation")
+    if problems := feasibility.problems(whole):
+        raise IdentificationError(f"the mix of motions breaks limits: {'; '.join(str(p) for p in problems)}")
+    distance, pair, _ = feasibility.nearest(spread(whole)[1])
+    judged = as_motions(whole)
+    found = Excitation(
+        whole, np.zeros(0), float(criterion.losses(judged)[0]), float(criterion.printed(judged)[0]), (), len(parts),
+        time.perf_counter() - began, time.process_time() - cpu,
+    )  # fmt: skip
+    shared = {name: sum(p.duration for p in parts if p.name == name) for name in classes}
+    missing = [name for name, seconds in shared.items() if not seconds]
+    mix = ", ".join(f"{name} {seconds:.0f} s" for name, seconds in shared.items() if seconds)
+    said = [f"no {' and no '.join(missing)}: none that keeps all limits fits into the time"] if missing else []
+    return Outcome(whole, found, (1.0,), distance, pair, (*notes, *said), mix)
 
 
 def _feasible(
@@ -101,6 +145,7 @@ def _feasible(
         left = replace(options, budget=max(0.2 * options.budget, options.budget - (time.perf_counter() - began)))
         excitation = design(kind, criterion, left, penalty=penalty, starts=starts, told=told, rate=wish.rate)
         trajectory = at_rest(excitation.trajectory, limits) if wish.motion == "sines" else excitation.trajectory
+        trajectory = feasibility.within_torque(trajectory)
         problems = feasibility.problems(trajectory)
         if not problems:
             return trajectory, excitation
@@ -146,6 +191,14 @@ def _kind(
         if feasibility.cell is None:
             raise IdentificationError("motions through via points need a region for them (--region box.toml)")
         return ViaPoints(replace(feasibility.cell, limits=limits), wish.via_points, wish.settings or Settings()), ()
+    free, _, notes = _free(wish, limits, feasibility, joints, rng)
+    return _series(wish, free), notes
+
+
+def _free(
+    wish: Wish, limits: JointLimits, feasibility: Feasibility, joints: tuple[str, ...], rng: np.random.Generator
+) -> tuple[JointLimits, Array, tuple[str, ...]]:
+    """Limits with ranges in which enough random motions are free, (n,) the posture about which they lie, and notes."""
     if feasibility.cell is not None:
         middle, half = joint_box(feasibility.cell)
     else:
@@ -154,16 +207,20 @@ def _kind(
     blocking = ""
     for share in _SHARES:
         lower, upper = np.maximum(limits.lower, middle - share * half), np.minimum(limits.upper, middle + share * half)
-        kind = _series(wish, replace(limits, lower=lower, upper=upper))
+        narrow = replace(limits, lower=lower, upper=upper)
+        kind = _series(wish, narrow)
         motions = kind.motions(rng.uniform(size=(40, kind.size)), 200)
-        clear = [feasibility.allows(motions.single(b, joints)) for b in range(40)]
+        clear = [feasibility.slowed(motions.single(b, joints)) is not None for b in range(40)]
         if np.mean(clear) >= _ENOUGH:
             said = f"joint ranges narrowed to {100 * share:.0f} % about a free posture" if share < 1.0 else ""
-            return kind, (said,) if said else ()
+            return narrow, middle, (said,) if said else ()
         for p in feasibility.problems(motions.single(0, joints)):
-            blocking = str(p) if p.kind in ("collision", "region", "torque") else blocking
+            blocking = str(p) if p.kind != "acceleration" and p.kind != "rest" else blocking
+    hint = "; if drives give more than their nominal torque for short times, say so: --peak 2.5" * (
+        "torque" in blocking
+    )
     raise IdentificationError(
-        f"even small motions about the posture {np.round(middle, 2).tolist()} are not possible: {blocking or 'unknown'}"
+        f"even small motions about the posture {np.round(middle, 2).tolist()} are not possible: {blocking or 'unknown'}{hint}"
     )
 
 
@@ -193,14 +250,3 @@ def _passes(seconds: float, wish: Wish) -> tuple[float, ...]:
         factors.append(1.0)
         left -= seconds
     return tuple(factors)
-
-
-def _resampled(trajectory: Trajectory, rate: float) -> Trajectory:
-    """At `rate` Hz, by cubic interpolation that keeps position and speed."""
-    from scipy.interpolate import CubicHermiteSpline
-
-    t = trajectory
-    time = np.linspace(t.time[0], t.time[-1], int(np.ceil(t.duration * rate)) + 1)
-    way = CubicHermiteSpline(t.time, t.q, t.qd)
-    speed = CubicHermiteSpline(t.time, t.qd, t.qdd)
-    return Trajectory(t.name, t.joints, time, way(time), speed(time), speed(time, 1))

@@ -21,6 +21,11 @@ _STEP = 0.02
 """rad (m): how far no joint moves further from one checked posture to the next."""
 
 
+_COARSE = 200
+"""Samples at which it is seen first whether drives are strong enough."""
+_SLOWER = tuple(2.0 ** (k / 4) for k in range(9))
+
+
 class Clearance(Protocol):
     """Tells how far the parts of an arm are from each other and from the floor."""
 
@@ -47,7 +52,7 @@ class Problem:
     """One limit that a trajectory breaks."""
 
     kind: str
-    """'range', 'speed', 'acceleration', 'torque', 'rest', 'collision' or 'region'."""
+    """'range', 'speed', 'acceleration', 'torque', 'root mean square torque', 'rest', 'collision' or 'region'."""
     where: str
     """The joint, or the two parts that meet."""
     value: float
@@ -91,7 +96,10 @@ class Feasibility:
         found += _over("speed", "rad/s", t, np.abs(t.qd), limits.speed)
         found += _over("acceleration", "rad/s^2", t, np.abs(t.qdd), limits.acceleration)
         if (torque := self.torque(t)) is not None:
-            found += _over("torque", "N m", t, np.abs(torque), np.where(np.isnan(limits.torque), np.inf, limits.torque))
+            most, nominal = (np.where(np.isnan(x), np.inf, x) for x in (limits.peak, limits.torque))
+            found += _over("torque", "N m", t, np.abs(torque), most)
+            lasting = np.broadcast_to(np.sqrt(np.mean(torque**2, axis=0)), torque.shape)
+            found += _over("root mean square torque", "N m", t, lasting, nominal)
         return tuple(found)
 
     def space_problems(self, trajectory: Trajectory) -> tuple[Problem, ...]:
@@ -130,14 +138,43 @@ class Feasibility:
             s = max(s + 1, int(np.searchsorted(way, way[s] + float(distance[0]) - least)))
         return best, parts, at
 
-    def allows(self, motion: Trajectory) -> bool:
-        """Whether a coarsely sampled motion keeps out of collision, in the region and within the torque."""
-        if any(p.kind == "torque" for p in self.joint_problems(motion)):
-            return False
-        _, q = spread(motion)
+    def slowed(self, motion: Trajectory) -> Trajectory | None:
+        """The motion, slower where its torque asks for that; None where it collides, leaves the region or takes too much."""
+        slower = self.within_torque(motion)
+        if any(p.kind != "acceleration" for p in self.joint_problems(slower)):
+            return None
+        _, q = spread(slower)
         if self.cell is not None and not self.cell.region.holds(self.cell.chain.poses(q)[1], self.leeway).all():
-            return False
-        return self.clearance is None or self.nearest(q, enough=self.margin)[0] >= self.margin
+            return None
+        return slower if self.clearance is None or self.nearest(q, enough=self.margin)[0] >= self.margin else None
+
+    def within_torque(self, motion: Trajectory) -> Trajectory:
+        """The motion as fast as its torque allows, down to a quarter of its speed: dynamic torque falls with its square.
+
+        As it is, where that does not help.
+        """
+        step = max(1, len(motion.time) // _COARSE)
+        few = Trajectory(
+            motion.name, motion.joints, *(x[::step] for x in (motion.time, motion.q, motion.qd, motion.qdd))
+        )
+        if self._strong(few.slower(_SLOWER[-1])):
+            rate = (len(motion.time) - 1) / motion.duration
+            for factor in _SLOWER:
+                slower = motion if factor == 1.0 else motion.slower(factor)
+                if self._strong(few.slower(factor)) and self._strong(slower):
+                    return slower if factor == 1.0 else slower.sampled(rate)
+        return motion
+
+    def _strong(self, motion: Trajectory) -> bool:
+        """Whether the drives are strong enough for it."""
+        return not any("torque" in p.kind for p in self.joint_problems(motion))
+
+    def clear_way(self, start: Array, end: Array) -> bool:
+        """Whether the straight way of the joints from one posture to another meets nothing."""
+        if self.clearance is None:
+            return True
+        count = int(np.ceil(np.abs(end - start).max() / _STEP)) + 2
+        return self.nearest(np.linspace(start, end, count), enough=self.margin)[0] >= self.margin
 
     def torque(self, trajectory: Trajectory) -> Array | None:
         """(S, n) torque of the model at its parameters; None where it has none."""

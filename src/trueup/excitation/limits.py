@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 _TO_SPEED = 0.4
 """s in which industrial arms reach their top speed; the acceleration limit where none is given."""
 _SPEED, _PRISMATIC_SPEED = np.pi, 1.0
-_FIELDS = ("lower", "upper", "speed", "acceleration", "torque")
+FIELDS = ("lower", "upper", "speed", "acceleration", "torque", "peak")
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,30 @@ class JointLimits:
     speed: Array
     acceleration: Array
     torque: Array
-    """Nominal torque; NaN where it is not known."""
+    """Nominal torque, under which the root mean square of a motion's torque stays (equivalent load of intermittent duty:
+    IEC 60034-1); NaN where it is not known."""
     notes: tuple[str, ...] = ()
     """What was assumed because the model file does not say it."""
+    given_peak: Array | None = None
+    """Torque that drives give for short times; None: no more than the nominal one."""
+    sources: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Field -> where each joint's value comes from: 'model', 'assumed', a file or an option."""
+
+    @property
+    def peak(self) -> Array:
+        """(n,) torque that is never exceeded."""
+        return self.torque if self.given_peak is None else self.given_peak
+
+    def values(self) -> dict[str, Array]:
+        """Field -> (n,), in the order of `FIELDS`."""
+        return {name: getattr(self, name) for name in FIELDS}
+
+    def with_peak(self, times: float) -> JointLimits:
+        """Limits whose drives give `times` the nominal torque for short times, where no peak is given."""
+        if times == 1.0 or self.given_peak is not None:
+            return self
+        sources = {**self.sources, "peak": (f"--peak {times:g}",) * len(self.joints)}
+        return replace(self, given_peak=times * self.torque, sources=sources)
 
     @classmethod
     def of(cls, tree: KinematicTree) -> JointLimits:
@@ -70,20 +91,24 @@ class JointLimits:
         if weak.any():
             notes.append(f"no torque limit in the model: {_listed(tree.joints, weak)}")
         notes.append("acceleration limits: top speed in 0.4 s (model files hold none; give your arm's with --limits)")
-        torque = np.where(weak, np.nan, tree.effort)
-        return cls(tuple(tree.joints), lower, upper, speed, speed / _TO_SPEED, torque, tuple(notes))
+        torque, every = np.where(weak, np.nan, tree.effort), np.ones_like(weak)
+        unsaid = {"lower": endless, "upper": endless, "speed": slow, "acceleration": every, "torque": weak}
+        sources = {name: tuple("assumed" if x else "model" for x in unknown) for name, unknown in unsaid.items()}
+        return cls(tuple(tree.joints), lower, upper, speed, speed / _TO_SPEED, torque, tuple(notes), sources=sources)
 
     def changed(self, **values: Mapping[str, float]) -> JointLimits:
         """Limits with some values replaced: `changed(acceleration={"elbow": 7.0})`. Raises UnknownNameError, ModelError."""
         fields: dict[str, Array] = {}
         for name, given in values.items():
-            if name not in _FIELDS:
-                raise unknown_name("limit", name, _FIELDS, "limits of joints")
+            if name not in FIELDS:
+                raise unknown_name("limit", name, FIELDS, "limits of joints")
             fields[name] = np.array(getattr(self, name))
             for joint, value in given.items():
                 if joint not in self.joints:
                     raise unknown_name("joint", joint, self.joints)
                 fields[name][self.joints.index(joint)] = value
+        if (peak := fields.pop("peak", None)) is not None:
+            fields["given_peak"] = peak
         made = replace(self, **fields)
         for k, joint in enumerate(made.joints):
             if not made.lower[k] < made.upper[k] or not made.speed[k] > 0 or not made.acceleration[k] > 0:
@@ -91,10 +116,14 @@ class JointLimits:
                     f"limits of joint '{joint}' are impossible: range {made.lower[k]:g} ... {made.upper[k]:g}, "
                     f"speed {made.speed[k]:g}, acceleration {made.acceleration[k]:g}"
                 )
+            if made.peak[k] < made.torque[k]:
+                raise ModelError(
+                    f"joint '{joint}': peak torque {made.peak[k]:g} is below the nominal {made.torque[k]:g}"
+                )
         return made
 
     def from_file(self, path: str | Path) -> JointLimits:
-        """Limits with what a TOML file says: a table [joints.NAME], or [all], with lower, upper, speed, acceleration, torque.
+        """Limits with what a TOML file says: a table [joints.NAME], or [all], with any of `FIELDS`.
 
         Raises ModelError and UnknownNameError that name file and key.
         """
@@ -108,7 +137,11 @@ class JointLimits:
                 values.setdefault(name, {})[joint] = value
         made = self.changed(**values)
         said = tuple(n for n in made.notes if not ("acceleration" in values and n.startswith("acceleration")))
-        return replace(made, notes=said)
+        sources = dict(made.sources)
+        for name, given in values.items():
+            before = sources.get(name, ("model",) * len(self.joints))
+            sources[name] = tuple(str(file.name) if j in given else x for j, x in zip(self.joints, before, strict=True))
+        return replace(made, notes=said, sources=sources)
 
     def within(self, *, range_share: float = 1.0, speed_share: float = 1.0, margin: float = 0.0) -> JointLimits:
         """Narrower limits: a share of each range about its middle less `margin` [rad] at both ends, a share of the speeds."""

@@ -35,11 +35,13 @@ Array = NDArray[np.float64]
 class Asked:
     """What a user asks of an excitation; SI units."""
 
-    motion: str = "fourier"
+    motion: str = "mix"
     region: str | None = None
     """A region file."""
     limits: str | None = None
     """A limits file."""
+    peak: float = 1.0
+    """Times the nominal torque that drives give for short times."""
     lock: tuple[str, ...] = ()
     via_points: int = 6
     speed: float = 1.0
@@ -84,6 +86,7 @@ def excitation_problem(
     limits = JointLimits.of(tree)
     if asked.limits:
         limits = limits.from_file(asked.limits)
+    limits = limits.with_peak(asked.peak)
     region = Region.load(asked.region) if asked.region else None
     distance = clearance(tree.joints) if clearance is not None else None
     apart = None if distance is None else distance.distances

@@ -89,6 +89,14 @@ class Trajectory:
         time = self.time[0] + factor * (self.time - self.time[0])
         return Trajectory(self.name, self.joints, time, self.q, self.qd / factor, self.qdd / factor**2)
 
+    def sampled(self, rate: float) -> Trajectory:
+        """At `rate` Hz, by cubic interpolation that keeps position and speed."""
+        from scipy.interpolate import CubicHermiteSpline
+
+        time = np.linspace(self.time[0], self.time[-1], int(np.ceil(self.duration * rate)) + 1)
+        way, speed = CubicHermiteSpline(self.time, self.q, self.qd), CubicHermiteSpline(self.time, self.qd, self.qdd)
+        return Trajectory(self.name, self.joints, time, way(time), speed(time), speed(time, 1))
+
     def back(self) -> Trajectory:
         """The same path from its end to its start, as fast: speeds change their sign."""
         time = self.time[0] + self.time[-1] - self.time[::-1]

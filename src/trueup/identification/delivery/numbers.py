@@ -46,6 +46,7 @@ def numbers_of(result: Identification, delivered: Sequence[Deliverable] = ()) ->
                 for j, joint in enumerate(result.joints)
             ],
             "noise": result.noise.tolist(),
+            "error_density": result.error_density().tolist(),
             "alignment": None
             if result.alignment is None
             else {**vars(result.alignment), "samples": result.alignment.samples},

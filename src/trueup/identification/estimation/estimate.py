@@ -185,6 +185,17 @@ def _sandwich(
     return covariance
 
 
+def lasting_density(errors: Sequence[Array], rate: float) -> Array:
+    """(n,) two-sided power density of errors (S, n) at low frequencies, (N m)^2/Hz: what hides parameters, white or not.
+
+    By the overlapping sums of `_sandwich`.
+    """
+    window, count = max(_memory(e) for e in errors), sum(len(e) for e in errors)
+    sums = (np.cumsum(np.pad(e, ((window, window), (0, 0))), axis=0) for e in errors)
+    power = sum(np.sum((s[window:] - s[:-window]) ** 2, axis=0) for s in sums)
+    return np.asarray(power) / (window * count * rate)
+
+
 def _memory(errors: Array) -> int:
     """Samples over which errors (S, n) forget: four times the time in which their correlation falls below a half."""
     S = len(errors)

@@ -161,6 +161,12 @@ class Identification:
         """Held out if there is any, else training: say which."""
         return self.held_out() or self.training()
 
+    def error_density(self) -> Array:
+        """(n,) what `trueup excite --after` expects again: power density of the fit's errors at low frequencies."""
+        from trueup.identification.estimation.estimate import lasting_density
+
+        return lasting_density([p.measured - p.fitted for p in self.training()], self.rate)
+
     def cross_validated(self) -> float:
         """Root mean squared error over all joints and blocks."""
         return float(np.sqrt(np.mean(self.cross_validation**2))) if self.cross_validation.size else math.nan
