@@ -23,9 +23,10 @@ from trueup.studies.walk.comparison import Result, over
 from trueup.studies.walk.evaluation import Runs
 from trueup.studies.walk.falls import Falling, Falls, drawn
 from trueup.studies.walk.guidance import BALANCE, Automatic, Expert
-from trueup.studies.walk.methods import likelihoods, tempered
+from trueup.studies.walk.methods import Bounded, likelihoods, tempered
 from trueup.studies.walk.report import html
 from trueup.studies.walk.search import Effort, Scene, searched
+from trueup.studies.walk.study import Story, Tried
 from trueup.tasks.walking import WalkFront, likely_falls
 from trueup.trial import Trial
 
@@ -94,6 +95,16 @@ def test_a_search_stops_where_doubted_simulators_fall_though_its_own_does_not() 
     stood, fell = Runs(speeds=(0.1,) * 4), Runs(speeds=(0.1,), falls=2, veers=1)
     shares = falls.shares(np.array([-4.0, -1.0, -1.0]), [stood, stood, fell])
     assert shares[0] < shares[1] < shares[2]  # alike in simulators, not on the robot
+
+
+def test_the_bounded_way_reads_the_starts_runs_and_foretells_no_more_falls_than_those_let_expect() -> None:
+    start = Tried(0, PARAMETERS.nominal, None, Runs(speeds=(0.12,) * 4))
+    scene = Bounded(library=4, effective=2, seconds=3.0).prepared(Story((start,)), 1)
+    assert scene.falls is not None
+    assert scene.falls.chances.sum() == pytest.approx(1.0)
+    signal = scene.falls.signals(PARAMETERS.nominal[None])
+    assert scene.falls.odds(signal)[0] < 0.1
+    assert scene.falls.price > 0.0
 
 
 def test_sway_foretells_as_many_falls_as_there_are() -> None:

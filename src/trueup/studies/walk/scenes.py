@@ -42,7 +42,7 @@ def simulator(step: float = STEP, threads: int | None = None) -> MujocoSimulator
 TIPS = (0.04 / 0.27, 0.08 / 0.27)
 """rad of roll and pitch at which SimSpark's NAO stands on the edge of its sole: half of the sole over the height of its
 centre of mass."""
-_SOLES = ("L_sole", "R_sole", "L_edge", "R_edge")
+_SOLES = ("L_sole", "R_sole")
 DOUBTS = (
     Declaration("kp", MOTORS, tie="all", name="kp", lower=30.0, upper=250.0),
     Declaration("kv", MOTORS, tie="all", name="kv", lower=0.05, upper=8.0),
