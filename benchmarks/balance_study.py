@@ -54,9 +54,11 @@ def main() -> None:
 
     count, before, after = found.unfitted()
     if count:
-        print(
-            f"torso in {count} rounds that were not fitted: {before:.3f} rad off by the file, {after:.3f} as calibrated"
-        )
+        print(f"torso in {count} motions after one calibration on others: {before:.3f} rad off by the file, {after:.3f} as "
+              "calibrated")  # fmt: skip
+        for scene in found.campaigns:
+            many, *both = replace(found, campaigns={scene: found.campaigns[scene]}).unfitted()
+            print(f"    {scene:20} {many:3} motions: {both[0]:.3f}, {both[1]:.3f}" if many else f"    {scene:20} none")
         result("unfitted_orientation_error_left", after / before, "of before", 0.3)
 
 

@@ -66,7 +66,7 @@ def performed(robot: Simulator, trial: Trial, hidden: Array, rng: np.random.Gene
 def main() -> None:
     """Prints the torso's error before and after, in both ways."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="one squat is fitted, in two descents")
+    parser.add_argument("--quick", action="store_true", help="one squat is fitted, in four descents")
     quick = parser.parse_args().quick
     model, (space, quantities) = model_of(SCENE), declared(SCENE, "parameters")
     mine = ArticulatedSimulator(of(model), space, quantities)
@@ -81,7 +81,7 @@ def main() -> None:
         recordings = [performed(robot, squat(d, start, joints), hidden, rng) for d in DEPTHS]
         fitted, (left,) = recordings[: 1 if quick else 2], recordings[-1:]
         begun = time.process_time()
-        found = whole_runs([whole_body(mine, fitted)], space, seed=0, generations=0, members=1, descents=2 if quick else 4,
+        found = whole_runs([whole_body(mine, fitted)], space, seed=0, generations=0, members=1, descents=4 if quick else 8,
                            prior=0.002)  # fmt: skip
         judged = whole_body(mine, [left])
         before, after = (orientation_error([left], judged.rollouts(v[None])) for v in (space.nominal, found.values[0]))

@@ -111,7 +111,7 @@ def _errors(f: Findings) -> Markup:
     if not count:
         return tag("p", "No round followed a calibration.")
     lines = [
-        f"Motions that were not fitted ({count} rounds, each after its calibration): the simulated torso is "
+        f"Motions that were not fitted ({count}, each tried after one calibration on others): the simulated torso is "
         f"{before:.3f} rad from the robot's by the model file and {after:.3f} rad as calibrated, {after / before:.2f} of it.",
         "Each repeat is compared by itself, its fall included; where a fall begins decides most of this figure.",
     ]

@@ -63,10 +63,10 @@ class Findings:
         )
 
     def unfitted(self) -> tuple[int, float, float]:
-        """How many rounds followed a calibration on others, and the root mean square angles in rad from the robot's torso to
-        the simulated one in them: by the model file, and as calibrated.
+        """How many motions were tried after one calibration on others, and in them the root mean square angles in rad between
+        the robot's torso and the simulated one: by the model file, and as calibrated.
         """
-        pairs = [r["errors"] for per in self.campaigns.values() for each in per.values() for r in each[1:]]
+        pairs = [r["errors"] for per in self.campaigns.values() for each in per.values() for r in each[1:2]]
         before, after = np.sqrt(np.mean(np.square(pairs), axis=0)) if pairs else (np.nan, np.nan)
         return len(pairs), float(before), float(after)
 
