@@ -21,7 +21,7 @@ from trueup.actuators.servo import Law
 from trueup.arrays import Array
 from trueup.articulated.kernels import ONSET
 from trueup.errors import OutputError
-from trueup.formats.aside import written_aside
+from trueup.formats.aside import write_aside
 from trueup.formats.plain import finite
 from trueup.rounding import ROUNDED
 
@@ -96,8 +96,7 @@ class Actuator:
         if self.law is not None and self.file_law is not None:
             texts |= {PYTHON: python_text(self), MJCF: mjcf_text(self.file_law, self.bench, self.step)}
         for name, text in texts.items():
-            with written_aside(Path(folder) / name) as temporary:
-                temporary.write_text(text, encoding="utf-8")
+            write_aside(text, Path(folder) / name)
         return [Path(folder) / name for name in texts]
 
 

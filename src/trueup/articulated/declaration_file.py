@@ -17,7 +17,7 @@ from trueup.articulated.model import WORLD
 from trueup.articulated.quantities.known import quantity
 from trueup.calibration import Calibration, Estimate
 from trueup.errors import ParameterError
-from trueup.formats.aside import written_aside
+from trueup.formats.aside import write_aside
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.typed_toml import build
 
@@ -111,8 +111,7 @@ def write_parameters(
         lines += ["[gains] # of the servos, as recordings name them", *(f"{k} = {v!r}" for k, v in gains.items()), ""]
     for estimate, parameter, assignment in zip(calibration.estimates, space.parameters, assignments, strict=True):
         lines += ["[[parameter]]", *_table(estimate, parameter, assignment), ""]
-    with written_aside(Path(path)) as temporary:
-        temporary.write_text("\n".join(lines), encoding="utf-8")
+    write_aside("\n".join(lines), Path(path))
 
 
 def _table(estimate: Estimate, parameter: Parameter, assignment: Assignment) -> list[str]:

@@ -25,7 +25,7 @@ from typing import TextIO, TypeVar
 from trueup import files
 from trueup.campaign.events import Event, from_plain, to_plain
 from trueup.errors import JournalError, OutputError
-from trueup.formats.aside import sync_folder, written_aside
+from trueup.formats.aside import sync_folder, write_aside
 
 E = TypeVar("E")
 
@@ -70,8 +70,7 @@ def _set_back(folder: Path, path: Path, line: int) -> Path:
     _Content.parsed(path, head, torn=False)
     aside = next(a for k in range(1, 1000) if not (a := folder / f"journal-{k}.jsonl").exists())
     os.link(path, aside)
-    with written_aside(path) as temporary:
-        temporary.write_bytes(head)
+    write_aside(head, path)
     times = read_times(folder)
     keep_text(folder / TIMES, "".join(_time_line(n, at) for n, at in sorted(times.items()) if n < line - 1))
     return aside
@@ -199,8 +198,7 @@ def _locked(folder: Path) -> TextIO:
 
 def keep_text(path: Path, text: str) -> None:
     """Writes an artifact aside, syncs it, renames it, and syncs its folder. Raises OutputError."""
-    with written_aside(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_aside(text, path)
     sync_folder(path.parent)
 
 

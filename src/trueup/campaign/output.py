@@ -14,7 +14,7 @@ import numpy as np
 
 from trueup.calibration import Calibration, Replay, pooled_rmse
 from trueup.errors import OutputError
-from trueup.formats.aside import kept_state, written_aside
+from trueup.formats.aside import kept_state, write_aside
 from trueup.formats.plain import finite
 from trueup.recording import Recording
 
@@ -68,14 +68,12 @@ class Output:
     def save(self, state: Mapping[str, Any]) -> None:
         """Keeps the state of the search, written aside and renamed. Raises OutputError."""
         text = json.dumps({"fingerprint": self.fingerprint, "search": _plain(state)})
-        with written_aside(self.state_file) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_aside(text, self.state_file)
 
     def finish(self, calibration: Calibration) -> None:
         """Writes the plain numbers; the state is no longer needed. Raises OutputError."""
         text = json.dumps(finite(summary_numbers(calibration)), indent=1, allow_nan=False)
-        with written_aside(self.outcome_file) as temporary:
-            temporary.write_text(text + "\n", encoding="utf-8")
+        write_aside(text + "\n", self.outcome_file)
         self.state_file.unlink(missing_ok=True)
 
 

@@ -22,9 +22,9 @@ from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
 from trueup.commands.sources import add_engine, add_refuse, add_shared, given, refusable, step_of
 from trueup.errors import ModelError
+from trueup.formats.aside import write_aside
 from trueup.recording import Recording
 from trueup.report import replay_picture, write_report
-from trueup.report.writing import write_aside
 from trueup.trial import STEP
 
 if TYPE_CHECKING:

@@ -21,10 +21,10 @@ from trueup.commands.excite_summary import limits_table, show, taken
 from trueup.commands.progress import bar
 from trueup.commands.sources import add_shared
 from trueup.errors import IdentificationError, MissingExtraError
+from trueup.formats.aside import write_aside
 from trueup.formats.plain import finite
 from trueup.formats.trajectory import write_bag, write_csv, write_json
 from trueup.report.trajectory_picture import trajectory_picture
-from trueup.report.writing import write_aside
 
 if TYPE_CHECKING:
     from trueup.excitation.design import Step

@@ -21,11 +21,11 @@ from trueup.commands.console import notes
 from trueup.commands.progress import bar
 from trueup.commands.sources import add_shared, given
 from trueup.errors import GroundingError
+from trueup.formats.aside import write_aside
 from trueup.formats.plain import finite
 from trueup.recording import Recording
 from trueup.report.grounding import write_grounding_report
 from trueup.report.numbers import scale_for
-from trueup.report.writing import write_aside
 from trueup.trial import Trial
 
 if TYPE_CHECKING:

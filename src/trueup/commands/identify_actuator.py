@@ -21,9 +21,9 @@ from trueup.calibration import Replay
 from trueup.campaign.output import free_folder
 from trueup.commands.console import notes
 from trueup.commands.sources import add_shared, given, step_of
+from trueup.formats.aside import write_aside
 from trueup.report.numbers import duration_text
 from trueup.report.picture import replay_picture
-from trueup.report.writing import write_aside
 
 if TYPE_CHECKING:
     from trueup.actuators.experiment import Value

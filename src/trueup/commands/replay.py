@@ -22,13 +22,13 @@ from trueup.campaign.output import free_folder
 from trueup.commands.console import notes
 from trueup.commands.replay_drives import drive_table, plain_drive, write_drives
 from trueup.commands.sources import add_engine, add_refuse, add_shared, given, refusable, step_of
+from trueup.formats.aside import write_aside
 from trueup.formats.plain import finite
 from trueup.formats.replayed import KINDS, write_replays
 from trueup.recording import Recording, is_command
 from trueup.report import replay_picture
 from trueup.report.numbers import ratio_text, scale_for
 from trueup.report.replay_page import ahead_of, errors_of, scale_of, write_replay_report
-from trueup.report.writing import write_aside
 from trueup.trial import STEP, command_of
 
 if TYPE_CHECKING:

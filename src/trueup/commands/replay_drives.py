@@ -14,9 +14,9 @@ from rich.table import Table
 
 from trueup.arrays import Array
 from trueup.calibration import Prediction
+from trueup.formats.aside import write_aside
 from trueup.report.drive_picture import drive_picture
 from trueup.report.numbers import ratio_text, scale_for
-from trueup.report.writing import write_aside
 
 if TYPE_CHECKING:
     from trueup.loop.prepare import Comparison

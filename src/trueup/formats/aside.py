@@ -42,6 +42,12 @@ def written_aside(path: Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
+def write_aside(content: str | bytes, path: Path) -> None:
+    """Writes a text as UTF-8, or bytes, so that there is always a whole file; folders are made. Raises OutputError."""
+    with written_aside(path) as temporary:
+        temporary.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+
+
 def sync_folder(folder: Path) -> None:
     """Makes the names in a folder safe on disk: a rename is, only after this."""
     handle = os.open(folder, os.O_RDONLY)

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from trueup import files
 from trueup.errors import MappingError
 from trueup.formats import keys
-from trueup.formats.aside import written_aside
+from trueup.formats.aside import write_aside
 from trueup.formats.keys import key
 from trueup.typed_toml import build
 
@@ -166,8 +166,7 @@ class ChannelMap:
 
     def save(self, path: str | Path) -> None:
         """Writes the mapping as commented TOML. Raises OutputError where that fails."""
-        with written_aside(Path(path)) as temporary:
-            temporary.write_text(self.to_toml(), encoding="utf-8")
+        write_aside(self.to_toml(), Path(path))
 
 
 def _one_line(text: str) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from trueup.errors import MissingExtraError, OutputError
-from trueup.formats.aside import written_aside
+from trueup.formats.aside import write_aside, written_aside
 from trueup.formats.planned import RATE
 from trueup.recording import Recording
 from trueup.units import to_si
@@ -44,8 +44,7 @@ def write_json(trajectory: Recording, path: Path, about: Mapping[str, Any]) -> N
     position = trajectory.channel("position")
     points = {name: trajectory.channel(name).values[kept].round(9).tolist() for _, name in _PARTS}
     content = {**about, "joints": list(position.labels), "time": position.time[kept].round(9).tolist(), **points}
-    with written_aside(path) as temporary:
-        temporary.write_text(json.dumps(content, allow_nan=False) + "\n", encoding="utf-8")
+    write_aside(json.dumps(content, allow_nan=False) + "\n", path)
 
 
 def write_bag(trajectory: Recording, folder: Path) -> None:

@@ -13,11 +13,11 @@ import numpy as np
 
 from trueup.errors import ParameterError
 from trueup.film import Film
+from trueup.formats.aside import write_aside
 from trueup.report.encoding import packed
 from trueup.report.markup import Markup, join, tag
 from trueup.report.parts import Section, caption, page, template_text
 from trueup.report.report import data_text
-from trueup.report.writing import write_aside
 
 _AZIMUTH, _ELEVATION = 90.0, 8.0  # degrees: the robot's x axis points to the right
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from trueup.calibration import Calibration, Replay
 from trueup.errors import unknown_name
+from trueup.formats.aside import write_aside
 from trueup.report.drawing import COLOURS, EDGE, HEAD, LINE, WIDTH, document, line, title, words
 from trueup.report.dumbbell import Axis
 from trueup.report.figures import error_scale
@@ -20,7 +21,6 @@ from trueup.report.markup import Markup, tag
 from trueup.report.numbers import Scale, ratio_text, scale_for, shortened
 from trueup.report.panel import Panel, replay_panel
 from trueup.report.summary import Comparison, Score, amounts, column_score, comparisons, pooled_score
-from trueup.report.writing import write_aside
 
 _NAMES, _AMOUNTS, _ROW = 220, 210, 26
 """Pixels of a row of the comparison: for names on its left and amounts on its right; its height."""

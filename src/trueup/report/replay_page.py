@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from trueup.calibration import Ahead, Replay, pooled_rmse
+from trueup.formats.aside import write_aside
 from trueup.report.markup import Markup, join, tag
 from trueup.report.numbers import Scale, duration_text, ratio_text, scale_for
 from trueup.report.parts import (
@@ -29,7 +30,6 @@ from trueup.report.parts import (
     table,
 )
 from trueup.report.picture import replay_picture
-from trueup.report.writing import write_aside
 
 _STYLE = """
 figure.replay { overflow-x: auto; margin: 0 0 20px; }

@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from trueup.calibration import Calibration
+from trueup.formats.aside import write_aside
 from trueup.report.figures import figure_data
 from trueup.report.parts import counted, page, template_text
 from trueup.report.sections import sections
-from trueup.report.writing import write_aside
 
 SCRIPTS = ("read.js", "style.js", "replay.js", "details.js", "tables.js", "start.js")
 """Own JavaScript, in the order in which it is joined into one scope."""

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from trueup.errors import OutputError
-from trueup.formats.aside import written_aside
+from trueup.formats.aside import write_aside
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -48,8 +48,7 @@ class Parts:
         path = self.path(name, "json")
         if not path.exists():
             words = json.dumps(compute())
-            with written_aside(path) as aside:
-                aside.write_text(words, encoding="utf-8")
+            write_aside(words, path)
         return json.loads(path.read_text(encoding="utf-8"))
 
     @contextmanager

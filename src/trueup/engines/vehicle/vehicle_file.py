@@ -11,7 +11,7 @@ from typing import Literal
 from trueup import files
 from trueup.engines.vehicle.vehicle import DRIVES, PURSUED, TURNED, Vehicle
 from trueup.errors import ModelError
-from trueup.formats.aside import written_aside
+from trueup.formats.aside import write_aside
 from trueup.formats.keys import quoted
 from trueup.typed_toml import build
 
@@ -77,8 +77,7 @@ def write_vehicle(vehicle: Vehicle, path: Path, notes: Mapping[str, str] | None 
         q, note = vehicle.quantity(name), (notes or {}).get(name, "")
         about = f"{q.unit + ', ' if q.unit else ''}{q.about}"
         lines.append(f"{name} = {float(value)!r}  # {about}{'; ' + note if note else ''}")
-    with written_aside(path) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_aside("\n".join(lines) + "\n", path)
 
 
 def _current(name: str, value: float) -> tuple[str, float]:

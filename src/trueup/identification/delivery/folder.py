@@ -14,7 +14,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import OutputError
-from trueup.formats.aside import written_aside
+from trueup.formats.aside import write_aside
 from trueup.formats.plain import finite
 from trueup.identification.delivery.compiled import Compiled, compiled
 from trueup.identification.delivery.model_file import read_back, write_model_file
@@ -41,8 +41,7 @@ def deliver(
     texts = ((FILE, json.dumps(result.model.to_dict(), indent=1) + "\n"), (HEADER, c_header(result.model)),
              (PYTHON, python_file(result.model)))  # fmt: skip
     for name, text in texts:
-        with written_aside(where / name) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_aside(text, where / name)
     predictor = load(where)
     parts += [
         _predictor(result, predictor),
@@ -137,6 +136,5 @@ def _furthest(predictions: Sequence[Prediction], said: Sequence[Array]) -> float
 
 def save_numbers(numbers: object, path: Path) -> Path:
     """Plain numbers as a JSON file. Raises OutputError."""
-    with written_aside(path) as temporary:
-        temporary.write_text(json.dumps(finite(numbers), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_aside(json.dumps(finite(numbers), indent=1, allow_nan=False) + "\n", path)
     return path

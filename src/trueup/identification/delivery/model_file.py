@@ -12,7 +12,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import ModelError
-from trueup.formats.aside import written_aside
+from trueup.formats.aside import write_aside
 from trueup.identification.estimation.file_fit import FileFit
 from trueup.identification.inertial import NAMES, from_com, moved, pseudo_inertia, tensor
 from trueup.identification.kinematic_tree import KinematicTree, of_angles
@@ -80,8 +80,7 @@ def _write_urdf(fit: FileFit, tree: KinematicTree, source: Path, path: Path) -> 
         + ", ".join(f"{joint} {fit.armature[j]:.3g}" for j, joint in enumerate(tree.joints))
     )
     _relocate_meshes(text, source.absolute().parent, path.absolute().parent)
-    with written_aside(path) as temporary:
-        temporary.write_bytes(text.render())
+    write_aside(text.render(), path)
     _write_srdf(fit, tree, text.root.attributes.get("name", tree.name), path.with_suffix(".srdf"))
     return tuple(notes)
 
@@ -116,8 +115,7 @@ def _write_srdf(fit: FileFit, tree: KinematicTree, name: str, path: Path) -> Non
     text = "\n".join(
         [f"<robot name={quoteattr(name)}>", "  <rotor_params>", *lines, "  </rotor_params>", "</robot>", ""]
     )
-    with written_aside(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_aside(text, path)
 
 
 def _write_mjcf(fit: FileFit, tree: KinematicTree, source: Path, path: Path) -> tuple[str, ...]:

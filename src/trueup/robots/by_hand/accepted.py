@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trueup.errors import OutputError
-from trueup.formats.aside import kept_state, sync_folder, written_aside
+from trueup.formats.aside import kept_state, sync_folder, write_aside, written_aside
 
 _OUTCOME, _MAPPINGS, _ASIDE = "outcome.json", "mappings", "set-aside"
 
@@ -136,6 +136,5 @@ def _run(plain: Mapping[str, object]) -> Run:
 
 
 def _write(path: Path, plain: dict[str, object]) -> None:
-    with written_aside(path) as temporary:
-        temporary.write_text(json.dumps(plain), encoding="utf-8")
+    write_aside(json.dumps(plain), path)
     sync_folder(path.parent)

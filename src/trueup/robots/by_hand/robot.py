@@ -13,7 +13,7 @@ import numpy as np
 
 from trueup.errors import RobotFellError, TrialAbortedError, TrueupError
 from trueup.formats import read
-from trueup.formats.aside import written_aside
+from trueup.formats.aside import write_aside
 from trueup.recording import Recording, with_warnings
 from trueup.robots.by_hand.accepted import Accepted, Run
 from trueup.robots.by_hand.check import begins, mismatches, one_of
@@ -258,8 +258,7 @@ class ByHand:
                 self._say(f"{name} not taken: {why}")
         self._judged = {name: j for name, j in self._judged.items() if name in there}
         if text != known:
-            with written_aside(path) as temporary:
-                temporary.write_text(text, encoding="utf-8")
+            write_aside(text, path)
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.excitation.cell import Cell
-from trueup.formats.aside import written_aside
+from trueup.formats.aside import write_aside
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.studies.arm.comparison import DESIGNED, Errors, Region, Scale, compared, prepared, share_of_best
 from trueup.studies.arm.excitation import Workshop
@@ -184,8 +184,7 @@ def _write(folder: Path, findings: Findings) -> None:
     text = markdown(findings)
     cells = json.dumps(_cells(findings.everything), indent=1)
     for name, words in (("report.md", text), ("report.html", html(text, findings)), ("cells.json", cells)):
-        with written_aside(folder / name) as aside:
-            aside.write_text(words, encoding="utf-8")
+        write_aside(words, folder / name)
 
 
 def _cells(everything: Mapping[str, Mapping[str, Errors]]) -> dict[str, object]:

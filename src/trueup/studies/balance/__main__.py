@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.console import Console
 
 from trueup.errors import TrueupError
-from trueup.formats.aside import written_aside
+from trueup.formats.aside import write_aside
 from trueup.studies.balance.plan import SCENES, Size
 from trueup.studies.balance.report import html
 from trueup.studies.balance.study import QUICK, studied
@@ -43,8 +43,7 @@ def main() -> int:
     try:
         with telling(told, "searching the first motions") as tell:
             findings = studied(asked.out, size, tell, compute=not asked.report, workers=asked.workers)
-        with written_aside(asked.out / "report.html") as aside:
-            aside.write_text(html(findings), encoding="utf-8")
+        write_aside(html(findings), asked.out / "report.html")
     except TrueupError as error:
         told.print(str(error), style="red", markup=False)
         return 2

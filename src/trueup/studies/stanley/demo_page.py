@@ -5,10 +5,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from trueup.formats.aside import write_aside
 from trueup.report.markup import Markup, join, tag
 from trueup.report.parts import Section, caption, cells, head, key, page, row, table
 from trueup.report.plots import AFTER, BEFORE
-from trueup.report.writing import write_aside
 from trueup.studies.stanley import chasi
 from trueup.studies.stanley.figures import deviation
 from trueup.studies.stanley.study import Study

@@ -9,9 +9,9 @@ from pathlib import Path
 from string import Template
 
 from trueup.discrepancies.path_shape import READINGS
+from trueup.formats.aside import write_aside
 from trueup.report.markup import Child, Markup, escape, join, tag
 from trueup.report.plots import AFTER, BEFORE
-from trueup.report.writing import write_aside
 from trueup.studies.stanley import chasi
 from trueup.studies.stanley.figures import course_shapes, deviation, figure_four, profile_plots, squared, trace
 from trueup.studies.stanley.paper import BAND, SPACING

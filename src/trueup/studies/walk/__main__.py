@@ -12,7 +12,7 @@ from rich.console import Console
 
 from trueup.commands.where import add_cluster, evaluator_of
 from trueup.errors import RenderingError, TrueupError
-from trueup.formats.aside import written_aside
+from trueup.formats.aside import write_aside
 from trueup.studies.progress import telling
 from trueup.studies.saved import Parts
 from trueup.studies.walk.comparison import FULL, PAPER, QUICK, Result, Way, performed, summary
@@ -43,8 +43,7 @@ def main() -> int:
             ):  # fmt: skip
                 results.append(r)
         film = _film(results, scale.share, asked.out / "film.svg", told)
-        with written_aside(asked.out / "report.html") as aside:
-            aside.write_text(html(results, film), encoding="utf-8")
+        write_aside(html(results, film), asked.out / "report.html")
     except (TrueupError, OSError) as error:
         told.print(str(error), style="red", markup=False)
         return 2

@@ -17,7 +17,7 @@ from trueup.engines.mujoco.reading.mjcf_text import MjcfText
 from trueup.engines.mujoco.writing.edits import Edits
 from trueup.engines.mujoco.writing.write import relocate
 from trueup.errors import ModelError
-from trueup.formats.aside import written_aside
+from trueup.formats.aside import write_aside
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +64,7 @@ def write_bodies(
     except ModelError as error:
         content = spec.to_xml().encode()
         notes = (f"MuJoCo wrote the model anew, without its comments: {error}",)
-    with written_aside(path) as temporary:
-        temporary.write_bytes(content)
+    write_aside(content, path)
     return notes
 
 
