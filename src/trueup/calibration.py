@@ -7,11 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.recording import Recording
-
-Array = NDArray[np.float64]
 
 NORMAL_95 = 1.959964
 """Half the width of a normal distribution's 95 % interval, in standard deviations."""

@@ -8,7 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from trueup.calibration import Array, Calibration, CrossValidation, Estimate, Replay, TracePoint
+from trueup.arrays import Array
+from trueup.calibration import Calibration, CrossValidation, Estimate, Replay, TracePoint
 from trueup.film import Film, Shape
 from trueup.identification.effects import Effect
 from trueup.identification.estimation.result import Alignment, Identification, Link, Parameter, Prediction

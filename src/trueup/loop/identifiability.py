@@ -7,15 +7,13 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.calibration import NORMAL_95
 from trueup.loop.descent import Fit
 from trueup.loop.uncertainty import intervals, vague
 from trueup.parameters import Parameter
 from trueup.rounding import TINY
-
-Array = NDArray[np.float64]
 
 # Share of the box: a direction with an interval this wide is named.
 _LOOSE = 0.12

@@ -11,15 +11,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.calibration import NORMAL_95
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.structures import settled_loss
 from trueup.parameters import Parameter
-
-Array = NDArray[np.float64]
 
 _APART = 0.01 * 2.0 ** np.arange(8)  # shares of the box: how far along a limit losses are looked at, to either side
 

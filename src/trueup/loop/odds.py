@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
-Array = NDArray[np.float64]
+from trueup.arrays import Array
 
 _OFFSETS, _SLOPES, _DEVIATIONS = np.linspace(-10.0, 5.0, 61), np.linspace(0.0, 10.0, 31), np.linspace(0.0, 3.0, 7)
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)

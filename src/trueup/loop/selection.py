@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.evidence import Evidence, evidence
 from trueup.loop.descent import Fit
 from trueup.loop.identifiability import NO_EFFECT, effects
@@ -18,8 +18,6 @@ from trueup.loop.validate import Block, by_setting, by_stretch, cautious_errors,
 from trueup.parameters import Parameter
 from trueup.search.bounded_step import damped_step, gain
 from trueup.search.robust import robust_losses, robust_weights
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

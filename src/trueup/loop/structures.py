@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.evidence import Evidence, evidence
 from trueup.loop.apart import Part, parts_of
 from trueup.loop.descent import Descent, Fit, Look, Watch
@@ -24,7 +25,6 @@ from trueup.parameters import Parameter, ParameterSpace
 from trueup.search.bounded_step import damped_step, gain
 from trueup.search.robust import robust_losses, robust_weights
 
-Array = NDArray[np.float64]
 Settle = Callable[[Descent], None]
 """Where slopes lead from a descent's point."""
 

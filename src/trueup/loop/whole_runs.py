@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.discrepancies.whole_body import SCALES, WholeBody
 from trueup.ends import End
 from trueup.engines.simulator import Simulator
@@ -26,8 +26,6 @@ from trueup.recording import Recording
 from trueup.rounding import TINY
 from trueup.search.cma_es import CmaEs
 from trueup.search.robust import robust_weights
-
-Array = NDArray[np.float64]
 
 Told = Callable[[int, float], None]
 """Candidates tried, and the lowest loss."""
@@ -152,7 +150,7 @@ class _Descent:
         found = np.concatenate([p.residuals(values) for p in self._problems], axis=1)
         return np.where(np.isfinite(found), found, 10.0 * _BEND)
 
-    def _losses(self, residuals: Array, points: Array, members: NDArray[np.int64]) -> Array:
+    def _losses(self, residuals: Array, points: Array, members: Integers) -> Array:
         away = np.sum(((points - self._centres[members]) / SPREAD) ** 2, axis=1)
         return _robust(residuals, self._weights) + self._prior * away
 

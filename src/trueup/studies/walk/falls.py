@@ -9,14 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.evaluation.evaluator import Evaluator, Here
 from trueup.loop.odds import Odds
 from trueup.studies.walk.evaluation import Runs
 from trueup.tasks.task import simulated_scores
 from trueup.tasks.walking import WalkFront
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -6,9 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import betaln
 
+from trueup.arrays import Array
 from trueup.engines.simulator import Simulator
 from trueup.grounding.grounded import GroundedSimulator
 from trueup.grounding.learn import Wishes, learn
@@ -22,8 +22,6 @@ from trueup.studies.walk.search import Scene, whole
 from trueup.studies.walk.study import FALL, Story
 from trueup.tasks.task import simulated_scores
 from trueup.tasks.walking import Walk, WalkFront
-
-Array = NDArray[np.float64]
 
 MOTOR = ("kp", "kv", "friction", "delay")
 """Of `scenes.DOUBTS`: what joints under their commands show."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.walk_engine.engine import PARAMETERS
 from trueup.engines.simulator import Simulator
 from trueup.evaluation.evaluator import Evaluator, Here
@@ -20,8 +20,6 @@ from trueup.search.cma_es import CmaEs
 from trueup.studies.walk.falls import Falls
 from trueup.tasks.task import simulated_scores
 from trueup.tasks.walking import Walk, fell
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.controllers.walk_engine.engine import PARAMETERS
 from trueup.evaluation.evaluator import Evaluator, Here
 from trueup.robots.robot import Robot
@@ -23,8 +23,6 @@ from trueup.studies.walk.falls import Falls
 from trueup.studies.walk.guidance import Guidance, Unguided
 from trueup.studies.walk.search import Effort, Promise, Scene, searched
 from trueup.tasks.walking import LineWalk
-
-Array = NDArray[np.float64]
 
 FALL = 0.5
 """m/s that a fall costs where walks are picked, in the simulator as on the robot: one in a hundred costs half a cm/s."""
