@@ -13,13 +13,10 @@ from trueup.errors import OutputError
 from trueup.excitation.periodic import Sines, at_rest
 from trueup.excitation.planner import joint_moves
 from trueup.excitation.trajectories import Trajectory
-from trueup.identification.inertial import pseudo_inertia
-from trueup.identification.rows import Rows
 from trueup.studies.arm.comparison import ALGORITHMS, CASES, Errors, Example, Scale, interval, share_of_best
-from trueup.studies.arm.couplings import proposed_couplings
 from trueup.studies.arm.excitation import filled
 from trueup.studies.arm.factors import Cell, main_effect, ratios
-from trueup.studies.arm.fitting import WRIST, our_fit, papers_fit
+from trueup.studies.arm.fitting import our_fit, papers_fit
 from trueup.studies.arm.hidden import RATE, Effects, HiddenArm
 from trueup.studies.arm.measuring import Run, papers_columns, runs, torque_model
 from trueup.studies.arm.robot import COULOMB, JOINTS, NOMINAL, QUADRATIC, ROTORS, VISCOUS, limits, ns16
@@ -56,10 +53,10 @@ def test_without_hidden_effects_the_papers_58_parameters_explain_the_arm(
 ) -> None:
     assert len(COLUMNS) == 58
     rng, arm = np.random.default_rng(0), HiddenArm(ns16(), Effects.none())
-    fit = papers_fit([one.torque(arm, rng, 0.5) for one in training], COLUMNS)
+    fit = papers_fit(MODEL, [one.torque(arm, rng, 0.5) for one in training], COLUMNS)
     for one in others:
         rows = one.torque(arm, rng, -0.5)
-        assert (np.abs(rows.torque - fit.predict(MODEL, one, rows)).mean(axis=0) < 0.005 * NOMINAL).all()
+        assert (np.abs(rows.torque - fit.predict(one, rows)).mean(axis=0) < 0.005 * NOMINAL).all()
         # the truth itself errs by what noise leaves behind a filter of 30 Hz, and by little more
         assert (np.abs(rows.torque - rows.predict(TRUTH)).mean(axis=0) < 0.005 * NOMINAL).all()
 
@@ -92,32 +89,19 @@ def test_a_joint_that_bends_rings_after_an_abrupt_stop_and_not_before() -> None:
     assert ringing[-100:].max() < 0.1 * ringing[2000:2100].max()
 
 
-def test_couplings_of_the_wrist_are_found_and_none_is_invented(training: list[Run]) -> None:
-    rng = np.random.default_rng(1)
-    for effects, expected in ((Effects(), (0.3, 0.8, 0.1)), (Effects().without("coupling"), (0.0, 0.0, 0.0))):
-        arm = HiddenArm(ns16(), effects)
-        rows = [one.torque(arm, rng, 0.0) for one in training]
-
-        def driven(C: Array, rows: list[Rows] = rows) -> list[Rows]:
-            return [one.with_drives(MODEL, r, C) for one, r in zip(training, rows, strict=True)]
-
-        C = proposed_couplings(driven, COLUMNS, np.arange(60, 66), WRIST)
-        np.testing.assert_allclose([C[4, 3], C[5, 4], C[5, 3]], expected, atol=0.06)
-
-
-def test_our_fit_predicts_other_motions_better_and_holds_bodies_that_can_exist(
+def test_our_fit_predicts_other_motions_better_and_finds_the_coupled_wrist(
     training: list[Run], others: list[Run]
 ) -> None:
     rng, arm = np.random.default_rng(2), HiddenArm(ns16(), Effects())
     rows = [one.torque(arm, rng, 0.0) for one in training]
-    papers, ours = papers_fit(rows, COLUMNS), our_fit(MODEL, training, rows, COLUMNS)
+    papers, ours = papers_fit(MODEL, rows, COLUMNS), our_fit(training, arm, rng, 0.0)
     errors = []
     for fit in (papers, ours):
         wrong = [(one, one.torque(arm, np.random.default_rng(5), 0.0)) for one in others]
-        errors.append(np.mean([np.abs(r.torque - fit.predict(MODEL, one, r)).mean(axis=0) for one, r in wrong], axis=0))
+        errors.append(np.mean([np.abs(r.torque - fit.predict(one, r)).mean(axis=0) for one, r in wrong], axis=0))
     assert (errors[1][3:] < 0.5 * errors[0][3:]).all()  # the wrist, where drives are coupled
     assert (errors[1] < 0.02 * NOMINAL).all()
-    assert np.linalg.eigvalsh(pseudo_inertia(ours.parameters[:60].reshape(6, 10))).min() > 0.0
+    np.testing.assert_allclose(ours.found.drives[[4, 5, 5], [3, 4, 3]], (0.3, 0.8, 0.1), atol=0.06)
 
 
 def test_recording_times_are_equal() -> None:
@@ -142,10 +126,8 @@ def test_friction_of_another_form_has_no_coefficients_among_the_columns(training
     errors = []
     for effects in (Effects.none(noise=0.0), Effects.none(noise=0.0, foreign=1.0)):
         rows = [one.torque(HiddenArm(ns16(), effects), np.random.default_rng(0), 0.0) for one in training]
-        fit = our_fit(MODEL, training, rows, COLUMNS)
-        wrong = [
-            np.abs(r.torque - fit.predict(MODEL, one, r)).mean(axis=0) for one, r in zip(training, rows, strict=True)
-        ]
+        fit = our_fit(training, HiddenArm(ns16(), effects), np.random.default_rng(0), 0.0)
+        wrong = [np.abs(r.torque - fit.predict(one, r)).mean(axis=0) for one, r in zip(training, rows, strict=True)]
         errors.append(np.mean(wrong, axis=0) / NOMINAL)
     assert (errors[1] > 2.0 * errors[0]).all()
     assert (errors[1] < 0.03).all()
@@ -196,10 +178,10 @@ def test_friction_that_does_not_jump_at_standstill_costs_our_fit_nothing_where_n
 ) -> None:
     rng, arm = np.random.default_rng(4), HiddenArm(ns16(), Effects.none())
     rows = [one.torque(arm, rng, 0.0) for one in training]
-    papers, ours = papers_fit(rows, COLUMNS), our_fit(MODEL, training, rows, COLUMNS)
+    papers, ours = papers_fit(MODEL, rows, COLUMNS), our_fit(training, arm, np.random.default_rng(4), 0.0)
     wrong = [(one, one.torque(arm, rng, 0.0)) for one in others]
     errors = [
-        np.mean([np.abs(r.torque - fit.predict(MODEL, one, r)).mean(axis=0) for one, r in wrong], axis=0) / NOMINAL
+        np.mean([np.abs(r.torque - fit.predict(one, r)).mean(axis=0) for one, r in wrong], axis=0) / NOMINAL
         for fit in (papers, ours)
     ]
     assert errors[1].mean() < 0.98 * errors[0].mean()

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -134,9 +134,10 @@ def compared(region: Region, effects: Effects, seed: int, *, our_fit_for: Sequen
     for replicate in region.excitations:
         warmth = float(rng.uniform(-1.0, 1.0))
         for algorithm, made in replicate.items():
-            rows = [one.torque(arm, rng, warmth) for one in made]
-            own = algorithm in our_fit_for
-            fit = our_fit(region.model, made, rows, columns) if own else papers_fit(rows, columns)
+            if algorithm in our_fit_for:
+                fit: Fitted = our_fit(made, arm, rng, warmth)
+            else:
+                fit = papers_fit(region.model, [one.torque(arm, rng, warmth) for one in made], columns)
             fits.setdefault(algorithm, []).append(fit)
     return _judged(region, measured, fits)
 
@@ -146,26 +147,26 @@ def _judged(region: Region, measured: Mapping[str, Sequence[Rows]], fits: Mappin
     for algorithm, own in fits.items():
         for case, made in region.tests.items():
             errors = [
-                [rows.torque - fit.predict(region.model, one, rows) for one, rows in zip(made, measured[case], strict=True)]
+                [rows.torque - fit.predict(one, rows) for one, rows in zip(made, measured[case], strict=True)]
                 for fit in own
             ]  # fmt: skip
             absolute[algorithm, case] = np.array([[np.abs(e).mean(axis=0) for e in each] for each in errors])
             squared[algorithm, case] = np.array([[(e**2).mean(axis=0) for e in each] for each in errors])
-    indefinite = {a: np.array([_indefinite(region.model, fit) for fit in own]) for a, own in fits.items()}
+    indefinite = {a: np.array([_indefinite(fit) for fit in own]) for a, own in fits.items()}
     samples = {case: np.array([r.length for r in rows]) for case, rows in measured.items()}
     first = next(iter(CASES))
     one, rows = region.tests[first][0], measured[first][0]
-    predicted = {a: own[0].predict(region.model, one, rows) for a, own in fits.items()}
+    predicted = {a: own[0].predict(one, rows) for a, own in fits.items()}
     return Errors(absolute, squared, samples, indefinite, Example(rows.time, rows.torque, predicted))
 
 
-def _indefinite(model: DynamicModel, fit: Fitted, postures: int = 200) -> float:
+def _indefinite(fit: Fitted, postures: int = 200) -> float:
     """The share of random postures in which the energy of some motion is negative: no robot, and no controller likes it."""
-    q = np.random.default_rng(1).uniform(limits().lower, limits().upper, (postures, model.tree.n))
-    own, still, time = replace(model, drives=fit.drives), np.zeros_like(q), np.arange(float(postures))
-    holding = own.rows(time, q, still, still).predict(fit.parameters)
-    pushes = [np.broadcast_to(row, q.shape) for row in np.eye(model.tree.n)]
-    mass = np.stack([own.rows(time, q, still, a).predict(fit.parameters) - holding for a in pushes], axis=-1)
+    q = np.random.default_rng(1).uniform(limits().lower, limits().upper, (postures, len(NOMINAL)))
+    still = np.zeros_like(q)
+    holding = fit.torque(q, still, still)
+    pushes = [np.broadcast_to(row, q.shape) for row in np.eye(len(NOMINAL))]
+    mass = np.stack([fit.torque(q, still, a) - holding for a in pushes], axis=-1)
     return float((np.linalg.eigvalsh(0.5 * (mass + np.swapaxes(mass, 1, 2)))[:, 0] <= 0.0).mean())
 
 

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from trueup.arrays import Array
-from trueup.errors import IdentificationError
 from trueup.excitation.cell import Cell, Settings
 from trueup.excitation.criteria import Criterion
 from trueup.excitation.design import Options, algorithm_a, algorithm_a_local, algorithm_b
 from trueup.excitation.limits import JointLimits
+from trueup.excitation.mixture import ToolMoves, class_length, mixed, wide_classes
 from trueup.excitation.periodic import Sines, at_rest
 from trueup.excitation.planner import random_planner_motion
 from trueup.excitation.trajectories import Trajectory
@@ -77,37 +76,14 @@ class Workshop:
         hard = replace(self.limits, acceleration=_HARDER * self.limits.acceleration)
         return random_planner_motion(tree, hard, rng, settings=ABRUPT, via_points=points, rate=RATE)
 
-    def mixed(self, seconds: float, rng: np.random.Generator, tries: int = 12) -> list[Trajectory]:
-        """Ours: the time shared equally by all classes, in each the motions after which torque is best predicted.
-
-        Greedily from random motions, by the mean variance of predicted torque (over nominal) on others of all classes.
-        """
-        classes = ("sines", "local fast", "local slow", "wide gentle", "wide abrupt")
-        target = sum(self._information(self.random(kind, rng)) / NOMINAL.size for kind in classes for _ in range(3))
-        chosen: list[Trajectory] = []
-        known = 1e-6 * np.diag(np.diag(target))
-        for k, kind in enumerate(classes):
-            until = seconds * (k + 1) / len(classes)
-            pool = [self.random(kind, rng, points=4) for _ in range(tries)]
-            parts = [(t, self._information(t)) for t in pool]
-            while parts:
-                left = until - sum(t.duration for t in chosen)
-                parts = [(t, M) for t, M in parts if t.duration <= left]
-                if not parts:
-                    break
-                gains = [np.trace(np.linalg.solve(known + M, target)) for _, M in parts]
-                trajectory, M = parts.pop(int(np.argmin(gains)))
-                known = known + M
-                chosen.append(trajectory)
-        if not chosen:
-            raise IdentificationError(f"{seconds:g} s are too short for a mixture of {len(classes)} classes of motion")
-        return chosen
-
-    def _information(self, t: Trajectory) -> Array:
-        """(c, c) what a trajectory tells of the base parameters, rows over nominal torque, summed over all samples."""
-        every = max(1, len(t.time) // 300)
-        sampled = (t.q[None, ::every], t.qd[None, ::every], t.qdd[None, ::every])
-        return every * self.model.information(*sampled, 1.0 / NOMINAL, self.criterion.independent)[0]
+    def mixed(self, seconds: float, rng: np.random.Generator) -> list[Trajectory]:
+        """Ours: the mix of classes and speeds that `trueup excite` gives, over the whole range and in the region."""
+        hard = replace(self.limits, acceleration=_HARDER * self.limits.acceleration)
+        middle, length = 0.5 * (self.limits.lower + self.limits.upper), class_length(seconds)
+        wide = wide_classes(self.limits, middle, length=length, rate=RATE)
+        abrupt = wide_classes(hard, middle, length=length, rate=RATE)["abrupt moves"]
+        local = {f"local {k}": ToolMoves(self.cell, each, rate=RATE) for k, each in (("fast", FAST), ("slow", SLOW))}
+        return mixed({**wide, "abrupt moves": abrupt, **local}, self.criterion, seconds, rng)
 
 
 def filled(seconds: float, choose: Callable[[int], Trajectory]) -> list[Trajectory]:

@@ -11,7 +11,6 @@ import numpy as np
 from trueup.arrays import Array, Integers
 from trueup.excitation.trajectories import Trajectory
 from trueup.identification.dynamic_model import DynamicModel
-from trueup.identification.effects import Effect
 from trueup.identification.estimation.filtering import Lowpass, derivative
 from trueup.identification.rows import Rows
 from trueup.studies.arm.hidden import RATE, HiddenArm
@@ -24,25 +23,16 @@ _EVERY = 5  # 100 of 500 samples a second are kept
 _TRIM = 10  # samples at both ends, where a filter has no past or no future
 
 PAPERS = ("rotor", "coulomb", "viscous", "quadratic")
-FURTHER = (
-    Effect("offset"), Effect("stribeck", 0.02), Effect("stribeck", 0.06), Effect("asymmetric"),
-    Effect("saturating", 0.002), Effect("saturating", 0.01), Effect("saturating", 0.05),
-)  # fmt: skip
-"""What our fit may use beyond them. No friction jumps at standstill: what saturates over a range of speeds goes there."""
 
 
 def torque_model() -> DynamicModel:
-    """The papers' columns (10 a link, rotor, three of friction a joint), then further friction that may be of use."""
-    tree = ns16()
-    effects = [(j, Effect(kind)) for kind in PAPERS for j in range(tree.n)]
-    effects += [(j, effect) for effect in FURTHER for j in range(tree.n)]
-    return DynamicModel.of(tree, effects)
+    """The papers' columns: 10 a link, rotor, three of friction a joint."""
+    return DynamicModel.with_friction(ns16())
 
 
 def papers_columns(model: DynamicModel) -> Integers:
     """Indices of the 58 parameters: 40 base parameters and 18 of friction."""
-    papers = model.only([k for k, (_, e) in enumerate(model.effects) if e.kind in PAPERS])
-    return papers.base().independent
+    return model.base().independent
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,30 +50,11 @@ class Run:
         t = self.trajectory
         raw = arm.torque(t.q, t.qd, t.qdd, warmth)
         raw = raw + arm.effects.noise * 0.01 * NOMINAL * rng.normal(size=raw.shape)
-        kept = Lowpass(RATE, CUTOFF)(Lowpass(RATE, _AHEAD)(raw))[::_EVERY][_TRIM:-_TRIM]
-        return replace(self.rows, torque=kept)
+        return replace(self.rows, torque=self.passed(Lowpass(RATE, _AHEAD)(raw)))
 
-    def with_drives(self, model: DynamicModel, rows: Rows, drives: Array) -> Rows:
-        """`rows` with the columns of those drives anew that turn with several joints, `drives` (n, n) saying how."""
-        n = model.tree.n
-        coupled = [d for d in range(n) if np.count_nonzero(drives[d]) > 1]
-        if not coupled:
-            return rows
-        new = [(10 * n + k, d, effect) for k, (d, effect) in enumerate(model.effects) if d in coupled]
-        gone = np.array([k for k, _, _ in new])
-        columns, values = [], []
-        for c, v in zip(rows.columns, rows.values, strict=True):
-            stays = ~np.isin(c, gone)
-            columns.append(list(c[stays]))
-            values.append([v[stays]])
-        q, v, a = (x @ drives.T for x in self.measured)
-        own = np.array([effect.column(q[:, d], v[:, d], a[:, d]) for _, d, effect in new])
-        own = Lowpass(RATE, CUTOFF)(own, axis=1)[:, ::_EVERY][:, _TRIM:-_TRIM]
-        for (k, d, _), column in zip(new, own, strict=True):
-            for j in np.flatnonzero(drives[d]):
-                columns[j].append(k)
-                values[j].append(drives[d, j] * column[None])
-        return replace(rows, columns=tuple(map(np.array, columns)), values=tuple(map(np.concatenate, values)))
+    def passed(self, torque: Array) -> Array:
+        """(S', n) of torque (S, n) at RATE, through the papers' filter, thinned out as the rows are."""
+        return Lowpass(RATE, CUTOFF)(torque)[::_EVERY][_TRIM:-_TRIM]
 
 
 def run(model: DynamicModel, trajectory: Trajectory) -> Run:

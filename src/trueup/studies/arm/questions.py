@@ -16,7 +16,7 @@ from trueup.excitation.planner import ViaPoints
 from trueup.excitation.trajectories import Motions, Trajectory
 from trueup.studies.arm.comparison import CASES, Errors, Region
 from trueup.studies.arm.excitation import FAST, RATE, Workshop, filled
-from trueup.studies.arm.fitting import Fitted, papers_fit
+from trueup.studies.arm.fitting import PapersFit, papers_fit
 from trueup.studies.arm.hidden import Effects, HiddenArm
 from trueup.studies.arm.measuring import papers_columns, runs, separate
 from trueup.studies.arm.robot import JOINTS, NOMINAL, ns16
@@ -57,7 +57,7 @@ def answered(
     warmth = 0.0
     for motion in _random(kind, workshop, rng, count):
         made = runs(region.model, filled(seconds, lambda i, m=motion: m))
-        fit = papers_fit([one.torque(arm, rng, warmth) for one in made], columns)
+        fit = papers_fit(region.model, [one.torque(arm, rng, warmth) for one in made], columns)
         for name, criterion in criteria.items():
             loss[name].append(_loss(criterion, motion))
         for case in _OUTCOMES:
@@ -97,7 +97,7 @@ def _loss(criterion: Criterion, t: Trajectory) -> float:
     return float(criterion.losses(motions)[0])
 
 
-def _friction_error(fit: Fitted, arm: HiddenArm, warmth: float) -> float:
+def _friction_error(fit: PapersFit, arm: HiddenArm, warmth: float) -> float:
     """Root mean square over all axes and speeds up to a fifth of the limits, as a share of nominal torque."""
     share = np.linspace(0.02, 0.2, 25)
     speed = np.concatenate([-share[::-1], share])[:, None] * np.abs(arm.tree.speed)

@@ -17,9 +17,9 @@ from trueup.formats.aside import write_aside
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.studies.arm.comparison import DESIGNED, Errors, Region, Scale, compared, prepared, share_of_best
 from trueup.studies.arm.excitation import Workshop
-from trueup.studies.arm.fitting import our_fit, papers_fit
+from trueup.studies.arm.fitting import Fitted, our_fit, papers_fit
 from trueup.studies.arm.hidden import Effects, HiddenArm
-from trueup.studies.arm.measuring import PAPERS, papers_columns
+from trueup.studies.arm.measuring import papers_columns
 from trueup.studies.arm.questions import answered
 from trueup.studies.arm.report import Findings, html, markdown
 from trueup.studies.arm.robot import COULOMB, QUADRATIC, REGIONS, ROTORS, VISCOUS, limits, ns16
@@ -147,15 +147,16 @@ class _Lazily:
     def parameters(self) -> dict[str, Any]:
         """Table III from the first excitation of each algorithm: names, the truth of the rigid part, what was found."""
         region, rng, arm = self.region(), np.random.default_rng(self.scale.seed), HiddenArm(ns16(), Effects())
-        model = region.model
-        papers = model.only([k for k, (_, e) in enumerate(model.effects) if e.kind in PAPERS])
-        base, columns = papers.base(), papers_columns(model)
+        papers = region.model
+        base, columns = papers.base(), papers_columns(papers)
         found, warmth = {}, float(rng.uniform(-1.0, 1.0))
         for algorithm in (*(label for label, _, _ in DESIGNED), "ours"):
             made = region.excitations[0][algorithm]
-            rows = [one.torque(arm, rng, warmth) for one in made]
-            fit = our_fit(model, made, rows, columns) if algorithm == "ours" else papers_fit(rows, columns)
-            found[algorithm] = base.of(_as_papers(model, fit.parameters)[: papers.p]).tolist()
+            if algorithm == "ours":
+                fit: Fitted = our_fit(made, arm, rng, warmth)
+            else:
+                fit = papers_fit(papers, [one.torque(arm, rng, warmth) for one in made], columns)
+            found[algorithm] = base.of(fit.as_papers()).tolist()
         return {"names": list(base.names), "truth": base.of(_truth(papers)).tolist(), "found": found}
 
     def answers(self, kind: str) -> dict[str, Any]:
@@ -164,15 +165,6 @@ class _Lazily:
         found = answered(kind, self.workshop(), self.region(), Effects(), rng, count=count)
         self.steps(f"region {self.name}: criteria against errors, class {kind}")
         return asdict(found)
-
-
-def _as_papers(model: DynamicModel, parameters: Array) -> Array:
-    """(p,) with friction that saturates over a range of speeds counted as Coulomb's."""
-    n, joined = model.tree.n, parameters.copy()
-    for k, (d, effect) in enumerate(model.effects):
-        if effect.kind == "saturating":
-            joined[11 * n + d] += joined[10 * n + k]
-    return joined
 
 
 def _truth(papers: DynamicModel) -> Array:
