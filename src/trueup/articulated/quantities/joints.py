@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from trueup.articulated.laws import STRIBECK_SPEED, VaryingFriction
 from trueup.articulated.model import Model
-from trueup.articulated.quantities.quantity import Quantity, between, factor
+from trueup.articulated.quantities.quantity import Quantity, around, between, factor
 
 
 def _servo_force(model: Model, joint: str, hinge: float, slide: float) -> float:
@@ -80,5 +80,11 @@ JOINTS = (
         name="gear_compliance", family="joint", unit="rad/(N m)", title="twist of the gear behind the encoder",
         bounds=between(0.0, 0.1), attributes=("joint.gear_compliance",), needs="gear", turn=1,
         shown_by="fast accelerations (chirps, steps)",
+    ),
+    *(
+        Quantity(name=f"stop_{side}", family="joint", unit="rad", title=f"{side} hard stop", bounds=around(0.05),
+                 attributes=(f"joint.stop_{side}",), start=None, needs="stop",
+                 shown_by="pressing against the stop")
+        for side in ("lower", "upper")
     ),
 )  # fmt: skip

@@ -197,6 +197,13 @@ def _write_inertia(a: MujocoAttributes, i: int, values: Array) -> None:
     a.fields.expand("body_iquat")[:, i] = quaternions
 
 
+def _stop(side: int) -> _Access:
+    """One end of a joint's range; half a turn where it has none."""
+    whole = _field("jnt_range", side)
+    far = np.array([(-np.pi, np.pi)[side]])
+    return _Access(lambda a, i: whole.read(a, i) if a.model.jnt_limited[i] else far, whole.write)
+
+
 def _slides(m: mujoco.MjModel, joint: int) -> float:
     return float(joint >= 0 and m.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE)
 
@@ -245,6 +252,8 @@ _ACCESS: Mapping[str, _Access] = {
     "joint.creep": _Access(_read_creep, _write_creep),
     **dict.fromkeys(("joint.backlash", "joint.gear_backlash"), _second(gears.read_gap, gears.write_gap)),
     "joint.gear_compliance": _second(gears.read_compliance, gears.write_compliance),
+    "joint.stop_lower": _stop(0),
+    "joint.stop_upper": _stop(1),
     "joint.inertia": _only(lambda m, i: m.dof_M0[m.jnt_dofadr[i]]),
     "joint.slides": _only(_slides),
     "joint.start": _only(lambda m, i: (m.key_qpos[0] if m.nkey else m.qpos0)[m.jnt_qposadr[i]]),

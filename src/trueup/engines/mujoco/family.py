@@ -31,6 +31,7 @@ from trueup.errors import unknown_name
 from trueup.inspection.diagnosis import Diagnosis
 from trueup.inspection.floor import stopped_by_floor
 from trueup.inspection.joint_names import named_as
+from trueup.inspection.stops import stopped_at
 from trueup.inspection.strangers import several_robots, without_strangers
 from trueup.inspection.zeros import zeros_off
 from trueup.recording import Recording
@@ -40,7 +41,7 @@ _UNEXPLAINED = 5.0  # noise units
 _CHANGES = (
     ("base", floating), ("base", held), ("servos", driven), ("overlaps", passable), ("still", with_still_joints)
 )  # fmt: skip
-DIAGNOSES = ("names", "strangers", *dict.fromkeys(name for name, _ in _CHANGES), "floor", "zero", "clock")
+DIAGNOSES = ("names", "strangers", *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock")
 """What is looked for in recordings and models, and may be refused."""
 
 
@@ -189,9 +190,20 @@ def _lines(model: Model, training: Sequence[Recording], request: Request) -> tup
             zeros_off(training, moving_joints(model, training)))  # fmt: skip
     found = {d.name: d.unless(refuse) for d in (*seen, _clocks(request.clocks)) if d is not None}
     height = found["floor"].numbers["height"] if "floor" in found and not found["floor"].refused else None
+    if "floor" not in found and (stops := stopped_at(training, _ranges(model))) is not None:
+        found["stops"] = stops.unless(refuse)
+    stopped = {} if "stops" not in found or found["stops"].refused else found["stops"].numbers
     clocks = {} if "clock" in refuse else request.clocks
-    lines = propose(model, training, clocks, height, request.beyond_mjcf)
+    lines = propose(model, training, clocks, height, request.beyond_mjcf, stopped)
     return [line for line in lines if line.quantity != "zero" or "zero" not in refuse], list(found.values())
+
+
+def _ranges(model: Model) -> dict[str, tuple[float, float]]:
+    """Between which positions the model lets each joint move, in rad or m."""
+    m, joints = model.compiled, model.scalar_joints()
+    ids = [model.index("joint", j) for j in joints]
+    ends = [m.jnt_range[i] if m.jnt_limited[i] else (-np.inf, np.inf) for i in ids]
+    return {j: (float(low), float(high)) for j, (low, high) in zip(joints, ends, strict=True)}
 
 
 def _clocks(late: Mapping[str, float]) -> Diagnosis | None:

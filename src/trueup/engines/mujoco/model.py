@@ -26,6 +26,8 @@ _SEEING = tuple(int(getattr(mujoco.mjtSensor, f"mjSENS_{n}")) for n in
                 ("RANGEFINDER", "GEOMDIST", "GEOMNORMAL", "GEOMFROMTO", "TACTILE", "PLUGIN"))  # fmt: skip
 SETTING = "trueup_"
 """Begins the name of a <numeric> that says for which setting of its servos a calibrated file holds."""
+OPEN = 4.0 * np.pi
+"""rad or m: an end of a range that no joint reaches, where only the other end is a stop."""
 _ITERATIONS, _LINE_SEARCH = 100, 50  # MuJoCo's own; a solver that has converged stops earlier
 _OBJECTS = {
     "joint": mujoco.mjtObj.mjOBJ_JOINT,
@@ -155,12 +157,12 @@ def load(path: str | Path) -> Model:
 
 def prepared(
     model: Model, *, step: float, second: Mapping[str, Sequence[str]] | None = None, limited: Sequence[str] = (),
-    floor: bool = False, bare: bool = False,
+    stopped: Sequence[str] = (), floor: bool = False, bare: bool = False,
 ) -> mujoco.MjModel:  # fmt: skip
     """A compiled copy for simulation: visual geoms and delays of commands dropped, a joint for each gap or gear.
 
     `step` in s; `second` are joints, by SECOND, that get a second one '<name>/slack' with a range of its own (MuJoCo's
-    documented way to model backlash) or a spring; `limited` actuators get a force range; `floor`
+    documented way to model backlash) or a spring; `limited` actuators get a force range, `stopped` joints a range; `floor`
     adds a plane to a model without one. `bare` leaves out all shapes, for simulations in which nothing touches.
     """
     spec = model.spec.copy()
@@ -188,7 +190,18 @@ def prepared(
         if actuator.forcelimited != mujoco.mjtLimited.mjLIMITED_TRUE and not np.any(actuator.forcerange):
             actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
             actuator.forcerange = [-1e6, 1e6]
+    for name in stopped:
+        _limit(spec, name, model.compiled)
     return spec.compile()
+
+
+def _limit(spec: mujoco.MjSpec, name: str, compiled: mujoco.MjModel) -> None:
+    """Gives a joint without a range one that it never leaves."""
+    if not compiled.jnt_limited[compiled.joint(name).id]:
+        joint = spec.joint(name)
+        hinge = joint.type == mujoco.mjtJoint.mjJNT_HINGE
+        open_end = np.degrees(OPEN) if hinge and spec.compiler.degree else OPEN
+        joint.limited, joint.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-open_end, open_end]
 
 
 def _hold(spec: mujoco.MjSpec, model: Model) -> None:

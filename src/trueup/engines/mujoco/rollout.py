@@ -179,6 +179,7 @@ class MujocoSimulator:
             step=self.step,
             second={kind: needs(self.quantities, kind) for kind in SECOND},
             limited=needs(self.quantities, "limit"),
+            stopped=needs(self.quantities, "stop"),
             floor=self._has_floor,
         )
         whole = prepare()

@@ -39,6 +39,7 @@ def propose(
     clocks: Mapping[str, float] | None = None,
     floor: float | None = None,
     beyond_mjcf: bool = False,
+    stops: Mapping[str, float] | None = None,
 ) -> list[Declaration]:
     """Declarations for the joints that move: servo stiffness, damping, friction, rotor inertia, servo zero, factors
     on motors' torques, one delay.
@@ -46,7 +47,8 @@ def propose(
     All of it is part of MJCF, so the calibrated file replays the robot in any MuJoCo program, but for limits of commands
     (`profiles`), where recordings show them, and for friction that grows with the load, if `beyond_mjcf`. `clocks`: how
     late the commands of some recordings are stamped, in s (`discrepancies.alignment.clock_errors`); searched from there.
-    `floor`: the height in m of a floor that the model lacks (`inspection.floor.stopped_by_floor`).
+    `floor`: the height in m of a floor that the model lacks (`inspection.floor.stopped_by_floor`). `stops`: hard stops that
+    it lacks, by '<joint> upper' (`inspection.stops.stopped_at`).
     """
     clocks = clocks or {}
     joints = moving_joints(model, recordings) or model.scalar_joints()
@@ -76,6 +78,8 @@ def propose(
     if commanded and not all(r.name in clocks for r in recordings):
         lines.append(Declaration("delay", commanded, tie="all", name="delay"))
     lines += [] if floor is None else _of_a_floor(floor)
+    ends = [(*name.rsplit(" ", 1), value) for name, value in (stops or {}).items()]
+    lines += [Declaration(f"stop_{side}", (joint,), nominal=value) for joint, side, value in ends]
     lines += _of_the_base(model, recordings)
     lines += [Declaration("clock", (name,), nominal=late) for name, late in clocks.items()]
     return lines

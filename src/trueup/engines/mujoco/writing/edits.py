@@ -167,6 +167,17 @@ class Edits:
             value = self._wanted.dof_armature[self._dof(self._wanted, joint)]
             self._text.change(self._element("joint", joint), armature=number(value))
 
+    def stops(self, joint: str) -> None:
+        """The range between hard stops."""
+        if self._same("joint", joint, "jnt_range"):
+            return
+        element, j = self._element("joint", joint), self._id("joint", joint)
+        hinge = int(self._wanted.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_HINGE)
+        ends = self._wanted.jnt_range[j]
+        self._text.change(element, range=numbers(np.degrees(ends) if hinge and self._degrees else ends))
+        if not self._shipped.jnt_limited[self._shipped.joint(joint).id] and not self._autolimits:
+            self._text.change(element, limited="true")
+
     def backlash(self, joint: str) -> None:
         """A gap between the drive and the link whose position is measured."""
         self._second(joint, joint + SECOND["slack"])
@@ -271,6 +282,7 @@ _WRITERS: Mapping[str, Callable[[Edits, str], None]] = {
     "actuator.force_limit": Edits.force_limit,
     **dict.fromkeys(("joint.damping", "joint.damping_quadratic"), Edits.damping),
     "joint.friction": Edits.friction, "joint.creep": Edits.creep, "joint.armature": Edits.armature,
+    **dict.fromkeys(("joint.stop_lower", "joint.stop_upper"), Edits.stops),
     "joint.backlash": Edits.backlash, **dict.fromkeys(("joint.gear_backlash", "joint.gear_compliance"), Edits.gear),
     **dict.fromkeys(("body.mass", "body.com", "body.inertia"), Edits.inertial),
     **dict.fromkeys(("world.floor_height", "world.floor_tilt", "world.floor_friction"), Edits.floor),
