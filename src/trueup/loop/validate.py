@@ -20,7 +20,7 @@ from trueup.search.robust import robust_losses
 
 _REACH = 0.5  # share of the box: slopes foretell nothing further away
 _SHORTER = np.array([1.0, 0.25, 0.0625, 0.0])  # shares of a step
-_STRETCH, _FEWEST, _FOLDS, _HALVINGS = 2.5, 16, 10, 4  # s, stretches at least, sets of them that are left out in turn
+_STRETCH, _FEWEST, _FOLDS = 2.5, 16, 10  # s, stretches at least, sets of them that are left out in turn
 _RIDGE = 1e-4  # share of the curvature that holds combinations which only the part left out has seen
 
 
@@ -107,20 +107,23 @@ def left_out_points(
     return np.clip(points, 0.0, 1.0)
 
 
-def backtracked(problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None) -> Array:
-    """As `left_out_points`, each step cut short until it lowers the loss of all that is not left out, or given up: slopes
-    of gaps and limits foretell little (backtracking: Nocedal and Wright, Numerical Optimization, 2006, section 3.1).
+def backtracked(
+    problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None, *, settled: bool = False
+) -> tuple[Array, Array]:
+    """As `left_out_points`, each step cut short until it lowers the loss of all that is not left out, or given up, and the
+    residuals (B, m) there: slopes of gaps and limits foretell little (backtracking: Nocedal and Wright, Numerical
+    Optimization, 2006, section 3.1).
     """
     start = fit.unit if held is None else np.where(np.isfinite(held), held, fit.unit)
-    steps = left_out_points(problem, fit, blocks, held) - start
+    steps = left_out_points(problem, fit, blocks, held, settled=settled) - start
     tried = np.clip(start + _SHORTER[:, None, None] * steps[None], 0.0, 1.0)
     residuals = problem.residuals(fit.space.from_unit(tried.reshape(-1, len(fit.unit))))
     residuals = residuals.reshape(len(_SHORTER), len(blocks), -1)
-    points = []
+    best = []
     for b, block in enumerate(blocks):
         losses = robust_losses(np.delete(residuals[:, b], block.rows, axis=1), fit.bend)
-        points.append(tried[int(np.argmin(np.nan_to_num(losses, nan=np.inf))), b])
-    return np.stack(points)
+        best.append(int(np.argmin(np.nan_to_num(losses, nan=np.inf))))
+    return tried[best, np.arange(len(blocks))], residuals[best, np.arange(len(blocks))]
 
 
 def folds(problem: Problem) -> tuple[list[Block], NDArray[np.intp]]:
@@ -145,18 +148,11 @@ def folds(problem: Problem) -> tuple[list[Block], NDArray[np.intp]]:
 def foretold(problem: Problem, fit: Fit) -> Array:
     """(cells,) root mean square, in noise units, of each label of each stretch of `folds` by a fit that never saw it.
 
-    For searches that are still on their way: where they are counts as settled. Where slopes lead too far, so that the
-    replay fails, the step is halved, some times; inf where it fails still.
+    For searches that are still on their way: where they are counts as settled. Steps go no further than all that is not
+    left out bears them out; inf where the replay fails.
     """
     blocks, cells = folds(problem)
-    points = left_out_points(problem, fit, blocks, settled=True)
-    residuals = problem.residuals(fit.space.from_unit(points))
-    for _ in range(_HALVINGS):
-        failed = np.flatnonzero(~np.isfinite(residuals).all(axis=1))
-        if not len(failed):
-            break
-        points[failed] = 0.5 * (points[failed] + fit.unit)
-        residuals[failed] = problem.residuals(fit.space.from_unit(points[failed]))
+    _, residuals = backtracked(problem, fit, blocks, settled=True)
     squares = np.empty(len(cells))
     for block, residual in zip(blocks, residuals, strict=True):
         squares[block.rows] = residual[block.rows] ** 2
@@ -171,7 +167,7 @@ def left_out_errors(problem: Problem, fit: Fit, blocks: Sequence[Block], held: A
 
 def cautious_errors(problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None) -> Array:
     """As `left_out_errors`, by fits that go no further than all that they saw bears them out."""
-    return block_errors(problem, blocks, fit.space.from_unit(backtracked(problem, fit, blocks, held)))
+    return block_errors(problem, blocks, fit.space.from_unit(backtracked(problem, fit, blocks, held)[0]))
 
 
 def block_errors(problem: Problem, blocks: Sequence[Block], values: Array) -> Array:

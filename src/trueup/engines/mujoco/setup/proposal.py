@@ -78,11 +78,15 @@ def propose(
     if commanded and not all(r.name in clocks for r in recordings):
         lines.append(Declaration("delay", commanded, tie="all", name="delay"))
     lines += [] if floor is None else _of_a_floor(floor)
-    ends = [(*name.rsplit(" ", 1), value) for name, value in (stops or {}).items()]
-    lines += [Declaration(f"stop_{side}", (joint,), nominal=value) for joint, side, value in ends]
+    lines += _of_stops(stops or {})
     lines += _of_the_base(model, recordings)
     lines += [Declaration("clock", (name,), nominal=late) for name, late in clocks.items()]
     return lines
+
+
+def _of_stops(stops: Mapping[str, float]) -> list[Declaration]:
+    ends = [(*name.rsplit(" ", 1), value) for name, value in stops.items()]
+    return [Declaration(f"stop_{side}", (joint,), nominal=value) for joint, side, value in ends]
 
 
 def _of_a_floor(height: float) -> list[Declaration]:

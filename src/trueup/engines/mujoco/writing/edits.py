@@ -149,23 +149,11 @@ class Edits:
             values += list(bent)
         self._text.change(self._element("joint", joint), damping=numbers(values))
 
-    def friction(self, joint: str) -> None:
-        """Coulomb friction."""
-        if not self._same("joint", joint, "dof_frictionloss"):
-            value = self._wanted.dof_frictionloss[self._dof(self._wanted, joint)]
-            self._text.change(self._element("joint", joint), frictionloss=number(value))
-
     def creep(self, joint: str) -> None:
         """How firmly friction holds."""
         if not self._same("joint", joint, "dof_solimp"):
             value = self._wanted.dof_solimp[self._dof(self._wanted, joint)]
             self._text.change(self._element("joint", joint), solimpfriction=numbers(value))
-
-    def armature(self, joint: str) -> None:
-        """Rotor inertia."""
-        if not self._same("joint", joint, "dof_armature"):
-            value = self._wanted.dof_armature[self._dof(self._wanted, joint)]
-            self._text.change(self._element("joint", joint), armature=number(value))
 
     def stops(self, joint: str) -> None:
         """The range between hard stops."""
@@ -242,17 +230,11 @@ class Edits:
         elif not self._same("geom", name, "geom_pos", "geom_quat", "geom_friction"):
             self._text.change(self._element("geom", name), **{**dict.fromkeys(_ROTATIONS), **lies})
 
-    def contact_friction(self, geom: str) -> None:
-        """Friction of a geom's contacts."""
-        if not self._same("geom", geom, "geom_friction"):
-            value = self._wanted.geom_friction[self._id("geom", geom)]
-            self._text.change(self._element("geom", geom), friction=numbers(value))
-
-    def contact_softness(self, geom: str) -> None:
-        """Time constant of a geom's contacts."""
-        if not self._same("geom", geom, "geom_solref"):
-            value = self._wanted.geom_solref[self._id("geom", geom)]
-            self._text.change(self._element("geom", geom), solref=numbers(value))
+    def copied(self, family: str, field: str, attribute: str, name: str) -> None:
+        """A field of MuJoCo's that an attribute of the element holds as it is."""
+        if not self._same(family, name, field):
+            value = numbers(read(self._wanted, family, name, field))
+            self._text.change(self._element(family, name), **{attribute: value})
 
     def _element(self, family: str, name: str) -> Element:
         section = "actuator" if family == "actuator" else "worldbody"
@@ -277,16 +259,22 @@ class Edits:
         return int(model.jnt_dofadr[mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)])
 
 
+def _copied(family: str, field: str, attribute: str) -> Callable[[Edits, str], None]:
+    return lambda edits, name: edits.copied(family, field, attribute, name)
+
+
 _WRITERS: Mapping[str, Callable[[Edits, str], None]] = {
     **dict.fromkeys(("actuator.kp", "actuator.kv", "actuator.gain", "actuator.zero"), Edits.kp),
     "actuator.force_limit": Edits.force_limit,
     **dict.fromkeys(("joint.damping", "joint.damping_quadratic"), Edits.damping),
-    "joint.friction": Edits.friction, "joint.creep": Edits.creep, "joint.armature": Edits.armature,
+    "joint.friction": _copied("joint", "dof_frictionloss", "frictionloss"), "joint.creep": Edits.creep,
+    "joint.armature": _copied("joint", "dof_armature", "armature"),
     **dict.fromkeys(("joint.stop_lower", "joint.stop_upper"), Edits.stops),
     "joint.backlash": Edits.backlash, **dict.fromkeys(("joint.gear_backlash", "joint.gear_compliance"), Edits.gear),
     **dict.fromkeys(("body.mass", "body.com", "body.inertia"), Edits.inertial),
     **dict.fromkeys(("world.floor_height", "world.floor_tilt", "world.floor_friction"), Edits.floor),
-    "geom.friction": Edits.contact_friction, "geom.softness": Edits.contact_softness,
+    "geom.friction": _copied("geom", "geom_friction", "friction"),
+    "geom.softness": _copied("geom", "geom_solref", "solref"),
 }  # fmt: skip
 
 
