@@ -59,8 +59,8 @@ ARM = """
 """
 JOINTS = ("yaw", "shoulder")
 NAMES = {"recording": ("dip",), "channel": ("position",)}
-WITHOUT_EFFECT = ("stribeck_speed",)
-"""Alone it says how fast nothing fades."""
+WITHOUT_EFFECT = ("stribeck_speed", "stop_lower", "stop_upper")
+"""Alone it says how fast nothing fades; a joint without a range has its stops half a turn away (see test_stops.py)."""
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +98,8 @@ def test_friction_of_all_contacts_is_of_the_shapes_that_can_touch(arm: Model) ->
 
 
 def test_mujoco_offers_every_attribute_and_reads_what_was_written(arm: Model) -> None:
-    lines = [Declaration(n) for n in ("backlash", "gear_backlash", "gear_compliance", "force_limit", "floor_height")]
+    names = ("backlash", "gear_backlash", "gear_compliance", "force_limit", "floor_height", "stop_lower", "stop_upper")
+    lines = [Declaration(n) for n in names]
     prepared = simulator(arm, lines).at_step(5e-4).compiled  # a gear is as stiff as the step resolves
     batch = Batch(prepared, 3, 1)
     offered = check_attributes(arm, MujocoCopies(prepared, batch), 3)
