@@ -82,7 +82,8 @@ class _Descent:
     """Levenberg-Marquardt of several members in lockstep, each with a prior of its own: batches, not loops.
 
     Slopes that a member has taken serve it for a second step, corrected by what the first one showed (C. G. Broyden, Math.
-    Comp. 19, 1965): on whole runs of a humanoid it came as far with three quarters of the simulations, or further.
+    Comp. 19, 1965): of four whole runs of a humanoid three came as far with three quarters of the simulations, or further;
+    the fourth went into another valley, where its best member ended higher.
     """
 
     dampings: ClassVar[tuple[float, ...]] = (0.01, 0.1, 1.0, 10.0, 100.0)
