@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.calibration import Calibration, CrossValidation, Estimate
+from trueup.calibration import Calibration, CrossValidation, Estimate, Replay
 from trueup.controllers.controller import ControllerFactory
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.discrepancies.weighted import Weighted
@@ -28,7 +28,7 @@ from trueup.loop.replay import replays
 from trueup.loop.selection import Choice, choose
 from trueup.loop.ties import Considered, considered
 from trueup.loop.uncertainty import intervals, unit_covariance
-from trueup.loop.validate import block_errors, by_recording, left_out_errors
+from trueup.loop.validate import by_recording, left_out_errors
 from trueup.loop.windows import in_windows, window_length
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import PART_OF, Recording
@@ -105,10 +105,12 @@ def calibrate(
     found = fit(problem, space, begin, watch, resume=resume, select=select, **_how(chosen))
     watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
     findings = _findings(problem, found, chooser.choices)  # before the seconds are taken
+    shown = replays(simulator, found.values, recordings, hold_out, measure, channels=fitted, controllers=controllers,
+                    windows=windows)  # fmt: skip
+    crossed = _cross_validation(problem, found, shown) if chosen.cross_validate and len(recordings) > 1 else ()
     return Calibration(
-        replays=replays(simulator, found.values, recordings, hold_out, measure, channels=fitted,
-                        controllers=controllers, windows=windows),
-        cross_validation=_cross_validation(problem, found) if chosen.cross_validate and len(recordings) > 1 else (),
+        replays=shown,
+        cross_validation=crossed,
         trace=tuple(watch.trace),
         warnings=tuple(warnings),
         seconds=time.perf_counter() - began,
@@ -254,7 +256,7 @@ def _with_others(e: Estimate, others: Sequence[Considered], place: int) -> Estim
     if e.verdict not in ("identified", "weak") or not wide.high - wide.low > 2.0 * width:
         return wide
     chief = others[int(np.argmax(reaches.max(axis=1)))]
-    return replace(wide, verdict="tied", note=chief.words(e, float(chief.trade[place])))
+    return replace(wide, verdict=chief.verdict, note=chief.words(e, float(chief.trade[place])))
 
 
 def _frozen(p: Parameter, unseen: Sequence[str], notes: Sequence[str]) -> tuple[str, str]:
@@ -275,16 +277,17 @@ def _in_units(found: Fit, covariance: Array) -> Array:
     return covariance * np.outer(slope, slope)
 
 
-def _cross_validation(problem: Problem, found: Fit) -> tuple[CrossValidation, ...]:
+def _cross_validation(problem: Problem, found: Fit, shown: Sequence[Replay]) -> tuple[CrossValidation, ...]:
     """Replay errors of what is left out together, as shipped and by a fit that never saw it."""
     blocks = by_recording(problem)
-    before = block_errors(problem.by(problem.simulator.shipped()), blocks, np.zeros((len(blocks), 0)))
-    after = left_out_errors(problem, found, blocks)
+    main, unit = problem.main
     rows = []
-    for block, old, new in zip(blocks, before, after, strict=True):
-        if np.isnan(new):
+    for block, after in zip(blocks, left_out_errors(problem, found, blocks), strict=True):
+        own = [problem.recordings[problem.owners[k]] for k in block.trials]
+        names = {r.name for r in own}
+        before = [np.ravel(r.before - r.measured) for r in shown if r.recording in names and r.channel == main]
+        if np.isnan(after) or not before:
             continue
-        recording = problem.recordings[problem.owners[block.trials[0]]]
-        name = recording.provenance.get(PART_OF, recording.name) if len(block.trials) > 1 else recording.name
-        rows.append(CrossValidation(name, float(old), float(new), problem.main[1]))
+        whole = own[0].provenance.get(PART_OF, own[0].name) if len(own) > 1 else own[0].name
+        rows.append(CrossValidation(whole, float(np.sqrt(np.nanmean(np.concatenate(before) ** 2))), float(after), unit))
     return tuple(rows)

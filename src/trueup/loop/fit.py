@@ -17,6 +17,7 @@ from trueup.loop.descent import Checkpoint, Descent, Fit, Progress, Select, Watc
 from trueup.loop.elsewhere import EVOLVING
 from trueup.loop.growth import growth, growth_apart
 from trueup.loop.problem import FAITHFUL, Problem
+from trueup.loop.profiles import off_bounds, profiles
 from trueup.loop.stages import (
     Run,
     Stage,
@@ -31,7 +32,6 @@ from trueup.loop.stages import (
     implicit_filtering,
     lines,
     multiple_shooting,
-    off_bounds,
     probing,
     refinement,
     selection,
@@ -52,6 +52,7 @@ _GROWTH_APART = Stage("growth joint by joint", growth_apart)
 _FIRST = Stage("first seconds", first_seconds)
 _COARSE_STEP = Stage("all, coarse step", coarse_step)
 _FULL, _GROWTH = Stage("all, full step", full_step), Stage("growth", growth)
+_PROFILES = Stage("profiles", profiles)
 _SHOOTING = Stage("multiple shooting", multiple_shooting)
 _AROUND = (_SHOOTING, Stage("implicit filtering", implicit_filtering), Stage("probe", probing))
 
@@ -59,7 +60,7 @@ _ELSEWHERE = (_LINES, _EVOLUTION)
 
 STAGES = (
     _APART, _GLANCE, _GROWTH_APART, _FIRST, *_ELSEWHERE, _COARSE_STEP, *_ELSEWHERE, _SELECTION, _GROWTH,
-    _FULL, *_ELSEWHERE, _SELECTION, _GROWTH, Stage("off bounds", off_bounds), *_AROUND,
+    _FULL, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH, Stage("off bounds", off_bounds), *_AROUND,
 )  # fmt: skip
 """What a search does unless told otherwise."""
 DESCENT = (_APART, _GROWTH_APART, _FIRST, _COARSE_STEP, _SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from trueup.loop.apart import apart, confirmed
 from trueup.loop.descent import Descent, Fit, Look, Select, explained, last_look
-from trueup.loop.elsewhere import EDGE, FEW, LOOKED_AT, along_axes, anywhere, evolved
+from trueup.loop.elsewhere import FEW, along_axes, anywhere, evolved
 from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
@@ -234,37 +234,6 @@ def evolve_first(run: Run, short: bool = True) -> None:
 def evolve_long(run: Run) -> None:
     """CMA-ES before anything else, to its end."""
     evolve_first(run, short=False)
-
-
-def off_bounds(run: Run) -> None:
-    """Searches again from the middle of the range of parameters that ended at a bound, and stays where it is lower.
-
-    A body's mass and lever arm trade: the valley along which they do has an end at a bound of either, with a low ridge
-    before the optimum. Not for parameters at zero, where structures end that the robot does not have, and only where
-    the model replays the recordings to about their noise: elsewhere a bound is the least of what is wrong.
-    """
-    descent, look = run.descent, run.look
-    found = descent.search
-    if found is None or found.residual is None or not explained(found.residual):
-        return
-    free = [p for p in descent.space.parameters if not p.frozen]
-    low, high = found.point < EDGE, found.point > 1.0 - EDGE
-    none = np.array([p.scale == "log" or p.lower == 0.0 for p in free])
-    worth = look.problem.chance(found.residual) * len(free)
-    for k in np.flatnonzero((low & ~none) | high)[:LOOKED_AT]:
-        before, name = (descent.point, descent.search, descent.near), free[k].name
-        values = descent.space.from_unit(np.where(np.arange(len(free)) == k, 0.5, descent.point))
-        middle = values[descent.space.index(name)]
-        # First the others settle around the new place: all at once would slide back the way it came.
-        others = replace(
-            descent, space=descent.space.freeze([name], {name: middle}), point=np.delete(descent.point, k), search=None
-        )
-        if len(free) > 1:
-            others.descend(replace(look, tolerance=1.0, last=False), confirm=False)
-        descent.point = np.insert(others.point, k, 0.5)
-        if descent.descend(look).loss < found.loss - worth:
-            return
-        descent.point, descent.search, descent.near = before
 
 
 def implicit_filtering(run: Run) -> None:

@@ -4,7 +4,8 @@
 A drive's damping and its joint's do the same to every motion. Where one of them is calibrated and the other stays at what
 the file says, the estimate holds for their sum, and its own interval must hold whatever the other is: a *consider*
 parameter (S. F. Schmidt, Advances in Control Systems 3, 1966; Tapley, Schutz and Born, Statistical Orbit Determination,
-2004, 6.4). What is parallel is found from the simulator's own slopes, not from a list.
+2004, 6.4). What is parallel is found from the simulator's own slopes, not from a list. The step of the simulation is such a
+quantity, too: it is what the model says, and none in the robot.
 """
 
 from __future__ import annotations
@@ -22,11 +23,13 @@ from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR, vague
 from trueup.parameters import Parameter
 from trueup.rounding import TINY
+from trueup.search.robust import robust_weights
 
 Array = NDArray[np.float64]
 
 _STEP = 1e-3  # share of its value or range by which a quantity is moved
 EXCERPT = 20.0  # s of motion: what is parallel, or lacking, is so in every motion
+STEP = "step of the simulation"
 
 
 @dataclass(frozen=True)
@@ -47,9 +50,19 @@ class Considered:
         ends = trade * (self.low - self.parameter.nominal), trade * (self.high - self.parameter.nominal)
         return max(-min(ends), 0.0), max(*ends, 0.0)
 
+    @property
+    def verdict(self) -> str:
+        """What an estimate is where this rules its interval."""
+        return "effective" if self.parameter.name == STEP else "tied"
+
     def words(self, e: Estimate, trade: float) -> str:
         """What is seen of an estimate, as far as its own interval tells, and where the rest is."""
         p, size = self.parameter, abs(trade)
+        if p.name == STEP:
+            return (
+                f"replays best at the model's step of {1e3 * p.nominal:.3g} ms; with ever finer ones it would be about "
+                f"{e.value - trade * p.nominal:.4g} {e.unit}".rstrip()
+            )
         value, low, high = (x - trade * p.nominal for x in (e.value, e.low, e.high))
         other = p.name if f"{size:.2g}" == "1" else f"{size:.3g} x {p.name}"
         sign = "+" if trade < 0.0 else "-"
@@ -70,28 +83,36 @@ def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considere
     parameters = [*(fit.space.parameters[i] for i in free), *more]
     nominal = [*fit.values[free].tolist(), *(p.nominal for p in more)]
     undecided = [k for k in range(len(free)) if vague(float(np.sqrt(max(covariance[k, k], 0.0))))]
-    asked = [*undecided, *range(len(free), len(parameters))]
-    if not asked:
-        return ()
-    some, share = _excerpt(problem)
-    columns = np.concatenate([np.arange(c.start, c.stop) for c in (problem.columns(k) for k in some)])
-    weights = fit.weights[columns]
-    slopes = _slopes(problem if other is None else problem.by(other), fit, more, some)
+    settled = [k for k in range(len(free)) if k not in undecided]
+    part = _excerpt(problem)
+    slopes, residual = _slopes(part if other is None else part.by(other), fit, more)
     units = fit.space.unit_slope(fit.values)
     if not np.isfinite(slopes[:, : len(free)]).all():
         return ()
-    noise = max(float(np.mean(weights * fit.residual[columns] ** 2)), TINY)
+    weights, share = robust_weights(residual, fit.bend), len(residual) / len(fit.residual)
+    noise = max(float(np.mean(weights * residual**2)), TINY)
+
+    def owed(slope: Array, others: Sequence[int]) -> tuple[Array, float]:
+        trade, seen = _traded(slopes[:, others] * units[others, None], slope, weights)
+        whole = np.zeros(len(free))
+        whole[others] = trade * units[others]
+        return whole, seen
+
     found = []
-    for k in asked:
+    for k in [*undecided, *range(len(free), len(parameters))]:
         if np.isfinite(slopes[:, k]).all():
-            settled = [i for i in range(len(free)) if i != k and i not in undecided]
-            trade, told = _traded(slopes[:, settled] * units[settled, None], slopes[:, k], weights)
+            whole, seen = owed(slopes[:, k], [i for i in settled if i != k])
             p = parameters[k].replace(nominal=float(np.clip(nominal[k], parameters[k].lower, parameters[k].upper)))
-            half = NORMAL_95 / np.sqrt(told / share / noise + PRIOR / (p.upper - p.lower) ** 2)
-            whole = np.zeros(len(free))
-            whole[settled] = trade * units[settled]
+            half = NORMAL_95 / np.sqrt(seen / share / noise + PRIOR / (p.upper - p.lower) ** 2)
             low, high = max(p.lower, p.nominal - half), min(p.upper, p.nominal + half)
             found.append(Considered(p, whole, low, high, calibrated=k < len(free)))
+    # The errors of one step after the other add up to one that grows with the step (Hairer, Norsett and Wanner, 1993, II.3).
+    step = part.simulator.step
+    finer = part.at_step(0.5 * step).residuals(fit.values[None])[0]
+    if np.isfinite(finer).all():
+        slope = (residual - finer) / (0.5 * step)
+        whole, _ = owed(np.stack([slope, np.zeros_like(slope)]), settled)
+        found.append(Considered(Parameter(STEP, "s", step, 0.0, step), whole, 0.0, step))
     return tuple(found)
 
 
@@ -117,18 +138,20 @@ def _related(simulator: Simulator) -> Simulator | None:
     return simulator.related()
 
 
-def _excerpt(problem: Problem) -> tuple[list[int], float]:
-    """Trials of `EXCERPT` s in all, the shortest first, or all where starts are eliminated; their share of the residuals."""
+def _excerpt(problem: Problem) -> Problem:
+    """`EXCERPT` s of motion, the shortest trials first; all of it where starts are eliminated."""
+    if problem.eliminated or problem.duration <= EXCERPT:
+        return problem
     order = sorted(range(len(problem.trials)), key=lambda k: problem.trials[k].duration)
     lasting = np.cumsum([problem.trials[k].duration for k in order])
-    some = sorted(order[: len(order) if problem.eliminated else int(np.searchsorted(lasting, EXCERPT)) + 1])
-    sizes = [problem.columns(k).stop - problem.columns(k).start for k in range(len(problem.trials))]
-    return some, sum(sizes[k] for k in some) / sum(sizes)
+    some = sorted(order[: int(np.searchsorted(lasting, EXCERPT)) + 1])
+    part = problem.replayed_by([problem.trials[k] for k in some], [problem.owners[k] for k in some])
+    return part.shortened(EXCERPT) if len(some) == 1 else part
 
 
-def _slopes(problem: Problem, fit: Fit, more: Sequence[Parameter], some: Sequence[int]) -> Array:
-    """(2, n_free + m, residuals of `some` trials) slopes for one unit of each free parameter and each quantity behind them,
-    and how far steps to both sides differ in them. The fit's own slopes may be some steps old.
+def _slopes(problem: Problem, fit: Fit, more: Sequence[Parameter]) -> tuple[Array, Array]:
+    """(2, n_free + m, residuals) slopes for one unit of each free parameter and each quantity behind them, and how far steps
+    to both sides differ in them; and the residuals (residuals,) between. The fit's own slopes may be some steps old.
     """
     moved = [(i, p) for i, p in enumerate((*fit.space.parameters, *more)) if not p.frozen]
     base = np.concatenate([fit.values, [p.nominal for p in more]])
@@ -139,6 +162,6 @@ def _slopes(problem: Problem, fit: Fit, more: Sequence[Parameter], some: Sequenc
     rows = np.repeat(base[None], 2 * len(moved) + 1, axis=0)
     rows[np.arange(len(moved)), places] += steps
     rows[len(moved) + np.arange(len(moved)), places] -= steps
-    residuals = problem.residuals(rows) if problem.eliminated else problem.plain_residuals(rows, some)
+    residuals = problem.residuals(rows)
     up, down = residuals[: len(moved)] - residuals[-1], residuals[-1] - residuals[len(moved) : -1]
-    return np.stack([0.5 * (up + down), 0.5 * (up - down)]) / steps[:, None]
+    return np.stack([0.5 * (up + down), 0.5 * (up - down)]) / steps[:, None], residuals[-1]

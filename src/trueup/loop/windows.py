@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.loop.condensing import cut
-from trueup.loop.problem import Problem
+from trueup.loop.problem import WORTH, Problem
 from trueup.loop.shoot import Starts
 from trueup.rounding import SAME_INSTANT, TINY
 from trueup.trial import Trial
@@ -31,7 +31,8 @@ def window_length(problem: Problem, values: Array) -> float:
     if any(t.command is None for t in problem.trials):
         return np.inf
     longest = max(t.duration for t in problem.trials)
-    for length in (longest / parts, longest):
+    # Of long recordings the parts show enough: what grows too slowly for them is no chaos.
+    for length in (longest / parts, longest) if problem.duration <= WORTH else (longest / parts,):
         reached = _reached(in_windows(problem, length), values)
         if np.isfinite(reached):
             return reached
