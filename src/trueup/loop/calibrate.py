@@ -26,7 +26,7 @@ from trueup.loop.missing import Missing, missing
 from trueup.loop.problem import Problem
 from trueup.loop.replay import replays
 from trueup.loop.selection import Choice, choose
-from trueup.loop.ties import Considered, considered
+from trueup.loop.ties import STEP, Considered, considered
 from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.validate import by_recording, left_out_errors
 from trueup.loop.windows import in_windows, window_length
@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 
 _LOOSE = 0.5  # share of a value beyond which half of its interval is no knowledge of it
-_SAME = 0.1  # share of a value by which it may be another with a structure that is missing, and be called identified
+_SAME = 0.1  # share of a value by which it may be another with what the model lacks, and be called identified
 
 
 @dataclass(frozen=True)
@@ -255,7 +255,10 @@ def _with_others(e: Estimate, others: Sequence[Considered], place: int) -> Estim
     wide = replace(e, low=float(max(e.value - down, e.lower_bound)), high=float(min(e.value + up, e.upper_bound)))
     if e.verdict not in ("identified", "weak") or not wide.high - wide.low > 2.0 * width:
         return wide
-    chief = others[int(np.argmax(reaches.max(axis=1)))]
+    k = int(np.argmax(reaches.max(axis=1)))
+    chief = others[k]
+    if chief.parameter.name == STEP and reaches[k].max() < _SAME * abs(e.value):
+        return wide
     return replace(wide, verdict=chief.verdict, note=chief.words(e, float(chief.trade[place])))
 
 

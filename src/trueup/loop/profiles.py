@@ -26,9 +26,10 @@ def profiles(run: Run) -> None:
     """Looks along the profile of each time that acts from one step to the next: a delay under drives that saturate.
 
     Slopes there are those of a stair's tread, and rates, limits and damping make up for the delay at which a search over a
-    coarser step or a part of the recordings has ended.
+    coarser step or a part of the recordings has ended. Not where so much was
+    recorded that joints are searched alone: every place would cost the engine minutes.
     """
-    if run.descent.search is None:
+    if run.descent.search is None or run.coarse.approximate_part is not None:
         return
     for p in run.descent.space.parameters:
         if not p.frozen and p.unit == "s" and p.scale != "log" and len(run.descent.point) > 1:
