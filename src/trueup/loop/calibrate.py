@@ -95,9 +95,8 @@ def calibrate(
     problem = Problem(simulator, recordings, measure, fitted, controllers=controllers, ends=chosen.ends)
     waiting = [p.name for p in space.parameters if p.optional in chosen.later and not p.frozen]
     begin = space.without(waiting).nominal if start is None else start
-    windows = chosen.windows
-    if windows is None:
-        windows = np.inf if discrepancy is not None or controllers is not None else window_length(problem, begin)
+    free = chosen.windows is None and discrepancy is None and controllers is None
+    windows = window_length(problem, begin) if free else (chosen.windows or np.inf)
     problem = in_windows(problem, windows)
     watch = Watch(progress, checkpoint)
     chooser = _Chooser()
@@ -107,10 +106,10 @@ def calibrate(
     findings = _findings(problem, found, chooser.choices)  # before the seconds are taken
     shown = replays(simulator, found.values, recordings, hold_out, measure, channels=fitted, controllers=controllers,
                     windows=windows)  # fmt: skip
-    crossed = _cross_validation(problem, found, shown) if chosen.cross_validate and len(recordings) > 1 else ()
+    crossing = chosen.cross_validate and len(recordings) > 1
     return Calibration(
         replays=shown,
-        cross_validation=crossed,
+        cross_validation=_cross_validation(problem, found, shown) if crossing else (),
         trace=tuple(watch.trace),
         warnings=tuple(warnings),
         seconds=time.perf_counter() - began,
