@@ -98,8 +98,7 @@ def calibrate(
     free = chosen.windows is None and discrepancy is None and controllers is None
     windows = window_length(problem, begin) if free else (chosen.windows or np.inf)
     problem = in_windows(problem, windows)
-    watch = Watch(progress, checkpoint)
-    chooser = _Chooser()
+    watch, chooser = Watch(progress, checkpoint), _Chooser()
     select = chooser if chosen.select and not chosen_before else None
     found = fit(problem, space, begin, watch, resume=resume, select=select, **_how(chosen))
     watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
