@@ -16,7 +16,7 @@ from trueup.excitation.trajectories import Trajectory
 from trueup.studies.arm.comparison import ALGORITHMS, CASES, Errors, Example, Scale, interval, share_of_best
 from trueup.studies.arm.excitation import filled
 from trueup.studies.arm.factors import Cell, main_effect, ratios
-from trueup.studies.arm.fitting import our_fit, papers_fit
+from trueup.studies.arm.fitting import joined, our_fit, papers_fit
 from trueup.studies.arm.hidden import RATE, Effects, HiddenArm
 from trueup.studies.arm.measuring import Run, papers_columns, runs, torque_model
 from trueup.studies.arm.robot import COULOMB, JOINTS, NOMINAL, QUADRATIC, ROTORS, VISCOUS, limits, ns16
@@ -102,6 +102,19 @@ def test_our_fit_predicts_other_motions_better_and_finds_the_coupled_wrist(
     assert (errors[1][3:] < 0.5 * errors[0][3:]).all()  # the wrist, where drives are coupled
     assert (errors[1] < 0.02 * NOMINAL).all()
     np.testing.assert_allclose(ours.found.drives[[4, 5, 5], [3, 4, 3]], (0.3, 0.8, 0.1), atol=0.06)
+
+
+def test_a_short_motion_that_is_repeated_is_one_recording_and_others_are_their_own(training: list[Run]) -> None:
+    some = training[0].trajectory
+    there = some.q[:25]
+    path = np.concatenate([there, there[::-1]])
+    short = Trajectory("short", some.joints, some.time[:50], path, 0.0 * path, 0.0 * path)
+    elsewhere = Trajectory("elsewhere", some.joints, some.time[:50], path + 0.1, 0.0 * path, 0.0 * path)
+    whole, other = joined([short, short, short, elsewhere])
+    assert len(whole.time) == 3 * 50 - 2
+    assert np.array_equal(whole.q[49:99], path)
+    assert np.allclose(np.diff(whole.time), some.time[1] - some.time[0])
+    assert np.array_equal(other.q, elsewhere.q)
 
 
 def test_recording_times_are_equal() -> None:

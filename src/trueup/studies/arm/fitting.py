@@ -10,6 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from trueup.arrays import Array, Integers
+from trueup.excitation.trajectories import Trajectory
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.identify import identify
 from trueup.identification.estimation.moments import moments_of, weighted_fit
@@ -95,4 +96,26 @@ def our_fit(made: Sequence[Run], arm: HiddenArm, rng: np.random.Generator, warmt
     """The command's defaults, for recordings of these runs; of the arm nothing but lengths and axes is known."""
     tree = ns16()
     bare = tree.replace(inertial=np.full((tree.n, 10), np.nan), armature=np.zeros(tree.n))
-    return OurFit(identify(bare, [arm.perform(one.trajectory, rng, warmth) for one in made]).model)
+    motions = joined([one.trajectory for one in made])
+    return OurFit(identify(bare, [arm.perform(motion, rng, warmth) for motion in motions]).model)
+
+
+def joined(motions: Sequence[Trajectory]) -> list[Trajectory]:
+    """Motions that begin where and as fast as the one before ended, as one: a short one that is repeated is no recording."""
+    chains: list[list[Trajectory]] = []
+    for motion in motions:
+        last = chains[-1][-1] if chains else motion
+        begins = chains and np.allclose(motion.q[0], last.q[-1]) and np.allclose(motion.qd[0], last.qd[-1])
+        if begins:
+            chains[-1].append(motion)
+        else:
+            chains.append([motion])
+    return [_chained(chain) for chain in chains]
+
+
+def _chained(chain: Sequence[Trajectory]) -> Trajectory:
+    first, step = chain[0], chain[0].time[1] - chain[0].time[0]
+    q, qd, qdd = (
+        np.concatenate([getattr(t, name)[k > 0 :] for k, t in enumerate(chain)]) for name in ("q", "qd", "qdd")
+    )
+    return Trajectory(first.name, first.joints, first.time[0] + step * np.arange(len(q)), q, qd, qdd)
