@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import math
 import types
 import typing
 from collections.abc import Mapping, Sequence
@@ -74,6 +75,15 @@ def check_keys(
             close = difflib.get_close_matches(key, known, n=1)
             hint = f" (did you mean '{close[0]}'?)" if close else ""
             raise error(f"{where}: unknown key '{key}' = {table[key]!r}{hint}; keys are: {', '.join(sorted(known))}")
+
+
+def check_finite(table: Value, where: str, error: type[TrueupError] = PlanError) -> None:
+    """Raises `error` for a number anywhere in a table that is infinite or none: TOML knows inf and nan."""
+    if isinstance(table, float) and not math.isfinite(table):
+        raise error(f"{where} = {table}: must be a finite number")
+    inside = table.items() if isinstance(table, Mapping) else enumerate(table, 1) if isinstance(table, list) else ()
+    for key, value in inside:
+        check_finite(value, f"{where}, {key}", error)
 
 
 def _built(kind: type[T], table: Value, where: str) -> T:

@@ -31,7 +31,7 @@ from trueup import files
 from trueup.arrays import Array, Mask
 from trueup.errors import ModelError
 from trueup.identification.kinematic_tree import exponential, of_quaternion
-from trueup.typed_toml import build
+from trueup.typed_toml import build, check_finite
 
 CONE = math.radians(30.0)
 Three = tuple[float, float, float]
@@ -90,7 +90,9 @@ class Region:
     def load(cls, path: str | Path) -> Region:
         """Reads a region file (see the module). Raises ModelError and UnknownNameError that name file and key."""
         file = Path(path)
-        given = build(_RegionFile, files.toml(file, ModelError), str(file), ModelError)
+        table = files.toml(file, ModelError)
+        check_finite(table, str(file), ModelError)
+        given = build(_RegionFile, table, str(file), ModelError)
         box, turn = given.box, given.orientation
         if box.lower is not None and box.upper is not None:
             lower, upper = np.array(box.lower), np.array(box.upper)

@@ -50,6 +50,7 @@ def test_currents_become_torques_by_the_constants() -> None:
         ({"gears": 1}, "unknown key 'gears'"),
         ({"positions": "gear"}, "is not one of: motor, joint"),
         ({"joints": {"a": {"ratio": 0}}}, "non-zero"),
+        ({"joints": {"a": {"ratio": float("nan")}}}, "joints, a, ratio = nan: must be a finite number"),
         ({"couplings": [{"drive": "c"}]}, "'joint' is missing"),
         ({"couplings": [{"drive": "c", "joint": "c"}]}, "both 'c'"),
     ],

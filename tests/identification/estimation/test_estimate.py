@@ -129,7 +129,7 @@ def test_more_parameters_than_samples_are_refused(motion: tuple[DynamicModel, In
 def test_the_density_of_errors_at_low_frequencies_counts_their_memory() -> None:
     rng, rate, S = np.random.default_rng(0), 50.0, 200_000
     noise = rng.normal(size=(S, 2)) * [1.0, 3.0]
-    lasting = lfilter([1.0], [1.0, -0.8], noise, axis=0)
+    lasting = np.asarray(lfilter([1.0], [1.0, -0.8], noise, axis=0))
     np.testing.assert_allclose(lasting_density([noise], rate), np.array([1.0, 9.0]) / rate, rtol=0.05)
     # 1 / (1 - 0.8)^2 times that of the noise, of which the Bartlett window of this memory sees 18 / 25
     np.testing.assert_allclose(lasting_density([lasting], rate), np.array([18.0, 162.0]) / rate, rtol=0.1)

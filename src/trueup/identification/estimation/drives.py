@@ -13,7 +13,7 @@ import numpy as np
 from trueup import files
 from trueup.arrays import Array
 from trueup.errors import IdentificationError, unknown_name
-from trueup.typed_toml import build
+from trueup.typed_toml import build, check_finite
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,7 @@ class Drives:
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], joints: Sequence[str], where: str = "drives") -> Drives:
         """The drives in nested dicts, as TOML gives them."""
+        check_finite(data, where, IdentificationError)
         given = build(_DrivesFile, data, where, IdentificationError)
         names, n = tuple(joints), len(joints)
         ratios, offsets, constants, coupling = np.ones(n), np.zeros(n), np.ones(n), np.eye(n)
