@@ -38,7 +38,9 @@ def record(name: str, seed: int, stop: bool) -> Recording:
         mujoco.mj_step(model, data, 5)
     seen += 2e-4 * np.random.default_rng(seed).standard_normal(seen.shape)
     parts = {"command": told, "position": seen}
-    return Recording(name, {n: Channel(n, JOINTS, "rad", time, v) for n, v in parts.items()})
+    return Recording(
+        name, {n: Channel(n, JOINTS, "rad", np.asarray(time, dtype=np.float64), v) for n, v in parts.items()}
+    )
 
 
 @pytest.fixture
