@@ -19,6 +19,7 @@ from functools import partial
 from pathlib import Path
 
 import leg_problem
+import mujoco
 import numpy as np
 import servo_problem
 from arm_problem import make_problem
@@ -35,6 +36,7 @@ from trueup.engines.vehicle import BETAS, BicycleSimulator, Vehicle, vehicle_spa
 from trueup.engines.vehicle.drives import windows
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.fit import STAGES
+from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 from trueup.search.least_squares import LeastSquares
 from trueup.trial import Observed, Trial
@@ -120,8 +122,34 @@ def vehicle(seed: int, folder: Path) -> Case:
                 discrepancy=RigidlyAligned.estimated(pieces, tuple(_DRIVEN)))  # fmt: skip
 
 
+_JUMPING = """<mujoco><option timestep="{step}"/><worldbody><body><joint name="j" axis="0 1 0" damping=".3" {armature}/>
+<geom size=".05" mass="1" pos="0 0 -.2"/></body></worldbody><actuator><position name="m" joint="j" {drive}/></actuator></mujoco>"""
+
+
+def jumps(seed: int, folder: Path) -> Case:
+    """A pendulum's servo that meets its force limit at each jump of the command; truth in steps of 0.5 ms, the file's are 2 ms."""
+    rng = np.random.default_rng(seed)
+    kp, kv, limit = (float(x) for x in rng.uniform([20.0, 0.6, 2.5], [60.0, 2.0, 8.0]))
+    drive = f'kp="{kp}" kv="{kv}" forcerange="-{limit} {limit}"'
+    model = mujoco.MjModel.from_xml_string(_JUMPING.format(step=5e-4, armature='armature=".01"', drive=drive))
+    data, time, seen = mujoco.MjData(model), np.arange(0.0, 6.0, 0.01), []
+    wanted = 0.5 * np.sign(np.sin(2.0 * time)) * (time > 0.5)
+    for target in wanted:
+        seen.append(data.qpos[0])
+        data.ctrl[0] = target
+        mujoco.mj_step(model, data, 20)
+    measured = np.array(seen) + rng.normal(0.0, 1e-3, len(time))
+    channels = {
+        n: Channel(n, ("j",), "rad", time, v[:, None]) for n, v in (("position", measured), ("command", wanted))
+    }
+    file = folder / "servo.xml"
+    file.write_text(_JUMPING.format(step=2e-3, armature="", drive='kp="20"'))
+    ready = prepare(file, [Recording("jumps", channels)])
+    return Case(ready.simulator, tuple(ready.recordings), {"m.kp": kp, "m.force_limit": limit})
+
+
 FAMILIES: Mapping[str, Callable[[int, Path], Case]] = {
-    "servos": servos, "leg": leg, "far starts": far, "vehicle": vehicle,
+    "servos": servos, "leg": leg, "far starts": far, "vehicle": vehicle, "jumps": jumps,
 }  # fmt: skip
 
 
