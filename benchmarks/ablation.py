@@ -123,11 +123,12 @@ def vehicle(seed: int, folder: Path) -> Case:
 
 
 _JUMPING = """<mujoco><option timestep="{step}"/><worldbody><body><joint name="j" axis="0 1 0" damping=".3" {armature}/>
-<geom size=".05" mass="1" pos="0 0 -.2"/></body></worldbody><actuator><position name="m" joint="j" {drive}/></actuator></mujoco>"""
+<geom size=".05" mass="1" pos="0 0 -.2"/></body></worldbody>
+<actuator><position name="m" joint="j" {drive}/></actuator></mujoco>"""
 
 
 def jumps(seed: int, folder: Path) -> Case:
-    """A pendulum's servo that meets its force limit at each jump of the command; truth in steps of 0.5 ms, the file's are 2 ms."""
+    """A pendulum's servo that meets its force limit at each jump of the command; the truth steps by 0.5 ms, the file by 2."""
     rng = np.random.default_rng(seed)
     kp, kv, limit = (float(x) for x in rng.uniform([20.0, 0.6, 2.5], [60.0, 2.0, 8.0]))
     drive = f'kp="{kp}" kv="{kv}" forcerange="-{limit} {limit}"'
