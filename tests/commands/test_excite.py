@@ -127,12 +127,23 @@ def test_no_arm_jumps_between_the_passes_of_a_motion(arm: Path) -> None:
 def test_a_mix_of_classes_is_the_default_and_keeps_all_limits(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = []
     for name in ("a", "b"):
-        asked = ["excite", str(arm), "--duration", "30", "--out", str(arm.parent / name), "--json", "-q"]
+        asked = [
+            "excite",
+            str(arm),
+            "--duration",
+            "30",
+            "--budget",
+            "300",
+            "--out",
+            str(arm.parent / name),
+            "--json",
+            "-q",
+        ]
         assert main(asked) == 0
         found.append(json.loads(capsys.readouterr().out))
     plan = found[0]
     assert plan == {**found[1], "seconds_of_search": plan["seconds_of_search"]}, (
-        "the search ends by a count, not a clock"
+        "with time enough the search ends by a count, not a clock"
     )
     assert all(kind in plan["mix"] for kind in ("slow moves", "gentle moves", "abrupt moves"))
     assert 20.0 < plan["duration"] <= 30.0

@@ -164,7 +164,7 @@ def test_what_cannot_be_told_is_named_and_not_fitted(
     limit = next(e for e in result.estimates if e.name == "elbow.force_limit")
     assert limit.verdict in ("not identified", "no effect")
     assert limit.value == pytest.approx(50.0)
-    assert any("elbow.force_limit" in sentence for sentence in result.unidentified)
+    assert "never met in these recordings" in limit.note
 
 
 def test_estimates_lie_within_their_intervals_of_the_truth(

@@ -200,7 +200,11 @@ def _estimates(
             lo, hi, verdict = next(words)
             word, note = verdict.word, verdict.note
             if seen := limits.get(p.name):
-                lo, hi, word, note = seen.low, seen.high, seen.word, seen.note
+                if seen.word == "identified" and word in ("identified", "weak"):  # slopes know what jumps leave unsure
+                    lo, hi = min(lo, seen.low), max(hi, seen.high)
+                else:
+                    lo, hi = seen.low, seen.high
+                word, note = seen.word, seen.note
             elif word == "not identified" and p.name in vague:
                 word, note = (
                     "weak",
@@ -239,11 +243,14 @@ def _with_structure(estimates: Sequence[Estimate], lacking: Missing | None) -> t
 def _tied(
     estimates: Sequence[Estimate], others: Sequence[Considered], limits: Mapping[str, Seen]
 ) -> tuple[Estimate, ...]:
-    """With intervals that hold whatever related quantities are that nobody asked for, and words where those rule; not of
-    limits, which are told by when they are met.
+    """With intervals that hold whatever related quantities are that nobody asked for, and words where those rule. Limits
+    are told by when they are met, and owe to the step alone.
     """
     places = {e.name: k for k, e in enumerate(e for e in estimates if e.fitted)}
-    return tuple(_with_others(e, others, places[e.name]) if e.fitted and e.name not in limits else e for e in estimates)
+    step = [o for o in others if o.parameter.name == STEP]
+    return tuple(
+        _with_others(e, step if e.name in limits else others, places[e.name]) if e.fitted else e for e in estimates
+    )
 
 
 def _with_others(e: Estimate, others: Sequence[Considered], place: int) -> Estimate:
@@ -254,10 +261,9 @@ def _with_others(e: Estimate, others: Sequence[Considered], place: int) -> Estim
     if e.verdict not in ("identified", "weak") or not wide.high - wide.low > 2.0 * width:
         return wide
     k = int(np.argmax(reaches.max(axis=1)))
-    chief = others[k]
-    if chief.parameter.name == STEP and reaches[k].max() < _SAME * abs(e.value):
+    if others[k].parameter.name == STEP and reaches[k].max() < _SAME * abs(e.value):
         return wide
-    return replace(wide, verdict=chief.verdict, note=chief.words(e, float(chief.trade[place])))
+    return replace(wide, verdict=others[k].verdict, note=others[k].words(e, float(others[k].trade[place])))
 
 
 def _frozen(p: Parameter, unseen: Sequence[str], notes: Sequence[str]) -> tuple[str, str]:

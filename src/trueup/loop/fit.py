@@ -59,7 +59,7 @@ _AROUND = (_SHOOTING, Stage("implicit filtering", implicit_filtering), Stage("pr
 _ELSEWHERE = (_LINES, _EVOLUTION)
 
 STAGES = (
-    _APART, _GLANCE, _GROWTH_APART, _FIRST, *_ELSEWHERE, _COARSE_STEP, *_ELSEWHERE, _SELECTION, _GROWTH,
+    _APART, _GLANCE, _GROWTH_APART, _FIRST, *_ELSEWHERE, _COARSE_STEP, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH,
     _FULL, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH, Stage("off bounds", off_bounds), *_AROUND,
 )  # fmt: skip
 """What a search does unless told otherwise."""

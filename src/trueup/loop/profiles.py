@@ -29,7 +29,7 @@ def profiles(run: Run) -> None:
     coarser step or a part of the recordings has ended. Not where so much was
     recorded that joints are searched alone: every place would cost the engine minutes.
     """
-    if run.descent.search is None or run.coarse.approximate_part is not None:
+    if not run.looks or run.descent.search is None or run.coarse.approximate_part is not None:
         return
     for p in run.descent.space.parameters:
         if not p.frozen and p.unit == "s" and p.scale != "log" and len(run.descent.point) > 1:
@@ -37,7 +37,8 @@ def profiles(run: Run) -> None:
 
 
 def _along_profile(run: Run, p: Parameter) -> None:
-    descent, problem, width = run.descent, run.seen, run.problem.simulator.step / (p.upper - p.lower)
+    descent, problem = run.descent, run.look.problem
+    width = problem.simulator.step / (p.upper - p.lower)
     k = [q.name for q in descent.space.parameters if not q.frozen].index(p.name)
     around = np.clip(descent.point + width * np.outer([1.0, -1.0], np.arange(len(descent.point)) == k), 0.0, 1.0)
     found = descent.finished(run.look)

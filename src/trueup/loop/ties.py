@@ -74,8 +74,8 @@ class Considered:
 
 
 def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considered, ...]:
-    """What the estimates owe to each related quantity that is not calibrated, and to those that are and yet stay open by
-    their `covariance` in the unit box (n_free, n_free), from slopes along a part of the motion.
+    """What the estimates owe to the simulation's step, to each related quantity that is not calibrated, and to those that are
+    and yet stay open by their `covariance` in the unit box (n_free, n_free), from slopes along a part of the motion.
     """
     other = _related(problem.simulator)
     more = () if other is None else other.parameters.parameters[len(fit.values) :]
@@ -84,36 +84,59 @@ def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considere
     nominal = [*fit.values[free].tolist(), *(p.nominal for p in more)]
     undecided = [k for k in range(len(free)) if vague(float(np.sqrt(max(covariance[k, k], 0.0))))]
     settled = [k for k in range(len(free)) if k not in undecided]
-    part = _excerpt(problem)
+    asked = [*undecided, *range(len(free), len(parameters))]
+    part, units = _excerpt(problem), fit.space.unit_slope(fit.values)
     slopes, residual = _slopes(part if other is None else part.by(other), fit, more)
-    units = fit.space.unit_slope(fit.values)
-    if not np.isfinite(slopes[:, : len(free)]).all():
+    slopes[:, : len(free)] *= units[:, None]
+    seen = _Slopes(slopes, residual, robust_weights(residual, fit.bend), units)
+    if not np.isfinite(seen.boxed[:, : len(free)]).all():
         return ()
-    weights, share = robust_weights(residual, fit.bend), len(residual) / len(fit.residual)
-    noise = max(float(np.mean(weights * residual**2)), TINY)
-
-    def owed(slope: Array, others: Sequence[int]) -> tuple[Array, float]:
-        trade, seen = _traded(slopes[:, others] * units[others, None], slope, weights)
-        whole = np.zeros(len(free))
-        whole[others] = trade * units[others]
-        return whole, seen
-
+    share = len(seen.residual) / len(fit.residual)
+    noise = max(float(np.mean(seen.weights * seen.residual**2)), TINY)
     found = []
-    for k in [*undecided, *range(len(free), len(parameters))]:
-        if np.isfinite(slopes[:, k]).all():
-            whole, seen = owed(slopes[:, k], [i for i in settled if i != k])
+    for k in asked:
+        if np.isfinite(seen.boxed[:, k]).all():
+            slope = seen.boxed[:, k] / (units[k] if k < len(free) else 1.0)
+            trade, information = seen.owed(slope, [i for i in settled if i != k])
             p = parameters[k].replace(nominal=float(np.clip(nominal[k], parameters[k].lower, parameters[k].upper)))
-            half = NORMAL_95 / np.sqrt(seen / share / noise + PRIOR / (p.upper - p.lower) ** 2)
+            half = NORMAL_95 / np.sqrt(information / share / noise + PRIOR / (p.upper - p.lower) ** 2)
             low, high = max(p.lower, p.nominal - half), min(p.upper, p.nominal + half)
-            found.append(Considered(p, whole, low, high, calibrated=k < len(free)))
-    # The errors of one step after the other add up to one that grows with the step (Hairer, Norsett and Wanner, 1993, II.3).
-    step = part.simulator.step
-    finer = part.at_step(0.5 * step).residuals(fit.values[None])[0]
-    if np.isfinite(finer).all():
-        slope = (residual - finer) / (0.5 * step)
-        whole, _ = owed(np.stack([slope, np.zeros_like(slope)]), settled)
-        found.append(Considered(Parameter(STEP, "s", step, 0.0, step), whole, 0.0, step))
-    return tuple(found)
+            found.append(Considered(p, trade, low, high, calibrated=k < len(free)))
+    return (*found, *_of_step(part, fit, seen, settled))
+
+
+def _of_step(problem: Problem, fit: Fit, slopes: _Slopes, settled: Sequence[int]) -> list[Considered]:
+    """What estimates owe to the step: the errors of one step after the other add up to one that grows with it (E. Hairer,
+    S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, 1993, II.3).
+    """
+    step = problem.simulator.step
+    finer = problem.at_step(0.5 * step).residuals(fit.values[None])[0]
+    if not np.isfinite(finer).all():
+        return []
+    slope = (slopes.residual - finer) / (0.5 * step)
+    trade, _ = slopes.owed(np.stack([slope, np.zeros_like(slope)]), settled)
+    return [Considered(Parameter(STEP, "s", step, 0.0, step), trade, 0.0, step)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Slopes:
+    """Residuals, and their slopes."""
+
+    boxed: Array
+    """(2, n_free + m, residuals) for a unit of the box of each free parameter, and one unit of others; their doubts."""
+    residual: Array
+    weights: Array
+    units: Array
+    """(n_free,) units of a parameter in one of its box."""
+
+    def owed(self, slope: Array, settled: Sequence[int]) -> tuple[Array, float]:
+        """(n_free,) by how much the settled estimates change for one unit of what has that slope, in their units, and the
+        square sum that is left.
+        """
+        trade, left = _traded(self.boxed[:, settled], slope, self.weights)
+        whole = np.zeros(len(self.units))
+        whole[settled] = trade * self.units[settled]
+        return whole, left
 
 
 def _traded(own: Array, slope: Array, weights: Array) -> tuple[Array, float]:
