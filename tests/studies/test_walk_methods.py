@@ -16,7 +16,6 @@ from trueup.controllers.walk_engine.engine import PARAMETERS
 from trueup.ends import Ended
 from trueup.engines.simulator import Rollout
 from trueup.errors import PlanError, UnknownNameError
-from trueup.loop.odds import Odds
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.studies.walk import scenes
 from trueup.studies.walk.comparison import Result, over
@@ -24,6 +23,7 @@ from trueup.studies.walk.evaluation import Runs
 from trueup.studies.walk.falls import Falling, Falls, drawn
 from trueup.studies.walk.guidance import BALANCE, Automatic, Expert
 from trueup.studies.walk.methods import Bounded, likelihoods, tempered
+from trueup.studies.walk.odds import Odds
 from trueup.studies.walk.report import html
 from trueup.studies.walk.search import Effort, Scene, searched
 from trueup.studies.walk.study import Story, Tried

@@ -7,12 +7,12 @@ import argparse
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from trueup.arrays import Array
 from trueup.errors import listed
 
 if TYPE_CHECKING:
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from trueup.excitation.expectation import Expected
     from trueup.excitation.limits import JointLimits
     from trueup.excitation.problem import ExcitationProblem
-
-Array = NDArray[np.float64]
 
 
 def taken(problem: ExcitationProblem, outcome: Outcome) -> dict[str, Array]:

@@ -10,8 +10,8 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import IdentificationError
 from trueup.excitation.cell import Settings
 from trueup.excitation.criteria import Criterion
@@ -24,8 +24,6 @@ from trueup.excitation.periodic import Fourier, MotionClass, Sines, at_rest, joi
 from trueup.excitation.planner import ViaPoints
 from trueup.excitation.proximity import SOFT, Proxies, Proximity
 from trueup.excitation.trajectories import RATE, Trajectory
-
-Array = NDArray[np.float64]
 
 _SHARES = (1.0, 0.75, 0.55, 0.4, 0.3, 0.2, 0.1)
 _ONE_PASS, _LONGEST = 12.0, 20.0

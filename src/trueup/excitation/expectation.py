@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup import files
+from trueup.arrays import Array
 from trueup.errors import ModelError
 from trueup.excitation.criteria import Criterion
 from trueup.excitation.limits import JointLimits
@@ -24,8 +24,6 @@ from trueup.excitation.periodic import Fourier
 from trueup.excitation.trajectories import Motions, Trajectory
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.effects import Effect
-
-Array = NDArray[np.float64]
 
 _FRICTION = 0.05
 """Share of nominal torque that each friction of an industrial arm takes (at top speed, where it grows with speed)."""

@@ -9,12 +9,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.excitation.cell import Cell
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.trajectories import Trajectory
 from trueup.identification.dynamic_model import DynamicModel
-
-Array = NDArray[np.float64]
 
 _FINE = 1.0 + 1e-6
 _STEP = 0.02

@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup import files
+from trueup.arrays import Array, Mask
 from trueup.errors import ModelError, unknown_name
 from trueup.typed_toml import build
 
 if TYPE_CHECKING:
     from trueup.identification.kinematic_tree import KinematicTree
 
-Array = NDArray[np.float64]
 
 _TO_SPEED = 0.4
 """s in which industrial arms reach their top speed; the acceleration limit where none is given."""
@@ -156,5 +155,5 @@ class JointLimits:
         )
 
 
-def _listed(names: tuple[str, ...], chosen: NDArray[np.bool_]) -> str:
+def _listed(names: tuple[str, ...], chosen: Mask) -> str:
     return ", ".join(name for name, one in zip(names, chosen, strict=True) if one)

@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import IdentificationError
 from trueup.excitation.cell import Cell, Settings
 from trueup.excitation.criteria import Criterion
@@ -22,8 +22,6 @@ from trueup.excitation.limits import JointLimits
 from trueup.excitation.periodic import Fourier, MotionClass, Sines, at_rest
 from trueup.excitation.planner import ViaPoints, joint_moves
 from trueup.excitation.trajectories import RATE, Motions, Trajectory
-
-Array = NDArray[np.float64]
 
 Draw = Callable[[np.random.Generator], "Trajectory | None"]
 """A random motion of one class from rest to rest; None where the draw cannot be performed."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.errors import ModelError
 from trueup.excitation.cell import Cell, Settings
 from trueup.excitation.chain import Chain
@@ -27,8 +27,6 @@ from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.model_file import load_tree
 from trueup.identification.regressors import inverse_dynamics
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

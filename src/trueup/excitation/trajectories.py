@@ -7,13 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Mask
 from trueup.errors import RecordingError
 from trueup.recording import Channel, Recording
-
-Array = NDArray[np.float64]
-
 
 RATE = 500.0
 """Hz at which trajectories are sampled unless another rate is asked for, as cyclic interfaces of arms take them."""
@@ -33,7 +30,7 @@ class Motions:
     """Why each is impossible, '' where it is not; () where none can be. The samples of an impossible one mean nothing."""
 
     @property
-    def possible(self) -> NDArray[np.bool_]:
+    def possible(self) -> Mask:
         """(B,) which of them can be performed."""
         if not self.failure:
             return np.ones(len(self.q), dtype=bool)

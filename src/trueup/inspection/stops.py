@@ -6,14 +6,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.inspection.diagnosis import Diagnosis
 from trueup.noise import estimate_noise
 from trueup.recording import Recording
 from trueup.trial import command_of
-
-Array = NDArray[np.float64]
 
 SIDES = {"lower": -1.0, "upper": 1.0}
 _LONG = 0.15  # s that a joint rests there in one go: turning points of a motion pass sooner

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.calibration import Calibration, CrossValidation, Estimate, Replay
 from trueup.controllers.controller import ControllerFactory
 from trueup.discrepancies.discrepancy import Discrepancy
@@ -33,9 +33,6 @@ from trueup.loop.windows import in_windows, window_length
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import PART_OF, Recording
 from trueup.search.least_squares import LeastSquares
-
-Array = NDArray[np.float64]
-
 
 _LOOSE = 0.5  # share of a value beyond which half of its interval is no knowledge of it
 _SAME = 0.1  # share of a value by which it may be another with what the model lacks, and be called identified
@@ -108,7 +105,7 @@ def calibrate(
     crossing = chosen.cross_validate and len(recordings) > 1
     return Calibration(
         replays=shown,
-        cross_validation=_cross_validation(problem, found, shown) if crossing else (),
+        cross_validation=_cross_validation(problem, found, [r for r in shown if not r.held_out]) if crossing else (),
         trace=tuple(watch.trace),
         warnings=tuple(warnings),
         seconds=time.perf_counter() - began,

@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.engines.mixed import Mixed
 from trueup.errors import CalibrationError
 from trueup.loop.apart import GLANCE
@@ -41,7 +41,6 @@ from trueup.search.least_squares import LeastSquares
 
 __all__ = ["DESCENT", "REFINEMENT", "SEARCHES", "STAGES", "Checkpoint", "Fit", "Progress", "Stage", "Watch", "fit"]
 
-Array = NDArray[np.float64]
 
 _SHORT = (GLANCE, 15.0)  # s: the first stage looks at the first quarter of the recordings, within these bounds
 _COARSE = (2.5, 2.0, 1.5)  # factors on the integration step while far from the optimum; the first that is faithful

@@ -11,15 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.loop.descent import Descent, Look, explained, last_look
 from trueup.loop.elsewhere import EDGE, LOOKED_AT
 from trueup.loop.probe import ROUGH, unexplained
 from trueup.loop.stages import Run
 from trueup.parameters import Parameter
-
-Array = NDArray[np.float64]
 
 
 def profiles(run: Run) -> None:
@@ -46,11 +44,8 @@ def _along_profile(run: Run, p: Parameter) -> None:
         return
     look = replace(last_look(problem, problem), tolerance=1.0, last=False)
     worth = problem.chance(found.residual)
-    begun, best, reach = (
-        descent.point[k],
-        _held(descent, look, k, float(descent.point[k])),
-        max(0.5 * descent.point[k], width),
-    )
+    begun, reach = descent.point[k], max(0.5 * descent.point[k], width)
+    best = _held(descent, look, k, float(descent.point[k]))
     while reach >= 0.5 * width:
         places = np.clip(best.place + np.array([-reach, reach]), 0.0, 1.0)
         tried = [

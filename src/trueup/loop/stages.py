@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.loop.apart import apart, confirmed
 from trueup.loop.descent import Descent, Fit, Look, Select, explained, last_look
 from trueup.loop.elsewhere import FEW, along_axes, anywhere, evolved
@@ -20,8 +20,6 @@ from trueup.loop.uncertainty import start_scatter, unit_covariance
 from trueup.loop.wide import widened
 from trueup.parameters import Parameter
 from trueup.search.least_squares import LeastSquares
-
-Array = NDArray[np.float64]
 
 
 @dataclass

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.calibration import NORMAL_95, Estimate
 from trueup.engines.simulator import Related, Simulator
 from trueup.loop.descent import Fit
@@ -24,8 +24,6 @@ from trueup.loop.uncertainty import PRIOR, vague
 from trueup.parameters import Parameter
 from trueup.rounding import TINY
 from trueup.search.robust import robust_weights
-
-Array = NDArray[np.float64]
 
 _STEP = 1e-3  # share of its value or range by which a quantity is moved
 EXCERPT = 20.0  # s of motion: what is parallel, or lacking, is so in every motion

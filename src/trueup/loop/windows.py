@@ -6,15 +6,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array
 from trueup.loop.condensing import cut
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.shoot import Starts
 from trueup.rounding import SAME_INSTANT, TINY
 from trueup.trial import Trial
-
-Array = NDArray[np.float64]
 
 _GROWTH = np.log(5.0)  # so many times an error at the start of a window may grow in it
 

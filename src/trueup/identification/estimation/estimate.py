@@ -7,16 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from trueup.arrays import Array, Integers
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.moments import RIDGE, moments_of, solve, weighted_fit
 from trueup.identification.rows import Rows
 from trueup.noise import spread
 from trueup.rounding import TINY
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _HUBER = 1.345
 """Standard deviations beyond which an error counts linearly: 95 % efficient for normal errors. Huber, 1964."""

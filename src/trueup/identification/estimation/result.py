@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from trueup.arrays import Array
 
 if TYPE_CHECKING:
     from trueup.identification.estimation.file_fit import FileFit
     from trueup.identification.torque_model import TorqueModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

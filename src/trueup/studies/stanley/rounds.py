@@ -67,4 +67,5 @@ class _Told(Silent):
     def saw(self, event: Event, *, fresh: bool) -> None:
         """One line at the end of a round."""
         if isinstance(event, RoundEnded):
-            self._say(f"round {event.round}: the robot's best is {1e3 * event.score:.1f} mm from its path")
+            best = f"{1e3 * event.score:.1f} mm from its path"
+            self._say(f"round {event.round}: the robot's best is {best}, as it measures itself")

@@ -53,7 +53,7 @@ def run_study(
     lasted = time.perf_counter() - started
     trials = calibration_trials + tuning_trials
     say(f"the paper's way: {trials} simulated runs of {chasi.DURATION:.0f} s and 2 on the robot in {lasted:.1f} s; "
-        f"robot {_mm(paper.scores[0])} -> {_mm(paper.scores[1])} from its path")  # fmt: skip
+        f"as the robot measures itself {_mm(paper.scores[0])} -> {_mm(paper.scores[1])} from its path")  # fmt: skip
     story = in_rounds(robot, seed=seed, say=say, rounds=rounds, evaluations=evaluations)
     task = chasi.task()
     drives = [r for runs in try_on_robot(robot, task, task.parameters.nominal).recordings for r in runs]

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from trueup.arrays import Array
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.evaluation.evaluator import Evaluator, Here
-from trueup.loop.odds import Odds
 from trueup.studies.walk.evaluation import Runs
+from trueup.studies.walk.odds import Odds
 from trueup.tasks.task import simulated_scores
 from trueup.tasks.walking import WalkFront
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trueup.loop.odds import Odds
+from trueup.studies.walk.odds import Odds
 
 
 def drawn(rng: np.random.Generator, slope: float, own: float, count: int, runs: int) -> tuple[np.ndarray, ...]:
