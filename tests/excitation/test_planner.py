@@ -10,14 +10,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.errors import ModelError
+from trueup.errors import IdentificationError, ModelError
 from trueup.excitation.cell import Cell, Settings
 from trueup.excitation.chain import Chain
+from trueup.excitation.criteria import Criterion
 from trueup.excitation.inverse_kinematics import REACHED, InverseKinematics
 from trueup.excitation.limits import JointLimits
+from trueup.excitation.mixture import mixed, wide_classes
 from trueup.excitation.planner import ViaPoints, joint_moves, random_planner_motion
 from trueup.excitation.profiles import law, ramps
 from trueup.excitation.regions import Region
+from trueup.excitation.trajectories import Trajectory
+from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.kinematic_tree import KinematicTree, from_dh
 
 Array = NDArray[np.float64]
@@ -207,3 +211,32 @@ def test_a_region_file_says_what_is_wrong_with_it(tmp_path: Path) -> None:
         file.write_text(text)
         with pytest.raises(ModelError, match=said):
             Region.load(file)
+
+
+def test_the_mix_fills_its_time_with_motions_that_tell_more_than_the_first_ones_drawn() -> None:
+    tree = arm().replace(inertial=np.full((6, 10), np.nan))
+    known = JointLimits.of(tree)
+    limits = replace(known, acceleration=np.full(6, 6.0), torque=np.full(6, 50.0))
+    criterion = Criterion.of(DynamicModel.with_friction(tree), limits.torque)
+    classes = wide_classes(limits, np.zeros(6), length=4.0, rate=100.0)
+
+    def told(motions: list[Trajectory]) -> float:
+        total = sum(
+            criterion.model.information(t.q[None], t.qd[None], t.qdd[None], 1.0 / limits.torque, criterion.independent)[
+                0
+            ]
+            for t in motions
+        )
+        return float(np.linalg.slogdet(total)[1])
+
+    for seed in range(3):
+        chosen = mixed(classes, criterion, 25.0, np.random.default_rng(seed))
+        rng, first = np.random.default_rng(seed), list[Trajectory]()
+        for draw in 6 * list(classes.values()):
+            t = draw(rng)
+            if t is not None and t.duration <= 25.0 - sum(c.duration for c in first):
+                first.append(t)
+        assert 18.0 < sum(t.duration for t in chosen) <= 25.0
+        assert told(chosen) > told(first)
+    with pytest.raises(IdentificationError, match="too short"):
+        mixed(classes, criterion, 0.5, np.random.default_rng(0))

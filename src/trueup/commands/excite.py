@@ -76,7 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--duration", type=float, metavar="S", help="of the whole, about (default: 30)")
     parser.add_argument("--criterion", choices=("D", "A", "E", "condition", "prediction"),
                         help="D: determinant; A: sum of variances; E: worst variance; condition: condition number; "
-                             "prediction: torque error on random motions, as for a mix (one class: D)")  # fmt: skip
+                             "prediction: torque error on random motions (default: D)")  # fmt: skip
     parser.add_argument("--friction", choices=("with", "without", "alone"),
                         help="whether friction parameters count, or count alone, in one class (default: with)")  # fmt: skip
     parser.add_argument("--percent", type=float, default=5.0, metavar="P",
@@ -94,7 +94,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--floor", default="auto", metavar="Z", help="height of the floor in m, 'none', or 'auto'")
     parser.add_argument("--rate", type=float, default=500.0, metavar="HZ", help="of trajectory.csv (default: 500)")
-    parser.add_argument("--budget", type=float, default=20.0, metavar="S", help="seconds of search (default: 20)")
+    parser.add_argument("--budget", type=float, default=20.0, metavar="S",
+                        help="seconds of search within one class; a mix ends by a count (default: 20)")  # fmt: skip
 
 
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
@@ -200,7 +201,7 @@ def _numbers(
     return {
         "model": str(args.model), "motion": problem.wish.motion, "seed": args.seed, "duration": t.duration,
         "passes": list(outcome.passes), "log10_determinant_as_printed": outcome.found.printed,
-        "criterion": args.criterion or ("prediction" if outcome.mix else "D"), "mix": outcome.mix,
+        "criterion": args.criterion or "D", "mix": outcome.mix,
         "loss": outcome.found.loss, "seconds_of_search": outcome.found.seconds,
         "speed_shares": (np.abs(t.qd).max(axis=0) / limits.speed).round(4).tolist(),
         "acceleration_shares": (np.abs(t.qdd).max(axis=0) / limits.acceleration).round(4).tolist(),

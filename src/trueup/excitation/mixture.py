@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A mix of motions: classes and speeds share the time equally, each with those after which torque is best predicted.
+"""A mix of motions: of random ones of several classes and speeds those that together tell the parameters best.
 
-What one class of motion hardly asks (friction at creeping speed, inertia in abrupt starts) another does. On a stand-in
-arm (`trueup.studies.arm`) no motion optimised within one class predicts the torque of all others as well.
+What one class of motion hardly asks another does; how much of each is performed, the information decides. Many different
+short motions show each structure that the model may lack (drives that are coupled, say) in every part of the log, so that
+parts left out of a fit agree about it: a part that is unlike all others hides it.
 """
 
 from __future__ import annotations
@@ -19,9 +20,10 @@ from trueup.excitation.cell import Cell, Settings
 from trueup.excitation.criteria import Criterion
 from trueup.excitation.design import Step, Told
 from trueup.excitation.limits import JointLimits
-from trueup.excitation.periodic import Fourier, MotionClass, Sines, at_rest
+from trueup.excitation.periodic import Fourier, MotionClass, at_rest
 from trueup.excitation.planner import ViaPoints, joint_moves
 from trueup.excitation.trajectories import RATE, Motions, Trajectory
+from trueup.identification.information import log_determinants
 
 Draw = Callable[[np.random.Generator], "Trajectory | None"]
 """A random motion of one class from rest to rest; None where the draw cannot be performed."""
@@ -33,18 +35,14 @@ Clear = Callable[[Array, Array], bool]
 
 GENTLE, ABRUPT = Settings(ramp=0.25), Settings(ramp=0.1)
 """How suddenly a planner reaches its speed: local identification, section III-D."""
-_NEAR, _CREEP = 0.3, (0.03, 0.3)
-"""Of slow joint moves: share of the range, since they take long, and of the top speeds."""
-_SLOW = (0.25, 0.3)
-"""Of the tool's speeds on slow moves: 0.25 m/s and 0.6 rad/s of the study's 1 and 2."""
 _LOOKS = 20
 """Random postures from which one is taken that can be reached."""
-_HARMONICS, _FASTER = 4, 1.5
-"""Terms of a Fourier series; the fastest sine over the slowest at least."""
+_HARMONICS = 4
+"""Terms of a Fourier series."""
 _DRAWS = 200
 """Motions of a class that are drawn at most."""
-_OTHERS = 3
-"""Motions of each class that stand for what shall be predicted; they are not chosen where there are more."""
+_BEFORE = 1e-4
+"""Of what all drawn motions tell is known before the first, parameter by parameter: a determinant needs full rank."""
 _SAMPLED = 300
 """Samples of a motion from which it is judged what it tells."""
 
@@ -118,7 +116,7 @@ class Series:
 
 
 def class_length(seconds: float) -> float:
-    """S of a series where five classes share `seconds`: with the ways to it and back it fits into a fifth of them."""
+    """S of a series of which, with the ways to it and back, five fit into `seconds`."""
     return float(np.clip(0.7 * seconds / 5.0, 2.0, 8.0))
 
 
@@ -142,89 +140,59 @@ def wide_classes(
     limits: JointLimits, home: Array, free: JointLimits | None = None, *, length: float = 8.0, rate: float = RATE,
     share: float = 0.8, clear: Clear | None = None,
 ) -> dict[str, Draw]:  # fmt: skip
-    """Motions over a share of the joints' ranges, from a posture and back to it; series and sines of about `length` s.
+    """Motions over a share of the joints' ranges, from a posture and back to it; series of about `length` s.
 
     Of those only where they are `free`: moves are looked for one by one.
     """
     around = (free or limits).within(range_share=share)
     return {
         "series": Series(Fourier(around, length, _HARMONICS), limits, home, rate),
-        "sines": Series(_sines(around, 1.25 * length), limits, home, rate),
-        "slow moves": Moves(
-            limits, around.within(range_share=_NEAR), home, GENTLE, speeds=_CREEP, clear=clear, rate=rate
-        ),
         "gentle moves": Moves(limits, limits.within(range_share=share), home, GENTLE, clear=clear, rate=rate),
         "abrupt moves": Moves(limits, limits.within(range_share=share), home, ABRUPT, clear=clear, rate=rate),
     }
-
-
-def _sines(limits: JointLimits, longest: float) -> Sines:
-    """Sums of sines over as much of the ranges as speed and acceleration allow within `longest` s."""
-    w = _FASTER * 2.0 * np.pi / longest
-    reach = np.minimum(0.5 * (limits.upper - limits.lower), np.minimum(limits.acceleration / w**2, limits.speed / w))
-    return Sines(limits, reach=np.minimum(reach, np.pi), longest=longest)
 
 
 def local_classes(
     cell: Cell, limits: JointLimits, settings: Settings, length: float = 8.0, rate: float = RATE
 ) -> dict[str, Draw]:
     """Motions with the tool in a region, from its middle and back; `limits`: ranges of the joints that keep it there."""
-    slow, abrupt = settings.scaled(*_SLOW), replace(settings, ramp=ABRUPT.ramp)
     return {
         "series": Series(Fourier(limits, length, _HARMONICS), cell.limits, cell.posture, rate),
-        "sines": Series(_sines(limits, 1.25 * length), cell.limits, cell.posture, rate),
-        "slow moves": ToolMoves(cell, slow, rate=rate),
         "fast moves": ToolMoves(cell, settings, rate=rate),
-        "abrupt moves": ToolMoves(cell, abrupt, rate=rate),
+        "abrupt moves": ToolMoves(cell, replace(settings, ramp=ABRUPT.ramp), rate=rate),
     }
 
 
 def mixed(
     classes: Mapping[str, Draw], criterion: Criterion, seconds: float, rng: np.random.Generator, *,
-    allowed: Allowed | None = None, tries: int = 12, budget: float = np.inf, told: Told | None = None,
+    allowed: Allowed | None = None, tries: int = 15, told: Told | None = None,
 ) -> list[Trajectory]:  # fmt: skip
-    """The time shared equally by all classes, in each the motions after which torque is best predicted.
+    """Of `tries` random motions of each class those that together tell the base parameters best, until the time is filled.
 
-    Greedily from `tries` random motions, by the mean variance of predicted torque (over nominal) on others of all classes.
-    Raises IdentificationError where the time is too short.
+    Greedily by what each adds to log det of their information (D-optimality) for a second that it takes: how much each class
+    gets follows from that. Raises IdentificationError where the time is too short.
     """
-    pools, began = {}, time.perf_counter()
+    began, pool, chosen = time.perf_counter(), list[tuple[Trajectory, Array]](), list[Trajectory]()
     for k, (kind, draw) in enumerate(classes.items(), 1):
-        until = began + budget * k / len(classes)
-        pools[kind] = _drawn(kind, draw, criterion, rng, allowed, tries + _OTHERS, until)
+        pool += _drawn(kind, draw, criterion, rng, allowed, tries)
         if told is not None:
-            seen = sum(len(pool) for pool in pools.values())
-            told(Step(float("nan"), seen, time.perf_counter() - began, k / len(classes)))
-    pools = {kind: pool for kind, pool in pools.items() if pool}
-    if not pools:
+            told(Step(float("nan"), len(pool), time.perf_counter() - began, k / len(classes)))
+    if not pool:
         raise IdentificationError("no motion of any class can be performed")
-    target = np.sum([M / t.duration for pool in pools.values() for t, M in pool[:_OTHERS]], axis=0)
-    known, chosen = 1e-6 * np.diag(np.diag(target)), list[Trajectory]()
-    rest = [pool[_OTHERS:] or pool for pool in pools.values()]
-    for k, parts in enumerate([*rest, [part for pool in rest for part in pool]], 1):  # what is left goes to any class
-        while True:
-            left = seconds * min(k / len(rest), 1.0) - sum(t.duration for t in chosen)
-            fitting = [part for part in parts if part[0].duration <= left and not any(part[0] is t for t in chosen)]
-            if not fitting:
-                break
-            gains = [np.trace(np.linalg.solve(known + M, target)) for _, M in fitting]
-            trajectory, M = fitting[int(np.argmin(gains))]
-            known = known + M
-            chosen.append(trajectory)
+    known = _BEFORE * np.diag(np.sum([np.diag(M) for _, M in pool], axis=0))
+    while pool := [(t, M) for t, M in pool if t.duration <= seconds - sum(c.duration for c in chosen)]:
+        gained = log_determinants(np.stack([known + M for _, M in pool])) - log_determinants(known[None])
+        trajectory, M = pool.pop(int(np.argmax(gained / np.array([t.duration for t, _ in pool]))))
+        known = known + M
+        chosen.append(trajectory)
     if not chosen:
         raise IdentificationError(f"{seconds:g} s are too short for a mixture of {len(classes)} classes of motion")
     return chosen
 
 
 def _drawn(
-    kind: str,
-    draw: Draw,
-    criterion: Criterion,
-    rng: np.random.Generator,
-    allowed: Allowed | None,
-    count: int,
-    until: float,
-) -> list[tuple[Trajectory, Array]]:
+    kind: str, draw: Draw, criterion: Criterion, rng: np.random.Generator, allowed: Allowed | None, count: int
+) -> list[tuple[Trajectory, Array]]:  # fmt: skip
     """Motions of a class that are allowed, named by it, each with what it tells."""
     found: list[tuple[Trajectory, Array]] = []
     for _ in range(_DRAWS):
@@ -232,7 +200,7 @@ def _drawn(
         t = t if t is None or allowed is None else allowed(t)
         if t is not None:
             found.append((replace(t, name=kind), _information(criterion, t)))
-        if len(found) == count or time.perf_counter() > until:
+        if len(found) == count:
             break
     return found
 

@@ -82,8 +82,8 @@ class Workshop:
         middle, length = 0.5 * (self.limits.lower + self.limits.upper), class_length(seconds)
         wide = wide_classes(self.limits, middle, length=length, rate=RATE)
         abrupt = wide_classes(hard, middle, length=length, rate=RATE)["abrupt moves"]
-        local = {f"local {k}": ToolMoves(self.cell, each, rate=RATE) for k, each in (("fast", FAST), ("slow", SLOW))}
-        return mixed({**wide, "abrupt moves": abrupt, **local}, self.criterion, seconds, rng)
+        local = ToolMoves(self.cell, FAST, rate=RATE)
+        return mixed({**wide, "abrupt moves": abrupt, "local moves": local}, self.criterion, seconds, rng)
 
 
 def filled(seconds: float, choose: Callable[[int], Trajectory]) -> list[Trajectory]:
