@@ -10,7 +10,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.rounding import TINY
 
-BLOCKS = 6
+FEWEST_PARTS = 6
 """Parts that are left out in turn, at least: of fewer the spread is itself hardly known."""
 STANDARD_ERRORS = 2.0
 """A gain on left-out data counts from this many of its standard errors on: one chance in twenty of being none. L. Breiman,

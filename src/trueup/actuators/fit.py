@@ -14,7 +14,7 @@ from trueup.actuators.replay import replay
 from trueup.actuators.structures import law_of
 from trueup.arrays import Array
 from trueup.errors import CalibrationError
-from trueup.evidence import BLOCKS
+from trueup.evidence import FEWEST_PARTS
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.rounding import NEGLIGIBLE, TINY
 from trueup.search.least_squares import LeastSquares
@@ -51,7 +51,7 @@ class Problem:
         if not runs:
             raise CalibrationError("no recordings to identify a servo from")
         self.runs, self.step = tuple(runs), step
-        parts = int(np.ceil(BLOCKS / len(runs)))
+        parts = int(np.ceil(FEWEST_PARTS / len(runs)))
         self.blocks = [
             Block(k, slice(round(len(r.time) * p / parts), round(len(r.time) * (p + 1) / parts)))
             for k, r in enumerate(runs) for p in range(parts)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.arrays import Array
-from trueup.evidence import BLOCKS
+from trueup.evidence import FEWEST_PARTS
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR
@@ -49,7 +49,7 @@ def by_recording(problem: Problem) -> list[Block]:
 def by_stretch(problem: Problem) -> list[Block]:
     """Blocks as `by_recording`, each cut into as many stretches of time as it takes to have enough of them."""
     whole = by_recording(problem)
-    parts = int(np.ceil(BLOCKS / len(whole)))
+    parts = int(np.ceil(FEWEST_PARTS / len(whole)))
     cut = [Block(b.trials, _rows(problem, b.trials, part, parts)) for b in whole for part in range(parts)]
     return [block for block in cut if len(block.rows)]
 

@@ -13,7 +13,7 @@ from trueup.evidence import evidence, jackknife
 from trueup.identification.estimation.filtering import moved, stretches
 from trueup.identification.estimation.moments import RIDGE, solve
 from trueup.identification.estimation.result import Alignment
-from trueup.identification.estimation.selection import BLOCKS
+from trueup.identification.estimation.selection import TIME_BLOCKS
 from trueup.identification.rows import Rows
 from trueup.rounding import TINY
 
@@ -68,7 +68,7 @@ def _blocks(r: Rows, place: Integers, weights: Array, shifts: Array, total: int)
     step = float(np.median(np.diff(r.time))) if r.length > 1 else 1.0
     margin = min(int(np.ceil(REACH / step)) + 1, r.length // 4)
     torque = np.stack([moved(r.torque, shift / step) for shift in shifts], axis=-1)  # (S, n, K)
-    share = max(1, round(BLOCKS * r.length / total))
+    share = max(1, round(TIME_BLOCKS * r.length / total))
     for keep in np.array_split(np.arange(margin, r.length - margin), share):
         G, h, t = np.zeros((m, m)), np.zeros((m, K)), np.zeros(K)
         for j, (c, v) in enumerate(zip(r.columns, r.values, strict=True)):

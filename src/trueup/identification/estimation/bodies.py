@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,8 @@ class Bodies:
     """(K, n) squared errors of the block that each did not see."""
     pull: float
     """Towards the model file, see `consistent_fit`."""
+    without: Callable[[Moments], tuple[ConsistentFit, ...]]
+    """Fits to all but one of other parts each."""
 
 
 def cross_validated_fit(
@@ -70,12 +73,15 @@ class _Folds:
 
     def bodies(self, pull: float, lagging: tuple[int, ...] = (), near: ConsistentFit | None = None) -> Bodies:
         """The fit to all blocks and its folds; `near` is a similar fit to start from."""
-        normal = self.moments.normal(self.weights)
 
         def fit(of: Normal, start: ConsistentFit | None) -> ConsistentFit:
             return consistent_fit(self.model, of, self.active, self.prior, pull=pull, lagging=lagging, near=start)
 
-        whole = fit(normal.whole(), near)
-        folds = [fit(normal.without(k), whole) for k in range(len(normal.square) if len(normal.square) > 1 else 0)]
+        def without(parts: Moments) -> tuple[ConsistentFit, ...]:
+            normal, K = parts.normal(self.weights), len(parts.count)
+            return tuple(fit(normal.without(k), whole) for k in range(K if K > 1 else 0))
+
+        whole = fit(self.moments.normal(self.weights).whole(), near)
+        folds = without(self.moments)
         scaled = np.array([fold.parameters * self.moments.scale for fold in folds])
-        return Bodies(whole, tuple(folds), self.moments.errors(scaled) if folds else np.zeros((0, 0)), pull)
+        return Bodies(whole, folds, self.moments.errors(scaled) if folds else np.zeros((0, 0)), pull, without)

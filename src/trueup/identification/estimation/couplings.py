@@ -15,7 +15,7 @@ from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.moments import RIDGE, blocks_of, moments_of
 from trueup.identification.estimation.motion import Motion, Piece, pieces_of
 from trueup.identification.estimation.pool import pool_for
-from trueup.identification.estimation.selection import BLOCKS, Choice, reweighed
+from trueup.identification.estimation.selection import TIME_BLOCKS, Choice, reweighed
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 
@@ -96,7 +96,7 @@ class _Basic:
     def choice(self, ratios: Mapping[Pair, float]) -> Choice:
         """The model with its errors on blocks that were left out of the part that is fitted."""
         rows = [self._driven(piece, self.coupling(ratios)) for piece in self.pieces]
-        moments = moments_of(blocks_of(rows, BLOCKS, self.margin))
+        moments = moments_of(blocks_of(rows, TIME_BLOCKS, self.margin))
         mask = np.isin(np.arange(self.model.p), self.active)
         return reweighed(moments, np.zeros(self.model.p), Choice(mask, RIDGE, np.ones(self.model.tree.n)))
 

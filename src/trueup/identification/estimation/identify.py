@@ -26,10 +26,17 @@ from trueup.identification.estimation.matching import matched
 from trueup.identification.estimation.moments import Moments, blocks_of, moments_of
 from trueup.identification.estimation.motion import Log, Piece, log_of, pieces_of
 from trueup.identification.estimation.outcome import outcome
-from trueup.identification.estimation.pool import STRUCTURES, Pool, pool_for, select_structure, with_load_columns
+from trueup.identification.estimation.pool import (
+    STRUCTURES,
+    Pool,
+    kinds_of,
+    pool_for,
+    select_structure,
+    with_load_columns,
+)
 from trueup.identification.estimation.quick import basic_columns, doubts, measured_speed
 from trueup.identification.estimation.result import Alignment, Identification
-from trueup.identification.estimation.selection import BLOCKS, Choice, select_pull, select_shrinkage
+from trueup.identification.estimation.selection import TIME_BLOCKS, Choice, select_pull, select_shrinkage
 from trueup.identification.inertial import from_com
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
@@ -133,10 +140,10 @@ def _structured(pool: Pool, pieces: Sequence[Piece], nominal: Array, structure: 
     rough = weighted_least_squares(_training(pieces), basic_columns(pool), prior=prior).parameters
     links = pool.base.full(pool.base.of(rough), nominal)[: 10 * pool.model.tree.n].reshape(-1, 10)
     made = with_load_columns(pool, pieces, links)
-    moments = moments_of(blocks_of(_training(made), BLOCKS, margin))
+    moments = moments_of(blocks_of(_training(made), TIME_BLOCKS, margin))
     choice = select_structure(pool, moments, prior * moments.scale, structure)
     if structure == "select":
-        moments, choice, left = select_shrinkage(moments, prior * moments.scale, choice)
+        moments, choice, left = select_shrinkage(moments, lambda: moments_of(kinds_of(pool, made)), prior, choice)
         made = [replace(p, rows=p.rows.with_shrinkage(left)) for p in made]
     return made, links, moments, choice
 
@@ -174,14 +181,18 @@ def _estimated(
     if not wanted.consistent:
         return free, None, None, choice
     # All samples, where the choice of the structure left out those at the borders of blocks.
-    moments = moments_of(blocks_of(parts, BLOCKS, 0.0))
+    moments = moments_of(blocks_of(parts, TIME_BLOCKS, 0.0))
     lag = wanted.structure == "select"
     bodies = cross_validated_fit(pool.model, moments, choice.weights, active, nominal, lag=lag)
     written = file_fit(pool, moments, nominal, bodies.pull, [p.motion.v for p in pieces if not p.held_out])
     if len(bodies.folds) < 2:
         return free, bodies, written, choice
-    priors = np.array([_prior(pool, fold.parameters) for fold in bodies.folds])
-    choice = select_pull(moments, priors * moments.scale, choice)
+
+    def judged(k: int) -> tuple[Moments, Array]:
+        of = moments_of(kinds_of(pool, pieces)) if k else moments
+        return of, of.scale * [_prior(pool, fold.parameters) for fold in (bodies.without(of) if k else bodies.folds)]
+
+    choice = select_pull(judged, choice)
     near = fit(_prior(pool, bodies.fit.parameters), choice.strength, free.robust)
     # Deviations: what the logs tell by themselves.
     return replace(near, covariance=free.covariance), bodies, written, choice

@@ -23,7 +23,7 @@ from trueup.identification.estimation.moments import blocks_of, solve
 from trueup.identification.estimation.motion import log_of, pieces_of
 from trueup.identification.estimation.pool import pool_for
 from trueup.identification.estimation.quick import basic_columns
-from trueup.identification.estimation.selection import BLOCKS
+from trueup.identification.estimation.selection import TIME_BLOCKS
 from trueup.identification.inertial import from_com
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
@@ -76,7 +76,7 @@ def drive_gains(
         *(_with_currents(r, known, body, open_) for r in loaded),
     ]
     active = np.concatenate([act, np.arange(p, wide)])
-    blocks = blocks_of(rows, BLOCKS, 0.0)
+    blocks = blocks_of(rows, TIME_BLOCKS, 0.0)
     left, right = crossed(blocks, _expected(blocks, np.setdiff1d(active, np.arange(p, p + n)), p), active)
     scale = np.sqrt(np.maximum(np.einsum("kjmm->m", np.abs(left)), TINY))
     left, right = left / scale[:, None] / scale, right / scale
@@ -177,7 +177,7 @@ def drives_from_payload(
         )
     sure = ~np.isin(np.arange(tree.n), poor)
     constants = np.where(sure, drives.constants * found.gains, drives.constants)
-    shares = 100.0 * half_interval(BLOCKS) * found.deviations / np.abs(found.gains)
+    shares = 100.0 * half_interval(TIME_BLOCKS) * found.deviations / np.abs(found.gains)
     shown = ", ".join(f"{tree.joints[k]} {constants[k]:.4g} +- {shares[k]:.2g} %" for k in np.flatnonzero(sure))
     notes = [f"torque constants from the payload, with 95 % intervals: {shown}"]
     if np.isnan(payload[1:4]).any():

@@ -16,6 +16,7 @@ from trueup.identification.estimation.moments import RIDGE, Moments
 from trueup.identification.estimation.motion import Motion, Piece
 from trueup.identification.estimation.selection import Choice, cross_validated, forward_selected, reweighed
 from trueup.identification.kinematic_tree import KinematicTree
+from trueup.identification.rows import Rows
 
 _SPEEDS = (0.003, 0.01, 0.03, 0.1, 0.3)
 """Of a drive's top speed: where friction that saturates does so."""
@@ -110,6 +111,31 @@ def with_load_columns(pool: Pool, pieces: Sequence[Piece], bodies: Array) -> lis
                 values[j][int(np.flatnonzero(p.rows.columns[j] == k)[0])] = own[j] * column[p.keep]
         made.append(replace(p, rows=replace(p.rows, values=tuple(values))))
     return made
+
+
+def kinds_of(pool: Pool, pieces: Sequence[Piece]) -> list[Rows]:
+    """What is fitted, in sixteen kinds of motion: each joint's samples by what its own drive does, zeros behind the fewer.
+
+    Its states are halved and halved again in their middle, by speed twice, by position, by acceleration: fast or slow, forth
+    or back, here or there, speeding up or not. J. Bentley, "Multidimensional binary search trees", 1975.
+    """
+    fitted = [p for p in pieces if not p.held_out]
+    q, v, a = (np.concatenate([getattr(p.motion, x) @ pool.model.drives.T for p in fitted]) for x in ("q", "v", "a"))
+    kinds = np.zeros(v.shape, dtype=np.int64)
+    for x in (v, v, q, a):
+        middle = [{k: np.median(x[own == k, j]) for k in np.unique(own)} for j, own in enumerate(kinds.T)]
+        kinds = 2 * kinds + (
+            x > np.stack([[m[k] for k in own] for m, own in zip(middle, kinds.T, strict=True)], axis=1)
+        )
+    values = [np.concatenate(each, axis=1) for each in zip(*(p.rows.values for p in fitted), strict=True)]
+    torque, parts = np.concatenate([p.rows.torque for p in fitted]), list[Rows]()
+    for k in np.unique(kinds):
+        first = np.argsort(kinds != k, axis=0, kind="stable")[: int(np.sum(kinds == k, axis=0).max())]
+        inside = np.take_along_axis(kinds == k, first, axis=0)
+        own = tuple(x[:, first[:, j]] * inside[:, j] for j, x in enumerate(values))
+        told = np.take_along_axis(torque, first, axis=0) * inside
+        parts.append(replace(fitted[0].rows, values=own, torque=told, time=np.arange(len(told), dtype=float)))
+    return parts
 
 
 def _of_load(model: DynamicModel, motion: Motion, bodies: Array) -> dict[int, Array]:
