@@ -380,3 +380,13 @@ def test_position_servos_are_added_where_a_model_has_none(call: Call) -> None:
 )
 def test_usage(call: Call, words: tuple[str, ...], code: int) -> None:
     assert call(*words)[0] == code
+
+
+def test_what_the_engine_warns_of_is_one_note(call: Call) -> None:
+    text = Path("arm.xml").read_text()
+    Path("arm.xml").write_text(text.replace("<compiler ", '<compiler settotalmass="0.25" '))
+    code, said = call("replay", "arm.xml", "slow.csv")
+    assert code == 0, said
+    assert said.count("'settotalmass' is deprecated") == 1
+    assert "UserWarning" not in said
+    assert "settotalmass" not in call("replay", "arm.xml", "slow.csv", "-q")[1]

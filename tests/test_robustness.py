@@ -139,3 +139,7 @@ def test_an_altered_plan_or_origin_of_a_campaign_is_said(
         assert code == 1
         assert "altered" in text
     assert set(json.loads((sound / "campaign" / "origin.json").read_text())) == {"plan", "seed", "check"}
+    (folder / "origin.json").write_text('{"plan": "plan.toml", "seed": 1e999}')
+    code, text = said(capsys, "status", str(folder))
+    assert code == 1
+    assert "not a campaign's folder" in text

@@ -10,7 +10,8 @@ import importlib.metadata
 import os
 import re
 import sys
-from collections.abc import Sequence
+import warnings
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 if TYPE_CHECKING:
@@ -83,7 +84,23 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     console, told = _consoles(args)
-    return _module(args.command).run(args, console, told)
+    with warnings.catch_warnings():
+        if not args.debug:
+            warnings.showwarning = _notes_on(told, quiet=getattr(args, "quiet", False))
+        return _module(args.command).run(args, console, told)
+
+
+def _notes_on(told: Console, *, quiet: bool) -> Callable[..., None]:
+    """What libraries warn of, as MuJoCo does of a file's old attributes: one note each, not lines of their code."""
+    from trueup.commands.console import notes
+
+    said: set[str] = set()
+
+    def note(message: Warning | str, *_where: object) -> None:
+        notes(told, {str(message)} - said, quiet=quiet)
+        said.add(str(message))
+
+    return note
 
 
 def _message(error: Exception) -> str | None:

@@ -40,6 +40,14 @@ def test_copies_of_a_model_in_which_nothing_touches_carry_no_shapes_but_the_same
         assert np.array_equal(getattr(bare, field), getattr(load(tmp_path / "arm.xml").compiled, field))
 
 
+def test_masses_that_the_compiler_takes_from_visual_shapes_are_kept_too(tmp_path: Path) -> None:
+    simulator(tmp_path)
+    path = tmp_path / "arm.xml"
+    path.write_text(path.read_text().replace("<mujoco>", "<mujoco><compiler inertiafromgeom='true'/>"))
+    sim = MujocoSimulator(load(path))
+    assert sim.batches.get(2, contacts=False, sensors=True).model.body_mass[1] == load(path).compiled.body_mass[1]
+
+
 def test_a_simulation_without_shapes_is_the_same_as_one_with_them(tmp_path: Path) -> None:
     sim = simulator(tmp_path)
     ends = []

@@ -64,7 +64,7 @@ class Folder:
             strange = set(origin) - {"plan", "seed", "check"}
             text = files.text(path / PLAN, JournalError)
             where, seed = Path(os.path.normpath(path / origin["plan"])), int(origin["seed"])
-        except (JournalError, ValueError, KeyError, TypeError):
+        except (JournalError, ValueError, KeyError, TypeError, OverflowError):
             raise JournalError(f"{path}: this is not a campaign's folder; `trueup run PLAN` makes one") from None
         if strange or origin.get("check", check) != check:
             raise JournalError(f"{path / _ORIGIN}: altered or damaged; restore it from a copy")

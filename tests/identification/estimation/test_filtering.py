@@ -8,7 +8,9 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 
 from trueup.errors import IdentificationError
+from trueup.identification.estimation.cutoff import natural_cutoff
 from trueup.identification.estimation.filtering import Lowpass, grid, moved, stretches
+from trueup.identification.estimation.motion import Log
 
 
 @pytest.mark.parametrize("cutoff", [2.0, 20.0, 45.0])
@@ -53,3 +55,10 @@ def test_rates_are_round_numbers_where_stamps_are_printed_with_few_digits() -> N
     assert rate == 125.0
     assert instants[0] == 3.0
     assert len(instants) == 1000
+
+
+def test_a_motion_of_a_few_samples_has_a_cutoff(rng: np.random.Generator) -> None:
+    t = np.arange(22) / 100.0
+    q = np.sin(9.0 * t)[:, None] + 1e-4 * rng.standard_normal((22, 2))
+    log = Log("short", t, 100.0, q, None, np.zeros_like(q), "torque", ("N m", "N m"))
+    assert 0.0 < natural_cutoff([log]) <= 16.0

@@ -229,6 +229,7 @@ def _drop_visuals(spec: mujoco.MjSpec, compiled: mujoco.MjModel) -> None:
     would carry them along. The bodies keep the inertia that the full model gave them.
     """
     spec.compiler.discardvisual = True
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
     for body in spec.bodies[1:]:
         i = body.id
         body.explicitinertial = True

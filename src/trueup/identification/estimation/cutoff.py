@@ -57,6 +57,7 @@ def _speed_power(log: Log) -> tuple[Array, Array, Array]:
     noise = np.median(power[high] / differences[high], axis=0) / np.log(2.0)  # of white noise: power is exponential
     expected = noise * differences
     # Noise scatters about what is expected: single frequencies say little, the mean of many does.
-    near = np.stack([np.convolve(p, np.full(_NEAR, 1.0 / _NEAR), mode="same") for p in power.T], axis=1)
+    count = min(_NEAR, len(power))
+    near = np.stack([np.convolve(p, np.full(count, 1.0 / count), mode="same") for p in power.T], axis=1)
     moving = np.where(near > 2.0 * expected, np.maximum(power - expected, 0.0), 0.0)
     return frequency, moving, expected
