@@ -95,7 +95,7 @@ def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considere
     for k in asked:
         if np.isfinite(seen.boxed[:, k]).all():
             slope = seen.boxed[:, k] / (units[k] if k < len(free) else 1.0)
-            trade, information = seen.owed(slope, [i for i in settled if i != k])
+            trade, information = seen.owed(slope, [i for i in range(len(free)) if i != k], settled)
             p = parameters[k].replace(nominal=float(np.clip(nominal[k], parameters[k].lower, parameters[k].upper)))
             half = NORMAL_95 / np.sqrt(information / share / noise + PRIOR / (p.upper - p.lower) ** 2)
             low, high = max(p.lower, p.nominal - half), min(p.upper, p.nominal + half)
@@ -112,7 +112,7 @@ def _of_step(problem: Problem, fit: Fit, slopes: _Slopes, settled: Sequence[int]
     if not np.isfinite(finer).all():
         return []
     slope = (slopes.residual - finer) / (0.5 * step)
-    trade, _ = slopes.owed(np.stack([slope, np.zeros_like(slope)]), settled)
+    trade, _ = slopes.owed(np.stack([slope, np.zeros_like(slope)]), list(range(len(slopes.units))), settled)
     return [Considered(Parameter(STEP, "s", step, 0.0, step), trade, 0.0, step)]
 
 
@@ -127,14 +127,14 @@ class _Slopes:
     units: Array
     """(n_free,) units of a parameter in one of its box."""
 
-    def owed(self, slope: Array, settled: Sequence[int]) -> tuple[Array, float]:
-        """(n_free,) by how much the settled estimates change for one unit of what has that slope, in their units, and the
-        square sum that is left.
+    def owed(self, slope: Array, others: Sequence[int], settled: Sequence[int]) -> tuple[Array, float]:
+        """(n_free,) by how much the `settled` estimates change for one unit of what has that slope, in their units, where
+        the `others` make up for it, and the square sum that is left.
         """
-        trade, left = _traded(self.boxed[:, settled], slope, self.weights)
+        trade, left = _traded(self.boxed[:, others], slope, self.weights)
         whole = np.zeros(len(self.units))
-        whole[settled] = trade * self.units[settled]
-        return whole, left
+        whole[others] = trade * self.units[others]
+        return np.where(np.isin(np.arange(len(whole)), settled), whole, 0.0), left
 
 
 def _traded(own: Array, slope: Array, weights: Array) -> tuple[Array, float]:
