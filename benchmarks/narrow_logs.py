@@ -30,7 +30,7 @@ from strange_arms import _NOMINAL, _RATIOS, Arm, drawn
 from trueup.errors import IdentificationError
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.mixture import GENTLE, Draw, Moves, Series, wide_classes
-from trueup.excitation.periodic import Fourier
+from trueup.excitation.periodic import Fourier, Sines
 from trueup.excitation.trajectories import Trajectory
 from trueup.formats import read
 from trueup.identification.estimation import identify as module
@@ -82,7 +82,7 @@ def simulated(number: int) -> Iterator[Case]:
     arm, rng = replace(arm, number=number % 5), np.random.default_rng([number, 7])
     limits = JointLimits.of(tree).within(range_share=0.95)
     home = 0.5 * (limits.lower + limits.upper)
-    classes = wide_classes(limits, home, length=6.0)
+    classes = {**wide_classes(limits, home, length=6.0), **_more_classes(limits.within(range_share=0.8), limits, home)}
     others = tuple(_recorded(arm, _drawn(draw, rng), f"{name} {k}") for name, draw in classes.items() for k in range(2))
     slow = replace(limits.within(range_share=0.5), speed=0.25 * limits.speed, acceleration=0.1 * limits.acceleration)
     part = limits.within(range_share=0.3)
@@ -99,6 +99,16 @@ def simulated(number: int) -> Iterator[Case]:
         while log.duration < (_SHORT if "short" in kind else _SECONDS):
             log = log.then(one if kind in ("slow series", "few moves") else _drawn(draw, rng))
         yield Case(f"{number} {kind}", tree, _recorded(arm, log, kind), others, _NOMINAL, Options())
+
+
+def _more_classes(around: JointLimits, limits: JointLimits, home: Array) -> dict[str, Draw]:
+    """Sums of sines over as much of the ranges as 7.5 s allow, and moves that creep."""
+    longest = 7.5
+    w = 3.0 * np.pi / longest
+    reach = np.minimum(0.5 * (limits.upper - limits.lower), np.minimum(limits.acceleration / w**2, limits.speed / w))
+    sines = Sines(around, reach=np.minimum(reach, np.pi), longest=longest)
+    slow = Moves(limits, around.within(range_share=0.3), home, GENTLE, speeds=(0.03, 0.3))
+    return {"sines": Series(sines, limits, home), "slow moves": slow}
 
 
 def _drawn(draw: Draw, rng: np.random.Generator) -> Trajectory:

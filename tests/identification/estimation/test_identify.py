@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,6 +19,7 @@ from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.identify import Options, identify
 from trueup.identification.estimation.matching import matched
 from trueup.identification.estimation.motion import log_of
+from trueup.identification.estimation.quick import quick_fit
 from trueup.identification.estimation.result import Identification, relative_error
 from trueup.identification.inertial import pseudo_inertia
 from trueup.identification.kinematic_tree import KinematicTree, from_dh
@@ -150,6 +152,15 @@ def test_exchanged_torques_are_named(tree: KinematicTree, arms: SimpleNamespace)
     r = _changed(arms.recording(tree, np.random.default_rng(7)), "torque", order=[0, 2, 1, 3])
     with pytest.raises(IdentificationError, match="joint2 and joint3 seem to be exchanged"):
         identify(tree, [r])
+
+
+def test_what_a_short_log_explains_it_need_not_foretell(tree: KinematicTree, arms: SimpleNamespace) -> None:
+    rng, drives = np.random.default_rng(7), Drives.direct(tree.joints)
+    motion = log_of(arms.recording(tree, rng), tree, drives).motion(10.0, measured_speed=False)
+    chance = replace(motion, torque=np.cumsum(rng.standard_normal(motion.torque.shape), axis=0))
+    explained, foretold = (quick_fit(motion, tree, drives, 10.0, parts=parts) for parts in (1, 4))
+    assert explained(motion) < foretold(motion) < 1.5 * explained(motion)
+    assert explained(chance) < 1.0 < foretold(chance)
 
 
 def test_a_wrong_sign_is_named(tree: KinematicTree, arms: SimpleNamespace) -> None:
