@@ -390,3 +390,17 @@ def test_what_the_engine_warns_of_is_one_note(call: Call) -> None:
     assert said.count("'settotalmass' is deprecated") == 1
     assert "UserWarning" not in said
     assert "settotalmass" not in call("replay", "arm.xml", "slow.csv", "-q")[1]
+
+
+def test_the_end_of_each_recording_may_be_held_out(call: Call) -> None:
+    given = ("calibrate", "arm.xml", "slow.csv", "--out", "fit", "--hold-out")
+    code, said = call(*given, "30%", "--parameters", "parameters.toml")
+    assert code == 0, said
+    assert "position, held out" in said
+    assert {r["recording"] for r in json.loads(Path("fit/calibration.json").read_text())["replays"]} == {
+        "slow",
+        "slow_end",
+    }
+    code, said = call(*given, "100%")
+    assert code == 1
+    assert "of the 300 samples of recording 'slow' both parts need two or more" in said

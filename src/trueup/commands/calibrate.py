@@ -39,6 +39,7 @@ report.html (start there), replay.svg and calibration.json. Ctrl-C is fine: the 
 
   trueup calibrate robot.xml logs/*.csv --hold-out fast --out fit
   trueup calibrate robot.xml logs/*.csv --hold-out 'walk_*' --parameters mine.toml --out fit
+  trueup calibrate robot.xml log.csv --hold-out 30% --out fit       the last 30 % of each recording is held out
   trueup calibrate car.toml drives/*.csv --hold-out lap_3 --out fit
 
 A car that is driven by throttle and steering, and whose pose was tracked, is a TOML file; the result is such a file too:

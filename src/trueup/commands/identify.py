@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 import shlex
 import sys
 from collections.abc import Sequence
@@ -15,7 +14,7 @@ from rich.console import Console
 
 from trueup.campaign.output import free_folder
 from trueup.commands.console import notes
-from trueup.commands.sources import add_shared, given, mapping_for, recordings_in
+from trueup.commands.sources import SHARE, add_shared, given, mapping_for, recordings_in
 from trueup.errors import IdentificationError, OutputError
 from trueup.formats import ChannelMap, TimeColumn
 from trueup.recording import Recording
@@ -58,15 +57,12 @@ Logs of motor angles or currents need a drives file; leave out what is one to on
 """
 
 _FILES = ("report.html", "identification.json", "torque.json", "torque.h", "torque.py")
-_SHARE = re.compile(r"(\d+(?:\.\d+)?)\s*%")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What this command takes."""
     parser.add_argument("model", metavar="MODEL", help="URDF or MJCF of the arm")
-    add_shared(parser, "recordings", "out", "mapping", "rate", "seed", "json", "force", "quiet")
-    parser.add_argument("--hold-out", nargs="+", action="extend", default=[], metavar="NAME",
-                        help="logs to judge by, not to fit: names, patterns, paths; '30%%': the end of each")  # fmt: skip
+    add_shared(parser, "recordings", "out", "hold-out", "mapping", "rate", "seed", "json", "force", "quiet")
     parser.add_argument("--drives", metavar="FILE", help="gear ratios, couplings, offsets, torque constants (TOML)")
     parser.add_argument("--payload", nargs="+", default=[], metavar="LOG",
                         help="runs with a known payload at the last link: torque constants from currents")  # fmt: skip
@@ -130,7 +126,7 @@ def _options(args: argparse.Namespace) -> tuple[Options, list[str]]:
 
     names, share = [], 0.0
     for entry in args.hold_out:
-        if found := _SHARE.fullmatch(entry):
+        if found := SHARE.fullmatch(entry):
             share = 0.01 * float(found[1])
         else:
             names.append(entry)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import fnmatch
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from trueup import files
 from trueup.errors import FormatError, OtherFilesMappingError, RecordingError, unknown_name
 from trueup.formats import ChannelMap, guess_mapping, is_recording, read
 from trueup.inspection.diagnosis import Diagnosis
-from trueup.recording import Recording
+from trueup.recording import Recording, part_of
 
 Mapped = ChannelMap | Path | None
 """What says how columns become channels; None: guessed."""
@@ -114,19 +115,38 @@ def given(
 def split(
     recordings: Sequence[Recording], hold_out: Sequence[str], mapping: Path | None
 ) -> tuple[list[Recording], list[Recording]]:
-    """Recordings to fit and recordings to hold out: by name, by pattern, by path among those given, or further paths.
+    """Recordings to fit and recordings to hold out: by name, by pattern, by path among those given, or further paths; of a
+    share in percent the ends of those that are fitted.
 
-    Raises UnknownNameError for what is none of these.
+    Raises UnknownNameError for what is none of these, RecordingError for a share that leaves nothing.
     """
     held: dict[str, Recording] = {}
-    for entry in hold_out:
+    shares = [0.01 * float(found[1]) for entry in hold_out if (found := SHARE.fullmatch(entry))]
+    for entry in (e for e in hold_out if not SHARE.fullmatch(e)):
         found = [r for r in recordings if fnmatch.fnmatchcase(r.name, entry) or _comes_from(r, Path(entry))]
         if not found and Path(entry).exists():
             found = read([Path(entry)], mapping)
         if not found:
             raise unknown_name("recording", entry, [r.name for r in recordings], "those given (nor a file or folder)")
         held |= {r.name: r for r in found}
-    return [r for r in recordings if r.name not in held], list(held.values())
+    fitted = [r for r in recordings if r.name not in held]
+    if not shares:
+        return fitted, list(held.values())
+    parts = [_parted(r, shares[-1]) for r in fitted]
+    return [begin for begin, _ in parts], [*held.values(), *(end for _, end in parts)]
+
+
+def _parted(recording: Recording, share: float) -> tuple[Recording, Recording]:
+    """A recording without its last `share`, and that."""
+    k = len(recording.time) - round(share * len(recording.time))
+    if not 1 < k < len(recording.time) - 1:
+        raise RecordingError(
+            f"--hold-out {100 * share:g}%: of the {len(recording.time)} samples of recording '{recording.name}' both parts "
+            "need two or more"
+        )
+    end = recording.slice(float(recording.time[k]), recording.stop)
+    begin = recording.slice(recording.start, float(recording.time[k - 1]))
+    return begin, end.replace(name=f"{recording.name}_end", provenance=part_of(end))
 
 
 def while_driven(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
@@ -158,7 +178,9 @@ def while_driven(recordings: Sequence[Recording]) -> tuple[list[Recording], list
     return kept, notes
 
 
-_HOLD_OUT = "recordings to judge by and not to fit: names, patterns ('fast_*') or paths"
+_HOLD_OUT = "recordings to judge by and not to fit: names, patterns ('fast_*'), paths; '30%%': the end of each"
+SHARE = re.compile(r"(\d+(?:\.\d+)?)\s*%")
+"""A share of each recording, as `--hold-out` takes it."""
 _SHARED: Mapping[str, tuple[tuple[str, ...], Mapping[str, Any]]] = {
     "recordings": (("recordings",), {"nargs": "+", "metavar": "RECORDING", "help": "files or folders"}),
     "folder": (("folder",), {"nargs": "?", "default": ".", "metavar": "DIR",

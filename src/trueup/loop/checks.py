@@ -28,7 +28,10 @@ def check(training: Sequence[Recording], held_out: Sequence[Recording]) -> list[
         warnings += _about(recording)
     warnings += _clocks((*training, *held_out)) + _disagreeing(training)
     if not held_out:
-        warnings.append("no recording was held out: nothing shows that this fit holds on motions that it has not seen")
+        warnings.append(
+            "no recording was held out (--hold-out NAME, or 30% for the end of each): nothing shows that this fit holds on "
+            "motions that it has not seen"
+        )
     return warnings + _never_moving(training)
 
 
