@@ -15,37 +15,47 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.loop.descent import Descent, Look, explained, last_look
 from trueup.loop.elsewhere import EDGE, LOOKED_AT
+from trueup.loop.limits import is_limit
 from trueup.loop.probe import ROUGH, unexplained
 from trueup.loop.stages import Run
-from trueup.parameters import Parameter
+
+_REACH, _LEAST = 0.25, 0.05
+"""Of a limit's range: how far along its profile is looked first, and how near it is left."""
 
 
 def profiles(run: Run) -> None:
-    """Looks along the profile of each time that acts from one step to the next: a delay under drives that saturate.
+    """Looks along the profile of each time that acts from one step to the next, a delay under drives that saturate, and of
+    each limit where the recordings are not replayed to about their noise.
 
-    Slopes there are those of a stair's tread, and rates, limits and damping make up for the delay at which a search over a
-    coarser step or a part of the recordings has ended. Not where so much was
-    recorded that joints are searched alone: every place would cost the engine minutes.
+    Slopes along a delay are those of a stair's tread, and rates, limits and damping make up for the one at which a search
+    over a coarser step or a part of the recordings has ended; a limit has none where it is not met, and ends elsewhere while
+    gains are wrong. Not where so much was recorded that joints are searched alone: every place would cost the engine minutes.
     """
     if not run.looks or run.descent.search is None or run.coarse.approximate_part is not None:
         return
-    for p in run.descent.space.parameters:
-        if not p.frozen and p.unit == "s" and p.scale != "log" and len(run.descent.point) > 1:
-            _along_profile(run, p)
+    free = [p for p in run.descent.space.parameters if not p.frozen]
+    for k, p in enumerate(free if len(free) > 1 else ()):
+        if p.unit == "s" and p.scale != "log":
+            width = run.look.problem.simulator.step / (p.upper - p.lower)
+            if _rough(run, k, width):
+                _along_profile(run, k, max(0.5 * run.descent.point[k], width), width)
+        elif is_limit(p) and not explained(run.descent.finished(run.look).residual):
+            _along_profile(run, k, _REACH, _LEAST)
 
 
-def _along_profile(run: Run, p: Parameter) -> None:
+def _rough(run: Run, k: int, width: float) -> bool:
+    """Whether slopes along the parameter do not lead over `width` of the box."""
+    point = run.descent.point
+    around = np.clip(point + width * np.outer([1.0, -1.0], np.arange(len(point)) == k), 0.0, 1.0)
+    residuals = run.look.problem.residuals(run.descent.space.from_unit(around))
+    return unexplained(around, residuals, run.descent.finished(run.look).jacobian) >= ROUGH
+
+
+def _along_profile(run: Run, k: int, reach: float, width: float) -> None:
     descent, problem = run.descent, run.look.problem
-    width = problem.simulator.step / (p.upper - p.lower)
-    k = [q.name for q in descent.space.parameters if not q.frozen].index(p.name)
-    around = np.clip(descent.point + width * np.outer([1.0, -1.0], np.arange(len(descent.point)) == k), 0.0, 1.0)
-    found = descent.finished(run.look)
-    if unexplained(around, problem.residuals(descent.space.from_unit(around)), found.jacobian) < ROUGH:
-        return
     look = replace(last_look(problem, problem), tolerance=1.0, last=False)
-    worth = problem.chance(found.residual)
-    begun, reach = descent.point[k], max(0.5 * descent.point[k], width)
-    best = _held(descent, look, k, float(descent.point[k]))
+    worth = problem.chance(descent.finished(run.look).residual)
+    begun, best = descent.point[k], _held(descent, look, k, float(descent.point[k]))
     while reach >= 0.5 * width:
         places = np.clip(best.place + np.array([-reach, reach]), 0.0, 1.0)
         tried = [
