@@ -34,9 +34,9 @@ from trueup.excitation.periodic import Fourier, Sines
 from trueup.excitation.trajectories import Trajectory
 from trueup.formats import read
 from trueup.identification.estimation import identify as module
+from trueup.identification.estimation.blocks import blocks_of, numbered
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.identify import Options, identify
-from trueup.identification.estimation.moments import blocks_of
 from trueup.identification.estimation.motion import Piece
 from trueup.identification.estimation.pool import Pool
 from trueup.identification.estimation.result import relative_error
@@ -154,7 +154,8 @@ def _thirds(
 
 def _blocks(_: Pool, pieces: Sequence[Piece]) -> list[Rows]:
     """Blocks of time in the place of kinds of motion."""
-    return blocks_of([p.rows for p in pieces if not p.held_out], TIME_BLOCKS, 0.0)
+    rows = [p.rows for p in pieces if not p.held_out]
+    return blocks_of(rows, numbered(rows, TIME_BLOCKS), 0.0)
 
 
 def main() -> None:

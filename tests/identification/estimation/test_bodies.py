@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.effects import Effect
+from trueup.identification.estimation.blocks import blocks_of, numbered
 from trueup.identification.estimation.bodies import cross_validated_fit
 from trueup.identification.estimation.consistent import ConsistentFit, violations
-from trueup.identification.estimation.moments import blocks_of, moments_of
+from trueup.identification.estimation.moments import moments_of
 from trueup.identification.rows import Rows
 
 Array = NDArray[np.float64]
@@ -34,7 +35,8 @@ def _found(arms: SimpleNamespace, rotors: Array) -> tuple[DynamicModel, Consiste
     wrong[10 * tree.n :] = 0.0
     active = np.concatenate([np.arange(10 * tree.n), model.columns_of("rotor", "viscous")])
     weights = size**-2.0
-    found = cross_validated_fit(model, moments_of(blocks_of([noisy], 8, 0.0)), weights / weights.mean(), active, wrong)
+    moments = moments_of(blocks_of([noisy], numbered([noisy], 8), 0.0))
+    found = cross_validated_fit(model, moments, weights / weights.mean(), active, wrong)
     clean = Rows(rows.columns, rows.values, torque, time, rows.p)
     return model, found.fit, clean
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from trueup.arrays import Array, Integers
 from trueup.identification.dynamic_model import DynamicModel
+from trueup.identification.estimation.blocks import blocks_of, numbered
 from trueup.identification.estimation.drives import Drives
-from trueup.identification.estimation.moments import RIDGE, blocks_of, moments_of
+from trueup.identification.estimation.moments import RIDGE, moments_of
 from trueup.identification.estimation.motion import Motion, Piece, pieces_of
 from trueup.identification.estimation.pool import pool_for
 from trueup.identification.estimation.selection import TIME_BLOCKS, Choice, reweighed
@@ -76,6 +77,8 @@ class _Basic:
     """Without couplings."""
     active: Integers
     pieces: Sequence[Piece]
+    numbers: Sequence[Integers]
+    """Of the block of each sample."""
     margin: float
     """s that are left out at both ends of blocks."""
 
@@ -84,7 +87,8 @@ class _Basic:
         """What is the same for all couplings: the columns of links, and of the other drives."""
         model, active = pool_for(tree, np.eye(tree.n), motions).basic()
         pieces = [pieces_of(m, model, cutoff, hold_out)[0] for m in motions]
-        return cls(model, active, pieces, 1.0 / cutoff)
+        numbers = numbered([p.rows for p in pieces], TIME_BLOCKS, [p.motion.q for p in pieces])
+        return cls(model, active, pieces, numbers, 1.0 / cutoff)
 
     def coupling(self, ratios: Mapping[Pair, float]) -> Array:
         """(n, n) speeds of the drives for those of the joints."""
@@ -96,7 +100,7 @@ class _Basic:
     def choice(self, ratios: Mapping[Pair, float]) -> Choice:
         """The model with its errors on blocks that were left out of the part that is fitted."""
         rows = [self._driven(piece, self.coupling(ratios)) for piece in self.pieces]
-        moments = moments_of(blocks_of(rows, TIME_BLOCKS, self.margin))
+        moments = moments_of(blocks_of(rows, self.numbers, self.margin))
         mask = np.isin(np.arange(self.model.p), self.active)
         return reweighed(moments, np.zeros(self.model.p), Choice(mask, RIDGE, np.ones(self.model.tree.n)))
 

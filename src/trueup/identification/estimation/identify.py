@@ -15,6 +15,7 @@ from trueup.arrays import Array
 from trueup.errors import IdentificationError
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.alignment import find_shift, shifted
+from trueup.identification.estimation.blocks import blocks_of, numbered
 from trueup.identification.estimation.bodies import Bodies, cross_validated_fit
 from trueup.identification.estimation.couplings import coupled
 from trueup.identification.estimation.cutoff import natural_cutoff
@@ -23,7 +24,7 @@ from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import Estimate, least_squares, weighted_least_squares
 from trueup.identification.estimation.file_fit import FileFit, file_fit
 from trueup.identification.estimation.matching import matched
-from trueup.identification.estimation.moments import Moments, blocks_of, moments_of
+from trueup.identification.estimation.moments import Moments, moments_of
 from trueup.identification.estimation.motion import Log, Piece, log_of, pieces_of
 from trueup.identification.estimation.outcome import outcome
 from trueup.identification.estimation.pool import (
@@ -140,7 +141,7 @@ def _structured(pool: Pool, pieces: Sequence[Piece], nominal: Array, structure: 
     rough = weighted_least_squares(_training(pieces), basic_columns(pool), prior=prior).parameters
     links = pool.base.full(pool.base.of(rough), nominal)[: 10 * pool.model.tree.n].reshape(-1, 10)
     made = with_load_columns(pool, pieces, links)
-    moments = moments_of(blocks_of(_training(made), TIME_BLOCKS, margin))
+    moments = moments_of(_blocks(made, margin))
     choice = select_structure(pool, moments, prior * moments.scale, structure)
     if structure == "select":
         moments, choice, left = select_shrinkage(moments, lambda: moments_of(kinds_of(pool, made)), prior, choice)
@@ -166,6 +167,12 @@ def _training(pieces: Sequence[Piece]) -> list[Rows]:
     return [p.rows for p in pieces if not p.held_out]
 
 
+def _blocks(pieces: Sequence[Piece], margin: float) -> list[Rows]:
+    """What is fitted, in blocks of motion that is not repeated in others, `margin` s left out at their ends."""
+    rows = _training(pieces)
+    return blocks_of(rows, numbered(rows, TIME_BLOCKS, [p.motion.q for p in pieces if not p.held_out]), margin)
+
+
 def _estimated(
     pool: Pool, pieces: Sequence[Piece], nominal: Array, choice: Choice, wanted: Options
 ) -> tuple[Estimate, Bodies | None, FileFit | None, Choice]:
@@ -181,7 +188,7 @@ def _estimated(
     if not wanted.consistent:
         return free, None, None, choice
     # All samples, where the choice of the structure left out those at the borders of blocks.
-    moments = moments_of(blocks_of(parts, TIME_BLOCKS, 0.0))
+    moments = moments_of(_blocks(pieces, 0.0))
     lag = wanted.structure == "select"
     bodies = cross_validated_fit(pool.model, moments, choice.weights, active, nominal, lag=lag)
     written = file_fit(pool, moments, nominal, bodies.pull, [p.motion.v for p in pieces if not p.held_out])

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -118,23 +117,6 @@ def moments_of(parts: Sequence[Rows]) -> Moments:
     gram *= inverse[:, None] * inverse
     cross *= inverse
     return Moments(gram, cross, square, count, size, np.broadcast_to(parts[0].shrink, p))
-
-
-def blocks_of(rows: Sequence[Rows], count: int, margin: float) -> list[Rows]:
-    """About `count` blocks of equal duration from several recordings, `margin` s left out at both ends of each.
-
-    Blocks rather than scattered samples, so that what is left out is not next to what was fitted.
-    """
-    total = sum(r.time[-1] - r.time[0] for r in rows if r.length > 1)
-    blocks = []
-    for r in rows:
-        share = max(1, round(count * float(r.time[-1] - r.time[0]) / total))
-        edges = np.linspace(r.time[0], r.time[-1], share + 1)
-        for start, stop in itertools.pairwise(edges):
-            inside = (r.time >= start + margin) & (r.time <= stop - margin)
-            if np.count_nonzero(inside) > 1:
-                blocks.append(r.part(inside))
-    return blocks
 
 
 def solve(gram: Array, cross: Array, prior: Array, strength: float | Array = RIDGE) -> Array:

@@ -16,10 +16,11 @@ from numpy.typing import ArrayLike
 from trueup.arrays import Array, Integers
 from trueup.errors import IdentificationError
 from trueup.evidence import half_interval, jackknife
+from trueup.identification.estimation.blocks import blocks_of, numbered
 from trueup.identification.estimation.cutoff import natural_cutoff
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import crossed
-from trueup.identification.estimation.moments import blocks_of, solve
+from trueup.identification.estimation.moments import solve
 from trueup.identification.estimation.motion import log_of, pieces_of
 from trueup.identification.estimation.pool import pool_for
 from trueup.identification.estimation.quick import basic_columns
@@ -76,7 +77,7 @@ def drive_gains(
         *(_with_currents(r, known, body, open_) for r in loaded),
     ]
     active = np.concatenate([act, np.arange(p, wide)])
-    blocks = blocks_of(rows, TIME_BLOCKS, 0.0)
+    blocks = blocks_of(rows, numbered(rows, TIME_BLOCKS), 0.0)
     left, right = crossed(blocks, _expected(blocks, np.setdiff1d(active, np.arange(p, p + n)), p), active)
     scale = np.sqrt(np.maximum(np.einsum("kjmm->m", np.abs(left)), TINY))
     left, right = left / scale[:, None] / scale, right / scale

@@ -9,11 +9,12 @@ import numpy as np
 
 from trueup.arrays import Array, Integers
 from trueup.errors import IdentificationError
+from trueup.identification.estimation.blocks import blocks_of, numbered
 from trueup.identification.estimation.diagnosis import BETTER, DOUBTFUL, POOR, Fit, mistakes, signs
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import Estimate, least_squares
 from trueup.identification.estimation.filtering import slow_cutoff
-from trueup.identification.estimation.moments import blocks_of, moments_of, solve
+from trueup.identification.estimation.moments import moments_of, solve
 from trueup.identification.estimation.motion import Log, Motion, Piece, log_of, pieces_of
 from trueup.identification.estimation.pool import BASIC, Pool, pool_for
 from trueup.identification.kinematic_tree import GRAVITY, KinematicTree
@@ -85,7 +86,7 @@ def quick_fit(
 
     def error(changed: Motion) -> float:
         rows = [pieces_of(changed, model, cutoff, hold_out)[0].rows]
-        moments = moments_of(blocks_of(rows, parts, 0.0) if parts > 1 else rows)
+        moments = moments_of(blocks_of(rows, numbered(rows, parts), 0.0) if parts > 1 else rows)
         power = np.maximum(moments.square.sum(axis=0), TINY)
         gram, cross = moments.weighted(1.0 / power)
         if parts > 1:
