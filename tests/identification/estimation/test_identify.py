@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.errors import IdentificationError, UnknownNameError
+from trueup.evidence import FEWEST_PARTS
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.couplings import coupled
 from trueup.identification.estimation.cutoff import natural_cutoff
@@ -19,7 +20,7 @@ from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.identify import Options, identify
 from trueup.identification.estimation.matching import matched
 from trueup.identification.estimation.motion import log_of
-from trueup.identification.estimation.quick import quick_fit
+from trueup.identification.estimation.quick import foretelling_fit
 from trueup.identification.estimation.result import Identification, relative_error
 from trueup.identification.inertial import pseudo_inertia
 from trueup.identification.kinematic_tree import KinematicTree, from_dh
@@ -158,9 +159,35 @@ def test_what_a_short_log_explains_it_need_not_foretell(tree: KinematicTree, arm
     rng, drives = np.random.default_rng(7), Drives.direct(tree.joints)
     motion = log_of(arms.recording(tree, rng), tree, drives).motion(10.0, measured_speed=False)
     chance = replace(motion, torque=np.cumsum(rng.standard_normal(motion.torque.shape), axis=0))
-    explained, foretold = (quick_fit(motion, tree, drives, 10.0, parts=parts) for parts in (1, 4))
-    assert explained(motion) < foretold(motion) < 1.5 * explained(motion)
-    assert explained(chance) < 1.0 < foretold(chance)
+    fit = foretelling_fit(motion, tree, drives, 10.0, parts=(1, FEWEST_PARTS))
+    sound, none = ([float(np.sqrt(x.sum())) for x in fit(each)] for each in (motion, chance))
+    assert sound[0] < sound[1] < 1.3 * sound[0]
+    assert none[1] > 1.3 * none[0]
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+@pytest.mark.parametrize("seconds", [4.0, 5.0])
+def test_a_sound_log_is_not_refused_for_being_short_and_unlike_any_rigid_arm(
+    arms: SimpleNamespace, seed: int, seconds: float
+) -> None:
+    tree, rng = arms.arm(seed), np.random.default_rng(seed)
+    time = np.arange(round(200.0 * seconds)) / 200.0
+    q, v, a = arms.sines(rng, time, 4, size=0.3)
+    rippling = arms.torque(tree, q, v, a) + 2.0 * arms.coulomb * np.sin(60.0 * q)
+    channels = {
+        "position": Channel("position", tree.joints, "rad", time, q + 2e-5 * rng.normal(size=q.shape)),
+        "torque": Channel("torque", tree.joints, "N m", time, rippling + 0.5 * rng.normal(size=q.shape)),
+    }
+    found = identify(arms.without_file(tree), [Recording("short", channels)], options=Options(consistent=False))
+    assert found.joints == tree.joints
+
+
+@pytest.mark.parametrize("order", [[1, 0, 2, 3], [0, 3, 2, 1], [3, 2, 1, 0]])
+def test_joints_in_another_order_are_named(tree: KinematicTree, arms: SimpleNamespace, order: list[int]) -> None:
+    r = arms.recording(tree, np.random.default_rng(7))
+    mixed = _changed(_changed(r, "position", order=order), "torque", order=order)
+    with pytest.raises(IdentificationError, match=r"seem to be exchanged|in reverse order"):
+        identify(tree, [mixed])
 
 
 def test_a_wrong_sign_is_named(tree: KinematicTree, arms: SimpleNamespace) -> None:

@@ -6,11 +6,13 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from trueup.arrays import Array
 from trueup.errors import IdentificationError, listed
+from trueup.evidence import evidence
 from trueup.identification.estimation.motion import STILL, Log, Motion
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.units import FURTHEST_TURN
@@ -20,15 +22,58 @@ DOUBTFUL, POOR = 0.1, 0.35
 BETTER = 0.5
 """Of the error that is left when a mistake is taken out, for it to be named."""
 _SLIGHTLY, _MUCH = 0.9, 0.1
-"""The same where friction would drive joints with more than this share of their torque: chance does not do that."""
+"""The same for a mistake to be mentioned, and where friction would drive joints with more than this share of their torque:
+chance does not do that."""
 _AS_GOOD = 1.1
 _TORQUE_FACTOR = 30.0
 """Times the torque limit of the model file that no drive delivers."""
 
 _RECORDING = re.compile(r"recording '([^']*)'")
 
-Fit = Callable[[Motion], float]
-"""The relative error of a basic model on a motion."""
+Errors = tuple[Array, ...]
+"""Squared relative errors of a basic model: (1,) as fitted, then for ever finer cuts (K,) of parts foretold by the others."""
+Fit = Callable[[Motion], Errors]
+
+
+@dataclass(frozen=True, eq=False)
+class Suspicion:
+    """A mistake in a log that would explain its torque, and what the log says of it."""
+
+    said: str
+    before: Errors
+    """Of the log as it is."""
+    after: Errors
+    """Of the log with the mistake taken out."""
+    enough: float = BETTER
+    """Of the error that may be left."""
+    sure: bool = False
+    """Whether nature says so, whatever is left."""
+
+    @property
+    def likely(self) -> bool:
+        """Whether the log and parts of it that are left out are explained better with the mistake taken out."""
+        return self.certain or self._better(_SLIGHTLY)
+
+    @property
+    def certain(self) -> bool:
+        """Whether they are explained much better, and then not poorly: a log of which this holds is refused.
+
+        Of a short or narrow log parts are foretold badly whatever is wrong with it: of many mistakes that could be taken
+        out some do better by chance in one cut, hardly one in all of them and well.
+        """
+        return self.sure or (self._better(self.enough) and bool(self.after[-1].sum() < POOR**2))
+
+    def _better(self, share: float) -> bool:
+        """Whether no more than a share of the error is left in any cut, by the rule of evidence where there are parts."""
+        cuts = [(np.sqrt(b), np.sqrt(a)) for b, a in zip(self.before, self.after, strict=True)]
+        return all(
+            np.sum(a**2) < share**2 * np.sum(b**2) and (len(b) == 1 or evidence(b, a, b**2).holds) for b, a in cuts
+        )
+
+    def __str__(self) -> str:
+        """In words."""
+        before, after = (100.0 * float(np.sqrt(each[0].sum())) for each in (self.before, self.after))
+        return f"{self.said}: the error would go from {before:.2g} % to {after:.2g} % of the torque"
 
 
 def check_log(log: Log, tree: KinematicTree, *, judged: bool = False) -> list[str]:
@@ -101,41 +146,34 @@ def _check_torque(log: Log, tree: KinematicTree) -> None:
             )
 
 
-def mistakes(motion: Motion, tree: KinematicTree, fit: Fit) -> Iterator[str]:
-    """The simple mistake that, taken out, leaves the least error, if it is at most half of that of the poor fit."""
-    relative, found = fit(motion), list[tuple[float, str]]()
-    for said, changed in _candidates(motion, tree):
-        error = fit(changed)
-        if error < BETTER * relative:
-            found.append((error, said))
-    if found:
-        error, said = min(found)
-        yield f"{said}: the error would fall from {100 * relative:.0f} % to {100 * error:.0f} % of the torque"
+def mistakes(motion: Motion, tree: KinematicTree, fit: Fit) -> Suspicion:
+    """The simple mistake that, taken out, lets parts that are left out be foretold best."""
+    before = fit(motion)
+    tried = (Suspicion(said, before, fit(changed)) for said, changed in _candidates(motion, tree))
+    return min(tried, key=lambda s: s.after[-1].sum())
 
 
-def signs(motion: Motion, tree: KinematicTree, driven: Mapping[int, float], fit: Fit) -> list[str]:
-    """What to say of joints that friction seems to drive: their torques, or else their positions, have the wrong sign.
+def signs(motion: Motion, tree: KinematicTree, driven: Mapping[int, float], fit: Fit) -> Suspicion:
+    """Joints that friction seems to drive: their torques, or else their positions, have the wrong sign.
 
-    `driven` has the share of a joint's torque that seems to be such friction. Nothing where few of them do so and neither
-    explains the torque better, or far better where friction is small: sensors behind gears see little of it.
+    `driven` has the share of a joint's torque that seems to be such friction. Where it is small much has to be explained
+    better: sensors behind gears see little of it.
     """
     sign = np.ones(tree.n)
     sign[list(driven)] = -1.0
     turned = replace(motion, q=motion.q * sign, v=motion.v * sign, a=motion.a * sign)
-    before = fit(motion)
-    tried = (("torque", fit(replace(motion, torque=motion.torque * sign))), ("position", fit(turned)))
-    channel, error = min(tried, key=lambda entry: entry[1])
-    if max(entry[1] for entry in tried) < _AS_GOOD * error:
+    before, torque, position = fit(motion), fit(replace(motion, torque=motion.torque * sign)), fit(turned)
+    least, most = sorted(float(np.sqrt(each[0].sum())) for each in (torque, position))
+    channel, after = ("torque", torque) if torque[0].sum() <= position[0].sum() else ("position", position)
+    if most < _AS_GOOD * least:
         channel = "torque or the position"
-    everywhere = len(driven) == tree.n and error < _AS_GOOD * before
-    enough = _SLIGHTLY if min(driven.values()) > _MUCH else BETTER
-    if error > enough * before and not everywhere:
-        return []
+    everywhere = len(driven) == tree.n and least < _AS_GOOD * float(np.sqrt(before[0].sum()))
     names = ", ".join(tree.joints[j] for j in driven)
-    return [
+    said = (
         f"the {channel} of {names} seems to have the wrong sign, since friction would drive what it should brake (sign = -1 "
-        f"in the mapping): the error would go from {100 * before:.2g} % to {100 * error:.2g} % of the torque"
-    ]
+        "in the mapping)"
+    )
+    return Suspicion(said, before, after, _SLIGHTLY if min(driven.values()) > _MUCH else BETTER, everywhere)
 
 
 def _candidates(motion: Motion, tree: KinematicTree) -> Iterator[tuple[str, Motion]]:

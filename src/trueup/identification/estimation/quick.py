@@ -3,20 +3,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from trueup.arrays import Array, Integers
 from trueup.errors import IdentificationError
+from trueup.evidence import FEWEST_PARTS
 from trueup.identification.estimation.blocks import blocks_of, numbered
-from trueup.identification.estimation.diagnosis import BETTER, DOUBTFUL, POOR, Fit, mistakes, signs
+from trueup.identification.estimation.diagnosis import BETTER, DOUBTFUL, POOR, Errors, Fit, Suspicion, mistakes, signs
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import Estimate, least_squares
 from trueup.identification.estimation.filtering import slow_cutoff
 from trueup.identification.estimation.moments import moments_of, solve
 from trueup.identification.estimation.motion import Log, Motion, Piece, log_of, pieces_of
 from trueup.identification.estimation.pool import BASIC, Pool, pool_for
+from trueup.identification.estimation.selection import TIME_BLOCKS
 from trueup.identification.kinematic_tree import GRAVITY, KinematicTree
 from trueup.identification.rows import Rows
 from trueup.recording import Channel, Recording
@@ -24,8 +26,8 @@ from trueup.rounding import TINY
 
 _LONGEST = 20.0
 """s of a log that a rough fit looks at."""
-_PARTS = 4
-"""Of a log, each foretold by the others, where a mistake in it is looked for."""
+_CUTS = (1, FEWEST_PARTS, TIME_BLOCKS)
+"""Parts of a log in which a mistake is looked for: all, as few as evidence allows, as many as structures are asked in."""
 _TILTS = (0.4, 0.1, 0.03)
 """rad: steps in which the direction of gravity is sought."""
 _SMALL, _SURELY = 0.02, 0.5
@@ -59,43 +61,57 @@ def doubts(
         return []
     slow = slow_cutoff(logs[0].rate)
     motion = logs[0].motion(slow, measured_speed=False)
-    fit = quick_fit(motion, tree, drives, slow)
-    found = [] if not driven else signs(motion, tree, driven, fit)
-    if relative >= DOUBTFUL and not found:
-        # Of a narrow log a wrong order may be fitted better than the right one, but it foretells nothing.
-        found = list(mistakes(motion, tree, quick_fit(motion, tree, drives, slow, parts=_PARTS)))
-        found += _hanging(motion, tree, drives, slow, fit(motion))
-    for said in found:
-        raise IdentificationError(f"recording '{logs[0].name}': {said}. Correct that and identify again")
+    fit = foretelling_fit(motion, tree, drives, slow, parts=_CUTS)
+    found = [s for s in ([signs(motion, tree, driven, fit)] if driven else []) if s.likely]
+    if relative >= DOUBTFUL and not any(s.certain for s in found):
+        found += [s for s in (mistakes(motion, tree, fit), _hanging(motion, tree, drives, slow)) if s.likely]
+    for suspicion in found:
+        if suspicion.certain:
+            raise IdentificationError(f"recording '{logs[0].name}': {suspicion}. Correct that and identify again")
+    notes = [
+        f"recording '{logs[0].name}': {suspicion}. Parts of it that were left out do not prove it: look whether it is so"
+        for suspicion in found
+    ]
     if relative < POOR:
-        return []
+        return notes
     return [
+        *notes,
         f"a rigid arm with friction explains little of this torque ({100 * relative:.0f} % of it is left): is it the right "
-        "model file, are torques measured rather than commanded, are joints in the right order?"
+        "model file, are torques measured rather than commanded, are joints in the right order?",
     ]
 
 
 def quick_fit(
-    motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, hold_out: float = 0.0, parts: int = 1
-) -> Fit:
-    """A fit of a basic model that can be had many times: from a motion like this one to its relative error, in each of so
-    many `parts` as the others foretell it.
-    """
+    motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, hold_out: float = 0.0
+) -> Callable[[Motion], float]:
+    """A fit of a basic model that can be had many times: from a motion like this one to its relative error."""
+    fit = foretelling_fit(motion, tree, drives, cutoff, hold_out)
+    return lambda changed: float(np.sqrt(fit(changed)[0].sum()))
+
+
+def foretelling_fit(
+    motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, hold_out: float = 0.0,
+    parts: Sequence[int] = (1,),
+) -> Fit:  # fmt: skip
+    """As `quick_fit`, to the squared relative errors of so many `parts`, each foretold by the others; of one, as fitted."""
     pool = pool_for(tree, drives.coupling, [motion])
     model, active = pool.basic()
 
-    def error(changed: Motion) -> float:
-        rows = [pieces_of(changed, model, cutoff, hold_out)[0].rows]
-        moments = moments_of(blocks_of(rows, numbered(rows, parts), 0.0) if parts > 1 else rows)
+    def errors(rows: Rows, count: int) -> Array:
+        moments = moments_of(blocks_of([rows], numbered([rows], count), 0.0))
         power = np.maximum(moments.square.sum(axis=0), TINY)
         gram, cross = moments.weighted(1.0 / power)
-        if parts > 1:
+        if count > 1:
             gram, cross = gram.sum(axis=0) - gram, cross.sum(axis=0) - cross
         x = np.zeros((len(gram), model.p))
         x[:, active] = solve(gram[:, active[:, None], active], cross[:, active], np.zeros(len(active)))
-        return float(np.sqrt(np.mean(moments.errors(x).sum(axis=0) / power)))
+        return np.asarray((moments.errors(x) / power).mean(axis=1))
 
-    return error
+    def fit(changed: Motion) -> Errors:
+        rows = pieces_of(changed, model, cutoff, hold_out)[0].rows
+        return tuple(errors(rows, count) for count in parts)
+
+    return fit
 
 
 def rough_error(tree: KinematicTree, recording: Recording, channels: dict[str, Channel]) -> float:
@@ -112,13 +128,22 @@ def rough_error(tree: KinematicTree, recording: Recording, channels: dict[str, C
         return np.inf
 
 
-def _hanging(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float, relative: float) -> list[str]:
-    """Whether the torque fits another direction of gravity far better: an arm on a wall, a ceiling, a slope."""
+def _hanging(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float) -> Suspicion:
+    """The direction of gravity that the torque fits best: of an arm on a wall, a ceiling, a slope; none is one, too."""
     size = float(np.linalg.norm(tree.gravity)) or GRAVITY
 
     def error(gravity: Array) -> float:
         return quick_fit(motion, tree.replace(gravity=gravity), drives, cutoff)(motion)
 
+    def suspected(gravity: Array, said: str) -> Suspicion:
+        fits = (
+            foretelling_fit(motion, tree.replace(gravity=g), drives, cutoff, parts=_CUTS)
+            for g in (tree.gravity, gravity)
+        )
+        before, after = (fit(motion) for fit in fits)
+        return Suspicion(said, before, after)
+
+    relative = error(np.asarray(tree.gravity))
     directions = [sign * size * axis for axis in np.eye(3) for sign in (1.0, -1.0)]
     tried = [(error(g), g) for g in directions if g @ tree.gravity < 0.9 * size**2]
     best, gravity = min([(relative, np.asarray(tree.gravity)), *tried], key=lambda entry: entry[0])
@@ -129,18 +154,12 @@ def _hanging(motion: Motion, tree: KinematicTree, drives: Drives, cutoff: float,
             turned = [np.cos(step) * gravity + sign * np.sin(step) * size * a for a in across for sign in (1.0, -1.0)]
             best, gravity = min([(best, gravity), *((error(g), g) for g in turned)], key=lambda entry: entry[0])
     best, gravity = min([(best, gravity), (error(-gravity), -gravity)], key=lambda entry: entry[0])
-    if (without := error(np.zeros(3))) < min(best, BETTER * relative):
-        return [
-            "the torque seems to hold no gravity, as where a controller takes it out: with --gravity 0 0 0 the error would "
-            f"fall from {100 * relative:.0f} % to {100 * without:.0f} % of the torque"
-        ]
-    if best > BETTER * relative:
-        return []
+    if error(np.zeros(3)) < min(best, BETTER * relative):
+        said = "the torque seems to hold no gravity, as where a controller takes it out: identify with --gravity 0 0 0"
+        return suspected(np.zeros(3), said)
     x, y, z = (round(float(g), 2) + 0.0 for g in gravity)
-    return [
-        f"the arm seems to be mounted otherwise than the model file says: with --gravity {x:g} {y:g} {z:g}, or near, the "
-        f"error would fall from {100 * relative:.0f} % to {100 * best:.0f} % of the torque"
-    ]
+    said = f"the arm seems to be mounted otherwise than the model file says: try --gravity {x:g} {y:g} {z:g}, or near"
+    return suspected(gravity, said)
 
 
 def _driven(pool: Pool, rows: Sequence[Rows], estimate: Estimate) -> dict[int, float]:
