@@ -20,7 +20,7 @@ import numpy as np
 from results import result
 
 from trueup.studies.balance.plan import Depth, Size
-from trueup.studies.balance.study import QUICK, studied
+from trueup.studies.balance.study import QUICK, Findings, studied
 
 
 def main() -> None:
@@ -52,14 +52,17 @@ def main() -> None:
         "median_rounds", float(np.median(needed)) if needed else float("nan"), "", 1.0, peer="the paper", peer_value=1.0
     )
 
-    count, before, after = found.unfitted()
-    if count:
-        print(f"torso in {count} motions after one calibration on others: {before:.3f} rad off by the file, {after:.3f} as "
-              "calibrated")  # fmt: skip
+    ways = {"unfitted_orientation_error_left": (Findings.unfitted, "motions after one calibration on others"),
+            "left_out_repeat_error_left": (Findings.left_out, "repeats of the fitted motion that were left out")}  # fmt: skip
+    for name, (errors, words) in ways.items():
+        count, before, after = errors(found)
+        if not count:
+            continue
+        print(f"torso in {count} {words}: {before:.3f} rad off by the file, {after:.3f} as calibrated")
         for scene in found.campaigns:
-            many, *both = replace(found, campaigns={scene: found.campaigns[scene]}).unfitted()
-            print(f"    {scene:20} {many:3} motions: {both[0]:.3f}, {both[1]:.3f}" if many else f"    {scene:20} none")
-        result("unfitted_orientation_error_left", after / before, "of before", 0.3)
+            many, *both = errors(replace(found, campaigns={scene: found.campaigns[scene]}))
+            print(f"    {scene:20} {many:3}: {both[0]:.3f}, {both[1]:.3f}" if many else f"    {scene:20} none")
+        result(name, after / before, "of before", 0.3)
 
 
 if __name__ == "__main__":

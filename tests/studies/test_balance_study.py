@@ -23,7 +23,7 @@ from trueup.studies.balance.study import Findings
 from trueup.studies.saved import Parts
 from trueup.tasks.transitions import Transition
 
-SCENE, NUMBER = "lean-to-stand", 100
+SCENE, NUMBER = "lean-to-stand", 102
 SLOW = np.array([0.5])
 
 
@@ -45,7 +45,7 @@ def test_a_motion_that_fails_is_replaced_after_one_calibration_by_one_that_works
 
 
 def test_a_calibration_replays_a_failed_run_of_a_robot_that_lives_in_another_engine(task: Transition) -> None:
-    far = StandInHumanoid(SCENE, NUMBER, gap=2.0)
+    far = StandInHumanoid(SCENE, 100, gap=2.0)
     runs, _ = performed(far, task, np.array([0.08]), "far", 1)
     simulator, fitted = simulator_of(SCENE), Runs(SCENE, runs)
     found = calibrated([fitted], generations=4, members=1, descents=4)

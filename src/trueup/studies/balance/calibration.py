@@ -64,6 +64,11 @@ class Runs:
         problem = Problem(simulator, self.recordings, WholeBody(), CHANNELS, ends=self.ends)
         return orientation_error(self.recordings, problem.rollouts(values[None]))
 
+    def errors(self, values: Array, parameters: str = "wider") -> tuple[float, float]:
+        """`error` by the model file, and with values (n,)."""
+        simulator = simulator_of(self.scene, parameters)
+        return self.error(simulator, simulator.parameters.nominal), self.error(simulator, values)
+
 
 def calibrated(
     runs: Sequence[Runs], parameters: str = "wider", *, seed: int = 0, told: Told | None = None, **effort: Any

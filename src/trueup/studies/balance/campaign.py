@@ -98,8 +98,7 @@ def campaign(
     for number in range(given.rounds + 1):
         recordings, stood = performed(robot, task, motion, f"{scene}-{number}", given.repeats)
         runs = Runs(scene, recordings, task.trials[0].ends)
-        errors = (runs.error(simulator, simulator.parameters.nominal), runs.error(simulator, values))
-        rounds.append(Round(motion, recordings, stood, expected, values, errors))
+        rounds.append(Round(motion, recordings, stood, expected, values, runs.errors(values, given.parameters)))
         told(f"{scene}, round {number}: {sum(stood)} of {len(stood)} repeats stood")
         if rounds[-1].succeeded or number == given.rounds:
             break

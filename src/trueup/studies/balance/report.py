@@ -107,15 +107,21 @@ def _table_one(f: Findings) -> Markup:
 
 
 def _errors(f: Findings) -> Markup:
-    count, before, after = f.unfitted()
-    if not count:
-        return tag("p", "No round followed a calibration.")
+    kinds = {
+        "Motions that were not fitted ({}, each tried after one calibration on others)": f.unfitted(),
+        "Repeats of the fitted motions that were left out of the fit ({}, as in the paper's Figure 5)": f.left_out(),
+    }
     lines = [
-        f"Motions that were not fitted ({count}, each tried after one calibration on others): the simulated torso is "
-        f"{before:.3f} rad from the robot's by the model file and {after:.3f} rad as calibrated, {after / before:.2f} of it.",
-        "Each repeat is compared by itself, its fall included; where a fall begins decides most of this figure.",
+        f"{kind.format(count)}: the simulated torso is {before:.3f} rad from the robot's by the model file and "
+        f"{after:.3f} rad as calibrated, {after / before:.2f} of it."
+        for kind, (count, before, after) in kinds.items()
+        if count
     ]
-    return sentences(lines)
+    if not lines:
+        return tag("p", "No round followed a calibration.")
+    return sentences(
+        [*lines, "Each run is compared by itself, its fall included; when a fall begins decides most of it."]
+    )
 
 
 def _robots(f: Findings) -> int:

@@ -66,9 +66,12 @@ class Findings:
         """How many motions were tried after one calibration on others, and in them the root mean square angles in rad between
         the robot's torso and the simulated one: by the model file, and as calibrated.
         """
-        pairs = [r["errors"] for per in self.campaigns.values() for each in per.values() for r in each[1:2]]
-        before, after = np.sqrt(np.mean(np.square(pairs), axis=0)) if pairs else (np.nan, np.nan)
-        return len(pairs), float(before), float(after)
+        return _errors([r["errors"] for per in self.campaigns.values() for each in per.values() for r in each[1:2]])
+
+    def left_out(self) -> tuple[int, float, float]:
+        """The same of repeats of the fitted motions that were left out of the fit, as in the paper's Figure 5."""
+        first = [each[0] for per in self.campaigns.values() for each in per.values()]
+        return _errors([r["repeat"] for r in first if "repeat" in r])
 
     def put(self, part: Part, found: Any) -> None:
         """Keeps what was found."""
@@ -81,6 +84,11 @@ class Findings:
             case _:
                 table = {"rounds": self.campaigns, "randomised": self.randomised, "oracle": self.oracle}[part.kind]
                 table.setdefault(part.scene, {})[part.number] = found
+
+
+def _errors(pairs: Sequence[Sequence[float]]) -> tuple[int, float, float]:
+    before, after = np.sqrt(np.mean(np.square(pairs), axis=0)) if pairs else (np.nan, np.nan)
+    return len(pairs), float(before), float(after)
 
 
 def studied(folder: Path, size: Size, told: Told, *, compute: bool = True, workers: int = 1) -> Findings:
