@@ -65,16 +65,20 @@ def replay(scene: str, runs: Mapping[str, Frames]) -> Markup:
 
 
 def orientation(runs: Mapping[str, Frames]) -> Markup:
-    """How far the torso is from upright in time: the robot, and the simulator before and after (the paper's figure 5)."""
+    """How far the torso leans forward in time: the robot, and the simulator before and after (the paper's figure 5)."""
     lines = {w: _lean(np.array(each)) for w, each in runs.items()}
     top = max(len(each) for each in lines.values())
     plot = Plot(
-        (0.0, (top - 1) / RATE), span(np.concatenate(list(lines.values())).tolist()), "s", "torso, rad", height=230
+        (0.0, (top - 1) / RATE),
+        span(np.concatenate(list(lines.values())).tolist()),
+        "s",
+        "torso leans, rad",
+        height=230,
     )
     for word, lean in lines.items():
         plot.curve(np.arange(len(lean)) / RATE, lean, _COLOURS[word], width=2.4 if word == "robot" else 1.6)
     legend = tag("p", [tag("b", f"● {WORDS[w]}\u2003", style=f"color:{_COLOURS[w]}") for w in lines], class_="key")
-    return join(plot.svg("angle of the torso from upright in time"), legend)
+    return join(plot.svg("how far the torso leans forward in time"), legend)
 
 
 def _recording(scene: str, name: str, frames: Frames) -> Recording:
@@ -88,7 +92,6 @@ def _recording(scene: str, name: str, frames: Frames) -> Recording:
 
 
 def _lean(frames: Array) -> Array:
-    """(T,) angle in rad from upright; negative where it leans back and is nearer to upright than to lying."""
+    """(T,) angle in rad by which the torso leans forward, past upside down too."""
     roll, pitch = frames[:, 3], frames[:, 4]
-    angle = np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1.0, 1.0))
-    return np.where((angle < 0.5 * np.pi) & (pitch < 0.0), -angle, angle)
+    return np.unwrap(np.arctan2(np.sin(pitch) * np.cos(roll), np.cos(pitch) * np.cos(roll)))

@@ -94,7 +94,9 @@ def _scene(f: Findings, scene: str) -> Markup:
 
 def _table_one(f: Findings) -> Markup:
     scenes = [s for s in SCENES[:3] if s in f.campaigns]
-    rows = []
+    before = {s: [each[0]["succeeded"] for n, each in f.campaigns[s].items() if n in f.size.numbers[: f.size.subsets]]
+              for s in scenes}  # fmt: skip
+    rows = [row("none", *(tag("td", f"{sum(before[s])} of {len(before[s])}") for s in scenes))]
     for on, per in f.subsets.items():
         numerals = "+".join(_NUMERALS[s] for s in on.split("+"))
         told = [f"{sum(per[s])} of {len(per[s])} ({TABLE_ONE[numerals][SCENES.index(s)]})" for s in scenes]
