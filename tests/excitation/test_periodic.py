@@ -254,6 +254,8 @@ def test_expected_deviations_are_those_of_repeated_estimates(criterion: Criterio
     motion = kind.motions(np.random.default_rng(11).uniform(size=(1, kind.size)), 121).single(0, arm().joints)
     # 121 samples in 6 s are white noise at 20 Hz: repeat the estimate with such noise and look at its spread
     density = (0.01 * limits.torque) ** 2 / 20.0
+    bare = criterion.model.tree.replace(inertial=np.full((3, 10), np.nan))  # a file that knows nothing beforehand
+    criterion = replace(criterion, model=replace(criterion.model, tree=bare))
     expected = {e.leading: e for e in expectations(criterion, motion, limits, density)}
     model, columns, n = criterion.model, criterion.independent, len(limits.torque)
     offsets = np.broadcast_to(np.eye(n), (121, n, n))  # unknown too, as in any fit
@@ -264,3 +266,21 @@ def test_expected_deviations_are_those_of_repeated_estimates(criterion: Criterio
     for k, deviation in zip(columns.tolist(), spread[: len(columns)], strict=True):
         assert abs(expected[model.names[k]].deviation / deviation - 1.0) < 0.25
     assert any(e.advice for e in expected.values() if e.percent > 5.0)
+
+
+def test_what_the_file_says_is_expected_to_be_known_as_far_as_a_fit_takes_it_from_there(
+    criterion: Criterion, limits: JointLimits
+) -> None:
+    kind = Fourier(limits, 6.0, 4)
+    motion = kind.motions(np.random.default_rng(11).uniform(size=(1, kind.size)), 121).single(0, arm().joints)
+    bare = criterion.model.tree.replace(inertial=np.full((3, 10), np.nan))
+    without = replace(criterion, model=replace(criterion.model, tree=bare))
+
+    def deviations(of: Criterion, noise: float) -> NDArray[np.float64]:
+        found = {e.name: e.deviation for e in expectations(of, motion, limits, (noise * limits.torque) ** 2)}
+        return np.array([found[name] for name in sorted(found)])
+
+    quiet, loud = (deviations(criterion, noise) / deviations(without, noise) for noise in (1e-5, 1.0))
+    assert np.all(quiet > 0.99), "what the log tells well the file changes"
+    assert np.all(loud < 1.0 + 1e-6)
+    assert np.median(loud) < 0.5, "what the log does not tell is not taken from the file"

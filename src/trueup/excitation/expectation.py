@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """How well a trajectory will identify each parameter combination, before it is run, and which motion would help.
 
-From the information matrix and the errors that a fit will leave. What the model misses (elasticity, ripple, friction of
-another form) lasts for some time, unlike noise: what counts is the power density of all errors at the frequencies of the
-motion, as earlier fits left it, of other arms or, better, of this one.
+From the information matrix, what a fit knows beforehand (possible bodies, near the file's) and the errors that it will
+leave. What the model misses (elasticity, ripple, friction of another form) lasts for some time, unlike noise: what counts is
+the power density of all errors at the frequencies of the motion, as earlier fits left it, of other arms or, better, of this
+one.
 """
 
 from __future__ import annotations
@@ -24,11 +25,14 @@ from trueup.excitation.periodic import Fourier
 from trueup.excitation.trajectories import Motions, Trajectory
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.effects import Effect
+from trueup.identification.estimation.consistent import NEAREST, prior_information
 
 _FRICTION = 0.05
 """Share of nominal torque that each friction of an industrial arm takes (at top speed, where it grows with speed)."""
 
 
+_BAND = 5.0
+"""Hz below which errors are as dense as they are said to be: of so many independent ones a fit weighs the file against."""
 DENSITY = 2.6e-6
 """Two-sided power density of a fit's errors at low frequencies, in squares of nominal torque per Hz: 0.5 % of nominal
 below 5 Hz. What `identify` left of the real logs of TX40, UR10 and Panda (1.44, 1.45 and 0.07 of 5e-6, geometric means of
@@ -81,6 +85,7 @@ def expectations(
 
     `density` (n,): of the errors that will be left, (N m)^2/Hz; None takes what other arms' fits left, see DENSITY. Offsets
     of the drives are as unknown as in a fit: they hide behind gravity.
+    What the file says of bodies counts as in a fit, which is drawn to them; a file without inertias says nothing.
     `percent`: combinations that are seen worse get advice, from what wide motions of the same length would see.
     """
     assumed, model = DENSITY * criterion.torque**2 if density is None else density, criterion.model
@@ -112,13 +117,20 @@ def _deviations(criterion: Criterion, motions: Motions, seconds: float, density:
     """(c,) standard deviations of the base parameters, from the mean information of some motions over `seconds`."""
     known, n = criterion.model, criterion.model.tree.n
     model = replace(known, effects=(*known.effects, *((d, Effect("offset")) for d in range(n))))
-    columns = np.concatenate([criterion.independent, known.p + np.arange(n)])
+    base, weighed = known.base(), bool(np.isfinite(known.tree.inertial).all())
+    own = np.union1d(np.flatnonzero(~known.friction), criterion.independent) if weighed else criterion.independent
+    columns = np.concatenate([own, known.p + np.arange(n)])
     M = model.information(motions.q, motions.qd, motions.qdd, density**-0.5, columns).mean(axis=0)
     M *= seconds / motions.q.shape[1]
+    if weighed:
+        M += NEAREST * 2.0 * _BAND * seconds * n * prior_information(model, model.nominal())[np.ix_(columns, columns)]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(M * scale[:, None] * scale)
+    place = {int(k): i for i, k in enumerate(base.independent)}
+    grouping = np.pad(base.grouping, ((0, 0), (0, n)))[[place[int(k)] for k in criterion.independent]]
+    across = (grouping[:, columns] * scale) @ vectors
     # A direction that is not seen at all has no finite deviation; this floor is far beyond any use.
-    return (scale * np.sqrt(((vectors**2) / np.maximum(values, 1e-14)).sum(axis=1)))[: len(criterion.independent)]
+    return np.sqrt((across**2 / np.maximum(values, 1e-14)).sum(axis=1))
 
 
 def _wide(criterion: Criterion, limits: JointLimits, seconds: float, density: Array) -> Array:

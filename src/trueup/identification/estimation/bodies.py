@@ -11,7 +11,7 @@ import numpy as np
 from trueup.arrays import Array, Integers
 from trueup.evidence import STANDARD_ERRORS, jackknife
 from trueup.identification.dynamic_model import DynamicModel
-from trueup.identification.estimation.consistent import PULL, ConsistentFit, consistent_fit
+from trueup.identification.estimation.consistent import NEAREST, PULL, ConsistentFit, consistent_fit
 from trueup.identification.estimation.moments import Moments, Normal
 from trueup.identification.estimation.selection import clearly_smaller
 
@@ -43,7 +43,7 @@ def cross_validated_fit(
     best = folds.bodies(PULL)
     if len(best.folds) < 2:
         return best
-    for pull in (10.0 * PULL, 100.0 * PULL) if np.isfinite(model.tree.inertial).all() else ():
+    for pull in (10.0 * PULL, NEAREST) if np.isfinite(model.tree.inertial).all() else ():
         nearer = folds.bodies(pull, near=best.fit)
         if clearly_smaller(best.errors, nearer.errors):
             break

@@ -22,6 +22,8 @@ _THIN = 0.01
 """The least second moment of a link in the model file, likewise: files give bodies without extent."""
 PULL = 1e-4
 """Towards the model file: its weight, as a share of the squared error that is left without constraints."""
+NEAREST = 100.0 * PULL
+"""The strongest that fits try: it stays where no weaker one is clearly better, as where the file is off by a fifth."""
 _FIRST, _NEAR, _COOLING, _ROUGH, _EXACT = 0.1, 1e-3, 0.1, 0.3, 1e-3
 _LEAST_ERROR = 1e-6
 """Of the squared torque: exact logs have no error left to compare with."""
@@ -83,6 +85,17 @@ def consistent_fit(
             own = int(rotors[drives.index(drive)])
             parameters[k], parameters[own] = min(parameters[own], 0.0), max(parameters[own], 0.0)
     return ConsistentFit(parameters, tuple(barrier.boundary(x)), tuple(sorted(lagging)))
+
+
+def prior_information(model: DynamicModel, prior: Array) -> Array:
+    """(p, p) what one unit of `pull`, for one independent error of one standard deviation, tells of bodies and rotors: the
+    curvature at the file of the distance to it, see `consistent_fit`.
+    """
+    rotors = model.columns_of("rotor")
+    barrier = _Barrier.of(model, prior, np.ones(len(rotors), dtype=bool), rotors)
+    at, made = np.concatenate([np.arange(10 * model.tree.n), rotors]), np.zeros((model.p, model.p))
+    made[np.ix_(at, at)] = 0.5 * barrier._derivatives(barrier.start)[1]
+    return made
 
 
 def _followed(problem: _Squares, barrier: _Barrier, start: Array, weight: float, last: float) -> Array | None:

@@ -22,8 +22,7 @@ DOUBTFUL, POOR = 0.1, 0.35
 BETTER = 0.5
 """Of the error that is left when a mistake is taken out, for it to be named."""
 _SLIGHTLY, _MUCH = 0.9, 0.1
-"""The same for a mistake to be mentioned, and where friction would drive joints with more than this share of their torque:
-chance does not do that."""
+"""The same where friction would drive joints with more than this share of their torque: chance does not do that."""
 _AS_GOOD = 1.1
 _TORQUE_FACTOR = 30.0
 """Times the torque limit of the model file that no drive delivers."""
@@ -51,8 +50,8 @@ class Suspicion:
 
     @property
     def likely(self) -> bool:
-        """Whether the log and parts of it that are left out are explained better with the mistake taken out."""
-        return self.certain or self._better(_SLIGHTLY)
+        """Whether half of the squared error goes with the mistake, of the log and of parts of it that are left out."""
+        return self.certain or self._better(np.sqrt(BETTER))
 
     @property
     def certain(self) -> bool:
