@@ -186,13 +186,16 @@ def test_what_is_expected_follows_from_what_an_earlier_fit_left(arm: Path, capsy
     folder, found = arm.parent / "fit", []
     folder.mkdir()
     asked = ["excite", str(arm), "--duration", "20", "--rate", "100", "--out", str(arm.parent / "out"), "--json"]
-    for density in (0.01, 0.04):
+    for density in (1e-8, 4e-8, 0.01, 0.04):
         left = {"joints": ["lift", "turn", "bend"], "error_density": [density] * 3}
         (folder / "identification.json").write_text(json.dumps(left))
         assert main([*asked, "--after", str(folder)]) == 0
         plan = json.loads(capsys.readouterr().out)
         found.append({p["name"]: p["deviation"] for p in plan["parameters"]})
-    assert all(found[1][name] == pytest.approx(2.0 * deviation) for name, deviation in found[0].items())
+    few, more, many, most = found
+    assert all(more[name] == pytest.approx(2.0 * deviation, rel=0.01) for name, deviation in few.items())
+    # What the log hardly tells is known from the file.
+    assert all(deviation < most[name] < 2.0 * deviation for name, deviation in many.items())
     (folder / "identification.json").write_text(json.dumps({"joints": ["lift"], "error_density": [1.0]}))
     assert main([*asked, "--after", str(folder)]) == 1
     assert "does not say which errors were left" in " ".join(capsys.readouterr().err.split())
