@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.evidence import FEWEST_PARTS
 from trueup.identification.estimation.blocks import blocks_of, numbered
 from trueup.identification.estimation.identify import Options, identify
 from trueup.identification.estimation.result import relative_error
@@ -46,7 +47,7 @@ def test_a_motion_and_its_repeats_are_left_out_together(in_one_log: bool) -> Non
     runs = [np.concatenate(runs)] if in_one_log else runs
     numbers = numbered([_rows(np.arange(len(q)) / RATE) for q in runs], 16, runs)
     first, *others = np.split(np.concatenate(numbers), 3)
-    assert len(np.unique(first)) == 16
+    assert FEWEST_PARTS <= len(np.unique(first)) <= 16 / 2, "blocks became shorter"
     for again in others:
         assert np.mean(again == first) > 0.9
 

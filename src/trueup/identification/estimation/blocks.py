@@ -30,8 +30,8 @@ def numbered(rows: Sequence[Rows], count: int, positions: Sequence[Array] = ()) 
     """(S,) the number of the block of each sample of several recordings, about `count` blocks of equal duration.
 
     Blocks rather than scattered samples, so that what is left out is not next to what was fitted. Where `positions` (S, n)
-    are given, what repeats a motion is in the block of the first that shows it, and blocks are of equal shares of all motion
-    that differs; where too little does for enough of them, repeats count as motion of their own.
+    are given, what repeats a motion is in the block of the first that shows it, and blocks are fewer, not shorter: in short
+    ones neighbours foretell one another. Where too little motion differs, repeats count as motion of their own.
     """
     spans = np.array([float(r.time[-1] - r.time[0]) for r in rows])
     cuts = [_STRETCHES * max(1, round(count * float(s) / max(float(spans.sum()), TINY))) for s in spans]
@@ -39,10 +39,11 @@ def numbered(rows: Sequence[Rows], count: int, positions: Sequence[Array] = ()) 
     again = _repeats(rows, edges, positions) if positions else {}
     if sum(cuts) - len(again) < FEWEST_PARTS:
         again = {}
-    blocks, found = 0, list[Integers]()
+    fresh, blocks, found = sum(cuts) - len(again), 0, list[Integers]()
+    parts = max(count * fresh / sum(cuts), min(FEWEST_PARTS, count))
     for k, (r, edge, cut) in enumerate(zip(rows, edges, cuts, strict=True)):
         new = [(k, i) not in again for i in range(cut)]
-        share = min(sum(new), max(1, round(count * sum(new) / (sum(cuts) - len(again)))))
+        share = min(sum(new), max(1, round(parts * sum(new) / fresh)))
         number = blocks + (np.cumsum(new) - 1) * share // max(sum(new), 1)
         at = np.clip(np.searchsorted(edge, r.time, side="right") - 1, 0, cut - 1)
         found.append(number[at])
