@@ -100,7 +100,8 @@ def all_ways(number: int) -> Outcome:
     story = in_rounds(robot, seed=number)
     shipped = chasi.simulator(BETAS, 0.0, 0.0, threads=1)
     rng = np.random.default_rng(number)
-    prior = simulator.parameters.from_unit(rng.random((8, int(simulator.parameters.free.sum()))))
+    rolling = simulator.parameters.without(p.name for p in simulator.parameters.parameters if p.optional)
+    prior = rolling.from_unit(rng.random((8, int(rolling.free.sum()))))
     gains = {
         "no": tuned_in(shipped, shipped.parameters.nominal, number),
         "random": tuned_in(simulator, prior, number),

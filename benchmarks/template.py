@@ -46,7 +46,7 @@ STRANGE: tuple[tuple[str, dict[str, float]], ...] = (
 
 DIRECT = (
     "speed_delay", "speed_lag", "steering_delay", "steering_lag", "steering_slack", "steering_scale", "steering_offset",
-    "wheel_scale",
+    "wheel_scale", "relaxation",
 )  # fmt: skip
 """Parameters whose counterpart in the truth is one number of the same name, unless the strangeness is about just that."""
 ABOUT = {1: ("steering_scale", "steering_offset"), 2: ("steering_offset",), 7: ("steering_scale",), 9: ("wheel_scale",)}

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trueup.campaign.kinds import in_windows, mujoco
+from trueup.campaign.events import Calibrated
+from trueup.campaign.kinds import bicycle, in_windows, mujoco
+from trueup.campaign.outcomes import belief_of
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.errors import PlanError
 from trueup.recording import Channel, Recording
@@ -87,3 +89,18 @@ def test_a_drive_is_judged_in_windows_as_it_was_fitted_and_one_that_stood_still_
     pieces = in_windows(6.0)(drives)
     assert len(pieces) == 5
     assert all(p.name.startswith("gone") for p in pieces)
+
+
+def test_a_calibration_of_an_earlier_simulator_is_believed_with_the_rest_as_declared() -> None:
+    names, nan = ("steering_lag", "steering_scale"), float("nan")
+    event = Calibrated(
+        1, names, ("s", ""), (0.2, 0.9), (True, False), (0.1, nan), (0.3, nan), ("identified", "frozen"), ((0.0025,),), 1.0,
+        0.1, "m", ("drive",),
+    )  # fmt: skip
+    space = bicycle(
+        0.5, parameters=("relaxation", "steering_lag", "steering_scale"), values={"position_noise": 0.01}
+    ).parameters
+    belief = belief_of(event, space)
+    known = dict(zip(space.names, belief.values, strict=True))
+    assert (known["steering_lag"], known["steering_scale"], known["relaxation"]) == (0.2, 0.9, 0.0)
+    assert [space.names[k] for k in belief.unsure] == ["steering_lag"]

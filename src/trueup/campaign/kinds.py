@@ -58,6 +58,7 @@ CALIBRATIONS = {"fit": "", "none": "", "drives": "trueup.campaign.kinds:drives"}
 DRIVES = (
     "speed_delay", "speed_lag", "acceleration_limit", "wheel_scale", "steering_delay", "steering_lag",
     "steering_rate_limit", "steering_scale", "steering_offset", "steering_slack", "understeer", "localisation_latency",
+    "rear_slip", "relaxation",
 )  # fmt: skip
 """What a recorded drive tells when it is compared instant by instant."""
 

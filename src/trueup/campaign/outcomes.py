@@ -50,10 +50,14 @@ def calibrated(
 
 
 def belief_of(event: Calibrated, space: ParameterSpace) -> Belief:
-    """What a journaled calibration leaves to believe."""
+    """What a journaled calibration leaves to believe; parameters that its simulator had not yet are as declared."""
+    values = {p.name: p.nominal for p in space.parameters} | dict(zip(event.names, event.values, strict=True))
+    fitted = dict(zip(event.names, event.fitted, strict=True))
+    verdicts = dict(zip(event.names, event.verdicts, strict=True))
     return Belief.estimated(
-        space, np.array(event.values), np.array(event.fitted, dtype=bool),
-        np.array(event.covariance, dtype=np.float64).reshape(sum(event.fitted), -1), event.verdicts,
+        space, np.array(list(values.values())), np.array([fitted.get(name, False) for name in values]),
+        np.array(event.covariance, dtype=np.float64).reshape(sum(event.fitted), -1),
+        tuple(verdicts.get(name, "frozen") for name in values),
     )  # fmt: skip
 
 

@@ -39,6 +39,6 @@ def growth(run: Run) -> None:
 def _grow(run: Run, look: Look, settle: Settle, alone: bool = False) -> None:
     """Asks about all structures that wait."""
     later, run.later, run.descent.watch.waiting = run.later, {}, ()
-    early = run.values if run.early is None else run.early
+    early = [run.values] if run.early is None else [run.early, run.values]
     run.descent, notes = grown(run.descent, look, later, settle, early, alone)
     run.notes += notes

@@ -9,7 +9,7 @@ Anal. 10, 1973).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -41,15 +41,15 @@ def grown(
     look: Look,
     later: Mapping[str, Mapping[str, Parameter]],
     settle: Settle,
-    early: Array,
+    early: Sequence[Array],
     alone: bool = False,
 ) -> tuple[Descent, list[str]]:
     """A search that has settled on `look`, with those of the structures `later` that the evidence speaks for, and what came
     of each in words.
 
-    `early` (n,): values that an earlier look at less of the recordings led to, from which a structure may enter too: what
-    all of them ask of a model without it may have led it far away. `alone`: signals of the look feel their own parameters
-    and nothing of the others.
+    `early`: values (n,) that an earlier look at less of the recordings led to, and those before any, from which a structure
+    may enter too: what all of them ask of a model without it may have led it far away. `alone`: signals of the look feel
+    their own parameters and nothing of the others.
     """
     notes = []
     without = descent.finished(look)
@@ -106,6 +106,15 @@ def _closer(descent: Descent, look: Look, declared: Mapping[str, Parameter], set
     return found
 
 
+def _places(count: int) -> Array:
+    """(P, count or 1) shares of the ranges in which a structure of so many parameters is looked for: each of two beside all
+    of the other, more of them together.
+    """
+    if count == 2:
+        return np.stack(np.meshgrid(_PLACES[::2], _PLACES[::2]), axis=-1).reshape(-1, 2)
+    return _PLACES[:, None]
+
+
 def _parts(look: Look, space: ParameterSpace, point: Array, alone: bool) -> list[Part]:
     """Signals with parameters of their own, if they are `alone`; else all as one."""
     if alone:
@@ -129,10 +138,11 @@ def _taken_out(descent: Descent, with_it: Fit, declared: Mapping[str, Parameter]
 
 
 def _entered(
-    descent: Descent, look: Look, without: Fit, declared: Mapping[str, Parameter], early: Array, alone: bool
+    descent: Descent, look: Look, without: Fit, declared: Mapping[str, Parameter], early: Sequence[Array], alone: bool
 ) -> list[Descent]:
     """The same search with a structure where scans find it best, signal by signal where signals have parameters of their
-    own: from the fit without it, and from `early` values. Signals that gain nothing stay without; [] where none gains.
+    own: from the fit without it and from the first `early` values; where neither gains, from the next. Signals that gain
+    nothing stay without; [] where none gains.
     """
     space = ParameterSpace(tuple(declared.get(p.name, p) for p in descent.space.parameters))
     free = [p.name for p in space.parameters if not p.frozen]
@@ -153,18 +163,22 @@ def _entered(
     def far(part: Part, residual: Array) -> float:
         return float(np.nan_to_num(robust_losses(residual[None, part.residuals], without.bend)[0], nan=np.inf))
 
-    begun, worth, found = np.clip(space.to_unit(early), 0.0, 1.0), look.problem.chance(without.residual), []
-    for base, loss in ((point, near), (np.where(entering, point, begun), far)):
-        rows = np.repeat(base[None], len(_PLACES), axis=0)
-        rows[:, entering] = _PLACES[:, None]
+    begun = [np.clip(space.to_unit(values), 0.0, 1.0) for values in early]
+    bases = ((point, near), *((np.where(entering, point, unit), far) for unit in begun))
+    places, worth, found = _places(1 if alone else int(entering.sum())), look.problem.chance(without.residual), []
+    for k, (base, loss) in enumerate(bases):
+        if found and (alone or k > 1):
+            break  # alone, signals settle by themselves: one way in is enough
+        rows = np.repeat(base[None], len(places), axis=0)
+        rows[:, entering] = places
         values = np.concatenate([space.without(declared).from_unit(base[None, ~entering]), space.from_unit(rows)])
         absent, *seen = look.cheap.residuals(values) + offset
         place, gained = np.array(base), np.zeros(len(free), dtype=bool)
         for part in parts:
             own, losses = part.columns[entering[part.columns]], [loss(part, residual) for residual in seen]
             if len(own) and min(losses) < loss(part, absent) - worth * len(own):
-                place[own], gained[own] = _PLACES[int(np.argmin(losses))], True
-        if gained.any() and not (alone and found):  # alone, signals settle by themselves: one way in is enough
+                place[own], gained[own] = rows[int(np.argmin(losses)), own], True
+        if gained.any():
             found.append(_thawed(descent, space, declared, place, {n for n, g in zip(free, gained, strict=True) if g}))
     return found
 

@@ -13,6 +13,7 @@ from trueup.engines.vehicle.kernels import (
     ANGLE,
     DRIVE,
     DRIVE_DELAY,
+    GRIP,
     HEADING,
     LAGGED,
     LASTS,
@@ -21,6 +22,8 @@ from trueup.engines.vehicle.kernels import (
     POSE_TURN,
     PUSH,
     PUSH_LASTS,
+    REAR_COMPLIANCE,
+    SIDEWAYS,
     SLACK,
     SPEED,
     SPEED_KEPT,
@@ -29,10 +32,12 @@ from trueup.engines.vehicle.kernels import (
     TRIM_LASTS,
     TURNING,
     TURNS,
+    WEIGHT_IN_FRONT,
     WHEEL,
     WHEELBASE,
     X,
     Y,
+    in_steady_curve,
     resistance,
     share_of,
     steered,
@@ -88,6 +93,16 @@ def explained_speed(m: Array) -> tuple[float, float]:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def out_of_steady_curve(p: Array, dt: float, commands: Array, k0: int, k1: int, shares: Array, s: Array) -> None:
+    """Tyres that slip at grid instant k1 where the commands since k0 have brought them, out of a steady curve."""
+    s[SPEED] = commands[k0, 0]
+    in_steady_curve(p, s)
+    for k in range(k0, k1):
+        advance(p, dt, commands, k, shares, s)
+        step_chassis(p, dt, s)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def begin(
     p: Array, dt: float, commands: Array, seen: Array, k0: int, past: int, settle: int, shares: Array, s: Array
 ) -> None:
@@ -95,15 +110,19 @@ def begin(
 
     seen (G, 5) x, y, heading, forward speed of the tracked point, yaw rate. The model is run over the last `past` steps: how
     much slower or faster the car was tells PUSH (and, as far as SPEED_KEPT says, the speed now: with less noise than the
-    last samples, but later), and how much more it turned tells TRIM. `settle` steps of commands come before.
+    last samples, but later), and how much more it turned tells TRIM. `settle` steps of commands come before. Where no past is
+    seen, tyres that slip are where these commands have brought them from a steady curve.
     """
     first = k0 - past
     s[:] = 0.0
     s[LAGGED] = s[SLACK] = s[WHEEL] = commands[max(first - settle, 0), 1]
+    slips = past == 0 and p[GRIP] == 0.0 and p[REAR_COMPLIANCE] > 0.0
+    if slips:
+        out_of_steady_curve(p, dt, commands, max(first - settle, 0), k0, shares, s)
     bent, driven, share, forward = 0.0, 0.0, share_of(LASTS / 3.0, dt), seen[k0, 3]
     moments = np.zeros(7)
     moments[1] = moments[4] = 1.0
-    for k in range(max(first - settle, 0), k0):
+    for k in range(k0 if slips else max(first - settle, 0), k0):
         advance(p, dt, commands, k, shares, s)
         if k < first:
             continue
@@ -124,6 +143,7 @@ def begin(
         s[TRIM] = p[TRIM_LASTS] * bent
         forward += p[SPEED_KEPT] * (s[SPEED] + faster - forward)
     if past == 0:
+        s[SIDEWAYS] += p[WHEELBASE] * p[WEIGHT_IN_FRONT] * (seen[k0, 4] - s[TURNING]) if slips else 0.0
         s[TURNING], s[ANGLE] = seen[k0, 4], steered(p, s[WHEEL])
     s[SPEED] = max(forward, 0.0) if p[DRIVE] > 0.0 and p[TURNS] == 0.0 else forward
     s[HEADING] = seen[k0, 2] + p[POSE_TURN]

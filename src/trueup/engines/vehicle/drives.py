@@ -29,7 +29,7 @@ _MOVES = 0.1  # m: a window in which the vehicle stands tells nothing
 DOUBT = {
     "speed_delay": 0.03, "speed_lag": 0.03, "steering_delay": 0.03, "steering_lag": 0.03, "steering_scale": 0.02,
     "steering_slack": 0.01, "understeer": 0.03, "localisation_latency": 0.01, "wheel_scale": 0.003,
-    "steering_offset": 0.003,
+    "steering_offset": 0.003, "rear_slip": 0.003, "relaxation": 0.03,
 }  # fmt: skip
 """Least standard deviation that tuning reckons with, in the parameters' units: the vehicle is no bicycle. Least squares
 tells a parameter far better than this, but only as far as the model's structure is right. The last two were chosen on the
@@ -64,7 +64,7 @@ class Drives(Family):
         pieces = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, self.most).round().astype(int))]
         measure = RigidlyAligned.estimated(pieces, list(CHANNELS))
         found = doubted(fit(simulator, pieces, kept, discrepancy=measure, cross_validate=False))
-        return with_noise(found, noise_of(training))
+        return with_noise(in_words(found), noise_of(training))
 
 
 def windows(recording: Recording, length: float = LENGTH) -> list[Recording]:
@@ -119,6 +119,21 @@ def with_noise(calibration: Calibration, noise: tuple[float, float]) -> Calibrat
         if e.name in shown and not e.fitted else e
         for e in calibration.estimates
     ))  # fmt: skip
+
+
+def in_words(calibration: Calibration) -> Calibration:
+    """The same with a note on tyres that slip, if it has them, in place of the one on the structure's evidence."""
+    tyres = {e.name: e.value for e in calibration.estimates if e.fitted and e.name in ("rear_slip", "relaxation")}
+    if not tyres.get("rear_slip"):
+        return calibration
+    kept = "tyres kept: with it"
+    shown = [": with that" + n.removeprefix(kept) for n in calibration.notes if n.startswith(kept)]
+    said = (
+        f"tyres take {tyres.get('relaxation', 0.0):.2g} m of way to take up a turn, and slip behind by "
+        f"{tyres['rear_slip']:.2g} rad for each m/s^2 sideways" + "".join(shown)
+    )
+    others = tuple(n for n in calibration.notes if not n.startswith(kept))
+    return dataclasses.replace(calibration, notes=(said, *others))
 
 
 def doubted(calibration: Calibration) -> Calibration:

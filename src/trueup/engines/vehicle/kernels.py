@@ -21,12 +21,12 @@ COLUMNS = (
     "speed_loss", "curve_loss", "understeer", "yaw_rate_limit", "yaw_acceleration_limit", "relaxation", "grip",
     "front_compliance", "friction_limit", "weight_in_front", "yaw_inertia", "pose_ahead", "pose_turn", "push_lasts",
     "trim_lasts", "speed_kept", "position_noise", "heading_noise", "localisation_latency", "speed_gain", "braking_limit",
-    "turns",
+    "turns", "rear_compliance", "slip_relaxation",
 )  # fmt: skip
 """The numbers of one vehicle, in the order in which a row (n,) holds them. Without `drive` its commands are speeds, which its
 wheels have at once; with `speed_gain` they are speeds that a controller of the vehicle pursues, `drive` (m/s) for a command
-of one. With `turns` its steering is a turn rate, as two driven wheels make it; without `grip` its wheels roll where they
-point. What else is absent is written as its table says."""
+of one. With `turns` its steering is a turn rate, as two driven wheels make it; without `grip` or `rear_compliance` (its
+reciprocal) its wheels roll where they point. What else is absent is written as its table says."""
 (
     WHEELBASE, MAX_STEERING, DRIVE_DELAY, DRIVE_LAG, STEERING_DELAY, STEERING_LAG, STEERING_RATE,
     STEERING_SLACK, COMMAND_OFFSET, STEERING_LEFT, STEERING_RIGHT, STEERING_BEND, STEERING_SCALE,
@@ -34,18 +34,24 @@ point. What else is absent is written as its table says."""
     SPEED_LOSS, CURVE_LOSS, UNDERSTEER, YAW_RATE_LIMIT, YAW_ACCELERATION_LIMIT, RELAXATION, GRIP,
     FRONT_COMPLIANCE, FRICTION_LIMIT, WEIGHT_IN_FRONT, YAW_INERTIA, POSE_AHEAD, POSE_TURN, PUSH_LASTS,
     TRIM_LASTS, SPEED_KEPT, POSITION_NOISE, HEADING_NOISE, LATENCY, SPEED_GAIN, BRAKING_LIMIT,
-    TURNS,
-) = range(43)  # fmt: skip
+    TURNS, REAR_COMPLIANCE, SLIP_RELAXATION,
+) = range(45)  # fmt: skip
 
-STATE = 13
-X, Y, HEADING, SPEED, TURNING, SIDEWAYS, LAGGED, SLACK, WHEEL, ANGLE, MOTOR, PUSH, TRIM = range(STATE)
-"""Pose of the rear axle, or on tyres of the centre of mass; speed of the wheels and sideways (m/s), yaw rate (rad/s);
-steering after lag, slack and rate limit; wheel angle that the tyres have taken up (rad); throttle after lag; and what the
-vehicle showed beyond the model just before: an acceleration (m/s^2: battery, slope) and a wheel angle (rad)."""
+STATE = 15
+(
+    X, Y, HEADING, SPEED, TURNING, SIDEWAYS, LAGGED, SLACK, WHEEL, ANGLE, MOTOR, PUSH, TRIM, FRONT_SLIP, REAR_SLIP,
+) = range(STATE)  # fmt: skip
+"""Pose of the rear axle, or by throttle on tyres of the centre of mass; speed of the wheels and sideways (m/s), yaw rate
+(rad/s); steering after lag, slack and rate limit; wheel angle that the tyres have taken up (rad); throttle after lag; and
+what the vehicle showed beyond the model just before: an acceleration (m/s^2: battery, slope) and a wheel angle (rad); slip
+angles as the tyres have taken them up (rad)."""
 
 SLOW = 0.05
 """In m/s: tyres are treated as rolling at least so fast, since slip angles have no meaning at rest."""
 _STIFFEST = 1e-3  # rad s^2/m: an understeer that is more negative than the rear grip allows ends here
+SWINGS = 1e-2
+"""In s: longest step of a vehicle that swings on tyres which take up slip with the way rolled, about once a second: longer
+implicit steps would calm it. Chosen where finer ones change nothing that drives show."""
 LASTS = 1.2
 """In s: what a car shows beyond its model (slope, battery, play) changes within about a second; chosen on JetRacer."""
 MOVES = 0.2
@@ -90,8 +96,10 @@ def step_chassis(p: Array, dt: float, s: Array) -> None:
     """Velocities and pose one step on, with the wheels and the motor where they are."""
     if p[TURNS] > 0.0:
         spinning(p, dt, s)
-    elif p[GRIP] > 0.0:
-        on_tyres(p, dt, s)
+    elif p[GRIP] > 0.0 or p[REAR_COMPLIANCE] > 0.0:
+        parts = 1 if p[DRIVE] > 0.0 else math.ceil(dt / SWINGS - ROUNDED)
+        for _ in range(parts):
+            on_tyres(p, dt / parts, s)
     else:
         rolling(p, dt, s)
 
@@ -133,44 +141,75 @@ def along_circle(v: float, dt: float, s: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def tyres(p: Array) -> tuple[float, float, float, float]:
+    """Cornering stiffness over mass of both axles (m/s^2 per rad), and how far they are from the centre of mass (m)."""
+    share = p[WEIGHT_IN_FRONT]
+    behind = 1.0 / p[GRIP] if p[GRIP] > 0.0 else p[REAR_COMPLIANCE]
+    # Understeer, 1 / front grip - 1 / rear grip, is seen long before the grips are.
+    ahead = max(behind + p[FRONT_COMPLIANCE] + p[WHEELBASE] * p[UNDERSTEER], _STIFFEST)
+    return share / ahead, (1.0 - share) / behind, p[WHEELBASE] * (1.0 - share), p[WHEELBASE] * share
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def on_tyres(p: Array, dt: float, s: Array) -> None:
-    """Tyres that take up a new wheel angle with the way rolled, and slide where their force ends."""
-    # Side forces grow with the way rolled, not with time (relaxation length: H. B. Pacejka, Tire and Vehicle Dynamics).
-    speed, u, r = max(s[SPEED], SLOW), s[SIDEWAYS], s[TURNING]
+    """Tyres that take up a new wheel angle, or any slip, with the way rolled, and slide where their force ends."""
+    # Side forces grow with the way rolled, not time (relaxation length: H. B. Pacejka, Tire and Vehicle Dynamics, ch. 1).
+    v, u, r = p[WHEEL_SCALE] * s[SPEED], s[SIDEWAYS], s[TURNING]
+    speed = max(abs(v), SLOW)
     taken_up = share_of(p[RELAXATION], dt * speed) * (steered(p, s[WHEEL]) - s[ANGLE])
     angle = s[ANGLE] + 0.5 * taken_up + s[TRIM]
-    s[ANGLE] += taken_up
-    s[TRIM] *= 1.0 - dt / LASTS
-    share = p[WEIGHT_IN_FRONT]
-    front, rear = p[WHEELBASE] * (1.0 - share), p[WHEELBASE] * share  # centre of mass to axles
-    inertia = p[YAW_INERTIA] * front * rear
-    # Understeer, 1 / front grip - 1 / rear grip, is seen long before the grips are.
-    front_grip = 1.0 / max(1.0 / p[GRIP] + p[FRONT_COMPLIANCE], _STIFFEST)
-    cf = secant(front_grip * share, p[FRICTION_LIMIT] * share, angle - math.atan((u + front * r) / speed))
-    cr = secant(p[GRIP] * (1.0 - share), p[FRICTION_LIMIT] * (1.0 - share), -math.atan((u - rear * r) / speed))
-    # Implicit in u and r: u' = cf a_f + cr a_r - v r, J r' = front cf a_f - rear cr a_r, with the tyres' secants held.
-    turn = (front * cf - rear * cr) / speed
-    a11, a12 = 1.0 + dt * (cf + cr) / speed, dt * (turn + speed)
-    a21, a22 = dt * turn / inertia, 1.0 + dt * (front * front * cf + rear * rear * cr) / (speed * inertia)
-    b1, b2 = u + dt * cf * angle, r + dt * front * cf * angle / inertia
+    s[ANGLE], s[TRIM] = s[ANGLE] + taken_up, s[TRIM] * (1.0 - dt / LASTS)
+    front_grip, rear_grip, front, rear = tyres(p)
+    share, inertia = p[WEIGHT_IN_FRONT], p[YAW_INERTIA] * front * rear
+    aside = (u + front * r) / speed
+    rolled, straight, bend, across, along = math.atan(aside), aside, 1.0, 1.0, speed
+    # Steering maps of cars by throttle were fitted with small angles; an angle in rad is meant as it is, backwards too.
+    if not p[DRIVE] > 0.0:
+        angle *= min(max(v / SLOW, -1.0), 1.0)  # at rest wheels turn nothing
+        straight, bend, across, along = rolled, 1.0 / (1.0 + aside * aside), math.cos(angle), v
+    w = share_of(p[SLIP_RELAXATION], dt * speed)
+    f, b = (1.0 - w) * s[FRONT_SLIP], (1.0 - w) * s[REAR_SLIP]
+    cf = across * secant(front_grip, p[FRICTION_LIMIT] * share, f + w * (angle - rolled))
+    cr = secant(rear_grip, p[FRICTION_LIMIT] * (1.0 - share), b - w * math.atan((u - rear * r) / speed))
+    f += w * (angle - straight + bend * aside)
+    # Implicit in u and r, with the tyres' secants held: u' = cf a_f + cr a_r - v r, J r' = front cf a_f - rear cr a_r, with
+    # slips a_f = f - w bend (u + front r) / speed, a_r = b - w (u - rear r) / speed.
+    wf, wr = w * bend * cf / speed, w * cr / speed
+    turn = front * wf - rear * wr
+    a11, a12 = 1.0 + dt * (wf + wr), dt * (turn + along)
+    a21, a22 = dt * turn / inertia, 1.0 + dt * (front * front * wf + rear * rear * wr) / inertia
+    b1, b2 = u + dt * (cf * f + cr * b), r + dt * (front * cf * f - rear * cr * b) / inertia
     determinant = a11 * a22 - a12 * a21
     s[SIDEWAYS], s[TURNING] = (b1 * a22 - a12 * b2) / determinant, (a11 * b2 - a21 * b1) / determinant
+    s[FRONT_SLIP] = f - w * bend * (s[SIDEWAYS] + front * s[TURNING]) / speed
+    s[REAR_SLIP] = b - w * (s[SIDEWAYS] - rear * s[TURNING]) / speed
     if p[DRIVE] > 0.0:
-        slip = angle - (s[SIDEWAYS] + front * s[TURNING]) / speed
-        held = s[PUSH] - cf * slip * math.sin(angle) + s[TURNING] * s[SIDEWAYS]
+        held = s[PUSH] - cf * s[FRONT_SLIP] * math.sin(angle) + s[TURNING] * s[SIDEWAYS]
         s[SPEED] = max(s[SPEED] + dt * (pull(p, s) + held), 0.0)
-    v, middle_u, middle_r = p[WHEEL_SCALE] * s[SPEED], 0.5 * (u + s[SIDEWAYS]), 0.5 * (r + s[TURNING])
-    middle = s[HEADING] + 0.5 * dt * middle_r
-    s[X] += dt * (v * math.cos(middle) - middle_u * math.sin(middle))
-    s[Y] += dt * (v * math.sin(middle) + middle_u * math.cos(middle))
+        v, rear = p[WHEEL_SCALE] * s[SPEED], 0.0
+    middle_r = 0.5 * (r + s[TURNING])
+    middle, sideways = s[HEADING] + 0.5 * dt * middle_r, 0.5 * (u + s[SIDEWAYS]) - rear * middle_r
+    s[X] += dt * (v * math.cos(middle) - sideways * math.sin(middle))
+    s[Y] += dt * (v * math.sin(middle) + sideways * math.cos(middle))
     s[HEADING] += dt * middle_r
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def in_steady_curve(p: Array, s: Array) -> None:
+    """The state of tyres that have long rolled at this speed and wheel angle."""
+    front_grip, rear_grip, front, rear = tyres(p)
+    v, angle, share = p[WHEEL_SCALE] * s[SPEED], steered(p, s[WHEEL]), p[WEIGHT_IN_FRONT]
+    ahead, behind = share / front_grip, (1.0 - share) / rear_grip
+    s[ANGLE], s[TURNING] = angle, v * math.tan(angle) / (front + rear + (ahead - behind) * v * v)
+    s[FRONT_SLIP], s[REAR_SLIP] = ahead * v * s[TURNING], behind * v * s[TURNING]
+    s[SIDEWAYS] = rear * s[TURNING] - v * s[REAR_SLIP]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def secant(grip: float, limit: float, angle: float) -> float:
     """Force over slip angle of a tyre with limit * tanh(grip * angle / limit)."""
     x = abs(grip * angle / limit)
-    return grip * math.tanh(x) / x if x > 1e-4 else grip
+    return grip * math.tanh(x) / x if x > 1e-2 else grip * (1.0 - x * x / 3.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

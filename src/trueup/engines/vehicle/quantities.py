@@ -29,6 +29,8 @@ class Quantity:
     """Bounds of vehicles with a wheelbase above a metre grow with this power of it."""
     per_command: bool = False
     """Whether its upper bound is that of a full command."""
+    optional: str = ""
+    """Structure that a vehicle may do without: kept where left-out drives are foretold clearly better with it."""
 
     def __post_init__(self) -> None:
         """Fills in the column."""
@@ -63,8 +65,19 @@ SPEED_DRIVEN = (
              "closed-loop driving"),
     Quantity("localisation_latency", "s", 0.0, 0.03, 0.0, 0.5, "linear", "age of the pose that is seen",
              "quick changes of heading"),
+    Quantity("rear_slip", "s^2/m", 0.0, 0.0, 0.0, 0.15, "linear", "slip angle of the rear tyres per sideways acceleration",
+             _CURVES, "rear_compliance", optional="tyres"),
+    Quantity("relaxation", "m", 0.0, 0.0, 0.0, 1.0, "linear", "way rolled until the tyres take up a slip angle",
+             "quick changes of steering at several speeds", "slip_relaxation", optional="tyres"),
+    Quantity("friction_limit", "m/s^2", 1e3, 8.0, 0.5, 12.0, "log", "greatest sideways acceleration that the tyres give",
+             _FAST, free=False),
+    Quantity("weight_in_front", "", 0.5, 0.5, 0.25, 0.75, "linear", "share of the weight on the front axle", _FAST,
+             free=False),
+    Quantity("yaw_inertia", "", 1.0, 1.0, 0.3, 3.0, "log", "yaw inertia over mass and distances of the axles", _FAST,
+             free=False),
 )  # fmt: skip
-"""Commands are the speed of the wheels in m/s and the angle of the front wheels in rad; wheels roll where they point.
+"""Commands are the speed of the wheels in m/s and the angle of the front wheels in rad; wheels roll where they point, unless
+their tyres are found to slip.
 
 Delays, lags and the latency start as measured on small real vehicles: a fit that starts without any delay easily ends in a
 lag or a latency that stands for it, and a controller near its limit tells these apart."""

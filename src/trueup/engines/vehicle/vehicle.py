@@ -132,8 +132,9 @@ class Vehicle:
         lower, upper = size * q.lower, size * q.upper / (steers if q.per_command and 0.0 < steers < 1.0 else 1.0)
         nominal = float(np.clip(known.get(q.name, q.start), lower, upper))
         return Parameter(
-            q.name, q.unit, nominal, lower, upper, q.scale, frozen=not free, source=q.about, shown_by=q.shown_by
-        )
+            q.name, q.unit, nominal, lower, upper, q.scale, frozen=not free, source=q.about, shown_by=q.shown_by,
+            optional=q.optional, absent=q.absent if q.optional else None,
+        )  # fmt: skip
 
 
 BETAS = tuple(q.name for q in SPEED_DRIVEN[:5])
