@@ -31,13 +31,14 @@ def numbered(rows: Sequence[Rows], count: int, positions: Sequence[Array] = ()) 
 
     Blocks rather than scattered samples, so that what is left out is not next to what was fitted. Where `positions` (S, n)
     are given, what repeats a motion is in the block of the first that shows it, and blocks are fewer, not shorter: in short
-    ones neighbours foretell one another. Where too little motion differs, repeats count as motion of their own.
+    ones neighbours foretell one another. Where too little motion differs, or less than the largest part is repeated, which
+    gives little away, repeats count as motion of their own.
     """
     spans = np.array([float(r.time[-1] - r.time[0]) for r in rows])
     cuts = [_STRETCHES * max(1, round(count * float(s) / max(float(spans.sum()), TINY))) for s in spans]
     edges = [np.linspace(r.time[0], r.time[-1], k + 1) for r, k in zip(rows, cuts, strict=True)]
     again = _repeats(rows, edges, positions) if positions else {}
-    if sum(cuts) - len(again) < FEWEST_PARTS:
+    if len(again) * FEWEST_PARTS < sum(cuts) or sum(cuts) - len(again) < FEWEST_PARTS:
         again = {}
     fresh, blocks, found = sum(cuts) - len(again), 0, list[Integers]()
     parts = max(count * fresh / sum(cuts), min(FEWEST_PARTS, count))
