@@ -62,6 +62,11 @@ class Findings:
             float(np.mean([most(x) for x in self.randomised[scene].values()])) if scene in self.randomised else np.nan
         )
 
+    def generalised(self) -> tuple[int, float]:
+        """Trials of Table I after a calibration on several tasks, and the share of them that worked; NaN without any."""
+        cells = [x for on, per in self.subsets.items() if "+" in on for worked in per.values() for x in worked]
+        return len(cells), float(np.mean(cells)) if cells else float("nan")
+
     def unfitted(self) -> tuple[int, float, float]:
         """How many motions were tried after one calibration on others, and in them the root mean square angles in rad between
         the robot's torso and the simulated one: by the model file, and as calibrated.
