@@ -2,10 +2,10 @@
 """The shipped plan for path followers on ten robots, each with structure that its simulator does not have.
 
 `trueup new --from stanley` and what it says by default; only robot and course are filled in. The truth is a dynamic bicycle
-with slipping tyres, drawn from the series, and one more thing each: see STRANGE. The simulator is a bicycle whose wheels roll
-where they point, unless drives show that tyres slip. Errors
-are what truly happens, localisation aside; the oracle is the same search on the hidden truth itself. Two
-numbers were chosen on these robots, see `engines.vehicle.drives.DOUBT`; nothing else was.
+with slipping tyres, drawn from the series, and one more thing each: see STRANGE. The simulator is a bicycle whose wheels
+roll where they point, unless drives show that tyres slip. Errors are what truly happens, localisation aside; the oracle is
+the same search on the hidden truth itself. Four numbers were chosen on these robots, see `engines.vehicle.drives.DOUBT`;
+nothing else was.
 """
 
 from __future__ import annotations

@@ -32,8 +32,8 @@ DOUBT = {
     "steering_offset": 0.003, "rear_slip": 0.003, "relaxation": 0.03,
 }  # fmt: skip
 """Least standard deviation that tuning reckons with, in the parameters' units: the vehicle is no bicycle. Least squares
-tells a parameter far better than this, but only as far as the model's structure is right. The last two were chosen on the
-robots of `benchmarks/template.py`."""
+tells a parameter far better than this, but only as far as the model's structure is right. The last four were chosen on the
+robots of `benchmarks/template.py`, those of the tyres on its robot 3 alone."""
 _DOUBTED_LIMITS = 0.25  # the same for limits, as a share of their value
 _NOTE = "intervals hold more doubt than the residuals show: the vehicle is no bicycle, and tuning reckons with that"
 _TRADED = 0.06
