@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 pytest.importorskip("dartpy", reason="the second engine is an extra: pip install trueup[dart]")
 
@@ -15,6 +16,7 @@ from trueup.loop.surest import Effort
 from trueup.studies.balance.calibration import Runs, calibrated, simulator_of
 from trueup.studies.balance.campaign import Round, Scale, campaign, performed
 from trueup.studies.balance.once import as_told
+from trueup.studies.balance.pictures import _lean
 from trueup.studies.balance.plan import Size
 from trueup.studies.balance.report import html
 from trueup.studies.balance.robot import StandInHumanoid
@@ -69,6 +71,14 @@ def test_the_report_tells_the_rounds_and_shows_them(
     assert "no motion was found in the simulator itself" in page
     assert "not computed yet" in page
     assert page.count("<canvas") == 3
+
+
+def test_the_torsos_lean_goes_on_past_upside_down_whatever_its_angles_do() -> None:
+    back = np.linspace(0.0, -1.2 * np.pi, 40)
+    turned = Rotation.from_euler("z", 0.7) * Rotation.from_euler("y", back[:, None])
+    frames = np.zeros((40, 6))
+    frames[:, 3:] = np.unwrap(turned.as_euler("ZYX"), axis=0)[:, ::-1]
+    np.testing.assert_allclose(_lean(frames), back, atol=1e-9)
 
 
 def test_a_study_goes_on_in_its_folder_and_refuses_one_of_another_size(tmp_path: Path) -> None:

@@ -92,6 +92,7 @@ def _recording(scene: str, name: str, frames: Frames) -> Recording:
 
 
 def _lean(frames: Array) -> Array:
-    """(T,) angle in rad by which the torso leans forward, past upside down too."""
-    roll, pitch = frames[:, 3], frames[:, 4]
-    return np.unwrap(np.arctan2(np.sin(pitch) * np.cos(roll), np.cos(pitch) * np.cos(roll)))
+    """(T,) angle in rad by which the torso leans the way that it faced at first, past upside down too."""
+    roll, pitch, yaw = frames[:, 3:6].T - [[0.0], [0.0], [frames[0, 5]]]
+    ahead = np.cos(yaw) * np.sin(pitch) * np.cos(roll) + np.sin(yaw) * np.sin(roll)
+    return np.unwrap(np.arctan2(ahead, np.cos(pitch) * np.cos(roll)))
