@@ -22,11 +22,11 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
 
 import numpy as np
 import tx40
-from numpy.typing import NDArray
 from real_arm import data_folder
 from results import result
 from strange_arms import _NOMINAL, _RATIOS, Arm, drawn
 
+from trueup.arrays import Array
 from trueup.errors import IdentificationError
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.mixture import GENTLE, Draw, Moves, Series, wide_classes
@@ -45,8 +45,6 @@ from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.model_file import load_tree
 from trueup.identification.rows import Rows
 from trueup.recording import Channel, Recording
-
-Array = NDArray[np.float64]
 
 _SECONDS = 25.0
 _SHORT = 9.0

@@ -44,7 +44,7 @@ def _about(recording: Recording) -> list[str]:
             found += _units(recording.name, recording.channel(name))
     if command is not None and recording.has("position"):
         position = recording.channel("position")
-        if command.unit in ("", position.unit):  # torques lead where they like
+        if command.name != "command_torque" and command.unit in ("", position.unit):  # torques lead where they like
             found += _far(recording.name, command, position)
     return found
 

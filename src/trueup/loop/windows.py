@@ -14,16 +14,20 @@ from trueup.loop.shoot import Starts
 from trueup.rounding import SAME_INSTANT, TINY
 from trueup.trial import Trial
 
-_GROWTH = np.log(5.0)  # so many times an error at the start of a window may grow in it
+_GROWTH = np.log(
+    5.0
+)  # so many times an error at the start of a window may grow in it, and the noise that it may come to
 
 
 def window_length(problem: Problem, values: Array) -> float:
-    """How long trials may be in s, so that an error at their start grows fivefold at most; inf where none grows so.
+    """How long trials may be in s, so that an error at their start grows fivefold at most, and comes to five times the noise
+    of what is measured at most; inf where none does.
 
     Two starts a standard deviation of the measurements apart are followed at values (n,), in each part of every trial. Their
     distance counts speeds by how far these lead until then, so that what drifts apart steadily does not grow: only what is
-    unstable does, at the rate of its largest Lyapunov exponent (A. Wolf et al., Physica D 16(3), 1985). Runs under a
-    controller of the simulator's own begin only where it does, unless windows of some length are asked for.
+    unstable does, at the rate of its largest Lyapunov exponent (A. Wolf et al., Physica D 16(3), 1985). What drifts, as a
+    joint that a torque drives, hides what parameters do behind what the start did. Runs under a controller of the
+    simulator's own begin only where it does, unless windows of some length are asked for.
     """
     parts = 4  # windows that a recording is cut into to see how fast errors grow: all kinds of motion have their say
     if any(t.command is None for t in problem.trials):
@@ -90,18 +94,23 @@ def _reached(problem: Problem, values: Array) -> float:
 
 
 def _growth(problem: Problem, trial: int, change: Array) -> tuple[Array, Array]:
-    """(T,) instants and ln of how many times further apart two runs of a trial are then; both empty where they are one."""
+    """(T,) instants and ln of how many times further apart two runs of a trial are then than they began, or than the noise
+    is if that is more; both empty where they are one.
+    """
     place = pace = time = np.zeros(0)
+    labels = 0
     for segment in problem.segments:
         if segment.trial == trial and segment.samples > 2:
             own = problem.trials[trial].observed[segment.channel].time
             if len(time) and len(own) != len(time):
                 continue  # another rate
             time, seen = own, segment.shaped(change)
+            labels += seen.shape[1]
             place = np.sum(seen**2, axis=1) + (place if len(place) else 0.0)
             pace = np.sum(np.gradient(seen, own, axis=0) ** 2, axis=1) + (pace if len(pace) else 0.0)
     if not len(time) or not np.isfinite(place).all() or not np.any(place):
         return np.zeros(0), np.zeros(0)
     until = (time - time[0]) ** 2
     first, last = place[0] + until * pace[0], place + until * pace
-    return time, 0.5 * np.log(np.maximum(last, TINY) / np.maximum(first, TINY))
+    grown = np.maximum(last / np.maximum(first, TINY), place / labels)
+    return time, 0.5 * np.log(np.maximum(grown, TINY))

@@ -94,7 +94,7 @@ def deviation(path: Array, runs: Sequence[tuple[str, Array, str]]) -> Markup:
         gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(driven[::_THIN], axis=0).T))])
         lines.append((name, list(zip(gone.tolist(), [1e3 * g for g in gaps], strict=True)), colour))
     gone, gaps = (span([p[axis] for _, line, _ in lines for p in line], zero=True) for axis in (0, 1))
-    plot = Plot(gone, gaps, "driven, m", "measured distance from the path, mm", height=240)
+    plot = Plot(gone, gaps, "driven, m", "measured distance, mm", height=240)
     for _, line, colour in lines:
         plot.line(line, colour, width=1.2)
     return plot.svg("distance from the path")

@@ -8,16 +8,18 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from scipy.signal import savgol_filter
+from scipy.signal import savgol_coeffs, savgol_filter
 
 from trueup.arrays import Array, Integers
 from trueup.articulated.assignments import Assignment, changes, write
 from trueup.engines.mujoco.attributes import MujocoAttributes
 from trueup.engines.mujoco.fields import SingleModel
 from trueup.engines.mujoco.wiring import joint_id
+from trueup.noise import estimate_noise
 from trueup.recording import Channel
 
 _SMOOTHED = 0.08  # s that a cubic is laid through for speed and acceleration: five samples of a servo bus at 50 Hz
+_CUBIC = 3
 _MOVED = 1e-4  # rad or m: by which a joint is moved to see what that changes in its load
 
 
@@ -69,8 +71,8 @@ class InverseDynamics:
         joint grows with its own position.
         """
         if id(measured) not in self._motions:
-            motion = _motion(self._compiled, measured, rest)
-            model = self._rigid(self._compiled.__copy__())
+            motion = measured_motion(self._compiled, measured, rest)
+            model = rigid(self._compiled)
             # the channel is kept with it, so that its id stays its own
             self._motions[id(measured)] = measured, motion, _stiffness(model, motion)
         return self._motions[id(measured)][1:]
@@ -81,7 +83,7 @@ class InverseDynamics:
         if key not in self._loads:
             motion = self._motions[id(measured)][1]
             position = motion.position - self._errors(own)
-            inertia, torque = _inverse(self._written(own), position, motion.speed, motion.acceleration)
+            inertia, torque = inverse_dynamics(self._written(own), position, motion.speed, motion.acceleration)
             self._loads[key] = Loads(position, inertia, torque - inertia * motion.acceleration)
         return self._loads[key]
 
@@ -99,15 +101,7 @@ class InverseDynamics:
         model = self._compiled.__copy__()
         if self._quantities:
             write(self._quantities, own[None], MujocoAttributes(model, SingleModel(model)))
-        return self._rigid(model)
-
-    def _rigid(self, model: mujoco.MjModel) -> mujoco.MjModel:
-        """Without what the drives add."""
-        model.dof_armature[:] = 0.0
-        off = mujoco.mjtDisableBit
-        model.opt.disableflags |= int(off.mjDSBL_CONSTRAINT | off.mjDSBL_CONTACT | off.mjDSBL_DAMPER)
-        mujoco.mj_setConst(model, mujoco.MjData(model))
-        return model
+        return rigid(model)
 
     def _errors(self, own: Array) -> Array:
         """(nv,) by how much each joint is measured too far."""
@@ -123,14 +117,25 @@ def carried(assignment: Assignment) -> bool:
     return "sensor" in quantity.signals or any(a.startswith(("body.", "world.gravity")) for a in quantity.attributes)
 
 
-def _motion(compiled: mujoco.MjModel, measured: Channel, rest: Array) -> Motion:
-    """A moving cubic through the samples: A. Savitzky, M. Golay, Analytical Chemistry 36(8), 1964."""
-    cubic = 3
+def rigid(compiled: mujoco.MjModel) -> mujoco.MjModel:
+    """A copy of the model without what its drives add, and without whatever it touches."""
+    model = compiled.__copy__()
+    model.dof_armature[:] = 0.0
+    off = mujoco.mjtDisableBit
+    model.opt.disableflags |= int(off.mjDSBL_CONSTRAINT | off.mjDSBL_CONTACT | off.mjDSBL_DAMPER)
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
+
+
+def measured_motion(compiled: mujoco.MjModel, measured: Channel, rest: Array) -> Motion:
+    """Positions as a motion, joints that they lack at `rest` (nv,), by a moving cubic through the samples.
+
+    A. Savitzky, M. Golay, Analytical Chemistry 36(8), 1964.
+    """
     dt = float(np.median(np.diff(measured.time)))
     count = int(np.floor((measured.time[-1] - measured.time[0]) / dt + 0.5)) + 1
     time = measured.time[0] + dt * np.arange(count)
-    half = max(round(0.5 * _SMOOTHED / dt), (cubic + 1) // 2)
-    window = min(2 * half + 1, count - 1 + count % 2)
+    window = min(samples_smoothed(measured), count - 1 + count % 2)
     states = np.zeros((3, count, compiled.nv))
     states[0] = rest
     for label, column in zip(measured.labels, measured.values.T, strict=True):
@@ -138,12 +143,25 @@ def _motion(compiled: mujoco.MjModel, measured: Channel, rest: Array) -> Motion:
         if joint >= 0 and good.any():
             values = np.interp(time, measured.time[good], column[good])
             for order in range(3):
-                states[order, :, joint] = savgol_filter(values, window, min(cubic, window - 1), deriv=order, delta=dt)
+                states[order, :, joint] = savgol_filter(values, window, min(_CUBIC, window - 1), deriv=order, delta=dt)
     return Motion(time, *states)
 
 
-def _inverse(model: mujoco.MjModel, places: Array, speeds: Array, rates: Array) -> tuple[Array, Array]:
-    """(L, nv) diagonal of the inertia matrix, and torque."""
+def samples_smoothed(measured: Channel) -> int:
+    """Samples that a cubic is laid through for the speeds of a `measured_motion`."""
+    dt = float(np.median(np.diff(measured.time)))
+    return 2 * max(round(0.5 * _SMOOTHED / dt), (_CUBIC + 1) // 2) + 1
+
+
+def speed_noise(measured: Channel) -> Array:
+    """(k,) standard deviation of the speeds of a channel's labels in its `measured_motion`."""
+    dt = float(np.median(np.diff(measured.time)))
+    share = np.linalg.norm(savgol_coeffs(samples_smoothed(measured), _CUBIC, deriv=1, delta=dt))
+    return share * estimate_noise(measured.values, measured.time)
+
+
+def inverse_dynamics(model: mujoco.MjModel, places: Array, speeds: Array, rates: Array) -> tuple[Array, Array]:
+    """(L, nv) diagonal of the inertia matrix, and torque, along a motion of positions, speeds and accelerations (L, nv)."""
     data = mujoco.MjData(model)
     inertia, torque = np.empty((2, len(places), model.nv))
     diagonal = model.M_rowadr + model.M_rownnz - 1
@@ -156,10 +174,10 @@ def _inverse(model: mujoco.MjModel, places: Array, speeds: Array, rates: Array) 
 
 def _stiffness(model: mujoco.MjModel, motion: Motion) -> Array:
     """(L, nv) by how much the torque of each joint grows with its own position."""
-    _, torque = _inverse(model, motion.position, motion.speed, motion.acceleration)
+    _, torque = inverse_dynamics(model, motion.position, motion.speed, motion.acceleration)
     grown = np.empty_like(torque)
     for dof in range(model.nv):
         moved = motion.position.copy()
         moved[:, dof] += _MOVED
-        grown[:, dof] = _inverse(model, moved, motion.speed, motion.acceleration)[1][:, dof] - torque[:, dof]
+        grown[:, dof] = inverse_dynamics(model, moved, motion.speed, motion.acceleration)[1][:, dof] - torque[:, dof]
     return grown / _MOVED

@@ -4,16 +4,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from trueup.articulated.declarations import Declaration
 from trueup.articulated.pose import POSITION
+from trueup.articulated.quantities.known import quantity
 from trueup.articulated.wiring import ONSET_OF
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.limits import asked_for
+from trueup.engines.mujoco.setup.motors import Drive, drives_seen
 from trueup.engines.mujoco.setup.profiles import accelerations, profiles
 from trueup.engines.mujoco.setup.servos import loads
 from trueup.engines.mujoco.wiring import is_motor
@@ -72,6 +75,8 @@ def propose(
         lines.append(Declaration("friction_load", servos, nominal=_LOADED, optional=LOAD))
     if motors:
         lines.append(Declaration("gain", motors, optional="factors on the motors' torques"))
+    if motors:
+        lines = _as_seen(model, lines, drives_seen(model, recordings))
     if servos:
         lines.append(Declaration("zero", servos, optional="servo zero"))
     # A delay and the clocks of all recordings are the same thing.
@@ -82,6 +87,29 @@ def propose(
     lines += _of_the_base(model, recordings)
     lines += [Declaration("clock", (name,), nominal=late) for name, late in clocks.items()]
     return lines
+
+
+def _as_seen(model: Model, lines: Sequence[Declaration], seen: Mapping[str, Drive]) -> list[Declaration]:
+    """Lines of drives that begin as inverse dynamics saw them. Joints that stood still in every recording are held by friction,
+    and creep no more than others: without it, what moves the others would move them too.
+    """
+    moving = {j for line in lines for j in line.of}
+    still = tuple(j for j in seen if j not in moving)
+    begun: list[Declaration] = []
+    for line in lines:
+        if line.quantity in ("friction", "damping", "armature"):
+            begun += [_as(model, line, joint, seen.get(joint)) for joint in line.of]
+        else:
+            begun.append(replace(line, of=(*line.of, *still)) if line.quantity == "friction_creep" else line)
+    return begun + [Declaration("friction", (j,), nominal=seen[j].friction, frozen=True) for j in still]
+
+
+def _as(model: Model, line: Declaration, joint: str, drive: Drive | None) -> Declaration:
+    kind = quantity(str(line.quantity))
+    if drive is None or getattr(drive, kind.name) is None:
+        return replace(line, of=(joint,))
+    least = kind.bounds(kind.nominal(model, joint))[0]
+    return replace(line, of=(joint,), nominal=max(getattr(drive, kind.name), least))
 
 
 def _of_stops(stops: Mapping[str, float]) -> list[Declaration]:

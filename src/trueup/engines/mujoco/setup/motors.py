@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Friction, damping and rotor inertia of joints whose torque is commanded: where a search begins.
+
+Along a measured motion, what the motor gives beyond the robot's inverse dynamics goes into the drive itself (C. G. Atkeson,
+C. H. An, J. M. Hollerbach, Int. J. Robotics Research 5(3), 1986). A model without friction replays such commands so far off
+that slopes there lead nowhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from trueup.arrays import Array, Mask
+from trueup.engines.mujoco.attributes import is_motor
+from trueup.engines.mujoco.lone.drives import alone
+from trueup.engines.mujoco.lone.loads import (
+    Motion,
+    inverse_dynamics,
+    measured_motion,
+    rigid,
+    samples_smoothed,
+    speed_noise,
+)
+from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.wiring import actuators_of, joint_id, rest
+from trueup.recording import Recording
+from trueup.trial import command_of
+
+_MOVES = 0.05
+"""Of a joint's fastest speed: slower samples tell little of friction, whose sign noise then decides."""
+_SURELY = 3.0
+"""Standard deviations of a speed's noise, beyond which a joint moves."""
+_FEWEST = 4
+"""Stretches, each as long as speeds are smoothed over, in which a joint must move: as many as there are unknowns."""
+_HELD = 2.0
+"""Times the largest torque that moved nothing: a joint that stood still has at least that much friction."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What a joint's drive takes: N m, N m s/rad and kg m2 (N, N s/m, kg where it slides); None where nothing tells."""
+
+    friction: float
+    damping: float | None = None
+    armature: float | None = None
+
+
+def drives_seen(model: Model, recordings: Sequence[Recording]) -> dict[str, Drive]:
+    """Drives of the joints of which the torque and everybody's motion is known in a recording, by least squares; of joints
+    that stood still, friction alone, as much as held them. {} where models have a free base or several drives at a joint.
+    """
+    compiled = model.compiled
+    parts = [p for r in recordings for p in _known(model, r)] if alone(compiled, ()) else []
+    found: dict[str, Drive] = {}
+    for joint in model.scalar_joints() if parts else ():
+        dof = int(compiled.jnt_dofadr[joint_id(compiled, joint)])
+        known = [part for part in parts if part.known[dof]]
+        if known:
+            found[joint] = _fitted(known, dof)
+    return found
+
+
+def _fitted(parts: Sequence[_Part], dof: int) -> Drive:
+    """With an offset for what the rigid robot's gravity lacks."""
+    extra, speed, rate = np.concatenate(
+        [np.stack([p.extra[:, dof], p.motion.speed[:, dof], p.motion.acceleration[:, dof]], axis=1) for p in parts]
+    ).T
+    noise = np.concatenate([np.full(len(p.extra), p.speed_noise[dof]) for p in parts])
+    seen = np.abs(speed) > np.maximum(_MOVES * np.abs(speed).max(), _SURELY * noise)
+    if np.sum(seen / np.concatenate([np.full(len(p.extra), p.window) for p in parts])) < _FEWEST:
+        return Drive(_HELD * float(np.abs(extra).max()))
+    columns = np.stack([np.sign(speed), speed, rate, np.ones_like(speed)], axis=1)[seen]
+    size = np.abs(columns).max(axis=0)
+    least = np.array([0.0, 0.0, 0.0, -np.inf])
+    x = lsq_linear(columns / size, extra[seen], (least, np.full(4, np.inf))).x / size
+    return Drive(*(float(v) for v in x[:3]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """One recording of L instants."""
+
+    motion: Motion
+    speed_noise: Array
+    """(nv,) rad/s (m/s), standard deviation."""
+    window: int
+    """Samples over which speeds are smoothed."""
+    extra: Array
+    """(L, nv) torque of the motors beyond what the rigid robot takes."""
+    known: Mask
+    """(nv,) where that is known."""
+
+
+def _known(model: Model, recording: Recording) -> Iterator[_Part]:
+    """The recording, if it has the motion of all joints and their commands."""
+    compiled, command, joints = model.compiled, command_of(recording), model.scalar_joints()
+    measured = recording.channels.get("position")
+    if command is None or measured is None or not set(joints) <= set(measured.labels):
+        return
+    driven = compiled.jnt_dofadr[compiled.actuator_trnid[:, 0]]
+    known = ~np.isin(np.arange(compiled.nv), driven)
+    motion = measured_motion(compiled, measured, rest(compiled)[0])
+    torque = np.zeros_like(motion.speed)
+    for column, actuator in zip(command.at(motion.time, hold=True).T, actuators_of(model, command), strict=True):
+        dof, limited = driven[actuator], bool(compiled.actuator_ctrllimited[actuator])
+        known[dof] = is_motor(compiled, actuator)
+        gain = compiled.actuator_gear[actuator, 0] * compiled.actuator_gainprm[actuator, 0]
+        torque[:, dof] = gain * (np.clip(column, *compiled.actuator_ctrlrange[actuator]) if limited else column)
+    noise = np.zeros(compiled.nv)
+    dofs = compiled.jnt_dofadr[[joint_id(compiled, j) for j in joints]]
+    noise[dofs] = np.nan_to_num(speed_noise(measured.select(joints)))
+    _, asked = inverse_dynamics(rigid(compiled), motion.position, motion.speed, motion.acceleration)
+    good = np.isfinite(torque).all(axis=1)
+    part = Motion(motion.time[good], motion.position[good], motion.speed[good], motion.acceleration[good])
+    yield _Part(part, noise, samples_smoothed(measured), (torque - asked)[good], known)
