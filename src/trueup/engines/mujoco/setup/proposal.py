@@ -75,8 +75,6 @@ def propose(
         lines.append(Declaration("friction_load", servos, nominal=_LOADED, optional=LOAD))
     if motors:
         lines.append(Declaration("gain", motors, optional="factors on the motors' torques"))
-    if motors:
-        lines = _as_seen(model, lines, drives_seen(model, recordings))
     if servos:
         lines.append(Declaration("zero", servos, optional="servo zero"))
     # A delay and the clocks of all recordings are the same thing.
@@ -86,12 +84,12 @@ def propose(
     lines += _of_stops(stops or {})
     lines += _of_the_base(model, recordings)
     lines += [Declaration("clock", (name,), nominal=late) for name, late in clocks.items()]
-    return lines
+    return _as_seen(model, lines, drives_seen(model, recordings) if motors else {})
 
 
 def _as_seen(model: Model, lines: Sequence[Declaration], seen: Mapping[str, Drive]) -> list[Declaration]:
-    """Lines of drives that begin as inverse dynamics saw them. Joints that stood still in every recording are held by friction,
-    and creep no more than others: without it, what moves the others would move them too.
+    """Lines of drives that begin as inverse dynamics saw them. Joints that stood still in every recording are held by
+    friction, and creep no more than others: without it, what moves the others would move them too.
     """
     moving = {j for line in lines for j in line.of}
     still = tuple(j for j in seen if j not in moving)

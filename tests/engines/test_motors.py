@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Arms commanded by torque: what inverse dynamics sees of their drives, and joints that friction holds still."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.setup.motors import drives_seen
+from trueup.loop.calibrate import Options
+from trueup.loop.checks import check
+from trueup.loop.prepare import prepare
+from trueup.recording import Channel, Recording
+
+ARM = """<mujoco><option timestep="2e-3" integrator="implicitfast"/><worldbody><body>
+<joint name="shoulder" axis="0 0 1" {shoulder}/><geom type="capsule" size=".04" fromto="0 0 0 .4 0 0" mass="3"/>
+<body pos=".4 0 0"><joint name="elbow" axis="0 1 0" {elbow}/>
+<geom type="capsule" size=".03" fromto="0 0 0 .3 0 0" mass="1.5"/>
+<body pos=".3 0 0"><joint name="wrist" axis="1 0 0" {wrist}/>
+<geom type="box" size=".03 .05 .02" pos="0 .02 0" mass=".4"/></body></body></body></worldbody>
+<actuator><motor name="m1" joint="shoulder"/><motor name="m2" joint="elbow"/>
+<motor name="m3" joint="wrist"/></actuator></mujoco>"""
+TRUTH = {"shoulder": (1.2, 0.8, 0.15), "elbow": (0.9, 0.4, 0.08), "wrist": (0.6, 0.1, 0.02)}
+"""N m of friction, N m s/rad, kg m2 of the rotor; the wrist's friction is more than its motor ever gives."""
+PLAIN = ARM.format(shoulder="", elbow="", wrist="")
+JOINTS = tuple(TRUTH)
+
+
+def _recording(seed: int) -> Recording:
+    """Six seconds of a computed torque that knows nothing of the drives, at 100 Hz."""
+    drives = {j: f'frictionloss="{f}" damping="{d}" armature="{a}"' for j, (f, d, a) in TRUTH.items()}
+    model, plain = mujoco.MjModel.from_xml_string(ARM.format(**drives)), mujoco.MjModel.from_xml_string(PLAIN)
+    data, own, rng, rows = mujoco.MjData(model), mujoco.MjData(plain), np.random.default_rng(seed), []
+    pace, phase = rng.uniform(1.5, 3.0, (3, 2)), rng.uniform(0.0, 6.0, (3, 2))
+    for k in range(3000):
+        if k % 5 == 0:
+            wanted = np.array([0.5, 0.5, 0.0]) * np.sin(pace * data.time + phase).mean(axis=1)
+            own.qpos[:], own.qvel[:], own.qacc[:] = data.qpos, 0.0, 150.0 * (wanted - data.qpos) - 20.0 * data.qvel
+            mujoco.mj_inverse(plain, own)
+            data.ctrl[:] = own.qfrc_inverse * (1.0, 1.0, 0.3)
+            rows.append([data.time, *(data.qpos + rng.normal(0.0, 1e-4, 3)), *data.ctrl])
+        mujoco.mj_step(model, data)
+    time, seen, told = np.split(np.array(rows), [1, 4], axis=1)
+    return Recording(
+        f"run{seed}",
+        {"position": Channel("position", JOINTS, "rad", time[:, 0], seen),
+         "command_torque": Channel("command_torque", ("m1", "m2", "m3"), "N m", time[:, 0], told)},
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def recordings() -> list[Recording]:
+    return [_recording(0), _recording(1)]
+
+
+def test_inverse_dynamics_sees_drives_and_joints_held_still(tmp_path: Path, recordings: list[Recording]) -> None:
+    (tmp_path / "arm.xml").write_text(PLAIN)
+    seen = drives_seen(load(tmp_path / "arm.xml"), recordings)
+    for joint in ("shoulder", "elbow"):
+        drive = seen[joint]
+        assert (drive.friction, drive.damping, drive.armature) == pytest.approx(TRUTH[joint], rel=0.35)
+    assert seen["wrist"].damping is None
+    told = recordings[0].channel("command_torque").column("m3")
+    assert seen["wrist"].friction > 1.5 * np.abs(told).max()
+
+
+def test_an_arm_without_friction_in_its_file_is_calibrated_from_torques(
+    tmp_path: Path, recordings: list[Recording]
+) -> None:
+    (tmp_path / "arm.xml").write_text(PLAIN)
+    found = prepare(tmp_path / "arm.xml", recordings[:1], recordings[1:]).calibrate(Options(cross_validate=False))
+    values = {e.name: e.value for e in found.estimates}
+    for joint in ("shoulder", "elbow"):
+        assert values[f"{joint}.friction"] == pytest.approx(TRUTH[joint][0], rel=0.05)
+        assert values[f"{joint}.damping"] == pytest.approx(TRUTH[joint][1], rel=0.1)
+    (judged,) = [r for r in found.replays if r.held_out]
+    error = np.sqrt(np.mean((judged.after - judged.measured) ** 2, axis=0))
+    assert np.all(error < 3e-3), error  # the wrist too, which the model alone would let dangle
+
+
+def test_torques_are_not_said_to_lead_joints(recordings: list[Recording]) -> None:
+    bare = [r.with_channel(r.channel("command_torque").replace(labels=JOINTS, unit="")) for r in recordings]
+    assert not [w for w in check(bare[:1], bare[1:]) if "its own command" in w or "follows the command" in w]
