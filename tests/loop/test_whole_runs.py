@@ -13,7 +13,7 @@ from trueup.discrepancies.whole_body import WholeBody
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.errors import RecordingError
 from trueup.loop.problem import Problem
-from trueup.loop.whole_runs import losses, weights, whole_body, whole_runs
+from trueup.loop.whole_runs import losses, whole_body, whole_runs
 from trueup.studies.balance.calibration import CHANNELS, declared
 from trueup.studies.balance.robot import led
 from trueup.studies.balance.scenes import model_of, transition
@@ -65,25 +65,15 @@ def test_each_channel_counts_alike_however_often_it_was_sampled(falling: tuple[P
     assert losses(halved, nominal)[0] == pytest.approx(losses(problem, nominal)[0], rel=0.05)
 
 
-def test_the_beginning_of_a_run_can_be_fitted_before_its_end_counts(falling: tuple[Problem, Array]) -> None:
-    problem, _ = falling
-    (trial,) = problem.trials
-    whole, early = weights(problem), weights(problem, 0.5)
-    for segment in problem.segments:
-        time = trial.observed[segment.channel].time
-        late = (time > 0.5 * (time[0] + time[-1]) + 1e-9)[:, None] & segment.mask
-        assert (segment.shaped(early)[late] == 0.0).all()
-        for given in (whole, early):
-            assert np.sum(given[segment.columns] ** 2) == pytest.approx(1.0)
-
-
-def test_repeats_are_replayed_each_from_its_own_start_and_a_lost_base_is_named(falling: tuple[Problem, Array]) -> None:
+def test_repeats_count_as_one_run_and_a_lost_base_is_named(falling: tuple[Problem, Array]) -> None:
     problem, truth = falling
     (run,) = problem.recordings
-    moved = run.channel("base_position").replace(values=run.channel("base_position").values + np.array([0.0, 0.1, 0.0]))
-    whole = whole_body(problem.simulator, [run, run.with_channel(moved).replace(name="again")])
-    assert len(whole.trials) == 2
-    assert losses(whole, truth[None])[0] < 1e-4
+    command = problem.trials[0].command
+    assert command is not None
+    runs = [run.replace(name=name) for name in ("first", "again")]
+    (trial,) = (whole := whole_body(problem.simulator, runs)).trials
+    assert trial.name == "first"
+    assert losses(whole, truth[None])[0] < 1e-5
     torso = run.channel("base_orientation")
     gone = torso.replace(
         values=np.where((torso.time > 0.2)[:, None] & (torso.time < 0.8)[:, None], np.nan, torso.values)

@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Calibration on whole runs that fall and touch: CMA-ES to a valley, least squares down it, for several priors at once.
 
-J. Tan et al., "Simulation-based design of dynamic controllers for humanoid balancing", IROS 2016, VI: CMA-ES alone. Where a
-robot falls or does not, whole runs part for small differences, and slopes lead nowhere (E. Baake et al., "Fitting ordinary
-differential equations to chaotic data", Phys. Rev. A 45, 1992). So least squares begins with the first half of each run, and
-sees more of it step by step, each time from where what came before is explained. Some
+J. Tan et al., "Simulation-based design of dynamic controllers for humanoid balancing", IROS 2016, VI: CMA-ES alone. Some
 seconds of one motion leave most of 30 parameters open. A prior keeps these where they were; and each member of an ensemble
 has a prior of its own, drawn around the file's values, so that the members differ where the recordings do not tell
 (randomized maximum likelihood: D. S. Oliver, N. He and A. C. Reynolds, ECMOR V, 1996).
@@ -22,12 +19,11 @@ from trueup.arrays import Array, Integers
 from trueup.discrepancies.whole_body import SCALES, WholeBody
 from trueup.ends import End
 from trueup.engines.simulator import Simulator
-from trueup.inspection.repeats import bridged
+from trueup.inspection.repeats import bridged, grouped, together
 from trueup.loop.problem import Problem
-from trueup.loop.segment import Segment
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
-from trueup.rounding import SAME_INSTANT, TINY
+from trueup.rounding import TINY
 from trueup.search.cma_es import CmaEs
 from trueup.search.robust import robust_weights
 
@@ -93,23 +89,19 @@ class _Descent:
     dampings: ClassVar[tuple[float, ...]] = (0.01, 0.1, 1.0, 10.0, 100.0)
     step: ClassVar[float] = 0.01
     """Share of the box over which slopes are taken: contacts have none over less."""
-    begun: ClassVar[float] = 0.5
-    """Share of each run that is looked at first; all of it from two thirds of the iterations on."""
 
     def __init__(self, problems: Sequence[Problem], space: ParameterSpace, centres: Array, prior: float) -> None:
         self._problems, self._space, self._centres, self._prior = problems, space, centres, prior
-        self._weights = self._weighted(1.0)
+        self._weights = np.concatenate([weights(p) for p in problems]) / np.sqrt(len(problems))
 
     def run(self, points: Array, iterations: int, told: Told | None) -> tuple[Array, Array]:
         """(k, n) points in the unit box and (k,) losses."""
         k, n = points.shape
         members, damping = np.arange(k), np.ones(k)
-        residuals, stale = self._residuals(points), np.ones(k, dtype=bool)
+        residuals = self._residuals(points)
+        loss, stale = self._losses(residuals, points, members), np.ones(k, dtype=bool)
         corrected, slopes = np.zeros(k, dtype=bool), np.zeros((k, n, residuals.shape[1]))
-        loss = self._losses(residuals, points, members)
-        for share in np.minimum(np.linspace(self.begun, 1.5 - 0.5 * self.begun, iterations), 1.0):
-            self._weights = self._weighted(share)
-            loss = self._losses(residuals, points, members)  # of what is looked at now
+        for _ in range(iterations):
             if stale.any():
                 slopes[stale] = self._slopes(points[stale], residuals[stale])
                 corrected[stale] = False
@@ -127,7 +119,6 @@ class _Descent:
             # Slopes taken where a member still stands are what they were.
             stale, corrected = corrected, corrected | better
             damping = np.where(better, np.maximum(lambdas[members, chosen], 1e-4), 10.0 * damping)
-            damping = np.minimum(damping, 1.0) if share < 1.0 else damping
             points, residuals = (
                 np.where(better[:, None], x[rows], y) for x, y in ((candidates, points), (seen, residuals))
             )
@@ -160,10 +151,6 @@ class _Descent:
         found = np.concatenate([p.residuals(values) for p in self._problems], axis=1)
         return np.where(np.isfinite(found), found, 10.0 * _BEND)
 
-    def _weighted(self, share: float) -> Array:
-        """(m,) so much of each run's beginning counts."""
-        return np.concatenate([weights(p, share) for p in self._problems]) / np.sqrt(len(self._problems))
-
     def _losses(self, residuals: Array, points: Array, members: Integers) -> Array:
         away = np.sum(((points - self._centres[members]) / SPREAD) ** 2, axis=1)
         return _robust(residuals, self._weights) + self._prior * away
@@ -177,13 +164,15 @@ def _broyden(slopes: Array, step: Array, change: Array) -> Array:
 def whole_body(simulator: Simulator, recordings: Sequence[Recording], ends: Sequence[End] = ()) -> Problem:
     """Recordings of a robot with a free base as something that is replayed whole, the torso's orientation first.
 
-    Each is replayed from its own start, repeats too: what an average does on a knife's edge, none of them did. `ends` are
-    conditions under which a simulated run ends. Raises RecordingError where the pose of the base was lost for too long
-    (`repeats.LONGEST_GAP`).
+    Repeats, which were commanded alike, count as their average as far as they agree. `ends` are conditions under which a
+    simulated run ends. Raises RecordingError where the pose of the base was lost for too long (`repeats.LONGEST_GAP`).
     """
     for recording in recordings:
         bridged(recording)  # says what was lost
-    return Problem(simulator, recordings, WholeBody(), tuple(SCALES), ends=ends)
+    groups = grouped(recordings)
+    alone = [r for r in recordings if not any(r is other for group in groups for other in group)]
+    seen = [*(together(group).average for group in groups), *alone]
+    return Problem(simulator, seen, WholeBody(), tuple(SCALES), ends=ends)
 
 
 def losses(problem: Problem, values: Array) -> Array:
@@ -191,23 +180,12 @@ def losses(problem: Problem, values: Array) -> Array:
     return _robust(problem.residuals(values), weights(problem))
 
 
-def weights(problem: Problem, share: float = 1.0) -> Array:
-    """(m,) such that each channel of each trial counts alike, however many samples it has.
-
-    Below a `share` of 1 only so much of each trial counts, from its start on.
-    """
+def weights(problem: Problem) -> Array:
+    """(m,) such that each channel of each trial counts alike, however many samples it has."""
     found = np.empty(problem.segments[-1].columns.stop)
     for segment in problem.segments:
-        counted = np.ones(segment.count) if share >= 1.0 else _early(problem, segment, share)
-        found[segment.columns] = counted / np.sqrt(max(counted.sum(), 1) * len(problem.trials))
+        found[segment.columns] = 1.0 / np.sqrt(max(segment.count, 1) * len(problem.trials))
     return found
-
-
-def _early(problem: Problem, segment: Segment, share: float) -> Array:
-    """(count,) 1 for residuals of the first `share` of a trial, 0 for the others."""
-    time = problem.trials[segment.trial].observed[segment.channel].time
-    early = time <= time[0] + share * (time[-1] - time[0]) + SAME_INSTANT
-    return np.broadcast_to(early[:, None], segment.mask.shape)[segment.mask].astype(np.float64)
 
 
 def _robust(residuals: Array, weights: Array) -> Array:
