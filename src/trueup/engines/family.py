@@ -37,8 +37,11 @@ class Fit(Protocol):
     def __call__(
         self, simulator: Simulator, recordings: Sequence[Recording], hold_out: Sequence[Recording] = (), *,
         discrepancy: Discrepancy | None = None, cross_validate: bool = True, again: bool = False,
+        without: Collection[str] = (),
     ) -> Calibration:  # fmt: skip
-        """See `calibrate`. `again`: a fit after the first, which is neither kept for an interruption nor resumed."""
+        """See `calibrate`. `again`: a fit after the first, which is neither kept for an interruption nor resumed;
+        `without` these stages of the search, by name.
+        """
         ...
 
 

@@ -22,7 +22,7 @@ from trueup.errors import ModelError
 from trueup.inspection.diagnosis import Diagnosis, check_refused
 from trueup.loop.ahead import predicted_ahead
 from trueup.loop.calibrate import Options, calibrate, usual
-from trueup.loop.fit import Checkpoint, Progress
+from trueup.loop.fit import Checkpoint, Progress, searched_by
 from trueup.loop.problem import Problem
 from trueup.loop.recalibrate import Earlier, recalibrate
 from trueup.loop.replay import replays
@@ -88,8 +88,10 @@ class Preparation:
         def fit(
             simulator: Simulator, recordings: Sequence[Recording], hold_out: Sequence[Recording] = (), *,
             discrepancy: Discrepancy | None = None, cross_validate: bool = True, again: bool = False,
+            without: Collection[str] = (),
         ) -> Calibration:  # fmt: skip
-            asked = replace(chosen, cross_validate=chosen.cross_validate and cross_validate)
+            stages = tuple(s for s in chosen.stages or searched_by(chosen.search) if s.name not in without)
+            asked = replace(chosen, cross_validate=chosen.cross_validate and cross_validate, stages=stages)
             how: dict[str, Any] = {
                 "discrepancy": discrepancy or measure, "progress": progress,
                 "checkpoint": None if again else checkpoint, "resume": None if again else resume,

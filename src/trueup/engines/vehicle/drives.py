@@ -34,6 +34,8 @@ DOUBT = {
 """Least standard deviation that tuning reckons with, in the parameters' units: the vehicle is no bicycle. Least squares
 tells a parameter far better than this, but only as far as the model's structure is right. The last four were chosen on the
 robots of `benchmarks/template.py`, those of the tyres on its robot 3 alone."""
+EARNING_NOTHING = ("profiles",)
+"""Stages of the search (`loop.fit`): on seven robots of `benchmarks/template.py` half of the CPU, for no better gains."""
 _DOUBTED_LIMITS = 0.25  # the same for limits, as a share of their value
 _NOTE = "intervals hold more doubt than the residuals show: the vehicle is no bicycle, and tuning reckons with that"
 _TRADED = 0.06
@@ -63,7 +65,9 @@ class Drives(Family):
         pieces, kept = ([p for r in rs for p in windows(r, self.length)] for rs in (training, held_out))
         pieces = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, self.most).round().astype(int))]
         measure = RigidlyAligned.estimated(pieces, list(CHANNELS))
-        found = doubted(fit(simulator, pieces, kept, discrepancy=measure, cross_validate=False))
+        found = doubted(
+            fit(simulator, pieces, kept, discrepancy=measure, cross_validate=False, without=EARNING_NOTHING)
+        )
         return with_noise(in_words(found), noise_of(training))
 
 
