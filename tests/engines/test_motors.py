@@ -85,3 +85,13 @@ def test_an_arm_without_friction_in_its_file_is_calibrated_from_torques(
 def test_torques_are_not_said_to_lead_joints(recordings: list[Recording]) -> None:
     bare = [r.with_channel(r.channel("command_torque").replace(labels=JOINTS, unit="")) for r in recordings]
     assert not [w for w in check(bare[:1], bare[1:]) if "its own command" in w or "follows the command" in w]
+
+
+def test_recordings_of_one_sample_or_of_gaps_tell_nothing(tmp_path: Path, recordings: list[Recording]) -> None:
+    (tmp_path / "arm.xml").write_text(PLAIN)
+    model, whole = load(tmp_path / "arm.xml"), recordings[0]
+    late = whole.channel("position").time.copy()
+    late[-1] += 1e9
+    for time in (late[:1], late):
+        parts = [c.replace(time=time, values=c.values[: len(time)]) for c in whole.channels.values()]
+        assert drives_seen(model, [whole.replace(channels={c.name: c for c in parts})]) == {}

@@ -69,9 +69,9 @@ def _fitted(parts: Sequence[_Part], dof: int) -> Drive:
     extra, speed, rate = np.concatenate(
         [np.stack([p.extra[:, dof], p.motion.speed[:, dof], p.motion.acceleration[:, dof]], axis=1) for p in parts]
     ).T
-    noise = np.concatenate([np.full(len(p.extra), p.speed_noise[dof]) for p in parts])
+    noise, window = np.repeat([(p.speed_noise[dof], p.window) for p in parts], [len(p.extra) for p in parts], axis=0).T
     seen = np.abs(speed) > np.maximum(_MOVES * np.abs(speed).max(), _SURELY * noise)
-    if np.sum(seen / np.concatenate([np.full(len(p.extra), p.window) for p in parts])) < _FEWEST:
+    if np.sum(seen / window) < _FEWEST:
         return Drive(_HELD * float(np.abs(extra).max()))
     columns = np.stack([np.sign(speed), speed, rate, np.ones_like(speed)], axis=1)[seen]
     size = np.abs(columns).max(axis=0)
@@ -96,10 +96,12 @@ class _Part:
 
 
 def _known(model: Model, recording: Recording) -> Iterator[_Part]:
-    """The recording, if it has the motion of all joints and their commands."""
+    """The recording, if it has the motion of all joints and their commands, without gaps in most of its time."""
     compiled, command, joints = model.compiled, command_of(recording), model.scalar_joints()
     measured = recording.channels.get("position")
     if command is None or measured is None or not set(joints) <= set(measured.labels):
+        return
+    if len(measured.time) < 2 or 2 * np.median(np.diff(measured.time)) * len(measured.time) < np.ptp(measured.time):
         return
     driven = compiled.jnt_dofadr[compiled.actuator_trnid[:, 0]]
     known = ~np.isin(np.arange(compiled.nv), driven)
