@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
+from trueup.arrays import Array
 from trueup.engines.mujoco.model import load
-from trueup.engines.mujoco.setup.motors import drives_seen
+from trueup.engines.mujoco.setup.motors import Drive, drives_seen
 from trueup.loop.calibrate import Options
 from trueup.loop.checks import check
 from trueup.loop.prepare import prepare
@@ -95,3 +97,42 @@ def test_recordings_of_one_sample_or_of_gaps_tell_nothing(tmp_path: Path, record
     for time in (late[:1], late):
         parts = [c.replace(time=time, values=c.values[: len(time)]) for c in whole.channels.values()]
         assert drives_seen(model, [whole.replace(channels={c.name: c for c in parts})]) == {}
+
+
+def _seen_of_one(folder: Path, true: str, command: Callable[[Array], Array], known: str = "", motor: str = "") -> Drive:
+    """What is seen of a single joint without gravity, which truly has other attributes, in three seconds at 100 Hz."""
+    arm = """<mujoco><option timestep="2e-3" integrator="implicitfast"/><worldbody><body><joint name="j" {}/>
+    <inertial pos="0 0 0" mass="1" diaginertia=".01 .01 .01"/></body></worldbody>
+    <actuator><motor name="m" joint="j" {}/></actuator></mujoco>"""
+    (folder / "arm.xml").write_text(arm.format(known, motor))
+    model = mujoco.MjModel.from_xml_string(arm.format(f"{known} {true}", motor))
+    data, rng, time = mujoco.MjData(model), np.random.default_rng(0), 0.01 * np.arange(300)
+    told, seen = command(time)[:, None], np.zeros((300, 1))
+    for k in range(300):
+        seen[k], data.ctrl[:] = data.qpos + rng.normal(0.0, 1e-5, 1), told[k]
+        mujoco.mj_step(model, data, 5)
+    channels = (("position", "j", "rad", seen), ("command_torque", "m", "N m", told))
+    log = Recording("log", {c: Channel(c, (label,), unit, time, values) for c, label, unit, values in channels})
+    return drives_seen(load(folder / "arm.xml"), [log])["j"]
+
+
+def test_a_joint_that_creeps_is_held_by_friction_not_damped(tmp_path: Path) -> None:
+    drive = _seen_of_one(tmp_path, 'frictionloss="1"', lambda t: 0.8 * np.sin(7.0 * t))
+    assert drive.damping is None
+    assert drive.friction > 1.0
+
+
+def test_a_joint_that_moved_one_way_has_friction_of_its_torques_size(tmp_path: Path) -> None:
+    drive = _seen_of_one(tmp_path, 'frictionloss=".2" damping=".1"', lambda t: 0.5 + 0.2 * np.sin(7.0 * t))
+    assert drive.friction < 0.3
+    assert drive.damping == pytest.approx(0.1, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("joint", "motor"),
+    [("", 'forcerange="-.4 .4"'), ('actuatorfrcrange="-.4 .4"', ""), ("", 'ctrlrange="-.2 .2" gear="2"')],
+)
+def test_torque_beyond_a_limit_was_not_given(tmp_path: Path, joint: str, motor: str) -> None:
+    drive = _seen_of_one(tmp_path, 'frictionloss=".1" damping=".05"', lambda t: 2.0 * np.sin(7.0 * t), joint, motor)
+    assert drive.friction == pytest.approx(0.1, rel=0.4)
+    assert drive.damping == pytest.approx(0.05, rel=0.25)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from scipy.optimize import lsq_linear
 
@@ -76,8 +77,13 @@ def _fitted(parts: Sequence[_Part], dof: int) -> Drive:
     columns = np.stack([np.sign(speed), speed, rate, np.ones_like(speed)], axis=1)[seen]
     size = np.abs(columns).max(axis=0)
     least = np.array([0.0, 0.0, 0.0, -np.inf])
-    x = lsq_linear(columns / size, extra[seen], (least, np.full(4, np.inf))).x / size
-    return Drive(*(float(v) for v in x[:3]))
+    # of columns that are alike, as friction and offset of a joint that moved one way, this takes the shortest solution
+    x = lsq_linear(columns / size, extra[seen], (least, np.full(4, np.inf)), method="bvls").x / size
+    friction, damping, armature = (float(v) for v in x[:3])
+    inertia = armature + float(np.median(np.concatenate([p.inertia[:, dof] for p in parts])))
+    # a joint that keeps no speed for a sample gives way to friction that holds it
+    creeps = inertia < damping * max(p.sample for p in parts)
+    return Drive(_HELD * float(np.abs(extra).max())) if creeps else Drive(friction, damping, armature)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +93,14 @@ class _Part:
     motion: Motion
     speed_noise: Array
     """(nv,) rad/s (m/s), standard deviation."""
+    sample: float
+    """s between instants."""
     window: int
     """Samples over which speeds are smoothed."""
     extra: Array
     """(L, nv) torque of the motors beyond what the rigid robot takes."""
+    inertia: Array
+    """(L, nv) of each joint by itself, without armature."""
     known: Mask
     """(nv,) where that is known."""
 
@@ -107,15 +117,33 @@ def _known(model: Model, recording: Recording) -> Iterator[_Part]:
     known = ~np.isin(np.arange(compiled.nv), driven)
     motion = measured_motion(compiled, measured, rest(compiled)[0])
     torque = np.zeros_like(motion.speed)
-    for column, actuator in zip(command.at(motion.time, hold=True).T, actuators_of(model, command), strict=True):
-        dof, limited = driven[actuator], bool(compiled.actuator_ctrllimited[actuator])
+    sample = float(motion.time[1] - motion.time[0])
+    around = motion.time + sample * np.array([[-0.5], [0.5]])  # a command that holds counts half before its successor's time
+    for number, actuator in enumerate(actuators_of(model, command)):
+        dof, asked = driven[actuator], np.stack([command.at(t, hold=True)[:, number] for t in around])
         known[dof] = is_motor(compiled, actuator)
-        gain = compiled.actuator_gear[actuator, 0] * compiled.actuator_gainprm[actuator, 0]
-        torque[:, dof] = gain * (np.clip(column, *compiled.actuator_ctrlrange[actuator]) if limited else column)
+        torque[:, dof] = _given(compiled, actuator, asked).mean(axis=0)
     noise = np.zeros(compiled.nv)
     dofs = compiled.jnt_dofadr[[joint_id(compiled, j) for j in joints]]
     noise[dofs] = np.nan_to_num(speed_noise(measured.select(joints)))
-    _, asked = inverse_dynamics(rigid(compiled), motion.position, motion.speed, motion.acceleration)
-    good = np.isfinite(torque).all(axis=1)
+    inertia, asked = inverse_dynamics(rigid(compiled), motion.position, motion.speed, motion.acceleration)
+    window = samples_smoothed(measured)
+    middle = np.arange(window // 2, len(torque) - window // 2)  # a cubic tells little of the speed at its ends
+    good = middle[np.isfinite(torque[middle]).all(axis=1)]
+    if not len(good):
+        return
     part = Motion(motion.time[good], motion.position[good], motion.speed[good], motion.acceleration[good])
-    yield _Part(part, noise, samples_smoothed(measured), (torque - asked)[good], known)
+    yield _Part(part, noise, sample, window, (torque - asked)[good], inertia[good], known)
+
+
+def _given(compiled: mujoco.MjModel, actuator: int, asked: Array) -> Array:
+    """Torques at the joint of an actuator that is asked for controls, of any shape, within all limits."""
+
+    def within(values: Array, limited: object, bounds: Array) -> Array:
+        return np.clip(values, *bounds) if limited else values
+
+    m, joint = compiled, compiled.actuator_trnid[actuator, 0]
+    control = within(asked, m.actuator_ctrllimited[actuator], m.actuator_ctrlrange[actuator])
+    force = m.actuator_gainprm[actuator, 0] * control
+    force = within(force, m.actuator_forcelimited[actuator], m.actuator_forcerange[actuator])
+    return within(m.actuator_gear[actuator, 0] * force, m.jnt_actfrclimited[joint], m.jnt_actfrcrange[joint])
