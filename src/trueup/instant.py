@@ -63,9 +63,10 @@ def _state(position: Channel, velocity: Channel | None, label: str, time: float)
         last += 1
     last = max(0, last - 1)
     (value, speed), covariance = states[last], covariances[last]
-    value_sd, speed_sd = sd[max(0, last - 1)]
-    if abs(speed) < STANDARD_ERRORS * speed_sd:
+    if abs(speed) < STANDARD_ERRORS * sd[last, 1]:
         value, speed = value - covariance[0, 1] / covariance[1, 1] * speed, 0.0
+    # how far a window that was chosen by what it shows may be off, the next shorter one says
+    value_sd, speed_sd = sd[max(0, last - 1)]
     return float(level + value), float(speed), float(value_sd), float(speed_sd)
 
 

@@ -26,20 +26,26 @@ def unit_covariance(problem: Problem, fit: Fit) -> Array:
 
     A is the curvature of the loss. B holds the residuals' own variance and autocorrelation, series by series, so that
     model errors that last for seconds widen the intervals as they must (Newey and West, Econometrica 55(3), 1987, with
-    the autocorrelation estimated from the residuals and tapered). Where the fit was probed, its `scatter` is added.
+    the autocorrelation estimated from the residuals and tapered). Nor is an interval narrower than trials, or the windows
+    that stand for them, disagree (K.-Y. Liang and S. L. Zeger, Biometrika 73(1), 1986): what their starts did wrong is shared
+    by all that is measured in them. Where the fit was probed, its `scatter` is added.
     """
     jacobian = fit.jacobian * fit.weights[:, None]
     curvature = fit.jacobian.T @ jacobian
-    spread = np.zeros_like(curvature)
+    spread, pulls = np.zeros_like(curvature), np.zeros((len(problem.trials), len(curvature)))
     for segment in problem.segments:
         slopes = segment.shaped(jacobian.T)
         errors = segment.shaped(fit.residual)
         counts = segment.shaped(fit.weights)
         for j in range(len(segment.labels)):
             spread += _series(slopes[:, :, j].T, errors[:, j], counts[:, j], segment.mask[:, j])
+        pulls[segment.trial] += np.einsum("ntk,tk->n", slopes, errors)
     size = max(float(np.trace(spread)) / max(float(np.trace(curvature)), TINY), NEGLIGIBLE)
     inverse = np.linalg.inv(curvature + size * PRIOR * np.eye(len(curvature)))
     covariance = inverse @ (spread + size**2 * PRIOR * np.eye(len(curvature))) @ inverse
+    between = np.sum((pulls @ inverse) ** 2, axis=0)
+    wider = np.sqrt(np.maximum(between / np.maximum(np.diag(covariance), TINY), 1.0))
+    covariance *= wider[:, None] * wider
     return covariance if fit.scatter is None else covariance + fit.scatter
 
 

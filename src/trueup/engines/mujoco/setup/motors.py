@@ -118,7 +118,8 @@ def _known(model: Model, recording: Recording) -> Iterator[_Part]:
     motion = measured_motion(compiled, measured, rest(compiled)[0])
     torque = np.zeros_like(motion.speed)
     sample = float(motion.time[1] - motion.time[0])
-    around = motion.time + sample * np.array([[-0.5], [0.5]])  # a command that holds counts half before its successor's time
+    # Half of what was commanded around an instant was held from before it.
+    around = motion.time + sample * np.array([[-0.5], [0.5]])
     for number, actuator in enumerate(actuators_of(model, command)):
         dof, asked = driven[actuator], np.stack([command.at(t, hold=True)[:, number] for t in around])
         known[dof] = is_motor(compiled, actuator)
