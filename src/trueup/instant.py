@@ -65,9 +65,7 @@ def _state(position: Channel, velocity: Channel | None, label: str, time: float)
     (value, speed), covariance = states[last], covariances[last]
     if abs(speed) < STANDARD_ERRORS * sd[last, 1]:
         value, speed = value - covariance[0, 1] / covariance[1, 1] * speed, 0.0
-    # how far a window that was chosen by what it shows may be off, the next shorter one says
-    value_sd, speed_sd = sd[max(0, last - 1)]
-    return float(level + value), float(speed), float(value_sd), float(speed_sd)
+    return float(level + value), float(speed), float(sd[last, 0]), float(sd[last, 1])
 
 
 def _windows(rows: Array, seen: Array) -> tuple[Array, Array]:

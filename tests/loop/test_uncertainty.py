@@ -50,3 +50,21 @@ def test_intervals_cover_the_truth_as_often_as_they_say(correlation: float) -> N
         low, high = intervals(fit, unit_covariance(problem, fit))
         inside.append((low <= truth) & (truth <= high))
     assert 0.90 <= np.mean(inside) <= 0.985
+
+
+def test_what_a_window_got_wrong_at_its_start_widens_intervals() -> None:
+    """Sixty windows of twelve samples of two joints, each with an error that drifts away alike in both."""
+    windows, samples, rng = 60, 12, np.random.default_rng(3)
+    size, drift = samples * len(LABELS), np.repeat(np.linspace(0.0, 1.0, samples), len(LABELS))
+    parts = (Segment(k, 0, "position", LABELS, "rad", k * size, samples, np.ones(2)) for k in range(windows))
+    problem: Any = SimpleNamespace(segments=tuple(parts))
+    jacobian = 50.0 * np.concatenate([np.outer(drift, row) for row in rng.standard_normal((windows, 2))])
+    space = ParameterSpace(tuple(Parameter(n, "", 0.5, 0.0, 1.0) for n in "wx"))
+    inside = []
+    for _ in range(150):
+        noise = 0.1 * rng.standard_normal(windows * size) + np.outer(rng.standard_normal(windows), drift).ravel()
+        moved = np.linalg.lstsq(jacobian, noise, rcond=None)[0]
+        fit = Fit(space, 0.5 + moved, jacobian @ moved - noise, jacobian, np.ones(len(noise)), "")
+        low, high = intervals(fit, unit_covariance(problem, fit))
+        inside.append((low <= 0.5) & (high >= 0.5))
+    assert 0.90 <= np.mean(inside) <= 0.985

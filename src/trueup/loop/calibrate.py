@@ -164,7 +164,7 @@ def _in_windows(problem: Problem) -> list[str]:
     longest = max(t.duration for t in problem.trials)
     return [
         f"recordings are replayed in windows of {longest:.2g} s, {len(problem.trials)} in all, each from where the robot was "
-        "then: in that time errors at their start grow fivefold, or to five times the noise"
+        "then: in that time errors at their start grow fivefold, or to twenty times the noise"
     ]
 
 

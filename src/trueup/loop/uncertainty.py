@@ -32,7 +32,8 @@ def unit_covariance(problem: Problem, fit: Fit) -> Array:
     """
     jacobian = fit.jacobian * fit.weights[:, None]
     curvature = fit.jacobian.T @ jacobian
-    spread, pulls = np.zeros_like(curvature), np.zeros((len(problem.trials), len(curvature)))
+    spread = np.zeros_like(curvature)
+    pulls = np.zeros((1 + max((s.trial for s in problem.segments), default=0), len(curvature)))
     for segment in problem.segments:
         slopes = segment.shaped(jacobian.T)
         errors = segment.shaped(fit.residual)
@@ -43,7 +44,7 @@ def unit_covariance(problem: Problem, fit: Fit) -> Array:
     size = max(float(np.trace(spread)) / max(float(np.trace(curvature)), TINY), NEGLIGIBLE)
     inverse = np.linalg.inv(curvature + size * PRIOR * np.eye(len(curvature)))
     covariance = inverse @ (spread + size**2 * PRIOR * np.eye(len(curvature))) @ inverse
-    between = np.sum((pulls @ inverse) ** 2, axis=0)
+    between = np.sum(((pulls - pulls.mean(axis=0)) @ inverse) ** 2, axis=0)
     wider = np.sqrt(np.maximum(between / np.maximum(np.diag(covariance), TINY), 1.0))
     covariance *= wider[:, None] * wider
     return covariance if fit.scatter is None else covariance + fit.scatter
