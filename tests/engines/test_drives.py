@@ -148,6 +148,33 @@ def test_a_log_without_commands_is_said_to_drive_nothing(tmp_path: Path) -> None
     assert any(n.startswith("no command in swing: servos hold") for n in notes)
 
 
+def _measured() -> Recording:
+    """The swing, with its torques as measured ones."""
+    torque = _swing().channel("command_torque").replace(name="torque")
+    return _swing().without("command_torque").with_channel(torque)
+
+
+@pytest.mark.parametrize("drive", [_MOTOR, ""], ids=["a geared motor", "no actuator"])
+def test_measured_torques_drive_what_nothing_commands(tmp_path: Path, drive: str) -> None:
+    ready = prepare(_model(tmp_path, drive), [_measured()])
+    assert ("torques", False) in [(d.name, d.refused) for d in ready.diagnoses]
+    np.testing.assert_array_equal(
+        ready.recordings[0].channel("command_torque").values, _swing().channel("command_torque").values
+    )
+    (damping,) = [e for e in ready.calibrate(Options(cross_validate=False)).estimates if e.name == "j.damping"]
+    assert damping.value == pytest.approx(0.5, rel=0.03)
+
+
+def test_measured_torques_stay_what_was_measured_where_that_is_wanted_or_servos_are_there(tmp_path: Path) -> None:
+    for ready in (
+        prepare(_model(tmp_path, _MOTOR), [_measured()], refuse=["torques"]),
+        prepare(_model(tmp_path, _SERVO), [_measured()]),
+        prepare(_model(tmp_path, _MOTOR), [_measured(), _swing().replace(name="commanded")]),
+    ):
+        assert ready.recordings[0].has("torque")
+        assert not ready.recordings[0].has("command_torque")
+
+
 _TENDON = """<mujoco><option timestep=".002" integrator="implicitfast"/><worldbody>
 <body><joint name="a" axis="0 1 0" damping=".3" armature=".01"/><geom size=".03" mass=".3" pos="0 0 -.1"/>
 <body pos="0 0 -.1"><joint name="b" axis="0 1 0" damping=".1" armature=".002"/><geom size=".02" mass=".1" pos="0 0 -.1"/>

@@ -109,7 +109,7 @@ def _seen_of_one(folder: Path, true: str, command: Callable[[Array], Array], kno
     data, rng, time = mujoco.MjData(model), np.random.default_rng(0), 0.01 * np.arange(300)
     told, seen = command(time)[:, None], np.zeros((300, 1))
     for k in range(300):
-        seen[k], data.ctrl[:] = data.qpos + rng.normal(0.0, 1e-5, 1), told[k]
+        seen[k], data.ctrl[:] = data.qpos + rng.normal(0.0, 1e-5, 1), told[k] / model.actuator_gear[0, 0]
         mujoco.mj_step(model, data, 5)
     channels = (("position", "j", "rad", seen), ("command_torque", "m", "N m", told))
     log = Recording("log", {c: Channel(c, (label,), unit, time, values) for c, label, unit, values in channels})
@@ -120,6 +120,14 @@ def test_a_joint_that_creeps_is_held_by_friction_not_damped(tmp_path: Path) -> N
     drive = _seen_of_one(tmp_path, 'frictionloss="1"', lambda t: 0.8 * np.sin(7.0 * t))
     assert drive.damping is None
     assert drive.friction > 1.0
+
+
+def test_torques_at_the_joint_know_of_gears(tmp_path: Path) -> None:
+    plain, geared = (
+        _seen_of_one(tmp_path, 'frictionloss=".2" damping=".1"', lambda t: np.sin(7.0 * t), motor=f'gear="{gear}"')
+        for gear in (1, 20)
+    )
+    assert geared.friction == pytest.approx(plain.friction, rel=1e-3)
 
 
 def test_a_joint_that_moved_one_way_has_friction_of_its_torques_size(tmp_path: Path) -> None:

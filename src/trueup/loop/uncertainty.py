@@ -26,9 +26,10 @@ def unit_covariance(problem: Problem, fit: Fit) -> Array:
 
     A is the curvature of the loss. B holds the residuals' own variance and autocorrelation, series by series, so that
     model errors that last for seconds widen the intervals as they must (Newey and West, Econometrica 55(3), 1987, with
-    the autocorrelation estimated from the residuals and tapered). Nor is an interval narrower than trials, or the windows
-    that stand for them, disagree (K.-Y. Liang and S. L. Zeger, Biometrika 73(1), 1986): what their starts did wrong is shared
-    by all that is measured in them. Where the fit was probed, its `scatter` is added.
+    the autocorrelation estimated from the residuals and tapered). Where trials, or the windows that stand for them,
+    are more than the parameters, no interval is narrower than they disagree (K.-Y. Liang and S. L. Zeger, Biometrika 73(1),
+    1986): what the start of one did wrong is shared by all that is measured in it. Where the fit was probed, its `scatter`
+    is added.
     """
     jacobian = fit.jacobian * fit.weights[:, None]
     curvature = fit.jacobian.T @ jacobian
@@ -45,8 +46,9 @@ def unit_covariance(problem: Problem, fit: Fit) -> Array:
     inverse = np.linalg.inv(curvature + size * PRIOR * np.eye(len(curvature)))
     covariance = inverse @ (spread + size**2 * PRIOR * np.eye(len(curvature))) @ inverse
     between = np.sum(((pulls - pulls.mean(axis=0)) @ inverse) ** 2, axis=0)
-    wider = np.sqrt(np.maximum(between / np.maximum(np.diag(covariance), TINY), 1.0))
-    covariance *= wider[:, None] * wider
+    if len(pulls) > len(curvature):
+        wider = np.sqrt(np.maximum(between / np.maximum(np.diag(covariance), TINY), 1.0))
+        covariance *= wider[:, None] * wider
     return covariance if fit.scatter is None else covariance + fit.scatter
 
 

@@ -19,7 +19,7 @@ from trueup.engines.family import Family, Note, Request, Suited
 from trueup.engines.mujoco.base import check_base, floating, held
 from trueup.engines.mujoco.model import Model, load
 from trueup.engines.mujoco.rollout import MujocoSimulator
-from trueup.engines.mujoco.setup.drives import driven, suited, undriven
+from trueup.engines.mujoco.setup.drives import driven, suited, torques_as_commands, undriven
 from trueup.engines.mujoco.setup.floor import reach_of
 from trueup.engines.mujoco.setup.overlaps import passable
 from trueup.engines.mujoco.setup.proposal import moving_joints, propose
@@ -41,7 +41,16 @@ _UNEXPLAINED = 5.0  # noise units
 _CHANGES = (
     ("base", floating), ("base", held), ("servos", driven), ("overlaps", passable), ("still", with_still_joints)
 )  # fmt: skip
-DIAGNOSES = ("names", "strangers", *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock")
+DIAGNOSES = (
+    "names",
+    "strangers",
+    "torques",
+    *dict.fromkeys(name for name, _ in _CHANGES),
+    "floor",
+    "stops",
+    "zero",
+    "clock",
+)
 """What is looked for in recordings and models, and may be refused."""
 
 
@@ -77,8 +86,9 @@ class Articulated(Family):
         named, renamed = _edited([*training, *held_out], "names", refuse, lambda rs: named_as(rs, drives, others))
         named, strange = _edited(named, "strangers", refuse, lambda rs: without_strangers(rs, drives, others))
         taken, changed = suited(model, named)
+        taken, driving = _edited(taken, "torques", refuse, lambda rs: torques_as_commands(model, rs))
         fitted, judged = taken[: len(training)], taken[len(training) :]
-        return Suited(tuple(fitted), tuple(judged), (*renamed, *strange, *changed))
+        return Suited(tuple(fitted), tuple(judged), (*renamed, *strange, *changed, *driving))
 
     def simulator(
         self, model: Model, training: Sequence[Recording], replayed: Sequence[Recording], request: Request

@@ -117,6 +117,25 @@ def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recordin
     return kept, notes
 
 
+def torques_as_commands(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """Recordings of which none has commands: torques measured at motors, or at any joint of a model without actuators, drive
+    it. Without them the robot would be let go. And a note.
+    """
+    if any(command_of(r) is not None for r in recordings):
+        return list(recordings), []
+    drives = model.actuator_of_joint() if model.compiled.nactuator else dict.fromkeys(model.scalar_joints(), -1)
+    motors = {j for j, i in drives.items() if i < 0 or is_motor(model.compiled, i)}
+    changed, told = [], []
+    for recording in recordings:
+        torque = recording.channels.get("torque")
+        if torque is not None and torque.unit in _TORQUE and (joints := [n for n in torque.labels if n in motors]):
+            told.append(recording.name)
+            recording = recording.with_channel(torque.select(joints).replace(name="command_torque")).without("torque")
+        changed.append(recording)
+    note = f"no command in {', '.join(told)}: the torques measured there are taken for what drove the joints"
+    return changed, [note] if told else []
+
+
 def _by_the_only_joint(recordings: Sequence[Recording], joints: Sequence[str]) -> tuple[list[Recording], list[str]]:
     logged = {label for r in recordings for c in ("position", *COMMANDS) if r.has(c) for label in r.channel(c).labels}
     if len(joints) != 1 or len(logged) != 1 or logged == set(joints):

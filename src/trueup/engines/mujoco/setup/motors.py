@@ -16,6 +16,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from trueup.arrays import Array, Mask
+from trueup.articulated.wiring import commanded, control_of
 from trueup.engines.mujoco.attributes import is_motor
 from trueup.engines.mujoco.lone.drives import alone
 from trueup.engines.mujoco.lone.loads import (
@@ -27,7 +28,7 @@ from trueup.engines.mujoco.lone.loads import (
     speed_noise,
 )
 from trueup.engines.mujoco.model import Model
-from trueup.engines.mujoco.wiring import actuators_of, joint_id, rest
+from trueup.engines.mujoco.wiring import joint_id, rest
 from trueup.recording import Recording
 from trueup.trial import command_of
 
@@ -120,10 +121,12 @@ def _known(model: Model, recording: Recording) -> Iterator[_Part]:
     sample = float(motion.time[1] - motion.time[0])
     # Half of what was commanded around an instant was held from before it.
     around = motion.time + sample * np.array([[-0.5], [0.5]])
-    for number, actuator in enumerate(actuators_of(model, command)):
-        dof, asked = driven[actuator], np.stack([command.at(t, hold=True)[:, number] for t in around])
-        known[dof] = is_motor(compiled, actuator)
-        torque[:, dof] = _given(compiled, actuator, asked).mean(axis=0)
+    held = np.stack([command.at(t, hold=True) for t in around])
+    for column, name in enumerate(commanded(model, command)):
+        actuator = model.index("actuator", name)
+        known[driven[actuator]] = is_motor(compiled, actuator)
+        control = held[:, :, column] * control_of(model, name, command.unit)
+        torque[:, driven[actuator]] = _given(compiled, actuator, control).mean(axis=0)
     noise = np.zeros(compiled.nv)
     dofs = compiled.jnt_dofadr[[joint_id(compiled, j) for j in joints]]
     noise[dofs] = np.nan_to_num(speed_noise(measured.select(joints)))
