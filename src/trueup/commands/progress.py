@@ -17,7 +17,9 @@ _STAGES = {
     "all": (0.05, 0.75),
     "all, coarse step": (0.2, 0.55),
     "all, full step": (0.55, 0.8),
-    "around the optimum": (0.8, 0.9),
+    "structures in turn": (0.7, 0.8),
+    "around the optimum": (0.8, 0.85),
+    "what the model lacks": (0.85, 0.9),
     "left-out recordings": (0.9, 1.0),
     "cma-es": (0.0, 0.5),
 }

@@ -98,8 +98,9 @@ def calibrate(
     watch, chooser = Watch(progress, checkpoint), _Chooser()
     select = chooser if chosen.select and not chosen_before else None
     found = fit(problem, space, begin, watch, resume=resume, select=select, **_how(chosen))
-    watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
+    watch.saw("what the model lacks", problem, found.loss, problem.rmse(found.residual))
     findings = _findings(problem, found, chooser.choices)  # before the seconds are taken
+    watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
     shown = replays(simulator, found.values, recordings, hold_out, measure, channels=fitted, controllers=controllers,
                     windows=windows)  # fmt: skip
     crossing = chosen.cross_validate and len(recordings) > 1

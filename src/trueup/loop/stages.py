@@ -165,6 +165,9 @@ def selection(run: Run) -> None:
     if run.select is None or not run.looks or run.look.problem.duration < run.problem.duration:
         return
     select, run.select = run.select, None
+    found = run.descent.search
+    if found is not None and found.residual is not None:  # this may take longer than what was before
+        run.descent.watch.saw("structures in turn", run.look.problem, found.loss, run.look.problem.rmse(found.residual))
     if run.descent.choose(run.look, select) and run.look.problem is run.problem:
         run.descent.descend(run.look)
 
