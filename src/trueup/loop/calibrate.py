@@ -93,8 +93,7 @@ def calibrate(
     waiting = [p.name for p in space.parameters if p.optional in chosen.later and not p.frozen]
     begin = space.without(waiting).nominal if start is None else start
     free = chosen.windows is None and discrepancy is None and controllers is None
-    windows = window_length(problem, begin) if free else (chosen.windows or np.inf)
-    problem = in_windows(problem, windows)
+    problem = in_windows(problem, windows := window_length(problem, begin) if free else (chosen.windows or np.inf))
     watch, chooser = Watch(progress, checkpoint), _Chooser()
     select = chooser if chosen.select and not chosen_before else None
     found = fit(problem, space, begin, watch, resume=resume, select=select, **_how(chosen))

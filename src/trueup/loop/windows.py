@@ -17,7 +17,7 @@ from trueup.trial import Trial
 _GROWTH = np.log(5.0)  # so many times an error at the start of a window may grow in it
 _LOUD = 20.0
 """Times the noise that an error at the start of a window may come to in it. Of ten drawn torque arms (`torque_arms`) windows
-that end at 5, 20, 80 times leave friction, damping and inertia of joints that move off by 7, 0.6, 15 % (root mean square).
+that end at 5, 20, 80 times leave friction, damping and inertia of joints that move off by 7, 0.6, 12 % (root mean square).
 """
 
 
