@@ -113,3 +113,9 @@ def test_a_part_of_a_model_is_told_from_a_model(tmp_path: Path) -> None:
         load(written(tmp_path, "<mujocoinclude><body/></mujocoinclude>"))
     with pytest.raises(ModelError, match="nowhere"):
         load(written(tmp_path, '<mujoco><include file="nowhere.xml"/></mujoco>'))
+
+
+@pytest.mark.parametrize("place", ["0 0 -inf", "nan 0 0"])
+def test_a_body_that_is_nowhere_is_named(tmp_path: Path, place: str) -> None:
+    with pytest.raises(ModelError, match=r"body 'fore' is at|does not compile"):
+        load(written(tmp_path, NAMELESS.replace("0 0 0.3", place)))

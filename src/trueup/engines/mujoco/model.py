@@ -152,7 +152,18 @@ def load(path: str | Path) -> Model:
     else:
         spec, notes = urdf_spec(file)
         compiled = spec.compile()
+    _check_placed(file, compiled)
     return Model(file, spec, compiled, tuple(notes))
+
+
+def _check_placed(file: Path, compiled: mujoco.MjModel) -> None:
+    """Raises ModelError for a body or a joint that is nowhere: MuJoCo compiles that."""
+    for kind, places in (("body", compiled.body_pos), ("joint", compiled.jnt_pos)):
+        for i in np.flatnonzero(~np.isfinite(places).all(axis=1)):
+            name = mujoco.mj_id2name(compiled, _OBJECTS[kind], int(i)) or f"number {i}"
+            raise ModelError(
+                f"model '{file}': {kind} '{name}' is at ({' '.join(f'{v:g}' for v in places[i])}) m; give numbers"
+            )
 
 
 def prepared(
