@@ -29,7 +29,7 @@ from trueup.loop.selection import Choice, choose
 from trueup.loop.ties import STEP, Considered, considered
 from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.validate import by_recording, left_out_errors
-from trueup.loop.windows import in_windows, window_length
+from trueup.loop.windows import in_windows, window_length, words
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import PART_OF, Recording
 from trueup.search.least_squares import LeastSquares
@@ -98,7 +98,7 @@ def calibrate(
     select = chooser if chosen.select and not chosen_before else None
     found = fit(problem, space, begin, watch, resume=resume, select=select, **_how(chosen))
     watch.saw("what the model lacks", problem, found.loss, problem.rmse(found.residual))
-    findings = _findings(problem, found, chooser.choices)  # before the seconds are taken
+    findings = _findings(problem, found, chooser.choices, words(problem, measured=free))  # before the seconds are taken
     watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
     shown = replays(simulator, found.values, recordings, hold_out, measure, channels=fitted, controllers=controllers,
                     windows=windows)  # fmt: skip
@@ -141,8 +141,8 @@ def usual(channels: Sequence[str]) -> tuple[str, ...]:
     return tuple(c for c in channels if c not in ("velocity", "torque")) or tuple(channels)
 
 
-def _findings(problem: Problem, found: Fit, choices: Sequence[Choice]) -> dict[str, Any]:
-    """The fields of a Calibration that follow from the fit alone."""
+def _findings(problem: Problem, found: Fit, choices: Sequence[Choice], cut: Sequence[str]) -> dict[str, Any]:
+    """The fields of a Calibration that follow from the fit alone; `cut`: what is said of windows."""
     covariance = unit_covariance(problem, found)
     lacking = missing(problem, found)
     notes = (*found.notes, *(n for c in choices[1:] for n in c.notes))
@@ -153,19 +153,9 @@ def _findings(problem: Problem, found: Fit, choices: Sequence[Choice]) -> dict[s
         "estimates": _tied(_with_structure(estimates, lacking), considered(problem, found, covariance), limits),
         "covariance": _in_units(found, covariance),
         "unidentified": (*unseen_directions(found, covariance, limits), *(n for c in choices[:1] for n in c.notes)),
-        "notes": (*_in_windows(problem), found.ended, *notes),
+        "notes": (*cut, found.ended, *notes),
         "lacking": lacking.words() if lacking else "",
     }  # fmt: skip
-
-
-def _in_windows(problem: Problem) -> list[str]:
-    if len(problem.trials) == len(problem.recordings):
-        return []
-    longest = max(t.duration for t in problem.trials)
-    return [
-        f"recordings are replayed in windows of {longest:.2g} s, {len(problem.trials)} in all, each from where the robot was "
-        "then: in that time errors at their start grow fivefold, or to twenty times the noise"
-    ]
 
 
 class _Chooser:

@@ -14,7 +14,8 @@ from trueup.loop.shoot import Starts
 from trueup.rounding import SAME_INSTANT, TINY
 from trueup.trial import Trial
 
-_GROWTH = np.log(5.0)  # so many times an error at the start of a window may grow in it
+_GROWN = 5.0
+"""Times an error at the start of a window may grow in it."""
 _LOUD = 20.0
 """Times the noise that an error at the start of a window may come to in it. Of ten drawn torque arms (`torque_arms`) windows
 that end at 5, 20, 80 times leave friction, damping and inertia of joints that move off by 7, 0.6, 12 % (root mean square).
@@ -55,6 +56,20 @@ def in_windows(problem: Problem, length: float) -> Problem:
     return problem.replayed_by([part for part, _ in parts], [owner for _, owner in parts])
 
 
+def words(problem: Problem, *, measured: bool) -> list[str]:
+    """A sentence on the windows that recordings are replayed in, with the reason where `window_length` chose them; none
+    where they are replayed whole.
+    """
+    if len(problem.trials) == len(problem.recordings):
+        return []
+    longest = max(t.duration for t in problem.trials)
+    reason = f": in that time errors at their start grow {_GROWN:g} times, or to {_LOUD:g} times the noise"
+    return [
+        f"recordings are replayed in windows of {longest:.2g} s, {len(problem.trials)} in all, each from where the robot was "
+        f"then{reason if measured else ''}"
+    ]
+
+
 def _cut(trial: Trial, length: float, period: float) -> list[Trial]:
     fewest = 8  # samples in a window
     samples = max(len(o.time) for o in trial.observed.values())
@@ -75,7 +90,7 @@ def _until(trial: Trial, end: float) -> Trial:
 
 
 def _reached(problem: Problem, values: Array) -> float:
-    """From when on two starts are `_GROWTH` further apart, in the median over trials; inf where they do not stay so."""
+    """From when on two starts are further apart than allowed, in the median over trials; inf where they do not stay so."""
     starts = Starts.every(problem)
     apart = replace(starts, amounts=np.ones_like(starts.amounts)).trials()
     both = problem.replayed_by([*problem.trials, *apart], problem.owners * 2)
@@ -90,14 +105,14 @@ def _reached(problem: Problem, values: Array) -> float:
     known = [c for c in curves if np.isfinite(c).any()]
     if not known:
         return np.inf
-    below = np.flatnonzero(~(np.nanmedian(known, axis=0) >= _GROWTH))
+    below = np.flatnonzero(~(np.nanmedian(known, axis=0) >= 0.0))
     # What a touch-down parts comes together again: only growth that lasts counts.
     return float(grid[below[-1] + 1]) if len(below) and below[-1] + 1 < len(grid) else np.inf
 
 
 def _growth(problem: Problem, trial: int, change: Array) -> tuple[Array, Array]:
-    """(T,) instants and ln of how many times further apart two runs of a trial are then than they began, at least `_GROWTH`
-    where that is `_LOUD` times the noise; both empty where they are one.
+    """(T,) instants and ln of how many times further apart than allowed two runs of a trial are then; both empty where they
+    are one. Allowed is `_GROWN` times as far as they began, and `_LOUD` times the noise.
     """
     place = pace = time = np.zeros(0)
     labels = 0
@@ -114,5 +129,5 @@ def _growth(problem: Problem, trial: int, change: Array) -> tuple[Array, Array]:
         return np.zeros(0), np.zeros(0)
     until = (time - time[0]) ** 2
     first, last = place[0] + until * pace[0], place + until * pace
-    grown, loud = last / np.maximum(first, TINY), place / (labels * _LOUD**2)
-    return time, np.maximum(0.5 * np.log(np.maximum(grown, TINY)), _GROWTH + 0.5 * np.log(np.maximum(loud, TINY)))
+    too_far = np.maximum(last / np.maximum(first * _GROWN**2, TINY), place / (labels * _LOUD**2))
+    return time, 0.5 * np.log(np.maximum(too_far, TINY))

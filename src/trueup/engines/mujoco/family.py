@@ -42,15 +42,8 @@ _CHANGES = (
     ("base", floating), ("base", held), ("servos", driven), ("overlaps", passable), ("still", with_still_joints)
 )  # fmt: skip
 DIAGNOSES = (
-    "names",
-    "strangers",
-    "torques",
-    *dict.fromkeys(name for name, _ in _CHANGES),
-    "floor",
-    "stops",
-    "zero",
-    "clock",
-)
+    "names", "strangers", "torques", *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
+)  # fmt: skip
 """What is looked for in recordings and models, and may be refused."""
 
 

@@ -81,7 +81,8 @@ def undriven(model: Model, recordings: Sequence[Recording]) -> list[str]:
     silent = [r.name for r in recordings if command_of(r) is None]
     if not silent or not model.compiled.nactuator:
         return []
-    logged = any(r.has("torque") for r in recordings)
+    motors = any(is_motor(model.compiled, i) for i in range(model.compiled.nactuator))  # servos take no torques
+    logged = motors and any(r.has("torque") for r in recordings)
     hint = "; if 'torque' is what drove the robot, name it 'command_torque' in the mapping" if logged else ""
     return [f"no command in {', '.join(silent)}: servos hold the posture of the start and motors do nothing{hint}"]
 
