@@ -33,12 +33,12 @@ from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.discrepancies.rigid import RigidlyAligned
 from trueup.engines.simulator import Simulator
 from trueup.engines.vehicle import BETAS, BicycleSimulator, Vehicle, vehicle_space
-from trueup.engines.vehicle.drives import windows
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.fit import STAGES
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 from trueup.search.least_squares import LeastSquares
+from trueup.tracking.windows import windows
 from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]

@@ -27,10 +27,10 @@ from scipy.optimize import least_squares
 
 from trueup import formats
 from trueup.engines.vehicle import VehicleSimulator
-from trueup.engines.vehicle.past import Past
-from trueup.engines.vehicle.prediction import begun_at, prediction_errors
+from trueup.engines.vehicle.prediction import prediction_errors
 from trueup.loop.prepare import prepare
 from trueup.recording import Recording
+from trueup.tracking.past import Past, begun_at
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]

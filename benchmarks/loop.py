@@ -34,7 +34,6 @@ from vehicle import loop_seconds
 
 from trueup.campaign.history import History
 from trueup.engines.vehicle import BETAS, BicycleSimulator
-from trueup.engines.vehicle.drives import noise_of
 from trueup.loop.optimize import optimize
 from trueup.loop.transfer import try_on_robot
 from trueup.paths import Path as PathToFollow
@@ -44,6 +43,7 @@ from trueup.studies.stanley import chasi
 from trueup.studies.stanley.courses import across_courses, true_errors
 from trueup.studies.stanley.paper import paper_study
 from trueup.studies.stanley.rounds import in_rounds
+from trueup.tracking.windows import noise_of
 
 Array = NDArray[np.float64]
 

@@ -31,9 +31,10 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from trueup import formats
 from trueup.engines.vehicle import VehicleSimulator
-from trueup.engines.vehicle.prediction import first_state, horizons_for, prediction_errors
+from trueup.engines.vehicle.prediction import horizons_for, prediction_errors
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
+from trueup.tracking.past import first_state
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]

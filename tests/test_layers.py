@@ -43,6 +43,7 @@ NOUNS = (
     "inspection",
     "formats",
     "film",
+    "tracking",
 )
 FAMILIES = {  # folder -> its base, the protocol that the others may know
     "robots": "robots.robot",

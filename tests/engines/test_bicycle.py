@@ -14,7 +14,6 @@ from trueup.controllers.stanley import Stanley, StanleySettings
 from trueup.discrepancies.rigid import RigidlyAligned
 from trueup.ends import Arrived, Left
 from trueup.engines.vehicle import BETAS, BicycleSimulator, Vehicle, vehicle_space
-from trueup.engines.vehicle.drives import windows
 from trueup.engines.vehicle.quantities import SPEED_DRIVEN
 from trueup.errors import ModelError, ParameterError, RecordingError, UnknownNameError
 from trueup.loop.calibrate import Options, calibrate
@@ -22,6 +21,7 @@ from trueup.paths.courses import hairpin
 from trueup.recording import Channel, Recording
 from trueup.tasks.follow_path import FollowPath
 from trueup.testing import check_simulator
+from trueup.tracking.windows import windows
 from trueup.trial import Observed, Trial
 
 BARE = Vehicle("bare", wheelbase=0.55, max_steering=0.698)

@@ -18,11 +18,11 @@ from trueup.engines.vehicle import Vehicle, VehicleSimulator
 from trueup.engines.vehicle.kernels import ANGLE, SPEED, STATE, WHEEL, motor_push, on_tyres, steered
 from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.prediction import horizons_for, prediction_errors
-from trueup.engines.vehicle.tracking import cleaned
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import CalibrationError, ModelError, RecordingError, UnknownNameError
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
+from trueup.tracking.cleaned import cleaned
 from trueup.trial import Observed, Trial
 
 Array = NDArray[np.float64]

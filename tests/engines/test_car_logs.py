@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 
 from trueup.engines.vehicle import Vehicle, VehicleSimulator
 from trueup.engines.vehicle.commands import with_commands
-from trueup.engines.vehicle.driving import driven_by
 from trueup.engines.vehicle.family import Vehicles
 from trueup.engines.vehicle.judging import Ahead
-from trueup.engines.vehicle.past import Past
 from trueup.engines.vehicle.prediction import prediction_errors
-from trueup.engines.vehicle.tracking import cleaned
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.loop.prepare import Preparation, prepare
 from trueup.loop.transfer import try_on_robot
 from trueup.recording import Channel, Recording
 from trueup.studies.stanley import chasi
+from trueup.tracking.cleaned import cleaned
+from trueup.tracking.commands import driven_by
+from trueup.tracking.past import Past
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from rich.console import Console
 from trueup.campaign.kinds import drives as calibrate_drives
 from trueup.commands.study_view import study_table
 from trueup.engines.vehicle import BETAS
-from trueup.engines.vehicle.drives import doubted, noise_of
+from trueup.engines.vehicle.drives import doubted
 from trueup.errors import UnknownNameError
 from trueup.recording import Recording
 from trueup.studies.stanley import chasi
@@ -25,6 +25,7 @@ from trueup.studies.stanley.rounds import in_rounds
 from trueup.studies.stanley.run import run_study
 from trueup.studies.stanley.table import costs, improvement
 from trueup.tasks.task import robot_trials
+from trueup.tracking.windows import noise_of
 
 
 @pytest.fixture(scope="module")

@@ -159,7 +159,7 @@ def in_windows(length: float) -> Suited:
     """Drives as the calibration by 'drives' takes them: in windows of `length` s, since a whole one drifts away."""
 
     def taken(recordings: Sequence[Recording]) -> list[Recording]:
-        from trueup.engines.vehicle.drives import windows
+        from trueup.tracking.windows import windows
 
         found: list[Recording] = []
         for recording in recordings:

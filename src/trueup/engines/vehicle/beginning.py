@@ -17,7 +17,6 @@ from trueup.engines.vehicle.kernels import (
     HEADING,
     LAGGED,
     LASTS,
-    MOVES,
     POSE_AHEAD,
     POSE_TURN,
     PUSH,
@@ -45,6 +44,7 @@ from trueup.engines.vehicle.kernels import (
     step_chassis,
 )  # fmt: skip
 from trueup.rounding import NEGLIGIBLE
+from trueup.tracking.past import MOVES
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

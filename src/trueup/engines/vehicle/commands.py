@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.engines.vehicle.driving import COMMAND, MOST, driven_by, told_to_turn, turned_on_the_spot
 from trueup.engines.vehicle.look import Look
-from trueup.engines.vehicle.tracking import cleaned
 from trueup.engines.vehicle.vehicle import DRIVES, PURSUED, TURNED, Vehicle
 from trueup.errors import CalibrationError, RecordingError
 from trueup.recording import Channel, Recording
 from trueup.rounding import ROUNDED
+from trueup.tracking.cleaned import cleaned
+from trueup.tracking.commands import COMMAND, MOST, driven_by, told_to_turn, turned_on_the_spot
 
 _ASIDE = 0.25  # share of the full steering: a car that drives straight on so far from zero counts from elsewhere
 _PULSES = (500.0, 2500.0)  # us: of a servo's signal, whose middle is at 1500 and whose end 500 beside it

@@ -14,17 +14,10 @@ from trueup.calibration import NORMAL_95, Calibration, Estimate
 from trueup.discrepancies.rigid import RigidlyAligned
 from trueup.engines.family import Family, Fit
 from trueup.engines.simulator import Simulator
-from trueup.engines.vehicle.past import PAST
 from trueup.engines.vehicle.quantities import NOISES
 from trueup.engines.vehicle.reading import CHANNELS
-from trueup.errors import RecordingError
-from trueup.noise import estimate_noise
-from trueup.recording import Channel, Recording, is_command, part_of
-from trueup.rounding import SAME_INSTANT
-
-LENGTH = 6.0
-"""In s: long enough to see a delay and a curve, too short to drift far away."""
-_MOVES = 0.1  # m: a window in which the vehicle stands tells nothing
+from trueup.recording import Recording
+from trueup.tracking.windows import LENGTH, noise_of, windows
 
 DOUBT = {
     "speed_delay": 0.03, "speed_lag": 0.03, "steering_delay": 0.03, "steering_lag": 0.03, "steering_scale": 0.02,
@@ -69,48 +62,6 @@ class Drives(Family):
             fit(simulator, pieces, kept, discrepancy=measure, cross_validate=False, without=EARNING_NOTHING)
         )
         return with_noise(in_words(found), noise_of(training))
-
-
-def windows(recording: Recording, length: float = LENGTH) -> list[Recording]:
-    """Pieces of `length` s, end to end, each with the commands of some seconds before it.
-
-    These still act when it begins, because of delays. Pieces in which nothing moves are left out. Raises RecordingError
-    where none is left.
-    """
-    if not length > 0.0:
-        raise RecordingError(f"windows of {length} s: their length must be positive")
-    pieces = []
-    for start in np.arange(recording.time[0], recording.time[-1] - 0.5 * length, length).tolist():
-        cuts = {
-            n: _cut(c, start - PAST if is_command(n) else start, start + length) for n, c in recording.channels.items()
-        }
-        channels = {name: cut for name, cut in cuts.items() if cut is not None}
-        if "position" in channels and _moves(channels["position"]):
-            pieces.append(Recording(f"{recording.name} {start:.0f} s", channels, part_of(recording)))
-    if not pieces:
-        raise RecordingError(f"recording '{recording.name}' has no stretch of {length:g} s in which the vehicle moves")
-    return pieces
-
-
-def _cut(channel: Channel, start: float, stop: float) -> Channel | None:
-    inside = (channel.time >= start - SAME_INSTANT) & (channel.time <= stop + SAME_INSTANT)
-    if inside.sum() < 2:
-        return None
-    return channel.replace(time=channel.time[inside], values=channel.values[inside])
-
-
-def _moves(position: Channel) -> bool:
-    return bool(np.linalg.norm(np.nanmax(position.values, axis=0) - np.nanmin(position.values, axis=0)) > _MOVES)
-
-
-def noise_of(recordings: Sequence[Recording]) -> tuple[float, float]:
-    """Localisation noise that the recordings show: standard deviations of position in m and of heading in rad."""
-    each = [
-        [float(np.median(estimate_noise(c.values, c.time))) for c in (r.channel("position"), r.channel("heading"))]
-        for r in recordings
-    ]
-    position, heading = np.median(each, axis=0)
-    return float(position), float(heading)
 
 
 def with_noise(calibration: Calibration, noise: tuple[float, float]) -> Calibration:

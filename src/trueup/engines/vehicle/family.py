@@ -15,7 +15,7 @@ from trueup.engines.family import Family, Fit, Request
 from trueup.engines.vehicle.commands import with_commands
 from trueup.engines.vehicle.judging import Ahead
 from trueup.engines.vehicle.look import Look
-from trueup.engines.vehicle.prediction import begun_at, horizons_for, moved, prediction_errors, spoken
+from trueup.engines.vehicle.prediction import horizons_for, moved, prediction_errors, spoken
 from trueup.engines.vehicle.rollout import VehicleSimulator
 from trueup.engines.vehicle.vehicle import Vehicle
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
@@ -23,6 +23,7 @@ from trueup.errors import ParameterError, RecordingError
 from trueup.evidence import evidence
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
+from trueup.tracking.past import begun_at
 from trueup.trial import Trial
 
 HORIZONS = (1.0, 3.0)

@@ -12,8 +12,8 @@ from trueup.arrays import Array, Mask
 from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.engines.vehicle.rollout import VehicleSimulator
-from trueup.engines.vehicle.tracking import usual_speed
 from trueup.recording import Recording
+from trueup.tracking.cleaned import usual_speed
 from trueup.trial import Trial
 
 

@@ -54,8 +54,6 @@ SWINGS = 1e-2
 implicit steps would calm it. Chosen where finer ones change nothing that drives show."""
 LASTS = 1.2
 """In s: what a car shows beyond its model (slope, battery, play) changes within about a second; chosen on JetRacer."""
-MOVES = 0.2
-"""In m/s: slower, the direction of motion and the curvature of the way say nothing."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

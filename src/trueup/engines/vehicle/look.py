@@ -9,9 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.engines.vehicle.driving import COMMAND
-from trueup.engines.vehicle.kernels import MOVES
-from trueup.engines.vehicle.past import Past
 from trueup.engines.vehicle.pursuit import pursuit
 from trueup.engines.vehicle.vehicle import PURSUED, TURNED, Vehicle
 from trueup.errors import CalibrationError
@@ -19,6 +16,8 @@ from trueup.evidence import STANDARD_ERRORS
 from trueup.noise import spread
 from trueup.recording import Recording
 from trueup.rounding import NEGLIGIBLE
+from trueup.tracking.commands import COMMAND
+from trueup.tracking.past import MOVES, Past
 from trueup.trial import Trial
 
 LATE = 0.12

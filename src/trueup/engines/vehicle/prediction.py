@@ -7,12 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trueup.arrays import Array, Integers
-from trueup.engines.vehicle.kernels import MOVES
-from trueup.engines.vehicle.past import PAST, Past
+from trueup.arrays import Array
 from trueup.engines.vehicle.rollout import VehicleSimulator
 from trueup.errors import RecordingError
 from trueup.recording import Recording
+from trueup.tracking.past import begun_at, first_state, last_known
 from trueup.trial import Trial
 
 
@@ -44,7 +43,7 @@ def prediction_errors(
     position = recording.channel("position")
     order = np.argsort(np.argsort(horizons))
     errors = np.linalg.norm(found - _tracked(position.time, position.values, ends), axis=2)
-    return np.where(ends <= _last(drive) + 0.5 * drive.step, errors, np.nan)[:, order]
+    return np.where(ends <= last_known(drive) + 0.5 * drive.step, errors, np.nan)[:, order]
 
 
 def spoken(
@@ -73,7 +72,7 @@ def moved(simulator: VehicleSimulator, recording: Recording, horizon: float) -> 
     starts = begun_at(drive, horizon, 0.25)
     if not len(starts):
         starts = first_state(drive, 0.0)
-    stops = np.minimum(starts + round(horizon / drive.step), drive.index(_last(drive)))
+    stops = np.minimum(starts + round(horizon / drive.step), drive.index(last_known(drive)))
     way = drive.seen[stops, :2] - drive.seen[starts, :2]
     return float(np.linalg.norm(way, axis=1).mean()) if len(way) else float("nan")
 
@@ -83,31 +82,10 @@ def horizons_for(simulator: VehicleSimulator, drives: Sequence[Recording], usual
     pasts = [simulator.past(Trial.of(d, simulator.observable(d))) for d in drives]
     if not pasts or any(len(begun_at(p, max(usual), 0.25)) for p in pasts):
         return tuple(usual)
-    reach = [_last(p) - p.begin - p.step * int(k) for p in pasts for k in first_state(p, 0.0)]
+    reach = [last_known(p) - p.begin - p.step * int(k) for p in pasts for k in first_state(p, 0.0)]
     least = min((r for r in reach if r > 0.5 * max(reach)), default=0.0)
     far = min(np.floor(10.0 * least + 1e-6) / 10.0, max(usual))
     return (min(*usual, round(far / 2.0, 2)), float(far)) if far > 0.0 else tuple(usual)
-
-
-def first_state(drive: Past, least: float) -> Integers:
-    """(1,) the first grid instant at which the car drives and all is known, if tracked for `least` s more; else (0,)."""
-    begun = np.flatnonzero(drive.known & (drive.seen[:, 3] > MOVES))[:1].astype(np.int64)
-    return begun[drive.begin + drive.step * begun + least <= _last(drive) + 0.5 * drive.step]
-
-
-def _last(drive: Past) -> float:
-    """The last instant at which the car was tracked, in s."""
-    known = np.flatnonzero(drive.known)
-    return drive.begin + drive.step * float(known[-1]) if len(known) else -np.inf
-
-
-def begun_at(drive: Past, longest: float, every: float) -> Integers:
-    """(S,) grid instants, every `every` s, at which the car drives and from which it is tracked for `longest` s."""
-    ahead, back = round(longest / drive.step), round(PAST / drive.step)
-    missing = np.concatenate([[0], np.cumsum(~drive.known)])
-    candidates = np.arange(drive.earliest + back, len(drive.known) - ahead - 1, max(1, round(every / drive.step)))
-    tracked = missing[candidates + ahead + 1] == missing[candidates]
-    return candidates[tracked & (drive.seen[candidates, 3] > MOVES)].astype(np.int64)
 
 
 def _tracked(time: Array, values: Array, instants: Array) -> Array:

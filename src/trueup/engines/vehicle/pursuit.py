@@ -10,9 +10,8 @@ from itertools import product
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.engines.vehicle.kernels import MOVES
-from trueup.engines.vehicle.past import Past
 from trueup.rounding import NEGLIGIBLE
+from trueup.tracking.past import MOVES, Past
 
 
 @dataclass(frozen=True)

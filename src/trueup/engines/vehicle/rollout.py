@@ -16,17 +16,18 @@ from trueup.controllers.stanley import Stanley
 from trueup.controllers.stanley.kernel import path_table
 from trueup.cores import cores
 from trueup.engines.simulator import Rollout, refuse_unsupported
-from trueup.engines.vehicle.driving import COMMAND
+from trueup.engines.vehicle.kernels import STATE
 from trueup.engines.vehicle.loops import READ, drive_all, follow_rows, measure_all, read_all, replay_rows
-from trueup.engines.vehicle.past import Past
 from trueup.engines.vehicle.reading import CHANNELS, Ending, Orders, Reading
-from trueup.engines.vehicle.start import start_state
-from trueup.engines.vehicle.tracking import cleaned
 from trueup.engines.vehicle.vehicle import PURSUED, TURNED, Vehicle
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
 from trueup.recording import Recording
 from trueup.rounding import SAME_INSTANT, first_step
+from trueup.tracking.cleaned import cleaned
+from trueup.tracking.commands import COMMAND
+from trueup.tracking.past import Past
+from trueup.tracking.start import start_state
 from trueup.trial import Trial
 
 STEP = {"speed": 0.02, "throttle": 0.01, PURSUED: 0.01, TURNED: 0.01}
@@ -209,7 +210,8 @@ class VehicleSimulator:
         period = substeps * self.step
         ticks = first_step(trial.duration, period)
         noise = np.random.default_rng(self._seed).standard_normal((ticks + 1, 3))
-        start = start_state(trial)
+        start = np.zeros(STATE)
+        start[:READ] = start_state(trial)  # straight wheels
         orders = np.empty((len(rows), ticks, 2))
         out = np.empty((len(rows), len(times), READ))
         compiled = self._compiled and self.vehicle.drive == "speed" and not trial.ends

@@ -15,7 +15,6 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.campaign.kinds import drives as calibrate_drives
 from trueup.engines.simulator import Simulator
-from trueup.engines.vehicle.drives import noise_of
 from trueup.loop.belief import Belief
 from trueup.loop.optimize import TrustRegion, optimize
 from trueup.loop.plausible import plausible
@@ -26,6 +25,7 @@ from trueup.robots.stand_in_vehicle import StandInVehicle
 from trueup.search.cma_es import CmaEs
 from trueup.studies.stanley import chasi
 from trueup.tasks.follow_path import FollowPath
+from trueup.tracking.windows import noise_of
 
 TRAINING, HELD_OUT = 4, 6
 """How many courses are drawn of each kind."""

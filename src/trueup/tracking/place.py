@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.engines.vehicle.pose import heading_of
 from trueup.errors import RecordingError
 from trueup.recording import Channel, Recording
+from trueup.tracking.heading import heading_of
 
 _EQUATOR, _FLATTENING = 6378137.0, 1.0 / 298.257223563
 """Half axis in m and flattening of the earth (WGS 84)."""

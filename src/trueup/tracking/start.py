@@ -6,7 +6,6 @@ from __future__ import annotations
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.engines.vehicle.kernels import STATE
 from trueup.errors import RecordingError
 from trueup.paths import Path
 from trueup.recording import Channel
@@ -16,12 +15,12 @@ _AROUND = 0.15  # s on both sides of the start: long enough to average noise, sh
 
 
 def start_state(trial: Trial) -> Array:
-    """(STATE,) x, y, heading, wheel speed, yaw rate, and straight wheels, at `trial.start`.
+    """(5,) x, y, heading (m, rad), speed (m/s) and yaw rate (rad/s) at `trial.start`.
 
     A channel in `trial.initial` counts first; else the start of the trial's path; else the origin. Speed and turn rate
     that were not measured come from the slopes of position and heading.
     """
-    s = np.zeros(STATE)
+    s = np.zeros(5)
     given = trial.initial
     if "path" in trial.references and "position" not in given:
         path = Path.of(trial.references["path"], trial.name)

@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
-from trueup.engines.vehicle.kernels import HEADING, SPEED, TURNING, X, Y
-from trueup.engines.vehicle.start import start_state
 from trueup.errors import RecordingError
 from trueup.recording import Channel
 from trueup.rounding import SAME_INSTANT
+from trueup.tracking.start import start_state
 from trueup.trial import Trial
 
 SPEED_WINDOW = 0.25  # s: a line through the car's own forward and sideways speed, which change more slowly
 POSE_WINDOW = 0.12  # s: a parabola through this much of the past gives the pose and the turn rate at its end
 _COUNTS = (4, 5, 7, 9)  # samples at least in the shorter window: as many as foretell the next one best
 PAST = 2.0  # s of the past over which the model is compared with the car
+MOVES = 0.2  # m/s: slower, the direction of motion and the curvature of the way say nothing
 SETTLE = 1.0  # s of commands before that, for servo and motor to forget where they started
 
 
@@ -66,10 +66,10 @@ class Past:
         state, command = start_state(trial), trial.command.select(labels)
         commands = np.stack([np.interp(grid, command.time, column) for column in command.values.T], axis=1)
         if labels[0] == "speed":
-            commands[grid < command.time[0] - SAME_INSTANT, 0] = state[SPEED]
+            commands[grid < command.time[0] - SAME_INSTANT, 0] = state[3]
         seen, known = np.zeros((len(grid), 5)), np.zeros(len(grid), dtype=bool)
         first = round((PAST + SETTLE) / step)
-        seen[first], known[first] = state[[X, Y, HEADING, SPEED, TURNING]], True
+        seen[first], known[first] = state, True
         return cls(begin, step, commands, seen, known, np.zeros(len(grid), dtype=np.int64))
 
     def index(self, time: float) -> int:
@@ -90,6 +90,27 @@ class Past:
     def earliest(self) -> int:
         """The first instant at which a stretch may begin: before it, there is no grid to settle on."""
         return round((PAST + SETTLE) / self.step)
+
+
+def first_state(drive: Past, least: float) -> Integers:
+    """(1,) the first grid instant at which the car drives and all is known, if tracked for `least` s more; else (0,)."""
+    begun = np.flatnonzero(drive.known & (drive.seen[:, 3] > MOVES))[:1].astype(np.int64)
+    return begun[drive.begin + drive.step * begun + least <= last_known(drive) + 0.5 * drive.step]
+
+
+def last_known(drive: Past) -> float:
+    """The last instant at which the car was tracked, in s."""
+    known = np.flatnonzero(drive.known)
+    return drive.begin + drive.step * float(known[-1]) if len(known) else -np.inf
+
+
+def begun_at(drive: Past, longest: float, every: float) -> Integers:
+    """(S,) grid instants, every `every` s, at which the car drives and from which it is tracked for `longest` s."""
+    ahead, back = round(longest / drive.step), round(PAST / drive.step)
+    missing = np.concatenate([[0], np.cumsum(~drive.known)])
+    candidates = np.arange(drive.earliest + back, len(drive.known) - ahead - 1, max(1, round(every / drive.step)))
+    tracked = missing[candidates + ahead + 1] == missing[candidates]
+    return candidates[tracked & (drive.seen[candidates, 3] > MOVES)].astype(np.int64)
 
 
 def _grid(trial: Trial, step: float) -> tuple[float, Array]:

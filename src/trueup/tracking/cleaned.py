@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.arrays import Array, Mask
-from trueup.engines.vehicle.driving import effective
-from trueup.engines.vehicle.place import fresh, place_of
-from trueup.engines.vehicle.pose import aligned, course, heading_of, turned_with
 from trueup.recording import Channel, Recording, with_warnings
+from trueup.tracking.commands import effective
+from trueup.tracking.heading import aligned, course, heading_of, turned_with
+from trueup.tracking.place import fresh, place_of
 
 _NOISE, _TURN = 0.03, 0.15  # m, rad: more from one sample to the next, beyond what the speed explains, is a jump
 _FASTEST = 15.0  # m/s: nothing goes faster that does not do so often
