@@ -43,6 +43,7 @@ NOUNS = (
     "inspection",
     "formats",
     "film",
+    "model_files",
     "tracking",
 )
 FAMILIES = {  # folder -> its base, the protocol that the others may know

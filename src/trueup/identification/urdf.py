@@ -14,6 +14,8 @@ from trueup.arrays import Array
 from trueup.errors import ModelError
 from trueup.identification.inertial import from_com, moved
 from trueup.identification.kinematic_tree import GRAVITY, KinematicTree, of_angles
+from trueup.model_files.urdf import parsed, root_tag
+from trueup.model_files.xml_text import XmlText
 
 Element = ElementTree.Element
 
@@ -24,8 +26,6 @@ _MOVING = ("revolute", "continuous", "prismatic")
 
 def is_urdf(path: str | Path) -> bool:
     """True where the file's first element is <robot>. Raises ModelError where there is no such file or it is not XML."""
-    from trueup.engines.mujoco.reading.urdf_text import root_tag
-
     return root_tag(path) == "robot"
 
 
@@ -47,8 +47,6 @@ def tree_from_urdf(path: str | Path, *, fix_base: bool = False) -> KinematicTree
 
     Raises ModelError for loops, several roots, joints of other types, and unless `fix_base` for a floating base.
     """
-    from trueup.engines.mujoco.reading.urdf_text import parsed
-
     file = Path(path)
     root = parsed(file)
     links = {k.get("name", ""): k for k in root.findall("link")}
@@ -143,10 +141,8 @@ def _rotors(path: Path) -> dict[str, float]:
     content = path.read_bytes()
     if b"rotor_inertia" not in content:
         return {}
-    from trueup.engines.mujoco.reading.mjcf_text import MjcfText
-
     found = {}
-    for transmission in MjcfText(content).all("transmission"):
+    for transmission in XmlText(content).all("transmission"):
         joint, actuator = transmission.child("joint"), transmission.child("actuator")
         values = {e.tag: _number(e.attributes.get("value", "nan")) for e in (actuator.children if actuator else ())
                   if e.tag in (ROTOR, GEAR)}  # fmt: skip

@@ -18,8 +18,8 @@ from trueup.engines.mujoco.floor_plane import add_floor, plane_of
 from trueup.engines.mujoco.gears import add_second
 from trueup.engines.mujoco.reading.mjcf_spec import mjcf_spec
 from trueup.engines.mujoco.reading.urdf_spec import urdf_spec
-from trueup.engines.mujoco.reading.urdf_text import root_tag
 from trueup.errors import ModelError, unknown_name
+from trueup.model_files.urdf import root_tag
 
 # Sensors that look at geoms, those without contacts too.
 _SEEING = tuple(int(getattr(mujoco.mjtSensor, f"mjSENS_{n}")) for n in

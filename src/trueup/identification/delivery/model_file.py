@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
@@ -18,12 +17,12 @@ from trueup.identification.inertial import NAMES, from_com, moved, pseudo_inerti
 from trueup.identification.kinematic_tree import KinematicTree, of_angles
 from trueup.identification.model_file import load_tree
 from trueup.identification.urdf import GEAR, ROTOR, is_urdf
+from trueup.model_files.references import relocate_meshes
+from trueup.model_files.xml_text import Element, XmlText
 from trueup.rounding import NEGLIGIBLE, ROUNDED
 
 if TYPE_CHECKING:
     import mujoco
-
-    from trueup.engines.mujoco.reading.mjcf_text import Element, MjcfText
 
 
 _TENSOR = tuple(name.casefold() for name in NAMES if name.startswith("I"))
@@ -52,9 +51,7 @@ def read_back(path: str | Path, tree: KinematicTree) -> KinematicTree:
 
 
 def _write_urdf(fit: FileFit, tree: KinematicTree, source: Path, path: Path) -> tuple[str, ...]:
-    from trueup.engines.mujoco.reading.mjcf_text import MjcfText
-
-    text = MjcfText(source.read_bytes())
+    text = XmlText(source.read_bytes())
     links = {e.attributes.get("name", ""): e for e in text.root.children if e.tag == "link"}
     joints = {e.attributes.get("name", ""): e for e in text.root.children if e.tag == "joint"}
     notes: list[str] = []
@@ -79,13 +76,13 @@ def _write_urdf(fit: FileFit, tree: KinematicTree, source: Path, path: Path) -> 
         "loadRotorParameters); in simulators that read neither set each joint's armature: "
         + ", ".join(f"{joint} {fit.armature[j]:.3g}" for j, joint in enumerate(tree.joints))
     )
-    _relocate_meshes(text, source.absolute().parent, path.absolute().parent)
+    relocate_meshes(text, source.absolute().parent, path.absolute().parent)
     write_aside(text.render(), path)
     _write_srdf(fit, tree, text.root.attributes.get("name", tree.name), path.with_suffix(".srdf"))
     return tuple(notes)
 
 
-def _set_rotor(text: MjcfText, joint: Element, inertia: float) -> None:
+def _set_rotor(text: XmlText, joint: Element, inertia: float) -> None:
     """Writes a rotor's inertia at the joint to the transmission of the joint, which is made where there is none."""
     name, value = joint.attributes.get("name", ""), f"{inertia:.9g}"
     text.change(text.root, **{"xmlns:drake": "http://drake.mit.edu"})
@@ -203,7 +200,7 @@ def _own(link: Element) -> Array:
     return from_com(float(mass.attributes.get("value", "0")), com, turn @ tensor(moments) @ turn.T)
 
 
-def _set_inertial(text: MjcfText, link: Element, inertial: Array) -> None:
+def _set_inertial(text: XmlText, link: Element, inertial: Array) -> None:
     mass, com, inertia = _about_com(inertial)
     moments = from_com(0.0, np.zeros(3), inertia)[-len(_TENSOR) :]
     values = {key: f"{value:.9g}" for key, value in zip(_TENSOR, moments, strict=True)}
@@ -226,7 +223,7 @@ def _set_inertial(text: MjcfText, link: Element, inertial: Array) -> None:
 
 
 def _lighten(
-    text: MjcfText, link: str, share: float, tree: KinematicTree, joints: dict[str, Element], links: dict[str, Element]
+    text: XmlText, link: str, share: float, tree: KinematicTree, joints: dict[str, Element], links: dict[str, Element]
 ) -> list[str]:  # fmt: skip
     """Leaves a share of the mass of all links that hang on `link` by joints that were not identified; returns their names."""
     lighter = []
@@ -244,11 +241,3 @@ def _lighten(
             lighter.append(child)
         lighter += _lighten(text, child, share, tree, joints, links)
     return lighter
-
-
-def _relocate_meshes(text: MjcfText, old: Path, new: Path) -> None:
-    """Makes mesh files given by relative paths resolve from another folder; packages are left alone."""
-    for mesh in text.all("mesh"):
-        name = mesh.attributes.get("filename", "")
-        if name and "://" not in name and not Path(name).is_absolute() and old != new:
-            text.change(mesh, filename=Path(os.path.relpath(old / name, new)).as_posix())

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import mujoco
 
-from trueup.engines.mujoco.reading.mjcf_text import Element, MjcfText
 from trueup.engines.mujoco.reading.urdf_spec import mesh_note
 from trueup.errors import ModelError
+from trueup.model_files.xml_text import Element, XmlText
 
 
 def mjcf_spec(file: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel, list[str]]:
@@ -120,7 +120,7 @@ def _without(spec: mujoco.MjSpec, files: set[str]) -> list[str]:
     return places
 
 
-def name_in_text(text: MjcfText, spec: mujoco.MjSpec) -> None:
+def name_in_text(text: XmlText, spec: mujoco.MjSpec) -> None:
     """Writes the names that `name_all` gave into the text too, where it holds all elements in the same order."""
     actuators = [e for part in text.root.children if part.tag == "actuator" for e in part.children]
     joints = [e for part in text.root.children if part.tag == "worldbody" for e in _joints(part)]

@@ -13,11 +13,11 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.articulated.inertia import principal
 from trueup.engines.mujoco.model import Model
-from trueup.engines.mujoco.reading.mjcf_text import MjcfText
 from trueup.engines.mujoco.writing.edits import Edits
-from trueup.engines.mujoco.writing.write import relocate
 from trueup.errors import ModelError
 from trueup.formats.aside import write_aside
+from trueup.model_files.references import relocate
+from trueup.model_files.xml_text import XmlText
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ def write_bodies(
 def _edited(
     model: Model, wanted: mujoco.MjModel, bodies: Mapping[str, Body], joints: Mapping[str, JointFriction], path: Path
 ) -> bytes:
-    text = MjcfText(model.path.read_bytes())
+    text = XmlText(model.path.read_bytes())
     compiler = model.spec.compiler
     edits = Edits(text, model.compiled, wanted, degrees=bool(compiler.degree), autolimits=bool(compiler.autolimits))
     for name in bodies:

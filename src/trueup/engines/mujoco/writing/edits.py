@@ -16,8 +16,8 @@ from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.gears import SECOND
 from trueup.engines.mujoco.inertia import body_inertia
 from trueup.engines.mujoco.model import SETTING
-from trueup.engines.mujoco.reading.mjcf_text import Element, MjcfText
 from trueup.errors import ModelError
+from trueup.model_files.xml_text import Element, XmlText
 from trueup.rounding import NEGLIGIBLE, ROUNDED
 
 _ROTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
@@ -34,7 +34,7 @@ class Edits:
     """Writes what `wanted` (the model as simulated) says into a text that compiles to `shipped`."""
 
     def __init__(
-        self, text: MjcfText, shipped: mujoco.MjModel, wanted: mujoco.MjModel, *, degrees: bool, autolimits: bool
+        self, text: XmlText, shipped: mujoco.MjModel, wanted: mujoco.MjModel, *, degrees: bool, autolimits: bool
     ) -> None:
         self._text, self._shipped, self._wanted = text, shipped, wanted
         self._degrees, self._autolimits = degrees, autolimits

@@ -22,11 +22,12 @@ from trueup.engines.mujoco.gears import SECOND_OF
 from trueup.engines.mujoco.inertia import body_inertia
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.reading.mjcf_spec import name_in_text
-from trueup.engines.mujoco.reading.mjcf_text import MjcfText, with_includes
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.writing.edits import Edits, numbers, read
 from trueup.engines.mujoco.writing.notes import delays_of, has_drive, notes_of, punches_of
 from trueup.errors import ModelError, OutputError
+from trueup.model_files.references import relocate
+from trueup.model_files.xml_text import XmlText, with_includes
 from trueup.rounding import NEGLIGIBLE
 
 _TOLERANCE = 1e-6
@@ -118,7 +119,7 @@ def _write(
     degrees: bool,
 ) -> None:  # fmt: skip
     """One attempt: edit the text, write it aside, load it, compare, rename."""
-    text = MjcfText(content)
+    text = XmlText(content)
     name_in_text(text, model.spec)
     edits = Edits(text, model.compiled, wanted, degrees=degrees, autolimits=bool(model.spec.compiler.autolimits))
     delays, punches = (_of(model, simulator, values, what) for what in (delays_of, punches_of))
@@ -233,41 +234,9 @@ def _inertia(model: mujoco.MjModel, body: str) -> Array:
     return body_inertia(model, found) if found >= 0 else np.full((3, 3), np.nan)
 
 
-def relocate(text: MjcfText, old: Path, new: Path) -> None:
-    """Makes references to files resolve from another folder."""
-    if old.resolve() == new.resolve():
-        return
-
-    def moved(value: str) -> str:
-        return value if Path(value).is_absolute() else Path(os.path.relpath(old / value, new)).as_posix()
-
-    given: set[str] = set()
-    for compiler in text.all("compiler"):
-        for name in ("assetdir", "meshdir", "texturedir"):
-            if name in compiler.attributes:
-                text.change(compiler, **{name: moved(compiler.attributes[name])})
-                given |= {"meshdir", "texturedir"} if name == "assetdir" else {name}
-    for element in (*text.all("include"), *text.all("model")):
-        if "file" in element.attributes:
-            text.change(element, file=moved(element.attributes["file"]))
-    needed = {"meshdir": ("mesh", "hfield", "skin", "flexcomp"), "texturedir": ("texture",)}
-    for name, tags in needed.items():
-        files = [e.attributes.get("file", "") for tag in tags for e in text.all(tag)]
-        if name not in given and any(f and not Path(f).is_absolute() for f in files):
-            _compiler(text, name, moved("."))
-
-
-def _compiler(text: MjcfText, name: str, value: str) -> None:
-    compilers = [e for e in text.root.children if e.tag == "compiler"]
-    if compilers:
-        text.change(compilers[-1], **{name: value})
-    else:
-        text.insert_first(text.root, f'<compiler {name}="{value}"/>')
-
-
 def _possible(content: bytes) -> bytes:
     """MuJoCo's own text with the largest moment of thin bodies taken back by what rounding to six digits added to it."""
-    text = MjcfText(content)
+    text = XmlText(content)
     for element in text.all("inertial"):
         moments = [float(v) for v in element.attributes.get("diaginertia", "").split()]
         if len(moments) == 3 and 2.0 * max(moments) > sum(moments):
@@ -277,4 +246,4 @@ def _possible(content: bytes) -> bytes:
 
 
 def _in_degrees(content: bytes) -> bool:
-    return not any(e.attributes.get("angle") == "radian" for e in MjcfText(content).all("compiler"))
+    return not any(e.attributes.get("angle") == "radian" for e in XmlText(content).all("compiler"))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""MJCF as text: changes attributes of single start tags and leaves every other byte of the file as it is."""
+"""MJCF and URDF as text: changes attributes of single start tags and leaves every other byte of the file as it is."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ class Element:
             yield from child.walk()
 
 
-class MjcfText:
-    """A parsed MJCF that can be written back with a few attributes changed. Raises ModelError for broken XML."""
+class XmlText:
+    """A parsed model file that can be written back with a few attributes changed. Raises ModelError for broken XML."""
 
     def __init__(self, content: bytes) -> None:
         self._content = content
@@ -148,7 +148,7 @@ def with_includes(content: bytes, folder: Path) -> bytes:
     """
     deepest = 20  # includes in includes
     for _ in range(deepest):
-        text = MjcfText(content)
+        text = XmlText(content)
         included = text.all("include")
         if not included:
             return content
@@ -160,7 +160,7 @@ def with_includes(content: bytes, folder: Path) -> bytes:
 def _inside(path: Path) -> bytes:
     """What a file that is included holds: comments before its root, and the root's content."""
     content = files.content(path, ModelError)
-    root = MjcfText(content).root
+    root = XmlText(content).root
     before = re.sub(rb"<\?.*?\?>|<!DOCTYPE[^>]*>|\xef\xbb\xbf", b"", content[: root.start]).strip()
     return before + content[root.stop : content.rfind(b"<", root.stop, root.end)]
 
