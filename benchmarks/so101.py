@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 from results import result
 
 from trueup import formats
+from trueup.articulated.hidden_limits import LIMITS
 from trueup.calibration import Calibration, TracePoint, pooled_rmse
-from trueup.engines.mujoco.setup.limits import LIMITS
 from trueup.engines.simulator import Respaced
 from trueup.loop.calibrate import Options
 from trueup.loop.prepare import prepare

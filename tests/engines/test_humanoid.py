@@ -9,8 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from trueup.articulated.mirror import Mirrored
 from trueup.engines.mujoco.base import free_joint
-from trueup.engines.mujoco.humanoid import Mirrored, commanded, mirrored, overlap, posture, ranges
+from trueup.engines.mujoco.humanoid import commanded, mirrored, overlap, posture, ranges
 from trueup.engines.mujoco.model import Model, load
 from trueup.errors import ModelError, UnknownNameError
 from trueup.studies.balance.scenes import PATH

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,6 +105,33 @@ class Senses:
             block, used = streams.normal(ahead, width), 0
         self._blocks[number] = block, used + 1
         return block[:, used]
+
+
+class Sensors(Mapping[str, Array]):
+    """Sensor name to (b, dim), computed when the first is looked at: few controllers look, and it costs half a step."""
+
+    def __init__(self, places: Mapping[str, slice], compute: Callable[[], Array]) -> None:
+        self._places, self._compute = places, compute
+        self._data: Array | None = None
+
+    def __getitem__(self, name: str) -> Array:
+        """Raises KeyError for a sensor that is not in the model."""
+        place = self._places[name]
+        return self.whole()[:, place]
+
+    def whole(self) -> Array:
+        """(b, all) every sensor's numbers, in the model's order."""
+        if self._data is None:
+            self._data = self._compute()
+        return self._data
+
+    def __iter__(self) -> Iterator[str]:
+        """The names, in the model's order."""
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self._places)
 
 
 def on_robot(delays: Mapping[str, Array], trial: Trial) -> list[tuple[str, Array]]:

@@ -16,9 +16,9 @@ from trueup.errors import ModelError, TrialError, unknown_name
 from trueup.recording import Channel
 
 if TYPE_CHECKING:
+    from trueup.articulated.mirror import Posture
     from trueup.controllers.controller import Observation
     from trueup.controllers.keyframes import Degree, Motion, Tilt
-    from trueup.engines.mujoco.humanoid import Posture
     from trueup.engines.mujoco.model import Model
     from trueup.tasks.transitions import Transition
 

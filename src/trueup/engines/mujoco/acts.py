@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import mujoco
@@ -13,7 +13,7 @@ from mujoco.batch import Batch
 from trueup.arrays import Array, Integers
 from trueup.articulated.disturbances import NEVER, CommandNoises, Forces
 from trueup.articulated.pose import angles_of
-from trueup.articulated.sensing import Senses
+from trueup.articulated.sensing import Senses, Sensors
 from trueup.articulated.signals import Signals
 from trueup.controllers.controller import Observation
 from trueup.engines.mujoco.model import Model
@@ -128,33 +128,6 @@ class Acts:
 
     def _of(self, k: int) -> slice:
         return slice(k * self._candidates, (k + 1) * self._candidates)
-
-
-class Sensors(Mapping[str, Array]):
-    """Sensor name to (b, dim), computed when the first is looked at: few controllers look, and it costs half a step."""
-
-    def __init__(self, places: Mapping[str, slice], compute: Callable[[], Array]) -> None:
-        self._places, self._compute = places, compute
-        self._data: Array | None = None
-
-    def __getitem__(self, name: str) -> Array:
-        """Raises KeyError for a sensor that is not in the model."""
-        place = self._places[name]
-        return self.whole()[:, place]
-
-    def whole(self) -> Array:
-        """(b, all) every sensor's numbers, in the model's order."""
-        if self._data is None:
-            self._data = self._compute()
-        return self._data
-
-    def __iter__(self) -> Iterator[str]:
-        """The names, in the model's order."""
-        return iter(self._places)
-
-    def __len__(self) -> int:
-        """How many there are."""
-        return len(self._places)
 
 
 def sensor_places(compiled: mujoco.MjModel) -> dict[str, slice]:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.engines.vehicle.pursuit import pursuit
 from trueup.engines.vehicle.vehicle import PURSUED, TURNED, Vehicle
 from trueup.errors import CalibrationError
 from trueup.evidence import STANDARD_ERRORS
@@ -18,6 +17,7 @@ from trueup.recording import Recording
 from trueup.rounding import NEGLIGIBLE
 from trueup.tracking.commands import COMMAND
 from trueup.tracking.past import MOVES, Past
+from trueup.tracking.pursuit import pursuit
 from trueup.trial import Trial
 
 LATE = 0.12

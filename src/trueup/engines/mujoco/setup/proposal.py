@@ -9,17 +9,17 @@ from dataclasses import replace
 import numpy as np
 
 from trueup.articulated.declarations import Declaration
+from trueup.articulated.hidden_limits import asked_for
 from trueup.articulated.pose import POSITION
 from trueup.articulated.quantities.known import quantity
 from trueup.articulated.wiring import ONSET_OF
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import Model
-from trueup.engines.mujoco.setup.limits import asked_for
 from trueup.engines.mujoco.setup.motors import Drive, drives_seen
-from trueup.engines.mujoco.setup.profiles import accelerations, profiles
 from trueup.engines.mujoco.setup.servos import loads
 from trueup.engines.mujoco.wiring import is_motor
+from trueup.inspection.steps import accelerations, profiles
 from trueup.recording import Recording
 from trueup.trial import command_of
 
@@ -182,7 +182,8 @@ def _settling(model: Model, recordings: Sequence[Recording], saturated: Mapping[
 
 def _strengths(model: Model, recordings: Sequence[Recording], unlimited: Sequence[str]) -> dict[str, float]:
     """Limits of the force of servos whose file gives none, where they are told to step: no drive follows that as told."""
-    stepped = {j: a for j in unlimited if len(a := accelerations(model, recordings, j))}
+    drives = _drives(model)
+    stepped = {j: a for j in unlimited if len(a := accelerations(j, drives[j], recordings))}
     inertia, weight = loads(model, tuple(stepped), recordings)
     return {
         j: _STRONGER * float(i * np.max(a) + w) for (j, a), i, w in zip(stepped.items(), inertia, weight, strict=True)
@@ -193,7 +194,11 @@ def _profiles(
     model: Model, recordings: Sequence[Recording], servos: Sequence[str], strained: Sequence[str]
 ) -> list[Declaration]:
     """Limits of the commands' speed and acceleration, for servos whose steps show them and are not short of force."""
-    speeds, accelerations = profiles(model, recordings)
+    drives = _drives(model)
+    driven = model.actuator_of_joint()
+    speeds, accelerations = profiles(
+        {j: a for j, a in drives.items() if model.is_position_servo(driven[j])}, recordings
+    )
     lines = [Declaration("speed_limit", (j,), nominal=v) for j, v in speeds.items() if j in servos]
     lines += [
         Declaration("acceleration_limit", (j,), nominal=a)
@@ -201,7 +206,21 @@ def _profiles(
         if j in servos and (j in speeds or j not in strained)
     ]
     shown = {j for line in lines for j in line.of}
-    return lines + asked_for(model, recordings, [j for j in servos if j not in shown])
+    plain = {j: drives[j] for j in servos if j not in shown}
+    return lines + asked_for(plain, {j: _law(model, j) for j in plain}, recordings)
+
+
+def _drives(model: Model) -> dict[str, str]:
+    """Driven joints, each to its actuator's name."""
+    names = model.names("actuator")
+    return {joint: names[i] for joint, i in model.actuator_of_joint().items()}
+
+
+def _law(model: Model, joint: str) -> tuple[float, ...]:
+    """What the model says of a joint's drive: drives with the same numbers are taken to be of one kind."""
+    m, i = model.compiled, model.actuator_of_joint()[joint]
+    parts = m.actuator_gainprm[i, :3], m.actuator_biasprm[i, :3], m.actuator_forcerange[i], m.actuator_gear[i, :1]
+    return tuple(np.concatenate(parts).tolist())
 
 
 def _strained(model: Model, recordings: Sequence[Recording], joint: str, servo: int) -> bool:

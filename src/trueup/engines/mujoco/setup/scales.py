@@ -1,130 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Positions whose unit nobody said: what they are, told from how far the joints of the model can move."""
+"""Positions whose unit nobody said (see `inspection.scales`), by how far the joints of a model can move."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import mujoco
-import numpy as np
 
-from trueup.arrays import Array
 from trueup.engines.mujoco.model import Model
-from trueup.engines.mujoco.wiring import joint_id
-from trueup.recording import Channel, Recording
-from trueup.trial import COMMANDS
-from trueup.units import hardly_radians, to_si
-
-_BEYOND = 0.2  # rad that a joint may be found beyond its range: zeros and ranges of models are not exact
-_LINEAR = {"rad": "m", "rad/s": "m/s", "N m": "N"}
-_FREE = 2.0 * np.pi  # rad: as far as joints without a range are taken to turn
+from trueup.inspection import scales
+from trueup.recording import Recording
 
 
 def with_units(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
-    """Recordings whose positions and commands, where they have no unit, are in rad, and a note on what was assumed.
-
-    Degrees, where all measured positions then lie in the joints' ranges; else nothing is changed.
-    """
-    without = [r for r in recordings if r.has("position") and not r.channel("position").unit]
-    if not without:
-        return list(recordings), []
-    turned = [np.abs(_hinges(model, r.channel("position"))).ravel() for r in without]
-    # Beyond that only slides reach: openings, travels.
-    if not hardly_radians(float(np.nanmax(np.concatenate(turned), initial=0.0))):
-        return [_in_rad(model, r, 1.0) if r in without else r for r in recordings], []
-    if not all(_within(model, r.channel("position")) for r in without):
-        return list(recordings), []
-    names = ", ".join(r.name for r in without)
-    note = (
-        f"positions without a unit are taken as degrees, which fits the joints' ranges ({names}); if they are percent "
-        'of a range (LeRobot\'s -100 ... 100), give unit = "rad" with scale and offset in the mapping'
-    )
-    return [_in_rad(model, r, to_si("deg")[1]) if r in without else r for r in recordings], [note]
-
-
-def _hinges(model: Model, channel: Channel) -> Array:
-    """(T, k) the columns of hinges, and of whatever is not in the model."""
-    slides = [j for j in model.scalar_joints() if not _turns(model, j)]
-    return channel.values[:, [i for i, label in enumerate(channel.labels) if label not in slides]]
+    """See `inspection.scales.with_units`."""
+    return scales.with_units(ways(model), recordings)
 
 
 def of_slides(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
-    """Recordings whose positions and commands of slides are said to be in m (N for forces), beside hinges in rad.
-
-    Openings of grippers that are logged as shares (0 ... 1) or percent of the way become lengths; notes say which.
-    """
-    slides = [j for j in model.scalar_joints() if not _turns(model, j)]
-    shares = {label: whole for label in slides if (whole := _share(model, recordings, label))}
-    result = []
-    for recording in recordings:
-        for channel in recording.channels.values():
-            if channel.unit in _LINEAR and set(slides) & set(channel.labels):
-                recording = recording.with_channel(_in_metres(model, channel, slides, shares))
-        result.append(recording)
-    note = (
-        f"taken as shares of their joints' ranges, since they reach far beyond them: {', '.join(shares)}; say so if they are "
-        "anything else"
-    )
-    return result, [note] if shares else []
+    """See `inspection.scales.of_slides`."""
+    return scales.of_slides(ways(model), recordings)
 
 
-def _turns(model: Model, joint: str) -> bool:
-    return bool(model.compiled.jnt_type[joint_id(model.compiled, joint)] == mujoco.mjtJoint.mjJNT_HINGE)
-
-
-def _share(model: Model, recordings: Sequence[Recording], slide: str) -> float:
-    """What the whole way of a slide is in its positions, 1 or 100; 0 where these are lengths, or neither."""
-    lower, upper = _range(model, slide)
-    every = [r.channel("position").column(slide) for r in recordings
-             if r.has("position") and slide in r.channel("position").labels]  # fmt: skip
-    values = np.concatenate(every) if every else np.zeros(0)
-    values = values[np.isfinite(values)]
-    if not len(values) or not model.compiled.jnt_limited[joint_id(model.compiled, slide)]:
-        return 0.0
-    largest, beyond = float(values.max()), 2.0 * max(abs(lower), abs(upper))
-    for whole in (1.0, 100.0):
-        if beyond < largest <= 1.1 * whole and values.min() >= -0.1 * whole and (whole == 1.0 or largest > 2.0):
-            return whole
-    return 0.0
-
-
-def _in_metres(model: Model, channel: Channel, slides: Sequence[str], shares: Mapping[str, float]) -> Channel:
-    values = np.array(channel.values)
-    for column, label in enumerate(channel.labels):
-        if label in shares and channel.unit == "rad":
-            lower, upper = _range(model, label)
-            values[:, column] = lower + (upper - lower) * values[:, column] / shares[label]
-    units = tuple(_LINEAR[channel.unit] if label in slides else channel.unit for label in channel.labels)
-    if len(set(units)) == 1:
-        return channel.replace(unit=units[0], values=values)
-    return channel.replace(units=units, values=values)
-
-
-def _within(model: Model, channel: Channel) -> bool:
-    """Whether every joint that the model has stays in its range, the numbers taken as degrees."""
-    _, factor, _ = to_si("deg")
-    ranges = {label: _range(model, label) for label in channel.labels
-              if label in model.scalar_joints() and _turns(model, label)}  # fmt: skip
-    for label, (lower, upper) in ranges.items():
-        column = channel.column(label) * factor
-        column = column[np.isfinite(column)]
-        if len(column) and (column.min() < lower - _BEYOND or column.max() > upper + _BEYOND):
-            return False
-    return bool(ranges)
-
-
-def _range(model: Model, joint: str) -> tuple[float, float]:
-    compiled, j = model.compiled, joint_id(model.compiled, joint)
-    if not compiled.jnt_limited[j]:
-        return -_FREE, _FREE
-    return float(compiled.jnt_range[j, 0]), float(compiled.jnt_range[j, 1])
-
-
-def _in_rad(model: Model, recording: Recording, factor: float) -> Recording:
-    """Hinges times `factor`; slides as they are."""
-    slides = [j for j in model.scalar_joints() if not _turns(model, j)]
-    for name, unit in (("position", "rad"), *((c, "rad") for c in COMMANDS[:2]), ("velocity", "rad/s")):
-        if recording.has(name) and not (channel := recording.channel(name)).unit:
-            factors = np.array([1.0 if label in slides else factor for label in channel.labels])
-            recording = recording.with_channel(channel.replace(unit=unit, values=channel.values * factors))
-    return recording
+def ways(model: Model) -> dict[str, scales.Way]:
+    """How each hinge and slide joint of a model moves, in its order."""
+    m, found = model.compiled, {}
+    for joint in model.scalar_joints():
+        j = model.index("joint", joint)
+        low, high = m.jnt_range[j]
+        limited = (float(low), float(high)) if m.jnt_limited[j] else None
+        found[joint] = scales.Way(bool(m.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE), limited)
+    return found

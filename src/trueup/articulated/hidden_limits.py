@@ -3,13 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
 
 import numpy as np
 
 from trueup.articulated.declarations import Declaration
 from trueup.articulated.quantities.known import quantity
-from trueup.engines.mujoco.model import Model
 from trueup.recording import Channel, Recording
 from trueup.trial import command_of
 
@@ -20,18 +19,21 @@ _BELOW = 4.0  # times: a drive overshoots its own profile, so that what it did m
 _REACH = 1.5  # times the limit at least that must have been asked for, or it was not met
 
 
-def asked_for(model: Model, recordings: Sequence[Recording], joints: Sequence[str]) -> list[Declaration]:
+def asked_for(
+    joints: Mapping[str, str], laws: Mapping[str, Hashable], recordings: Sequence[Recording]
+) -> list[Declaration]:
     """Declarations of limits that are searched from a fit without them: from what like servos delivered to what was asked.
 
-    Like servos have the same law in the model. Firmware moves its set point within limits of its own (profile velocity and
-    acceleration), whatever it is told; a joint that follows all that it is told can have none that matters.
+    `joints` with the names of their actuators; like servos have the same law in `laws`, by joint. Firmware moves its set
+    point within limits of its own (profile velocity and acceleration), whatever it is told; a joint that follows all that it
+    is told can have none that matters.
     """
-    asked = {j: _most(model, recordings, j, command=True) for j in joints}
-    done = {j: _most(model, recordings, j, command=False) for j in joints}
+    asked = {j: _most(recordings, {j, a}, command=True) for j, a in joints.items()}
+    done = {j: _most(recordings, {j, a}, command=False) for j, a in joints.items()}
     lines = []
     for order, (name, structure) in enumerate(zip(("acceleration_limit", "speed_limit"), LIMITS, strict=True)):
         for joint in joints:
-            like = [other for other in joints if _law(model, other) == _law(model, joint)]
+            like = [other for other in joints if laws[other] == laws[joint]]
             delivered, told = max(done[other][order] for other in like), asked[joint][order]
             lower, upper = delivered / _BELOW, min(told / _REACH, 0.5 * (quantity(name).nothing or np.inf))
             if delivered > 0.0 and told > delivered and upper > lower:
@@ -40,16 +42,10 @@ def asked_for(model: Model, recordings: Sequence[Recording], joints: Sequence[st
     return lines
 
 
-def _law(model: Model, joint: str) -> tuple[float, ...]:
-    """What the model says of a joint's drive: drives with the same numbers are taken to be of one kind."""
-    m, i = model.compiled, model.actuator_of_joint()[joint]
-    parts = m.actuator_gainprm[i, :3], m.actuator_biasprm[i, :3], m.actuator_forcerange[i], m.actuator_gear[i, :1]
-    return tuple(np.concatenate(parts).tolist())
-
-
-def _most(model: Model, recordings: Sequence[Recording], joint: str, *, command: bool) -> tuple[float, float]:
-    """Largest acceleration and speed that a joint was told, from sample to sample, or was measured to have; 0 for none."""
-    names = {joint, model.names("actuator")[model.actuator_of_joint()[joint]]}
+def _most(recordings: Sequence[Recording], names: set[str], *, command: bool) -> tuple[float, float]:
+    """Largest acceleration and speed that a joint, of either of these names, was told, from sample to sample, or was measured
+    to have; 0 for none.
+    """
     most = np.zeros(2)
     for recording in recordings:
         channel = (

@@ -3,12 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.engines.mujoco.model import Model
 from trueup.recording import Channel, Recording
 from trueup.trial import command_of
 
@@ -20,20 +19,18 @@ _SAME_SPEED, _SAME_ACCELERATION = 0.3, 0.65  # exponents of speed by size of the
 _TRIANGLE = 0.853  # speed over sqrt(acceleration x step) between a quarter and three quarters of the way
 
 
-def profiles(model: Model, recordings: Sequence[Recording]) -> tuple[dict[str, float], dict[str, float]]:
+def profiles(servos: Mapping[str, str], recordings: Sequence[Recording]) -> tuple[dict[str, float], dict[str, float]]:
     """Joints whose steps take as long as a limited speed needs, with that speed in rad/s (m/s); the same of acceleration.
 
     A servo without limits is twice as fast on a step of twice the size, one with a limited speed as fast, one with
     limited acceleration in between. Both limits are given where the speed is limited: the second, as a start, is
-    reached in a tenth of a second.
+    reached in a tenth of a second. `servos`: joints with a position servo, each with its actuator's name.
     """
     fewest = 4  # steps from which a law is told
     speed: dict[str, float] = {}
     acceleration: dict[str, float] = {}
-    for joint, actuator in model.actuator_of_joint().items():
-        if not model.is_position_servo(actuator):
-            continue
-        found = _steps(model, recordings, joint)
+    for joint, actuator in servos.items():
+        found = _steps(joint, actuator, recordings)
         law = _law(found) if len(found) >= fewest else None
         if law is None or law[0] >= _SAME_ACCELERATION:
             continue
@@ -45,18 +42,17 @@ def profiles(model: Model, recordings: Sequence[Recording]) -> tuple[dict[str, f
     return speed, acceleration
 
 
-def accelerations(model: Model, recordings: Sequence[Recording], joint: str) -> Array:
+def accelerations(joint: str, actuator: str, recordings: Sequence[Recording]) -> Array:
     """(n,) acceleration in rad/s2 (m/s2) of each step of a joint's command, were it half speeding up, half slowing down."""
-    return _acceleration(*_steps(model, recordings, joint).T)
+    return _acceleration(*_steps(joint, actuator, recordings).T)
 
 
 def _acceleration(size: Array, speed: Array) -> Array:
     return (speed / _TRIANGLE) ** 2 / size
 
 
-def _steps(model: Model, recordings: Sequence[Recording], joint: str) -> Array:
+def _steps(joint: str, actuator: str, recordings: Sequence[Recording]) -> Array:
     """(n, 2) size and speed of the steps of a joint's command in all recordings."""
-    actuator = model.names("actuator")[model.actuator_of_joint()[joint]]
     return np.array([step for r in recordings for step in _steps_of(r, joint, actuator)]).reshape(-1, 2)
 
 
