@@ -9,8 +9,10 @@ from types import MappingProxyType
 
 from trueup.errors import unknown_name
 
-_DEGREE = math.pi / 180.0
-_TURN = 2.0 * math.pi
+_DEGREE, _TURN = math.radians(1.0), math.tau
+
+GRAVITY = 9.81
+"""m/s2, near the ground; what model files say counts before it."""
 
 FURTHEST_TURN = 2.0 * _TURN
 """rad. Joints of arms and legs stay within two turns of their zero, while 12.6 degrees are a small motion: angles that

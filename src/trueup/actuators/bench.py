@@ -20,6 +20,7 @@ from trueup.recording import Recording
 from trueup.rounding import TINY
 from trueup.trial import command_of
 from trueup.typed_toml import build
+from trueup.units import GRAVITY
 
 _AROUND = 0.04  # s that a line is laid through to know position and speed at an instant
 _OUTPUTS = ("torque", "current", "load", "effort", "pwm", "duty", "present_load", "present_current", "present_pwm")
@@ -39,7 +40,7 @@ class Bench:
     """kg m2: about the centre of mass where mass and length are given, else about the axis."""
     hangs_at: float = 0.0
     """rad, position of the joint at which the centre of mass hangs straight down."""
-    gravity: float = 9.81
+    gravity: float = GRAVITY
     """m/s2, across the axis: 0 where the axis is vertical."""
 
     def __post_init__(self) -> None:

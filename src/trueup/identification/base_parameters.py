@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 
 from trueup.arrays import Array, Integers
 from trueup.errors import ModelError
+from trueup.rounding import ROUNDED
 
 _SMALL = 3e-3  # a column of which less than this is left outside the others says nothing that torque could tell
 _NOTHING = 1e-6  # below this there is nothing to tell apart any more
-_UNSEEN = 1e-9  # the size of a column that no torque shows, over that of the largest of its kind
 _CLEAR = 1e1  # the smallest fall between pivots that settles a rank
 
 
@@ -91,7 +91,7 @@ def base_parameters(stacked: Array, columns: tuple[str, ...], preference: ArrayL
     p = stacked.shape[1]
     size = np.linalg.norm(stacked, axis=0)
     scale = _sizes(size, columns)
-    seen = np.flatnonzero(size > _UNSEEN * scale)
+    seen = np.flatnonzero(size > ROUNDED * scale)
     wish = np.zeros(p) if preference is None else np.asarray(preference, dtype=float)
     order = np.array(sorted(seen.tolist(), key=lambda k: (-wish[k], k)))
     R = np.asarray(np.linalg.qr(stacked[:, order] / scale[order], mode="r"))
@@ -99,9 +99,8 @@ def base_parameters(stacked: Array, columns: tuple[str, ...], preference: ArrayL
     kept = _kept(R, rank, least, most)
     rest = np.setdiff1d(np.arange(len(order)), kept)
     share = np.linalg.lstsq(R[:, kept], R[:, rest], rcond=None)[0]
-    rounding = max(
-        _UNSEEN, min(100.0 * most, 1e-3)
-    )  # coefficients this near to 0 or 1 are that, but for angles in the file
+    # Coefficients this near to 0 or 1 are that, but for angles in the file.
+    rounding = max(ROUNDED, min(100.0 * most, 1e-3))
     share[np.abs(share) < rounding] = 0.0
     chosen, gone = order[kept], order[rest]
     grouping = np.zeros((rank, p))

@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 from trueup.arrays import Array, Integers, Mask
 from trueup.errors import ModelError, unknown_name
 from trueup.identification.inertial import moved
+from trueup.units import GRAVITY
 
-GRAVITY = 9.81
-"""m/s^2, downwards, where a file says nothing else."""
 GEOMETRY = ("parent", "prismatic", "axis", "rotation", "offset", "gravity")
 """Fields of a tree that say how it moves."""
 

@@ -13,9 +13,10 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.errors import ModelError
 from trueup.identification.inertial import from_com, moved
-from trueup.identification.kinematic_tree import GRAVITY, KinematicTree, of_angles
+from trueup.identification.kinematic_tree import KinematicTree, of_angles
 from trueup.model_files.urdf import parsed, root_tag
 from trueup.model_files.xml_text import XmlText
+from trueup.units import GRAVITY
 
 Element = ElementTree.Element
 

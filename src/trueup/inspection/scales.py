@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -15,7 +16,7 @@ from trueup.units import hardly_radians, to_si
 
 _BEYOND = 0.2  # rad that a joint may be found beyond its range: zeros and ranges of models are not exact
 _LINEAR = {"rad": "m", "rad/s": "m/s", "N m": "N"}
-_FREE = 2.0 * np.pi  # rad: as far as joints without a range are taken to turn
+_FREE = math.tau  # rad: as far as joints without a range are taken to turn
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from trueup.parameters import ParameterSpace
 from trueup.recording import Channel
 from trueup.rounding import SAME_INSTANT
 from trueup.trial import Observed, Trial
+from trueup.units import GRAVITY
 
 FITNESS = ("paper", "repaired")
 ANGLES, HEIGHT = "base_orientation", "base_position"
@@ -34,7 +35,6 @@ _AT_REST = 0.005  # rad/s and m/s, of all joints and the base at once: a fall fr
 _TURNING = "base_turning"
 _STILL = 0.5  # rad/s of tilting, on average over `_JUDGED`
 _EPSILON = 0.1  # rad, in the paper's integrand 1 / (|angle| + 0.1)
-_GRAVITY = 9.81  # m/s2
 _NEAREST = 0.1  # beside 1 for standing all the time
 
 
@@ -153,7 +153,7 @@ class Transition:
         value = high * _EPSILON / (angle + _EPSILON)
         gained = np.maximum(value - value[:, :1], 0.0).mean(axis=1)
         # Of a pendulum as long as the robot is high: zero if it is going to come to rest upright (capture point).
-        capture = np.minimum(np.hypot(angle, rate * np.sqrt(self.final_height / _GRAVITY)), np.pi)
+        capture = np.minimum(np.hypot(angle, rate * np.sqrt(self.final_height / GRAVITY)), np.pi)
         nearest = (high * (0.5 * (1.0 + np.cos(capture)) + _EPSILON / (capture + _EPSILON))).max(axis=1)
         return -(gained + _NEAREST * nearest)
 

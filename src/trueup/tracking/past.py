@@ -11,6 +11,7 @@ from trueup.arrays import Array, Integers, Mask
 from trueup.errors import RecordingError
 from trueup.recording import Channel
 from trueup.rounding import SAME_INSTANT
+from trueup.tracking.channels import PLACE, READ
 from trueup.tracking.start import start_state
 from trueup.trial import Trial
 
@@ -66,8 +67,8 @@ class Past:
         state, command = start_state(trial), trial.command.select(labels)
         commands = np.stack([np.interp(grid, command.time, column) for column in command.values.T], axis=1)
         if labels[0] == "speed":
-            commands[grid < command.time[0] - SAME_INSTANT, 0] = state[3]
-        seen, known = np.zeros((len(grid), 5)), np.zeros(len(grid), dtype=bool)
+            commands[grid < command.time[0] - SAME_INSTANT, 0] = state[PLACE["speed"]]
+        seen, known = np.zeros((len(grid), READ)), np.zeros(len(grid), dtype=bool)
         first = round((PAST + SETTLE) / step)
         seen[first], known[first] = state, True
         return cls(begin, step, commands, seen, known, np.zeros(len(grid), dtype=np.int64))
@@ -123,7 +124,7 @@ def _grid(trial: Trial, step: float) -> tuple[float, Array]:
 
 def _seen(position: Channel, heading: Channel, grid: Array, step: float, at_once: bool) -> tuple[Array, Mask]:
     good = np.isfinite(position.values).all(axis=1) & np.isfinite(heading.values[:, 0])
-    seen, known = np.zeros((len(grid), 5)), np.zeros(len(grid), dtype=bool)
+    seen, known = np.zeros((len(grid), READ)), np.zeros(len(grid), dtype=bool)
     if good.sum() < 3:
         return seen, known
     time = position.time[good]

@@ -9,18 +9,19 @@ from trueup.arrays import Array
 from trueup.errors import RecordingError
 from trueup.paths import Path
 from trueup.recording import Channel
+from trueup.tracking.channels import READ
 from trueup.trial import Trial
 
 _AROUND = 0.15  # s on both sides of the start: long enough to average noise, short enough to be straight
 
 
 def start_state(trial: Trial) -> Array:
-    """(5,) x, y, heading (m, rad), speed (m/s) and yaw rate (rad/s) at `trial.start`.
+    """(READ,) x, y, heading (m, rad), speed (m/s) and yaw rate (rad/s) at `trial.start`.
 
     A channel in `trial.initial` counts first; else the start of the trial's path; else the origin. Speed and turn rate
     that were not measured come from the slopes of position and heading.
     """
-    s = np.zeros(5)
+    s = np.zeros(READ)
     given = trial.initial
     if "path" in trial.references and "position" not in given:
         path = Path.of(trial.references["path"], trial.name)

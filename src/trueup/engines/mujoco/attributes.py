@@ -18,12 +18,13 @@ from trueup.engines.mujoco.floor_plane import FLOOR_FRICTION, plane_of, turned
 from trueup.errors import unknown_name
 
 _JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
-_OBJECTS = {
+OBJECTS = {
     "joint": mujoco.mjtObj.mjOBJ_JOINT,
     "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
     "body": mujoco.mjtObj.mjOBJ_BODY,
     "geom": mujoco.mjtObj.mjOBJ_GEOM,
 }
+"""What MuJoCo calls the families of named elements."""
 _TILT = "tilt of the floor"
 _STATES = {"position": "qpos", "velocity": "qvel", "force": "qfrc_actuator", "bias": "qfrc_bias"}
 
@@ -50,9 +51,9 @@ class MujocoAttributes:
     def index(self, attribute: str, name: str) -> int:
         """The id of a named element of an attribute's family; that of the dof for attributes of joints that are dofs'."""
         family, _, what = attribute.partition(".")
-        if family not in _OBJECTS:
+        if family not in OBJECTS:
             return plane_of(self.model)
-        kind = _OBJECTS[family]
+        kind = OBJECTS[family]
         i = int(mujoco.mj_name2id(self.model, kind, name + gears.SECOND_OF.get(what, "")))
         if i < 0 and what not in gears.SECOND_OF:
             count = {"joint": self.model.njnt, "actuator": self.model.nactuator, "body": self.model.nbody}
@@ -141,14 +142,14 @@ def _read_zero(a: MujocoAttributes, i: int) -> Array:
 
 def _write_gain(a: MujocoAttributes, i: int, values: Array) -> None:
     """Scales the whole force: gain and bias alike (a wrong torque constant, a sagging supply)."""
-    name = str(mujoco.mj_id2name(a.model, _OBJECTS["actuator"], i))
+    name = str(mujoco.mj_id2name(a.model, OBJECTS["actuator"], i))
     a.fields.expand("actuator_gainprm")[:, i] *= values[:, None]
     a.fields.expand("actuator_biasprm")[:, i] *= values[:, None]
     a.relative[name] = a.relative.get(name, 1.0) * values
 
 
 def _read_gain(a: MujocoAttributes, i: int) -> Array:
-    return np.array(a.relative.get(str(mujoco.mj_id2name(a.model, _OBJECTS["actuator"], i)), np.ones(1)))
+    return np.array(a.relative.get(str(mujoco.mj_id2name(a.model, OBJECTS["actuator"], i)), np.ones(1)))
 
 
 def _write_limit(a: MujocoAttributes, i: int, values: Array) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from trueup import files
 from trueup.arrays import Array
-from trueup.engines.mujoco.attributes import MujocoAttributes, is_position_servo
+from trueup.engines.mujoco.attributes import OBJECTS, MujocoAttributes, is_position_servo
 from trueup.engines.mujoco.fields import SingleModel
 from trueup.engines.mujoco.floor_plane import add_floor, plane_of
 from trueup.engines.mujoco.gears import add_second
@@ -29,13 +29,7 @@ SETTING = "trueup_"
 OPEN = 4.0 * np.pi
 """rad or m: an end of a range that no joint reaches, where only the other end is a stop."""
 _ITERATIONS, _LINE_SEARCH = 100, 50  # MuJoCo's own; a solver that has converged stops earlier
-_OBJECTS = {
-    "joint": mujoco.mjtObj.mjOBJ_JOINT,
-    "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
-    "body": mujoco.mjtObj.mjOBJ_BODY,
-    "geom": mujoco.mjtObj.mjOBJ_GEOM,
-    "sensor": mujoco.mjtObj.mjOBJ_SENSOR,
-}
+_OBJECTS = {**OBJECTS, "sensor": mujoco.mjtObj.mjOBJ_SENSOR}
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,8 @@ from trueup.discrepancies.rigid import RigidlyAligned
 from trueup.engines.family import Family, Fit
 from trueup.engines.simulator import Simulator
 from trueup.engines.vehicle.quantities import NOISES
-from trueup.engines.vehicle.reading import CHANNELS
 from trueup.recording import Recording
+from trueup.tracking.channels import CHANNELS
 from trueup.tracking.windows import LENGTH, noise_of, windows
 
 DOUBT = {

@@ -34,14 +34,12 @@ from trueup.engines.vehicle.kernels import (
     step_chassis,
 )  # fmt: skip
 from trueup.rounding import SAME_INSTANT
-
-READ = 5
-"""What is kept of each step: x, y (m) and heading (rad) of the tracked point; speed of the wheels (m/s); yaw rate (rad/s)."""
+from trueup.tracking.channels import READ
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def keep(p: Array, s: Array, out: Array) -> None:
-    """What would be measured in a state: out (READ,)."""
+    """What would be measured in a state: out (READ,), see `tracking.channels`."""
     out[0] = s[X] + p[POSE_AHEAD] * math.cos(s[HEADING])
     out[1] = s[Y] + p[POSE_AHEAD] * math.sin(s[HEADING])
     out[2] = s[HEADING] - p[POSE_TURN]

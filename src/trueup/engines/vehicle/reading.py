@@ -15,11 +15,8 @@ from trueup.engines.simulator import Rollout
 from trueup.errors import ModelError, unknown_name
 from trueup.recording import is_command
 from trueup.rounding import SAME_INSTANT
+from trueup.tracking.channels import CHANNELS, PLACE
 from trueup.trial import Trial
-
-CHANNELS = {"position": ("x", "y"), "heading": ("heading",), "speed": ("speed",), "yaw_rate": ("yaw_rate",)}
-"""What is measured: pose of the tracked point in m and rad, speed of the wheels in m/s, turn rate in rad/s."""
-_PLACE = {label: column for column, label in enumerate(label for labels in CHANNELS.values() for label in labels)}
 
 
 @dataclass(frozen=True)
@@ -63,7 +60,7 @@ class Reading:
             if is_command(name) and orders is not None:
                 channels[name] = orders.at(o.time)[:, :, [int(label == "steering") for label in o.labels]]
             else:
-                channels[name] = run[:, self.rows[name]][:, :, [_PLACE[label] for label in o.labels]]
+                channels[name] = run[:, self.rows[name]][:, :, [PLACE[label] for label in o.labels]]
         failures = {int(row): "a parameter is not finite" for row in unusable}
         rollout = Rollout(trial, channels, failures, {row: end for row, end in ends.items() if row not in failures})
         for name, channel in channels.items():
@@ -95,12 +92,12 @@ class Ending:
             views = [
                 Observation(
                     now, seen[:, :3], seen[:, 3:], {}, self._trial,
-                    {name: seen[:, [_PLACE[label] for label in labels]] for name, labels in end.looks_at.items()},
+                    {name: seen[:, [PLACE[label] for label in labels]] for name, labels in end.looks_at.items()},
                 )
                 for end in self._trial.ends
             ]  # fmt: skip
         except KeyError as error:
-            raise unknown_name("label", error.args[0], _PLACE, "what an end can look at of a vehicle") from None
+            raise unknown_name("label", error.args[0], PLACE, "what an end can look at of a vehicle") from None
         which = which_end(self._trial.ends, views, len(rows))
         for row, end in zip(rows[which >= 0].tolist(), which[which >= 0].tolist(), strict=True):
             self.ends[row] = Ended(self._trial.start + now, self._trial.ends[end].name)

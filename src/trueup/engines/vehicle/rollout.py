@@ -17,13 +17,14 @@ from trueup.controllers.stanley.kernel import path_table
 from trueup.cores import cores
 from trueup.engines.simulator import Rollout, refuse_unsupported
 from trueup.engines.vehicle.kernels import STATE
-from trueup.engines.vehicle.loops import READ, drive_all, follow_rows, measure_all, read_all, replay_rows
-from trueup.engines.vehicle.reading import CHANNELS, Ending, Orders, Reading
+from trueup.engines.vehicle.loops import drive_all, follow_rows, measure_all, read_all, replay_rows
+from trueup.engines.vehicle.reading import Ending, Orders, Reading
 from trueup.engines.vehicle.vehicle import PURSUED, TURNED, Vehicle
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
 from trueup.recording import Recording
 from trueup.rounding import SAME_INSTANT, first_step
+from trueup.tracking.channels import CHANNELS, READ
 from trueup.tracking.cleaned import cleaned
 from trueup.tracking.commands import COMMAND
 from trueup.tracking.past import Past

@@ -19,10 +19,11 @@ from trueup.identification.estimation.moments import moments_of, solve
 from trueup.identification.estimation.motion import Log, Motion, Piece, log_of, pieces_of
 from trueup.identification.estimation.pool import BASIC, Pool, pool_for
 from trueup.identification.estimation.selection import TIME_BLOCKS
-from trueup.identification.kinematic_tree import GRAVITY, KinematicTree
+from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 from trueup.recording import Channel, Recording
 from trueup.rounding import TINY
+from trueup.units import GRAVITY
 
 _LONGEST = 20.0
 """s of a log that a rough fit looks at."""

@@ -12,9 +12,10 @@ from trueup.formats.rules.drive import FULL_LOCK
 from trueup.recording import Channel, Recording, is_command
 from trueup.rounding import ROUNDED
 from trueup.trial import Trial
+from trueup.units import to_si
 
-_CLOCKS = {1e3: "ms", 1e6: "us", 1e9: "ns", 1.0 / 60.0: "min", 60.0: "s read as min", 1e-3: "s read as ms",
-           1e-6: "s read as us", 1e-9: "s read as ns"}  # fmt: skip
+_TIMES = ("ms", "us", "ns", "min")
+"""Units of clocks, in which a log is written or as which one in s is read."""
 _COMPLETE, _ARRIVED = (
     0.95,
     0.6,
@@ -63,7 +64,9 @@ def _lasts(trial: Trial, recording: Recording) -> list[str]:
     if lasts <= 0.0:
         return ["it holds a single instant"]
     ratio = lasts / trial.duration
-    for factor, unit in _CLOCKS.items():
+    sizes = {unit: to_si(unit)[1] for unit in _TIMES}
+    clocks = {1.0 / size: unit for unit, size in sizes.items()} | {s: f"s read as {unit}" for unit, s in sizes.items()}
+    for factor, unit in clocks.items():
         if abs(np.log(ratio / factor)) < 0.5:
             return [
                 f"it lasts {lasts:.4g} s, {ratio:.3g} times the {trial.duration:.4g} s that were asked for: its clock is in "

@@ -13,6 +13,7 @@ from trueup.errors import RobotFellError, TrialError
 from trueup.robots.rcss.body import Body
 from trueup.robots.rcss.connection import Connection
 from trueup.robots.rcss.percept import Percept, percept
+from trueup.units import GRAVITY
 
 CYCLE = 0.02
 """s from one message to the next, of both servers."""
@@ -110,7 +111,7 @@ class Agent:
             self._up = np.array([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)])
         elif self.now.accelerometers:
             felt = np.array(next(iter(self.now.accelerometers.values())))
-            self._up = self._up + CYCLE / _STEADY * (felt / 9.81 - self._up)
+            self._up = self._up + CYCLE / _STEADY * (felt / GRAVITY - self._up)
 
     def _heard(self) -> Percept:
         return percept(self._line.receive())

@@ -131,7 +131,7 @@ class RcssRobot:
         """What ends the run now: a fall, or the first of the trial's conditions."""
         if agent.fallen:
             return Ended(log.last, "fallen")
-        channels = log.latest()
+        channels, none = log.latest(), np.zeros((1, 0))
         seen = []
         for end in trial.ends:
             missing = [n for n in end.looks_at if n not in channels]
@@ -140,13 +140,10 @@ class RcssRobot:
                     "channel", missing[0], channels, f"what this server tells, and end '{end.name}' needs it"
                 )
             looked = {n: channels[n].select(x).values for n, x in end.looks_at.items() if n in channels}
-            seen.append(None if missing else Observation(log.last - trial.start, _NONE, _NONE, {}, trial, looked))
+            seen.append(None if missing else Observation(log.last - trial.start, none, none, {}, trial, looked))
         known = [(e, s) for e, s in zip(trial.ends, seen, strict=True) if s is not None]
         first = which_end([e for e, _ in known], [s for _, s in known], 1)[0] if known else -1
         return Ended(log.last, known[first][0].name) if first >= 0 else None
-
-
-_NONE = np.zeros((1, 0))
 
 
 class _Controlled:

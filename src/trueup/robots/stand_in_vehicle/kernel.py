@@ -11,6 +11,8 @@ from numba import njit
 from trueup.arrays import Array
 from trueup.controllers.stanley.kernel import MEMORY, stanley
 from trueup.rounding import SAME_INSTANT
+from trueup.tracking.channels import READ
+from trueup.units import GRAVITY
 
 (
     WHEELBASE, FORWARD, MASS, YAW_INERTIA,
@@ -27,7 +29,6 @@ from trueup.rounding import SAME_INSTANT
 STATE = 14
 """x, y, heading of the rear axle; wheel speed; yaw rate; lateral speed of the centre of mass; steering after lag, slack,
 rate limit; speed wanted; slip of both axles as the tyres have taken it up; side force in front; time."""
-KEPT = 5
 _SLOW = 0.15  # m/s: below, slip angles are taken at this speed, and steering counts less
 
 
@@ -53,8 +54,8 @@ def advance(p: Array, s: Array, speed: float, steering: float, h: float) -> None
         s[11] += taken * (slip_rear - s[11])
         slip_front, slip_rear = s[10], s[11]
     hold_front, hold_rear = (
-        p[FRICTION] * p[MASS] * 9.81 * behind / p[WHEELBASE],
-        p[FRICTION] * p[MASS] * 9.81 * ahead / p[WHEELBASE],
+        p[FRICTION] * p[MASS] * GRAVITY * behind / p[WHEELBASE],
+        p[FRICTION] * p[MASS] * GRAVITY * ahead / p[WHEELBASE],
     )
     front = hold_front * math.tanh(p[FRONT_STIFFNESS] * slip_front / hold_front) * math.cos(delta)
     rear = hold_rear * math.tanh(p[REAR_STIFFNESS] * slip_rear / hold_rear)
@@ -108,14 +109,14 @@ def follow(
     p: Array, start: Array, gains: Array, settings: Array, path: Array, period: float, h: float, noise: Array,
     truth: Array, seen: Array, orders: Array,
 ) -> None:  # fmt: skip
-    """Closed loop with the Stanley law, b rows: gains (b, 7), noise (b, ticks, 7); truth, seen (b, ticks, KEPT)."""
+    """Closed loop with the Stanley law, b rows: gains (b, 7), noise (b, ticks, 7); truth, seen (b, ticks, READ)."""
     s, memory = np.empty(STATE), np.empty(MEMORY)
     for i in range(gains.shape[0]):
         s[:] = 0.0
         s[:3] = start
         memory[:] = 0.0
         for n in range(truth.shape[1]):
-            truth[i, n] = s[:KEPT]
+            truth[i, n] = s[:READ]
             measure(p, truth[i], n, period, noise[i], seen[i, n])
             o = seen[i, n]
             speed, steering = stanley(gains[i], settings, path, memory, o[0], o[1], o[2], o[3], o[4])
@@ -127,10 +128,10 @@ def follow(
 def play(
     p: Array, start: Array, period: float, h: float, noise: Array, orders: Array, truth: Array, seen: Array
 ) -> None:
-    """Open loop under orders (ticks, 2); truth, seen (ticks, KEPT)."""
+    """Open loop under orders (ticks, 2); truth, seen (ticks, READ)."""
     s = np.zeros(STATE)
     s[:3] = start
     for n in range(truth.shape[0]):
-        truth[n] = s[:KEPT]
+        truth[n] = s[:READ]
         measure(p, truth, n, period, noise, seen[n])
         between(p, s, orders, n, period, h)

@@ -14,16 +14,15 @@ from trueup.controllers.stanley.law import GAINS, Stanley, StanleySettings
 from trueup.errors import RecordingError, TrialAbortedError, unknown_name
 from trueup.paths import Path
 from trueup.recording import Channel, Recording
-from trueup.robots.stand_in_vehicle.kernel import KEPT, follow, play
+from trueup.robots.stand_in_vehicle.kernel import follow, play
 from trueup.robots.stand_in_vehicle.truth import VehicleTruth
 from trueup.rounding import SAME_INSTANT
+from trueup.tracking.channels import CHANNELS, PLACE, READ
 from trueup.trial import Observed, Trial
 
 STEP = 2e-3
 """Of the truth, in s."""
 
-COLUMNS = {"position": (0, 1), "heading": (2,), "speed": (3,), "yaw_rate": (4,)}
-_LABELS = {"position": ("x", "y"), "heading": ("heading",), "speed": ("speed",), "yaw_rate": ("yaw_rate",)}
 _DRIFTING = 8.0  # s over which the slow error of the localisation changes
 
 
@@ -72,8 +71,8 @@ class StandInVehicle:
         measure, TrialAbortedError for a run that the operator had to stop.
         """
         for name in trial.observed:
-            if name not in COLUMNS and not name.startswith("command"):
-                raise unknown_name("channel", name, COLUMNS, "what this robot measures")
+            if name not in CHANNELS and not name.startswith("command"):
+                raise unknown_name("channel", name, CHANNELS, "what this robot measures")
         self._rng = np.random.default_rng([self._seed, 7, zlib.crc32(trial.name.encode())])
         names = [trial.name] if trial.repeats == 1 else [f"{trial.name}-{i + 1}" for i in range(trial.repeats)]
         if trial.command is not None:
@@ -98,7 +97,7 @@ class StandInVehicle:
             _noise(self._rng, rows, len(time), self.settings.period) if noise is None else
             np.repeat(_noise(np.random.default_rng([noise, 8]), 1, len(time), self.settings.period), rows, axis=0)
         )  # fmt: skip
-        truth, seen = np.empty((rows, len(time), KEPT)), np.empty((rows, len(time), KEPT))
+        truth, seen = np.empty((rows, len(time), READ)), np.empty((rows, len(time), READ))
         orders = np.empty((rows, len(time), 2))
         follow(self.truth.row, _start(trial), controller.gains, self.settings.row, table, self.settings.period, STEP, unrest,
                truth, seen, orders)  # fmt: skip
@@ -109,7 +108,7 @@ class StandInVehicle:
             raise RecordingError(f"trial '{trial.name}' has no command")
         time = self._clock(trial)
         orders = np.ascontiguousarray(trial.command.select(("speed", "steering")).at(time + trial.start, hold=True))
-        truth, seen = np.empty((len(time), KEPT)), np.empty((len(time), KEPT))
+        truth, seen = np.empty((len(time), READ)), np.empty((len(time), READ))
         noise = _noise(self._rng, 1, len(time), self.settings.period)[0]
         play(self.truth.row, _start(trial), self.settings.period, STEP, noise, orders, truth, seen)
         return Drive(time, truth[None], seen[None], orders[None])
@@ -128,14 +127,14 @@ class StandInVehicle:
             command = Channel("command", ("speed", "steering"), "", trial.start + drive.time, drive.orders[row])
         channels = {"command": command.replace(name="command")}
         for role, o in trial.observed.items():
-            if role in COLUMNS:
+            if role in CHANNELS:
                 last = np.searchsorted(drive.time, o.time - trial.start + SAME_INSTANT, side="right") - 1
-                columns = [COLUMNS[role][_LABELS[role].index(label)] for label in o.labels]
+                columns = [PLACE[label] for label in o.labels]
                 channels[role] = Channel(role, o.labels, o.unit, o.time, drive.seen[row][last][:, columns])
                 if (
                     role == "heading" and "yaw_rate" not in trial.observed
                 ):  # its log holds the gyroscope, asked for or not
-                    turning = drive.seen[row][last][:, COLUMNS["yaw_rate"]]
+                    turning = drive.seen[row][last][:, [PLACE["yaw_rate"]]]
                     channels["yaw_rate"] = Channel("yaw_rate", ("yaw_rate",), "rad/s", o.time, turning)
         settings = " ".join(f"{k}={v:.6g}" for k, v in trial.settings.items())
         return Recording(name, channels, {"source": "stand-in vehicle", "settings": settings})
@@ -169,4 +168,4 @@ def observed(rate: float, duration: float) -> dict[str, Observed]:
     """All that this robot measures, at `rate` Hz, for a trial that starts at zero."""
     time = np.arange(int(duration * rate) + 1, dtype=np.float64) / rate
     units = {"position": "m", "heading": "rad", "speed": "m/s", "yaw_rate": "rad/s"}
-    return {name: Observed(_LABELS[name], unit, time) for name, unit in units.items()}
+    return {name: Observed(CHANNELS[name], unit, time) for name, unit in units.items()}

@@ -12,6 +12,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.articulated.kernels import ONSET
 from trueup.articulated.wiring import ONSET_OF
+from trueup.engines.mujoco.attributes import OBJECTS
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.gears import SECOND
 from trueup.engines.mujoco.inertia import body_inertia
@@ -22,12 +23,6 @@ from trueup.rounding import NEGLIGIBLE, ROUNDED
 
 _ROTATIONS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 _TAGS = {"joint": ("joint", "hinge"), "actuator": (), "body": ("body",), "geom": ("geom",)}
-_TYPES = {
-    "joint": mujoco.mjtObj.mjOBJ_JOINT,
-    "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
-    "body": mujoco.mjtObj.mjOBJ_BODY,
-    "geom": mujoco.mjtObj.mjOBJ_GEOM,
-}
 
 
 class Edits:
@@ -252,7 +247,7 @@ class Edits:
         )
 
     def _id(self, family: str, name: str) -> int:
-        return int(mujoco.mj_name2id(self._wanted, _TYPES[family], name))
+        return int(mujoco.mj_name2id(self._wanted, OBJECTS[family], name))
 
     @staticmethod
     def _dof(model: mujoco.MjModel, joint: str) -> int:
@@ -280,7 +275,7 @@ _WRITERS: Mapping[str, Callable[[Edits, str], None]] = {
 
 def read(model: mujoco.MjModel, family: str, name: str, field: str) -> Array:
     """A field of a named element; fields of a joint's dof by the joint's name."""
-    i = int(mujoco.mj_name2id(model, _TYPES[family], name))
+    i = int(mujoco.mj_name2id(model, OBJECTS[family], name))
     if i < 0:
         return np.array([np.nan])
     at = int(model.jnt_dofadr[i]) if field.startswith("dof_") else i
