@@ -70,6 +70,14 @@ def test_inverse_dynamics_sees_drives_and_joints_held_still(tmp_path: Path, reco
     assert seen["wrist"].friction > 1.5 * np.abs(told).max()
 
 
+def test_drives_are_seen_beside_fingers_that_nobody_measured(tmp_path: Path, recordings: list[Recording]) -> None:
+    finger = '<body><joint name="finger" type="slide"/><geom type="box" size=".01 .01 .01" mass=".01"/></body>'
+    (tmp_path / "hand.xml").write_text(PLAIN.replace("</body></body></body>", f"{finger}</body></body></body>"))
+    seen = drives_seen(load(tmp_path / "hand.xml"), recordings)
+    assert set(seen) == set(JOINTS)
+    assert seen["shoulder"].friction == pytest.approx(TRUTH["shoulder"][0], rel=0.35)
+
+
 def test_an_arm_without_friction_in_its_file_is_calibrated_from_torques(
     tmp_path: Path, recordings: list[Recording]
 ) -> None:
@@ -120,6 +128,11 @@ def test_a_joint_that_creeps_is_held_by_friction_not_damped(tmp_path: Path) -> N
     drive = _seen_of_one(tmp_path, 'frictionloss="1"', lambda t: 0.8 * np.sin(7.0 * t))
     assert drive.damping is None
     assert drive.friction > 1.0
+
+
+def test_a_joint_that_slides_is_damped_however_soon_its_speed_is_gone(tmp_path: Path) -> None:
+    drive = _seen_of_one(tmp_path, 'frictionloss=".6" damping="2"', lambda t: 3.0 * np.sin(7.0 * t))
+    assert (drive.friction, drive.damping) == pytest.approx((0.6, 2.0), rel=0.1)
 
 
 def test_torques_at_the_joint_know_of_gears(tmp_path: Path) -> None:

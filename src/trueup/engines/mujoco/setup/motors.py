@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from trueup.arrays import Array, Mask
@@ -29,6 +30,7 @@ from trueup.engines.mujoco.lone.loads import (
 )
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.wiring import joint_id, rest
+from trueup.evidence import STANDARD_ERRORS
 from trueup.recording import Recording
 from trueup.trial import command_of
 
@@ -82,9 +84,16 @@ def _fitted(parts: Sequence[_Part], dof: int) -> Drive:
     x = lsq_linear(columns / size, extra[seen], (least, np.full(4, np.inf)), method="bvls").x / size
     friction, damping, armature = (float(v) for v in x[:3])
     inertia = armature + float(np.median(np.concatenate([p.inertia[:, dof] for p in parts])))
-    # a joint that keeps no speed for a sample gives way to friction that holds it
-    creeps = inertia < damping * max(p.sample for p in parts)
+    # a joint that keeps no speed for a sample, and shows no friction by which it slides, gives way to one that holds it
+    doubt = _standard_error(columns, extra[seen] - columns @ x, float(np.sum(seen / window)))
+    creeps = inertia < damping * max(p.sample for p in parts) and friction < STANDARD_ERRORS * doubt
     return Drive(_HELD * float(np.abs(extra).max())) if creeps else Drive(friction, damping, armature)
+
+
+def _standard_error(columns: Array, left: Array, independent: float) -> float:
+    """Of the first coefficient of least squares, from what is `left` (L,) of samples of which so many are `independent`."""
+    inverse = np.linalg.pinv(columns.T @ columns)
+    return float(np.sqrt(inverse[0, 0] * np.sum(left**2) / independent))
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,10 +116,15 @@ class _Part:
 
 
 def _known(model: Model, recording: Recording) -> Iterator[_Part]:
-    """The recording, if it has the motion of all joints and their commands, without gaps in most of its time."""
+    """The recording, if it has the motion of all joints and their commands, without gaps in most of its time. Joints that it
+    does not name and nothing drives are taken to rest, as the fingers of a hand do.
+    """
     compiled, command, joints = model.compiled, command_of(recording), model.scalar_joints()
     measured = recording.channels.get("position")
-    if command is None or measured is None or not set(joints) <= set(measured.labels):
+    if command is None or measured is None:
+        return
+    unseen = [j for j in joints if j not in measured.labels]
+    if any(j in model.actuator_of_joint() for j in unseen):
         return
     if len(measured.time) < 2 or 2 * np.median(np.diff(measured.time)) * len(measured.time) < np.ptp(measured.time):
         return
@@ -128,8 +142,9 @@ def _known(model: Model, recording: Recording) -> Iterator[_Part]:
         control = held[:, :, column] * control_of(model, name, command.unit)
         torque[:, driven[actuator]] = _given(compiled, actuator, control).mean(axis=0)
     noise = np.zeros(compiled.nv)
-    dofs = compiled.jnt_dofadr[[joint_id(compiled, j) for j in joints]]
-    noise[dofs] = np.nan_to_num(speed_noise(measured.select(joints)))
+    seen = [j for j in joints if j not in unseen]
+    noise[_dofs(compiled, seen)] = np.nan_to_num(speed_noise(measured.select(seen)))
+    known[_dofs(compiled, unseen)] = False
     inertia, asked = inverse_dynamics(rigid(compiled), motion.position, motion.speed, motion.acceleration)
     window = samples_smoothed(measured)
     middle = np.arange(window // 2, len(torque) - window // 2)  # a cubic tells little of the speed at its ends
@@ -138,6 +153,10 @@ def _known(model: Model, recording: Recording) -> Iterator[_Part]:
         return
     part = Motion(motion.time[good], motion.position[good], motion.speed[good], motion.acceleration[good])
     yield _Part(part, noise, sample, window, (torque - asked)[good], inertia[good], known)
+
+
+def _dofs(compiled: mujoco.MjModel, joints: Sequence[str]) -> NDArray[np.intp]:
+    return np.array([compiled.jnt_dofadr[joint_id(compiled, j)] for j in joints], dtype=np.intp)
 
 
 def _given(compiled: mujoco.MjModel, actuator: int, asked: Array) -> Array:
