@@ -125,6 +125,8 @@ RULES = (
         Rule(name, ("discrepancies.discrepancy", "discrepancies.weighted", "engines.simulator", *NOUNS))
         for name in ("discrepancies.plain", "discrepancies.outcome", "discrepancies.rigid")
     ),
+    # the orientation of a free base
+    Rule("discrepancies.whole_body", ("discrepancies.discrepancy", "engines.simulator", "articulated.pose", *NOUNS)),
     # excitation is designed with the searches, which are arithmetic; MJCF is read and written as MuJoCo has it
     Rule("identification", ("engines.simulator", "controllers.playback", "search", *NOUNS), ("engines.mujoco",)),
     Rule("excitation", ("identification", "search", *NOUNS), ("engines.mujoco",)),

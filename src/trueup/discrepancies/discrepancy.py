@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -47,6 +48,26 @@ def compared(discrepancy: Discrepancy, real: Recording, trial: Trial) -> Mask:
         return discrepancy.compared(real, trial)
     parts = [np.isfinite(measured_at(real, n, o.labels, o.time)).ravel() for n, o in trial.observed.items()]
     return np.concatenate(parts)
+
+
+def by_samples(
+    discrepancy: Discrepancy,
+    real: Recording,
+    simulated: Rollout,
+    apart: Callable[[str, tuple[str, ...], Array, Array], Array] = lambda name, labels, measured, values: (
+        values - measured
+    ),
+) -> Array:
+    """(b, m) residuals sample by sample: how far the simulated (b, T, k) are `apart` from the measured (T, k), over their
+    scale. `apart` is told the channel and its labels.
+    """
+    parts = []
+    for name, values in simulated.channels.items():
+        observed = simulated.trial.observed[name]
+        measured = measured_at(real, name, observed.labels, observed.time)
+        difference = apart(name, observed.labels, measured, values) / discrepancy.scale(name, observed.labels)
+        parts.append(difference.reshape(len(values), -1))
+    return np.concatenate(parts, axis=1)
 
 
 def measured_at(real: Recording, channel: str, labels: tuple[str, ...], time: Array) -> Array:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.discrepancies.discrepancy import measured_at
+from trueup.discrepancies.discrepancy import by_samples, measured_at
 from trueup.engines.simulator import Rollout
 from trueup.recording import Recording
 
@@ -26,13 +26,7 @@ class Plain:
 
     def residual(self, real: Recording, simulated: Rollout) -> Array:
         """See Discrepancy."""
-        parts = []
-        for name, values in simulated.channels.items():
-            observed = simulated.trial.observed[name]
-            measured = measured_at(real, name, observed.labels, observed.time)
-            difference = (values - measured) / self.scale(name, observed.labels)
-            parts.append(difference.reshape(len(values), -1))
-        return np.concatenate(parts, axis=1)
+        return by_samples(self, real, simulated)
 
 
 def rmse(real: Recording, simulated: Rollout, channel: str) -> Array:

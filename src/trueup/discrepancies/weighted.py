@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.discrepancies.discrepancy import measured_at
+from trueup.discrepancies.discrepancy import by_samples
 from trueup.engines.simulator import Rollout
 from trueup.noise import estimate_noise
 from trueup.recording import Recording
@@ -51,9 +51,4 @@ class Weighted:
 
     def residual(self, real: Recording, simulated: Rollout) -> Array:
         """See Discrepancy."""
-        parts = []
-        for name, values in simulated.channels.items():
-            observed = simulated.trial.observed[name]
-            measured = measured_at(real, name, observed.labels, observed.time)
-            parts.append(((values - measured) / self.scale(name, observed.labels)).reshape(len(values), -1))
-        return np.concatenate(parts, axis=1)
+        return by_samples(self, real, simulated)

@@ -12,7 +12,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.discrepancies.discrepancy import measured_at
+from trueup.articulated.pose import ANGLES, ORIENTATION, quaternion_of
+from trueup.discrepancies.discrepancy import by_samples, measured_at
 from trueup.engines.simulator import Rollout
 from trueup.recording import Recording
 from trueup.rounding import NEGLIGIBLE, ROUNDED
@@ -37,20 +38,18 @@ class WholeBody:
 
     def residual(self, real: Recording, simulated: Rollout) -> Array:
         """See Discrepancy."""
-        parts = []
-        for name, values in simulated.channels.items():
-            observed = simulated.trial.observed[name]
-            measured = measured_at(real, name, observed.labels, observed.time)
-            turned = name == "base_orientation" and observed.labels == ("roll", "pitch", "yaw")
-            apart = rotation_between(measured, values) if turned else values - measured
-            parts.append((apart / self.scale(name, observed.labels)).reshape(len(values), -1))
-        return np.concatenate(parts, axis=1)
+        return by_samples(self, real, simulated, _apart)
+
+
+def _apart(name: str, labels: tuple[str, ...], measured: Array, values: Array) -> Array:
+    turned = name == ORIENTATION and labels == ANGLES
+    return rotation_between(measured, values) if turned else values - measured
 
 
 def rotation_between(first: Array, second: Array) -> Array:
     """(..., 3) rotation vectors in rad that lead from the first roll, pitch, yaw (..., 3) to the second, in its axes."""
-    w, x, y, z = np.moveaxis(_quaternions(first), -1, 0)
-    vw, vx, vy, vz = np.moveaxis(_quaternions(second), -1, 0)
+    w, x, y, z = np.moveaxis(quaternion_of(first), -1, 0)
+    vw, vx, vy, vz = np.moveaxis(quaternion_of(second), -1, 0)
     # The conjugate of the first times the second.
     scalar = w * vw + x * vx + y * vy + z * vz
     vector = np.stack([
@@ -67,16 +66,8 @@ def orientation_error(real: Sequence[Recording], simulated: Sequence[Rollout], r
     squares, count = 0.0, 0
     for recording, rollout in zip(real, simulated, strict=True):
         held = rollout.held()
-        observed = held.trial.observed["base_orientation"]
-        measured = measured_at(recording, "base_orientation", observed.labels, observed.time)
-        angle = np.linalg.norm(rotation_between(measured, held.channels["base_orientation"][row]), axis=-1)
+        observed = held.trial.observed[ORIENTATION]
+        measured = measured_at(recording, ORIENTATION, observed.labels, observed.time)
+        angle = np.linalg.norm(rotation_between(measured, held.channels[ORIENTATION][row]), axis=-1)
         squares, count = squares + float(np.nansum(angle**2)), count + int(np.isfinite(angle).sum())
     return float(np.sqrt(squares / max(count, 1)))
-
-
-def _quaternions(angles: Array) -> Array:
-    """(..., 4) w, x, y, z of roll, pitch, yaw (..., 3)."""
-    (cr, cp, cy), (sr, sp, sy) = (np.moveaxis(f(0.5 * angles), -1, 0) for f in (np.cos, np.sin))
-    return np.stack([
-        cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
-    ], axis=-1)  # fmt: skip
