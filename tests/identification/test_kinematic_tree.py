@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from trueup.errors import ModelError, UnknownNameError
-from trueup.identification.inertial import from_com, from_pseudo_inertia, moved, moving_matrix, pseudo_inertia, tensor
+from trueup.identification.inertial import from_com, from_pseudo_inertia, moved, pseudo_inertia, tensor
 from trueup.identification.kinematic_tree import from_dh
 from trueup.identification.model_file import load_tree
 from trueup.identification.poses import link_poses
@@ -97,7 +97,6 @@ def test_a_body_moved_to_another_frame_is_the_same_body(rng: np.random.Generator
     body = from_com(2.0, com, inertia)
     expected = from_com(2.0, R @ com + p, R @ inertia @ R.T)
     np.testing.assert_allclose(moved(body, R, p), expected, atol=1e-12)
-    np.testing.assert_allclose(moving_matrix(R, p) @ body, expected, atol=1e-12)
     np.testing.assert_allclose(from_pseudo_inertia(pseudo_inertia(body)), body, atol=1e-12)
     assert np.linalg.eigvalsh(pseudo_inertia(body)).min() > 0.0
     np.testing.assert_allclose(np.trace(tensor(body)), 2 * np.trace(pseudo_inertia(body)[:3, :3]), atol=1e-12)

@@ -11,7 +11,7 @@ from trueup.arrays import Array, Integers
 from trueup.articulated.disturbances import CommandNoises, Forces
 from trueup.articulated.model import BasePose, Engine, Pushable, Running
 from trueup.articulated.pose import ORIENTATION, POSITION
-from trueup.articulated.sensing import Sense, Senses, on_robot, turned_angles
+from trueup.articulated.sensing import Place, Senses, scatter, senses_of, turned_angles
 from trueup.articulated.signals import Signals
 from trueup.articulated.starts import measured_base
 from trueup.chance import StartScatter
@@ -39,19 +39,17 @@ class Chances:
         self._edges = set(self._forces.edges.tolist())
         self._noises = CommandNoises(model, self._trial, self._rows)
         self._labels = {**{n: tuple(model.drives()) for n in JOINTS}, **model.channels()}
-        self._senses = Senses(self._declared(signals) if seeing else ())
+        self._senses = senses_of(signals, 0, step, self._place) if seeing else Senses(())
 
     def place(self, position: Array, velocity: Array) -> None:
         """Puts the copies where the trial begins, joints (b, k), and off by what is declared to scatter."""
         base = measured_base(self._trial)
         self._copies.place(position, velocity, base)
-        scatters = [(i, d) for i, d in enumerate(self._trial.disturbances) if isinstance(d, StartScatter)]
-        if scatters:
+        if any(isinstance(d, StartScatter) for d in self._trial.disturbances):
             state = {"position": np.array(position), "velocity": np.array(velocity)}
             for name in (POSITION, ORIENTATION):
                 state |= {name: self._read(name)} if name in self._labels else {}
-            for i, d in scatters:
-                self._scatter(state, d, f"{self._trial.name}/{i}")
+            scatter(self._trial, self._rows, lambda name, labels: self._found(name, labels, state), state.__getitem__)
             if POSITION in state:
                 still = np.zeros(3)
                 velocity, rates = (base.velocity, base.rates) if base is not None else (still, still)
@@ -89,34 +87,17 @@ class Chances:
     def _read(self, channel: str) -> Array:
         return self._copies.reader(channel, self._labels[channel])(self._rows)
 
-    def _scatter(self, state: dict[str, Array], d: StartScatter, purpose: str) -> None:
-        columns = self._columns(d.channel, d.labels, state)
-        streams = self._trial.settled().streams(purpose, self._rows)
-        if d.channel == ORIENTATION:
-            state[d.channel] = turned_angles(state[d.channel], d.deviation * streams.normal(3))
-        else:
-            state[d.channel][:, columns] += d.deviation * streams.normal(len(columns))
+    def _place(self, channel: str, labels: tuple[str, ...]) -> Place | None:
+        """Where it is sensed; None where it is only read off."""
+        if channel not in self._labels and channel in self._trial.observed:
+            return None
+        return self._found(channel, labels, self._labels)
 
-    def _declared(self, signals: Signals) -> list[Sense]:
-        """As the trial declares it, and as calibrated errors and delays of sensors have it."""
-        found = []
-        for s in self._trial.sensing:
-            if s.channel not in self._labels and s.channel in self._trial.observed:
-                continue  # it is only read off
-            columns, noisy = (self._columns(s.channel, x, self._labels) for x in ((), s.labels))
-            turn = turned_angles if s.channel == ORIENTATION else None
-            found.append(
-                Sense.declared(self._trial, s, self._rows, self._step, s.channel, columns, noisy, turn=turn)
-            )  # fmt: skip
-        for channel, late in on_robot(signals.sensor_delays, self._trial):
-            if channel in self._labels:
-                columns = self._columns(channel, (), self._labels)
-                found.append(Sense(channel, columns, columns, late / self._step))
-        if errors := signals.sensor_errors:
-            columns = self._columns("position", tuple(errors), self._labels)
-            bias = np.stack(list(errors.values()), axis=1)
-            found.append(Sense("position", columns, columns, np.zeros(self._rows), bias=bias))
-        return found
+    def _found(self, channel: str, labels: tuple[str, ...], known: Mapping[str, object]) -> Place:
+        columns = self._columns(channel, labels, known)
+        if channel == ORIENTATION:  # it turns as a whole
+            return Place(channel, self._columns(channel, (), known), turn=turned_angles)
+        return Place(channel, columns)
 
     def _columns(self, channel: str, labels: Sequence[str], known: Mapping[str, object]) -> Integers:
         """Of a channel's labels, all for (). Raises UnknownNameError."""

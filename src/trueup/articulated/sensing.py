@@ -10,11 +10,28 @@ import numpy as np
 
 from trueup.arrays import Array, Integers
 from trueup.articulated.pose import ORIENTATION, POSITION, angles_of, quaternion_of
-from trueup.chance import Sensing, Streams
+from trueup.articulated.signals import Signals
+from trueup.chance import Sensing, StartScatter, Streams
 from trueup.trial import Trial
 
 Turn = Callable[[Array, Array], Array]
 """An orientation (b, m) turned by small angles (b, 3) in rad about the body's own axes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where an engine holds a channel: columns of a field of its state."""
+
+    field: str
+    columns: Integers
+    derived: bool = False
+    """Whether the field describes the state before a step rather than the one after it."""
+    turn: Turn | None = None
+    """For orientations: how one is turned."""
+
+
+Find = Callable[[str, tuple[str, ...]], Place | None]
+"""What finds labels of a channel, all for (); None for one that is only read off. Raises UnknownNameError."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,17 +54,15 @@ class Sense:
     """For orientations: what noise does to them."""
 
     @classmethod
-    def declared(
-        cls, trial: Trial, s: Sensing, rows: int, step: float, field: str, columns: Integers, noisy: Integers, *,
-        derived: bool = False, turn: Turn | None = None,
-    ) -> Sense:  # fmt: skip
-        """One that a trial declares, of columns of a field. Raises TrialError where its chance is not settled."""
+    def declared(cls, trial: Trial, s: Sensing, rows: int, step: float, place: Place, noisy: Integers) -> Sense:
+        """One that a trial declares, of a channel. Raises TrialError where its chance is not settled."""
         streams = trial.settled().streams(f"{trial.name}/seen {s.channel}", rows) if s.noise > 0.0 else None
         bias = None
         if s.bias > 0.0:
-            width = 3 if turn is not None else len(noisy)
+            width = 3 if place.turn is not None else len(noisy)
             bias = s.bias * trial.settled().streams(f"{trial.name}/bias of {s.channel}", rows).normal(width)
-        return cls(field, columns, noisy, np.full(rows, s.latency / step), s.noise, streams, bias, derived, turn)
+        late = np.full(rows, s.latency / step)
+        return cls(place.field, place.columns, noisy, late, s.noise, streams, bias, place.derived, place.turn)
 
 
 class Senses:
@@ -134,7 +149,35 @@ class Sensors(Mapping[str, Array]):
         return len(self._places)
 
 
-def on_robot(delays: Mapping[str, Array], trial: Trial) -> list[tuple[str, Array]]:
+def senses_of(signals: Signals, k: int, step: float, find: Find) -> Senses:
+    """What controllers of one trial see: as the trial declares it, and as calibrated errors and delays of sensors have it."""
+    trial, rows, found = signals.trial(k), len(signals.delay), []
+    for s in trial.sensing:
+        if (whole := find(s.channel, ())) is not None:
+            noisy = find(s.channel, s.labels) if s.labels else whole
+            found.append(Sense.declared(trial, s, rows, step, whole, (noisy or whole).columns))
+    for channel, late in _on_robot(signals.sensor_delays, trial):
+        if (whole := find(channel, ())) is not None:
+            found.append(Sense(whole.field, whole.columns, whole.columns, late / step, derived=whole.derived))
+    errors = signals.sensor_errors
+    if errors and (own := find("position", tuple(errors))) is not None:
+        bias = np.stack(list(errors.values()), axis=1)
+        found.append(Sense(own.field, own.columns, own.columns, np.zeros(rows), bias=bias))
+    return Senses(found)
+
+
+def scatter(trial: Trial, rows: int, find: Find, state: Callable[[str], Array]) -> None:
+    """Moves the start states of one trial's rows by what is declared to scatter; `state` gives a field (rows, size)."""
+    for i, d in enumerate(trial.disturbances):
+        if isinstance(d, StartScatter) and (place := find(d.channel, d.labels)) is not None:
+            now, streams = state(place.field), trial.settled().streams(f"{trial.name}/{i}", rows)
+            if place.turn is not None:
+                now[:, place.columns] = place.turn(now[:, place.columns], d.deviation * streams.normal(3))
+            else:
+                now[:, place.columns] += d.deviation * streams.normal(len(place.columns))
+
+
+def _on_robot(delays: Mapping[str, Array], trial: Trial) -> list[tuple[str, Array]]:
     """Calibrated delays (b,) of the channels that a robot's own controller sees: a motion capture's clock is not its own."""
     known = {"position", "velocity", *trial.observed} - {POSITION, ORIENTATION}
     return [(channel, late) for channel, late in delays.items() if channel in known]

@@ -64,8 +64,3 @@ def moved(inertial: Array, rotation: Array, offset: Array) -> Array:
     pose = np.zeros((*shape, 4, 4))
     pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = rotation, offset, 1.0
     return from_pseudo_inertia(pose @ pseudo_inertia(inertial) @ np.swapaxes(pose, -1, -2))
-
-
-def moving_matrix(rotation: Array, offset: Array) -> Array:
-    """(10, 10) matrix M with `moved(inertial, rotation, offset) == M @ inertial`."""
-    return moved(np.eye(10), rotation, offset).T

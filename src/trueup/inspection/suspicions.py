@@ -12,9 +12,15 @@ from trueup.inspection.relations import factor, nearest, rate
 from trueup.recording import Channel, Recording
 from trueup.units import FURTHEST_TURN
 
-_LARGEST_SPEED = 60.0  # rad/s, of a joint
-_LARGEST_CURRENT = 60.0  # A
-_LARGEST_TORQUE = 5e3  # N m
+_LIMITS = {
+    "position": ("rad", FURTHEST_TURN, "degrees", "deg"),
+    "command": ("rad", FURTHEST_TURN, "degrees", "deg"),
+    "command_sent": ("rad", FURTHEST_TURN, "degrees", "deg"),
+    "velocity": ("rad/s", 60.0, "degrees per second (or rpm)", "deg/s"),
+    "current": ("A", 60.0, "milliamperes", "mA"),
+    "torque": ("N m", 5e3, "thousandths of a newton metre", "mN m"),
+}
+"""Channel to a unit, the largest that joints reach in it, and what is suspected beyond, in words and as a unit."""
 _RATIOS = {
     "{a} is in degrees and {b} in radians": 180.0 / math.pi,
     "{a} is in radians and {b} in degrees": math.pi / 180.0,
@@ -36,15 +42,7 @@ def suspicions(recording: Recording) -> Iterator[str]:
 
 
 def _too_large(recording: Recording) -> Iterator[str]:
-    limits = {
-        "position": ("rad", FURTHEST_TURN, "degrees", "deg"),
-        "command": ("rad", FURTHEST_TURN, "degrees", "deg"),
-        "command_sent": ("rad", FURTHEST_TURN, "degrees", "deg"),
-        "velocity": ("rad/s", _LARGEST_SPEED, "degrees per second (or rpm)", "deg/s"),
-        "current": ("A", _LARGEST_CURRENT, "milliamperes", "mA"),
-        "torque": ("N m", _LARGEST_TORQUE, "thousandths of a newton metre", "mN m"),
-    }
-    for name, (unit, limit, suspected, written) in limits.items():
+    for name, (unit, limit, suspected, written) in _LIMITS.items():
         channel = recording.channels.get(name)
         if channel is None or channel.unit not in (unit, "") or _VEHICLES & set(channel.labels):
             continue

@@ -10,7 +10,7 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from trueup import files
-from trueup.errors import FormatError, OutputError
+from trueup.errors import FormatError
 from trueup.paths.path import SPACING, Path
 from trueup.paths.speed import SpeedLimits
 
@@ -42,19 +42,6 @@ def read_path(
     if spline:
         return Path.from_spline(where.stem, points, speed=speed, limits=limits, spacing=spacing)
     return Path.from_points(where.stem, points, speed=given.get("speed", speed), limits=limits, spacing=spacing)
-
-
-def write_path(path: Path, file: str | os.PathLike[str]) -> FilePath:
-    """Writes all columns of a path as CSV. Raises OutputError."""
-    where, table = FilePath(file), path.reference()
-    try:
-        with where.open("w", encoding="utf-8", newline="") as opened:
-            rows = csv.writer(opened)
-            rows.writerow(table.labels)
-            rows.writerows([f"{v:.6f}" for v in row] for row in table.values)
-    except OSError as error:
-        raise OutputError(f"cannot write path '{where}': {error.strerror or error}") from error
-    return where
 
 
 def _columns(where: FilePath, rows: list[tuple[int, list[str]]]) -> tuple[dict[str, int], list[tuple[int, list[str]]]]:

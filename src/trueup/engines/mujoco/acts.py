@@ -13,11 +13,11 @@ from mujoco.batch import Batch
 from trueup.arrays import Array, Integers
 from trueup.articulated.disturbances import NEVER, CommandNoises, Forces
 from trueup.articulated.pose import angles_of
-from trueup.articulated.sensing import Senses, Sensors
+from trueup.articulated.sensing import Senses, Sensors, senses_of
 from trueup.articulated.signals import Signals
 from trueup.controllers.controller import Observation
 from trueup.engines.mujoco.model import Model
-from trueup.engines.mujoco.sensing import senses_of
+from trueup.engines.mujoco.sensing import finder
 from trueup.engines.mujoco.wiring import Source, source_of
 from trueup.errors import ModelError
 from trueup.trial import Trial
@@ -45,7 +45,10 @@ class Acts:
         self._bodies = {name: bodies.index(name) for forces in self._forces for name in forces.bodies}
         self._edges = np.unique(np.concatenate([f.edges for f in self._forces]))
         self._noises = [CommandNoises(model, t, self._candidates) for t in trials]
-        self._senses = [senses_of(model, compiled, signals, k, step) if s else Senses(()) for k, s in enumerate(seeing)]
+        self._senses = [
+            senses_of(signals, k, step, finder(model, compiled, trials[k])) if s else Senses(())
+            for k, s in enumerate(seeing)
+        ]
         self._names = sensor_places(compiled)
 
     @property

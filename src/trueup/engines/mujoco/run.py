@@ -15,7 +15,7 @@ from trueup.articulated.closed_loop import ClosedLoop
 from trueup.articulated.gains import Gains
 from trueup.articulated.kernels import read_off
 from trueup.articulated.pose import angles_of, near
-from trueup.articulated.sensing import read_noise
+from trueup.articulated.sensing import read_noise, scatter
 from trueup.articulated.signals import Signals
 from trueup.controllers.controller import ControllerFactory
 from trueup.ends import Ended
@@ -24,7 +24,7 @@ from trueup.engines.mujoco.attributes import MujocoCopies
 from trueup.engines.mujoco.batches import Batches
 from trueup.engines.mujoco.ending import Watch
 from trueup.engines.mujoco.model import Model
-from trueup.engines.mujoco.sensing import scatter
+from trueup.engines.mujoco.sensing import finder
 from trueup.engines.mujoco.stepping import BLOCK, Stepper
 from trueup.engines.mujoco.wiring import Source, activations, source_of, start_state
 from trueup.engines.simulator import Rollout, Simulator
@@ -155,7 +155,9 @@ class Run:
             rows = slice(k * self.candidates, (k + 1) * self.candidates)
             qpos[rows], qvel[rows], places, speeds = start_state(self.compiled, self.trials[k], joints)
             qpos[rows, places], qvel[rows, speeds] = q, v
-            scatter(model, self.compiled, self.trials[k], qpos[rows], qvel[rows])
+            states = {"qvel": qvel[rows]}
+            find = finder(model, self.compiled, self.trials[k])
+            scatter(self.trials[k], self.candidates, find, lambda f, own=qpos[rows], more=states: more.get(f, own))
             if self.compiled.na:
                 first = self.signals.commands(k, 0, 1, self.simulator.step)[:, 0]
                 self.batch.bind("act")[rows] = activations(model, first, q)

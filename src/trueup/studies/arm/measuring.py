@@ -72,12 +72,6 @@ def runs(model: DynamicModel, trajectories: Sequence[Trajectory]) -> list[Run]:
     return [run(model, t) for t in trajectories]
 
 
-def session(arm: HiddenArm, made: Sequence[Run], rng: np.random.Generator) -> list[Rows]:
-    """All runs performed one after another at one temperature."""
-    warmth = float(rng.uniform(-1.0, 1.0))
-    return [one.torque(arm, rng, warmth) for one in made]
-
-
 def separate(arm: HiddenArm, made: Sequence[Run], rng: np.random.Generator) -> list[Rows]:
     """Runs performed on different days, each at a temperature of its own."""
     return [one.torque(arm, rng, float(rng.uniform(-1.0, 1.0))) for one in made]

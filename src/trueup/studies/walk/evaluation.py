@@ -39,11 +39,6 @@ class Runs:
         """m/s, mean of those that arrived; NaN where none did."""
         return float(np.mean(self.speeds)) if self.speeds else float("nan")
 
-    @property
-    def stable(self) -> bool:
-        """Whether none fell."""
-        return self.number > 0 and self.falls == 0
-
     def __add__(self, other: Runs) -> Runs:
         return Runs(
             self.speeds + other.speeds, self.falls + other.falls, self.veers + other.veers,
