@@ -167,3 +167,27 @@ def test_windows_are_as_short_as_errors_grow_and_stable_robots_keep_whole_record
     assert len(cut.trials) == round(TIME[-1] / length)
     assert sum(len(t.observed["position"].time) for t in cut.trials) == len(TIME)
     np.testing.assert_array_equal(np.concatenate([t.observed["position"].time for t in cut.trials]), TIME)
+
+
+class FromThere(Runner):
+    """Runs straight on from where each window begins."""
+
+    def rollout(self, trials: list[Trial], values: Array, controllers: object = None) -> list[Rollout]:
+        paths = [start_of(t) + values * (t.observed["position"].time - t.start) for t in trials]
+        return [Rollout(t, {"position": path[..., None]}, {}) for t, path in zip(trials, paths, strict=True)]
+
+
+def skilled(unit: str, speed: float, turn: float = 0.0) -> float:
+    """How long windows are of a run at 1 m/s, or a swing of `turn` rad/s, replayed straight on at a `speed`."""
+    place = np.sin(turn * TIME) / turn if turn else TIME
+    noise = 0.1 * SIGMA * np.random.default_rng(0).standard_normal(len(TIME))
+    channels = {"position": Channel("position", ("x",), "m", TIME, (place + noise)[:, None]),
+                "command": Channel("command", ("x",), unit, TIME, np.zeros((len(TIME), 1)))}  # fmt: skip
+    return window_length(Problem(FromThere(), [Recording("run", channels)], ByNoise()), np.array([speed]))  # type: ignore[arg-type]
+
+
+def test_windows_end_where_torques_lead_further_astray_than_standing_still() -> None:
+    assert skilled("N m", 1.5) == np.inf
+    assert skilled("N m", 2.2) < 0.5
+    assert skilled("m", 2.2) == np.inf  # servos are pulled back
+    assert 0.3 < skilled("N m", 1.0, turn=5.0) < 0.9  # of a swing of 1.3 s

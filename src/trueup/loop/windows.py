@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.discrepancies.discrepancy import measured_at
 from trueup.loop.condensing import cut
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.shoot import Starts
@@ -24,24 +26,33 @@ that end at 5, 20, 80 times leave friction, damping and inertia of joints that m
 
 def window_length(problem: Problem, values: Array) -> float:
     """How long trials may be in s, so that an error at their start grows fivefold at most, and comes to `_LOUD` times the
-    noise of what is measured at most; inf where none does.
+    noise of what is measured at most, and that torques lead no further astray than standing still; inf where nothing does.
 
     Two starts a standard deviation of the measurements apart are followed at values (n,), in each part of every trial. Their
     distance counts speeds by how far these lead until then, so that what drifts apart steadily does not grow: only what is
     unstable does, at the rate of its largest Lyapunov exponent (A. Wolf et al., Physica D 16(3), 1985). What drifts, as a
-    joint that a torque drives, hides what parameters do behind what the start did. Runs under a controller of the
-    simulator's own begin only where it does, unless windows of some length are asked for.
+    joint that a torque drives, hides what parameters do behind what the start did. Errors of the model itself drift there as
+    well: a replay tells something while it has skill, that is while it is nearer to what was measured than the pose that it
+    began at is (persistence as the standard of reference: A. H. Murphy, Weather and Forecasting 7(4), 1992). What pulls back
+    to commanded positions does not drift. Runs under a controller of the simulator's own begin only where it does, unless
+    windows of some length are asked for.
     """
     parts = 4  # windows that a recording is cut into to see how fast errors grow: all kinds of motion have their say
     if any(t.command is None for t in problem.trials):
         return np.inf
     longest = max(t.duration for t in problem.trials)
+    ends = [np.inf, np.inf]
     # Of long recordings the parts show enough: what grows too slowly for them is no chaos.
     for length in (longest / parts, longest) if problem.duration <= WORTH else (longest / parts,):
-        reached = _reached(in_windows(problem, length), values)
-        if np.isfinite(reached):
-            return reached
-    return np.inf
+        reached = _reached(in_windows(problem, length), values, skill=_by_torque(problem))
+        ends = [end if np.isfinite(end) else new for end, new in zip(ends, reached, strict=True)]
+        if np.isfinite(ends[0]):
+            break
+    return min(ends)
+
+
+def _by_torque(problem: Problem) -> bool:
+    return all(t.command is not None and t.command.unit in ("N m", "N") for t in problem.trials)
 
 
 def in_windows(problem: Problem, length: float) -> Problem:
@@ -64,6 +75,8 @@ def words(problem: Problem, *, measured: bool) -> list[str]:
         return []
     longest = max(t.duration for t in problem.trials)
     reason = f": in that time errors at their start grow {_GROWN:g} times, or to {_LOUD:g} times the noise"
+    if _by_torque(problem):
+        reason += ", or replays by the values begun with do worse than standing still"
     return [
         f"recordings are replayed in windows of {longest:.2g} s, {len(problem.trials)} in all, each from where the robot was "
         f"then{reason if measured else ''}"
@@ -89,45 +102,79 @@ def _until(trial: Trial, end: float) -> Trial:
     return replace(trial, observed={n: o for n, o in observed.items() if len(o.time)})
 
 
-def _reached(problem: Problem, values: Array) -> float:
-    """From when on two starts are further apart than allowed, in the median over trials; inf where they do not stay so."""
+def _reached(problem: Problem, values: Array, *, skill: bool) -> tuple[float, float]:
+    """From when on errors at the start have grown too far, and there is no `skill` any more; inf where that does not come."""
     starts = Starts.every(problem)
     apart = replace(starts, amounts=np.ones_like(starts.amounts)).trials()
     both = problem.replayed_by([*problem.trials, *apart], problem.owners * 2)
     near, far = both.plain_residuals(values[None]).reshape(2, -1)
-    times, grown = [], []
-    for k, trial in enumerate(problem.trials):
-        time, growth = _growth(problem, k, far - near)
-        times.append(time - trial.start)
-        grown.append(growth)
-    grid = np.unique(np.concatenate(times))
-    curves = [np.interp(grid, t, g, right=np.nan) for t, g in zip(times, grown, strict=True) if len(t)]
-    known = [c for c in curves if np.isfinite(c).any()]
+    trials = range(len(problem.trials))
+    grown = _lasting([_growth(problem, k, far - near) for k in trials])
+    return grown, _lasting([_unskilled(problem, k, near) for k in trials]) if skill else np.inf
+
+
+def _lasting(curves: Sequence[tuple[Array, Array]]) -> float:
+    """The first of the times (T,) from which on the median over curves (T,) is never below zero; inf where none is.
+
+    What a touch-down parts comes together again: only what lasts counts.
+    """
+    known = [(time, curve) for time, curve in curves if len(time)]
     if not known:
         return np.inf
-    below = np.flatnonzero(~(np.nanmedian(known, axis=0) >= 0.0))
-    # What a touch-down parts comes together again: only growth that lasts counts.
+    grid = np.unique(np.concatenate([time for time, _ in known]))
+    each = np.array([np.interp(grid, time, curve, right=np.nan) for time, curve in known])
+    many = 2 * np.isfinite(each).sum(axis=0) >= len(known)  # the last instants are of few
+    grid, median = grid[many], np.nanmedian(each[:, many], axis=0)
+    below = np.flatnonzero(~(median >= 0.0))
     return float(grid[below[-1] + 1]) if len(below) and below[-1] + 1 < len(grid) else np.inf
 
 
 def _growth(problem: Problem, trial: int, change: Array) -> tuple[Array, Array]:
-    """(T,) instants and ln of how many times further apart than allowed two runs of a trial are then; both empty where they
-    are one. Allowed is `_GROWN` times as far as they began, and `_LOUD` times the noise.
+    """(T,) s since its start and ln of how many times further apart than allowed two runs of a trial are then; both empty
+    where they are one. Allowed is `_GROWN` times as far as they began, and `_LOUD` times the noise.
     """
-    place = pace = time = np.zeros(0)
-    labels = 0
+    time, seen = _series(problem, trial, change)
+    if not len(time) or not np.isfinite(seen).all() or not np.any(seen):
+        return np.zeros(0), np.zeros(0)
+    place, pace = np.sum(seen**2, axis=1), np.sum(np.gradient(seen, time, axis=0) ** 2, axis=1)
+    until = (time - time[0]) ** 2
+    first, last = place[0] + until * pace[0], place + until * pace
+    too_far = np.maximum(last / np.maximum(first * _GROWN**2, TINY), place / (seen.shape[1] * _LOUD**2))
+    return time - problem.trials[trial].start, 0.5 * np.log(np.maximum(too_far, TINY))
+
+
+def _unskilled(problem: Problem, trial: int, residual: Array) -> tuple[Array, Array]:
+    """(T,) s since its start and ln of how many times the error of a replay until then is that of the pose it began at; both
+    empty where it fails.
+    """
+    time, error = _series(problem, trial, residual)
+    if not len(time) or not np.isfinite(error).all():
+        return np.zeros(0), np.zeros(0)
+    still = error[0] + _series(problem, trial, _standing(problem))[1]
+    ours, theirs = (np.cumsum(np.sum(x**2, axis=1)) for x in (error, still))
+    worse = 0.5 * np.log(np.maximum(ours, TINY) / np.maximum(theirs, TINY))
+    return time - problem.trials[trial].start, np.append(-np.inf, worse[1:])  # it begins at that pose
+
+
+def _standing(problem: Problem) -> Array:
+    """(m,) residuals of what stays where it was first measured in each trial."""
+    parts = []
+    for s in problem.segments:
+        own = problem.trials[s.trial].observed[s.channel]
+        measured = measured_at(problem.recordings[s.recording], s.channel, own.labels, own.time)
+        first = measured[np.argmax(s.mask, axis=0), np.arange(len(s.labels))]
+        parts.append(((first - measured) / s.scale)[s.mask])
+    return np.concatenate(parts)
+
+
+def _series(problem: Problem, trial: int, residual: Array) -> tuple[Array, Array]:
+    """(T,) instants and (T, labels) of the residuals (m,) of a trial, of channels with as many samples as the first."""
+    found: list[Array] = []
+    time = np.zeros(0)
     for segment in problem.segments:
         if segment.trial == trial and segment.samples > 2:
             own = problem.trials[trial].observed[segment.channel].time
-            if len(time) and len(own) != len(time):
-                continue  # another rate
-            time, seen = own, segment.shaped(change)
-            labels += seen.shape[1]
-            place = np.sum(seen**2, axis=1) + (place if len(place) else 0.0)
-            pace = np.sum(np.gradient(seen, own, axis=0) ** 2, axis=1) + (pace if len(pace) else 0.0)
-    if not len(time) or not np.isfinite(place).all() or not np.any(place):
-        return np.zeros(0), np.zeros(0)
-    until = (time - time[0]) ** 2
-    first, last = place[0] + until * pace[0], place + until * pace
-    too_far = np.maximum(last / np.maximum(first * _GROWN**2, TINY), place / (labels * _LOUD**2))
-    return time, 0.5 * np.log(np.maximum(too_far, TINY))
+            if not len(time) or len(own) == len(time):
+                time = own
+                found.append(segment.shaped(residual))
+    return time, np.concatenate(found, axis=1) if found else np.zeros((0, 0))
