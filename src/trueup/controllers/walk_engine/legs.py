@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,9 @@ from trueup.errors import ModelError
 
 JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")
 """The order of a leg's joints from the hip down; the first may turn about any axis (a NAO's about yaw and pitch at once)."""
+_AXES = (None, 0, 1, 1, 1, 0)  # of the joints of a leg, after the first: x for rolls, y for pitches
+_APART = 0.01  # m: axes of a hip or an ankle that lie closer count as meeting in one point
+_LEAN = 0.02  # how far an axis may be off its own direction
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +50,24 @@ class Legs:
                 raise ModelError(f"leg {', '.join(joints)}: thigh and shank must be longer than a millimetre")
             if abs(self.yaw[side, 2]) < 0.1:
                 raise ModelError(f"joint '{joints[0]}' turns about {self.yaw[side]}: the first joint must yaw the leg")
+
+    @classmethod
+    def of(
+        cls, joints: tuple[tuple[str, ...], tuple[str, ...]], axes: Array, anchors: Array, lower: Array, upper: Array, *,
+        shared: bool, model: str,
+    ) -> Legs:  # fmt: skip
+        """From axes (2, 6, 3) of the joints, points (2, 6, 3) on them, and ranges (2, 6), in the base's frame.
+
+        Raises ModelError for legs of another build, naming joint and `model`.
+        """
+        _check(model, joints, axes, anchors)
+        signs = np.ones((2, 6))
+        signs[:, 1:] = [[np.sign(axes[s, j, _AXES[j]]) for j in range(1, 6)] for s in range(2)]
+        return cls(
+            joints=joints, hips=anchors[:, 2], yaw=axes[:, 0], signs=signs,
+            thigh=(anchors[:, 3] - anchors[:, 2])[:, [0, 2]], shank=(anchors[:, 4] - anchors[:, 3])[:, [0, 2]],
+            lower=lower, upper=upper, shared=shared,
+        )  # fmt: skip
 
     @property
     def longest(self) -> Array:
@@ -133,3 +155,25 @@ def _turned(axis: Array, angle: Array, v: tuple[Array, Array, Array]) -> tuple[A
         c * y + s * (kz * x - kx * z) + ky * along,
         c * z + s * (kx * y - ky * x) + kz * along,
     )
+
+
+def _check(model: str, names: Sequence[Sequence[str]], axes: Array, anchors: Array) -> None:
+    for side in range(2):
+        for j, axis in enumerate(_AXES):
+            if axis is not None and abs(abs(axes[side, j, axis]) - 1.0) > _LEAN:
+                raise ModelError(
+                    f"joint '{names[side][j]}' of model '{model}' turns about {axes[side, j].round(3)}; a leg's "
+                    f"{JOINTS[j]} turns about {'xyz'[axis]} at zero angles"
+                )
+        for a, b in ((0, 2), (1, 2), (4, 5)):
+            apart = float(np.linalg.norm(anchors[side, a] - anchors[side, b]))
+            if apart > _APART:
+                raise ModelError(
+                    f"joints '{names[side][a]}' and '{names[side][b]}' of model '{model}' lie {1e3 * apart:.0f} mm "
+                    f"apart; the axes of a hip or an ankle must meet within {1e3 * _APART:.0f} mm"
+                )
+        aside = float(np.ptp(anchors[side, 2:5, 1]))
+        if aside > _APART:
+            raise ModelError(
+                f"the leg of '{names[side][2]}' in model '{model}' is {1e3 * aside:.0f} mm out of its own plane"
+            )
