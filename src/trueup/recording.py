@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from trueup.arrays import Array
 from trueup.errors import RecordingError, unknown_name
-from trueup.rounding import SAME_INSTANT
+from trueup.rounding import PRINTED, SAME_INSTANT
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +206,7 @@ class Recording:
                     f"cannot resample recording '{self.name}' at {rate:g} Hz; the rate must be positive"
                 )
             span = float(self.time[-1] - self.time[0])
-            times = self.time[0] + np.arange(int(np.floor(span * rate + 1e-6)) + 1) / rate
+            times = self.time[0] + np.arange(int(np.floor(span * rate + PRINTED)) + 1) / rate
         else:
             times = np.asarray(rate_or_times, dtype=np.float64)
         return self._map(lambda c: c.replace(time=times, values=c.at(times, hold=is_command(c.name))))

@@ -13,6 +13,8 @@ NEGLIGIBLE = 1e-12
 """What is smaller beside one is what rounding leaves of sums: a floor of variances and determinants, a ridge."""
 ROUNDED = 1e-9
 """Relative: results of longer computations, or in SI units of robots, that differ by less are the same."""
+PRINTED = 1e-6
+"""What numbers lose that are written with six digits: relative, in SI units of robots, or of a step between instants."""
 SAME_INSTANT = 1e-9
 """s: clocks are printed with a few decimals, and sums of steps round; instants closer than this are the same."""
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from trueup.arrays import Array, Integers, Mask
 from trueup.errors import unknown_name
 from trueup.identification.poses import about, go, joint_pose, multiply
+from trueup.rounding import NEGLIGIBLE
 
 if TYPE_CHECKING:
     from trueup.identification.kinematic_tree import KinematicTree
@@ -179,7 +180,7 @@ def rotation_between(A: Array, B: Array, out: Array) -> None:
     z = 0.5 * (_entry(B, A, 1, 0) - _entry(B, A, 0, 1))
     sine = np.sqrt(x * x + y * y + z * z)
     cosine = 0.5 * (_entry(B, A, 0, 0) + _entry(B, A, 1, 1) + _entry(B, A, 2, 2) - 1.0)
-    scale = np.arctan2(sine, cosine) / sine if sine > 1e-12 else 1.0
+    scale = np.arctan2(sine, cosine) / sine if sine > NEGLIGIBLE else 1.0
     out[0], out[1], out[2] = x * scale, y * scale, z * scale
 
 

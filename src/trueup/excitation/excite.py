@@ -24,13 +24,13 @@ from trueup.excitation.periodic import Fourier, MotionClass, Sines, at_rest, joi
 from trueup.excitation.planner import ViaPoints
 from trueup.excitation.proximity import SOFT, Proxies, Proximity
 from trueup.excitation.trajectories import RATE, Trajectory
+from trueup.rounding import PRINTED
 
 _SHARES = (1.0, 0.75, 0.55, 0.4, 0.3, 0.2, 0.1)
 _ONE_PASS, _LONGEST = 12.0, 20.0
 """s up to which a series is one pass; longer ones are passes of this many s at most, at several speeds."""
 _MIXED = 20.0
 """s from which on there is time for a mix: five motions of some 4 s with the ways to them and back."""
-_CLOSED = 1e-6  # rad, from the end of a path to its start
 _ENOUGH = 0.1
 """Share of random motions that must be clear for a range to be searched."""
 
@@ -84,7 +84,7 @@ def excite(
     kind, said = _kind(asked, limits, feasibility, joints, rng)
     trajectory, found = _feasible(kind, criterion, feasibility, asked, chosen, limits, told)
     passes = _passes(trajectory.duration, asked)
-    whole, closed = trajectory, np.abs(trajectory.q[-1] - trajectory.q[0]).max() < _CLOSED
+    whole, closed = trajectory, np.abs(trajectory.q[-1] - trajectory.q[0]).max() < PRINTED
     for k, factor in enumerate(passes[1:], 1):  # a path that does not end where it begins is gone back
         again = trajectory.slower(factor).sampled(asked.rate)
         whole = whole.then(again if closed or k % 2 == 0 else again.back())

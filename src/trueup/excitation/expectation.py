@@ -26,6 +26,7 @@ from trueup.excitation.trajectories import Motions, Trajectory
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.effects import Effect
 from trueup.identification.estimation.consistent import NEAREST, prior_information
+from trueup.rounding import ROUNDED
 
 _FRICTION = 0.05
 """Share of nominal torque that each friction of an industrial arm takes (at top speed, where it grows with speed)."""
@@ -164,7 +165,7 @@ def _typical(model: DynamicModel, torque: Array, limits: JointLimits) -> Array:
             size[k] = _FRICTION * torque[j] / limits.speed[j] ** effect.power
         else:  # a rotor that takes a fifth of the nominal torque at the acceleration limit
             size[k] = 0.2 * torque[j] / limits.acceleration[j]
-    return np.maximum(size, 1e-9)
+    return np.maximum(size, ROUNDED)
 
 
 def _advice(model: DynamicModel, column: int, gain: float, wide_percent: float, percent: float) -> str:

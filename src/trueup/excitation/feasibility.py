@@ -14,8 +14,8 @@ from trueup.excitation.cell import Cell
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.trajectories import Trajectory
 from trueup.identification.dynamic_model import DynamicModel
+from trueup.rounding import NEGLIGIBLE, PRINTED
 
-_FINE = 1.0 + 1e-6
 _STEP = 0.02
 """rad (m): how far no joint moves further from one checked posture to the next."""
 
@@ -113,7 +113,7 @@ class Feasibility:
             box = self.cell.region
             outside = (np.abs(self.cell.chain.poses(q)[1] - box.centre) - 0.5 * box.size).max(axis=1)
             k = int(np.argmax(outside))
-            if outside[k] > self.leeway + 1e-6:
+            if outside[k] > self.leeway + PRINTED:
                 found.append(Problem("region", "tool outside", float(outside[k]), self.leeway, float(time[k]), "m"))
         return tuple(found)
 
@@ -193,7 +193,7 @@ def spread(trajectory: Trajectory) -> tuple[Array, Array]:
     """Instants (s,) and postures (s, n) of a trajectory such that no joint moves further than 0.02 rad in between."""
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(trajectory.q, axis=0)).max(axis=1))])
     count = max(2, int(np.ceil(way[-1] / _STEP)) + 1)
-    time = np.interp(np.linspace(0.0, way[-1], count), way + 1e-12 * np.arange(len(way)), trajectory.time)
+    time = np.interp(np.linspace(0.0, way[-1], count), way + NEGLIGIBLE * np.arange(len(way)), trajectory.time)
     q = np.stack([np.interp(time, trajectory.time, column) for column in trajectory.q.T], axis=1)
     return time, q
 
@@ -202,7 +202,7 @@ def _over(
     kind: str, unit: str, trajectory: Trajectory, values: Array, limits: Array, shown: Array | None = None
 ) -> list[Problem]:
     found = []
-    for j in np.flatnonzero((values > limits * _FINE).any(axis=0)):
+    for j in np.flatnonzero((values > limits * (1.0 + PRINTED)).any(axis=0)):
         k = int(np.argmax(values[:, j]))
         value = float((values if shown is None else shown)[k, j])
         limit = float(limits[j])

@@ -19,6 +19,7 @@ from trueup.arrays import Array, Integers
 from trueup.errors import ModelError
 from trueup.excitation.chain import Chain, ChainArrays, place, rotation_between, slopes, turned
 from trueup.excitation.limits import JointLimits
+from trueup.rounding import NEGLIGIBLE, ROUNDED
 
 REACHED, LOST, SINGULAR, OUT_OF_RANGE = 0, 1, 2, 3
 """How a solution ended: found; not found (out of reach); too near a singularity; a joint beyond its range."""
@@ -119,7 +120,7 @@ def invert(A: Array, out: Array) -> float:
         for i in range(c + 1, n):
             if abs(A[i, c]) > abs(A[k, c]):
                 k = i
-        if abs(A[k, c]) < 1e-12:
+        if abs(A[k, c]) < NEGLIGIBLE:
             return 0.0
         if k != c:
             for j in range(n):
@@ -173,7 +174,7 @@ def settle(chain: ChainArrays, equations: Equations, R: Array, p: Array, own: Ar
         if invert(A, inverse) < least:
             return SINGULAR
         step = inverse @ error
-        shrink = min(1.0, 0.3 / max(np.abs(step).max(), 1e-9))
+        shrink = min(1.0, 0.3 / max(np.abs(step).max(), ROUNDED))
         for i in range(m):
             q[chain.joint[i]] += shrink * step[i]
         if size < 1e-7 and shrink == 1.0:  # Newton squares the error: the step just taken was the last
@@ -212,6 +213,6 @@ def travel(chain: ChainArrays, equations: Equations, R: Array, p: Array, own: Ar
 def _in_range(chain: ChainArrays, equations: Equations, q: Array) -> int:
     for i in range(len(chain.joint)):
         value = q[chain.joint[i]]
-        if value < equations.lower[i] - 1e-9 or value > equations.upper[i] + 1e-9:
+        if value < equations.lower[i] - ROUNDED or value > equations.upper[i] + ROUNDED:
             return OUT_OF_RANGE
     return REACHED

@@ -24,6 +24,7 @@ from trueup.excitation.periodic import Fourier, MotionClass, at_rest
 from trueup.excitation.planner import ViaPoints, joint_moves
 from trueup.excitation.trajectories import RATE, Motions, Trajectory
 from trueup.identification.information import log_determinants
+from trueup.rounding import ROUNDED
 
 Draw = Callable[[np.random.Generator], "Trajectory | None"]
 """A random motion of one class from rest to rest; None where the draw cannot be performed."""
@@ -122,7 +123,7 @@ def class_length(seconds: float) -> float:
 
 def link(limits: JointLimits, start: Array, end: Array, rate: float = RATE) -> Trajectory | None:
     """A joint move from one posture to another."""
-    if np.abs(end - start).max() < 1e-9:
+    if np.abs(end - start).max() < ROUNDED:
         still = np.zeros((2, len(start)))
         return Trajectory("link", limits.joints, np.array([0.0, 1.0 / rate]), start + still, still, still)
     return _sampled(lambda count: joint_moves(limits, np.stack([start, end]), samples=count), limits.joints, rate)

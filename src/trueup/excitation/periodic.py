@@ -20,6 +20,7 @@ from trueup.excitation.inverse_kinematics import REACHED
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.trajectories import Motions, Trajectory
 from trueup.identification.information import in_threads
+from trueup.rounding import ROUNDED
 
 _RESYNC = 64
 """Steps after which a rotating phase is computed anew, before rounding shows."""
@@ -204,7 +205,7 @@ def at_rest(trajectory: Trajectory, limits: JointLimits, rate: float | None = No
     for end, forward in ((0, False), (-1, True)):
         sign = 1.0 if forward else -1.0  # a start is a stop seen backwards in time
         state = (trajectory.q[end], sign * trajectory.qd[end], trajectory.qdd[end])
-        if np.abs(state[1]).max() < 1e-9 and np.abs(state[2]).max() < 1e-9:
+        if np.abs(state[1]).max() < ROUNDED and np.abs(state[2]).max() < ROUNDED:
             continue
         time, q, qd, qdd = _stop(*state, limits, step)
         if forward:

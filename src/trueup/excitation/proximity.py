@@ -18,6 +18,7 @@ from trueup.excitation.trajectories import Motions
 from trueup.identification.information import in_threads
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.poses import TreeArrays, link_poses, place_links
+from trueup.rounding import NEGLIGIBLE
 
 SOFT = 0.02
 """m; coming this much nearer than the margin counts 1."""
@@ -115,10 +116,10 @@ def _between(a: Array, b: Array, c: Array, d: Array) -> float:
     u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     v0, v1, v2 = d[0] - c[0], d[1] - c[1], d[2] - c[2]
     w0, w1, w2 = a[0] - c[0], a[1] - c[1], a[2] - c[2]
-    uu, vv = u0 * u0 + u1 * u1 + u2 * u2 + 1e-12, v0 * v0 + v1 * v1 + v2 * v2 + 1e-12
+    uu, vv = u0 * u0 + u1 * u1 + u2 * u2 + NEGLIGIBLE, v0 * v0 + v1 * v1 + v2 * v2 + NEGLIGIBLE
     uv, uw, vw = u0 * v0 + u1 * v1 + u2 * v2, u0 * w0 + u1 * w1 + u2 * w2, v0 * w0 + v1 * w1 + v2 * w2
     apart = uu * vv - uv * uv
-    s = min(1.0, max(0.0, (uv * vw - uw * vv) / apart)) if apart > 1e-12 * uu * vv else 0.0
+    s = min(1.0, max(0.0, (uv * vw - uw * vv) / apart)) if apart > NEGLIGIBLE * uu * vv else 0.0
     t = (uv * s + vw) / vv
     if t < 0.0:
         t, s = 0.0, min(1.0, max(0.0, -uw / uu))

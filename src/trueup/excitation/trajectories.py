@@ -11,6 +11,7 @@ import numpy as np
 from trueup.arrays import Array, Mask
 from trueup.errors import RecordingError
 from trueup.recording import Channel, Recording
+from trueup.rounding import PRINTED, ROUNDED
 
 RATE = 500.0
 """Hz at which trajectories are sampled unless another rate is asked for, as cyclic interfaces of arms take them."""
@@ -78,7 +79,7 @@ class Trajectory:
     @property
     def rests(self) -> bool:
         """Whether it starts and ends at rest, to a thousandth of its own top speeds."""
-        top = np.maximum(np.abs(self.qd).max(axis=0), 1e-9)
+        top = np.maximum(np.abs(self.qd).max(axis=0), ROUNDED)
         return bool((np.abs(self.qd[[0, -1]]) <= 1e-3 * top).all())
 
     def slower(self, factor: float) -> Trajectory:
@@ -105,7 +106,7 @@ class Trajectory:
         Raises RecordingError where the other does not begin at the posture in which this one ends: no arm jumps.
         """
         gap, moved = np.abs(other.q[0] - self.q[-1]), np.abs(np.diff(self.q, axis=0)).max(axis=0)
-        if (gap > 1e-6 + moved).any():
+        if (gap > PRINTED + moved).any():
             raise RecordingError(
                 f"trajectory '{other.name}' begins {gap.max():.3g} rad from where '{self.name}' ends: arms do not jump"
             )

@@ -20,6 +20,7 @@ from trueup.grounding.residual import with_residual
 from trueup.grounding.rows import rows_of
 from trueup.grounding.views import Model, fitted
 from trueup.recording import Recording
+from trueup.rounding import NEGLIGIBLE
 from trueup.trial import Trial
 
 SHARES = np.linspace(0.0, 1.0, 11)
@@ -58,7 +59,7 @@ def blended(
     known = np.where(np.isfinite(errors), errors, np.inf)
     if not np.isfinite(known).all(axis=1).any():
         raise GroundingError(f"'{simulator.name}' replays none of the {len(recordings)} recordings, grounded or not")
-    typical = np.exp(np.mean(np.log(np.maximum(known, 1e-12)), axis=1))
+    typical = np.exp(np.mean(np.log(np.maximum(known, NEGLIGIBLE)), axis=1))
     best = int(np.argmin(typical))
     gain = evidence(known[0], known[best])
     sure = best > 0 and (gain.holds or len(recordings) < 2 or not np.isfinite(gain.gain))

@@ -14,7 +14,7 @@ from trueup.evidence import evidence
 from trueup.grounding.learners import Learner
 from trueup.grounding.rows import Rows
 from trueup.grounding.views import Model, fitted
-from trueup.rounding import TINY
+from trueup.rounding import NEGLIGIBLE, TINY
 
 FOLDS = 10
 AHEAD = 1.0
@@ -47,7 +47,7 @@ class Score:
     @property
     def typical(self) -> float:
         """Geometric mean of `ahead`: what was left out together counts alike, however hard it is to predict."""
-        return float(np.exp(np.mean(np.log(np.maximum(self.ahead, 1e-12)))))
+        return float(np.exp(np.mean(np.log(np.maximum(self.ahead, NEGLIGIBLE)))))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,13 +8,13 @@ from scipy.optimize import nnls
 
 from trueup.arrays import Array
 from trueup.grounding.predictors import Affine
-from trueup.rounding import TINY
+from trueup.rounding import ROUNDED, TINY
 
 
 def standard(X: Array) -> tuple[Array, Array]:
     """(d,), (d,) mean and standard deviation of inputs (n, d); 1 where an input does not move."""
     scale = X.std(axis=0)
-    return X.mean(axis=0), np.where(scale > 1e-9 * np.maximum(np.abs(X).max(axis=0), TINY), scale, 1.0)
+    return X.mean(axis=0), np.where(scale > ROUNDED * np.maximum(np.abs(X).max(axis=0), TINY), scale, 1.0)
 
 
 def least_squares(X: Array, Y: Array, rng: np.random.Generator) -> Affine:

@@ -18,6 +18,7 @@ from trueup.arrays import Array, Integers, Mask
 from trueup.errors import GroundingError, unknown_name
 from trueup.noise import estimate_noise
 from trueup.recording import Recording, is_command
+from trueup.rounding import NEGLIGIBLE, PRINTED
 from trueup.trial import command_of
 
 FRAME = 0.02
@@ -185,7 +186,7 @@ def rows_of(recordings: Sequence[Recording], inputs: Inputs) -> Rows:
     X, Y, frame = (np.concatenate(each) for each in zip(*parts, strict=True))
     run = np.repeat(np.arange(len(parts)), [len(x) for x, _, _ in parts])
     noise = np.ma.median(np.ma.masked_invalid([_noise(r, inputs) for r in recordings]), axis=0).filled(0.0)
-    spread = np.maximum(Y.std(axis=0), 1e-12)
+    spread = np.maximum(Y.std(axis=0), NEGLIGIBLE)
     return Rows(inputs, X, Y, run, frame.astype(np.int64), tuple(r.name for r in recordings), spread, noise)
 
 
@@ -223,7 +224,7 @@ def instants_of(recording: Recording, inputs: Inputs) -> Array:
     every = period / float(np.median(np.diff(time)))
     if every > 1.0 - _SAME_RATE and abs(every - round(every)) <= _SAME_RATE * every:
         return time[:: max(round(every), 1)]
-    return time[0] + period * np.arange(int((time[-1] - time[0]) / period + 1e-6) + 1)
+    return time[0] + period * np.arange(int((time[-1] - time[0]) / period + PRINTED) + 1)
 
 
 def _period(recordings: Sequence[Recording]) -> float:

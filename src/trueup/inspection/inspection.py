@@ -12,6 +12,7 @@ from trueup.arrays import Array, Integers, Mask
 from trueup.inspection.suspicions import suspicions
 from trueup.noise import estimate_grid, estimate_noise, spread
 from trueup.recording import Channel, Recording, is_command
+from trueup.rounding import PRINTED
 
 _GAP = 1.75  # in median steps: one sample missing
 _JITTER = 0.2  # of a step in time: beyond, it is worth a word
@@ -193,7 +194,7 @@ def _is_saturated(channel: Channel, label: str, recording: Recording) -> bool:
     if finite.size == 0 or len(np.unique(finite)) < few_levels:
         return False
     size = float(np.abs(finite).max())
-    close = 1e-6 * size
+    close = PRINTED * size
     for extreme in (float(finite.max()), float(finite.min())):
         # Drives clip alike on both sides; a joint has its own stop on each.
         if extreme == 0.0 or (channel.name != "position" and abs(extreme) < 0.95 * size):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from trueup.arrays import Array, Mask
 from trueup.recording import Channel, Recording, with_warnings
+from trueup.rounding import PRINTED
 from trueup.tracking.commands import effective
 from trueup.tracking.heading import aligned, course, heading_of, turned_with
 from trueup.tracking.place import fresh, place_of
@@ -39,7 +40,7 @@ def cleaned(
     heading = heading or heading_of(recording)
     position, heading = fresh(position), heading and fresh(heading)
     if heading is not None and (
-        len(position.time) != len(heading.time) or np.abs(position.time - heading.time).max() > 1e-6
+        len(position.time) != len(heading.time) or np.abs(position.time - heading.time).max() > PRINTED
     ):
         heading = heading.replace(time=position.time, values=_turned(heading, position.time))
     good = _of_the_car(recording, position, heading)

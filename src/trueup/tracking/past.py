@@ -10,7 +10,7 @@ import numpy as np
 from trueup.arrays import Array, Integers, Mask
 from trueup.errors import RecordingError
 from trueup.recording import Channel
-from trueup.rounding import SAME_INSTANT
+from trueup.rounding import PRINTED, SAME_INSTANT
 from trueup.tracking.channels import PLACE, READ
 from trueup.tracking.start import start_state
 from trueup.trial import Trial
@@ -75,7 +75,7 @@ class Past:
 
     def index(self, time: float) -> int:
         """The last grid instant at or before a time."""
-        return int(np.floor((time - self.begin) / self.step + 1e-6))
+        return int(np.floor((time - self.begin) / self.step + PRINTED))
 
     def at(self, times: Array) -> Array:
         """(T, 5) x, y, heading, speed and yaw rate as seen at `times`."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.engines.mujoco.fields import Fields
+from trueup.rounding import ROUNDED
 
 SLACK = "/slack"
 SECOND = {"slack": SLACK, "gear": "/gear"}
@@ -15,7 +16,6 @@ SECOND = {"slack": SLACK, "gear": "/gear"}
 SECOND_OF = {"backlash": SLACK, "gear_backlash": SECOND["gear"], "gear_compliance": SECOND["gear"]}
 """The same, by the joint's attribute that is kept there."""
 _LAG = 1e-3  # s: damping over stiffness of a gear that twists
-_STIFF = 1e-9  # rad/(N m): no twist
 _OWN = 0.05  # share of the link's inertia that a gear has itself, so that a drive without a rotor can be stepped
 
 
@@ -57,7 +57,7 @@ def write_compliance(model: mujoco.MjModel, fields: Fields, joint: int, values: 
     A constraint of small impedance is a spring: solref takes its stiffness and damping times the inverse inertia that MuJoCo
     reckons with (MuJoCo documentation, Computation, Solver parameters).
     """
-    stiffness = np.minimum(_inverse(model, fields, joint) / np.maximum(values, _STIFF), model.opt.timestep**-2.0)
+    stiffness = np.minimum(_inverse(model, fields, joint) / np.maximum(values, ROUNDED), model.opt.timestep**-2.0)
     fields.expand("jnt_solref")[:, joint] = -np.stack([stiffness, _LAG * stiffness], axis=1)
 
 

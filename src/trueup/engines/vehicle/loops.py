@@ -33,7 +33,7 @@ from trueup.engines.vehicle.kernels import (
     step_actuators,
     step_chassis,
 )  # fmt: skip
-from trueup.rounding import SAME_INSTANT
+from trueup.rounding import PRINTED, SAME_INSTANT
 from trueup.tracking.channels import READ
 
 
@@ -76,7 +76,7 @@ def read_off(
 ) -> None:
     """What is measured at `times` (T,) since the start: out (T, READ); `noise` (ticks, 3), one row every `period` s."""
     for k in range(len(times)):
-        n = min(int(times[k] / period + 1e-6), len(noise) - 1)
+        n = min(int(times[k] / period + PRINTED), len(noise) - 1)
         measure(p, history, last, times[k] / dt, dt, noise[n], out[k])
 
 

@@ -11,6 +11,7 @@ from trueup.arrays import Array
 from trueup.engines.vehicle.rollout import VehicleSimulator
 from trueup.errors import RecordingError
 from trueup.recording import Recording
+from trueup.rounding import PRINTED
 from trueup.tracking.past import begun_at, first_state, last_known
 from trueup.trial import Trial
 
@@ -84,7 +85,7 @@ def horizons_for(simulator: VehicleSimulator, drives: Sequence[Recording], usual
         return tuple(usual)
     reach = [last_known(p) - p.begin - p.step * int(k) for p in pasts for k in first_state(p, 0.0)]
     least = min((r for r in reach if r > 0.5 * max(reach)), default=0.0)
-    far = min(np.floor(10.0 * least + 1e-6) / 10.0, max(usual))
+    far = min(np.floor(10.0 * least + PRINTED) / 10.0, max(usual))
     return (min(*usual, round(far / 2.0, 2)), float(far)) if far > 0.0 else tuple(usual)
 
 

@@ -23,7 +23,7 @@ from trueup.engines.vehicle.vehicle import PURSUED, TURNED, Vehicle
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
 from trueup.recording import Recording
-from trueup.rounding import SAME_INSTANT, first_step
+from trueup.rounding import PRINTED, SAME_INSTANT, first_step
 from trueup.tracking.channels import CHANNELS, READ
 from trueup.tracking.cleaned import cleaned
 from trueup.tracking.commands import COMMAND
@@ -188,7 +188,9 @@ class VehicleSimulator:
         starts = _starts(past, trial, self.horizon)
         if not len(starts):
             return np.full(len(times), np.nan), np.zeros(len(times), dtype=np.int64), starts
-        stretch = np.clip(np.searchsorted(starts, (times - past.begin) / past.step + 1e-6, side="right") - 1, 0, None)
+        stretch = np.clip(
+            np.searchsorted(starts, (times - past.begin) / past.step + PRINTED, side="right") - 1, 0, None
+        )
         since = times - past.begin - past.step * starts[stretch]
         # Before the first start, and after a gap until enough is known again, there is no prediction to be judged.
         told = (since > -SAME_INSTANT) & (since < self.horizon + 1.5 * past.step)

@@ -13,6 +13,7 @@ from trueup.errors import IdentificationError
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.moments import Normal
 from trueup.identification.inertial import NAMES, from_pseudo_inertia, pseudo_inertia
+from trueup.rounding import NEGLIGIBLE, ROUNDED
 
 _MARGIN = 1e-4
 """The least second moment, as a share of a link's natural size: simulators want inertias above zero."""
@@ -147,7 +148,7 @@ class _Squares:
 def _solved(gram: Array, right: Array) -> Array:
     """(m, k) solutions, of columns of any size; what cannot be told stays small."""
     scale = np.divide(1.0, np.sqrt(np.diag(gram)), out=np.zeros(len(gram)), where=np.diag(gram) > 0.0)
-    full = gram * scale[:, None] * scale + 1e-9 * np.eye(len(gram))
+    full = gram * scale[:, None] * scale + ROUNDED * np.eye(len(gram))
     return np.asarray(np.linalg.solve(full, right * scale[:, None]) * scale[:, None], dtype=np.float64)
 
 
@@ -213,7 +214,7 @@ class _Barrier:
                 return x
             while (new := self._value(P, linear, x + share * step, half)) > value - 0.1 * share * gain:
                 share *= 0.5
-                if share < 1e-9:  # no number is left between here and there
+                if share < ROUNDED:  # no number is left between here and there
                     return x
             x, value = x + share * step, new
         # Bodies that torque hardly tells of may move on for hundreds of steps; these are possible, and nearly as good.
@@ -261,7 +262,7 @@ def violations(model: DynamicModel, parameters: Array) -> dict[int, str]:
 def violation(row: Array) -> str:
     """What is wrong with a body (10,) that no mass distribution has; nothing for one that can exist."""
     mass, sigma = row[0], pseudo_inertia(row)
-    if np.linalg.eigvalsh(sigma)[0] >= -1e-9 * max(abs(sigma).max(), 1e-12):
+    if np.linalg.eigvalsh(sigma)[0] >= -ROUNDED * max(abs(sigma).max(), NEGLIGIBLE):
         return ""
     if mass <= 0.0:
         return f"mass {mass:.3g} kg"

@@ -13,7 +13,7 @@ from trueup.errors import IdentificationError
 from trueup.identification.estimation.moments import RIDGE, moments_of, solve, weighted_fit
 from trueup.identification.rows import Rows
 from trueup.noise import spread
-from trueup.rounding import TINY
+from trueup.rounding import NEGLIGIBLE, TINY
 
 _HUBER = 1.345
 """Standard deviations beyond which an error counts linearly: 95 % efficient for normal errors. Huber, 1964."""
@@ -96,7 +96,7 @@ def instrumental(
     joint_weights = np.ones(left.shape[1]) if weights is None else weights
     parameters = np.zeros(rows[0].p)
     gram, cross = np.einsum("kjab,j->ab", left, joint_weights), np.einsum("kja,j->a", right, joint_weights)
-    parameters[act] = np.linalg.lstsq(gram, cross, rcond=1e-12)[0]
+    parameters[act] = np.linalg.lstsq(gram, cross, rcond=NEGLIGIBLE)[0]
     return parameters
 
 

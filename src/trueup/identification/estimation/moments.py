@@ -11,9 +11,9 @@ import numpy as np
 from trueup.arrays import Array, Integers
 from trueup.errors import IdentificationError
 from trueup.identification.rows import Rows
-from trueup.rounding import TINY
+from trueup.rounding import NEGLIGIBLE, ROUNDED, TINY
 
-RIDGE = 1e-9
+RIDGE = ROUNDED
 """Of the mean squared size of a column: keeps what the data cannot tell at its prior, changes nothing else."""
 
 
@@ -138,7 +138,7 @@ def weighted_fit(
     Found by repetition from `variance` (1 without). `prior` (p,) is scaled too.
     """
     part, scaled = moments.only(active), np.zeros(len(moments.scale))
-    floor = 1e-12 * moments.square.sum() / moments.count.sum()
+    floor = NEGLIGIBLE * moments.square.sum() / moments.count.sum()
     spread = np.ones(moments.square.shape[1]) if variance is None else variance
     for _ in range(4):
         gram, cross = (x.sum(axis=0) for x in part.weighted(1.0 / spread / np.mean(1.0 / spread)))

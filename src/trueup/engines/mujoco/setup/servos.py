@@ -14,6 +14,7 @@ from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.wiring import is_motor, joint_id
 from trueup.recording import Recording
+from trueup.rounding import ROUNDED
 
 _BANDWIDTH = 2.0 * np.pi * 5.0  # rad/s: servos of arms, hands and legs follow at some hertz
 _SAG = 0.02  # rad or m: what a servo gives way under the robot's own weight, at most
@@ -105,7 +106,7 @@ def loads(model: Model, joints: Sequence[str], recordings: Sequence[Recording]) 
         mujoco.mj_forward(compiled, data)
         weight = np.maximum(weight, np.abs(data.qfrc_bias[dofs]))
         inertia = np.maximum(inertia, [_felt(compiled, data, int(d)) for d in dofs])
-    return np.maximum(inertia, _SMALLEST * inertia.max(initial=1e-9)), np.maximum(weight, _stood_on(compiled, dofs))
+    return np.maximum(inertia, _SMALLEST * inertia.max(initial=ROUNDED)), np.maximum(weight, _stood_on(compiled, dofs))
 
 
 def _stood_on(compiled: mujoco.MjModel, dofs: NDArray[np.int32]) -> Array:

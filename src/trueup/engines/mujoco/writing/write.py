@@ -28,9 +28,8 @@ from trueup.engines.mujoco.writing.notes import delays_of, has_drive, notes_of, 
 from trueup.errors import ModelError, OutputError
 from trueup.model_files.references import relocate
 from trueup.model_files.xml_text import XmlText, with_includes
-from trueup.rounding import NEGLIGIBLE
+from trueup.rounding import NEGLIGIBLE, PRINTED
 
-_TOLERANCE = 1e-6
 _FIELDS = {
     **dict.fromkeys(("actuator.kp", "actuator.kv", "actuator.gain", "actuator.zero"),
                     ("actuator_gainprm", "actuator_biasprm")),
@@ -223,7 +222,7 @@ def _written(simulator: MujocoSimulator, model: Model) -> list[tuple[str, str]]:
 
 def _close(name: str, field: str, written: Array, wanted: Array) -> None:
     size = float(np.max(np.abs(wanted), initial=0.0))
-    if written.shape != wanted.shape or not np.all(np.abs(written - wanted) <= _TOLERANCE * size + NEGLIGIBLE):
+    if written.shape != wanted.shape or not np.all(np.abs(written - wanted) <= PRINTED * size + NEGLIGIBLE):
         raise ModelError(
             f"the written model differs from the simulated one: {field} of '{name}' is {written}, not {wanted}"
         )
