@@ -28,6 +28,11 @@ class Instant:
     speed_sd: Array
 
 
+def usual_step(time: Array) -> float:
+    """The usual time between samples at (T,) instants, in s: the median, which gaps and jitter do not move."""
+    return float(np.median(np.diff(time)))
+
+
 @lru_cache(maxsize=4096)
 def at_instant(position: Channel, velocity: Channel | None, time: float) -> Instant:
     """The state at `time` by a parabola through positions, and measured velocities of the same labels, around it.

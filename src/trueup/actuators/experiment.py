@@ -18,6 +18,7 @@ from scipy.signal import savgol_filter
 from trueup.actuators.bench import Run
 from trueup.arrays import Array
 from trueup.evidence import half_interval, jackknife
+from trueup.instant import usual_step
 from trueup.rounding import TINY
 
 _CUBIC = 0.06  # s that a cubic is laid through for speed and acceleration
@@ -122,7 +123,7 @@ def _intervals(whole: Array, each: Sequence[Array]) -> Array:
 
 def _rows(run: Run, full_error: float) -> Array:
     """(n, 6) error, speed, its sign, acceleration, sine of the angle from hanging, torque of the load."""
-    dt = float(np.median(np.diff(run.time)))
+    dt = usual_step(run.time)
     grid = np.arange(0.0, run.time[-1], dt)
     window = max(2 * round(0.5 * _CUBIC / dt) + 1, 5)
     if len(grid) <= window:

@@ -9,6 +9,7 @@ import numpy as np
 
 from trueup.articulated.declarations import Declaration
 from trueup.articulated.quantities.known import quantity
+from trueup.instant import usual_step
 from trueup.recording import Channel, Recording
 from trueup.trial import command_of
 
@@ -63,7 +64,7 @@ def _rates(channel: Channel, label: str, over: float) -> tuple[float, float]:
     time, values = channel.time[good], channel.column(label)[good]
     if len(time) < 5:
         return 0.0, 0.0
-    dt = float(np.median(np.diff(time)))
+    dt = usual_step(time)
     n = max(1, round(over / dt))
     if len(values) <= 2 * n or not dt > 0.0:
         return 0.0, 0.0

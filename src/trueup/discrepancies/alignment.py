@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.errors import RecordingError
+from trueup.instant import usual_step
 from trueup.recording import Channel, Recording
 from trueup.rounding import NEGLIGIBLE
 from trueup.trial import command_of
@@ -25,7 +26,7 @@ def lag(reference: Channel, delayed: Channel, *, longest: float = 0.5, hold: boo
     if not labels:
         raise RecordingError(f"channels '{reference.name}' and '{delayed.name}' share no label")
     start, stop = max(reference.time[0], delayed.time[0]), min(reference.time[-1], delayed.time[-1])
-    step = float(min(np.median(np.diff(reference.time)), np.median(np.diff(delayed.time))))
+    step = min(usual_step(reference.time), usual_step(delayed.time))
     grid = np.arange(start, stop, step)
     if len(grid) < 2 * longest / step:
         raise RecordingError(f"channels '{reference.name}' and '{delayed.name}' overlap for {stop - start:.3g} s only")

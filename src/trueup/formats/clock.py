@@ -12,6 +12,7 @@ from trueup.arrays import Array
 from trueup.errors import FormatError
 from trueup.formats.mapping import Repair
 from trueup.formats.table import Table
+from trueup.instant import usual_step
 from trueup.units import canonical, to_si
 
 # Rates between these [Hz] are believed when the unit of a clock is guessed.
@@ -96,7 +97,7 @@ def row_offset(main: Array, own: Array) -> tuple[float, float]:
         return float(main[0] - own[0]), 0.0
     gaps = main[fresh] - own[fresh]
     is_held = len(fresh) < len(own) - 1
-    half = 0.5 * float(np.median(np.diff(main))) if is_held else 0.0
+    half = 0.5 * usual_step(main) if is_held else 0.0
     return float(np.median(gaps)) - half, float(np.std(gaps))
 
 
@@ -152,7 +153,7 @@ def _without_placeholder(samples: Samples, table: Table, held: bool) -> Samples:
     time, values = samples.time, samples.values
     if not held or len(time) < 4 or time[0] != 0.0 or np.any(values[0] != 0.0):
         return samples
-    if time[1] - time[0] < 20.0 * float(np.median(np.diff(time))):
+    if time[1] - time[0] < 20.0 * usual_step(time):
         return samples
     warning = f"{table.name}: rows with all zeros before the second clock's first sample were left out"
     return Samples(time[1:], values[1:], (*samples.warnings, warning))

@@ -16,6 +16,7 @@ from trueup.controllers.playback import Playback
 from trueup.engines.simulator import Commanded, Forced, InPlaceOf, Rollout, Simulator
 from trueup.errors import GroundingError
 from trueup.grounding.grounding import Grounding
+from trueup.instant import usual_step
 from trueup.parameters import ParameterSpace
 from trueup.rounding import SAME_INSTANT
 from trueup.trial import Trial
@@ -219,6 +220,6 @@ def playing(simulator: Simulator, trial: Trial, frame: float) -> ControllerFacto
                 for x, h in zip(labels, held, strict=True)]  # fmt: skip
         command = command.replace(labels=labels, values=np.stack(each, axis=1), units=())
     played = command
-    spacing = float(np.median(np.diff(command.time))) if len(command.time) > 1 else frame
+    spacing = usual_step(command.time) if len(command.time) > 1 else frame
     period = frame / max(round(frame / spacing), 1)  # as often as it was commanded, in whole parts of a frame
     return lambda values: Playback(played, len(values), period=period, start=trial.start)

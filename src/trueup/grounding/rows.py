@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.errors import GroundingError, unknown_name
+from trueup.instant import usual_step
 from trueup.noise import estimate_noise
 from trueup.recording import Recording, is_command
 from trueup.rounding import NEGLIGIBLE, PRINTED
@@ -221,14 +222,14 @@ def instants_of(recording: Recording, inputs: Inputs) -> Array:
     time, period = recording.channel("position").time, inputs.period
     if len(time) < 2:
         return time
-    every = period / float(np.median(np.diff(time)))
+    every = period / usual_step(time)
     if every > 1.0 - _SAME_RATE and abs(every - round(every)) <= _SAME_RATE * every:
         return time[:: max(round(every), 1)]
     return time[0] + period * np.arange(int((time[-1] - time[0]) / period + PRINTED) + 1)
 
 
 def _period(recordings: Sequence[Recording]) -> float:
-    spacing = [float(np.median(np.diff(r.channel("position").time))) for r in recordings if len(r.time) > 1]
+    spacing = [usual_step(r.channel("position").time) for r in recordings if len(r.time) > 1]
     if not spacing:
         raise GroundingError("every recording has a single sample; learning needs pairs of them")
     return max(float(np.median(spacing)), FRAME)

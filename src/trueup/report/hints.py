@@ -11,6 +11,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.calibration import Replay
+from trueup.instant import usual_step
 from trueup.report.numbers import Scale, significant, with_unit
 from trueup.report.summary import Score, label_score
 from trueup.rounding import SAME_INSTANT
@@ -69,7 +70,7 @@ def velocity(time: Array, measured: Array) -> Array:
     """(T,) rate of change of `measured` (T,), smoothed over about 60 ms; NaN beside missing samples."""
     if time.size < 3:
         return np.full(time.shape, np.nan)
-    width = max(1, round(0.06 / float(np.median(np.diff(time)))) | 1)
+    width = max(1, round(0.06 / usual_step(time)) | 1)
     width = min(width, (time.size - 1) | 1)
     padded = np.pad(measured, width // 2, mode="edge")
     smooth = np.convolve(padded, np.full(width, 1.0 / width), mode="valid")[: time.size]

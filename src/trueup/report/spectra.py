@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.instant import usual_step
 from trueup.report.hints import velocity
 
 MOST_MISSING = 0.2
@@ -23,7 +24,7 @@ def amplitude_density(time: Array, error: Array) -> tuple[Array, Array]:
     finite = np.isfinite(error)
     if finite.sum() < 16 or np.mean(~finite) > MOST_MISSING:
         return np.zeros(0), np.zeros(0)
-    step = float(np.median(np.diff(time)))
+    step = usual_step(time)
     grid = time[0] + step * np.arange(max(16, int((time[-1] - time[0]) / step) + 1))
     even = np.interp(grid, time[finite], error[finite])
     # Short recordings use a quarter of theirs, so that there is an average.
@@ -36,7 +37,7 @@ def white_density(noise: float, time: Array) -> float:
     """Amplitude spectral density of white noise of standard deviation `noise`, sampled as `time`; unit/sqrt(Hz)."""
     if time.size < 2:
         return float("nan")
-    return float(noise * np.sqrt(2.0 * np.median(np.diff(time))))
+    return float(noise * np.sqrt(2.0 * usual_step(time)))
 
 
 def error_by_speed(time: Array, measured: Array, error: Array, bins: int = 24) -> tuple[Array, Array]:

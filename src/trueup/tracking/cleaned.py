@@ -12,7 +12,7 @@ from trueup.arrays import Array, Mask
 from trueup.recording import Channel, Recording, with_warnings
 from trueup.rounding import PRINTED
 from trueup.tracking.commands import effective
-from trueup.tracking.heading import aligned, course, heading_of, turned_with
+from trueup.tracking.heading import aligned, course, heading_of, samples_in, turned_with
 from trueup.tracking.place import fresh, place_of
 
 _NOISE, _TURN = 0.03, 0.15  # m, rad: more from one sample to the next, beyond what the speed explains, is a jump
@@ -99,7 +99,7 @@ def usual_speed(position: Channel) -> float:
 def _often(time: Array, points: Array) -> float:
     if len(time) < 3:
         return float("nan")
-    lag = max(1, round(0.3 / max(float(np.median(np.diff(time))), 1e-3)))
+    lag = max(1, round(samples_in(0.3, time)))
     if len(time) <= 2 * lag:
         return float("nan")
     moved = np.linalg.norm(points[lag:] - points[:-lag], axis=1) / (time[lag:] - time[:-lag])
@@ -136,7 +136,7 @@ def _agreeing(
     time, points = position.time[rows], position.values[rows]
     believed = []
     for a, b in pieces:
-        ahead = max(1, min((b - a) // 2, round(0.2 / max(float(np.median(np.diff(time[a:b]))), 1e-3))))
+        ahead = max(1, min((b - a) // 2, round(samples_in(0.2, time[a:b]))))
         shown = np.linalg.norm(points[a + ahead : b] - points[a : b - ahead], axis=1) / (
             time[a + ahead : b] - time[a : b - ahead]
         )

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from trueup.arrays import Array, Mask
+from trueup.instant import usual_step
 from trueup.recording import Channel, Recording
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
@@ -16,6 +17,11 @@ _WAY = 0.05  # m at least between the poses that show a direction of motion
 _SPAN = 0.4  # s, the same
 _FADES = 4.0  # s over which the zero of a gyroscope's angle is averaged
 _TOGETHER = 0.95  # length of the mean direction at which a gyroscope and the way driven go together
+
+
+def samples_in(span: float, time: Array) -> float:
+    """How many usual steps of (T,) instants a span of so many s holds; of clocks that hardly go on, of milliseconds."""
+    return span / max(usual_step(time), 1e-3)
 
 
 def heading_of(recording: Recording) -> Channel | None:
@@ -60,7 +66,7 @@ def turned_with(position: Channel, yaw_rate: Channel, good: Mask) -> Channel | N
     angle = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(clock))])
     area = np.concatenate([[0.0], np.cumsum(0.5 * (angle[1:] + angle[:-1]) * np.diff(clock))])
     noise = float(np.median(np.abs(np.diff(points, n=2, axis=0))))
-    width = max(1, round(_SPAN / max(float(np.median(np.diff(time))), 1e-3)))
+    width = max(1, round(samples_in(_SPAN, time)))
     moved, lasted = points[width:] - points[:-width], time[width:] - time[:-width]
     way = np.linalg.norm(moved, axis=1)
     usable = (way > max(_WAY, 4.0 * noise)) & (lasted < 3.0 * _SPAN + 0.5)
@@ -130,7 +136,7 @@ def _motion_until(time: Array, points: Array) -> tuple[Array, Mask]:
 
     It does where the car went farther in that time than the noise of the points could feign.
     """
-    width = max(round(_SPAN / max(float(np.median(np.diff(time))), 1e-3)) + 1, 10)
+    width = max(round(samples_in(_SPAN, time)) + 1, 10)
     velocity, far = np.zeros_like(points), np.zeros(len(time), dtype=bool)
     if len(time) <= width:
         return velocity, far
@@ -145,13 +151,13 @@ def _motion_until(time: Array, points: Array) -> tuple[Array, Mask]:
     velocity[width - 1 :] = found[:, 1] / span[:, None]
     noise = float(np.median(np.abs(np.diff(points, n=2, axis=0))))
     moved = np.linalg.norm(points[width - 1 :] - points[: 1 - width], axis=1)
-    far[width - 1 :] = (moved > max(_WAY, 4.0 * noise)) & (span < 3.0 * width * float(np.median(np.diff(time))))
+    far[width - 1 :] = (moved > max(_WAY, 4.0 * noise)) & (span < 3.0 * width * usual_step(time))
     return velocity, far
 
 
 def _motion(time: Array, points: Array) -> tuple[Array, Mask]:
     """(T, 2) how the point moves around each sample, and where that is far enough to show a direction."""
-    half = max(1, round(0.5 * _SPAN / max(float(np.median(np.diff(time))), 1e-3)))
+    half = max(1, round(0.5 * samples_in(_SPAN, time)))
     index = np.arange(len(time))
     before, after = np.maximum(index - half, 0), np.minimum(index + half, len(time) - 1)
     moved = points[after] - points[before]

@@ -9,6 +9,7 @@ import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.errors import RecordingError
+from trueup.instant import usual_step
 from trueup.recording import Channel
 from trueup.rounding import PRINTED, SAME_INSTANT
 from trueup.tracking.channels import PLACE, READ
@@ -128,13 +129,13 @@ def _seen(position: Channel, heading: Channel, grid: Array, step: float, at_once
     if good.sum() < 3:
         return seen, known
     time = position.time[good]
-    near = max(0.06, 2.5 * float(np.median(np.diff(time))))
+    near = max(0.06, 2.5 * usual_step(time))
     after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
     measured = (time[after] - time[after - 1] < near) & (grid >= time[0]) & (grid <= time[-1])
     signals = [position.column("x")[good], position.column("y")[good], np.unwrap(heading.values[good, 0])]
     x, y, angle = (np.interp(grid, time, s) for s in signals)
     short, turn = (
-        max(_COUNTS[0], round(max(POSE_WINDOW, _samples(p) * float(np.median(np.diff(time)))) / step) + 1)
+        max(_COUNTS[0], round(max(POSE_WINDOW, _samples(p) * usual_step(time)) / step) + 1)
         for p in (np.stack(signals[:2], axis=1), signals[2][:, None])
     )
     long = max(short, turn, round(SPEED_WINDOW / step) + 1)

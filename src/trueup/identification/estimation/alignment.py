@@ -15,6 +15,7 @@ from trueup.identification.estimation.moments import RIDGE, solve
 from trueup.identification.estimation.result import Alignment
 from trueup.identification.estimation.selection import TIME_BLOCKS
 from trueup.identification.rows import Rows
+from trueup.instant import usual_step
 from trueup.rounding import TINY
 
 REACH = 0.06
@@ -27,7 +28,7 @@ def find_shift(rows: Sequence[Rows], active: Integers, weights: Array, log_rate:
     `rows` as filtered; they oversample the cut-off, so that torque can be read between samples. The squared error is
     looked at over a grid of shifts, each with its own fit, and its least value found by a parabola.
     """
-    step = float(np.median(np.diff(rows[0].time)))
+    step = usual_step(rows[0].time)
     reach = min(REACH, 0.1 * step * rows[0].length)
     middle = max(round(reach / (0.5 * step)), 12)
     shifts = np.linspace(-reach, reach, 2 * middle + 1)
@@ -45,7 +46,7 @@ def find_shift(rows: Sequence[Rows], active: Integers, weights: Array, log_rate:
 
 def shifted(rows: Rows, shift: float) -> Rows:
     """Rows with their torque taken `shift` s later, so that torque that came late fits its position."""
-    step = float(np.median(np.diff(rows.time)))
+    step = usual_step(rows.time)
     return replace(rows, torque=np.concatenate([moved(rows.torque[s], shift / step) for s in stretches(rows.time)]))
 
 
@@ -65,7 +66,7 @@ def _blocks(r: Rows, place: Integers, weights: Array, shifts: Array, total: int)
     """Normal matrix (m, m), right sides (m, K) and squares (K,) of the torque in blocks of an even stretch."""
     m, K, made = int(place.max()) + 1, len(shifts), []
     # Samples that a shift would read from beyond the ends are left out for all shifts alike.
-    step = float(np.median(np.diff(r.time))) if r.length > 1 else 1.0
+    step = usual_step(r.time) if r.length > 1 else 1.0
     margin = min(int(np.ceil(REACH / step)) + 1, r.length // 4)
     torque = np.stack([moved(r.torque, shift / step) for shift in shifts], axis=-1)  # (S, n, K)
     share = max(1, round(TIME_BLOCKS * r.length / total))

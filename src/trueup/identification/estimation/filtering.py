@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from trueup.arrays import Array, Mask
 from trueup.errors import IdentificationError
+from trueup.instant import usual_step
 from trueup.noise import spread
 from trueup.rounding import whole_steps
 
@@ -119,7 +120,7 @@ def derivative(values: Array, rate: float) -> Array:
 
 def even(time: Array, values: Array, instants: Array) -> Array:
     """(N, k) values (T, k) at even instants (N,), linear between samples; as they are where they are even already."""
-    if len(time) == len(instants) and np.all(np.abs(time - instants) < 1e-3 * np.median(np.diff(time))):
+    if len(time) == len(instants) and np.all(np.abs(time - instants) < 1e-3 * usual_step(time)):
         return values
     return np.stack([np.interp(instants, time, column) for column in values.T], axis=1)
 
@@ -149,7 +150,7 @@ def stretches(time: Array) -> list[slice]:
 
 def grid(time: Array) -> tuple[Array, float]:
     """Even instants over the time (T,) of a log, and their rate in Hz: as many as the log has where it is even."""
-    usual = float(np.median(np.diff(time)))
+    usual = usual_step(time)
     mean = float((time[-1] - time[0]) / (len(time) - 1))
     step = mean if abs(mean / usual - 1.0) < 0.01 else usual
     rate = 1.0 / step

@@ -31,6 +31,7 @@ from trueup.identification.inertial import pseudo_inertia
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.poses import link_poses
 from trueup.identification.torque_model import TorqueModel
+from trueup.instant import usual_step
 
 if TYPE_CHECKING:
     from trueup.identification.estimation.motion import Piece, Torque
@@ -68,7 +69,7 @@ def outcome(
         links=_links(model, pool, estimate, written, nominal), predictions=predictions, noise=estimate.noise,
         cross_validation=errors, alignment=alignment, structure=_structure(model, active),
         model=TorqueModel.of(model, estimate.parameters, carried, units), for_file=written, cutoff=cutoff,
-        rate=1.0 / float(np.median(np.diff(parts[0].time))), weighting="each joint by its noise (weighted least squares)",
+        rate=1.0 / usual_step(parts[0].time), weighting="each joint by its noise (weighted least squares)",
         trust=choice.strength, pull=pull, advice=advice(model, pool.base, parameters, rng),
         warnings=(*warnings, *_warnings(predictions, alignment), *_thin(predictions, parameters)),
         notes=_notes(tree, estimate, bodies, predictions),

@@ -9,6 +9,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.formats.rules.drive import FULL_LOCK
+from trueup.instant import usual_step
 from trueup.recording import Channel, Recording, is_command
 from trueup.rounding import ROUNDED
 from trueup.trial import Trial
@@ -173,7 +174,7 @@ def _side_by_side(asked: Channel, done: Channel) -> tuple[Array, Array]:
 def _request(asked: Channel) -> tuple[Array, Array]:
     """(T, k) the command held at up to a few thousand instants, and these (T,), from its start."""
     time = asked.time - asked.time[0]
-    step = max(0.01, float(np.median(np.diff(time))) if len(time) > 1 else 0.01, float(time[-1]) / 4000)
+    step = max(0.01, usual_step(time) if len(time) > 1 else 0.01, float(time[-1]) / 4000)
     grid = np.arange(0.0, time[-1], step)
     return asked.at(asked.time[0] + grid, hold=True), grid
 

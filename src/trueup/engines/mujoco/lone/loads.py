@@ -15,6 +15,7 @@ from trueup.articulated.assignments import Assignment, changes, write
 from trueup.engines.mujoco.attributes import MujocoAttributes
 from trueup.engines.mujoco.fields import SingleModel
 from trueup.engines.mujoco.wiring import joint_id
+from trueup.instant import usual_step
 from trueup.noise import estimate_noise
 from trueup.recording import Channel
 
@@ -132,7 +133,7 @@ def measured_motion(compiled: mujoco.MjModel, measured: Channel, rest: Array) ->
 
     A. Savitzky, M. Golay, Analytical Chemistry 36(8), 1964.
     """
-    dt = float(np.median(np.diff(measured.time)))
+    dt = usual_step(measured.time)
     count = int(np.floor((measured.time[-1] - measured.time[0]) / dt + 0.5)) + 1
     time = measured.time[0] + dt * np.arange(count)
     window = min(samples_smoothed(measured), count - 1 + count % 2)
@@ -149,13 +150,13 @@ def measured_motion(compiled: mujoco.MjModel, measured: Channel, rest: Array) ->
 
 def samples_smoothed(measured: Channel) -> int:
     """Samples that a cubic is laid through for the speeds of a `measured_motion`."""
-    dt = float(np.median(np.diff(measured.time)))
+    dt = usual_step(measured.time)
     return 2 * max(round(0.5 * _SMOOTHED / dt), (_CUBIC + 1) // 2) + 1
 
 
 def speed_noise(measured: Channel) -> Array:
     """(k,) standard deviation of the speeds of a channel's labels in its `measured_motion`."""
-    dt = float(np.median(np.diff(measured.time)))
+    dt = usual_step(measured.time)
     share = np.linalg.norm(savgol_coeffs(samples_smoothed(measured), _CUBIC, deriv=1, delta=dt))
     return share * estimate_noise(measured.values, measured.time)
 
