@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -14,7 +15,7 @@ from trueup.errors import unknown_name
 from trueup.rounding import SAME_INSTANT, whole_steps
 from trueup.trial import Trial
 
-NEVER = 1 << 62
+NEVER = sys.maxsize
 """The step at which nothing happens."""
 
 

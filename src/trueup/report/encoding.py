@@ -12,7 +12,7 @@ import numpy as np
 
 from trueup.arrays import Array
 
-MISSING = -32768
+MISSING = int(np.iinfo(np.int16).min)
 """The 16-bit code of a missing sample."""
 
 STEPS = 65000
