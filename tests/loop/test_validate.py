@@ -13,6 +13,7 @@ from trueup.engines.simulator import Simulator
 from trueup.loop.fit import Watch, fit
 from trueup.loop.problem import Problem
 from trueup.loop.validate import by_recording, left_out_points
+from trueup.loop.windows import in_windows
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording, part_of
 
@@ -37,3 +38,11 @@ def test_windows_of_one_recording_are_left_out_together(formula: Callable[..., S
     found = fit(problem, SPACE, SPACE.nominal, Watch(), robust=np.inf)
     points = found.space.from_unit(left_out_points(problem, found, by_recording(problem)))[:, 0]
     np.testing.assert_allclose(points, [0.0, 1.0], atol=0.02)
+
+
+def test_windows_of_the_only_recording_are_left_out_in_stretches(formula: Callable[..., Simulator]) -> None:
+    high = measured("high", 1.0, 0)
+    whole = Problem(formula(level, SPACE), [high], Weighted.estimated([high], ["position"]), ("position",))
+    blocks = by_recording(in_windows(whole, 0.1))
+    assert [len(b.trials) for b in blocks] == [2] * 10
+    np.testing.assert_array_equal(np.concatenate([b.rows for b in blocks]), np.arange(200))

@@ -19,7 +19,7 @@ from trueup.recording import PART_OF, Recording, is_command
 from trueup.search.robust import robust_losses
 
 _REACH = 0.5  # share of the box: slopes foretell nothing further away
-_SHORTER = np.array([1.0, 0.25, 0.0625, 0.0])  # shares of a step
+_SHARES = (1.0, 0.25, 0.0625)  # of a step, tried in turn
 _STRETCH, _FEWEST, _FOLDS = 2.5, 16, 10  # s, stretches at least, sets of them that are left out in turn
 _RIDGE = 1e-4  # share of the curvature that holds combinations which only the part left out has seen
 
@@ -36,14 +36,17 @@ class Block:
 def by_recording(problem: Problem) -> list[Block]:
     """A block for each trial; those cut from one recording are left out together, as neighbours share what is wrong.
 
-    Where all were cut from one, each stands by itself.
+    Where all were cut from one, each stands by itself; windows of a single recording do in stretches of some.
     """
     groups: dict[str, list[int]] = {}
     for k, owner in enumerate(problem.owners):
         recording = problem.recordings[owner]
         groups.setdefault(recording.provenance.get(PART_OF, recording.name), []).append(k)
-    together = list(groups.values()) if len(groups) > 1 else [[k] for k in range(len(problem.trials))]
-    return [Block(tuple(trials), _rows(problem, trials, 0, 1)) for trials in together]
+    trials = range(len(problem.trials))
+    most = _FOLDS if len(set(problem.owners)) == 1 else len(trials)
+    stretches = [part.tolist() for part in np.array_split(trials, min(most, len(trials)))]
+    together = list(groups.values()) if len(groups) > 1 else stretches
+    return [Block(tuple(own), _rows(problem, own, 0, 1)) for own in together]
 
 
 def by_stretch(problem: Problem) -> list[Block]:
@@ -116,14 +119,24 @@ def backtracked(
     """
     start = fit.unit if held is None else np.where(np.isfinite(held), held, fit.unit)
     steps = left_out_points(problem, fit, blocks, held, settled=settled) - start
-    tried = np.clip(start + _SHORTER[:, None, None] * steps[None], 0.0, 1.0)
-    residuals = problem.residuals(fit.space.from_unit(tried.reshape(-1, len(fit.unit))))
-    residuals = residuals.reshape(len(_SHORTER), len(blocks), -1)
-    best = []
-    for b, block in enumerate(blocks):
-        losses = robust_losses(np.delete(residuals[:, b], block.rows, axis=1), fit.bend)
-        best.append(int(np.argmin(np.nan_to_num(losses, nan=np.inf))))
-    return tried[best, np.arange(len(blocks))], residuals[best, np.arange(len(blocks))]
+    begun = problem.residuals(fit.space.from_unit(start[None]))[0]
+    points, residuals = np.tile(start, (len(blocks), 1)), np.tile(begun, (len(blocks), 1))
+    left = list(range(len(blocks)))
+    for share in _SHARES:
+        tried = np.clip(start + share * steps[left], 0.0, 1.0)
+        came = problem.residuals(fit.space.from_unit(tried)) if left else residuals[:0]
+        lower = [_lower(row, begun, blocks[b], fit.bend) for b, row in zip(left, came, strict=True)]
+        done = [b for b, is_lower in zip(left, lower, strict=True) if is_lower]
+        points[done], residuals[done] = tried[lower], came[lower]
+        left = [b for b in left if b not in done]
+    return points, residuals
+
+
+def _lower(residual: Array, begun: Array, block: Block, bend: float) -> bool:
+    """Whether residuals (m,) have less loss than those `begun` with in all that is not left out."""
+    losses = robust_losses(np.delete([residual, begun], block.rows, axis=1), bend)
+    after, before = np.nan_to_num(losses, nan=np.inf)
+    return bool(after < before)
 
 
 def folds(problem: Problem) -> tuple[list[Block], NDArray[np.intp]]:
