@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.errors import CalibrationError, unknown_name
-from trueup.search.search import SearchState
+from trueup.errors import unknown_name
+from trueup.search.search import SearchState, same_search
 
 with warnings.catch_warnings():  # it tells everybody that it cannot plot, who did not ask
     warnings.simplefilter("ignore", UserWarning)
@@ -101,8 +101,7 @@ class CmaEs:
 
     def resume(self, state: SearchState) -> None:
         """Replays the told losses. Raises CalibrationError where the state belongs to another search."""
-        if state["seed"] != self._seed or state["n"] != len(self._start):
-            raise CalibrationError("the saved search had another seed or other parameters; start in a new folder")
+        same_search(state["seed"] == self._seed and state["n"] == len(self._start))
         for losses in state["told"]:
             self.tell(self.ask(), np.array(losses))
 

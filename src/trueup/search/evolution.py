@@ -10,9 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.errors import CalibrationError
 from trueup.rounding import TINY
-from trueup.search.search import SearchState
+from trueup.search.search import SearchState, same_search
 
 
 class Evolution:
@@ -74,8 +73,7 @@ class Evolution:
 
     def resume(self, state: SearchState) -> None:
         """Goes on from `state`. Raises CalibrationError where it belongs to another search."""
-        if state["seed"] != self._seed or len(state["mean"]) != len(self._mean):
-            raise CalibrationError("the saved search had another seed or other parameters; start in a new folder")
+        same_search(state["seed"] == self._seed and len(state["mean"]) == len(self._mean))
         self._mean, self._sigma, self._C = np.array(state["mean"]), float(state["sigma"]), np.array(state["C"])
         self._B, self._D = np.array(state["B"]), np.array(state["D"])
         self._pc, self._ps, self._best = (np.array(state[k]) for k in ("pc", "ps", "best"))

@@ -16,7 +16,7 @@ from trueup.errors import CalibrationError
 from trueup.rounding import NEGLIGIBLE, TINY
 from trueup.search.bounded_step import damped_step
 from trueup.search.robust import robust_losses, robust_weights
-from trueup.search.search import SearchState
+from trueup.search.search import SearchState, saved_point
 
 
 def _half(residual: Array) -> float:
@@ -114,10 +114,7 @@ class ImplicitFiltering:
 
     def resume(self, state: SearchState) -> None:
         """Goes on from `state`. Raises CalibrationError where it belongs to another number of parameters."""
-        point = np.asarray(state["point"], dtype=np.float64)
-        if point.shape != self.point.shape:
-            raise CalibrationError(f"the saved search has {len(point)} parameters, this one {len(self.point)}")
-        self.point, self.loss = point, float(state["loss"])
+        self.point, self.loss = saved_point(state, self.point), float(state["loss"])
         self._level, self._try = int(state["level"]), int(state["try"])
         self._rng.bit_generator.state = state["generator"]
         self.jacobian = self.residual = self._stencil = None

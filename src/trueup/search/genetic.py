@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.arrays import Array
-from trueup.errors import CalibrationError
-from trueup.search.search import SearchState
+from trueup.search.search import SearchState, same_search
 
 
 class Genetic:
@@ -83,8 +82,7 @@ class Genetic:
 
     def resume(self, state: SearchState) -> None:
         """Goes on from `state`. Raises CalibrationError where it belongs to another search."""
-        if state["seed"] != self._seed or state["n"] != len(self._start):
-            raise CalibrationError("the saved search had another seed or other parameters; start in a new folder")
+        same_search(state["seed"] == self._seed and state["n"] == len(self._start))
         self._pool = np.asarray(state["pool"], dtype=np.float64).reshape(-1, len(self._start))
         self._losses = np.array([np.inf if x is None else x for x in state["losses"]])
         self._generation = int(state["generation"])

@@ -16,7 +16,7 @@ from trueup.errors import CalibrationError
 from trueup.noise import spread
 from trueup.search.bounded_step import careful_difference, corrected, damped_step, gain, steps_apart
 from trueup.search.robust import robust_losses, robust_weights
-from trueup.search.search import SearchState
+from trueup.search.search import SearchState, saved_point
 
 
 @dataclass
@@ -146,10 +146,11 @@ class LeastSquares:
 
     def resume(self, state: SearchState) -> None:
         """Goes on from `state`. Raises CalibrationError where it belongs to another number of parameters."""
-        point = np.asarray(state["point"], dtype=np.float64)
-        if point.shape != self.point.shape:
-            raise CalibrationError(f"the saved search has {len(point)} parameters, this one {len(self.point)}")
-        self.point, self.loss, self.iteration = point, float(state["loss"]), int(state["iteration"])
+        self.point, self.loss, self.iteration = (
+            saved_point(state, self.point),
+            float(state["loss"]),
+            int(state["iteration"]),
+        )
         self._damping, self._stale = float(state["damping"]), int(state["stale"])
         self._short, self._done = int(state["short"]), str(state["done"])
 

@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.errors import CalibrationError
-from trueup.search.search import SearchState
+from trueup.search.search import SearchState, saved_point
 
 _LENGTHS = (2.0, 1.0, 0.5, 0.2, 0.05, 0.01, 1e-3)
 """Steps tried side by side, in lengths of the quasi-Newton step."""
@@ -75,10 +74,10 @@ class QuasiNewton:
 
     def resume(self, state: SearchState) -> None:
         """Goes on from `state`. Raises CalibrationError where it belongs to another number of parameters."""
-        point = np.asarray(state["point"], dtype=np.float64)
-        if point.shape != self._point.shape:
-            raise CalibrationError(f"the saved search has {len(point)} parameters, this one {len(self._point)}")
-        self._point, self._loss = point, np.inf if state["loss"] is None else float(state["loss"])
+        self._point, self._loss = (
+            saved_point(state, self._point),
+            np.inf if state["loss"] is None else float(state["loss"]),
+        )
         self._slope, self._steps = np.asarray(state["slope"], dtype=float), np.asarray(state["steps"], dtype=float)
         self._asked_slope, self._pairs = (
             bool(state["asked slope"]),
