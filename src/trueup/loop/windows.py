@@ -23,15 +23,16 @@ _LOUD = 20.0
 that end at 5, 20, 80 times leave friction, damping and inertia of joints that move off by 7, 0.6, 12 % (root mean square).
 """
 
-_SKILLED = 0.5
-"""Share of the time for which replays have skill. A UR10 that begins with 3.3 s of it is 60 mrad off in what was left out,
-half a second at a time; once fitted in windows of 0.5, 1, 2, 2.4, 3.2, 4.8 s: 54, 51, 62, 64, 160, 248.
+_SKILLED = 1.0 / 3.0
+"""Of the time for which replays have skill. A UR10 that begins with 3.4 s of it is 60 mrad off in what was left out, half a
+second at a time; calibrated in windows of 1, 1.1, 1.8 s: 52, 52, 99; in 2.4, 3.2, 4.8 s, by slopes: 64, 160, 248.
 """
 
 
 def window_length(problem: Problem, values: Array) -> float:
     """How long trials may be in s, so that an error at their start grows fivefold at most, and comes to `_LOUD` times the
-    noise of what is measured at most, and half as long as torques lead less astray than standing still; inf where all lasts.
+    noise of what is measured at most, and a third of the time in which torques lead less astray than standing still.
+    Inf where all lasts.
 
     Two starts a standard deviation of the measurements apart are followed at values (n,), in each part of every trial. Their
     distance counts speeds by how far these lead until then, so that what drifts apart steadily does not grow: only what is
@@ -82,7 +83,7 @@ def words(problem: Problem, *, measured: bool) -> list[str]:
     reason = f": in that time errors at their start grow {_GROWN:g} times, or to {_LOUD:g} times the noise"
     if _by_torque(problem):
         reason += (
-            ", or they take half the time in which replays by the values begun with are better than standing still"
+            ", or they take a third of the time in which replays from the start values are better than standing still"
         )
     return [
         f"recordings are replayed in windows of {longest:.2g} s, {len(problem.trials)} in all, each from where the robot was "
