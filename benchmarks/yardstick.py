@@ -8,12 +8,14 @@ import sys
 import time
 from pathlib import Path
 
+import mujoco
 import numpy as np
 from regressor import arm, in_pinocchio
 
 _SAMPLES = 20_000
 
 PINOCCHIO = "pinocchio's regressor in a loop"
+REPLAYS = "a thousand replays of what is fitted, by MuJoCo's own steps in a loop"
 READ = "numpy.loadtxt and pinocchio's regressor in a loop, in a process of its own"
 
 
@@ -33,6 +35,23 @@ def pinocchio_seconds(samples: float) -> float:
             pin.computeJointTorqueRegressor(model, data, q, qd, qdd)
         times.append(time.process_time() - begun)
     return samples / _SAMPLES * min(times)
+
+
+def replay_seconds(xml: str, duration: float, times: int) -> float:
+    """CPU seconds of stepping a model with one actuator for `times` times `duration` s, a command set at each step: what a
+    search of so many trials costs that replays logs in a plain loop. Measured on `_SAMPLES` steps, the best of three.
+    """
+    model = mujoco.MjModel.from_xml_string(xml)
+    data, measured = mujoco.MjData(model), []
+    for _ in range(3):
+        mujoco.mj_resetData(model, data)
+        commands = np.sin(0.01 * np.arange(_SAMPLES))
+        begun = time.process_time()
+        for command in commands:
+            data.ctrl[0] = command
+            mujoco.mj_step(model, data)
+        measured.append(time.process_time() - begun)
+    return times * duration / model.opt.timestep / _SAMPLES * min(measured)
 
 
 def plain_identification_seconds(files: list[Path]) -> float:
