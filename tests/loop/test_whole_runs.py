@@ -54,6 +54,16 @@ def test_what_a_run_shows_is_recovered_and_what_it_does_not_tell_differs_between
     assert spread[names.index("l_arm+r_arm.com_y")] > 3.0 * spread[names.index("kp")]
 
 
+def test_what_several_motions_tell_adds_against_the_prior(falling: tuple[Problem, Array]) -> None:
+    problem, _ = falling
+    space = problem.simulator.parameters
+    effort = {"seed": 0, "population": 8, "generations": 2, "members": 2, "descents": 2}
+    once = whole_runs([problem], space, prior=1e-2, **effort)
+    twice = whole_runs([problem, problem], space, prior=2e-2, **effort)
+    assert twice.losses == pytest.approx(2.0 * once.losses)
+    assert twice.values == pytest.approx(once.values)
+
+
 def test_each_channel_counts_alike_however_often_it_was_sampled(falling: tuple[Problem, Array]) -> None:
     problem, truth = falling
     assert losses(problem, truth[None])[0] < 1e-5

@@ -51,6 +51,8 @@ def whole_runs(
 ) -> WholeRuns:  # fmt: skip
     """Values of `space` with the least losses plus `prior` times the squared distance from nominal, in quarters of the box.
 
+    Losses of several `problems` add, as logarithms of likelihoods do: what two motions tell counts twice as much against
+    the prior as what one does. Their average would make each of them the fainter the more there are.
     `generations` of CMA-ES, then so many `descents` by least squares of `members`, of which the first has the nominal values
     as its prior; no descents: the best of CMA-ES alone. Several `problems` are several simulators of the same parameters.
     """
@@ -61,7 +63,7 @@ def whole_runs(
     while generations and not search.done:
         candidates = search.ask()
         values = space.from_unit(candidates)
-        seen = np.mean([losses(problem, values) for problem in problems], axis=0)
+        seen = np.sum([losses(problem, values) for problem in problems], axis=0)
         seen = seen + prior * np.sum(((candidates - begin) / SPREAD) ** 2, axis=1)
         search.tell(candidates, seen)
         kept += zip(np.nan_to_num(seen, nan=np.inf).tolist(), candidates, strict=True)
@@ -92,7 +94,7 @@ class _Descent:
 
     def __init__(self, problems: Sequence[Problem], space: ParameterSpace, centres: Array, prior: float) -> None:
         self._problems, self._space, self._centres, self._prior = problems, space, centres, prior
-        self._weights = np.concatenate([weights(p) for p in problems]) / np.sqrt(len(problems))
+        self._weights = np.concatenate([weights(p) for p in problems])
 
     def run(self, points: Array, iterations: int, told: Told | None) -> tuple[Array, Array]:
         """(k, n) points in the unit box and (k,) losses."""
