@@ -20,6 +20,7 @@ from results import result
 
 from trueup.studies.saved import Parts
 from trueup.studies.walk.comparison import FULL, QUICK, over, performed, summary
+from trueup.studies.walk.study import FALL
 from trueup.studies.walk.ways import CHALLENGER, CONTROL, ways
 
 
@@ -58,11 +59,15 @@ def main() -> None:
     for other in asked.ways[1:] if asked.ways[0] == CONTROL else ():
         faster = over(results, other, CONTROL, lambda r: 100.0 * r.gain)
         fewer = over(results, other, CONTROL, lambda r: 100.0 * r.falls)
-        print(f"{other} over {CONTROL}: {faster} points of gain, {fewer} falls in 100 (95 %, bootstrap over robots)")
+        worth = over(results, other, CONTROL, lambda r: 100.0 * (r.speed - FALL * r.falls))
+        print(f"{other} over {CONTROL}: {faster} points of gain, {fewer} falls in 100, {worth} cm/s where one costs {FALL:g} "
+              "cm/s, as in the search (95 %, bootstrap over robots)")  # fmt: skip
         peer = f"{other} over {CONTROL}"
         result("gain_over_noisy_ungrounded", faster.mean, "points", 0.0, peer=peer, at_most=False)
         result("gain_over_noisy_ungrounded_at_least", faster.low, "points", 0.0, peer=peer, at_most=False)
         result("falls_over_noisy_ungrounded", fewer.mean, "in 100", 0.0, peer=peer)
+        result("worth_over_noisy_ungrounded", worth.mean, "cm/s", 0.0, peer=peer, at_most=False)
+        result("worth_over_noisy_ungrounded_at_least", worth.low, "cm/s", 0.0, peer=peer, at_most=False)
 
 
 if __name__ == "__main__":
