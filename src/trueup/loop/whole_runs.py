@@ -51,7 +51,7 @@ def whole_runs(
 ) -> WholeRuns:  # fmt: skip
     """Values of `space` with the least losses plus `prior` times the squared distance from nominal, in quarters of the box.
 
-    Losses of several `problems` add, as logarithms of likelihoods do: what two motions tell counts twice as much against
+    Losses of several motions add, as logarithms of likelihoods do: what two motions tell counts twice as much against
     the prior as what one does. Their average would make each of them the fainter the more there are.
     `generations` of CMA-ES, then so many `descents` by least squares of `members`, of which the first has the nominal values
     as its prior; no descents: the best of CMA-ES alone. Several `problems` are several simulators of the same parameters.
@@ -178,7 +178,7 @@ def whole_body(simulator: Simulator, recordings: Sequence[Recording], ends: Sequ
 
 
 def losses(problem: Problem, values: Array) -> Array:
-    """(b,) robust mean squares of the residuals, added over channels and averaged over trials; NaN where one failed."""
+    """(b,) robust mean squares of the residuals, added over channels and trials; NaN where one failed."""
     return _robust(problem.residuals(values), weights(problem))
 
 
@@ -186,7 +186,7 @@ def weights(problem: Problem) -> Array:
     """(m,) such that each channel of each trial counts alike, however many samples it has."""
     found = np.empty(problem.segments[-1].columns.stop)
     for segment in problem.segments:
-        found[segment.columns] = 1.0 / np.sqrt(max(segment.count, 1) * len(problem.trials))
+        found[segment.columns] = 1.0 / np.sqrt(max(segment.count, 1))
     return found
 
 
