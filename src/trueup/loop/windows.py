@@ -83,7 +83,7 @@ def words(problem: Problem, *, measured: bool) -> list[str]:
     reason = f": in that time errors at their start grow {_GROWN:g} times, or to {_LOUD:g} times the noise"
     if _by_torque(problem):
         reason += (
-            ", or they take a third of the time in which replays from the start values are better than standing still"
+            f", or they take {_SKILLED:.2g} of the time in which replays from the start values beat standing still"
         )
     return [
         f"recordings are replayed in windows of {longest:.2g} s, {len(problem.trials)} in all, each from where the robot was "
