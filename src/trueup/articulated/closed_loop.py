@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import cast
 
 import numpy as np
 
@@ -28,7 +29,9 @@ class ClosedLoop:
         kinds = type(controller).__mro__  # a subclass that commands otherwise does not say it ahead
         told, commanded = (min((i for i, k in enumerate(kinds) if n in vars(k)), default=len(kinds))
                            for n in ("ahead", "command"))  # fmt: skip
-        self._whole = told <= commanded
+        # Asked of the controller once: to look whether it keeps a protocol costs as much as a small one's command.
+        self._looking, self._forcing = isinstance(controller, Looking), isinstance(controller, Forcing)
+        self._foretold = told <= commanded and isinstance(controller, Foretold)
 
     @property
     def due(self) -> int:
@@ -38,13 +41,15 @@ class ClosedLoop:
     @property
     def looks_at(self) -> Mapping[str, tuple[str, ...]]:
         """Channels that the controller wants to see."""
-        return self._controller.looks_at if isinstance(self._controller, Looking) else {}
+        return cast(Looking, self._controller).looks_at if self._looking else {}
 
     @property
     def push(self) -> tuple[tuple[str, ...], Array] | None:
         """Joints and (b, k) torques with which the controller pushes on them; None where it only commands."""
-        c = self._controller
-        return (c.forced, c.torque) if isinstance(c, Forcing) and c.forced else None
+        if not self._forcing:
+            return None
+        c = cast(Forcing, self._controller)
+        return (c.forced, c.torque) if c.forced else None
 
     def ask(self, observation: Observation) -> None:
         """Takes the controller's next command. Raises ValueError where it has another shape than (b, width)."""
@@ -63,13 +68,13 @@ class ClosedLoop:
 
     def foretell(self, until: int) -> None:
         """Takes the commands that are due before step `until`, of a controller that has begun and knows them ahead."""
-        if not self._asked or not isinstance(self._controller, Foretold) or not self._whole:
+        if not self._asked or not self._foretold:
             return
         begun, times = self._asked, list[float]()
         while self.due < until:
             times.append(self.due * self._step)
             self._asked += 1
-        orders = self._controller.ahead(np.array(times)) if times else None
+        orders = cast(Foretold, self._controller).ahead(np.array(times)) if times else None
         if orders is None:
             self._asked = begun
             return

@@ -72,13 +72,19 @@ class Senses:
         self._all = list(senses)
         self._kept = int(np.ceil(max((s.latency.max(initial=0.0) for s in self._all), default=0.0))) + 2
         self._past: dict[str, Array] = {}
+        self._wholly_late: set[str] = set()
         self._blocks: dict[int, tuple[Array, int]] = {}
+        self._by_field: dict[str, list[tuple[int, Sense]]] = {}
+        for number, sense in enumerate(self._all):
+            self._by_field.setdefault(sense.field, []).append((number, sense))
         self.late = tuple(dict.fromkeys(s.field for s in self._all if s.latency.any()))
         """Fields of which the past is needed."""
 
     def begin(self, state: Mapping[str, Array]) -> None:
         """Takes the start (b, size) of each of the `late` fields: before it, it was the same."""
         self._past = {f: np.repeat(now[:, None], self._kept, axis=1) for f, now in state.items()}
+        late = [(s.field, column) for s in self._all if (s.latency >= 1.0).all() for column in s.columns]
+        self._wholly_late = {f for f, now in state.items() if len({c for g, c in late if g == f}) == now.shape[1]}
 
     def note(self, history: Mapping[str, Array], rows: Integers) -> None:
         """Takes what `rows` went through: field to (len(rows), n, size)."""
@@ -87,20 +93,18 @@ class Senses:
 
     def of(self, field: str, now: Callable[[], Array]) -> Array:
         """(b, size) a field as it is seen; `now` gives what it is, and is not asked where all of it is seen late."""
-        mine = [s for s in self._all if s.field == field]
+        mine = self._by_field.get(field)
         if not mine:
             return now()
-        late = [s.columns for s in mine if (s.latency >= 1.0).all()]
-        wholly = field in self._past and len(np.unique(np.concatenate([*late, [-1]]))) > self._past[field].shape[2]
-        seen = np.array(self._past[field][:, -1] if wholly else now())
-        for sense in mine:
+        seen = np.array(self._past[field][:, -1] if field in self._wholly_late else now())
+        for _, sense in mine:
             if sense.latency.any():
                 seen[:, sense.columns] = self._before(field, sense)[:, sense.columns]
-        for number, sense in enumerate(self._all):
-            if sense.field == field and sense.streams is not None:
+        for number, sense in mine:
+            if sense.streams is not None:
                 width = 3 if sense.turn is not None else len(sense.noisy)
                 _add(seen, sense, sense.noise * self._next(number, sense.streams, width))
-        for sense in mine:
+        for _, sense in mine:
             if sense.bias is not None:
                 _add(seen, sense, sense.bias)
         return seen

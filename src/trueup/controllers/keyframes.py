@@ -94,9 +94,8 @@ class Motion:
         for name in self.feedback:
             if name not in names:
                 raise unknown_name("degree", name, names, "this motion")
-        poses, _ = self.knots(self.nominal[None])
         self._check_speeds()
-        for number, pose in enumerate(poses[0]):
+        for number, pose in enumerate(self.knots(self.nominal[None])[0][0]):
             for joint, value, low, high in zip(self.joints, pose, self.lower, self.upper, strict=True):
                 if not low <= value <= high:
                     raise ParameterError(
@@ -140,6 +139,13 @@ class Motion:
             times[:, 1:] = np.maximum(intervals, self._least(poses)).cumsum(axis=1)
         return poses, times
 
+    def arrivals(self, values: Array) -> Array:
+        """(b,) when motions of values (b, m) reach their last pose, in s."""
+        if self.speeds is not None:
+            return self.knots(values)[1][:, -1]
+        first = np.size(self.seeds)
+        return values[:, first : first + len(self.intervals)].sum(axis=1)
+
     @property
     def latest(self) -> float:
         """When the slowest motion arrives, in s."""
@@ -172,16 +178,15 @@ class Motion:
         """The controller of b copies with values (b, m). Raises ParameterError for feedback without `tilt`."""
         if self.feedback and tilt is None:
             raise ParameterError("feedback needs to know the torso's tilt")
-        poses, times = self.knots(np.atleast_2d(np.asarray(values, dtype=np.float64)))
-        gains = self._gains(np.atleast_2d(values)) if self.feedback else None
-        return Keyframes(poses, times, period, self.interpolation, gains, tilt, (self.lower, self.upper))
+        values = np.atleast_2d(np.asarray(values, dtype=np.float64))
+        gains = self._gains(values) if self.feedback else None
+        return Keyframes(*self.knots(values), period, self.interpolation, gains, tilt, (self.lower, self.upper))
 
     def command(self, candidate: Array, *, rate: float = 125.0, lasting: float = 0.0) -> Channel:
         """What a robot is sent for one candidate (m,) at `rate` Hz, without feedback; at last held for `lasting` s."""
         poses, times = self.knots(np.asarray(candidate, dtype=np.float64)[None])
         time = np.arange(int(np.ceil((times[0, -1] + lasting) * rate)) + 1) / rate
-        values = np.concatenate([_between(poses, times, t, self.interpolation) for t in time])
-        return Channel("command", self.joints, "rad", time, values)
+        return Channel("command", self.joints, "rad", time, _between(poses, times, time, self.interpolation)[0])
 
     def fastest(self, candidate: Array) -> dict[str, float]:
         """Joint to the fastest speed that a motion asks of it, in rad/s: what a servo must be able to follow."""
@@ -230,7 +235,7 @@ class Keyframes:
 
     def command(self, observation: Observation) -> Array:
         """(b, k) in rad."""
-        wanted = _between(self._poses, self._times, observation.time, self._interpolation)
+        wanted = _between(self._poses, self._times, np.array([observation.time]), self._interpolation)[:, 0]
         if self._tilt is None or self._gains is None:
             return wanted
         tilt, rate = self._tilt(observation)
@@ -240,22 +245,21 @@ class Keyframes:
         """See Foretold: (b, n, k) in rad, None with feedback."""
         if self._tilt is not None and self._gains is not None:
             return None
-        return np.stack([_between(self._poses, self._times, t, self._interpolation) for t in times.tolist()], axis=1)
+        return _between(self._poses, self._times, times, self._interpolation)
 
 
-def _between(poses: Array, times: Array, now: float, interpolation: str) -> Array:
-    """(b, k) where motions through `poses` (b, n, k) at `times` (b, n) are at one instant."""
-    rows = np.arange(len(poses))
-    right = np.minimum(np.sum(times <= now, axis=1), times.shape[1] - 1)
-    left = right - 1
-    length = times[rows, right] - times[rows, left]
-    share = np.clip((now - times[rows, left]) / length, 0.0, 1.0)[:, None]
+def _between(poses: Array, times: Array, now: Array, interpolation: str) -> Array:
+    """(b, m, k) where motions through `poses` (b, n, k) at `times` (b, n) are at instants (m,)."""
+    rows, right = np.arange(len(poses))[:, None], np.sum(times[:, None] <= now[:, None], axis=2)
+    left = (right := np.minimum(right, times.shape[1] - 1)) - 1
+    length = (times[rows, right] - times[rows, left])[:, :, None]
+    share = np.clip((now - times[rows, left])[:, :, None] / length, 0.0, 1.0)
     before, after = poses[rows, left], poses[rows, right]
     if interpolation == "linear":
         return before + share * (after - before)
     slopes = _slopes(poses, times)
     # Cubic Hermite polynomial on the unit interval.
-    m0, m1 = slopes[rows, left] * length[:, None], slopes[rows, right] * length[:, None]
+    m0, m1 = slopes[rows, left] * length, slopes[rows, right] * length
     s2, s3 = share**2, share**3
     return (2 * s3 - 3 * s2 + 1) * before + (s3 - 2 * s2 + share) * m0 + (3 * s2 - 2 * s3) * after + (s3 - s2) * m1
 

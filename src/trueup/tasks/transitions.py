@@ -61,7 +61,7 @@ class Settled:
         )
         if observation.settings is None or pushed:
             return np.zeros(len(observation.position), dtype=bool)
-        since = observation.time - self.motion.knots(observation.settings)[1][:, -1]
+        since = observation.time - self.motion.arrivals(observation.settings)
         # MuJoCo's speeds are those of the base too; DART tells its turning beside those of the joints.
         speeds = [observation.velocity, *(v for n, v in observation.sensors.items() if n == _TURNING)]
         fastest = np.max([np.abs(v).max(axis=1, initial=0.0) for v in speeds], axis=0)
@@ -128,7 +128,7 @@ class Transition:
 
         With feedback it brings its controller too: a robot that plays commands alone does without the feedback.
         """
-        arrival = float(self.motion.knots(candidate[None])[1][0, -1])
+        arrival = float(self.motion.arrivals(candidate[None])[0])
         command = self.motion.command(candidate, rate=1.0 / self.period, lasting=self.duration - arrival)
         (trial,) = self.trials
         own = (lambda values: self.controllers(np.tile(candidate, (len(values), 1)))) if self.motion.feedback else None
@@ -137,7 +137,7 @@ class Transition:
     def watched(self, candidate: Array) -> Trial:
         """`planned`, until it is judged: all that a robot has to be recorded for."""
         (trial,) = self.planned(candidate)
-        stop = float(self.motion.knots(candidate[None])[1][0, -1]) + AFTER
+        stop = float(self.motion.arrivals(candidate[None])[0]) + AFTER
         seen = {n: replace(o, time=o.time[o.time < stop + 1.0 / self.rate]) for n, o in trial.observed.items()}
         return replace(trial, duration=min(stop + 1.0 / self.rate, trial.duration), observed=seen)
 
@@ -161,7 +161,7 @@ class Transition:
         """(b,) when each motion reaches its last pose, in s; the latest that may be where nobody says which motion it was."""
         if rollout.settings is None:
             return np.full(len(rollout.channels[ANGLES]), self.duration - AFTER)
-        return self.motion.knots(rollout.settings)[1][:, -1]
+        return self.motion.arrivals(rollout.settings)
 
     def succeeded(self, rollouts: Sequence[Rollout]) -> Mask:
         """(b,) whether it ended upright (or inverted), high and still, by simulations and recordings alike."""
