@@ -43,7 +43,8 @@ format: $(DEV_READY) ## mend what ruff can mend
 benchmarks: $(DEV_READY) ## run every benchmark, write docs/benchmarks.md (ARGS=--quick for a look)
 	@$(VENV)/bin/python benchmarks/_table.py $(ARGS)
 
-study-%: $(RUN_READY) ## run one of the papers' experiments, into out/study-NAME
+# With all extras: the robots of the balance study live in DART.
+study-%: $(DEV_READY) ## run one of the papers' experiments, into out/study-NAME
 	@if test -f src/trueup/studies/$*/campaign.toml; then \
 	  $(VENV)/bin/trueup run src/trueup/studies/$*/campaign.toml --out out/study-$*; \
 	elif test -f src/trueup/studies/$*/__main__.py; then \
