@@ -20,7 +20,7 @@ from trueup.parameters import Parameter, ParameterSpace
 from trueup.studies.walk import scenes
 from trueup.studies.walk.comparison import Result, over
 from trueup.studies.walk.evaluation import Runs
-from trueup.studies.walk.falls import Falling, Falls, drawn
+from trueup.studies.walk.falls import Falling, Falls, drawn, read
 from trueup.studies.walk.guidance import BALANCE, Automatic, Expert
 from trueup.studies.walk.methods import Bounded, likelihoods, tempered
 from trueup.studies.walk.odds import Odds
@@ -93,7 +93,7 @@ def test_a_search_stops_where_doubted_simulators_fall_though_its_own_does_not() 
     assert (np.diff(signals) > 0.0).all()
     assert ends[1].signal == pytest.approx(falls.signals(ends[1].values[None])[0])
     stood, fell = Runs(speeds=(0.1,) * 4), Runs(speeds=(0.1,), falls=2, veers=1)
-    shares = falls.shares(np.array([-4.0, -1.0, -1.0]), [stood, stood, fell])
+    shares = read(np.array([-4.0, -1.0, -1.0]), [stood, stood, fell]).told
     assert shares[0] < shares[1] < shares[2]  # alike in simulators, not on the robot
 
 

@@ -12,6 +12,7 @@ from trueup.arrays import Array
 from trueup.ends import ended
 from trueup.recording import Recording
 from trueup.robots.robot import Robot
+from trueup.studies.walk.odds import Odds
 from trueup.tasks.task import robot_trials
 from trueup.tasks.walking import ARRIVED, VEERED, LineWalk
 
@@ -60,21 +61,21 @@ class Runs:
         return (1.0 - share) * (self.speed - spread) - share * fall
 
 
-def most_falls(runs: Sequence[Runs]) -> Array:
-    """(n,) upper bounds, with 84 % confidence, of the shares in which walks fall, given from the gentlest to the boldest.
+def expected_falls(runs: Sequence[Runs]) -> Array:
+    """(n,) shares in which walks are expected to fall on the robot that has run them so; who veered off counts as fallen.
 
-    Jeffreys' bound (L. D. Brown, T. T. Cai and A. DasGupta, Statistical Science 16(2), 2001). A bolder walk falls no less
-    often: where it did not fall, that speaks for the gentler ones too. Who veered off counts as fallen.
+    Few runs of one walk say little, but all walks' runs together say how falls grow with speed (`Odds`, each walk with a
+    deviation of its own). Signals are logarithms of speeds, with the standard deviation 1/2 that the slope's prior is meant
+    for; a walk that never arrived counts as fast as the fastest.
     """
-    from scipy.stats import beta
-
-    number = np.array([r.number for r in runs], dtype=np.float64)
-    falls = np.array([r.falls + r.veers for r in runs], dtype=np.float64)
-    bounds = np.ones(len(runs))
-    for k in range(len(runs)):
-        n, f = np.cumsum(number[k:]), np.cumsum(falls[k:])
-        bounds[k] = float(np.min(beta.ppf(0.84, f + 0.5, n - f + 0.5)))
-    return bounds
+    failed, number = np.array([(r.falls + r.veers, r.number) for r in runs], dtype=np.float64).T
+    arrived = np.array([bool(r.speeds) for r in runs])
+    logs = np.zeros(len(runs))
+    if arrived.any():
+        logs[arrived] = [np.log(r.speed) for r in runs if r.speeds]
+        logs[~arrived] = logs[arrived].max()
+    spread = float(np.sqrt(np.cov(logs, aweights=number, ddof=0))) if len(runs) > 1 else 0.0
+    return Odds.of(logs / (2.0 * spread) if spread > 0.0 else np.zeros(len(runs)), failed, number).told
 
 
 def outcome(recordings: Sequence[Recording], walk: LineWalk) -> Runs:

@@ -70,10 +70,6 @@ class Falls:
         """(b,) signals of candidates (b, m), by all points."""
         return _signals(self.simulator, self.walk, self.points, candidates, Here(), self.chances)
 
-    def shares(self, signals: Array, runs: Sequence[Runs]) -> Array:
-        """(r,) in which walks fall on the robot that has run them so often; who veers off counts as fallen."""
-        return read(signals, runs).told
-
 
 def read(signals: Array, runs: Sequence[Runs]) -> Odds:
     """What walks with signals (r,) did on the robot."""

@@ -18,8 +18,7 @@ from trueup.evaluation.evaluator import Evaluator, Here
 from trueup.robots.robot import Robot
 from trueup.search.cma_es import CmaEs
 from trueup.studies.walk import scenes
-from trueup.studies.walk.evaluation import Runs, at_once, most_falls
-from trueup.studies.walk.falls import Falls
+from trueup.studies.walk.evaluation import Runs, at_once, expected_falls
 from trueup.studies.walk.guidance import Guidance, Unguided
 from trueup.studies.walk.search import Effort, Promise, Scene, searched
 from trueup.tasks.walking import LineWalk
@@ -38,7 +37,7 @@ class Tried:
     promise: Promise | None
     runs: Runs
     worth: float = -FALL
-    """m/s that it is worth at least, falls counted: as its round was judged."""
+    """m/s, the falls that are expected counted."""
     signal: float = float("nan")
     """Of `Scene.falls`, where the round had it."""
 
@@ -55,14 +54,14 @@ class Round:
 
 @dataclass(frozen=True, eq=False)
 class Story:
-    """All that was tried on a robot, in order."""
+    """All that was tried on a robot, in order, judged by all of its runs."""
 
     tried: tuple[Tried, ...] = ()
     rounds: tuple[Round, ...] = ()
 
     @property
     def best(self) -> Tried:
-        """What the robot showed to be worth the most for sure."""
+        """What is worth the most by all that the robot showed."""
         return max(self.tried, key=lambda t: t.worth)
 
     @property
@@ -91,21 +90,24 @@ class Method(Protocol):
 
 @dataclass(frozen=True)
 class Budget:
-    """How robot trials are spent: in rounds, at most 60 in all."""
+    """How robot trials are spent: some in rounds, more on what is worth the most in the end, at most 60 in all."""
 
     effort: Effort = field(default_factory=Effort)
     rounds: int = 3
     start: int = 4
     """Runs of the start walk."""
-    looks: int = 2
+    looks: int = 1
     """Runs of each walk of a round."""
-    round: int = 18
-    """Runs of a round; what looks leave goes to the walks that are worth the most."""
+    round: int = 10
+    """Runs of a round; what looks leave goes to its walks that are worth the most."""
+    last: int = 24
+    """Runs after the last round, of the walks of all rounds that are worth the most by then. How many looks, rounds and last
+    runs share was chosen on stand-ins 100 to 107, which the study does not have."""
 
     @property
     def trials(self) -> int:
         """Runs on the robot, at most."""
-        return self.start + self.rounds * self.round
+        return self.start + self.rounds * self.round + self.last
 
 
 def improved(
@@ -128,9 +130,6 @@ def improved(
     guide, stack = guidance or Unguided(), [0]
     for number in range(1, budget.rounds + 1):
         scene = replace(method.prepared(story, seed + number), evaluator=evaluator or Here())
-        if scene.falls is not None:
-            first = replace(story.tried[0], signal=float(scene.falls.signals(begin[None])[0]))
-            story = replace(story, tried=tuple(_judged([first, *story.tried[1:]], scene.falls)))
         begun = stack.pop() if stack else int(np.argmax([t.worth for t in story.tried]))
         parent = story.tried[begun]
         advice = guide.advice(number, scene, parent.values, budget.effort.sigma)
@@ -143,13 +142,14 @@ def improved(
         found = searched(
             scene, parent.values, budget.effort, seed * 10 + number, space=advice.space, wide=advice.wide, told=hears
         )
-        new = _looked_at(robot, track, found.path, number, budget, f" seed {seed}", scene.falls, story.tried)
-        better = [k for k, t in enumerate(new, len(story.tried)) if t.worth > parent.worth]
-        story = Story((*story.tried, *new), (*story.rounds, Round(begun, advice.words)))
+        before = len(story.tried)
+        tried = _looked_at(robot, track, found.path, number, budget, f" seed {seed}", story.tried)
+        story = Story(tuple(tried), (*story.rounds, Round(begun, advice.words)))
+        better = [k for k in range(before, len(tried)) if tried[k].worth > tried[begun].worth]
         stack += sorted(better, key=lambda k: story.tried[k].worth)
-        for t in new:
+        for t in tried[before:]:
             say(f"round {number}: promised {100 * (t.promise.score if t.promise else 0):.1f} cm/s; {_words(t.runs)}")
-    return story
+    return replace(story, tried=tuple(_again(robot, track, story.tried, 0, budget.last, f" seed {seed} last")))
 
 
 def alone(
@@ -159,7 +159,7 @@ def alone(
     track, say = line or scenes.task(LineWalk, runs=1), told or (lambda _: None)
     tried = [Tried(0, PARAMETERS.nominal, None, at_once(robot, track, PARAMETERS.nominal, budget.start, " start"))]
     search = CmaEs(PARAMETERS.to_unit(PARAMETERS.nominal), seed=seed, sigma=0.6 * budget.effort.sigma, restarts=0)
-    left, number, centres = budget.trials - budget.start - budget.round, 0, list[Array]()
+    left, number, centres = (budget.rounds - 1) * budget.round, 0, list[Array]()
     while left > 0:
         number, asked = number + 1, search.ask()[:left]
         runs = [
@@ -173,38 +173,40 @@ def alone(
         left -= len(asked)
         say(f"generation {number} on the robot: {sum(r.falls for r in runs)} of {len(runs)} fell")
     path = [Promise(c, float("nan"), float("nan")) for c in centres[-3:] or [PARAMETERS.nominal]]
-    looked = _looked_at(robot, track, path, number + 1, budget, f" alone {seed}")
-    return Story((*_judged(tried[:1]), *tried[1:], *looked))
+    tried = _looked_at(robot, track, path, number + 1, budget, f" alone {seed}", tried)
+    return Story(tuple(_again(robot, track, tried, 0, budget.last, f" alone {seed} last")))
 
 
 def _looked_at(
-    robot: Robot, track: LineWalk, path: Sequence[Promise], number: int, budget: Budget, label: str,
-    falls: Falls | None = None, before: Sequence[Tried] = (),
+    robot: Robot, track: LineWalk, path: Sequence[Promise], number: int, budget: Budget, label: str, before: Sequence[Tried],
 ) -> list[Tried]:  # fmt: skip
-    """A round on the robot: from the gentlest walk on until one falls in most of its looks, then the best ones again."""
-    tried: list[Tried] = []
-
-    def runs(k: int, count: int) -> Runs:
-        done = tried[k].runs.number if k < len(tried) else 0
-        return at_once(robot, track, path[k].values, count, f"{label} round {number} walk {k} from {done}")
-
+    """All that was tried, a round later: from the gentlest walk on until most of one's looks fall, then the best again."""
+    tried = list(before)
     for k, promise in enumerate(path):
-        tried.append(Tried(number, promise.values, promise, runs(k, budget.looks), signal=promise.signal))
-        if len(tried[-1].runs.speeds) < budget.looks / 2:
+        runs = at_once(robot, track, promise.values, budget.looks, f"{label} round {number} walk {k}")
+        tried.append(Tried(number, promise.values, promise, runs, signal=promise.signal))
+        if len(runs.speeds) < budget.looks / 2:
             break
-    while (left := budget.round - sum(t.runs.number for t in tried)) > 0:
-        tried = _judged(tried, falls, before)
-        k = max(range(len(tried)), key=lambda i: tried[i].worth)
-        tried[k] = replace(tried[k], runs=tried[k].runs + runs(k, min(left, budget.looks)))
-    return _judged(tried, falls, before)
+    left = budget.round - sum(t.runs.number for t in tried[len(before) :])
+    return _again(robot, track, tried, len(before), left, f"{label} round {number} again")
 
 
-def _judged(tried: Sequence[Tried], falls: Falls | None = None, before: Sequence[Tried] = ()) -> list[Tried]:
-    """What walks, the gentlest first, are worth for sure, or as their signals and all walks' runs lead to expect."""
-    shares = most_falls([t.runs for t in tried])
-    if falls is not None:
-        every = [*before, *tried]
-        shares = falls.shares(np.array([t.signal for t in every]), [t.runs for t in every])[len(before) :]
+def _again(
+    robot: Robot, track: LineWalk, tried: Sequence[Tried], first: int, runs: int, label: str
+) -> list[Tried]:  # fmt: skip
+    """So many more runs, each of the walk that is worth the most then, of those from the `first` on."""
+    judged = _judged(tried)
+    for count in range(runs):
+        k = first + int(np.argmax([t.worth for t in judged[first:]]))
+        more = at_once(robot, track, judged[k].values, 1, f"{label} {count}")
+        judged[k] = replace(judged[k], runs=judged[k].runs + more)
+        judged = _judged(judged)
+    return judged
+
+
+def _judged(tried: Sequence[Tried]) -> list[Tried]:
+    """What walks are worth, with the falls that all runs of the robot lead to expect."""
+    shares = expected_falls([t.runs for t in tried])
     return [replace(t, worth=t.runs.worth(FALL, float(s))) for t, s in zip(tried, shares, strict=True)]
 
 
