@@ -389,6 +389,14 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
     assert done.stdout.split() == []
 
 
+def test_a_calibration_begins_without_what_few_need() -> None:
+    begins = "trueup.loop.calibrate, trueup.engines.mujoco.rollout, trueup.formats, trueup.report"
+    # pycma brings all of matplotlib where that is installed: half a second.
+    code = f"import sys, {begins}; print(*(n for n in ('cma', 'matplotlib', 'scipy.signal', 'pandas') if n in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not done.stdout.strip()
+
+
 @pytest.mark.parametrize("layer", NEVER_REACHES)
 def test_importing_what_knows_no_engine_loads_no_mujoco(layer: str) -> None:
     names = [f"trueup.{name}" for name in modules_of(SOURCE) if within(name, (layer,))]

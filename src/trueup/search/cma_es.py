@@ -17,11 +17,6 @@ from trueup.arrays import Array
 from trueup.errors import unknown_name
 from trueup.search.search import SearchState, same_search
 
-with warnings.catch_warnings():  # it tells everybody that it cannot plot, who did not ask
-    warnings.simplefilter("ignore", UserWarning)
-    import cma
-
-
 REGIMES = ("ipop", "bipop")
 
 
@@ -107,6 +102,10 @@ class CmaEs:
 
     def _new(self, start: Array, sigma: float) -> Any:
         # The engine has no single dimension: a second one without effect stands in.
+        with warnings.catch_warnings():  # it tells everybody that it cannot plot, who did not ask
+            warnings.simplefilter("ignore", UserWarning)
+            import cma  # with all of matplotlib, where that is installed: half a second that few commands need
+
         return cma.CMAEvolutionStrategy(
             [*start.tolist(), *[0.5] * (2 - len(start))], sigma,
             {

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 import mujoco
@@ -23,10 +24,15 @@ BLOCK = 32
 _CLOCK = int(mujoco.mjtState.mjSTATE_TIME)  # what the engine records as 'time'
 
 
-@cfunc("float64()", cache=True)
-def stopped_clock() -> float:
-    """Handed to MuJoCo in place of its profiling clock (see `unclocked`)."""
-    return 0.0
+@cache
+def _stopped_clock() -> Any:
+    """Handed to MuJoCo in place of its profiling clock (see `unclocked`); compiled when it is first wanted."""
+
+    @cfunc("float64()", cache=True)
+    def stopped() -> float:
+        return 0.0
+
+    return stopped
 
 
 @contextmanager
@@ -38,7 +44,7 @@ def unclocked() -> Iterator[None]:
     if mujoco.get_mjcb_time() is not None:
         yield
         return
-    mujoco.set_mjcb_time(stopped_clock.ctypes)
+    mujoco.set_mjcb_time(_stopped_clock().ctypes)
     try:
         yield
     finally:
