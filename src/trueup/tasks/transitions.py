@@ -62,6 +62,8 @@ class Settled:
         if observation.settings is None or pushed:
             return np.zeros(len(observation.position), dtype=bool)
         since = observation.time - self.motion.arrivals(observation.settings)
+        if not (since > 0.0).any():
+            return np.zeros(len(since), dtype=bool)
         # MuJoCo's speeds are those of the base too; DART tells its turning beside those of the joints.
         speeds = [observation.velocity, *(v for n, v in observation.sensors.items() if n == _TURNING)]
         fastest = np.max([np.abs(v).max(axis=1, initial=0.0) for v in speeds], axis=0)

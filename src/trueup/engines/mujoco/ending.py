@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -55,13 +54,16 @@ class Watch:
         left = np.ones(len(good), dtype=bool)
         for look, i in enumerate(places.tolist()):
             rows = np.flatnonzero(left & (good >= i))
-            whole = self._look(k, joined, rows, i, (at + i) * self._step)
-            whole = replace(whole, settings=None if settings is None else settings[rows])
-            seen = [replace(whole, channels={n: v[rows, look] for n, v in each.items()}) for each in channels]
+            now, own = (at + i) * self._step, None if settings is None else settings[rows]
+            position, velocity, sensors = self._state(joined, rows, i)
+            seen = [
+                Observation(now, position, velocity, sensors, trial, {n: v[rows, look] for n, v in each.items()}, own)
+                for each in channels
+            ]
             which = which_end(trial.ends, seen, len(rows))
-            for row, end in zip(rows[which >= 0].tolist(), which[which >= 0].tolist(), strict=True):
-                over.append((row, Ended(trial.start + whole.time, trial.ends[end].name)))
-                left[row] = False
+            for row in np.flatnonzero(which >= 0).tolist():
+                over.append((int(rows[row]), Ended(trial.start + now, trial.ends[which[row]].name)))
+                left[rows[row]] = False
         return over
 
     def _looks(self, at: int, count: int, duration: float) -> Integers:
@@ -71,11 +73,13 @@ class Watch:
         steps = np.ceil(looks * every - SAME_INSTANT).astype(np.int64)
         return steps[(steps >= at) & (steps < at + count) & (steps * self._step <= duration + SAME_INSTANT)] - at
 
-    def _look(self, k: int, joined: Mapping[str, Array], rows: NDArray[np.intp], i: int, now: float) -> Observation:
-        """What is to be seen of some rows, i steps into the stretch, but for channels."""
+    def _state(
+        self, joined: Mapping[str, Array], rows: NDArray[np.intp], i: int
+    ) -> tuple[Array, Array, dict[str, Array]]:
+        """Positions, velocities and sensors of some rows, i steps into the stretch."""
         data = joined["sensordata"][rows, i + 1] if self._sensors else None
         sensors = {} if data is None else {n: data[:, place] for n, place in self._sensors.items()}
-        return Observation(now, joined["qpos"][rows, i], joined["qvel"][rows, i], sensors, self._trials[k])
+        return joined["qpos"][rows, i], joined["qvel"][rows, i], sensors
 
 
 def _along(source: Source, history: Array, places: Integers) -> Array:
