@@ -82,6 +82,22 @@ def test_clocks_of_any_kind_tick_in_seconds(tmp_path: Path, stamps: list[str], s
     assert np.diff(recording.time) == pytest.approx(steps, abs=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("name", "steps", "expected"), [("tick", 2, 0.002), ("tick_us", 2000, 0.002), ("Ticks", 20, 0.02)]
+)
+def test_what_ticks_evenly_is_the_clock_where_none_is_named(
+    tmp_path: Path, name: str, steps: int, expected: float
+) -> None:
+    lines = [f"{1000 + steps * i},{np.sin(0.1 * i):.4f}" for i in range(20)]
+    recording = read(tmp_path / "log.csv", rows(f"{name},q1", *lines))
+    assert np.diff(recording.time) == pytest.approx(expected)
+
+
+def test_ticks_of_an_encoder_beside_a_clock_are_none(tmp_path: Path) -> None:
+    recording = read(tmp_path / "log.csv", rows("t,ticks,q1", *(f"{0.01 * i},{3 * i},0.{i}" for i in range(9))))
+    assert np.diff(recording.time) == pytest.approx(0.01)
+
+
 def test_seconds_and_nanoseconds_in_two_columns_are_one_clock(tmp_path: Path) -> None:
     stamps = ["1700000000,990000000", "1700000001,0", "1700000001,10000000", "1700000001,20000000"]
     recording = read(tmp_path / "log.csv", rows("sec,nanosec,q1", *(f"{stamp},1" for stamp in stamps)))

@@ -12,7 +12,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.formats.clock import guess_unit
 from trueup.formats.mapping import TimeColumn
-from trueup.formats.rules.names import is_time, names_its_clock, stem, words
+from trueup.formats.rules.names import is_time, names_its_clock, stem, ticks, words
 from trueup.formats.table import Table, listing
 from trueup.units import to_si
 
@@ -76,12 +76,15 @@ def find_clocks(tables: Sequence[Table]) -> Clocks:
 
 
 def _clock_columns(table: Table) -> tuple[str, ...]:
-    """Columns that sound like a clock and hardly ever run back; else the first one if it runs like one."""
+    """Columns that sound like a clock and hardly ever run back; else one that ticks, or the first, if it runs like one."""
     named = [name for name, values in table.columns.items() if is_time(name) and _runs(values)]
     # Nanoseconds beside seconds start again every second, so they do not run.
     named += [name for name in table.columns if named and name not in named and _says_nanoseconds(name)]
     if named:
         return tuple(named)
+    ticking = [name for name, values in table.columns.items() if ticks(name) and _runs_evenly(values)]
+    if ticking:
+        return tuple(ticking[:1])
     first = next(iter(table.columns), "")
     nameless = all(name.startswith("column_") for name in table.columns)
     if nameless and len(table.columns) > 1 and _runs_evenly(table.columns[first]):

@@ -21,6 +21,7 @@ from trueup.units import hardly_radians, to_si
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _POSE_TOGETHER = listed("odom odometry vicon mocap optitrack pf gps gnss slam amcl pose")
+_ANGLES = listed("angle delta")
 _SPEEDS = ("m/s", "km/h", "mph", "cm/s", "mm/s")
 _MANY_TURNS = 50.0
 """rad: a heading that grows on and on is beyond this after eight turns, one in degrees at once."""
@@ -165,11 +166,11 @@ def _part(channel: str, signals: Mapping[str, Signal], time: TimeColumn, parts: 
 
 def _commanded_in(signals: Mapping[str, Signal], degrees: Sequence[str]) -> tuple[str, ...]:
     """The unit of each command, '' where it is a share of the full one or nothing says: speeds of wheels are m/s, turn rates
-    rad/s, steering is rad where its name says a unit or an angle.
+    rad/s, steering is rad where its name says a unit or an angle (delta, as in the bicycle model).
     """
 
     def unit(label: str, s: Signal) -> str:
-        said = _says(s) or s.column.name in degrees or "angle" in s.column.parts.words
+        said = _says(s) or s.column.name in degrees or not _ANGLES.isdisjoint(s.column.parts.words)
         wanted = {"speed": "m/s", "turn": "rad/s", "steering": "rad" if said else ""}.get(label, "")
         share = s.factor == to_si("%")[1] or s.kind == "erpm"
         return "" if share else wanted

@@ -33,6 +33,7 @@ _TIME = listed(
     "time timestamp timestamps t stamp stamps times clock elapsed ts sec secs seconds millis micros datetime msec usec "
     "nsec nanosec timestep date received zeit tiempo tempo"
 )
+_TICKS = listed("tick ticks")
 _NOT_TIME = listed("index frame episode step steps count counter id seq")
 _TAILS: Mapping[tuple[str, ...], str] = MappingProxyType(
     {
@@ -130,6 +131,11 @@ def is_time(name: str) -> bool:
     """Whether a name sounds like a clock."""
     plain = set(words(name))
     return bool(plain & _TIME) and not plain & _NOT_TIME
+
+
+def ticks(name: str) -> bool:
+    """Whether a name sounds like what a controller's clock counts, or an encoder."""
+    return bool(set(words(name)) & _TICKS)
 
 
 def names_its_clock(column: str, clock: str, main: str) -> bool:
