@@ -74,6 +74,10 @@ def _command(signals: list[Signal], columns: Sequence[Column]) -> dict[str, Sign
     turns = [s for s in signals if s.kind == "yaw_rate" and s.commanded]
     steering, throttle = _best(kinds["steering"]), _best(kinds["throttle"])
     speed = _best(speeds) or _best([s for s in kinds["erpm"] if s.commanded])
+    if (
+        throttle and speed and len(np.unique(throttle.column.known)) < 2
+    ):  # Ackermann messages seldom use their acceleration
+        throttle = None
     ahead = {"throttle": throttle} if throttle else {"speed": speed} if speed else {}
     if steering and ahead:
         brake = _best(kinds["brake"]) if throttle else None

@@ -36,6 +36,8 @@ RULES = (
                  "command[] throttle steering; position[m] x y; heading[rad] heading"),
          Example("t,x,y,yaw,v,steering_angle,accel_cmd", "0 1 2 .1 1 .1 .5|.1 1.1 2 .1 1 .2 .5|.2 1.2 2 .2 1 .1 .4",
                  "command[] throttle steering; position[m] x y; heading[rad] heading; speed[m/s] speed"),
+         Example("t,x,y,drive.steering_angle,drive.speed,drive.acceleration", "0 1 2 .1 1 0|.1 1.1 2 .1 2 0|.2 1.2 2 .2 1 0",
+                 "command[] speed steering; position[m] x y"),
          Example("t,servo_us,motor_us,x,y,theta", "0 1500 1500 1 2 .1|.1 1600 1550 1.1 2 .1|.2 1500 1550 1.2 2 .1",
                  "command[] throttle steering; position[m] x y; heading[rad] heading"),
         ),
