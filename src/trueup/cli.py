@@ -138,11 +138,14 @@ class _Parser(argparse.ArgumentParser):
         return found
 
     def error(self, message: str) -> NoReturn:
-        """See ArgumentParser: an invalid choice with the nearest one."""
+        """See ArgumentParser: an invalid choice with the nearest one, what is missing with what belongs in which place."""
         wrong = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message)
         if wrong:
             near = difflib.get_close_matches(wrong[1], re.findall(r"[\w.-]+", wrong[2]), n=1)
             message += f"; did you mean '{near[0]}'?" if near else ""
+        places = [f"{a.metavar} ({a.help})" for a in self._actions if not a.option_strings and a.metavar and a.help]
+        if "arguments are required" in message and places:
+            message += f"; it takes, in this order, {', then '.join(places)}"
         super().error(message)
 
     def _command(self, name: str) -> _Parser | None:

@@ -81,3 +81,9 @@ def test_long_files_are_read_with_a_bar_on_a_terminal(tmp_path: Path) -> None:
     assert "reading long.csv" in terminal.file.getvalue()
     assert len(recording.channel("position").time) == 400_000
     assert notes == []
+
+
+def test_what_is_missing_is_said_with_what_belongs_in_which_place(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", "log.csv", "--out", "fit"]) == 2
+    said = capsys.readouterr().err
+    assert "MODEL (MJCF or URDF of the robot, or TOML of a car), then RECORDING (files or folders)" in said
