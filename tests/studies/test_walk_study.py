@@ -147,7 +147,8 @@ def test_a_search_on_the_robot_alone_keeps_to_its_trials_and_never_ends_worse_fo
     story = alone(robot, budget, 0)
     assert story.trials == len(robot.trials) <= budget.trials
     assert story.best.worth >= story.tried[0].worth
-    assert alone(Brittle(0.21), Budget(round=6, last=4), 0).trials <= 26
+    short = Budget(round=6, last=4)
+    assert alone(Brittle(0.21), short, 0).trials <= short.trials < 40
 
 
 def test_falls_of_all_walks_say_how_they_grow_with_speed() -> None:

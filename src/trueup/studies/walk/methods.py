@@ -77,7 +77,9 @@ class Bounded:
         shares = simulated_scores(walk, simulator, points, start.values[None])[:, 0]
         chances = tempered(likelihoods(start.runs, shares, walk.runs), self.effective)
         falls = Falls(simulator, walk, points, chances, read(np.zeros(1), [start.runs]), FALL)
-        signals = np.array([falls.signals(start.values[None])[0], *(t.signal for t in story.tried[1:])])
+        signals = np.array([t.signal for t in story.tried])
+        new = ~np.isfinite(signals)  # the start walk, and with longer steps: no search has looked at them
+        signals[new] = falls.signals(np.array([t.values for t in story.tried])[new])
         falls = replace(falls, odds=read(signals, [t.runs for t in story.tried]))
         scene = Ungrounded(runs=2, seconds=self.seconds, threads=self.threads).prepared(story, seed)
         return replace(scene, falls=falls)

@@ -23,6 +23,8 @@ from trueup.studies.walk.guidance import Guidance, Unguided
 from trueup.studies.walk.search import Effort, Promise, Scene, searched
 from trueup.tasks.walking import LineWalk
 
+_STEP = PARAMETERS.index("amp_swing")
+_LOOKS = 2  # runs of the start walk with longer steps
 FALL = 0.5
 """m/s that a fall costs where walks are picked, in the simulator as on the robot: one in a hundred costs half a cm/s."""
 
@@ -96,18 +98,20 @@ class Budget:
     rounds: int = 3
     start: int = 4
     """Runs of the start walk."""
+    longer: tuple[float, ...] = (1.2, 1.35, 1.5)
+    """Factors on its steps with which it is tried before any search: two runs each."""
     looks: int = 1
     """Runs of each walk of a round."""
     round: int = 10
     """Runs of a round; what looks leave goes to its walks that are worth the most."""
-    last: int = 24
+    last: int = 20
     """Runs after the last round, of the walks of all rounds that are worth the most by then. How many looks, rounds and last
     runs share was chosen on stand-ins 100 to 107, which the study does not have."""
 
     @property
     def trials(self) -> int:
         """Runs on the robot, at most."""
-        return self.start + self.rounds * self.round + self.last
+        return self.start + _LOOKS * len(self.longer) + self.rounds * self.round + self.last
 
 
 def improved(
@@ -125,9 +129,10 @@ def improved(
     track = line or scenes.task(LineWalk, runs=1)
     begin = PARAMETERS.nominal if start is None else start
     say = told or (lambda _: None)
-    story = Story(tuple(_judged([Tried(0, begin, None, at_once(robot, track, begin, budget.start, " start"))])))
-    say(f"start walk: {_words(story.tried[0].runs)}")
-    guide, stack = guidance or Unguided(), [0]
+    story = Story(tuple(_started(robot, track, begin, budget)))
+    for t in story.tried:
+        say(f"start walk, {t.values[_STEP]:.3g} rad of swing: {_words(t.runs)}")
+    guide, stack = guidance or Unguided(), list[int]()
     for number in range(1, budget.rounds + 1):
         scene = replace(method.prepared(story, seed + number), evaluator=evaluator or Here())
         begun = stack.pop() if stack else int(np.argmax([t.worth for t in story.tried]))
@@ -152,12 +157,24 @@ def improved(
     return replace(story, tried=tuple(_again(robot, track, story.tried, 0, budget.last, f" seed {seed} last")))
 
 
+def _started(robot: Robot, track: LineWalk, begin: Array, budget: Budget) -> list[Tried]:
+    """The start walk, and with longer steps until one falls in all of its looks."""
+    tried = [Tried(0, begin, None, at_once(robot, track, begin, budget.start, " start"))]
+    for factor in budget.longer:
+        longer = begin.copy()
+        longer[_STEP] = min(factor * begin[_STEP], PARAMETERS.parameters[_STEP].upper)
+        tried.append(Tried(0, longer, None, at_once(robot, track, longer, _LOOKS, f" start {factor:g}")))
+        if not tried[-1].runs.speeds:
+            break
+    return _judged(tried)
+
+
 def alone(
     robot: Robot, budget: Budget, seed: int, *, line: LineWalk | None = None, told: Callable[[str], None] | None = None,
 ) -> Story:  # fmt: skip
     """The story without a simulator: CMA-ES on the robot, a run a candidate; its last centres get the last round's runs."""
     track, say = line or scenes.task(LineWalk, runs=1), told or (lambda _: None)
-    tried = [Tried(0, PARAMETERS.nominal, None, at_once(robot, track, PARAMETERS.nominal, budget.start, " start"))]
+    tried = _started(robot, track, PARAMETERS.nominal, budget)
     search = CmaEs(PARAMETERS.to_unit(PARAMETERS.nominal), seed=seed, sigma=0.6 * budget.effort.sigma, restarts=0)
     left, number, centres = (budget.rounds - 1) * budget.round, 0, list[Array]()
     while left > 0:
