@@ -19,8 +19,8 @@ from trueup.errors import PlanError, UnknownNameError
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.studies.walk import scenes
 from trueup.studies.walk.comparison import Result, over
-from trueup.studies.walk.evaluation import Runs
-from trueup.studies.walk.falls import Falling, Falls, drawn, read
+from trueup.studies.walk.evaluation import Runs, read
+from trueup.studies.walk.falls import Falling, Falls, drawn
 from trueup.studies.walk.guidance import BALANCE, Automatic, Expert
 from trueup.studies.walk.methods import Bounded, likelihoods, tempered
 from trueup.studies.walk.odds import Odds

@@ -61,6 +61,11 @@ class Runs:
         return (1.0 - share) * (self.speed - spread) - share * fall
 
 
+def read(signals: Array, runs: Sequence[Runs]) -> Odds:
+    """What runs of walks with signals (r,) say of falls; who veered off counts as fallen."""
+    return Odds.of(signals, np.array([r.falls + r.veers for r in runs]), np.array([r.number for r in runs]))
+
+
 def expected_falls(runs: Sequence[Runs]) -> Array:
     """(n,) shares in which walks are expected to fall on the robot that has run them so; who veered off counts as fallen.
 
@@ -68,14 +73,13 @@ def expected_falls(runs: Sequence[Runs]) -> Array:
     deviation of its own). Signals are logarithms of speeds, with the standard deviation 1/2 that the slope's prior is meant
     for; a walk that never arrived counts as fast as the fastest.
     """
-    failed, number = np.array([(r.falls + r.veers, r.number) for r in runs], dtype=np.float64).T
     arrived = np.array([bool(r.speeds) for r in runs])
     logs = np.zeros(len(runs))
     if arrived.any():
         logs[arrived] = [np.log(r.speed) for r in runs if r.speeds]
         logs[~arrived] = logs[arrived].max()
-    spread = float(np.sqrt(np.cov(logs, aweights=number, ddof=0))) if len(runs) > 1 else 0.0
-    return Odds.of(logs / (2.0 * spread) if spread > 0.0 else np.zeros(len(runs)), failed, number).told
+    spread = float(np.sqrt(np.cov(logs, aweights=[r.number for r in runs], ddof=0))) if len(runs) > 1 else 0.0
+    return read(logs / (2.0 * spread) if spread > 0.0 else np.zeros(len(runs)), runs).told
 
 
 def outcome(recordings: Sequence[Recording], walk: LineWalk) -> Runs:

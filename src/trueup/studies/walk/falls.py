@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from trueup.arrays import Array
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.evaluation.evaluator import Evaluator, Here
-from trueup.studies.walk.evaluation import Runs
 from trueup.studies.walk.odds import Odds
 from trueup.tasks.task import simulated_scores
 from trueup.tasks.walking import WalkFront
@@ -69,11 +68,6 @@ class Falls:
     def signals(self, candidates: Array) -> Array:
         """(b,) signals of candidates (b, m), by all points."""
         return _signals(self.simulator, self.walk, self.points, candidates, Here(), self.chances)
-
-
-def read(signals: Array, runs: Sequence[Runs]) -> Odds:
-    """What walks with signals (r,) did on the robot."""
-    return Odds.of(signals, np.array([r.falls + r.veers for r in runs]), np.array([r.number for r in runs]))
 
 
 def _signals(

@@ -16,8 +16,8 @@ from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.correction import Correction
 from trueup.recording import Recording
 from trueup.studies.walk import scenes
-from trueup.studies.walk.evaluation import Runs
-from trueup.studies.walk.falls import Falling, Falls, read
+from trueup.studies.walk.evaluation import Runs, read
+from trueup.studies.walk.falls import Falling, Falls
 from trueup.studies.walk.search import Scene, whole
 from trueup.studies.walk.study import FALL, Story
 from trueup.tasks.task import simulated_scores
