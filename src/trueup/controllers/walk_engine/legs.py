@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array, Integers
+from trueup.controllers.walk_engine.kernel import joint_angles
 from trueup.errors import ModelError
 
 JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")
@@ -88,30 +89,11 @@ class Legs:
         forward by `pitch`, then outward about x by `roll`, then about z by as much as the first joint yaws. The sole's
         normal is turned by `foot_pitch` about y (toes down), `foot_roll` about x, and that same yaw, all in the base's frame.
         """
-        l1, l2 = np.hypot(*self.thigh.T), np.hypot(*self.shank.T)
-        d = np.clip(length, np.abs(l1 - l2) + 1e-6, l1 + l2 - 1e-6)
-        bend = np.arccos(np.clip((d * d - l1 * l1 - l2 * l2) / (2.0 * l1 * l2), -1.0, 1.0))
-        before = np.arcsin(np.clip(l2 * np.sin(bend) / d, -1.0, 1.0))  # between thigh and the line to the ankle
-        before = np.where(l1 + l2 * np.cos(bend) < 0.0, np.pi - before, before)
-        psi = yaw * self.yaw[:, 2]
-        # Directions before the first joint turns them: the other hip joints make these.
-        down = _turned(
-            self.yaw, -yaw, _yawed(psi, np.sin(pitch), np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch))
+        out = np.empty((*np.shape(yaw), 6))
+        joint_angles(
+            (yaw, roll, pitch, length, foot_roll, foot_pitch), self.yaw, self.thigh, self.shank, self.signs, out
         )
-        hip_roll = np.arctan2(down[1], -down[2])
-        forward = np.arcsin(np.clip(down[0], -1.0, 1.0))
-        hip_pitch = _pitch(self.thigh) - forward - before
-        knee = _pitch(self.shank) - _pitch(self.thigh) + bend
-        normal = _yawed(
-            psi, np.sin(foot_pitch), -np.sin(foot_roll) * np.cos(foot_pitch), np.cos(foot_roll) * np.cos(foot_pitch)
-        )
-        x, y, z = _turned(self.yaw, -yaw, normal)
-        c, s = np.cos(hip_roll), np.sin(hip_roll)
-        y, z = c * y + s * z, -s * y + c * z
-        c, s = np.cos(hip_pitch + knee), np.sin(hip_pitch + knee)
-        x, z = c * x - s * z, s * x + c * z
-        ankle_roll, ankle_pitch = np.arcsin(np.clip(-y, -1.0, 1.0)), np.arctan2(x, z)
-        return np.stack([yaw, hip_roll, hip_pitch, knee, ankle_pitch, ankle_roll], axis=2) * self.signs
+        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,29 +114,6 @@ class Biped:
         moved = self.columns >= 0
         out[:, self.columns[moved]] = np.clip(angles, self.legs.lower, self.legs.upper)[:, moved]
         return out
-
-
-def _pitch(link: Array) -> Array:
-    """(2,) rad by which links (2, 2) point forward of straight down."""
-    return np.arctan2(link[:, 0], -link[:, 1])
-
-
-def _yawed(psi: Array, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
-    """Components of vectors turned about z."""
-    c, s = np.cos(psi), np.sin(psi)
-    return c * x - s * y, s * x + c * y, z
-
-
-def _turned(axis: Array, angle: Array, v: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-    """Components (b, 2) of vectors turned about axes (2, 3): Rodrigues' formula."""
-    (kx, ky, kz), (x, y, z) = axis.T, v
-    c, s = np.cos(angle), np.sin(angle)
-    along = (kx * x + ky * y + kz * z) * (1.0 - c)
-    return (
-        c * x + s * (ky * z - kz * y) + kx * along,
-        c * y + s * (kz * x - kx * z) + ky * along,
-        c * z + s * (kx * y - ky * x) + kz * along,
-    )
 
 
 def _check(model: str, names: Sequence[Sequence[str]], axes: Array, anchors: Array) -> None:
