@@ -15,6 +15,7 @@ import pytest
 import trueup
 from trueup.actuators.bench import Bench, runs_of
 from trueup.actuators.experiment import experiment
+from trueup.actuators.fit import Problem, Slopes, coarseness, fit
 from trueup.actuators.identify import Actuator, identify_actuator
 from trueup.actuators.output import output_of
 from trueup.actuators.replay import replay
@@ -22,6 +23,7 @@ from trueup.actuators.servo import Law
 from trueup.cli import main
 from trueup.errors import ParameterError, RecordingError, UnknownNameError
 from trueup.formats import write
+from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Recording
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -49,6 +51,24 @@ def test_the_structure_and_the_numbers_of_a_hidden_servo_are_found(found: Actuat
         assert getattr(found.law, name) == pytest.approx(getattr(TRUTH, name), rel=0.1), name
     covered = [v.low <= getattr(TRUTH, v.name) <= v.high for v in found.values if v.name in Law._fields and v.value > 0]
     assert np.mean(covered) > 0.5
+
+
+def test_what_a_replays_steps_put_into_values_is_foretold_and_shrinks_with_them() -> None:
+    plain = Law(1.5, 2e-3, 0.05, 0.02)
+    runs, _, _ = runs_of(recordings(plain, ("steps", "sines")), BENCH)  # simulated in steps of 0.5 ms
+    ranges = {"stiffness": (0.3, 6.0), "armature": (5e-4, 8e-3), "back_emf": (0.01, 0.25), "coulomb": (5e-3, 0.1)}
+    space = ParameterSpace(tuple(Parameter(n, "1", a, a, b, scale="log") for n, (a, b) in ranges.items()))
+    truth, off, foretold = space.to_unit([getattr(plain, n) for n in space.names]), [], []
+    for step in (4e-3, 2e-3):
+        problem = Problem(runs, step)
+        fitted = fit(problem, space.parameters, {n: getattr(plain, n) for n in space.names})
+        off.append(np.abs(space.to_unit([fitted.values[n] for n in space.names]) - truth))
+        foretold.append(coarseness(problem, fitted, Slopes.at(problem, fitted)))
+    worst = off[0].argmax()
+    assert off[0][worst] > 0.02  # of its range: far beyond the noise
+    for error, told in zip(off, foretold, strict=True):
+        assert 0.4 * error[worst] < told[worst] < 2.5 * error[worst]
+    assert foretold[1][worst] == pytest.approx(0.5 * foretold[0][worst], rel=0.3)
 
 
 def test_a_motion_that_was_held_out_is_met_to_the_encoder(found: Actuator) -> None:

@@ -120,28 +120,54 @@ def widening(
     return found
 
 
-def spread(problem: Problem, found: Found) -> Array:
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """A fit's residuals (m,) and how they change with what was searched (m, n), over the box, robust weights in both."""
+
+    misses: Array
+    slopes: Array
+    root: Array
+    """(m,) of the weights."""
+
+    @classmethod
+    def at(cls, problem: Problem, found: Found) -> Slopes:
+        """By differences over `_APART` of the box to both sides."""
+        space = ParameterSpace(found.searched)
+        here = space.to_unit([found.values[n] for n in space.names])
+        n = len(here)
+        points = np.clip(np.concatenate([here[None], here + _APART * np.eye(n), here - _APART * np.eye(n)]), 0.0, 1.0)
+        rows = [dict(zip(space.names, row, strict=True)) for row in space.from_unit(points).tolist()]
+        misses = problem.residuals([{**found.values, **r} for r in rows])
+        root = np.sqrt(robust_weights(misses[0], found.bend))
+        moved = np.diag(points[1 : n + 1] - points[n + 1 :])
+        return cls(root * misses[0], (misses[1 : n + 1] - misses[n + 1 :]).T / moved * root[:, None], root)
+
+
+def spread(problem: Problem, slopes: Slopes) -> Array:
     """(n, n) covariance over the box of what was searched, from how differently the blocks pull.
 
     The sandwich with one term a block (K. Liang, S. Zeger, Biometrika 73(1), 1986), so that errors which last as long as a
     block, and what the model misses, count; nothing is less certain than a uniform guess (variance 1 / 12).
     """
-    space = ParameterSpace(found.searched)
-    here = space.to_unit([found.values[n] for n in space.names])
-    n, B = len(here), len(problem.blocks)
-    points = np.clip(np.concatenate([here[None], here + _APART * np.eye(n), here - _APART * np.eye(n)]), 0.0, 1.0)
-    rows = [{**found.values, **dict(zip(space.names, row, strict=True))} for row in space.from_unit(points).tolist()]
-    misses = problem.residuals(rows)
-    root = np.sqrt(robust_weights(misses[0], found.bend))
-    moved = np.diag(points[1 : n + 1] - points[n + 1 :])
-    slopes = (misses[1 : n + 1] - misses[n + 1 :]).T / moved * root[:, None]
+    x, n, B = slopes.slopes, slopes.slopes.shape[1], len(problem.blocks)
     edges = np.cumsum([0, *(b.samples.stop - b.samples.start for b in problem.blocks)])
-    pulls = np.stack([slopes[a:b].T @ (root * misses[0])[a:b] for a, b in pairwise(edges)])
-    curvature = slopes.T @ slopes
+    pulls = np.stack([x[a:b].T @ slopes.misses[a:b] for a, b in pairwise(edges)])
+    curvature = x.T @ x
     between = B / (B - 1) * (pulls.T @ pulls)
     size = max(float(np.trace(between) / max(np.trace(curvature), TINY)), NEGLIGIBLE)
     inverse = np.linalg.inv(curvature + size * 12.0 * np.eye(n))
     return inverse @ (between + size**2 * 12.0 * np.eye(n)) @ inverse
+
+
+def coarseness(problem: Problem, found: Found, slopes: Slopes) -> Array:
+    """(n,) share of the box by which values are off since a replay takes steps, to first order.
+
+    MuJoCo's errors shrink with its step, so that half a step has half of them: what the fit would change by with it, a
+    Gauss-Newton step on, is as much as what is left (L. F. Richardson, Phil. Trans. Royal Society A 210, 1911).
+    """
+    fine = Problem(problem.runs, 0.5 * problem.step).residuals([found.values])[0]
+    change = np.linalg.lstsq(slopes.slopes, slopes.root * fine - slopes.misses, rcond=None)[0]
+    return 2.0 * np.abs(np.where(np.isfinite(change), change, 0.0))
 
 
 def left_out(problem: Problem, parameters: Sequence[Parameter], found: Found) -> list[dict[str, float]]:

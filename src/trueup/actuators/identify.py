@@ -12,7 +12,7 @@ from trueup.actuators.actuator import Actuator, Judged
 from trueup.actuators.bench import Bench, Run, runs_of
 from trueup.actuators.choose import Chooser, Model, choose
 from trueup.actuators.experiment import Value, experiment
-from trueup.actuators.fit import Problem, spread
+from trueup.actuators.fit import Problem, Slopes, coarseness, spread
 from trueup.actuators.output import output_of
 from trueup.actuators.replay import replay
 from trueup.actuators.structures import BY_NAME, LIMIT, LIMITS, PUNCH, VISCOUS, Scales, declared, law_of
@@ -84,13 +84,16 @@ def _values(problem: Problem, model: Model) -> list[Value]:
     """Values with 95 % intervals by Student's t with as many degrees of freedom as blocks but one.
 
     The wider of two: by how differently the blocks pull at the optimum, and by where fits without each of them went (the
-    jackknife), which also sees what is not smooth.
+    jackknife), which also sees what is not smooth. What the replay's own steps put into the values comes on top: the servo
+    has none.
     """
     found = model.found
     space = ParameterSpace(found.searched)
     whole = space.to_unit([found.values[n] for n in space.names])
     each = space.to_unit([[v[n] for n in space.names] for v in model.left_out])
-    half = half_interval(len(each)) * np.maximum(np.sqrt(np.diag(spread(problem, found))), jackknife(each))
+    slopes = Slopes.at(problem, found)
+    half = half_interval(len(each)) * np.maximum(np.sqrt(np.diag(spread(problem, slopes))), jackknife(each))
+    half += coarseness(problem, found, slopes)
     low, high = (space.from_unit(np.clip(whole + sign * half, 0.0, 1.0)) for sign in (-1.0, 1.0))
     return [
         Value(p.name, found.values[p.name], float(a), float(b), p.unit)
