@@ -18,16 +18,18 @@ from trueup.engines.simulator import Rollout
 from trueup.errors import PlanError, UnknownNameError
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.studies.walk import scenes
-from trueup.studies.walk.comparison import Result, over
-from trueup.studies.walk.evaluation import Runs, read
+from trueup.studies.walk.comparison import Result, over, truth_of
+from trueup.studies.walk.evaluation import Runs, at_once, read
 from trueup.studies.walk.falls import Falling, Falls, drawn
+from trueup.studies.walk.fitted import Fitted, replay_errors
 from trueup.studies.walk.guidance import BALANCE, Automatic, Expert
-from trueup.studies.walk.methods import Bounded, likelihoods, tempered
+from trueup.studies.walk.methods import Bounded, legs, likelihoods, tempered
 from trueup.studies.walk.odds import Odds
 from trueup.studies.walk.report import html
+from trueup.studies.walk.robot import StandInNao
 from trueup.studies.walk.search import Effort, Scene, searched
 from trueup.studies.walk.study import Story, Tried
-from trueup.tasks.walking import WalkFront, likely_falls
+from trueup.tasks.walking import LineWalk, WalkFront, likely_falls
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -169,3 +171,22 @@ def test_differences_between_ways_are_taken_robot_by_robot() -> None:
     page = html(results(0.01))
     assert "stand-in 5" in page
     assert "gain over noisy" in page
+
+
+def test_fitted_simulators_replay_the_robot_better_and_fall_the_more_the_robot_falls() -> None:
+    robot = StandInNao(truth_of(100), seed=100, threads=1)
+    line = scenes.task(LineWalk, runs=1)
+    runs = at_once(robot, line, PARAMETERS.nominal, 2, " start")
+    few = Fitted(members=2, drawn=1, replayed=2.5, population=8, generations=3, threads=1)
+    scene = few.prepared(Story((Tried(0, PARAMETERS.nominal, None, runs),)), 0)
+    begun = [legs(r, torso=True).slice(r.start, r.start + 2.5) for r in runs.recordings]
+    nominal = scene.simulator.parameters.nominal
+    errors = replay_errors(scene.simulator, begun, np.vstack([nominal, scene.models])).prod(axis=2).mean(axis=0)
+    assert scene.models.shape == (2, len(nominal))
+    assert (errors[1:] < 0.8 * errors[0]).all()
+    assert isinstance(scene.walk, WalkFront)
+    steady, falling = (
+        few.unsteadier(scene.simulator, scene.walk, scene.models, Story((Tried(0, PARAMETERS.nominal, None, r),)))
+        for r in (Runs(speeds=(0.12,) * 20), Runs(speeds=(0.12,) * 10, falls=10))
+    )
+    assert 1.0 / 3.0 <= steady <= 1.0 < falling <= 3.0

@@ -123,7 +123,7 @@ def test_a_search_shows_its_way_from_gentle_to_bold() -> None:
     assert all(p.values[fixed] == pytest.approx(PARAMETERS.nominal[fixed]) for p in found.path)
 
 
-@pytest.mark.parametrize("holds", [0.17, 0.21, 0.30])
+@pytest.mark.parametrize("holds", [0.19, 0.21, 0.30])
 def test_the_loop_goes_as_far_as_the_robot_follows_within_its_trials(holds: float) -> None:
     robot, heard = Brittle(holds), []
     budget = Budget(effort=SMALL)
@@ -148,8 +148,8 @@ def test_a_search_on_the_robot_alone_keeps_to_its_trials_and_never_ends_worse_fo
     assert story.trials == len(robot.trials) <= budget.trials
     assert speed_of(story.best.values[None])[0] >= speed_of(PARAMETERS.nominal[None])[0]
     assert story.best.values[AMPLITUDE] < 0.21 + 0.02  # beyond it falls in half of its runs
-    short = Budget(round=6, last=4)
-    assert alone(Brittle(0.21), short, 0).trials <= short.trials < 40
+    short = Budget(round=6, trials=30)
+    assert alone(Brittle(0.21), short, 0).trials <= short.trials
 
 
 def test_falls_of_all_walks_say_how_they_grow_with_speed() -> None:

@@ -110,12 +110,13 @@ class Walk(ABC):
 
     def risk(self, rollout: Rollout) -> Array:
         """(b,) 1 for a run that fell; for others 0, or what `tips` let expect."""
-        down = fell(rollout).astype(np.float64)
-        if self.tips is not None:
-            time = rollout.trial.observed[ANGLES].time - rollout.trial.start
-            for row in np.flatnonzero(down == 0.0):
-                down[row] = likely_falls(time, rollout.channels[ANGLES][row, :, :2], self.tips)
-        return down
+        return fell(rollout).astype(np.float64) if self.tips is None else passing(self.swayed(rollout, self.tips))
+
+    def swayed(self, rollout: Rollout, tips: tuple[float, float]) -> Array:
+        """(b,) `sway` of each run, infinite for one that fell."""
+        time = rollout.trial.observed[ANGLES].time - rollout.trial.start
+        down, angles = fell(rollout), rollout.channels[ANGLES][:, :, :2]
+        return np.array([np.inf if d else sway(time, a, tips) for d, a in zip(down, angles, strict=True)])
 
     def score(self, rollouts: Sequence[Rollout]) -> Array:
         """(b,) minus what is made good on average, `fall` taken off for each fall; NaN where no run was measured."""
@@ -256,16 +257,28 @@ _SETTLED, _STEPS = 2.5, 30.0  # s until steps have grown; steps of 15 s, of whic
 
 
 def likely_falls(time: Array, angles: Array, tips: tuple[float, float]) -> float:
-    """The chance of a fall in 15 s from the sway of a run that stood: roll and pitch (T, 2) at `time` (T,) since the start.
+    """The chance of a fall in 15 s from the sway of a run that stood (see `sway` and `passing`); 0 where it shows none."""
+    return float(passing(np.array(sway(time, angles, tips))))
 
-    Sway that wanders like normal noise passes `tips` with exp(-tip^2 / (2 deviation^2)) a step (S. O. Rice, Bell System
-    Technical Journal 24, 1945, section 3.3). 0 for runs without a second of walk.
+
+def sway(time: Array, angles: Array, tips: tuple[float, float]) -> float:
+    """How far a run that stood swayed, squared, as a share of `tips`: roll and pitch (T, 2) at `time` (T,) since the start.
+
+    0 for runs without a second of walk.
     """
     walked = (time > _SETTLED) & np.isfinite(angles).all(axis=1)
     if not walked.any() or np.ptp(time[walked]) < 1.0:
         return 0.0
-    share = np.square(angles[walked].std(axis=0) / tips).sum()
-    return float(-np.expm1(-_STEPS * np.exp(-0.5 / max(float(share), 1e-6))))
+    return float(np.square(angles[walked].std(axis=0) / tips).sum())
+
+
+def passing(shares: Array) -> Array:
+    """The chance of a fall in 15 s for shares of `sway`, of any shape.
+
+    Sway that wanders like normal noise passes `tips` with exp(-tip^2 / (2 deviation^2)) a step (S. O. Rice, Bell System
+    Technical Journal 24, 1945, section 3.3).
+    """
+    return -np.expm1(-_STEPS * np.exp(-0.5 / np.maximum(shares, 1e-6)))
 
 
 def fell(rollout: Rollout) -> Mask:

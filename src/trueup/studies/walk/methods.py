@@ -103,7 +103,7 @@ class Calibrated:
     def prepared(self, story: Story, seed: int) -> Scene:
         """See Method."""
         simulator = scenes.doubtful(threads=self.base.threads)
-        stood = [r for t in story.tried for r in t.runs.recordings if r.duration > _WALKED + self.seconds / 2.0]
+        stood = [r for t in story.tried for r in t.runs.recordings if r.duration > WALKED + self.seconds / 2.0]
         half = self.seconds / 2.0
         walked = [legs(r, torso=True).slice(r.start + 1.0, r.start + 1.0 + half) for r in stood[-2:]]
         space = simulator.parameters
@@ -177,7 +177,7 @@ class Grounded:
 
     def prepared(self, story: Story, seed: int) -> Scene:
         """See Method."""
-        runs = [legs(r) for t in story.tried for r in t.runs.recordings if r.duration > _WALKED]
+        runs = [legs(r) for t in story.tried for r in t.runs.recordings if r.duration > WALKED]
         wishes = Wishes(
             joints=scenes.MOTORS, others=(), learners=(self.learner,), by_row=False, period=scenes.CYCLE, view="own"
         )
@@ -189,7 +189,8 @@ class Grounded:
         return replace(scene, simulator=simulator, correction=told)
 
 
-_WALKED = 3.0  # s: shorter runs are mostly falls
+WALKED = 3.0
+"""s: shorter runs are mostly falls."""
 
 
 def legs(recording: Recording, *, torso: bool = False) -> Recording:

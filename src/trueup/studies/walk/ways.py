@@ -7,17 +7,19 @@ from collections.abc import Sequence
 
 from trueup.errors import unknown_name
 from trueup.studies.walk.comparison import Way
+from trueup.studies.walk.fitted import Fitted
 from trueup.studies.walk.guidance import Automatic, Expert
 from trueup.studies.walk.methods import Bounded, Calibrated, Grounded, Ungrounded
 
-CONTROL, CHALLENGER = "noisy", "bounded"
+CONTROL, CHALLENGER = "noisy", "fitted"
 """The way that others must beat, and the one that is put beside it by default."""
 WAYS = {
     CONTROL: Way(Ungrounded()),
     "noisy + expert": Way(Ungrounded(), Expert()),
     "noisy + automatic": Way(Ungrounded(), Automatic()),
     "noisy + corrected": Way(Ungrounded(corrected=True)),
-    CHALLENGER: Way(Bounded()),
+    CHALLENGER: Way(Fitted()),
+    "bounded": Way(Bounded()),
     "grounded + linear 0.3": Way(Grounded()),
     "grounded + tree 0.3": Way(Grounded(learner="model-tree")),
     "grounded + linear chained": Way(Grounded(share=1.0, chained=True)),
