@@ -129,23 +129,14 @@ def test_an_optimum_of_the_coarse_step_that_blows_up_at_the_real_one_is_left(for
     assert found.values[0] == pytest.approx(2.0, rel=0.01)
 
 
-def test_what_an_earlier_version_saved_while_it_evolved_after_slopes_begins_again(formula: Make) -> None:
-    states: list[dict[str, Any]] = []
-    watch = Watch(checkpoint=states.append)
-    fit(problem_of(formula(ridge, SPACE)), SPACE, SPACE.nominal, watch, stages=SEARCHES["hybrid"])
-    saved = json.loads(json.dumps(next(s for s in states if s["stage"] == "cma-es")))
-    whole = fit(problem_of(formula(ridge, SPACE)), SPACE, SPACE.nominal, Watch())
-    again = fit(problem_of(formula(ridge, SPACE)), SPACE, SPACE.nominal, Watch(), resume=saved)
-    np.testing.assert_array_equal(again.values, whole.values)
+def test_slopes_do_not_lead_on_from_where_the_real_step_fails(formula: Make) -> None:
+    def unstable(time: Array, values: Array, step: float) -> Array:
+        return np.full_like(time, np.nan) if step < 0.015 and values[0] > 2.6 else values[0] * np.sin(2.0 * time)
 
-
-def test_a_saved_stage_that_is_no_more_goes_on_at_the_full_step(formula: Make) -> None:
-    states: list[dict[str, Any]] = []
-    whole = fit(problem_of(formula(ridge, SPACE)), SPACE, SPACE.nominal, Watch(checkpoint=states.append))
-    saved = {**states[-1], "stage": "of an earlier version"}
-    seen: list[str] = []
-    watch = Watch(progress=lambda point: seen.append(point.stage))
-    again = fit(problem_of(formula(ridge, SPACE)), SPACE, SPACE.nominal, watch, resume=saved)
-    assert seen[0] == "all, full step"
-    assert "all, coarse step" not in seen
-    np.testing.assert_allclose(again.values, whole.values, rtol=1e-3)
+    space = ParameterSpace((Parameter("gain", "", 0.6, 0.5, 5.0, scale="log"),))
+    problem = problem_of(formula(unstable, space), np.array([2.0]))
+    coarse = problem.at_step(0.025)
+    run = Descent(space, np.clip(space.to_unit([3.0]), 0, 1), Watch(), 3.0)
+    assert not run.leads_on(Look("all", coarse, coarse, 0.05, 20, real=problem))
+    run = Descent(space, np.clip(space.to_unit([2.2]), 0, 1), Watch(), 3.0)
+    assert run.leads_on(Look("all", coarse, coarse, 0.05, 20, real=problem))

@@ -46,7 +46,7 @@ class Calibrate:
     """[calibrate]: which of the simulator's parameters are fitted to which recordings, and how."""
 
     method: Component = field(default_factory=lambda: Component("fit"))
-    """'fit' (least squares, after CMA-ES where `search` says so), 'none', or your own function."""
+    """'fit' (least squares, or CMA-ES where slopes mislead), 'none', or your own function."""
     recordings: tuple[str, ...] = ()
     """Files, folders or patterns, relative to the plan, beside those of the campaign itself."""
     mapping: str = ""

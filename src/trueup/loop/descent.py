@@ -100,6 +100,8 @@ class Look:
     """In units of what chance alone gives."""
     most: int
     """Iterations."""
+    real: Problem | None = None
+    """The same recordings at the real step, where the problem has a coarser one."""
     last: bool = False
     """Whether everything is looked at, so that what is weakly seen may move."""
 
@@ -198,6 +200,15 @@ class Descent:
             begun = self.point
         self.point, self._slopes = begun, None
         return self.descend(look)
+
+    def leads_on(self, look: Look) -> bool:
+        """Whether slopes lead from here to where the recordings are explained at the real step; stays here."""
+        if look.real is None:
+            return False
+        real = replace(last_look(look.real, look.problem), name=look.name)
+        if not np.isfinite(self._residual(real.problem)).all():
+            return False  # where the coarser step led, the real one fails
+        return explained(replace(self).polish(real).residual)
 
     def _level(self, cheap: Problem, fine: Array) -> Problem | None:
         """The cheaper problem with the residual (m,) of the real one at the point, without approximations that miss it; None

@@ -18,7 +18,7 @@ from trueup.search.least_squares import LeastSquares
 from trueup.search.robust import robust_losses
 
 EVOLVING = "cma-es"  # the name of its stage
-_FEW = 8  # parameters: with so few, more places along an axis are tried, and larger slopes count as none
+FEW = 8  # parameters: so few can be searched widely where slopes end far above the noise
 EDGE = 5e-3  # share of the box: whatever is closer to a bound is on it
 LOOKED_AT = 5  # parameters without much slope, at most: those with the least
 _BLIND = 5.0  # a slope that across the whole box changes the residuals by less than this many times what they are
@@ -48,6 +48,13 @@ def evolved(
     return search.best[0]
 
 
+def anywhere(problem: Problem, space: ParameterSpace, last: LeastSquares, watch: Watch, seed: int) -> Array | None:
+    """A better point wherever it is, if there is one: a foot that sticks has no slope towards the friction it slides with."""
+    point = evolved(problem, space, last.point, watch, seed, short=True)
+    there, here = losses_at(problem, space, np.stack([point, last.point]))
+    return point if there < _BETTER * here else None
+
+
 def along_axes(problem: Problem, space: ParameterSpace, last: LeastSquares, first: Problem) -> Array | None:
     """A better point along the axis of a parameter that has no slope where it is, or is at a bound, if there is one.
 
@@ -60,7 +67,7 @@ def along_axes(problem: Problem, space: ParameterSpace, last: LeastSquares, firs
     bound = (last.point < EDGE) | (last.point > 1.0 - EDGE)
     effect = np.sqrt(np.mean(last.jacobian**2, axis=0) / max(float(np.mean(last.residual**2)), TINY))
     weakest = np.argsort(np.where(bound, 0.0, effect))[:LOOKED_AT]
-    few = len(last.point) <= _FEW
+    few = len(last.point) <= FEW
     blind = weakest[(effect < (4.0 if few else 1.0) * _BLIND)[weakest] | bound[weakest]]
     if not len(blind):
         return None
@@ -83,7 +90,7 @@ def _along(problem: Problem, space: ParameterSpace, point: Array, columns: NDArr
         return points, losses_at(problem, space, points)
 
     # Ground friction counts in a narrow range only: above it a foot sticks, below it the robot slips away.
-    places = np.linspace(0.05, 0.95, 28 if len(point) <= _FEW else 10)
+    places = np.linspace(0.05, 0.95, 28 if len(point) <= FEW else 10)
     _, losses = seen(np.repeat(columns, len(places)), np.tile(places, len(columns)))
     column, place = divmod(int(np.argmin(losses)), len(places))
     # Where it has no slope on one side of a place and too much on the other, what is best lies between two places.

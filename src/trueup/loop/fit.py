@@ -23,6 +23,7 @@ from trueup.loop.stages import (
     Stage,
     coarse_step,
     each_apart,
+    evolution,
     evolve_first,
     evolve_long,
     first_seconds,
@@ -44,7 +45,7 @@ __all__ = ["DESCENT", "REFINEMENT", "SEARCHES", "STAGES", "Checkpoint", "Fit", "
 _SHORT = (GLANCE, 15.0)  # s: the first stage looks at the first quarter of the recordings, within these bounds
 _COARSE = (2.5, 2.0, 1.5)  # factors on the integration step while far from the optimum; the first that is faithful
 
-_LINES, _SELECTION = Stage("lines", lines), Stage("selection", selection)
+_LINES, _EVOLUTION, _SELECTION = Stage("lines", lines), Stage("evolution", evolution), Stage("selection", selection)
 _APART, _GLANCE = Stage("joint by joint", each_apart), Stage("glance", glance)
 _GROWTH_APART = Stage("growth joint by joint", growth_apart)
 _FIRST = Stage("first seconds", first_seconds)
@@ -54,9 +55,11 @@ _PROFILES = Stage("profiles", profiles)
 _SHOOTING = Stage("multiple shooting", multiple_shooting)
 _AROUND = (_SHOOTING, Stage("implicit filtering", implicit_filtering), Stage("probe", probing))
 
+_ELSEWHERE = (_LINES, _EVOLUTION)
+
 STAGES = (
-    _APART, _GLANCE, _GROWTH_APART, _FIRST, _LINES, _COARSE_STEP, _LINES, _PROFILES, _SELECTION, _GROWTH,
-    _FULL, _LINES, _PROFILES, _SELECTION, _GROWTH, Stage("off bounds", off_bounds), *_AROUND,
+    _APART, _GLANCE, _GROWTH_APART, _FIRST, *_ELSEWHERE, _COARSE_STEP, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH,
+    _FULL, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH, Stage("off bounds", off_bounds), *_AROUND,
 )  # fmt: skip
 """What a search does unless told otherwise."""
 DESCENT = (_APART, _GROWTH_APART, _FIRST, _COARSE_STEP, _SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH)
@@ -132,8 +135,6 @@ def _begin(run: Run, stages: Sequence[Stage], resume: dict[str, Any] | None) -> 
     if not resume:
         return 0
     names = [stage.name for stage in stages]
-    if resume["stage"] == EVOLVING and EVOLVING not in names:
-        return 0  # saved where CMA-ES could follow slopes: nothing in it says where these had led
     run.saved, run.resumed = resume["search"], resume["stage"] != EVOLVING
     return names.index(resume["stage"]) if resume["stage"] in names else names.index("all, full step")
 

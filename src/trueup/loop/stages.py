@@ -11,8 +11,8 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.loop.apart import apart, confirmed
-from trueup.loop.descent import Descent, Fit, Look, Select, last_look
-from trueup.loop.elsewhere import along_axes, evolved
+from trueup.loop.descent import Descent, Fit, Look, Select, explained, last_look
+from trueup.loop.elsewhere import FEW, along_axes, anywhere, evolved
 from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
@@ -137,14 +137,16 @@ def glance(run: Run) -> None:
 def first_seconds(run: Run) -> None:
     """The first quarter of the recordings, loosely."""
     if run.first is not run.coarse and not run.begun:
-        run.go(Look("first seconds", run.first, run.first, 30.0, 15))
+        longest = max(t.duration for t in run.first.trials)
+        real = run.problem.shortened(longest) if run.coarse is not run.problem else None
+        run.go(Look("first seconds", run.first, run.first, 30.0, 15, real))
         run.early = run.descent.space.from_unit(run.descent.point)
 
 
 def coarse_step(run: Run) -> None:
     """All recordings at a coarser step."""
     if run.coarse is not run.problem:
-        run.go(Look("all, coarse step", run.coarse, run.coarse, 5.0, 25))
+        run.go(Look("all, coarse step", run.coarse, run.coarse, 5.0, 25, run.problem))
 
 
 def refinement(run: Run) -> None:
@@ -209,6 +211,18 @@ def lines(run: Run) -> None:
     found = run.descent.search
     if run.looks and found is not None and (run.looks == 1 or not run.look.last):
         run.from_there(along_axes(run.look.problem, run.descent.space, found, run.first))
+
+
+def evolution(run: Run) -> None:
+    """Looks everywhere, after the first look, where slopes end far above the noise and parameters are few, or where no slope
+    leads down at all: residuals are rough then (contacts, falls).
+    """
+    run_, found = run.descent, run.descent.search
+    if run.looks != 1 or found is None or (len(run_.point) > FEW and (found.iteration > 0 or run.resumed)):
+        return
+    if explained(found.residual) or run_.leads_on(run.look):
+        return
+    run.from_there(anywhere(run.look.problem, run_.space, found, run_.watch, run.seed))
 
 
 def evolve_first(run: Run, short: bool = True) -> None:
