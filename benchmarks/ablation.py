@@ -28,9 +28,12 @@ from numpy.typing import NDArray
 from results import result
 from starts import bad_start
 
+from trueup.articulated.declarations import Declaration, declare
 from trueup.calibration import Calibration
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.discrepancies.rigid import RigidlyAligned
+from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.simulator import Simulator
 from trueup.engines.vehicle import BETAS, BicycleSimulator, Vehicle, vehicle_space
 from trueup.loop.calibrate import Options, calibrate
@@ -149,8 +152,44 @@ def jumps(seed: int, folder: Path) -> Case:
     return Case(ready.simulator, tuple(ready.recordings), {"m.kp": kp, "m.force_limit": limit})
 
 
+_LOOSE = """<mujoco><option timestep="{step}" integrator="implicitfast"/><worldbody><body>
+<joint name="j" axis="0 1 0" damping="{damping}" frictionloss=".05" armature=".01"/>
+<inertial pos="0 0 -.1" mass=".5" diaginertia=".003 .003 .0006"/>{play}</body></worldbody>
+<actuator><position name="m" joint="j" kp="{kp}"/></actuator></mujoco>"""
+_PLAY = """<joint name="play" axis="0 1 0" limited="true" range="-{0} {0}" armature="2e-4" damping=".01"
+solreflimit=".006 1" solimplimit=".95 .99 .0005"/>"""
+
+
+def play(seed: int, folder: Path) -> Case:
+    """A servo behind a gear with play, seen at its outlet: the truth steps by 0.25 ms, the simulator by 1."""
+    rng = np.random.default_rng(seed)
+    kp, damping, backlash = (float(x) for x in rng.uniform([15.0, 0.1, 0.008], [40.0, 0.4, 0.03]))
+    truth = _LOOSE.format(step=2.5e-4, damping=damping, kp=kp, play=_PLAY.format(0.5 * backlash))
+    model = mujoco.MjModel.from_xml_string(truth)
+    data, time = mujoco.MjData(model), np.arange(0.0, 5.0, 0.005)
+    waves = 0.25 * np.sin(2 * np.pi * rng.uniform(0.3, 3.0, 5) * time[:, None] + rng.uniform(0.0, 6.0, 5)).sum(axis=1)
+    wanted, seen = waves + rng.uniform(-0.5, 0.5, 5)[time.astype(int)], []
+    data.ctrl[0] = wanted[0]
+    mujoco.mj_step(model, data, 4000)  # comes to rest
+    for target in wanted:
+        seen.append(data.qpos[0] + data.qpos[1])
+        data.ctrl[0] = target
+        mujoco.mj_step(model, data, 20)
+    measured = np.array(seen) + rng.normal(0.0, 2e-4, len(time))
+    channels = {
+        n: Channel(n, ("j",), "rad", time, v[:, None]) for n, v in (("position", measured), ("command", wanted))
+    }
+    file = folder / "gear.xml"
+    file.write_text(_LOOSE.format(step=1e-3, damping=0.2, kp=15.0, play=""))
+    lines = [Declaration(n, ("j",)) for n in ("backlash", "damping", "friction")] + [Declaration("kp", ("m",))]
+    file_model = load(file)
+    space, quantities = declare(file_model, lines, {})
+    known = {"j.backlash": backlash, "j.damping": damping, "m.kp": kp}
+    return Case(MujocoSimulator(file_model, space, quantities, step=1e-3), (Recording("gear", channels),), known)
+
+
 FAMILIES: Mapping[str, Callable[[int, Path], Case]] = {
-    "servos": servos, "leg": leg, "far starts": far, "vehicle": vehicle, "jumps": jumps,
+    "servos": servos, "leg": leg, "far starts": far, "vehicle": vehicle, "jumps": jumps, "play": play,
 }  # fmt: skip
 
 

@@ -88,18 +88,20 @@ def test_a_drive_shows_slow_tyres_and_foretells_gains_that_a_rolling_bicycle_mis
     slow = dataclasses.replace(
         VehicleTruth.drawn(301), relaxation=0.35, front_stiffness=600.0, rear_stiffness=600.0, drift=0.002
     )
-    robot = StandInVehicle(slow, task.settings, seed=1)
-    (drive,) = robot.perform(robot_trials(task, task.parameters.nominal)[0])
     tried = np.array([[2.0, 2.0, 2.0, 0.2], [1.0, 1.0, 1.0, 0.3]])
-    driven = [robot_scores(task, [robot.perform(t) for t in robot_trials(task, g, f"{g}")])[0] for g in tried]
-    errors = {}
-    for names in (chasi.DRIVES, tuple(n for n in chasi.DRIVES if n not in ("rear_slip", "relaxation"))):
-        simulator = chasi.simulator(names, threads=1)
-        found = calibrate_drives([drive], simulator)
-        foretold = simulated_scores(task, simulator, found.values[None], tried)[0]
-        errors[len(names)] = np.abs(np.log(foretold / driven)).mean()
-        if "relaxation" in names:
-            value = {e.name: e for e in found.estimates}
-            assert value["relaxation"].low <= slow.relaxation <= value["relaxation"].high
-            assert any(n.startswith("tyres take 0.3") and "left-out errors are lower" in n for n in found.notes)
-    assert errors[len(chasi.DRIVES)] < 0.5 * errors[len(chasi.DRIVES) - 2]
+    bare = tuple(n for n in chasi.DRIVES if n not in ("rear_slip", "relaxation"))
+    errors: dict[tuple[str, ...], list[float]] = {chasi.DRIVES: [], bare: []}
+    for seed in (1, 2):  # one drive leaves a factor of three in what is foretold
+        robot = StandInVehicle(slow, task.settings, seed=seed)
+        (drive,) = robot.perform(robot_trials(task, task.parameters.nominal)[0])
+        driven = [robot_scores(task, [robot.perform(t) for t in robot_trials(task, g, f"{g}")])[0] for g in tried]
+        for names, off in errors.items():
+            simulator = chasi.simulator(names, threads=1)
+            found = calibrate_drives([drive], simulator)
+            foretold = simulated_scores(task, simulator, found.values[None], tried)[0]
+            off.append(np.abs(np.log(foretold / driven)).mean())
+            if "relaxation" in names:
+                value = {e.name: e for e in found.estimates}
+                assert value["relaxation"].low <= slow.relaxation <= value["relaxation"].high
+                assert any(n.startswith("tyres take 0.3") and "left-out errors are lower" in n for n in found.notes)
+    assert np.mean(errors[chasi.DRIVES]) < 0.5 * np.mean(errors[bare])

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -71,6 +71,10 @@ class Watch:
     checkpoint: Checkpoint | None = None
     waiting: tuple[str, ...] = ()
     """Structures that have not been asked about yet."""
+    entered: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    """Structures that entered at a coarser step, with the names of their parameters."""
+    bare: Sequence[float] = ()
+    """(n,) values of the fit before these entered."""
     began: float = field(default_factory=time.perf_counter)
     trace: list[TracePoint] = field(default_factory=list)
 
@@ -85,7 +89,11 @@ class Watch:
         """Hands the state of the search to the checkpoint."""
         if self.checkpoint is not None:
             frozen = [p.name for p in space.parameters if p.frozen]
-            self.checkpoint({"stage": stage, "frozen": frozen, "waiting": self.waiting, "search": state})
+            entered = {structure: list(names) for structure, names in self.entered.items()}
+            self.checkpoint(
+                {"stage": stage, "frozen": frozen, "waiting": self.waiting, "entered": entered, "bare": list(self.bare),
+                 "search": state}
+            )  # fmt: skip
 
 
 @dataclass(frozen=True)

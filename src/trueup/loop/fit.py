@@ -89,6 +89,7 @@ def fit(
     absent until then (see `growth.py`).
     """
     watch.waiting = tuple((resume or {}).get("waiting", later))
+    watch.entered, watch.bare = (resume or {}).get("entered", {}), (resume or {}).get("bare", ())
     waiting = {s: {p.name: p for p in space.parameters if p.optional == s and not p.frozen} for s in watch.waiting}
     names = [name for declared in waiting.values() for name in declared]
     if len(names) < int(space.free.sum()):

@@ -82,6 +82,32 @@ def grown(
     return descent, notes
 
 
+def still_needed(descent: Descent, look: Look, structure: str, names: Sequence[str]) -> tuple[Descent, str]:
+    """A search that has settled on `look` with the parameters `names` of a structure, or the one without them where the
+    evidence does not hold there, and what came of it in words. That one is searched from there, and from the fit of before
+    it entered.
+    """
+    with_it = descent.finished(look)
+    space = descent.space.without(names)
+    kept = [p.name not in names for p in descent.space.parameters if not p.frozen]
+    tried = []
+    for point in (with_it.unit[kept], np.clip(space.to_unit(descent.watch.bare), 0.0, 1.0)):
+        without = replace(descent, space=space, watch=Watch(), search=None)
+        without.restart(point)
+        without.descend(look)
+        tried.append((without, without.finished(look)))
+    without, left = min(tried, key=lambda t: t[1].loss)
+    shown = _compared(foretold(look.problem, left), foretold(look.problem, with_it))
+    if shown.holds and with_it.loss < left.loss:
+        return descent, told(structure, shown)
+    note = (
+        f"{structure} left out: without it the recordings are replayed better"
+        if shown.holds
+        else told(structure, shown)
+    )
+    return replace(without, watch=descent.watch), note
+
+
 def _closer(descent: Descent, look: Look, declared: Mapping[str, Parameter], settle: Settle) -> Fit:
     """Where a search ends once its structure was scanned again, between the places of the first scan: drives with limits
     switch from speeding up to slowing down, and the loss has cracks at which slopes end.
