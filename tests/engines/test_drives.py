@@ -139,8 +139,9 @@ def test_the_controller_in_the_robot_is_found_where_the_model_has_none(tmp_path:
 def test_steps_show_the_force_limit_of_a_motor(tmp_path: Path) -> None:
     steps = _steps('<actuator><position joint="j" kp="35" kv="1.1" forcerange="-6 6"/></actuator>')
     limited = _model(tmp_path, _MOTOR.replace("/>", ' ctrlrange="-2 2"/>', 1))  # 10 N m by the gear
-    (force,) = _found(limited, steps, ("force_limit",))
+    force, acceleration = _found(limited, steps, ("force_limit", "acceleration_limit"))
     assert force == pytest.approx(6.0, rel=0.1)
+    assert acceleration > 1e5, "a limit of what is commanded only makes up for coarse steps"
 
 
 def test_a_log_without_commands_is_said_to_drive_nothing(tmp_path: Path) -> None:

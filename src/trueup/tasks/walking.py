@@ -160,6 +160,8 @@ class LineWalk(Walk):
     """
 
     line: float = 2.38
+    laps: int = 1
+    """How many lines lie behind one another: a trial that goes on tells as much as several."""
     lane: float = 0.75
     slowest: float = 0.05
     """m/s: who is slower does not arrive."""
@@ -170,19 +172,24 @@ class LineWalk(Walk):
     @property
     def duration(self) -> float:
         """See Walk."""
-        return self.line / self.slowest
+        return self.far / self.slowest
+
+    @property
+    def far(self) -> float:
+        """To the last line, in m."""
+        return self.laps * self.line
 
     @property
     def course(self) -> Array:
         """See Walk."""
-        return np.array([[0.0, self.line + _BALL, 0.0, self.share, 0.0]])
+        return np.array([[0.0, self.far + _BALL, 0.0, self.share, 0.0]])
 
     @property
     def ends(self) -> tuple[End, ...]:
         """See Walk."""
         far = (-np.inf, np.inf)
         return (
-            Left(PLACE, {"x": (-np.inf, self.line)}, name=ARRIVED),
+            Left(PLACE, {"x": (-np.inf, self.far)}, name=ARRIVED),
             Left(PLACE, {"x": far, "y": (-self.lane, self.lane)}, name=VEERED), *super().ends,
         )  # fmt: skip
 
@@ -190,8 +197,8 @@ class LineWalk(Walk):
         """(b,) m/s."""
         x = rollout.held().channels[PLACE][:, :, 0]
         arrived = {row: end.at - rollout.trial.start for row, end in rollout.ends.items() if end.name == ARRIVED}
-        speed = np.clip(x[:, -1] - x[:, 0], 0.0, self.line) / self.duration
-        speed[list(arrived)] = self.line / np.array(list(arrived.values()))
+        speed = np.clip(x[:, -1] - x[:, 0], 0.0, self.far) / self.duration
+        speed[list(arrived)] = self.far / np.array(list(arrived.values()))
         return speed
 
 

@@ -49,7 +49,7 @@ class Scale:
 
 
 FULL = Scale(budget=Budget(effort=Effort(population=32)))
-"""About two minutes of a core for each search."""
+"""Four to eight minutes of a core for each search."""
 PAPER = Scale()
 """150 candidates a generation."""
 QUICK = Scale(
@@ -172,7 +172,7 @@ def performed(
 def _started(judge: StandInNao, scale: Scale) -> list[float]:
     """The start walk's best step size, and speed and share of falls with it."""
     share, runs = best_share(judge, PARAMETERS.nominal, scale.shares, scale.fresh, scale.allowed)
-    return [share, runs.speed, (runs.falls + runs.veers) / runs.number]
+    return [share, runs.speed, runs.failed / runs.number]
 
 
 def _found(
@@ -186,7 +186,7 @@ def _found(
     spent, best = time.process_time() - begun, story.best
     judged = at_once(judge, line, best.values, scale.fresh, f" fresh {key} {seed}")
     return asdict(Result(
-        key, number, seed, tuple(best.values.tolist()), judged.speed, (judged.falls + judged.veers) / judged.number,
+        key, number, seed, tuple(best.values.tolist()), judged.speed, judged.failed / judged.number,
         *start, story.trials, story.seconds, tuple(_step(t) for t in story.tried),
         tuple(r.words for r in story.rounds), spent,
     ))  # fmt: skip
@@ -194,7 +194,7 @@ def _found(
 
 def _step(tried: Tried) -> Step:
     promised = tried.promise.score if tried.promise else float("nan")
-    return Step(tried.round, promised, tried.runs.speed, tried.runs.falls + tried.runs.veers, tried.runs.number)
+    return Step(tried.round, promised, tried.runs.speed, tried.runs.failed, tried.runs.number)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from trueup.recording import Recording
 from trueup.robots.robot import Robot
 from trueup.studies.walk.odds import Odds
 from trueup.tasks.task import robot_trials
-from trueup.tasks.walking import ARRIVED, VEERED, LineWalk
+from trueup.tasks.walking import ARRIVED, PLACE, VEERED, LineWalk
 
 
 @dataclass(frozen=True)
@@ -28,12 +28,19 @@ class Runs:
     """Those that left their lane, or did not arrive in time."""
     seconds: float = 0.0
     """Robot time."""
+    trials: int = 0
+    """In which these runs were made: one that goes on to a second line is two runs."""
     recordings: tuple[Recording, ...] = field(default=(), repr=False, compare=False)
 
     @property
     def number(self) -> int:
         """How many runs."""
-        return len(self.speeds) + self.falls + self.veers
+        return len(self.speeds) + self.failed
+
+    @property
+    def failed(self) -> int:
+        """How many of them fell or veered."""
+        return self.falls + self.veers
 
     @property
     def speed(self) -> float:
@@ -43,12 +50,12 @@ class Runs:
     def __add__(self, other: Runs) -> Runs:
         return Runs(
             self.speeds + other.speeds, self.falls + other.falls, self.veers + other.veers,
-            self.seconds + other.seconds, self.recordings + other.recordings,
+            self.seconds + other.seconds, self.trials + other.trials, self.recordings + other.recordings,
         )  # fmt: skip
 
     def score(self, fall: float) -> float:
         """m/s, the mean of all runs where each that fell or veered counts as -`fall`."""
-        return (float(np.sum(self.speeds)) - fall * (self.falls + self.veers)) / max(self.number, 1)
+        return (float(np.sum(self.speeds)) - fall * self.failed) / max(self.number, 1)
 
     def worth(self, fall: float, share: float) -> float:
         """m/s that the walk is worth if it falls in this share of runs, of which each costs `fall` m/s; -`fall` at worst.
@@ -63,7 +70,7 @@ class Runs:
 
 def read(signals: Array, runs: Sequence[Runs]) -> Odds:
     """What runs of walks with signals (r,) say of falls; who veered off counts as fallen."""
-    return Odds.of(signals, np.array([r.falls + r.veers for r in runs]), np.array([r.number for r in runs]))
+    return Odds.of(signals, np.array([r.failed for r in runs]), np.array([r.number for r in runs]))
 
 
 def expected_falls(runs: Sequence[Runs]) -> Array:
@@ -83,22 +90,33 @@ def expected_falls(runs: Sequence[Runs]) -> Array:
 
 
 def outcome(recordings: Sequence[Recording], walk: LineWalk) -> Runs:
-    """What recordings of runs to the line show."""
+    """What recordings of runs to the line show: each lap is a run, the last one of those that did not arrive failed."""
     speeds, falls, veers = [], 0, 0
     for run in recordings:
         end = ended(run)
-        if end is not None and end.name == ARRIVED:
-            speeds.append(walk.line / (end.at - run.start))
-        elif end is not None and end.name != VEERED:
+        arrived = end is not None and end.name == ARRIVED
+        reached = [*_passed(run, walk), *([end.at] if end is not None and arrived else [])]
+        speeds += [walk.line / float(lasted) for lasted in np.diff([run.start, *reached])]
+        if end is not None and end.name not in (ARRIVED, VEERED):
             falls += 1
-        else:
+        elif not arrived:
             veers += 1
     seconds = sum(r.stop - r.start for r in recordings)
-    return Runs(tuple(speeds), falls, veers, seconds, tuple(recordings))
+    return Runs(tuple(speeds), falls, veers, seconds, len(recordings), tuple(recordings))
+
+
+def _passed(run: Recording, walk: LineWalk) -> list[float]:
+    """When a run passed the lines before the last, those that it came to."""
+    if walk.laps == 1:
+        return []
+    channel = run.channel(PLACE)
+    ahead = np.maximum.accumulate(channel.column("x"))
+    lines = walk.line * np.arange(1, walk.laps)
+    return [float(np.interp(x, ahead, channel.time)) for x in lines[lines <= ahead[-1]]]
 
 
 def at_once(robot: Robot, walk: LineWalk, candidate: Array, runs: int, label: str = "") -> Runs:
-    """So many runs of one candidate (m,), whatever becomes of them."""
+    """So many trials of one candidate (m,), whatever becomes of them."""
     trial = robot_trials(walk, candidate, label)[0]
     return outcome(robot.perform(replace(trial, repeats=runs)), walk)
 

@@ -73,7 +73,7 @@ class Fitted:
         again = replace(walk, runs=2, seed=walk.seed + 500)
         done = simulator.rollout(again.trials, rows, again.controllers)
         shares = np.concatenate([again.swayed(r, scenes.TIPS).reshape(len(models), -1) for r in done])  # (2 p, r)
-        failed, runs = np.array([(t.runs.falls + t.runs.veers, t.runs.number) for t in story.tried]).T
+        failed, runs = np.array([(t.runs.failed, t.runs.number) for t in story.tried]).T
         factors = np.exp(np.linspace(-np.log(3.0), np.log(3.0), 45))
         chances = _ANYHOW + (1.0 - 2.0 * _ANYHOW) * passing(factors[:, None, None] ** 2 * shares).mean(axis=1)
         fits = failed * np.log(chances) + (runs - failed) * np.log1p(-chances)

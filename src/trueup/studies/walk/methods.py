@@ -117,7 +117,7 @@ class Calibrated:
 
 def likelihoods(runs: Runs, falls: Array, simulated: int) -> Array:
     """(p,) logarithms: how likely the robot's runs are if simulators fall in `falls` (p,) of `simulated` runs of the walk."""
-    failed, a, b = runs.falls + runs.veers, falls + 0.5, simulated - falls + 0.5
+    failed, a, b = runs.failed, falls + 0.5, simulated - falls + 0.5
     return betaln(a + failed, b + runs.number - failed) - betaln(a, b)
 
 

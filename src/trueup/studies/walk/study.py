@@ -24,11 +24,8 @@ from trueup.studies.walk.search import Effort, Promise, Scene, searched
 from trueup.tasks.walking import LineWalk
 
 _STEP = PARAMETERS.index("amp_swing")
-_HOPE = 0.5
-"""Standard deviations. On walks of five simulators, run 20 to 40 times on stand-ins 100, 101 and 104 and drawn from anew, the
-loop ends at walks worth 18.3 cm/s with it, 18.0 with one deviation and 17.0 with none (standard error 0.25)."""
 FALL = 1.0
-"""m/s that a fall costs where walks are picked, in the simulator as on the robot: one in a hundred costs a cm/s."""
+"""m/s that a fall costs in searches: one in a hundred costs a cm/s."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +69,8 @@ class Story:
 
     @property
     def trials(self) -> int:
-        """Runs on the robot."""
-        return sum(t.runs.number for t in self.tried)
+        """On the robot."""
+        return sum(t.runs.trials for t in self.tried)
 
     @property
     def seconds(self) -> float:
@@ -100,18 +97,26 @@ class Budget:
 
     effort: Effort = field(default_factory=Effort)
     trials: int = 60
-    """Runs on the robot, at most."""
+    """On the robot, at most."""
+    seconds: float = 1800.0
+    """Of robot time, after which nothing more is tried again."""
+    laps: int = 2
+    """Lines behind one another of a trial: each tells as much as a run to one, and there is time for two."""
     rounds: int = 3
-    start: int = 4
-    """Runs of the start walk."""
+    start: int = 2
+    """Trials of the start walk."""
     longer: tuple[float, ...] = (1.2, 1.35, 1.5)
     """Factors on its steps with which it is tried before any search."""
     round: int = 10
-    """Runs of a round: a look at each of its walks, and what is left for those of all rounds that are worth the most.
+    """Trials of a round: a look at each of its walks, and what is left for those of all rounds that are worth the most.
 
     What start and rounds leave goes to these, too. These shares were chosen on stand-ins 100 to 107, which the study does not
     have.
     """
+    rivals: int = 4
+    """Walks between which the first of such trials are shared; the last are all of one."""
+    fall: float = 0.7
+    """m/s that an expected fall costs where walks are picked: less than in searches, since few runs let expect too many."""
 
 
 def improved(
@@ -126,7 +131,7 @@ def improved(
     and puts on the stack what the robot shows to be worth more, the best on top. Where none is open, the best is searched
     from again.
     """
-    track = line or scenes.task(LineWalk, runs=1)
+    track = _track(line, budget)
     begin = PARAMETERS.nominal if start is None else start
     say = told or (lambda _: None)
     story = Story(tuple(_started(robot, track, begin, budget)))
@@ -155,7 +160,11 @@ def improved(
         for t in tried[before:]:
             say(f"round {number}: promised {100 * (t.promise.score if t.promise else 0):.1f} cm/s; {_words(t.runs)}")
     left = budget.trials - story.trials
-    return replace(story, tried=tuple(_again(robot, track, story.tried, left, f" seed {seed} last")))
+    return replace(story, tried=tuple(_again(robot, track, story.tried, left, budget, f" seed {seed} last")))
+
+
+def _track(line: LineWalk | None, budget: Budget) -> LineWalk:
+    return replace(line or scenes.task(LineWalk, runs=1), laps=budget.laps)
 
 
 def _started(robot: Robot, track: LineWalk, begin: Array, budget: Budget) -> list[Tried]:
@@ -165,22 +174,22 @@ def _started(robot: Robot, track: LineWalk, begin: Array, budget: Budget) -> lis
         longer = begin.copy()
         longer[_STEP] = min(factor * begin[_STEP], PARAMETERS.parameters[_STEP].upper)
         tried.append(Tried(0, longer, None, _look(robot, track, longer, f" start {factor:g}")))
-        if not tried[-1].runs.speeds:
+        if tried[-1].runs.failed > 1:
             break
-    return _judged(tried)
+    return _judged(tried, budget)
 
 
 def _look(robot: Robot, track: LineWalk, values: Array, label: str) -> Runs:
-    """A run of a walk, and another one where that fell: a gentle walk, too, falls now and then."""
+    """A trial of a walk, and another one where that fell: a gentle walk, too, falls now and then."""
     runs = at_once(robot, track, values, 1, label)
-    return runs if runs.speeds else runs + at_once(robot, track, values, 1, f"{label} again")
+    return runs if not runs.failed else runs + at_once(robot, track, values, 1, f"{label} again")
 
 
 def alone(
     robot: Robot, budget: Budget, seed: int, *, line: LineWalk | None = None, told: Callable[[str], None] | None = None,
 ) -> Story:  # fmt: skip
     """The story without a simulator: CMA-ES on the robot, a run a candidate; its last centres get the last round's runs."""
-    track, say = line or scenes.task(LineWalk, runs=1), told or (lambda _: None)
+    track, say = _track(line, budget), told or (lambda _: None)
     tried = _started(robot, track, PARAMETERS.nominal, budget)
     search = CmaEs(PARAMETERS.to_unit(PARAMETERS.nominal), seed=seed, sigma=0.6 * budget.effort.sigma, restarts=0)
     left, number, centres = (budget.rounds - 1) * budget.round, 0, list[Array]()
@@ -198,8 +207,8 @@ def alone(
         say(f"generation {number} on the robot: {sum(r.falls for r in runs)} of {len(runs)} fell")
     path = [Promise(c, float("nan"), float("nan")) for c in centres[-3:] or [PARAMETERS.nominal]]
     tried = _looked_at(robot, track, path, number + 1, budget, f" alone {seed}", tried)
-    left = budget.trials - sum(t.runs.number for t in tried)
-    return Story(tuple(_again(robot, track, tried, left, f" alone {seed} last")))
+    left = budget.trials - sum(t.runs.trials for t in tried)
+    return Story(tuple(_again(robot, track, tried, left, budget, f" alone {seed} last")))
 
 
 def _looked_at(
@@ -210,32 +219,40 @@ def _looked_at(
     for k, promise in enumerate(path):
         runs = _look(robot, track, promise.values, f"{label} round {number} walk {k}")
         tried.append(Tried(number, promise.values, promise, runs, signal=promise.signal))
-        if not runs.speeds:
+        if runs.failed > 1:
             break
-    left = budget.round - sum(t.runs.number for t in tried[len(before) :])
-    return _again(robot, track, tried, left, f"{label} round {number} again")
+    left = budget.round - sum(t.runs.trials for t in tried[len(before) :])
+    return _again(robot, track, tried, left, budget, f"{label} round {number} again")
 
 
-def _again(robot: Robot, track: LineWalk, tried: Sequence[Tried], runs: int, label: str) -> list[Tried]:
-    """So many more runs, each of the walk that may be worth the most.
+def _again(
+    robot: Robot, track: LineWalk, tried: Sequence[Tried], trials: int, budget: Budget, label: str
+) -> list[Tried]:
+    """So many more trials of the walks that are worth the most, fewer and fewer of them, each time of the one least known.
 
-    By a bound in which falls are `_HOPE` deviations fewer than expected, so that a few runs of a gentler walk do not end all
-    others (T. L. Lai and H. Robbins, Advances in Applied Mathematics 6, 1985).
+    Successive rejects (J.-Y. Audibert, S. Bubeck and R. Munos, COLT 2010), in which a walk that was rejected may come back.
     """
-    judged = _judged(tried)
-    for count in range(runs):
-        shares = [max(t.falls - _HOPE * (t.falls * (1.0 - t.falls) / (t.runs.number + 1)) ** 0.5, 0.0) for t in judged]
-        k = int(np.argmax([t.runs.worth(FALL, s) for t, s in zip(judged, shares, strict=True)]))
+    judged = _judged(tried, budget)
+    for count in range(trials):
+        spent, made = sum(t.runs.seconds for t in judged), sum(t.runs.trials for t in judged)
+        if spent + spent / made > budget.seconds:
+            break
+        rivals = int(np.ceil(budget.rivals * (1.0 - count / trials)))
+        best = sorted(range(len(judged)), key=lambda k: -judged[k].worth)[:rivals]
+        k = min(best, key=lambda k: judged[k].runs.number)
         more = at_once(robot, track, judged[k].values, 1, f"{label} {count}")
         judged[k] = replace(judged[k], runs=judged[k].runs + more)
-        judged = _judged(judged)
+        judged = _judged(judged, budget)
     return judged
 
 
-def _judged(tried: Sequence[Tried]) -> list[Tried]:
+def _judged(tried: Sequence[Tried], budget: Budget) -> list[Tried]:
     """What walks are worth, with the falls that all runs of the robot lead to expect."""
     shares = expected_falls([t.runs for t in tried])
-    return [replace(t, falls=float(s), worth=t.runs.worth(FALL, float(s))) for t, s in zip(tried, shares, strict=True)]
+    return [
+        replace(t, falls=float(s), worth=t.runs.worth(budget.fall, float(s)))
+        for t, s in zip(tried, shares, strict=True)
+    ]
 
 
 def best_share(robot: Robot, values: Array, shares: Sequence[float], runs: int, allowed: float) -> tuple[float, Runs]:
@@ -246,7 +263,7 @@ def best_share(robot: Robot, values: Array, shares: Sequence[float], runs: int, 
     done = {
         s: at_once(robot, scenes.task(LineWalk, runs=1, share=s), values, runs, f" step {s:g}") for s in sorted(shares)
     }
-    upright = [s for s, r in done.items() if r.falls + r.veers <= allowed * r.number] or [min(shares)]
+    upright = [s for s, r in done.items() if r.failed <= allowed * r.number] or [min(shares)]
     best = max(upright, key=lambda s: done[s].speed)
     return best, done[best]
 
