@@ -130,25 +130,36 @@ _JUMPING = """<mujoco><option timestep="{step}"/><worldbody><body><joint name="j
 <actuator><position name="m" joint="j" {drive}/></actuator></mujoco>"""
 
 
+def _commanded(
+    model: mujoco.MjModel, time: Array, wanted: Array, noise: float, rng: np.random.Generator, settle: int = 0
+) -> Recording:
+    """What a servo's encoder at its outlet sees (rad, all joints of its one axis added) while it is told to be at `wanted`.
+
+    It comes to rest at the first of them within `settle` steps.
+    """
+    data, seen = mujoco.MjData(model), []
+    data.ctrl[0] = wanted[0]
+    mujoco.mj_step(model, data, settle)
+    for target in wanted:
+        seen.append(data.qpos.sum())
+        data.ctrl[0] = target
+        mujoco.mj_step(model, data, round((time[1] - time[0]) / model.opt.timestep))
+    measured = np.array(seen) + rng.normal(0.0, noise, len(time))
+    both = (("position", measured), ("command", wanted))
+    return Recording("servo", {n: Channel(n, ("j",), "rad", time, v[:, None]) for n, v in both})
+
+
 def jumps(seed: int, folder: Path) -> Case:
     """A pendulum's servo that meets its force limit at each jump of the command; the truth steps by 0.5 ms, the file by 2."""
     rng = np.random.default_rng(seed)
     kp, kv, limit = (float(x) for x in rng.uniform([20.0, 0.6, 2.5], [60.0, 2.0, 8.0]))
     drive = f'kp="{kp}" kv="{kv}" forcerange="-{limit} {limit}"'
     model = mujoco.MjModel.from_xml_string(_JUMPING.format(step=5e-4, armature='armature=".01"', drive=drive))
-    data, time, seen = mujoco.MjData(model), np.arange(0.0, 6.0, 0.01), []
-    wanted = 0.5 * np.sign(np.sin(2.0 * time)) * (time > 0.5)
-    for target in wanted:
-        seen.append(data.qpos[0])
-        data.ctrl[0] = target
-        mujoco.mj_step(model, data, 20)
-    measured = np.array(seen) + rng.normal(0.0, 1e-3, len(time))
-    channels = {
-        n: Channel(n, ("j",), "rad", time, v[:, None]) for n, v in (("position", measured), ("command", wanted))
-    }
+    time = np.arange(0.0, 6.0, 0.01)
+    log = _commanded(model, time, 0.5 * np.sign(np.sin(2.0 * time)) * (time > 0.5), 1e-3, rng)
     file = folder / "servo.xml"
     file.write_text(_JUMPING.format(step=2e-3, armature="", drive='kp="20"'))
-    ready = prepare(file, [Recording("jumps", channels)])
+    ready = prepare(file, [log])
     return Case(ready.simulator, tuple(ready.recordings), {"m.kp": kp, "m.force_limit": limit})
 
 
@@ -166,26 +177,17 @@ def play(seed: int, folder: Path) -> Case:
     kp, damping, backlash = (float(x) for x in rng.uniform([15.0, 0.1, 0.008], [40.0, 0.4, 0.03]))
     truth = _LOOSE.format(step=2.5e-4, damping=damping, kp=kp, play=_PLAY.format(0.5 * backlash))
     model = mujoco.MjModel.from_xml_string(truth)
-    data, time = mujoco.MjData(model), np.arange(0.0, 5.0, 0.005)
+    time = np.arange(0.0, 5.0, 0.005)
     waves = 0.25 * np.sin(2 * np.pi * rng.uniform(0.3, 3.0, 5) * time[:, None] + rng.uniform(0.0, 6.0, 5)).sum(axis=1)
-    wanted, seen = waves + rng.uniform(-0.5, 0.5, 5)[time.astype(int)], []
-    data.ctrl[0] = wanted[0]
-    mujoco.mj_step(model, data, 4000)  # comes to rest
-    for target in wanted:
-        seen.append(data.qpos[0] + data.qpos[1])
-        data.ctrl[0] = target
-        mujoco.mj_step(model, data, 20)
-    measured = np.array(seen) + rng.normal(0.0, 2e-4, len(time))
-    channels = {
-        n: Channel(n, ("j",), "rad", time, v[:, None]) for n, v in (("position", measured), ("command", wanted))
-    }
+    wanted = waves + rng.uniform(-0.5, 0.5, 5)[time.astype(int)]
+    log = _commanded(model, time, wanted, 2e-4, rng, settle=4000)
     file = folder / "gear.xml"
     file.write_text(_LOOSE.format(step=1e-3, damping=0.2, kp=15.0, play=""))
     lines = [Declaration(n, ("j",)) for n in ("backlash", "damping", "friction")] + [Declaration("kp", ("m",))]
     file_model = load(file)
     space, quantities = declare(file_model, lines, {})
     known = {"j.backlash": backlash, "j.damping": damping, "m.kp": kp}
-    return Case(MujocoSimulator(file_model, space, quantities, step=1e-3), (Recording("gear", channels),), known)
+    return Case(MujocoSimulator(file_model, space, quantities, step=1e-3), (log,), known)
 
 
 FAMILIES: Mapping[str, Callable[[int, Path], Case]] = {

@@ -140,3 +140,25 @@ def test_slopes_do_not_lead_on_from_where_the_real_step_fails(formula: Make) -> 
     assert not run.leads_on(Look("all", coarse, coarse, 0.05, 20, real=problem))
     run = Descent(space, np.clip(space.to_unit([2.2]), 0, 1), Watch(), 3.0)
     assert run.leads_on(Look("all", coarse, coarse, 0.05, 20, real=problem))
+
+
+def test_a_search_stopped_while_it_evolved_after_slopes_begins_again(formula: Make) -> None:
+    states: list[dict[str, Any]] = []
+    watch = Watch(checkpoint=states.append)
+    fit(problem_of(formula(ridge, SPACE)), SPACE, SPACE.nominal, watch, stages=SEARCHES["hybrid"])
+    saved = json.loads(json.dumps(next(s for s in states if s["stage"] == "cma-es")))
+    whole = fit(problem_of(formula(ridge, SPACE)), SPACE, SPACE.nominal, Watch())
+    again = fit(problem_of(formula(ridge, SPACE)), SPACE, SPACE.nominal, Watch(), resume=saved)
+    np.testing.assert_array_equal(again.values, whole.values)
+
+
+def test_a_saved_stage_that_is_no_more_goes_on_at_the_full_step(formula: Make) -> None:
+    states: list[dict[str, Any]] = []
+    whole = fit(problem_of(formula(ridge, SPACE)), SPACE, SPACE.nominal, Watch(checkpoint=states.append))
+    saved = {**states[-1], "stage": "of an earlier version"}
+    seen: list[str] = []
+    watch = Watch(progress=lambda point: seen.append(point.stage))
+    again = fit(problem_of(formula(ridge, SPACE)), SPACE, SPACE.nominal, watch, resume=saved)
+    assert seen[0] == "all, full step"
+    assert "all, coarse step" not in seen
+    np.testing.assert_allclose(again.values, whole.values, rtol=1e-3)

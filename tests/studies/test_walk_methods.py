@@ -29,7 +29,7 @@ from trueup.studies.walk.report import html
 from trueup.studies.walk.robot import StandInNao
 from trueup.studies.walk.search import Effort, Scene, searched
 from trueup.studies.walk.study import Story, Tried
-from trueup.tasks.walking import LineWalk, WalkFront, likely_falls
+from trueup.tasks.walking import LineWalk, WalkFront, passing, sway
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -119,13 +119,13 @@ def test_sway_foretells_as_many_falls_as_there_are() -> None:
         x[:, k] = 2.0 * radius * np.cos(turn) * x[:, k - 1] - radius**2 * x[:, k - 2] + noise[:, k]
     x = x[:, 200:] / x[:, 200:].std()
     for deviation in (0.09, 0.105, 0.12):
-        sway = deviation * x
-        fell = (sway[:, time > 2.5] > tip).any(axis=1).mean()
-        angles = np.stack([0.0 * sway, sway], axis=2)
-        foretold = np.mean([likely_falls(time, a, (1.0, tip)) for a in angles[:400]])
+        rolls = deviation * x
+        fell = (rolls[:, time > 2.5] > tip).any(axis=1).mean()
+        angles = np.stack([0.0 * rolls, rolls], axis=2)
+        foretold = passing(np.array([sway(time, a, (1.0, tip)) for a in angles[:400]])).mean()
         assert 0.03 < fell < 0.8
         assert 0.5 < foretold / fell < 2.0
-    assert likely_falls(time[:40], np.zeros((40, 2)), (0.1, 0.1)) == 0.0
+    assert passing(np.array(sway(time[:40], np.zeros((40, 2)), (0.1, 0.1)))) == 0.0
 
 
 def test_guidance_freezes_what_only_costs_falls_and_widens_what_makes_faster() -> None:

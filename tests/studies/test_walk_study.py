@@ -135,6 +135,15 @@ def test_the_loop_goes_as_far_as_the_robot_follows_within_its_trials(holds: floa
     assert heard
 
 
+def test_robot_time_ends_the_loop_before_its_trials_do() -> None:
+    whole, short = (
+        improved(Brittle(0.30), ByFormula(), Budget(effort=SMALL, seconds=s), 0, guidance=Two())
+        for s in (1800.0, 500.0)
+    )
+    assert short.seconds <= 500.0 < whole.seconds
+    assert short.trials < whole.trials
+
+
 def test_on_a_robot_on_which_nothing_else_walks_the_start_walk_stays() -> None:
     story = improved(
         Brittle(PARAMETERS.nominal[AMPLITUDE]), ByFormula(), Budget(effort=Effort(10, 3, 0.3, 3, 2)), 1, guidance=Two()

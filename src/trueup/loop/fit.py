@@ -136,6 +136,8 @@ def _begin(run: Run, stages: Sequence[Stage], resume: dict[str, Any] | None) -> 
     if not resume:
         return 0
     names = [stage.name for stage in stages]
+    if resume["stage"] == EVOLVING and EVOLVING not in names:
+        return 0  # stopped while CMA-ES followed slopes: nothing in what was saved says where these had led
     run.saved, run.resumed = resume["search"], resume["stage"] != EVOLVING
     return names.index(resume["stage"]) if resume["stage"] in names else names.index("all, full step")
 

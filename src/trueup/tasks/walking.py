@@ -263,11 +263,6 @@ COURSE = (
 _SETTLED, _STEPS = 2.5, 30.0  # s until steps have grown; steps of 15 s, of which the logarithm counts
 
 
-def likely_falls(time: Array, angles: Array, tips: tuple[float, float]) -> float:
-    """The chance of a fall in 15 s from the sway of a run that stood (see `sway` and `passing`); 0 where it shows none."""
-    return float(passing(np.array(sway(time, angles, tips))))
-
-
 def sway(time: Array, angles: Array, tips: tuple[float, float]) -> float:
     """How far a run that stood swayed, squared, as a share of `tips`: roll and pitch (T, 2) at `time` (T,) since the start.
 

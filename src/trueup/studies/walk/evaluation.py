@@ -125,7 +125,7 @@ def measured(robot: Robot, walk: LineWalk, candidate: Array, label: str = "", *,
     """The paper's evaluation: the mean of five trials; one that falls or veers is run again, at most as often once more."""
     done = Runs()
     for k in range(1, 2 * arrivals + 1):
-        if len(done.speeds) == arrivals:
+        if len(done.speeds) >= arrivals:
             break
         done = done + at_once(robot, walk, candidate, 1, f"{label} trial {k}")
     return done

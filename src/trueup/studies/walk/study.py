@@ -37,10 +37,8 @@ class Tried:
     values: Array
     promise: Promise | None
     runs: Runs
-    falls: float = 1.0
-    """Share of runs in which it is expected to fall."""
     worth: float = -FALL
-    """m/s, these counted."""
+    """m/s, the falls counted that are expected."""
     signal: float = float("nan")
     """Of `Scene.falls`, where the round had it."""
 
@@ -99,7 +97,7 @@ class Budget:
     trials: int = 60
     """On the robot, at most."""
     seconds: float = 1800.0
-    """Of robot time, after which nothing more is tried again."""
+    """Of robot time, after which nothing more is tried."""
     laps: int = 2
     """Lines behind one another of a trial: each tells as much as a run to one, and there is time for two."""
     rounds: int = 3
@@ -116,7 +114,7 @@ class Budget:
     rivals: int = 4
     """Walks between which the first of such trials are shared; the last are all of one."""
     fall: float = 0.7
-    """m/s that an expected fall costs where walks are picked: less than in searches, since few runs let expect too many."""
+    """m/s that an expected fall costs where walks are picked; chosen, as `rivals`, on stand-ins 100 and 101."""
 
 
 def improved(
@@ -217,6 +215,8 @@ def _looked_at(
     """All that was tried, a round later: from the gentlest walk on until one falls twice, then what is worth the most."""
     tried = list(before)
     for k, promise in enumerate(path):
+        if _spent(tried, budget):
+            break
         runs = _look(robot, track, promise.values, f"{label} round {number} walk {k}")
         tried.append(Tried(number, promise.values, promise, runs, signal=promise.signal))
         if runs.failed > 1:
@@ -234,8 +234,7 @@ def _again(
     """
     judged = _judged(tried, budget)
     for count in range(trials):
-        spent, made = sum(t.runs.seconds for t in judged), sum(t.runs.trials for t in judged)
-        if spent + spent / made > budget.seconds:
+        if _spent(judged, budget):
             break
         rivals = int(np.ceil(budget.rivals * (1.0 - count / trials)))
         best = sorted(range(len(judged)), key=lambda k: -judged[k].worth)[:rivals]
@@ -246,13 +245,16 @@ def _again(
     return judged
 
 
+def _spent(tried: Sequence[Tried], budget: Budget) -> bool:
+    """Whether no robot time is left for a trial as long as those of the slowest walk."""
+    longest = max(t.runs.seconds / t.runs.trials for t in tried)
+    return sum(t.runs.seconds for t in tried) + longest > budget.seconds
+
+
 def _judged(tried: Sequence[Tried], budget: Budget) -> list[Tried]:
     """What walks are worth, with the falls that all runs of the robot lead to expect."""
     shares = expected_falls([t.runs for t in tried])
-    return [
-        replace(t, falls=float(s), worth=t.runs.worth(budget.fall, float(s)))
-        for t, s in zip(tried, shares, strict=True)
-    ]
+    return [replace(t, worth=t.runs.worth(budget.fall, float(s))) for t, s in zip(tried, shares, strict=True)]
 
 
 def best_share(robot: Robot, values: Array, shares: Sequence[float], runs: int, allowed: float) -> tuple[float, Runs]:
