@@ -25,6 +25,7 @@ SOURCE = ROOT / "src" / "trueup"
 NOUNS = (
     "arrays",
     "cores",
+    "compiled",
     "evidence",
     "files",
     "extensions",

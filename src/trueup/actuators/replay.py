@@ -8,13 +8,13 @@ from types import FunctionType
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from trueup.actuators import servo
 from trueup.actuators.bench import Run
 from trueup.actuators.servo import STATES, Law
 from trueup.arrays import Array, Mask
 from trueup.articulated.lone_joint import friction_force
+from trueup.compiled import njit
 from trueup.rounding import whole_steps
 from trueup.trial import STEP
 

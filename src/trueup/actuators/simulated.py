@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
 from trueup.actuators.replay import compiled_drive
 from trueup.actuators.servo import STATES, Law
@@ -14,6 +13,7 @@ from trueup.arrays import Array
 from trueup.articulated.laws import Term
 from trueup.articulated.model import Copies, Model
 from trueup.articulated.quantities.quantity import Quantity, factor
+from trueup.compiled import njit
 from trueup.errors import ModelError
 
 

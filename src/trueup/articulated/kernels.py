@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from trueup.arrays import Array, Integers
+from trueup.compiled import njit
 
 
 @njit(cache=True, nogil=True)

@@ -10,10 +10,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from trueup.arrays import Array, Integers
 from trueup.articulated.kernels import firmware_error, set_point
+from trueup.compiled import njit
 
 
 class Drives(NamedTuple):

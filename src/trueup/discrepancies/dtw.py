@@ -8,10 +8,10 @@ one antidiagonal i + j = k depend on the two before it only, so they are compute
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from trueup.arrays import Array, Integers
+from trueup.compiled import njit
 from trueup.errors import RecordingError
 from trueup.rounding import ROUNDED
 

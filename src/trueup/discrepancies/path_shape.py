@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from trueup.arrays import Array, Mask
+from trueup.compiled import njit
 from trueup.discrepancies.discrepancy import measured_at
 from trueup.discrepancies.dtw import dtw, dtw_path
 from trueup.engines.simulator import Rollout

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from trueup.arrays import Array, Integers, Mask
+from trueup.compiled import njit
 from trueup.errors import unknown_name
-from trueup.identification.poses import about, go, joint_pose, multiply
+from trueup.identification.poses import about, go, joint_pose, multiply, put, put_all
 from trueup.rounding import NEGLIGIBLE
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ class Chain:
     def poses(self, q: ArrayLike) -> tuple[Array, Array]:
         """Rotations (..., 3, 3) tool to base and positions (..., 3) of the tool, at q (..., n)."""
         given = np.asarray(q, dtype=np.float64)
-        flat = np.ascontiguousarray(given.reshape(-1, given.shape[-1]))
+        flat = np.require(given.reshape(-1, given.shape[-1]), requirements="CW")
         R, p = np.empty((len(flat), 3, 3)), np.empty((len(flat), 3))
         _poses(self.arrays, flat, R, p)
         return R.reshape(*given.shape[:-1], 3, 3), p.reshape(*given.shape[:-1], 3)
@@ -83,7 +83,7 @@ class Chain:
         """(6, n) tool velocity (m/s, then rad/s, in the base frame) for unit speeds of all joints, at q (n,)."""
         arrays, m = self.arrays, len(self.arrays.joint)
         R, p, z, o = np.empty((3, 3)), np.empty(3), np.empty((m, 3)), np.empty((m, 3))
-        place(arrays, np.asarray(q, dtype=np.float64), R, p, z, o)
+        place(arrays, np.require(q, np.float64, "CW"), R, p, z, o)
         J, whole = np.zeros((6, m)), np.zeros((6, self.tree.n))
         slopes(arrays, p, z, o, J)
         whole[:, arrays.joint] = J
@@ -93,17 +93,19 @@ class Chain:
 @njit(cache=True, nogil=True)
 def place(chain: ChainArrays, q: Array, R: Array, p: Array, z: Array, o: Array) -> None:
     """Tool pose R (3, 3), p (3,), joint axes z (m, 3) and points on them o (m, 3), in the base frame, at q (n,)."""
-    R[:] = np.eye(3)
+    R[:] = 0.0
     p[:] = 0.0
     half = np.empty((3, 3))
+    for a in range(3):
+        R[a, a] = 1.0
     for i in range(len(chain.joint)):
         value = float(q[chain.joint[i]])
         joint_pose(R, p, chain.rotation[i], chain.offset[i], chain.axis[i], chain.prismatic[i], value, R, p)
         for a in range(3):
             z[i, a] = R[a, 0] * chain.axis[i, 0] + R[a, 1] * chain.axis[i, 1] + R[a, 2] * chain.axis[i, 2]
-        o[i] = p
+        put(p, o[i])
     go(R, p, chain.tool_offset)
-    half[:] = R
+    put_all(R, half)
     multiply(half, chain.tool_rotation, R)
 
 
@@ -128,7 +130,8 @@ def unforced_acceleration(chain: ChainArrays, p: Array, z: Array, o: Array, qd: 
     """dJ/dt qd into out (>= 6,): what the tool accelerates at joint speeds qd (m,) without joint acceleration."""
     omega, alpha, a, x, r = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     for i in range(len(chain.joint)):
-        r[:] = o[i] - x
+        for k in range(3):
+            r[k] = o[i, k] - x[k]
         _carry(omega, alpha, r, a)
         c0 = (omega[1] * z[i, 2] - omega[2] * z[i, 1]) * qd[i]
         c1 = (omega[2] * z[i, 0] - omega[0] * z[i, 2]) * qd[i]
@@ -143,11 +146,12 @@ def unforced_acceleration(chain: ChainArrays, p: Array, z: Array, o: Array, qd: 
             alpha[2] += c2
             for k in range(3):
                 omega[k] += z[i, k] * qd[i]
-        x[:] = o[i]
-    r[:] = p - x
+        put(o[i], x)
+    for k in range(3):
+        r[k] = p[k] - x[k]
     _carry(omega, alpha, r, a)
-    out[:3] = a
-    out[3:6] = alpha
+    put(a, out)
+    put(alpha, out[3:])
 
 
 @njit(cache=True, nogil=True)
@@ -165,29 +169,31 @@ def turned(R: Array, vector: Array, share: float, out: Array) -> None:
     """Out (3, 3) = R Exp(share vector): `R` turned about a vector of its own frame by `share` of the vector's length."""
     angle = np.sqrt(vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2)
     if angle < 1e-14:
-        out[:] = R
+        put_all(R, out)
         return
-    turn = np.empty((3, 3))
-    about(vector / angle, share * angle, turn)
+    turn, axis = np.empty((3, 3)), np.empty(3)
+    for a in range(3):
+        axis[a] = vector[a] / angle
+    about(axis, share * angle, turn)
     multiply(R, turn, out)
 
 
 @njit(cache=True, nogil=True)
 def rotation_between(A: Array, B: Array, out: Array) -> None:
     """Out (3,): the vector in the base frame about which A must turn to become B, of the angle's length (< pi)."""
-    x = 0.5 * (_entry(B, A, 2, 1) - _entry(B, A, 1, 2))
-    y = 0.5 * (_entry(B, A, 0, 2) - _entry(B, A, 2, 0))
-    z = 0.5 * (_entry(B, A, 1, 0) - _entry(B, A, 0, 1))
+    x = 0.5 * (_product(B[2], A[1]) - _product(B[1], A[2]))
+    y = 0.5 * (_product(B[0], A[2]) - _product(B[2], A[0]))
+    z = 0.5 * (_product(B[1], A[0]) - _product(B[0], A[1]))
     sine = np.sqrt(x * x + y * y + z * z)
-    cosine = 0.5 * (_entry(B, A, 0, 0) + _entry(B, A, 1, 1) + _entry(B, A, 2, 2) - 1.0)
+    cosine = 0.5 * (_product(B[0], A[0]) + _product(B[1], A[1]) + _product(B[2], A[2]) - 1.0)
     scale = np.arctan2(sine, cosine) / sine if sine > NEGLIGIBLE else 1.0
     out[0], out[1], out[2] = x * scale, y * scale, z * scale
 
 
 @njit(cache=True, nogil=True)
-def _entry(B: Array, A: Array, i: int, j: int) -> float:
-    """Entry (i, j) of B A^T."""
-    return B[i, 0] * A[j, 0] + B[i, 1] * A[j, 1] + B[i, 2] * A[j, 2]
+def _product(b: Array, a: Array) -> float:
+    """Of two rows (3,): an entry of B A^T."""
+    return b[0] * a[0] + b[1] * a[1] + b[2] * a[2]
 
 
 @njit(cache=True, nogil=True)

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.compiled import clock
 from trueup.errors import IdentificationError
 from trueup.excitation.cell import Cell, Settings
 from trueup.excitation.criteria import Criterion
@@ -57,7 +58,7 @@ class Options:
     candidates: int = 20000
     """Motions that 'quick' judges at most."""
     budget: float = np.inf
-    """s after which 'quick' ends with what it has."""
+    """s after which 'quick' ends with what it has; those in which loops were compiled do not count."""
     target: float = -np.inf
     """A loss that is good enough to stop at."""
     seed: int = 0
@@ -89,7 +90,7 @@ class _Run:
     options: Options
     told: Told | None
     penalty: Penalty | None
-    began: float = field(default_factory=time.perf_counter)
+    began: float = field(default_factory=clock)
     trace: list[Step] = field(default_factory=list)
     evaluations: int = 0
     leading: list[tuple[float, Array]] = field(default_factory=list)
@@ -97,7 +98,7 @@ class _Run:
 
     @property
     def seconds(self) -> float:
-        return time.perf_counter() - self.began
+        return clock() - self.began
 
     def losses(self, genes: Array, samples: int) -> Array:
         """(B,) of genes (B, size); NaN for impossible motions."""

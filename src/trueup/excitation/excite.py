@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.compiled import clock
 from trueup.errors import IdentificationError
 from trueup.excitation.cell import Settings
 from trueup.excitation.criteria import Criterion
@@ -133,12 +134,12 @@ def _feasible(
     further round keeps as much more distance as was missing. Raises IdentificationError after six.
     """
     margin, weight = feasibility.margin + 0.5 * SOFT, Proximity.weight
-    starts, spare, problems, began = None, 0.0, (), time.perf_counter()
+    starts, spare, problems, began = None, 0.0, (), clock()
     for _ in range(6):
         penalty = None
         if feasibility.clearance is not None or feasibility.cell is not None:
             penalty = Proximity(criterion.model.tree, _shapes(feasibility), margin, weight, feasibility.cell, spare)
-        left = replace(options, budget=max(0.2 * options.budget, options.budget - (time.perf_counter() - began)))
+        left = replace(options, budget=max(0.2 * options.budget, options.budget - (clock() - began)))
         excitation = design(kind, criterion, left, penalty=penalty, starts=starts, told=told, rate=wish.rate)
         trajectory = at_rest(excitation.trajectory, limits) if wish.motion == "sines" else excitation.trajectory
         trajectory = feasibility.within_torque(trajectory)

@@ -4,9 +4,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from trueup.arrays import Array, Integers
+from trueup.compiled import njit
 from trueup.excitation.chain import ChainArrays, place, unforced_acceleration
 from trueup.excitation.inverse_kinematics import (
     LEAST_GAIN,
@@ -19,6 +19,7 @@ from trueup.excitation.inverse_kinematics import (
     travel,
 )
 from trueup.excitation.tool_path import Pace, Program, program, slow_down, starts, tool_laws, tool_state
+from trueup.identification.poses import apply, distance, put
 
 NO_MOTION = 4
 """How a plan ended when all its moves have no length; the other ends are those of the inverse kinematics."""
@@ -40,13 +41,14 @@ def follow(
     p, v, a, drift = np.empty(3 + own), np.empty(6 + own), np.empty(6 + own), np.empty(6)
     J, A, inverse = np.empty((6, m)), np.empty((m, m)), np.empty((m, m))
     rows = equations.rows
-    wanted, speed = np.empty(m), np.empty(m)
+    wanted, speed, bend = np.empty(m), np.empty(m), np.empty(m)
     here = start.copy()
     for s in range(len(times)):
         under[s] = tool_state(times[s], way, R_, p, v, a)
         if s > 0:
             dt = times[s] - times[s - 1]
-            here = q[s - 1] + dt * qd[s - 1] + 0.5 * dt * dt * qdd[s - 1]
+            for j in range(n):
+                here[j] = q[s - 1, j] + dt * qd[s - 1, j] + 0.5 * dt * dt * qdd[s - 1, j]
         ended = settle(chain, equations, R_, p[:3], p[3:], LEAST_GAIN, here)
         if ended != REACHED:
             return ended
@@ -54,14 +56,16 @@ def follow(
         matrix(chain, equations, p0, z, o, J, A)
         if invert(A, inverse) < LEAST_GAIN:
             return SINGULAR
-        wanted[:rows] = v[:rows]
-        wanted[rows:] = v[6:]
-        speed[:] = inverse @ wanted
+        put(v[:rows], wanted)
+        put(v[6:], wanted[rows:])
+        apply(inverse, wanted, speed)
         unforced_acceleration(chain, p0, z, o, speed, drift)
-        wanted[:rows] = a[:rows] - drift[:rows]
-        wanted[rows:] = a[6:]
-        bend = inverse @ wanted
-        q[s], qd[s], qdd[s] = here, np.zeros(n), np.zeros(n)
+        for i in range(rows):
+            wanted[i] = a[i] - drift[i]
+        put(a[6:], wanted[rows:])
+        apply(inverse, wanted, bend)
+        put(here, q[s])
+        qd[s], qdd[s] = 0.0, 0.0
         for i in range(m):
             qd[s, chain.joint[i]] = speed[i]
             qdd[s, chain.joint[i]] = bend[i]
@@ -81,8 +85,8 @@ def planned(
     moves, n = len(way.turns), len(start)
     reach, slow = np.zeros(moves), np.ones((moves, 2))
     for k in range(moves):
-        length = np.sqrt(np.sum((way.P[k + 1] - way.P[k]) ** 2))
-        reach[k] = 0.0 if length <= 2.0 * pace.zone else 1.0 - pace.zone / length
+        far = distance(way.P[k + 1], way.P[k])
+        reach[k] = 0.0 if far <= 2.0 * pace.zone else 1.0 - pace.zone / far
     q, qd, qdd = np.empty((look, n)), np.empty((look, n)), np.empty((look, n))
     under, need = np.zeros(look, np.int64), np.empty((moves, 2))
     end = 0.0
@@ -98,7 +102,7 @@ def planned(
         for s in range(look):
             fast, hard = excess(qd[s], qdd[s], limits[0], limits[1])
             for k in range(max(0, under[s] - 1), under[s] + 1):
-                if end * s / (look - 1) <= way.begin[k] + way.T[k].sum():
+                if end * s / (look - 1) <= way.begin[k] + way.T[k, 0] + way.T[k, 1] + way.T[k, 2]:
                     need[k, 0], need[k, 1] = max(need[k, 0], fast), max(need[k, 1], hard)
         if turn == 4 or slow_down(need, turn, slow) <= 1.01:
             break

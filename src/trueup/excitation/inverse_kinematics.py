@@ -12,13 +12,14 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from trueup.arrays import Array, Integers
+from trueup.compiled import njit
 from trueup.errors import ModelError
 from trueup.excitation.chain import Chain, ChainArrays, place, rotation_between, slopes, turned
 from trueup.excitation.limits import JointLimits
+from trueup.identification.poses import apply, distance, largest, length, put, put_all
 from trueup.rounding import NEGLIGIBLE, ROUNDED
 
 REACHED, LOST, SINGULAR, OUT_OF_RANGE = 0, 1, 2, 3
@@ -147,7 +148,7 @@ def invert(A: Array, out: Array) -> float:
 def matrix(chain: ChainArrays, equations: Equations, p: Array, z: Array, o: Array, J: Array, A: Array) -> None:
     """A (m, m): the rows of the pose, then a unit row for each joint asked for by value; J (6, m) is scratch."""
     slopes(chain, p, z, o, J)
-    A[: equations.rows] = J[: equations.rows]
+    put_all(J[: equations.rows], A)
     A[equations.rows :] = 0.0
     for k in range(len(equations.own)):
         A[equations.rows + k, equations.own[k]] = 1.0
@@ -158,23 +159,24 @@ def settle(chain: ChainArrays, equations: Equations, R: Array, p: Array, own: Ar
     """Newton's method from q (n,), in place, to a pose R (3, 3), p (3,) nearby. Returns how it ended."""
     m = len(chain.joint)
     R_, p_, z, o, turn = np.empty((3, 3)), np.empty(3), np.empty((m, 3)), np.empty((m, 3)), np.empty(3)
-    J, A, inverse, error = np.empty((6, m)), np.empty((m, m)), np.empty((m, m)), np.empty(m)
+    J, A, inverse, error, step = np.empty((6, m)), np.empty((m, m)), np.empty((m, m)), np.empty(m), np.empty(m)
     for _ in range(12):
         place(chain, q, R_, p_, z, o)
-        error[:3] = p - p_
+        for a in range(3):
+            error[a] = p[a] - p_[a]
         if equations.rows == 6:
             rotation_between(R_, R, turn)
-            error[3:6] = turn
+            put(turn, error[3:])
         for k in range(len(own)):
             error[equations.rows + k] = own[k] - q[chain.joint[equations.own[k]]]
-        size = np.abs(error).max()
+        size = largest(error)
         if size < 1e-11:
             return _in_range(chain, equations, q)
         matrix(chain, equations, p_, z, o, J, A)
         if invert(A, inverse) < least:
             return SINGULAR
-        step = inverse @ error
-        shrink = min(1.0, 0.3 / max(np.abs(step).max(), ROUNDED))
+        apply(inverse, error, step)
+        shrink = min(1.0, 0.3 / max(largest(step), ROUNDED))
         for i in range(m):
             q[chain.joint[i]] += shrink * step[i]
         if size < 1e-7 and shrink == 1.0:  # Newton squares the error: the step just taken was the last
@@ -187,23 +189,27 @@ def travel(chain: ChainArrays, equations: Equations, R: Array, p: Array, own: Ar
     """As `settle` for a pose further away: straight there in steps of at most 5 cm and 0.1 rad."""
     m = len(chain.joint)
     R0, p0, z, o, turn = np.empty((3, 3)), np.empty(3), np.empty((m, 3)), np.empty((m, 3)), np.empty(3)
+    inside, between, here, values = np.empty(3), np.empty((3, 3)), np.empty(3), np.empty(len(own))
     place(chain, q, R0, p0, z, o)
     own0 = np.empty(len(own))
     for k in range(len(own)):
         own0[k] = q[chain.joint[equations.own[k]]]
     rotation_between(R0, R, turn)
-    inside = R0.T @ turn  # the vector in the tool's own frame
-    far = np.sqrt(np.sum((p - p0) ** 2)) / 0.05
+    apply(R0.T, turn, inside)  # the vector in the tool's own frame
+    far = distance(p, p0) / 0.05
     if equations.rows == 6:
-        far = max(far, np.sqrt(np.sum(turn**2)) / 0.1)
+        far = max(far, length(turn) / 0.1)
     for k in range(len(own)):
         far = max(far, abs(own[k] - own0[k]) / 0.2)
     steps = int(np.ceil(far)) + 1
-    between = np.empty((3, 3))
     for step in range(1, steps + 1):
         share = step / steps
         turned(R0, inside, share, between)
-        ended = settle(chain, equations, between, p0 + share * (p - p0), own0 + share * (own - own0), least, q)
+        for a in range(3):
+            here[a] = p0[a] + share * (p[a] - p0[a])
+        for k in range(len(own)):
+            values[k] = own0[k] + share * (own[k] - own0[k])
+        ended = settle(chain, equations, between, here, values, least, q)
         if ended != REACHED:
             return ended
     return REACHED

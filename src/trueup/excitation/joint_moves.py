@@ -4,19 +4,20 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from trueup.arrays import Array, Integers
+from trueup.compiled import njit
 from trueup.excitation.following import NO_MOTION, excess, keep
 from trueup.excitation.inverse_kinematics import REACHED
 from trueup.excitation.profiles import law
 from trueup.excitation.tool_path import law_of, slow_down, starts
+from trueup.identification.poses import put
 
 
 @njit(cache=True, nogil=True)
 def joint_state(t: float, begin: Array, T: Array, Q: Array, q: Array, qd: Array, qdd: Array) -> None:
     """q, qd, qdd (n,) at t [s] of joint moves through postures Q (K, n)."""
-    q[:] = Q[0]
+    put(Q[0], q)
     qd[:] = 0.0
     qdd[:] = 0.0
     for k in range(len(T)):
@@ -24,7 +25,7 @@ def joint_state(t: float, begin: Array, T: Array, Q: Array, q: Array, qd: Array,
             return
         s, rate, bend = law(t - begin[k], T[k, 0], T[k, 1], T[k, 2])
         if s >= 1.0:
-            q[:] = Q[k + 1]
+            put(Q[k + 1], q)
             continue
         for j in range(len(q)):
             step = Q[k + 1, j] - Q[k, j]

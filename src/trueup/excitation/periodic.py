@@ -11,9 +11,9 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 
 from trueup.arrays import Array
+from trueup.compiled import njit
 from trueup.errors import ModelError
 from trueup.excitation.cell import Cell
 from trueup.excitation.inverse_kinematics import REACHED

@@ -8,7 +8,8 @@ cruise, ramp and rounding. T3 = 0 gives the trapezoidal profile, T3 > 0 the one 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from trueup.compiled import njit
 
 
 @njit(cache=True, nogil=True)

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from trueup.arrays import Array, Integers
+from trueup.compiled import njit
 from trueup.excitation.cell import Cell
 from trueup.excitation.trajectories import Motions
 from trueup.identification.information import in_threads

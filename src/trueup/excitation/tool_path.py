@@ -11,11 +11,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from trueup.arrays import Array
+from trueup.compiled import njit
 from trueup.excitation.chain import rotation_between, turned
 from trueup.excitation.profiles import law, ramps, time_of_share
+from trueup.identification.poses import apply, distance, length, put, put_all
 
 
 class Pace(NamedTuple):
@@ -59,7 +60,7 @@ def program(P: Array, R: Array, X: Array) -> Program:
     turns = np.empty((moves, 3))
     for k in range(moves):
         rotation_between(R[k], R[k + 1], turn)
-        turns[k] = R[k].T @ turn
+        apply(R[k].T, turn, turns[k])
     return Program(P, R, X, turns, np.empty((moves, 3)), np.empty(moves))
 
 
@@ -67,8 +68,8 @@ def program(P: Array, R: Array, X: Array) -> Program:
 def tool_laws(way: Program, pace: Pace, slow: Array) -> None:
     """Fills T of a program; `slow` (K - 1, 2) as in `law_of`."""
     for k in range(len(way.turns)):
-        seconds = np.sqrt(np.sum((way.P[k + 1] - way.P[k]) ** 2)) / pace.speed
-        seconds = max(seconds, np.sqrt(np.sum(way.turns[k] ** 2)) / pace.turn)
+        seconds = distance(way.P[k + 1], way.P[k]) / pace.speed
+        seconds = max(seconds, length(way.turns[k]) / pace.turn)
         for i in range(way.X.shape[1]):
             seconds = max(seconds, abs(way.X[k + 1, i] - way.X[k, i]) / pace.turn)
         law_of(seconds, pace.ramp, pace.rounding, slow[k], way.T[k])
@@ -124,11 +125,11 @@ def tool_state(t: float, way: Program, R_: Array, p: Array, v: Array, a: Array) 
     """
     P, R, X, turns, T, begin = way
     own = X.shape[1]
-    p[:3] = P[0]
-    p[3:] = X[0]
+    put(P[0], p)
+    put(X[0], p[3:])
     v[:] = 0.0
     a[:] = 0.0
-    R_[:] = R[0]
+    put_all(R[0], R_)
     now = 0
     axis, spin, next_ = np.empty(3), np.empty(3), np.empty((3, 3))
     for k in range(len(T)):
@@ -137,9 +138,9 @@ def tool_state(t: float, way: Program, R_: Array, p: Array, v: Array, a: Array) 
         now = k
         s, rate, bend = law(t - begin[k], T[k, 0], T[k, 1], T[k, 2])
         if s >= 1.0:
-            p[:3] = P[k + 1]
-            p[3:] = X[k + 1]
-            R_[:] = R[k + 1]
+            put(P[k + 1], p)
+            put(X[k + 1], p[3:])
+            put_all(R[k + 1], R_)
             continue
         for i in range(3):
             step = P[k + 1, i] - P[k, i]
@@ -151,12 +152,13 @@ def tool_state(t: float, way: Program, R_: Array, p: Array, v: Array, a: Array) 
             p[3 + i] += step * s
             v[6 + i] += step * rate
             a[6 + i] += step * bend
-        axis[:] = R_ @ turns[k]  # in the base frame, carried by what still turns of the move before
-        spin[:] = v[3:6]
+        apply(R_, turns[k], axis)  # in the base frame, carried by what still turns of the move before
+        put(v[3:6], spin)
         a[3] += axis[0] * bend + (spin[1] * axis[2] - spin[2] * axis[1]) * rate
         a[4] += axis[1] * bend + (spin[2] * axis[0] - spin[0] * axis[2]) * rate
         a[5] += axis[2] * bend + (spin[0] * axis[1] - spin[1] * axis[0]) * rate
-        v[3:6] = spin + axis * rate
+        for i in range(3):
+            v[3 + i] = spin[i] + axis[i] * rate
         turned(R_, turns[k], s, next_)
-        R_[:] = next_
+        put_all(next_, R_)
     return now

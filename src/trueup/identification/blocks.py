@@ -6,9 +6,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from trueup.arrays import Array, Integers, Mask
+from trueup.compiled import njit
 from trueup.identification.effects import of_state
 from trueup.identification.kernels import ROWS, TILE, W, carried, motion, pose, power, sines
 from trueup.identification.kinematic_tree import KinematicTree
@@ -241,6 +241,7 @@ def gram(
     joint i - 1 in G. No more of the regressor exists at a time than LONG samples.
     """
     S, n = q.shape
+    stride = np.int64(LONG)  # a literal would have the rows compiled once more
     work = workspace(n)
     for begin in range(0, S, LONG):
         end = min(begin + LONG, S)
@@ -249,8 +250,8 @@ def gram(
         for first in range(begin, end, W):
             count = min(W, end - first)
             kinematics(tree, q, qd, qdd, first, count, work)
-            inertial_rows(tree, work, count, place, Z, LONG, first - begin)
-            further_rows(tree, q, qd, qdd, first, count, place, Z, LONG, first - begin)
+            inertial_rows(tree, work, count, place, Z, stride, first - begin)
+            further_rows(tree, q, qd, qdd, first, count, place, Z, stride, first - begin)
         at = 0
         for i in range(n):
             mine = Z[start[i] * LONG :]

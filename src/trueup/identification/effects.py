@@ -9,9 +9,9 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from trueup.arrays import Array
+from trueup.compiled import njit
 from trueup.errors import ParameterError, unknown_name
 
 

@@ -8,9 +8,9 @@ from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 
 from trueup.arrays import Array, Integers, Mask
+from trueup.compiled import njit
 from trueup.identification import blocks
 
 

@@ -12,9 +12,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from trueup.arrays import Array
+from trueup.compiled import njit
 
 W = 32
 ROWS = 9

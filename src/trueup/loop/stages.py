@@ -12,7 +12,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.loop.apart import apart, confirmed
 from trueup.loop.descent import Descent, Fit, Look, Select, explained, last_look
-from trueup.loop.elsewhere import FEW, along_axes, anywhere, evolved
+from trueup.loop.elsewhere import FEW, anywhere, evolved
 from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
@@ -204,13 +204,6 @@ def multiple_shooting(run: Run) -> None:
 def _shot(run: Run, starts: Starts, values: Array, *, bent: bool) -> Problem:
     begun = starts.eliminated_from(run.seen, values, bent=bent)
     return run.problem.with_starts(begun.trials, begun.eliminated)
-
-
-def lines(run: Run) -> None:
-    """Looks along the axes of single parameters, as long as more of the recordings are still to come."""
-    found = run.descent.search
-    if run.looks and found is not None and (run.looks == 1 or not run.look.last):
-        run.from_there(along_axes(run.look.problem, run.descent.space, found, run.first))
 
 
 def evolution(run: Run) -> None:

@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 
 from trueup.arrays import Array
+from trueup.compiled import njit
 from trueup.controllers.stanley.kernel import MEMORY, nearest, path_table
 from trueup.controllers.stanley.law import GAINS, Stanley, StanleySettings, gain_space
 from trueup.engines.simulator import Rollout

@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from trueup.arrays import Array
+from trueup.compiled import njit
 
 
 @njit(cache=True, nogil=True)

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from trueup.arrays import Array
+from trueup.compiled import njit
 from trueup.rounding import ROUNDED
 
 COLUMNS = (

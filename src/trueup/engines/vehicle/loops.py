@@ -6,9 +6,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from trueup.arrays import Array, Integers, Mask
+from trueup.compiled import njit
 from trueup.controllers.stanley.kernel import MEMORY, stanley
 from trueup.engines.vehicle.beginning import advance, begin, delayed
 from trueup.engines.vehicle.kernels import (

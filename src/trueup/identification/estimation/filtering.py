@@ -8,10 +8,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from trueup.arrays import Array, Mask
+from trueup.compiled import njit
 from trueup.errors import IdentificationError
 from trueup.instant import usual_step
 from trueup.noise import spread

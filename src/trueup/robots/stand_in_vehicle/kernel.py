@@ -6,9 +6,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from trueup.arrays import Array
+from trueup.compiled import njit
 from trueup.controllers.stanley.kernel import MEMORY, stanley
 from trueup.rounding import SAME_INSTANT
 from trueup.tracking.channels import READ

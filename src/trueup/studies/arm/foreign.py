@@ -8,9 +8,9 @@ brakes a load that drives more than one that is driven, bends down at high speed
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from trueup.arrays import Array
+from trueup.compiled import njit
 from trueup.studies.arm.robot import COULOMB, VISCOUS
 
 _TRAVEL = 0.004  # rad
