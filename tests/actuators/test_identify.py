@@ -65,7 +65,7 @@ def test_what_a_replays_steps_put_into_values_is_foretold_and_shrinks_with_them(
         off.append(np.abs(space.to_unit([fitted.values[n] for n in space.names]) - truth))
         foretold.append(coarseness(problem, fitted, Slopes.at(problem, fitted)))
     worst = off[0].argmax()
-    assert off[0][worst] > 0.02  # of its range: far beyond the noise
+    assert off[0][worst] > 0.01  # of its range: far beyond the noise
     for error, told in zip(off, foretold, strict=True):
         assert 0.4 * error[worst] < told[worst] < 2.5 * error[worst]
     assert foretold[1][worst] == pytest.approx(0.5 * foretold[0][worst], rel=0.3)

@@ -126,7 +126,8 @@ def test_the_written_mjcf_moves_as_its_law(punch: float, apart: float, tmp_path:
     )
     path = tmp_path / "actuator.xml"
     path.write_text(mjcf_text(law, BENCH, STEP), encoding="utf-8")
-    np.testing.assert_allclose(replay_file(path, run), replay(law, run, STEP), atol=apart)
+    # A command acts for the whole of the step that it comes before.
+    np.testing.assert_allclose(replay_file(path, run), replay(law._replace(delay=-0.5 * STEP), run, STEP), atol=apart)
 
 
 def test_the_voltage_limit_sets_the_speed_that_a_motor_reaches() -> None:
@@ -162,7 +163,8 @@ def test_a_gain_half_as_high_pulls_half_as_much() -> None:
     for gain in (1.0, 0.5):
         servo = Servo(Law(2.0), gain)
         servo.reset(0.0)
-        servo.step(0.3, 0.0, 0.0, STEP)
+        for _ in range(2):
+            servo.step(0.3, 0.0, 0.0, STEP)
         pulls.append(servo.torque)
     assert pulls == [pytest.approx(0.6), pytest.approx(0.3)]
 

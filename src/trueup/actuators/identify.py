@@ -68,8 +68,10 @@ def identify_actuator(
 
 
 def _held_by_a_file(problem: Problem, chooser: Chooser, onset: bool) -> tuple[Model, list[str]]:
-    """The nearest servo that MJCF can hold, and notes: its damping also acts while the motor is off, so it is fitted so."""
-    fixed = {**chooser.fixed, "back_emf": 0.0}
+    """The nearest servo that MJCF can hold, and notes: its damping also acts while the motor is off, and a command for the
+    whole of the step that it comes before, so it is fitted so.
+    """
+    fixed = {**chooser.fixed, "back_emf": 0.0, "delay": -0.5 * problem.step}
     held = Chooser(problem, chooser.declared, fixed)
     plain = held.plain((VISCOUS,))
     steep = held.plain((VISCOUS, PUNCH)) if onset else plain

@@ -37,7 +37,8 @@ def _replay(
 ) -> None:  # fmt: skip
     """Writes positions (steps + 1,) to `out`; begins anew after `every` steps, from one of `starts` (k, 2) after the other.
 
-    The load's torque is that of the step before, as a simulation shows it.
+    The load's torque is that of the step before, as a simulation shows it. The command is the mean over a step that has its
+    instant in the middle, as positions have it to which a force at an instant leads: so delays do not grow with the step.
     """
     n = len(time)
     q, v = starts[0]
@@ -45,14 +46,15 @@ def _replay(
     external = -moment * np.sin(q - hangs)
     mass = inertia + law.armature
     at = 0
-    begin = -law.delay
+    late = law.delay + 0.5 * step
+    begin = -late
     while at + 1 < n and time[at + 1] <= begin:
         at += 1
     before = integral[at] + value[at] * (begin - time[at])
     out[0] = q
     now = 0
     for s in range(1, len(out)):
-        t = s * step - law.delay
+        t = s * step - late
         while at + 1 < n and time[at + 1] <= t:
             at += 1
         area = integral[at] + value[at] * (t - time[at])

@@ -168,8 +168,11 @@ class Servo:
         self._time += step
 
     def _acting(self, step: float) -> float:
-        """Mean over the step of the command that acts after its delay."""
-        begin = self._time - self.law.delay
+        """Mean of the command that acts after its delay, over a step that has the present in its middle.
+
+        A force at an instant moves a body as one would that began half a step earlier: so delays do not grow with the step.
+        """
+        begin = self._time - self.law.delay - 0.5 * step
         while len(self._told) > 1 and self._told[1][0] <= begin:
             self._told.popleft()
         area, last, value = 0.0, begin, self._told[0][1]

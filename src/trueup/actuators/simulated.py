@@ -68,7 +68,7 @@ class ActingServos:
 
     def _delayed(self, command: Array) -> Array:
         """The mean over the step of what was commanded a delay ago; before the first command, that one."""
-        late = self._law.delay / self._step
+        late = self._law.delay / self._step + 0.5  # see `Servo`
         whole = int(late)
         self._told = [command, *self._told[: whole + 1]]
         newer, older = (self._told[min(k, len(self._told) - 1)][: len(command)] for k in (whole, whole + 1))
