@@ -38,7 +38,7 @@ from trueup.engines.simulator import Simulator
 from trueup.engines.vehicle import BETAS, BicycleSimulator, Vehicle, vehicle_space
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.fit import STAGES
-from trueup.loop.prepare import prepare
+from trueup.loop.prepare import Preparation, prepare
 from trueup.recording import Channel, Recording
 from trueup.search.least_squares import LeastSquares
 from trueup.tracking.windows import windows
@@ -70,10 +70,15 @@ class Case:
     truth: Mapping[str, float]
     options: Options = field(default_factory=partial(Options, cross_validate=False))
     discrepancy: Discrepancy | None = None
+    ready: Preparation | None = None
+    """Calibrates in the way of its family, where that has one of its own."""
 
     def solved(self, options: Options) -> tuple[Calibration, float]:
         """The calibration, and the median error of its estimates in percent of the truth."""
-        done = calibrate(self.simulator, self.recordings, options=options, discrepancy=self.discrepancy)
+        if self.ready is None:
+            done = calibrate(self.simulator, self.recordings, options=options, discrepancy=self.discrepancy)
+        else:
+            done = self.ready.calibrate(options)
         values = {e.name: e.value for e in done.estimates}
         return done, 100.0 * float(np.median([abs(values[n] / t - 1.0) for n, t in self.truth.items()]))
 
@@ -190,8 +195,31 @@ def play(seed: int, folder: Path) -> Case:
     return Case(MujocoSimulator(file_model, space, quantities, step=1e-3), (log,), known)
 
 
+def slow_wheels(seed: int, folder: Path) -> Case:
+    """A car whose wheels turn no faster than a limit that the search's start does not meet, so that no slope leads to it."""
+    rng, step, speed, wheelbase = np.random.default_rng(seed), 0.02, 1.2, 0.2
+    rate = float(rng.uniform(0.35, 0.8))
+    time = step * np.arange(4000.0)
+    asked = 0.6 * np.sign(np.sin(rng.uniform(0.7, 1.1) * time)) * np.abs(np.sin(rng.uniform(0.2, 0.3) * time))
+    wheel = np.zeros(len(time))
+    for k in range(1, len(time)):
+        wheel[k] = wheel[k - 1] + np.clip(asked[k] - wheel[k - 1], -step * rate, step * rate)
+    heading = np.cumsum(step * speed / wheelbase * np.tan(0.4 * wheel))
+    way = np.cumsum(step * speed * np.stack([np.cos(heading), np.sin(heading)], axis=1), axis=0)
+    log = Recording("drive", {
+        "command": Channel("command", ("throttle", "steering"), "", time, np.stack([0.0 * time + 0.3, asked], axis=1)),
+        "position": Channel("position", ("x", "y"), "m", time, way + rng.normal(0.0, 5e-4, way.shape)),
+        "heading": Channel("heading", ("heading",), "rad", time, heading[:, None]),
+    })  # fmt: skip
+    file = folder / "car.toml"
+    file.write_text(f"[vehicle]\nwheelbase = {wheelbase}\n")
+    ready = prepare(file, [log])
+    return Case(ready.simulator, tuple(ready.recordings), {"steering_rate_limit": rate}, ready=ready)
+
+
 FAMILIES: Mapping[str, Callable[[int, Path], Case]] = {
     "servos": servos, "leg": leg, "far starts": far, "vehicle": vehicle, "jumps": jumps, "play": play,
+    "slow wheels": slow_wheels,
 }  # fmt: skip
 
 

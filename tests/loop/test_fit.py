@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Simulator
-from trueup.loop.descent import Descent, Look, Watch
+from trueup.loop.descent import Descent, Look, Watch, last_look
 from trueup.loop.fit import DESCENT, SEARCHES, fit
 from trueup.loop.problem import Problem
+from trueup.loop.profiles import _held
 from trueup.loop.selection import choose
 from trueup.loop.uncertainty import unit_covariance
 from trueup.parameters import Parameter, ParameterSpace
@@ -55,6 +56,17 @@ def test_a_valley_that_ends_at_a_bound_is_left_for_the_one_behind_the_ridge(form
     assert stuck.values[1] == pytest.approx(0.1, abs=1e-3)
     found = fit(problem, SPACE, SPACE.nominal, Watch())
     np.testing.assert_allclose(found.values, TRUTH, rtol=0.02)
+
+
+def test_slopes_taken_for_the_next_look_are_no_slopes_of_a_search_with_one_parameter_held(formula: Make) -> None:
+    problem = problem_of(formula(ridge, SPACE))
+    run = Descent(SPACE, np.clip(SPACE.to_unit(TRUTH), 0, 1), Watch(), 3.0)
+    look = last_look(problem, problem)
+    run.descend(look)
+    assert not run.choose(look, lambda problem, found: SPACE)  # nothing is frozen; slopes wait for the next look
+    held = _held(run, look, 1, 0.5)
+    assert held.point[1] == 0.5
+    assert held.loss > run.descend(look).loss
 
 
 def cracked(time: Array, values: Array, step: float) -> Array:

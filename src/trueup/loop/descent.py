@@ -177,6 +177,10 @@ class Descent:
         """Forgets all that was learned, and goes on from `point` (n_free,)."""
         self.point, self.search, self.near, self._slopes = point, None, None, None
 
+    def move(self, point: Array) -> None:
+        """Goes on from another `point` (n_free,), where slopes that were taken for the next look do not hold."""
+        self.point, self._slopes = point, None
+
     def polish(self, look: Look) -> LeastSquares:
         """The last look where slopes come from a cheaper problem. The cheaper one is solved at the level of the real one,
         which is looked at again where that ends: one simulation of the real problem each time round.

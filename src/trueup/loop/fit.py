@@ -30,6 +30,7 @@ from trueup.loop.stages import (
     full_step,
     glance,
     implicit_filtering,
+    lines,
     multiple_shooting,
     probing,
     refinement,
@@ -44,7 +45,7 @@ __all__ = ["DESCENT", "REFINEMENT", "SEARCHES", "STAGES", "Checkpoint", "Fit", "
 _SHORT = (GLANCE, 15.0)  # s: the first stage looks at the first quarter of the recordings, within these bounds
 _COARSE = (2.5, 2.0, 1.5)  # factors on the integration step while far from the optimum; the first that is faithful
 
-_EVOLUTION, _SELECTION = Stage("evolution", evolution), Stage("selection", selection)
+_LINES, _EVOLUTION, _SELECTION = Stage("lines", lines), Stage("evolution", evolution), Stage("selection", selection)
 _APART, _GLANCE = Stage("joint by joint", each_apart), Stage("glance", glance)
 _GROWTH_APART = Stage("growth joint by joint", growth_apart)
 _FIRST = Stage("first seconds", first_seconds)
@@ -54,9 +55,11 @@ _PROFILES = Stage("profiles", profiles)
 _SHOOTING = Stage("multiple shooting", multiple_shooting)
 _AROUND = (_SHOOTING, Stage("implicit filtering", implicit_filtering), Stage("probe", probing))
 
+_ELSEWHERE = (_LINES, _EVOLUTION)
+
 STAGES = (
-    _APART, _GLANCE, _GROWTH_APART, _FIRST, _EVOLUTION, _COARSE_STEP, _EVOLUTION, _PROFILES, _SELECTION, _GROWTH,
-    _FULL, _EVOLUTION, _PROFILES, _SELECTION, _GROWTH, Stage("off bounds", off_bounds), *_AROUND,
+    _APART, _GLANCE, _GROWTH_APART, _FIRST, *_ELSEWHERE, _COARSE_STEP, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH,
+    _FULL, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH, Stage("off bounds", off_bounds), *_AROUND,
 )  # fmt: skip
 """What a search does unless told otherwise."""
 DESCENT = (_APART, _GROWTH_APART, _FIRST, _COARSE_STEP, _SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH)

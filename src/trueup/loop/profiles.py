@@ -14,13 +14,13 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.loop.descent import Descent, Look, explained, last_look
+from trueup.loop.elsewhere import EDGE, LOOKED_AT
 from trueup.loop.limits import is_limit
 from trueup.loop.probe import ROUGH, unexplained
 from trueup.loop.stages import Run
 
 _REACH, _LEAST = 0.25, 0.05
 """Of a limit's range: how far along its profile is looked first, and how near it is left."""
-_EDGE = 5e-3  # share of the box: whatever is closer to a bound is on it
 
 
 def profiles(run: Run) -> None:
@@ -89,7 +89,8 @@ def _held(descent: Descent, look: Look, k: int, place: float) -> _Held:
         return _Held(place, np.array([place]), np.inf)
     there = descent.space.from_unit(np.where(np.arange(len(free)) == k, place, descent.point))
     space = descent.space.freeze([free[k]], {free[k]: there[descent.space.index(free[k])]})
-    others = replace(descent, space=space, point=np.delete(descent.point, k), search=None)
+    others = replace(descent, space=space, search=None)
+    others.move(np.delete(descent.point, k))
     found = others.descend(look, confirm=False)
     return _Held(place, np.insert(others.point, k, place), found.loss)
 
@@ -106,13 +107,13 @@ def off_bounds(run: Run) -> None:
     if found is None or found.residual is None or not explained(found.residual):
         return
     free = [p for p in descent.space.parameters if not p.frozen]
-    low, high = found.point < _EDGE, found.point > 1.0 - _EDGE
+    low, high = found.point < EDGE, found.point > 1.0 - EDGE
     none = np.array([p.scale == "log" or p.lower == 0.0 for p in free])
     worth = look.problem.chance(found.residual) * len(free)
-    for k in np.flatnonzero((low & ~none) | high):
+    for k in np.flatnonzero((low & ~none) | high)[:LOOKED_AT]:
         before = descent.point, descent.search, descent.near
         # First the others settle around the new place: all at once would slide back the way it came.
-        descent.point = _held(descent, replace(look, tolerance=1.0, last=False), int(k), 0.5).point
+        descent.move(_held(descent, replace(look, tolerance=1.0, last=False), int(k), 0.5).point)
         if descent.descend(look).loss < found.loss - worth:
             return
         descent.point, descent.search, descent.near = before

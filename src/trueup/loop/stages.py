@@ -12,7 +12,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.loop.apart import apart, confirmed
 from trueup.loop.descent import Descent, Fit, Look, Select, explained, last_look
-from trueup.loop.elsewhere import FEW, anywhere, evolved
+from trueup.loop.elsewhere import FEW, along_axes, anywhere, evolved
 from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
@@ -89,7 +89,7 @@ class Run:
     def from_there(self, point: Array | None) -> None:
         """Goes through the last look once more, from another place."""
         if point is not None:
-            self.descent.point = point
+            self.descent.move(point)
             self._searched(self.look)
 
     @property
@@ -206,6 +206,13 @@ def _shot(run: Run, starts: Starts, values: Array, *, bent: bool) -> Problem:
     return run.problem.with_starts(begun.trials, begun.eliminated)
 
 
+def lines(run: Run) -> None:
+    """Looks along the axes of single parameters, as long as more of the recordings are still to come."""
+    found = run.descent.search
+    if run.looks and found is not None and (run.looks == 1 or not run.look.last):
+        run.from_there(along_axes(run.look.problem, run.descent.space, found, run.first))
+
+
 def evolution(run: Run) -> None:
     """Looks everywhere, after the first look, where slopes end far above the noise and parameters are few, or where no slope
     leads down at all: residuals are rough then (contacts, falls).
@@ -220,9 +227,8 @@ def evolution(run: Run) -> None:
 
 def evolve_first(run: Run, short: bool = True) -> None:
     """CMA-ES before anything else, briefly."""
-    run.descent.point = evolved(
-        run.first, run.descent.space, run.start, run.descent.watch, run.seed, short=short, saved=_taken(run)
-    )
+    saved, run_ = _taken(run), run.descent
+    run_.move(evolved(run.first, run_.space, run.start, run_.watch, run.seed, short=short, saved=saved))
 
 
 def evolve_long(run: Run) -> None:
