@@ -74,7 +74,7 @@ class Chain:
     def poses(self, q: ArrayLike) -> tuple[Array, Array]:
         """Rotations (..., 3, 3) tool to base and positions (..., 3) of the tool, at q (..., n)."""
         given = np.asarray(q, dtype=np.float64)
-        flat = np.require(given.reshape(-1, given.shape[-1]), requirements="CW")
+        flat = np.require(given.reshape(-1, given.shape[-1]), requirements=["C", "W"])
         R, p = np.empty((len(flat), 3, 3)), np.empty((len(flat), 3))
         _poses(self.arrays, flat, R, p)
         return R.reshape(*given.shape[:-1], 3, 3), p.reshape(*given.shape[:-1], 3)
@@ -83,7 +83,7 @@ class Chain:
         """(6, n) tool velocity (m/s, then rad/s, in the base frame) for unit speeds of all joints, at q (n,)."""
         arrays, m = self.arrays, len(self.arrays.joint)
         R, p, z, o = np.empty((3, 3)), np.empty(3), np.empty((m, 3)), np.empty((m, 3))
-        place(arrays, np.require(q, np.float64, "CW"), R, p, z, o)
+        place(arrays, np.require(q, np.float64, ["C", "W"]), R, p, z, o)
         J, whole = np.zeros((6, m)), np.zeros((6, self.tree.n))
         slopes(arrays, p, z, o, J)
         whole[:, arrays.joint] = J

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -241,7 +241,7 @@ def gram(
     joint i - 1 in G. No more of the regressor exists at a time than LONG samples.
     """
     S, n = q.shape
-    stride = np.int64(LONG)  # a literal would have the rows compiled once more
+    stride: Any = np.int64(LONG)  # a literal would have the rows compiled once more
     work = workspace(n)
     for begin in range(0, S, LONG):
         end = min(begin + LONG, S)

@@ -26,7 +26,9 @@ class TreeArrays(NamedTuple):
     @classmethod
     def of(cls, tree: KinematicTree) -> TreeArrays:
         """Those of a tree, as copies: kernels are compiled anew for arrays that may not be written."""
-        return cls(*(np.array(part) for part in (tree.parent, tree.prismatic, tree.axis, tree.rotation, tree.offset)))
+        return cls(
+            tree.parent.copy(), tree.prismatic.copy(), tree.axis.copy(), tree.rotation.copy(), tree.offset.copy()
+        )
 
 
 def link_poses(tree: KinematicTree, q: ArrayLike) -> tuple[Array, Array]:
