@@ -43,5 +43,5 @@ event.register("numba:compile", _compiling)
 
 
 def clock() -> float:
-    """S that have passed since some instant, those left out in which loops were compiled: for what ends after a time."""
+    """Seconds since some instant, without those in which loops were compiled: for what ends after a time."""
     return time.perf_counter() - _compiling.seconds

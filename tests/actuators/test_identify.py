@@ -83,6 +83,7 @@ def test_what_is_written_says_what_was_found(found: Actuator, tmp_path: Path) ->
     assert found.law is not None
     assert plain["law"]["stiffness"] == found.law.stiffness
     assert plain["law"]["force_limit"] is None
+    assert plain["mjcf"]["delay"] == 0.0
 
 
 def test_without_a_known_load_only_ratios_are_told() -> None:

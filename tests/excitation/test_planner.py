@@ -14,7 +14,7 @@ from trueup.errors import IdentificationError, ModelError
 from trueup.excitation.cell import Cell, Settings
 from trueup.excitation.chain import Chain
 from trueup.excitation.criteria import Criterion
-from trueup.excitation.inverse_kinematics import REACHED, InverseKinematics
+from trueup.excitation.inverse_kinematics import LEAST_GAIN, REACHED, InverseKinematics, settle
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.mixture import mixed, wide_classes
 from trueup.excitation.planner import ViaPoints, joint_moves, random_planner_motion
@@ -92,6 +92,15 @@ def test_a_posture_out_of_reach_and_a_singular_one_are_told_apart() -> None:
     assert kinematics.solve(R, p * 4.0, near)[1] != REACHED
     with pytest.raises(ModelError, match="no posture reaches the middle of the box"):
         Cell.of(tree, Region.of([3.0, 0.0, 0.5], [0.2, 0.2, 0.2]))
+
+
+def test_a_pose_that_is_no_number_is_not_reached() -> None:
+    tree = arm()
+    chain, near = Chain.of(tree), np.array([0.1, 0.2, 0.3, 0.4, 0.9, 0.0])
+    kinematics = InverseKinematics.at(chain, JointLimits.of(tree), near)
+    R, p = chain.poses(near)
+    assert settle(chain.arrays, kinematics.equations, R, p, np.zeros(0), LEAST_GAIN, near.copy()) == REACHED
+    assert settle(chain.arrays, kinematics.equations, R, np.nan * p, np.zeros(0), LEAST_GAIN, near.copy()) != REACHED
 
 
 def test_velocities_and_accelerations_are_derivatives_of_the_positions(cell: Cell) -> None:

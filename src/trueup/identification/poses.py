@@ -103,7 +103,7 @@ def apply(A: Array, vector: Array, out: Array) -> None:
 
 @njit(cache=True, nogil=True)
 def length(vector: Array) -> float:
-    """Of a vector (n,)."""
+    """The length of a vector (n,)."""
     square = 0.0
     for x in vector:
         square += x * x
@@ -112,7 +112,7 @@ def length(vector: Array) -> float:
 
 @njit(cache=True, nogil=True)
 def distance(p: Array, other: Array) -> float:
-    """Between two points (n,)."""
+    """The distance between two points (n,)."""
     square = 0.0
     for i in range(len(p)):
         square += (p[i] - other[i]) ** 2
@@ -121,9 +121,11 @@ def distance(p: Array, other: Array) -> float:
 
 @njit(cache=True, nogil=True)
 def largest(vector: Array) -> float:
-    """Absolute value in a vector (n,); 0 where it is empty."""
+    """The largest absolute value in a vector (n,); NaN where one is, 0 where it is empty."""
     most = 0.0
     for x in vector:
+        if np.isnan(x):
+            return x
         most = max(most, abs(x))
     return most
 

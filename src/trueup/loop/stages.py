@@ -227,8 +227,8 @@ def evolution(run: Run) -> None:
 
 def evolve_first(run: Run, short: bool = True) -> None:
     """CMA-ES before anything else, briefly."""
-    saved, run_ = _taken(run), run.descent
-    run_.move(evolved(run.first, run_.space, run.start, run_.watch, run.seed, short=short, saved=saved))
+    saved, descent = _taken(run), run.descent
+    descent.move(evolved(run.first, descent.space, run.start, descent.watch, run.seed, short=short, saved=saved))
 
 
 def evolve_long(run: Run) -> None:
