@@ -17,6 +17,7 @@ from trueup.ends import Ended, When, with_end
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
+from trueup.loop.replay import replays
 from trueup.loop.uncertainty import unit_covariance
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
@@ -43,6 +44,16 @@ def test_an_error_is_that_of_the_samples_that_were_measured(formula: Formula) ->
     residual = problem.residuals(SPACE.nominal[None])[0]
     assert residual.shape == (201,)
     assert problem.rmse(residual) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("deviation", [0.001, 0.01])
+def test_what_is_shown_as_noise_is_the_recordings_own_and_not_what_errors_are_counted_in(
+    formula: Formula, deviation: float
+) -> None:
+    noisy = recording(TIME + deviation * np.random.default_rng(0).standard_normal(len(TIME)))
+    shipped = formula(lambda time, _values, _step: time, ParameterSpace(()))
+    (replay,) = replays(shipped, np.zeros(0), [noisy], [], Plain({"position": 0.02}), against=shipped, windows=4.0)
+    assert replay.noise == pytest.approx(deviation, rel=0.3)
 
 
 def test_samples_that_are_replayed_exactly_count(formula: Formula) -> None:

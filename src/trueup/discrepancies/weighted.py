@@ -49,6 +49,11 @@ class Weighted:
         per = self._noise.get(channel, {})
         return np.array([per.get(label, 1.0) for label in labels])
 
+    def noise(self, channel: str, labels: tuple[str, ...]) -> Array:
+        """(k,) as `scale`; NaN where nothing was measured that shows it."""
+        per = self._noise.get(channel, {})
+        return np.array([per.get(label, np.nan) for label in labels])
+
     def residual(self, real: Recording, simulated: Rollout) -> Array:
         """See Discrepancy."""
         return by_samples(self, real, simulated)

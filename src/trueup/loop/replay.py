@@ -71,8 +71,11 @@ def replays(
     Raises SimulationFailedError where the simulator fails.
     """
     everything = (*training, *held_out)
+    observable = sorted({c for r in everything for c in simulator.observable(r)})
     if measure is None:
-        measure = Weighted.estimated(everything, sorted({c for r in everything for c in simulator.observable(r)}))
+        measure = Weighted.estimated(everything, observable)
+    # What errors are counted in may be a tolerance; what is shown as noise is the recordings' own.
+    noise = Weighted.estimated(training or everything, observable)
     problem = Problem(simulator, everything, measure, channels, controllers=controllers)
     problem = in_windows(problem, window_length(problem, values) if windows is None else windows)
     after = problem.rollouts(values[None])
@@ -89,7 +92,7 @@ def replays(
             parts.setdefault((owner, name, observed.labels), []).append(Replay(
                 recording=recording.name, held_out=owner >= len(training), channel=name, labels=observed.labels,
                 unit=observed.unit, time=observed.time - first, measured=measured, before=old.channels[name][0],
-                after=new.channels[name][0], noise=measure.scale(name, observed.labels),
+                after=new.channels[name][0], noise=noise.noise(name, observed.labels),
                 command=_commanded(command, observed) if name == "position" else None,
             ))  # fmt: skip
     return tuple(_joined(own) for own in parts.values())

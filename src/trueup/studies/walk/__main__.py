@@ -15,7 +15,7 @@ from trueup.errors import RenderingError, TrueupError
 from trueup.formats.aside import write_aside
 from trueup.studies.progress import telling
 from trueup.studies.saved import Parts
-from trueup.studies.walk.comparison import FULL, PAPER, QUICK, Result, Way, performed, summary
+from trueup.studies.walk.comparison import FULL, PAPER, QUICK, Result, Searching, performed, summary
 from trueup.studies.walk.film import strip
 from trueup.studies.walk.guidance import Expert
 from trueup.studies.walk.methods import Ungrounded
@@ -33,7 +33,7 @@ def main() -> int:
     try:
         chosen = ways(list(WAYS) if asked.all else asked.ways or [CONTROL, CHALLENGER])
         if asked.expert:
-            chosen[f"noisy + {asked.expert.name}"] = Way(Ungrounded(), Expert.read(asked.expert))
+            chosen[f"noisy + {asked.expert.name}"] = Searching(Ungrounded(), Expert.read(asked.expert))
         kept, whole = Parts.at(asked.out, scale), robots * seeds * len(chosen)
         where = evaluator_of(asked.cluster or "", asked.quorum or 1.0, told)
         with telling(told, "the start walk") as tell, closing(where) as evaluator:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from itertools import product
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from trueup.studies.walk.evaluation import at_once
 from trueup.studies.walk.guidance import Guidance, Unguided
 from trueup.studies.walk.robot import StandInNao, Truth
 from trueup.studies.walk.search import Effort
-from trueup.studies.walk.study import Budget, Method, Story, Tried, alone, best_share, improved
+from trueup.studies.walk.study import Budget, Method, Story, Tried, best_share, improved
 from trueup.tasks.walking import LineWalk
 
 Kept = Callable[[str, Callable[[], object]], Any]
@@ -57,30 +57,58 @@ QUICK = Scale(
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Way:
-    """How a walk is made faster: a method with its guidance, or on the robot alone."""
-
-    method: Method | None
-    """None: CMA-ES on the robot itself."""
-    guidance: Guidance = field(default_factory=Unguided)
+class Way(Protocol):
+    """How a walk is made faster within a robot's trials."""
 
     @property
     def name(self) -> str:
         """For tables."""
-        words = "" if isinstance(self.guidance, Unguided) else f", guided: {self.guidance.name}"
-        return (self.method.name if self.method else "the robot alone") + words
+        ...
 
     def improved(
         self, robot: StandInNao, scale: Scale, seed: int, line: LineWalk, told: Callable[[str], None],
         evaluator: Evaluator | None = None,
     ) -> Story:  # fmt: skip
         """The story of one robot."""
-        if self.method is None:
-            return alone(robot, scale.budget, seed, line=line, told=told)
+        ...
+
+
+@dataclass(frozen=True)
+class Searching:
+    """Walks are searched in a method's simulator, what it promises is tried on the robot: the paper's loop."""
+
+    method: Method
+    guidance: Guidance = field(default_factory=Unguided)
+
+    @property
+    def name(self) -> str:
+        """See Way."""
+        return self.method.name + ("" if isinstance(self.guidance, Unguided) else f", guided: {self.guidance.name}")
+
+    def improved(
+        self, robot: StandInNao, scale: Scale, seed: int, line: LineWalk, told: Callable[[str], None],
+        evaluator: Evaluator | None = None,
+    ) -> Story:  # fmt: skip
+        """See Way."""
         return improved(
             robot, self.method, scale.budget, seed, line=line, guidance=self.guidance, evaluator=evaluator, told=told
         )
+
+
+@dataclass(frozen=True)
+class OnTheRobot:
+    """No simulator: CMA-ES over all parameters on the robot itself, or its pace and lean alone (`paces`)."""
+
+    loop: Callable[..., Story]
+    """As `study.alone` and `paces.paced`."""
+    name: str
+
+    def improved(
+        self, robot: StandInNao, scale: Scale, seed: int, line: LineWalk, told: Callable[[str], None],
+        evaluator: Evaluator | None = None,
+    ) -> Story:  # fmt: skip
+        """See Way."""
+        return self.loop(robot, scale.budget, seed, line=line, told=told)
 
 
 @dataclass(frozen=True)

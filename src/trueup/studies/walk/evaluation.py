@@ -14,7 +14,7 @@ from trueup.recording import Recording
 from trueup.robots.robot import Robot
 from trueup.studies.walk.odds import Odds
 from trueup.tasks.task import robot_trials
-from trueup.tasks.walking import ARRIVED, PLACE, VEERED, LineWalk
+from trueup.tasks.walking import ANGLES, ARRIVED, PLACE, VEERED, LineWalk
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,8 @@ class Runs:
     speeds: tuple[float, ...] = ()
     """m/s of those that arrived."""
     falls: int = 0
+    forward: float = 0.0
+    """Of the falls, those with the nose down, the others are on the back; half of one where that was not measured."""
     veers: int = 0
     """Those that left their lane, or did not arrive in time."""
     seconds: float = 0.0
@@ -49,7 +51,7 @@ class Runs:
 
     def __add__(self, other: Runs) -> Runs:
         return Runs(
-            self.speeds + other.speeds, self.falls + other.falls, self.veers + other.veers,
+            self.speeds + other.speeds, self.falls + other.falls, self.forward + other.forward, self.veers + other.veers,
             self.seconds + other.seconds, self.trials + other.trials, self.recordings + other.recordings,
         )  # fmt: skip
 
@@ -91,7 +93,7 @@ def expected_falls(runs: Sequence[Runs]) -> Array:
 
 def outcome(recordings: Sequence[Recording], walk: LineWalk) -> Runs:
     """What recordings of runs to the line show: each lap is a run, the last one of those that did not arrive failed."""
-    speeds, falls, veers = [], 0, 0
+    speeds, falls, forward, veers = list[float](), 0, 0.0, 0
     for run in recordings:
         end = ended(run)
         arrived = end is not None and end.name == ARRIVED
@@ -99,10 +101,19 @@ def outcome(recordings: Sequence[Recording], walk: LineWalk) -> Runs:
         speeds += [walk.line / float(lasted) for lasted in np.diff([run.start, *reached])]
         if end is not None and end.name not in (ARRIVED, VEERED):
             falls += 1
+            forward += _forward(run)
         elif not arrived:
             veers += 1
     seconds = sum(r.stop - r.start for r in recordings)
-    return Runs(tuple(speeds), falls, veers, seconds, len(recordings), tuple(recordings))
+    return Runs(tuple(speeds), falls, forward, veers, seconds, len(recordings), tuple(recordings))
+
+
+def _forward(run: Recording) -> float:
+    """1 for a fall with the nose down, 0 for one on the back, a half where nothing says which."""
+    if ANGLES not in run.channels:
+        return 0.5
+    pitch = run.channel(ANGLES).column("pitch")
+    return float(pitch[np.isfinite(pitch)][-1] > 0.0)
 
 
 def _passed(run: Recording, walk: LineWalk) -> list[float]:

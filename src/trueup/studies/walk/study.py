@@ -129,7 +129,7 @@ def improved(
     and puts on the stack what the robot shows to be worth more, the best on top. Where none is open, the best is searched
     from again.
     """
-    track = _track(line, budget)
+    track = lap_track(line, budget)
     begin = PARAMETERS.nominal if start is None else start
     say = told or (lambda _: None)
     story = Story(tuple(_started(robot, track, begin, budget)))
@@ -161,7 +161,8 @@ def improved(
     return replace(story, tried=tuple(_again(robot, track, story.tried, left, budget, f" seed {seed} last")))
 
 
-def _track(line: LineWalk | None, budget: Budget) -> LineWalk:
+def lap_track(line: LineWalk | None, budget: Budget) -> LineWalk:
+    """What a trial is: so many lines behind one another."""
     return replace(line or scenes.task(LineWalk, runs=1), laps=budget.laps)
 
 
@@ -187,7 +188,7 @@ def alone(
     robot: Robot, budget: Budget, seed: int, *, line: LineWalk | None = None, told: Callable[[str], None] | None = None,
 ) -> Story:  # fmt: skip
     """The story without a simulator: CMA-ES on the robot, a run a candidate; its last centres get the last round's runs."""
-    track, say = _track(line, budget), told or (lambda _: None)
+    track, say = lap_track(line, budget), told or (lambda _: None)
     tried = _started(robot, track, PARAMETERS.nominal, budget)
     search = CmaEs(PARAMETERS.to_unit(PARAMETERS.nominal), seed=seed, sigma=0.6 * budget.effort.sigma, restarts=0)
     left, number, centres = (budget.rounds - 1) * budget.round, 0, list[Array]()
@@ -215,7 +216,7 @@ def _looked_at(
     """All that was tried, a round later: from the gentlest walk on until one falls twice, then what is worth the most."""
     tried = list(before)
     for k, promise in enumerate(path):
-        if _spent(tried, budget):
+        if spent([t.runs for t in tried], budget):
             break
         runs = _look(robot, track, promise.values, f"{label} round {number} walk {k}")
         tried.append(Tried(number, promise.values, promise, runs, signal=promise.signal))
@@ -234,7 +235,7 @@ def _again(
     """
     judged = _judged(tried, budget)
     for count in range(trials):
-        if _spent(judged, budget):
+        if spent([t.runs for t in judged], budget):
             break
         rivals = int(np.ceil(budget.rivals * (1.0 - count / trials)))
         best = sorted(range(len(judged)), key=lambda k: -judged[k].worth)[:rivals]
@@ -245,10 +246,10 @@ def _again(
     return judged
 
 
-def _spent(tried: Sequence[Tried], budget: Budget) -> bool:
-    """Whether no robot time is left for a trial as long as those of the slowest walk."""
-    longest = max(t.runs.seconds / t.runs.trials for t in tried)
-    return sum(t.runs.seconds for t in tried) + longest > budget.seconds
+def spent(runs: Sequence[Runs], budget: Budget) -> bool:
+    """Whether no trial is left, or no robot time for one as long as those of the slowest walk."""
+    longest = max(r.seconds / r.trials for r in runs)
+    return sum(r.trials for r in runs) >= budget.trials or sum(r.seconds for r in runs) + longest > budget.seconds
 
 
 def _judged(tried: Sequence[Tried], budget: Budget) -> list[Tried]:

@@ -3,29 +3,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from trueup.errors import unknown_name
-from trueup.studies.walk.comparison import Way
+from trueup.studies.walk.comparison import OnTheRobot, Searching, Way
 from trueup.studies.walk.fitted import Fitted
 from trueup.studies.walk.guidance import Automatic, Expert
 from trueup.studies.walk.methods import Bounded, Calibrated, Grounded, Ungrounded
+from trueup.studies.walk.paces import paced
+from trueup.studies.walk.study import alone
 
 CONTROL, CHALLENGER = "noisy", "fitted"
 """The way that others must beat, and the one that is put beside it by default."""
-WAYS = {
-    CONTROL: Way(Ungrounded()),
-    "noisy + expert": Way(Ungrounded(), Expert()),
-    "noisy + automatic": Way(Ungrounded(), Automatic()),
-    "noisy + corrected": Way(Ungrounded(corrected=True)),
-    CHALLENGER: Way(Fitted()),
-    "bounded": Way(Bounded()),
-    "grounded + linear 0.3": Way(Grounded()),
-    "grounded + tree 0.3": Way(Grounded(learner="model-tree")),
-    "grounded + linear chained": Way(Grounded(share=1.0, chained=True)),
-    "calibrated": Way(Calibrated()),
-    "calibrated + grounded": Way(Grounded(Calibrated(), share=1.0, chained=True)),
-    "robot alone": Way(None),
+WAYS: Mapping[str, Way] = {
+    CONTROL: Searching(Ungrounded()),
+    "noisy + expert": Searching(Ungrounded(), Expert()),
+    "noisy + automatic": Searching(Ungrounded(), Automatic()),
+    "noisy + corrected": Searching(Ungrounded(corrected=True)),
+    CHALLENGER: Searching(Fitted()),
+    "bounded": Searching(Bounded()),
+    "grounded + linear 0.3": Searching(Grounded()),
+    "grounded + tree 0.3": Searching(Grounded(learner="model-tree")),
+    "grounded + linear chained": Searching(Grounded(share=1.0, chained=True)),
+    "calibrated": Searching(Calibrated()),
+    "calibrated + grounded": Searching(Grounded(Calibrated(), share=1.0, chained=True)),
+    "pace and lean": OnTheRobot(paced, "the robot alone, pace and lean"),
+    "robot alone": OnTheRobot(alone, "the robot alone"),
 }
 
 
