@@ -35,7 +35,7 @@ class Leaning:
 
     def __init__(self, best: float, risk: float = -4.5) -> None:
         each = 1.2 * best / 0.006
-        self.odds = np.array([[risk + each, 10.0, -1.2, 0.0], [risk - each, 10.0, 1.2, 0.0]])
+        self.odds = np.array([[risk + each, 10.0, -1.2, 0.0, 0.0], [risk - each, 10.0, 1.2, 0.0, 0.0]])
 
     def shares(self, values: Array) -> Array:
         """Of falls forward and backward."""
@@ -124,11 +124,23 @@ def test_how_a_trial_ended_is_said() -> None:
 
 
 def test_a_run_that_veers_counts_as_half_a_fall_to_either_side() -> None:
-    veering = Ledger(np.array([[1.0, 0.0]]), [Runs(veers=20, trials=20)])
+    veering = Ledger(np.zeros((0, 2)))
+    veering.add(np.array([1.0, 0.0]), Runs(veers=20, trials=20))
     forward, backward = veering.risks().shares(asked(np.array([[1.0, 0.0]])))[0]
     assert forward == pytest.approx(backward, abs=1e-6)
     assert forward + backward > 0.5
     assert ended_in(veering.runs[0]) == VEERED
+
+
+def test_a_fall_at_the_start_is_told_from_one_further_on() -> None:
+    pace = np.array([1.0, 0.0])
+    starting, walking = Ledger(np.zeros((0, 2))), Ledger(np.zeros((0, 2)))
+    for _ in range(10):
+        starting.add(pace, Runs(falls=1, forward=1.0, trials=1))
+        walking.add(pace, Runs(speeds=(0.12,), falls=1, forward=1.0, trials=1))
+    assert walking.later[0].falls == 10 > starting.later[0].number == 0
+    first, on = (ledger.risks().shares(asked(pace[None]))[0, 0] for ledger in (starting, walking))
+    assert first > 0.7 > 0.3 > on
 
 
 def test_competing_risks_are_told_apart_and_their_doubt_holds_the_truth() -> None:

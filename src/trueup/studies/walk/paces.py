@@ -24,17 +24,16 @@ from trueup.studies.walk.study import Budget, Story, Tried, lap_track, spent
 from trueup.tasks.walking import LineWalk
 
 _SWING, _PERIOD, _OFFSET = (PARAMETERS.index(n) for n in ("amp_swing", "stepPeriod", "fwdOffset"))
-_CADENCE = (
-    1.0 / 3.0
-)  # power of the factor on steps by which they are quicker: quicker steps cost fewer falls than longer ones
+_CADENCE = 1.0 / 3.0  # steps are quicker by that power of the factor on their length: it costs fewer falls
 _MIDDLE, _UNIT = np.log(1.5), 0.006  # of logarithms of the factor on steps; m of lean: a tenth of `fwdOffset`'s range
 _PRIOR = Prior(
-    np.array([[-3.5, 9.0, -1.0, 0.3], [-3.5, 9.0, 1.0, 0.3]]),
-    np.array([[2.0, 3.0, 0.5, 0.3], [2.0, 3.0, 0.5, 0.3]]),
+    np.array([[-3.5, 9.0, -1.0, 0.3, -0.5], [-3.5, 9.0, 1.0, 0.3, -0.5]]),
+    np.array([[2.0, 3.0, 0.5, 0.3, 0.7], [2.0, 3.0, 0.5, 0.3, 0.7]]),
 )
 """Log odds of a fall forward and backward in a run, with steps 1.5 times as long; by logarithm of steps, by lean and its
-square. Means and deviations over stand-ins 100 to 105, which the study does not have, made twice as wide."""
-_FASTER = np.array([np.log(0.2), 1.0 + _CADENCE, 0.0, 0.0]), np.array([1.0, 0.3, 0.1, 0.02])
+square, and for a robot that walks already: starting is a risk of its own. Means and deviations over stand-ins 100 to 105,
+which the study does not have, made twice as wide."""
+_FASTER = np.array([np.log(0.2), 1.0 + _CADENCE, 0.0, 0.0, 0.05]), np.array([1.0, 0.3, 0.1, 0.02, 0.05])
 """Mean and deviation of the logarithm of speed in m/s with such steps, likewise."""
 _SCATTER = 0.04  # of the logarithm of a run's speed
 _DRAWS = 200
@@ -78,19 +77,26 @@ class Ledger:
     paces: Array
     """(n, 2), each once."""
     runs: list[Runs] = field(default_factory=list)
+    """All runs of each."""
+    later: list[Runs] = field(default_factory=list)
+    """Those of them that went on from a line, and did not start."""
 
     @property
     def trials(self) -> int:
         """On the robot."""
         return sum(r.trials for r in self.runs)
 
-    def add(self, pace: Array, runs: Runs) -> None:
+    def add(self, pace: Array, trial: Runs) -> None:
         """One more trial."""
         same = np.flatnonzero((self.paces == pace).all(axis=1))
-        if len(same):
-            self.runs[same[0]] += runs
-        else:
-            self.paces, self.runs = np.vstack([self.paces, pace]), [*self.runs, runs]
+        if not len(same):
+            self.paces = np.vstack([self.paces, pace])
+            self.runs.append(Runs())
+            self.later.append(Runs())
+        place = int(same[0]) if len(same) else -1
+        went_on = replace(trial, speeds=trial.speeds[1:], recordings=()) if trial.speeds else Runs()
+        self.runs[place] += trial
+        self.later[place] += went_on
 
     def near(self, grid: Array, way: Paces) -> Mask:
         """(g,) which of a grid are near enough to a pace that was tried."""
@@ -99,24 +105,38 @@ class Ledger:
         return np.any(steps & leans, axis=1)
 
     def risks(self) -> Risks:
-        """Of falls forward and backward; a run that veered counts half as either."""
-        ended = np.array([(r.forward + r.veers / 2.0, r.falls - r.forward + r.veers / 2.0) for r in self.runs])
-        return Risks.of(asked(self.paces), ended, np.array([r.number for r in self.runs]), _PRIOR)
+        """Of falls forward and backward in a run from a stand; one that veered counts half as either."""
+        all_, on = (np.array([_ended(r) for r in runs]).reshape(-1, 3) for runs in (self.runs, self.later))
+        ended = np.vstack([all_ - on, on])
+        return Risks.of(self._asked(), ended[:, :2], ended[:, 2], _PRIOR)
 
     def speeds(self, paces: Array) -> Array:
-        """(b,) m/s that are expected, by a line through the logarithms of all arrivals."""
-        x = asked(self.paces)
-        arrived = np.array([len(r.speeds) for r in self.runs], dtype=np.float64) / _SCATTER**2
-        logs = np.array([float(np.mean(np.log(r.speeds))) if r.speeds else 0.0 for r in self.runs])
+        """(b,) m/s that are expected of a run from a stand, by a line through the logarithms of all arrivals."""
+        all_, on = (np.array([np.log(r.speeds).sum() for r in runs]) for runs in (self.runs, self.later))
+        numbers = np.array(
+            [(len(r.speeds) - len(o.speeds), len(o.speeds)) for r, o in zip(self.runs, self.later, strict=True)]
+        )
+        x, sums = self._asked(), np.concatenate([all_ - on, on])
+        arrived = numbers.T.ravel() / _SCATTER**2
         mean, deviation = _FASTER
         curve = (x.T * arrived) @ x + np.diag(1.0 / deviation**2)
-        return np.exp(asked(paces) @ np.linalg.solve(curve, (x.T * arrived) @ logs + mean / deviation**2))
+        return np.exp(asked(paces) @ np.linalg.solve(curve, x.T @ sums / _SCATTER**2 + mean / deviation**2))
+
+    def _asked(self) -> Array:
+        """(2 n, 5) of all paces, from a stand and from a line."""
+        return np.vstack([asked(self.paces), asked(self.paces, going=1.0)])
 
 
-def asked(paces: Array) -> Array:
-    """(b, 4) of what risks and speeds are linear in, for steps and leans (b, 2)."""
+def _ended(runs: Runs) -> tuple[float, float, float]:
+    """How many fell forward, backward, and how many there were."""
+    return runs.forward + runs.veers / 2.0, runs.falls - runs.forward + runs.veers / 2.0, float(runs.number)
+
+
+def asked(paces: Array, going: float = 0.0) -> Array:
+    """(b, 5) of what risks and speeds are linear in, for steps and leans (b, 2), from a stand or going already (1)."""
     lean = paces[:, 1] / _UNIT
-    return np.stack([np.ones(len(paces)), np.log(paces[:, 0]) - _MIDDLE, lean, lean**2], axis=1)
+    ones = np.ones(len(paces))
+    return np.stack([ones, np.log(paces[:, 0]) - _MIDDLE, lean, lean**2, going * ones], axis=1)
 
 
 def paced(
@@ -130,7 +150,9 @@ def paced(
     way, say = paces or Paces(), told or (lambda _: None)
     track = lap_track(line, replace(budget, laps=way.laps))
     rng, grid = np.random.default_rng([seed, budget.trials]), way.grid()
-    ledger = Ledger(np.array([[1.0, 0.0]]), [at_once(robot, track, PARAMETERS.nominal, budget.start, " start")])
+    ledger = Ledger(np.zeros((0, 2)))
+    for k in range(budget.start):
+        ledger.add(np.array([1.0, 0.0]), at_once(robot, track, PARAMETERS.nominal, 1, f" start {k}"))
     last = budget.trials - round(way.sure * budget.trials)
     while not spent(ledger.runs, budget):
         near = grid[ledger.near(grid, way)]
