@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What the robot's falls leave of a doubtful simulator, what sway says of falls, and who may change which parameter."""
+"""What sway says of falls, what the robot's runs leave of a doubtful simulator, and who may change which parameter."""
 
 from __future__ import annotations
 
@@ -19,15 +19,13 @@ from trueup.errors import PlanError, UnknownNameError
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.studies.walk import scenes
 from trueup.studies.walk.comparison import Result, over, truth_of
-from trueup.studies.walk.evaluation import Runs, at_once, read
-from trueup.studies.walk.falls import Falling, Falls, drawn
+from trueup.studies.walk.evaluation import Runs, at_once
 from trueup.studies.walk.fitted import Fitted, replay_errors
 from trueup.studies.walk.guidance import BALANCE, Automatic, Expert
-from trueup.studies.walk.methods import Bounded, legs, likelihoods, tempered
-from trueup.studies.walk.odds import Odds
+from trueup.studies.walk.methods import legs
 from trueup.studies.walk.report import html
 from trueup.studies.walk.robot import StandInNao
-from trueup.studies.walk.search import Effort, Scene, searched
+from trueup.studies.walk.search import Scene
 from trueup.studies.walk.study import Story, Tried
 from trueup.tasks.walking import LineWalk, WalkFront, passing, sway
 from trueup.trial import Trial
@@ -65,48 +63,6 @@ def walk_of(amplitude: float) -> Array:
     values = PARAMETERS.nominal.copy()
     values[AMPLITUDE] = amplitude
     return values
-
-
-def test_points_that_fall_as_often_as_the_robot_are_likeliest() -> None:
-    falls = np.array([0.0, 1.0, 3.0, 6.0, 8.0])  # of eight simulated runs
-    logs = likelihoods(Runs(speeds=(0.1,) * 5, falls=2, veers=1), falls, 8)
-    assert np.argmax(logs) == 2
-    assert logs[0] < logs[1] < logs[2] > logs[3] > logs[4]
-    chances = tempered(logs, 3.0)
-    assert 1.0 / np.sum(chances**2) == pytest.approx(3.0, rel=1e-3)
-    assert np.array_equal(np.argsort(chances), np.argsort(logs))
-    assert tempered(np.zeros(4), 2.0) == pytest.approx(np.full(4, 0.25))
-    counts = np.bincount(drawn(chances, 1000, np.random.default_rng(0)), minlength=5)
-    assert counts == pytest.approx(1000 * chances, abs=1.0)
-
-
-def test_a_search_stops_where_doubted_simulators_fall_though_its_own_does_not() -> None:
-    effort, low = Effort(population=12, generations=8, shown=4, fresh=2), walk_of(0.12)
-    free = PARAMETERS.freeze([n for n in PARAMETERS.names if n != "amp_swing"])
-    edges = np.linspace(0.16, 0.3, 24)[:, None]
-    walk = scenes.task(Falling, runs=1, seconds=5.0)
-    odds = Odds.of(np.array([-4.0, 0.0]), np.array([0, 4]), np.array([8, 4]))
-    falls = Falls(Edge(), walk, edges, np.full(24, 1.0 / 24), odds, 0.5)  # type: ignore[arg-type]
-    bold = Scene(Edge(), replace(WALK, fall=0.0), np.full((1, 1), 0.35))  # type: ignore[arg-type]
-    ends = [searched(s, low, effort, 0, space=free).path[-1] for s in (bold, replace(bold, falls=falls))]
-    assert ends[0].values[AMPLITUDE] > 0.25
-    assert 0.14 < ends[1].values[AMPLITUDE] < 0.2
-    signals = falls.signals(np.array([walk_of(a) for a in (0.12, 0.2, 0.25, 0.34)]))
-    assert (np.diff(signals) > 0.0).all()
-    assert ends[1].signal == pytest.approx(falls.signals(ends[1].values[None])[0])
-    stood, fell = Runs(speeds=(0.1,) * 4), Runs(speeds=(0.1,), falls=2, veers=1)
-    shares = read(np.array([-4.0, -1.0, -1.0]), [stood, stood, fell]).told
-    assert shares[0] < shares[1] < shares[2]  # alike in simulators, not on the robot
-
-
-def test_the_bounded_way_reads_the_starts_runs_and_foretells_no_more_falls_than_those_let_expect() -> None:
-    start = Tried(0, PARAMETERS.nominal, None, Runs(speeds=(0.12,) * 4))
-    scene = Bounded(library=4, effective=2, seconds=3.0).prepared(Story((start,)), 1)
-    assert scene.falls is not None
-    assert scene.falls.chances.sum() == pytest.approx(1.0)
-    signal = scene.falls.signals(PARAMETERS.nominal[None])
-    assert scene.falls.odds(signal)[0] < 0.1
-    assert scene.falls.price > 0.0
 
 
 def test_sway_foretells_as_many_falls_as_there_are() -> None:

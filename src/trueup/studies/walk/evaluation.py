@@ -12,7 +12,7 @@ from trueup.arrays import Array
 from trueup.ends import ended
 from trueup.recording import Recording
 from trueup.robots.robot import Robot
-from trueup.studies.walk.odds import Odds
+from trueup.studies.walk.odds import expected_shares
 from trueup.tasks.task import robot_trials
 from trueup.tasks.walking import ANGLES, ARRIVED, PLACE, VEERED, LineWalk
 
@@ -70,15 +70,10 @@ class Runs:
         return (1.0 - share) * (self.speed - spread) - share * fall
 
 
-def read(signals: Array, runs: Sequence[Runs]) -> Odds:
-    """What runs of walks with signals (r,) say of falls; who veered off counts as fallen."""
-    return Odds.of(signals, np.array([r.failed for r in runs]), np.array([r.number for r in runs]))
-
-
 def expected_falls(runs: Sequence[Runs]) -> Array:
     """(n,) shares in which walks are expected to fall on the robot that has run them so; who veered off counts as fallen.
 
-    Few runs of one walk say little, but all walks' runs together say how falls grow with speed (`Odds`, each walk with a
+    Few runs of one walk say little, but all walks' runs together say how falls grow with speed (`odds`, each walk with a
     deviation of its own). Signals are logarithms of speeds, with the standard deviation 1/2 that the slope's prior is meant
     for; a walk that never arrived counts as fast as the fastest.
     """
@@ -88,7 +83,8 @@ def expected_falls(runs: Sequence[Runs]) -> Array:
         logs[arrived] = [np.log(r.speed) for r in runs if r.speeds]
         logs[~arrived] = logs[arrived].max()
     spread = float(np.sqrt(np.cov(logs, aweights=[r.number for r in runs], ddof=0))) if len(runs) > 1 else 0.0
-    return read(logs / (2.0 * spread) if spread > 0.0 else np.zeros(len(runs)), runs).told
+    failed, made = np.array([(r.failed, r.number) for r in runs]).T
+    return expected_shares(logs / (2.0 * spread) if spread > 0.0 else np.zeros(len(runs)), failed, made)
 
 
 def outcome(recordings: Sequence[Recording], walk: LineWalk) -> Runs:

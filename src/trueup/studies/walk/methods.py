@@ -6,7 +6,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.special import betaln
 
 from trueup.arrays import Array
 from trueup.engines.simulator import Simulator
@@ -16,8 +15,6 @@ from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.correction import Correction
 from trueup.recording import Recording
 from trueup.studies.walk import scenes
-from trueup.studies.walk.evaluation import Runs, read
-from trueup.studies.walk.falls import Falling, Falls
 from trueup.studies.walk.search import Scene, whole
 from trueup.studies.walk.study import FALL, Story
 from trueup.tasks.task import simulated_scores
@@ -52,40 +49,6 @@ class Ungrounded:
 
 
 @dataclass(frozen=True)
-class Bounded:
-    """Speed as the noisy simulator has it, falls as doubtful simulators have them, read by the robot's runs (`falls.Falls`).
-
-    Points of the box of `scenes.DOUBTS` are taken by how likely the start walk's runs on the robot are in each: a walk that
-    falls in f of r simulated runs falls in F of R real ones with the chance that a beta distribution (Jeffreys') leaves,
-    tempered so that `effective` points are left, since no point is the truth. What later walks say of falls goes into the
-    odds: points by which they were likely foretell the robot's falls no better.
-    """
-
-    library: int = 48
-    effective: int = 16
-    seconds: float = 6.0
-    threads: int | None = None
-    name: str = "noisy simulator, falls of doubted ones"
-
-    def prepared(self, story: Story, seed: int) -> Scene:
-        """See Method."""
-        simulator, start = scenes.doubtful(threads=self.threads), story.tried[0]
-        points = simulator.parameters.from_unit(
-            _spread(self.library, len(simulator.parameters), np.random.default_rng(self.library))
-        )
-        walk = scenes.task(Falling, runs=1, seconds=self.seconds, alike=True, tips=scenes.TIPS)
-        shares = simulated_scores(walk, simulator, points, start.values[None])[:, 0]
-        chances = tempered(likelihoods(start.runs, shares, walk.runs), self.effective)
-        falls = Falls(simulator, walk, points, chances, read(np.zeros(1), [start.runs]), FALL)
-        signals = np.array([t.signal for t in story.tried])
-        new = ~np.isfinite(signals)  # the start walk, and with longer steps: no search has looked at them
-        signals[new] = falls.signals(np.array([t.values for t in story.tried])[new])
-        falls = replace(falls, odds=read(signals, [t.runs for t in story.tried]))
-        scene = Ungrounded(runs=2, seconds=self.seconds, threads=self.threads).prepared(story, seed)
-        return replace(scene, falls=falls)
-
-
-@dataclass(frozen=True)
 class Calibrated:
     """The noisy simulator with motors as stiff, damped, sticky and late as the robot's joints show under their commands.
 
@@ -113,37 +76,6 @@ class Calibrated:
         models = found.values[None]
         correction = _correction(story, simulator, scene.walk, models) if self.base.corrected else None
         return replace(scene, simulator=simulator, models=models, correction=correction)
-
-
-def likelihoods(runs: Runs, falls: Array, simulated: int) -> Array:
-    """(p,) logarithms: how likely the robot's runs are if simulators fall in `falls` (p,) of `simulated` runs of the walk."""
-    failed, a, b = runs.failed, falls + 0.5, simulated - falls + 0.5
-    return betaln(a + failed, b + runs.number - failed) - betaln(a, b)
-
-
-def tempered(logs: Array, effective: float) -> Array:
-    """(p,) chances in proportion to exp(power logs), with the largest power up to 1 that leaves `effective` of them.
-
-    The effective number is that of L. Kish, Survey Sampling, 1965: 1 / sum of squares.
-    """
-
-    def chances(power: float) -> Array:
-        weights = np.exp(power * (logs - logs.max()))
-        return weights / weights.sum()
-
-    low, high = 0.0, 1.0
-    if 1.0 / np.sum(chances(high) ** 2) >= effective:
-        return chances(high)
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if 1.0 / np.sum(chances(middle) ** 2) >= effective else (low, middle)
-    return chances(low)
-
-
-def _spread(count: int, dimensions: int, rng: np.random.Generator) -> Array:
-    """(count, n) of the unit box, a Latin hypercube (M. McKay, R. Beckman and W. Conover, Technometrics 21, 1979)."""
-    order = rng.permuted(np.tile(np.arange(count), (dimensions, 1)), axis=1).T
-    return (order + rng.random(order.shape)) / count
 
 
 def _correction(story: Story, simulator: Simulator, walk: Walk, models: Array) -> Correction:

@@ -17,7 +17,6 @@ from trueup.evaluation.evaluator import Evaluator, Here
 from trueup.loop.correction import Correction
 from trueup.parameters import ParameterSpace
 from trueup.search.cma_es import CmaEs
-from trueup.studies.walk.falls import Falls
 from trueup.tasks.task import simulated_scores
 from trueup.tasks.walking import Walk, fell
 
@@ -48,14 +47,9 @@ class Scene:
     """Of the scores, by what the robot showed, over the unit box of all of the walk's parameters."""
     evaluator: Evaluator = field(default_factory=Here)
     """Where generations are simulated."""
-    falls: Falls | None = None
-    """What says how often walks fall; None: the simulator itself."""
 
     def scores(self, walk: Walk, candidates: Array) -> Array:
         """(b,) expected losses of candidates (b, m), a deviation added of what is not sure on the robot."""
-        if self.falls is not None:
-            made = simulated_scores(replace(walk, fall=0.0), self.simulator, self.models, candidates, self.evaluator)
-            return made.mean(axis=0) + self.falls.cost(self.falls.few_signals(candidates, walk.seed, self.evaluator))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # a candidate all of whose runs failed has none
             losses = np.nanmean(simulated_scores(walk, self.simulator, self.models, candidates, self.evaluator), axis=0)
@@ -79,9 +73,7 @@ class Promise:
     score: float
     """What fresh runs make good on average, falls taken off, in the unit of the task."""
     falls: float
-    """Share of fresh runs that fell; of the robot's runs that are expected to, where a scene says."""
-    signal: float = float("nan")
-    """Of `Scene.falls`."""
+    """Share of fresh runs that fell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,10 +130,5 @@ def promised(scene: Scene, walk: Walk, candidates: Array, runs: int) -> tuple[Pr
     rows = [np.hstack([np.tile(m, (len(candidates), 1)), candidates]) for m in scene.models]
     done = scene.simulator.rollout(again.trials, np.concatenate(rows), again.controllers)
     each = -again.score(done).reshape(len(rows), -1), np.mean([fell(r) for r in done], axis=0).reshape(len(rows), -1)
-    if scene.falls is not None:
-        signals = scene.falls.signals(candidates)
-        falls, made = scene.falls.odds(signals), np.nanmean([walk.made_good(r) for r in done], axis=0)
-        found = [Promise(*p) for p in zip(candidates, made - walk.fall * falls, falls, signals, strict=True)]
-        return tuple(sorted(found, key=lambda p: p.signal))
     scores, falls = np.nanmean(each, axis=1)
     return tuple(Promise(c, float(s), float(f)) for c, s, f in zip(candidates, scores, falls, strict=True))

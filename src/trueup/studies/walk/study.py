@@ -39,8 +39,6 @@ class Tried:
     runs: Runs
     worth: float = -FALL
     """m/s, the falls counted that are expected."""
-    signal: float = float("nan")
-    """Of `Scene.falls`, where the round had it."""
 
 
 @dataclass(frozen=True)
@@ -219,7 +217,7 @@ def _looked_at(
         if spent([t.runs for t in tried], budget):
             break
         runs = _look(robot, track, promise.values, f"{label} round {number} walk {k}")
-        tried.append(Tried(number, promise.values, promise, runs, signal=promise.signal))
+        tried.append(Tried(number, promise.values, promise, runs))
         if runs.failed > 1:
             break
     left = budget.round - sum(t.runs.trials for t in tried[len(before) :])

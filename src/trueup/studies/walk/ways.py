@@ -9,7 +9,7 @@ from trueup.errors import unknown_name
 from trueup.studies.walk.comparison import OnTheRobot, Searching, Way
 from trueup.studies.walk.fitted import Fitted
 from trueup.studies.walk.guidance import Automatic, Expert
-from trueup.studies.walk.methods import Bounded, Calibrated, Grounded, Ungrounded
+from trueup.studies.walk.methods import Calibrated, Grounded, Ungrounded
 from trueup.studies.walk.paces import paced
 from trueup.studies.walk.study import alone
 
@@ -21,7 +21,6 @@ WAYS: Mapping[str, Way] = {
     "noisy + automatic": Searching(Ungrounded(), Automatic()),
     "noisy + corrected": Searching(Ungrounded(corrected=True)),
     CHALLENGER: Searching(Fitted()),
-    "bounded": Searching(Bounded()),
     "grounded + linear 0.3": Searching(Grounded()),
     "grounded + tree 0.3": Searching(Grounded(learner="model-tree")),
     "grounded + linear chained": Searching(Grounded(share=1.0, chained=True)),
