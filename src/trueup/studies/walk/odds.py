@@ -19,10 +19,10 @@ _PARTS = _WEIGHTS / _WEIGHTS.sum()
 def expected_shares(signal: Array, failed: Array, runs: Array) -> Array:
     """(r,) in which candidates are expected to fail that did so in `failed` of their `runs`, at least one each.
 
-    Log odds = offset + slope x signal + a deviation of each candidate's own, with the posterior summed over a grid. Offset and
-    slope have the weakly informative Cauchy priors of A. Gelman, A. Jakulin, M. G. Pittau and Y.-S. Su, Annals of Applied
-    Statistics 2(4), 2008 (scales 10 and 2.5), the slope is not negative; the candidates' deviation a half normal one
-    (scale 1). Signals are best scaled to a standard deviation of 1/2, which these priors are meant for.
+    Log odds = offset + slope x signal + a deviation of each candidate's own, with the posterior summed over a grid. Offset
+    and slope have the weakly informative Cauchy priors of A. Gelman, A. Jakulin, M. G. Pittau and Y.-S. Su, Annals of
+    Applied Statistics 2(4), 2008 (scales 10 and 2.5), the slope is not negative; the candidates' deviation a half normal
+    one (scale 1). Signals are best scaled to a standard deviation of 1/2, which these priors are meant for.
 
     Raises ValueError without runs.
     """
