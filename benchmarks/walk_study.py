@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""How much faster a walk gets on robots in 60 trials, searched in simulators fitted to their runs, and how often it falls.
+"""How much faster a walk gets on robots in 60 trials, by its pace and lean or searched in simulators, and how often it falls.
 
 The peer is the start walk at its own best step size on the same robot. Beside it stands the noisy simulator, the control:
 nothing is shown by what is not better than that with the same trials.

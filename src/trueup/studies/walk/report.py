@@ -85,8 +85,10 @@ def _iterations(r: Result) -> Markup:
     plot.line([(0.5, goal), (len(r.steps) + 0.5, goal)], SOFT, dashed=True)
     plot.text((len(r.steps) + 0.4, goal), "start walk at its best step size", anchor="end", above=5)
     for k, s in enumerate(r.steps, 1):
-        said = f"round {s.round}: {100 * s.speed:.1f} cm/s, {s.falls} of {s.runs} fell; promised {100 * s.promised:.1f}"
-        plot.dot((k, 100.0 * s.promised), BEFORE, hollow=True, title=said)
+        said = f"round {s.round}: {100 * s.speed:.1f} cm/s, {s.falls} of {s.runs} fell"
+        if np.isfinite(s.promised):
+            said += f"; promised {100 * s.promised:.1f}"
+            plot.dot((k, 100.0 * s.promised), BEFORE, hollow=True, title=said)
         reached = 100.0 * s.speed if np.isfinite(s.speed) else 0.0
         plot.dot((k, reached), AFTER if s.falls == 0 else BAD, size=3.0 + 0.4 * s.runs, title=said)
         if k > 1 and s.round != r.steps[k - 2].round:

@@ -13,20 +13,20 @@ from trueup.studies.walk.methods import Calibrated, Grounded, Ungrounded
 from trueup.studies.walk.paces import paced
 from trueup.studies.walk.study import alone
 
-CONTROL, CHALLENGER = "noisy", "fitted"
+CONTROL, CHALLENGER = "noisy", "pace and lean"
 """The way that others must beat, and the one that is put beside it by default."""
 WAYS: Mapping[str, Way] = {
     CONTROL: Searching(Ungrounded()),
     "noisy + expert": Searching(Ungrounded(), Expert()),
     "noisy + automatic": Searching(Ungrounded(), Automatic()),
     "noisy + corrected": Searching(Ungrounded(corrected=True)),
-    CHALLENGER: Searching(Fitted()),
+    "fitted": Searching(Fitted()),
     "grounded + linear 0.3": Searching(Grounded()),
     "grounded + tree 0.3": Searching(Grounded(learner="model-tree")),
     "grounded + linear chained": Searching(Grounded(share=1.0, chained=True)),
     "calibrated": Searching(Calibrated()),
     "calibrated + grounded": Searching(Grounded(Calibrated(), share=1.0, chained=True)),
-    "pace and lean": OnTheRobot(paced, "the robot alone, pace and lean"),
+    CHALLENGER: OnTheRobot(paced, "the robot alone, pace and lean"),
     "robot alone": OnTheRobot(alone, "the robot alone"),
 }
 
