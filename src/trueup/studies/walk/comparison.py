@@ -263,7 +263,7 @@ def summary(results: Sequence[Result]) -> list[str]:
         gains, falls = np.array([(r.gain, r.falls) for r in results if r.way == way]).T
         lines.append(
             f"{way}: gain over the start walk at its own best step size: median {100 * np.median(gains):.0f} % "
-            f"({100 * gains.min():.0f} to {100 * gains.max():.0f}); falls in 100: median {100 * np.median(falls):.0f}, "
+            f"({100 * gains.min():.0f} to {100 * gains.max():.0f}); falls in 100: median {100 * np.median(falls):.3g}, "
             f"mean {100 * falls.mean():.1f} ({100 * falls.min():.0f} to {100 * falls.max():.0f})"
         )
     return lines

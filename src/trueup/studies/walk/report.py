@@ -53,7 +53,7 @@ def _ways(results: Sequence[Result]) -> Markup:
             more, fewer = (over(results, way, CONTROL, f) for f in (_gain, _falls))
             against = (str(more), str(fewer)) if np.isfinite(more.mean) else against
         rows.append(row(
-            way, cells(f"{np.median(gains):+.0f}", f"{gains.min():+.0f} to {gains.max():+.0f}", f"{np.median(falls):.0f}",
+            way, cells(f"{np.median(gains):+.0f}", f"{gains.min():+.0f} to {gains.max():+.0f}", f"{np.median(falls):.3g}",
                        f"{falls.mean():.1f}", *against, str(max(r.trials for r in mine)),
                        f"{max(r.seconds for r in mine) / 60.0:.0f}", f"{np.median([r.cpu for r in mine]):.0f}"),
             title=WAYS[way].name if way in WAYS else way,
@@ -62,7 +62,7 @@ def _ways(results: Sequence[Result]) -> Markup:
     top = hero(
         "faster than the start walk at its own best step size, in the median",
         f"{np.median([100.0 * r.gain for r in judged]):.0f} %",
-        facts([("falls in 100 fresh runs, median", f"{np.median([100.0 * r.falls for r in judged]):.0f}"),
+        facts([("falls in 100 fresh runs, median", f"{np.median([100.0 * r.falls for r in judged]):.3g}"),
                ("the paper's robot", f"{PAPER} %, none of five fell")]),
     )  # fmt: skip
     words = (
