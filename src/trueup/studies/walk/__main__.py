@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the study: `python -m trueup.studies.walk --out out/study-walk`, five minutes of a core for a robot, seed and way."""
+"""Runs the study: `python -m trueup.studies.walk --out out/study-walk`, minutes of a core for a robot, seed and way."""
 
 from __future__ import annotations
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from trueup.robots.robot import Robot
 from trueup.studies.walk.odds import expected_shares
 from trueup.tasks.task import robot_trials
 from trueup.tasks.walking import ANGLES, ARRIVED, PLACE, VEERED, LineWalk
+
+Numbers = TypeVar("Numbers", float, Array)
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,12 @@ class Runs:
         if not self.speeds:
             return -fall
         spread = float(np.std(self.speeds, ddof=1)) / len(self.speeds) ** 0.5 if len(self.speeds) > 1 else 0.0
-        return (1.0 - share) * (self.speed - spread) - share * fall
+        return worth(self.speed - spread, share, fall)
+
+
+def worth(speed: Numbers, share: Numbers, fall: float) -> Numbers:
+    """What walks of such speeds are worth, in m/s, if they fall in such shares of runs, of which each costs `fall` m/s."""
+    return (1.0 - share) * speed - share * fall
 
 
 def expected_falls(runs: Sequence[Runs]) -> Array:

@@ -18,7 +18,7 @@ import numpy as np
 from trueup.arrays import Array, Mask
 from trueup.controllers.walk_engine.engine import PARAMETERS
 from trueup.robots.robot import Robot
-from trueup.studies.walk.evaluation import Runs, at_once
+from trueup.studies.walk.evaluation import Runs, at_once, worth
 from trueup.studies.walk.risks import Prior, Risks
 from trueup.studies.walk.study import Budget, Story, Tried, lap_track, spent
 from trueup.tasks.walking import LineWalk
@@ -31,8 +31,8 @@ _PRIOR = Prior(
     np.array([[2.0, 3.0, 0.5, 0.3, 0.7], [2.0, 3.0, 0.5, 0.3, 0.7]]),
 )
 """Log odds of a fall forward and backward in a run, with steps 1.5 times as long; by logarithm of steps, by lean and its
-square, and for a robot that walks already: starting is a risk of its own. Means and deviations over stand-ins 100 to 105,
-which the study does not have, made twice as wide."""
+square, and for a robot that walks already: starting is a risk of its own. Rounded from fits to stand-ins 100 to 105, which
+the study does not have, and about as wide as these differ; what starting adds is a guess."""
 _FASTER = np.array([np.log(0.2), 1.0 + _CADENCE, 0.0, 0.0, 0.05]), np.array([1.0, 0.3, 0.1, 0.02, 0.05])
 """Mean and deviation of the logarithm of speed in m/s with such steps, likewise."""
 _SCATTER = 0.04  # of the logarithm of a run's speed
@@ -173,11 +173,6 @@ def paced(
     return Story(
         tuple(Tried(min(k, 1), way.walk(PARAMETERS.nominal, p), None, r, float(w)) for k, (p, r, w) in enumerate(tried))
     )
-
-
-def worth(speeds: Array, falls: Array, fall: float) -> Array:
-    """(..., b) m/s that walks of such speeds are worth, which fall in such shares of runs (..., b); a fall costs `fall`."""
-    return speeds * (1.0 - falls) - fall * falls
 
 
 def ended_in(runs: Runs) -> str:
