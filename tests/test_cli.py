@@ -382,6 +382,24 @@ def test_usage(call: Call, words: tuple[str, ...], code: int) -> None:
     assert call(*words)[0] == code
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("run", "--dry-run"),
+        ("calibrate", "arm.xml", "slow.csv"),
+        ("excite", "arm.xml", "--out", "new"),
+        ("identify", "arm.xml", "slow.csv", "--out", "new"),
+        ("ground", "slow.csv", "--out", "new"),
+    ],
+    ids=lambda words: words[0],
+)
+@pytest.mark.parametrize("seed", ["-1", "1.5", "x"])
+def test_a_seed_that_no_generator_takes_is_wrong_usage(call: Call, command: tuple[str, ...], seed: str) -> None:
+    code, said = call(*command, "--seed", seed)
+    assert code == 2
+    assert f"a seed is a whole number, 0 or above, not '{seed}'" in " ".join(said.split())
+
+
 def test_what_the_engine_warns_of_is_one_note(call: Call) -> None:
     text = Path("arm.xml").read_text()
     Path("arm.xml").write_text(text.replace("<compiler ", '<compiler settotalmass="0.25" '))

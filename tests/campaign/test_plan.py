@@ -30,6 +30,7 @@ def complaint(path: Path) -> str:
     [
         ("seed = 3", "sead = 3", ("unknown key 'sead' = 3", "did you mean 'seed'", "calibrate, evaluate, experiment")),
         ("seed = 3", 'seed = "three"', ("seed = 'three'", "whole number")),
+        ("seed = 3", "seed = -1", ("seed = -1 must be at least 0",)),
         ("samples = 4", "samples = 4.5", ("[optimize], samples = 4.5", "whole number")),
         ("samples = 4", "samples = true", ("samples = True", "whole number")),
         ("samples = 4", "samples = 0", ("[optimize]", "samples = 0 must be at least 1")),

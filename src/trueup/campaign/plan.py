@@ -201,6 +201,10 @@ class Plan:
     stop: Stop = field(default_factory=Stop)
     limits: Safety = field(default_factory=Safety)
 
+    def __post_init__(self) -> None:
+        """Raises ValueError for what cannot be."""
+        _at_least(self, "seed", 0)
+
 
 @dataclass(frozen=True)
 class PlanFile:

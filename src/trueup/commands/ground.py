@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -88,6 +89,8 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Learns, judges, writes. Raises TrueupError. Returns the exit code."""
     if args.share is not None and not 0.0 <= args.share <= 1.0:
         raise GroundingError(f"--share {args.share:g}: what is predicted may have a share of 0 to 1")
+    if not 0.0 < args.budget < math.inf:
+        raise GroundingError(f"--budget {args.budget:g}: a number above 0 is needed")
     if args.residual and not args.model:
         raise GroundingError(
             f"--residual {args.residual}: what a simulator lacks is found in it; say which with --model"

@@ -18,7 +18,7 @@ from trueup.campaign.journal import Journal
 from trueup.campaign.plan import PlanFile, read_plan
 from trueup.commands.campaign_view import CampaignView, Unknown
 from trueup.commands.console import notes
-from trueup.commands.sources import add_shared
+from trueup.commands.sources import add_shared, seed_of
 from trueup.commands.status import as_json, show_status
 from trueup.commands.where import CLUSTER, add_cluster, evaluator_of
 from trueup.extensions import version
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What this command takes."""
     parser.add_argument("plan", nargs="?", default="campaign.toml", metavar="PLAN", help="default: %(default)s")
     parser.add_argument("--out", metavar="DIR", help="folder of the campaign (default: the plan's, or its name)")
-    parser.add_argument("--seed", type=int, metavar="N", help="of all random numbers (default: the plan's)")
+    parser.add_argument("--seed", type=seed_of, metavar="N", help="of all random numbers (default: the plan's)")
     parser.add_argument("--dry-run", action="store_true",
                         help="make everything that the plan names, say what it is, and stop")  # fmt: skip
     add_common(parser)

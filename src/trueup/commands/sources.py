@@ -178,6 +178,13 @@ def while_driven(recordings: Sequence[Recording]) -> tuple[list[Recording], list
     return kept, notes
 
 
+def seed_of(text: str) -> int:
+    """A seed of random numbers. Raises ArgumentTypeError for what is none."""
+    if not (text.isascii() and text.isdecimal()):
+        raise argparse.ArgumentTypeError(f"a seed is a whole number, 0 or above, not '{text}'")
+    return int(text)
+
+
 _HOLD_OUT = "recordings to judge by and not to fit: names, patterns ('fast_*'), paths; '30%%': the end of each"
 SHARE = re.compile(r"(\d+(?:\.\d+)?)\s*%")
 """A share of each recording, as `--hold-out` takes it."""
@@ -189,7 +196,7 @@ _SHARED: Mapping[str, tuple[tuple[str, ...], Mapping[str, Any]]] = {
     "hold-out": (("--hold-out",), {"nargs": "+", "action": "extend", "default": [], "metavar": "NAME", "help": _HOLD_OUT}),
     "mapping": (("--mapping",), {"metavar": "FILE", "help": "how columns become channels (default: mapping.toml if here)"}),
     "rate": (("--rate",), {"type": float, "metavar": "HZ", "help": "samples per second, for logs without a column of time"}),
-    "seed": (("--seed",), {"type": int, "default": 0, "metavar": "N", "help": "of all random numbers (default: 0)"}),
+    "seed": (("--seed",), {"type": seed_of, "default": 0, "metavar": "N", "help": "of all random numbers (default: 0)"}),
     "json": (("--json",), {"action": "store_true", "help": "print the outcome as JSON, for scripts"}),
     "force": (("--force",), {"action": "store_true", "help": "replace what is in DIR"}),
     "quiet": (("-q", "--quiet"), {"action": "store_true", "help": "no progress, no notes"}),

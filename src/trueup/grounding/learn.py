@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from trueup.errors import GroundingError
 from trueup.evidence import evidence
 from trueup.grounding.comparison import (
     MOST,
@@ -76,6 +77,9 @@ def learn(
     inputs, view, tried = _inputs(recordings, wish, every, progress)
     rows = rows_of(recordings, inputs)
     found = compare(every, rows, view, budget=wish.budget, seed=wish.seed, by_row=wish.by_row, progress=progress)
+    if not found.by_run:
+        names = ", ".join(x.name for x in every)
+        raise GroundingError(f"within {wish.budget:g} s none of {names} was done; give the comparison a larger budget")
     learner, share, taken = no_worse_than_a_line(found, rows, view, wish.seed)
     model = fitted(learner, rows.thinned(MOST), np.random.default_rng(wish.seed), view)
     why = (
@@ -96,8 +100,8 @@ def no_worse_than_a_line(found: Comparison, rows: Rows, view: str, seed: int) ->
     """
     tried = 3  # learners of which shares are tried
     name, line = found.chosen, found.by_run.get("linear")
-    if line is None or name not in found.by_run:
-        return LEARNERS[name or "linear"], 1.0, found.by_run.get(name, found.held)
+    if line is None:
+        return LEARNERS[name], 1.0, found.by_run[name]
     if evidence(line.by_fold, found.by_run[name].by_fold).gain >= 0.0:
         return LEARNERS[name], 1.0, found.by_run[name]
     kept = [(LEARNERS["linear"], 1.0, line)]
