@@ -196,7 +196,7 @@ def main(folder: Path, kills: int, seed: int, robot: str) -> None:
                 return  # it had come to its end before
             count["struck"] += 1
             if b'"event":"Ended"' in _journal(home):
-                return  # struck after the last event: running it once more would begin another campaign
+                return  # struck after the last event: there is nothing left to do
         in_child(work)
 
     while count["struck"] < kills:

@@ -113,13 +113,15 @@ def test_every_search_goes_on_with_the_same_candidates(write_plan: Write, tmp_pa
     assert (tmp_path / "b" / JOURNAL).read_bytes() == (tmp_path / "a" / JOURNAL).read_bytes()
 
 
-def test_a_finished_campaign_is_not_overwritten_and_another_one_gets_another_folder(
+def test_a_finished_campaign_is_neither_overwritten_nor_run_again_and_another_one_gets_another_folder(
     write_plan: Write, tmp_path: Path
 ) -> None:
     plan = write_plan(("rounds = 2", "rounds = 1"))
     run(plan, tmp_path / "out")
     kept = (tmp_path / "out" / JOURNAL).read_bytes()
-    assert Folder.begin(read_plan(plan), tmp_path / "out", None).path == tmp_path / "out-2"
+    again = Folder.begin(read_plan(plan), tmp_path / "out", None)
+    assert (again.path, again.ended) == (tmp_path / "out", True)
+    assert "has ended, so nothing is run" in again.note
     assert Folder.begin(read_plan(plan), tmp_path / "out", 99).path == tmp_path / "out-2", (
         "nothing has happened there yet"
     )
@@ -135,11 +137,36 @@ def test_editing_the_plan_does_not_change_a_campaign_under_way(write_plan: Write
     assert opened.checksum == begun.checksum
     parts = parts_of(begun.file, begun.path, lambda line: None)
     with Journal(begun.path) as journal:
+        journal.once(Begun, lambda: Begun(begun.checksum, 3, "0"))
         Campaign(begun.file.plan, begun.checksum, "0", parts, journal)
     anew = Folder.begin(read_plan(plan), tmp_path / "out", None)
     assert anew.path == tmp_path / "out-2"
-    for words in ("campaign.toml was edited", f"trueup resume {tmp_path / 'out'}", '["out/recordings/*.parquet"]'):
+    for words in ("campaign.toml was edited", f"`trueup resume {tmp_path / 'out'}`", '["out/recordings/*.parquet"]'):
         assert words in anew.note
+
+
+def test_an_edited_plan_that_has_ended_in_a_folder_of_its_own_is_not_run_again(
+    write_plan: Write, tmp_path: Path
+) -> None:
+    begun = Folder.begin(read_plan(write_plan()), tmp_path / "out", None)
+    with Journal(begun.path) as journal:  # of the plan as it was, which nobody went on with
+        journal.once(Begun, lambda: Begun(begun.checksum, 3, "0"))
+    plan = write_plan(("rounds = 2", "rounds = 1"), ('"ramps"', '"steps"'))
+    run(plan, tmp_path / "out")
+    again = Folder.begin(read_plan(plan), tmp_path / "out", None)
+    assert (again.path, again.ended) == (tmp_path / "out-2", True)
+    assert "was edited" not in again.note
+    assert not (tmp_path / "out-3").exists()
+
+
+def test_a_plan_that_could_not_be_run_leaves_its_folder_free(write_plan: Write, tmp_path: Path) -> None:
+    limited = write_plan(("rounds = 2", "rounds = 2\n[limits.workspace]\nx = [-0.2, 0.2]"))
+    with pytest.raises(TrialError, match="is not handed out: 'x'"):
+        run(limited, tmp_path / "out")
+    assert not read_journal(tmp_path / "out")
+    mended = Folder.begin(read_plan(write_plan()), tmp_path / "out", None)
+    assert (mended.path, mended.note) == (tmp_path / "out", "")
+    assert "limits" not in Folder.open(tmp_path / "out").file.text
 
 
 def test_a_journal_of_another_plan_is_refused(write_plan: Write, tmp_path: Path) -> None:
@@ -289,7 +316,7 @@ def test_a_driver_s_interrupted_trial_is_repeated_only_if_somebody_says_so(
 
 def test_limits_are_checked_before_anything_is_handed_out(write_plan: Write, tmp_path: Path) -> None:
     plan = write_plan(("rounds = 2", "rounds = 2\n[limits.workspace]\nx = [-0.2, 0.2]"))
-    with pytest.raises(TrialError, match=r"trial-001.*'x' of reference 'target' reaches 1 m .allowed: -0.2 to 0.2"):
+    with pytest.raises(TrialError, match=r"trial 'steps'.*'x' of reference 'target' reaches 1 m .allowed: -0.2 to 0.2"):
         run(plan, tmp_path / "out")
     assert not only(read_journal(tmp_path / "out"), TrialPlanned)
 

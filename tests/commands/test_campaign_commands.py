@@ -85,9 +85,41 @@ def test_the_second_run_does_not_touch_the_first(here: Path, capsys: pytest.Capt
     assert all(p.read_bytes() == content for p, content in kept.items())
     assert (here / "out-2" / JOURNAL).exists()
     capsys.readouterr()
-    assert main(["run", "--out", "out", "--json", "-q"]) == 0  # the same plan once more: into a third
-    assert json.loads(capsys.readouterr().out)["phase"] == "ended"
-    assert (here / "out-3" / JOURNAL).read_bytes() == (here / "out" / JOURNAL).read_bytes()
+    assert main(["run", "--out", "out", "--json"]) == 0  # the same plan once more: what it came to, and nothing new
+    told = capsys.readouterr()
+    assert json.loads(told.out)["phase"] == "ended"
+    assert "has ended, so nothing is run" in told.err.replace("\n", " ")
+    assert not (here / "out-3").exists()
+    assert main(["run", "--out", "other", "-q"]) == 0
+    assert (here / "other" / JOURNAL).read_bytes() == (here / "out" / JOURNAL).read_bytes()
+
+
+def test_an_edited_plan_says_how_to_go_on_with_the_older_one(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan(here, 'type = "toy:Cart"\nforgetful = true')
+    assert main(["run"]) == 1  # begun, and nobody could be asked whether the robot may move
+    plan(here)
+    capsys.readouterr()
+    assert main(["run"]) == 0
+    said = capsys.readouterr().err.replace("\n", " ")
+    assert "`trueup resume .`" in said
+
+
+def test_a_plan_beyond_its_limits_is_refused_dry_and_has_not_begun(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan(here)
+    text = (here / "campaign.toml").read_text("utf-8")
+    (here / "campaign.toml").write_text(text + "[limits.workspace]\nx = [-0.2, 0.2]\n", encoding="utf-8")
+    for command in (["run", "--dry-run"], ["run"]):
+        assert main(command) == 1
+        assert "is not handed out: 'x' of reference" in capsys.readouterr().err
+    assert main(["status"]) == 0
+    assert "not begun" in capsys.readouterr().out
+    assert main(["resume"]) == 1
+    assert "`trueup run` takes it as it is now" in capsys.readouterr().err.replace("\n", " ")
+    (here / "campaign.toml").write_text(text, encoding="utf-8")
+    assert main(["run", "-q"]) == 0
+    assert not (here / "run-2").exists()
 
 
 @pytest.mark.parametrize("command", ["status", "resume", "report"])

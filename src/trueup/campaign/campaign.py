@@ -62,19 +62,20 @@ class Campaign:
         self._belief: Belief | None = None
         self._calibrated: Calibrated | None = None
         self._expected: list[tuple[float, float]] = []
-        begun = self._once(Begun, lambda: _begun(checksum, plan.seed, version, parts.task))
-        if begun.plan != checksum:
+        self._begun = _begun(checksum, plan.seed, version, parts.task)
+        if journal.past and not (isinstance(journal.past[0], Begun) and journal.past[0].plan == checksum):
             raise JournalError(
                 f"{journal.folder}: this folder holds a campaign of another plan; name another with --out"
             )
 
     def run(self) -> Ended:
         """Goes on to the end. Raises what robot, simulator and search raise; calling it again goes on from there."""
-        last = self._journal.past[-1] if self._journal.past else None
-        if isinstance(last, Ended):
-            return last
-        if not any(isinstance(e, TrialPlanned) for e in self._journal.past):
-            self._listener.doubt(rehearse(self._parts))
+        past = self._journal.past
+        if not any(isinstance(e, (TrialPlanned, Ended)) for e in past):
+            self._listener.doubt(rehearse(self._parts))  # first: the folder of a plan that cannot be run stays free
+        self._once(Begun, lambda: self._begun)
+        if past and isinstance(past[-1], Ended):
+            return past[-1]
         start = np.clip(self._space.to_unit(self._space.nominal), 0.0, 1.0)
         region = TrustRegion(start, self._plan.optimize.trust)
         score, stale = float("nan"), 0

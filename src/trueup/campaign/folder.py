@@ -34,7 +34,9 @@ class Folder:
 
     @classmethod
     def begin(cls, file: PlanFile, out: Path | None, seed: int | None) -> Folder:
-        """The folder to run a plan in: the one that holds it unfinished, else a fresh one.
+        """The folder to run a plan in: the one that holds it unfinished, else the one that holds it ended, else a fresh one.
+
+        What a robot has done is not asked of it again unless somebody says so: by another seed, or another `out`.
 
         Without `out` that is the plan's own folder where one stands in it, and one of the plan's name here elsewhere.
         `seed` replaces the plan's. Raises OutputError.
@@ -43,11 +45,16 @@ class Folder:
         check = _checksum(used)
         here = file.path.parent.resolve() == Path.cwd().resolve()
         asked = out if out is not None else Path(".") if here else Path(file.plan.name)
+        done: Path | None = None
         for number in range(1, 1000):
             at = asked if number == 1 else _numbered(asked, number)
             state = _state(at, check)
+            done = at if state == "ended" else done
             if state == "unfinished":
                 return cls(at, used, check, f"going on with the campaign in {at}")
+            if state == "free" and done is not None:
+                return cls(done, used, check, f"the campaign of this plan in {done} has ended, so nothing is run; for one more: "
+                           "--seed N, or --out DIR")  # fmt: skip
             if state == "free":
                 note = _elsewhere(asked, at, used) if number > 1 else ""
                 made = cls(at, used, check, note)
@@ -82,6 +89,11 @@ class Folder:
             )
         return events
 
+    @property
+    def ended(self) -> bool:
+        """Whether its campaign has come to its end."""
+        return (self.path / JOURNAL).exists() and isinstance((None, *self.events())[-1], Ended)
+
     def _keep(self) -> None:
         origin = os.path.relpath(self.file.path.resolve(), self.path.resolve())
         keep_text(self.path / PLAN, self.file.text)
@@ -100,7 +112,7 @@ def _elsewhere(asked: Path, at: Path, file: PlanFile) -> str:
     if same and unfinished:
         return (
             f"{file.path.name} was edited since the campaign in {asked} began, so a new one begins in {at}; to go on "
-            f"with the plan as it was: trueup resume {asked}. Runs made there may be used here: [calibrate] recordings = "
+            f"with the plan as it was: `trueup resume {asked}`. Runs made there may be used here: [calibrate] recordings = "
             f'["{os.path.relpath(asked / "recordings", file.path.parent)}/*.parquet"]'
         )
     return f"{asked} holds another campaign, so this one goes to {at}"
@@ -112,7 +124,7 @@ def _numbered(path: Path, number: int) -> Path:
 
 
 def _state(path: Path, check: str) -> str:
-    """'free', 'unfinished' (this very campaign, to go on with) or 'other'."""
+    """'free', 'unfinished' or 'ended' (this very campaign), or 'other'."""
     if not (path / JOURNAL).exists():
         recorded = any((path / "recordings").glob("*"))  # a folder is a campaign's from its first event on
         return "other" if recorded and not _unclaimed(path, check) else "free"
@@ -124,8 +136,9 @@ def _state(path: Path, check: str) -> str:
         return "other"
     if not events:
         return "free"
-    mine = isinstance(events[0], Begun) and events[0].plan == check
-    return "unfinished" if mine and not isinstance(events[-1], Ended) else "other"
+    if not (isinstance(events[0], Begun) and events[0].plan == check):
+        return "other"
+    return "ended" if isinstance(events[-1], Ended) else "unfinished"
 
 
 def _unclaimed(path: Path, check: str) -> bool:

@@ -12,6 +12,8 @@ import numpy as np
 
 from trueup.campaign.parts import Parts
 from trueup.errors import PlanError, TrueupError, unknown_name
+from trueup.loop.safety import require_safe
+from trueup.loop.transfer import prepared
 from trueup.tasks.task import robot_trials
 from trueup.trial import Limits, Trial
 
@@ -33,7 +35,8 @@ def blamed(what: str, kind: type[TrueupError]) -> Iterator[None]:
 def rehearse(parts: Parts) -> str:
     """Simulates the task's trials with the settings of today; returns a doubt about their score, '' without one.
 
-    Raises PlanError where task, simulator and limits do not fit together, and what the simulator raises.
+    Raises PlanError where task, simulator and limits do not fit together, TrialError where a trial goes beyond a limit, and
+    what the simulator raises.
     """
     rows = 2  # simulations side by side, so that a score of the wrong shape shows
     task, simulator = parts.task, parts.simulator
@@ -50,12 +53,21 @@ def rehearse(parts: Parts) -> str:
         raise PlanError(
             f"task '{task.name}': `score` gave shape {scores.shape} for {rows} simulations; it must be (b,)"
         )
-    if parts.limits is not None:
-        _check_limits(parts.limits, trials)
+    require_within_limits(parts)
     if np.isfinite(scores).all():
         return ""
     why = next((w for r in rollouts for w in r.failures.values()), "the task gave it none")
     return f"simulated with the settings of today, the task has no score: {why}"
+
+
+def require_within_limits(parts: Parts) -> None:
+    """Raises PlanError for a limit of nothing, TrialError where a trial with the settings of today goes beyond a limit."""
+    with blamed(f"task '{parts.task.name}', before anything moved", PlanError):
+        trials = robot_trials(parts.task, parts.task.parameters.nominal)
+    if parts.limits is not None:
+        _check_limits(parts.limits, trials)
+    for trial in trials:
+        require_safe(prepared(trial, parts.limits, repeats=1))
 
 
 def _check_limits(limits: Limits, trials: tuple[Trial, ...]) -> None:

@@ -38,4 +38,6 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     if args.from_line is not None:
         aside = set_back(folder.path, args.from_line)
         notes(told, [f"the journal as it was is kept in {aside}"])
+    if not folder.events():
+        notes(told, ["nothing has begun here: where the plan was mended since, `trueup run` takes it as it is now"])
     return go_on(folder, args, console, told)

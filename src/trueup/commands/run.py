@@ -31,7 +31,7 @@ the robot, validate; round by round, until the robot is good enough or the budge
 `trueup new NAME` writes one to edit.
 
   trueup run                            the campaign.toml of this folder
-  trueup run plan.toml --out DIR        into DIR; the next run of another plan takes DIR-2
+  trueup run plan.toml --out DIR        into DIR; a campaign of another plan or seed takes DIR-2
 
 Ctrl-C, a power cut or a closed lid are fine: the same command, or `trueup resume DIR`, goes on from there, with the same
 proposals. No trial on the robot is lost, and none is repeated unless you say so. In DIR: report.html, the recordings,
@@ -67,15 +67,20 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     if args.dry_run:
         return _made(file, console)
     folder = Folder.begin(file, Path(args.out) if args.out else None, args.seed)
+    if folder.ended:
+        notes(told, [folder.note], quiet=args.quiet)
+        return told_outcome(folder, args, console)
     return go_on(folder, args, console, told)
 
 
 def _made(file: PlanFile, console: Console) -> int:
     """Makes all parts of a plan, and says what they are."""
+    from trueup.campaign.rehearsal import require_within_limits
     from trueup.campaign.resolve import parts_of
 
     with tempfile.TemporaryDirectory() as folder:
         parts = parts_of(file, Path(folder), lambda _line: None)
+        require_within_limits(parts)
         free = [p.name for p in parts.task.parameters.parameters if not p.frozen]
         fitted = [p.name for p in parts.simulator.parameters.parameters if not p.frozen]
         for line in (

@@ -66,6 +66,10 @@ def show_status(history: History, plan: Plan, console: Console) -> None:
             console.print(f"  the robot {history.falls_of_best}", highlight=False)
     if history.ended is not None:
         console.print(escape(history.ended.reason), highlight=False)
+    elif history.begun is None:
+        console.print(
+            "not begun: nothing was asked of the robot. A plan that was mended: trueup run PLAN", highlight=False
+        )
     elif history.waiting:
         names = ", ".join(t.planned.trial for t in history.waiting)
         console.print(f"waits for {names} ({history.phase} of round {len(history.rounds)})", highlight=False)
