@@ -17,6 +17,7 @@ from trueup.commands.console import notes
 from trueup.commands.sources import SHARE, add_shared, given, mapping_for, recordings_in
 from trueup.errors import IdentificationError, OutputError
 from trueup.formats import ChannelMap, TimeColumn
+from trueup.model_files.joint_names import joint_names
 from trueup.recording import Recording
 
 if TYPE_CHECKING:
@@ -102,11 +103,13 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     options, names = _options(args)
     rated = None if args.rate is None else (lambda mapping: _with_rate(mapping, args.rate))
     training, held_out, found = given(args, told, hold_out=names, rated=rated, driven=False)
-    tree = load_tree(args.model).lock(args.lock)
+    whole = load_tree(args.model)
+    tree = whole.lock(args.lock)
     if args.gravity is not None:
         tree = tree.replace(gravity=args.gravity)
     tree, (training, held_out), said = matched(tree, (training, held_out), args.torque)
-    drives = Drives.load(args.drives, tree.joints) if args.drives else Drives.direct(tree.joints)
+    drives = Drives.load(args.drives, whole.joints) if args.drives else Drives.direct(whole.joints)
+    drives = drives.only(tree.joints)  # a file of all drives serves logs of some joints too
     if args.payload:
         drives, more = _weighed(args, tree, training, drives)
         said = (*said, *more)
@@ -149,7 +152,8 @@ def _weighed(
     from trueup.identification.estimation.payload import drives_from_payload, payload_inertial
 
     mapping, _ = mapping_for(args.mapping)
-    loaded, _ = recordings_in([Path(path) for path in args.payload], mapping, named=args.mapping is not None)
+    named, joints = args.mapping is not None, joint_names(args.model)
+    loaded, _ = recordings_in([Path(path) for path in args.payload], mapping, named=named, joints=joints)
     _, (loaded, _), _ = matched(tree, (loaded, []), args.torque)
     load = payload_inertial(args.payload_mass, args.payload_com)
     return drives_from_payload(tree, training, loaded, drives, load, cutoff=args.cutoff)

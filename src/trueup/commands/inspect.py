@@ -21,6 +21,7 @@ from trueup.formats import ChannelMap, TimeColumn, guess_mapping, read
 from trueup.formats.plain import finite
 from trueup.inspection import ChannelInspection, Inspection, inspect
 from trueup.inspection.joint_names import match_joints
+from trueup.model_files.joint_names import joint_names
 from trueup.recording import Recording
 from trueup.report.numbers import scale_for
 
@@ -50,14 +51,15 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     target = Path(args.write_mapping or MAPPING)
     mapping, more = (None, []) if args.force and not args.mapping else mapping_for(args.mapping or _existing(target))
     said += more
-    recordings, other = _read(paths, mapping, args.rate, target, told, named=args.mapping is not None)
+    joints = joint_names(args.model) if args.model is not None else ()
+    recordings, other = _read(paths, mapping, args.rate, target, told, named=args.mapping is not None, joints=joints)
     said += other
     if args.model is not None:
         said += _unknown(recordings, args.model) if mapping is not None else []
     found = [inspect(r) for r in (_in_units_of(args.model, recordings) if args.model is not None else recordings)]
     written = None
     if mapping is None and any("reader" in r.provenance for r in recordings):
-        guess = _with_rate(guess_mapping(paths), args.rate)
+        guess = _with_rate(guess_mapping(paths, joints), args.rate)
         if args.model is not None:
             guess, more = _renamed(guess, recordings, _drives_of(args.model))
             said += more
@@ -83,20 +85,28 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
 
 
 def _read(
-    paths: Sequence[Path], mapping: Path | None, rate: float | None, target: Path, told: Console, *, named: bool
+    paths: Sequence[Path],
+    mapping: Path | None,
+    rate: float | None,
+    target: Path,
+    told: Console,
+    *,
+    named: bool,
+    joints: Sequence[str],
 ) -> tuple[list[Recording], list[str]]:
     """The recordings and notes; where nothing but the time of the samples is missing, the guess is kept for the user to
     fill in.
     """
     if mapping is not None:
-        return recordings_in(paths, mapping, told, named=named)
+        return recordings_in(paths, mapping, told, named=named, joints=joints)
     if rate is not None:
-        return read(paths, _with_rate(guess_mapping(paths), rate)), []
+        return read(paths, _with_rate(guess_mapping(paths, joints), rate)), []
     try:
-        return recordings_in(paths, None, told, named=False)
+        return recordings_in(paths, None, told, named=False, joints=joints)
     except MappingError as error:
-        if not guess_mapping(paths).time.column and not guess_mapping(paths).time.file:
-            guess_mapping(paths).save(target)
+        guess = guess_mapping(paths, joints)
+        if not guess.time.column and not guess.time.file:
+            guess.save(target)
             raise MappingError(
                 f"{error}. Give --rate HZ; or fill in rate in {target}, which was written with what could be guessed"
             ) from None

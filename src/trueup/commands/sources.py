@@ -19,6 +19,7 @@ from trueup import files
 from trueup.errors import FormatError, OtherFilesMappingError, RecordingError, unknown_name
 from trueup.formats import ChannelMap, guess_mapping, is_recording, read
 from trueup.inspection.diagnosis import Diagnosis
+from trueup.model_files.joint_names import joint_names
 from trueup.recording import Recording, part_of
 
 Mapped = ChannelMap | Path | None
@@ -50,10 +51,10 @@ def mapping_for(named: str | None) -> tuple[Path | None, list[str]]:
 
 
 def recordings_in(
-    paths: Sequence[Path], mapping: Mapped, told: Console | None = None, *, named: bool
+    paths: Sequence[Path], mapping: Mapped, told: Console | None = None, *, named: bool, joints: Sequence[str] = ()
 ) -> tuple[list[Recording], list[str]]:
     """The recordings in files, and notes. A mapping that was found rather than `named` is not used for files of which it
-    names no column: theirs are guessed. What takes a while is shown on `told`.
+    names no column: theirs are guessed, `joints` by their exact names. What takes a while is shown on `told`.
 
     Raises what `formats.read` raises.
     """
@@ -61,11 +62,11 @@ def recordings_in(
     others: list[str] = []
     for path in _shown(paths, told):
         try:
-            recordings += read([path], mapping)
+            recordings += read([path], mapping, joints)
         except OtherFilesMappingError:
             if named:
                 raise
-            recordings += read([path])
+            recordings += read([path], joints=joints)
             others.append(path.name)
     more = f"{mapping} names no column of {', '.join(others[:5])}{' ...' * (len(others) > 5)}: theirs are guessed"
     return recordings, [more] if others else []
@@ -103,17 +104,18 @@ def given(
     paths, notes = readable(args.recordings)
     mapping, more = mapping_for(args.mapping)
     used: Mapped = mapping
+    joints = joint_names(args.model) if getattr(args, "model", None) else ()
     if rated is not None:
-        used = rated(ChannelMap.load(mapping) if mapping else guess_mapping(paths))
-    recordings, others = recordings_in(paths, used, told, named=args.mapping is not None)
+        used = rated(ChannelMap.load(mapping) if mapping else guess_mapping(paths, joints))
+    recordings, others = recordings_in(paths, used, told, named=args.mapping is not None, joints=joints)
     recordings, off = while_driven(recordings) if driven else (recordings, [])
     held = getattr(args, "hold_out", ()) if hold_out is None else hold_out
-    training, kept = split(recordings, held, mapping)
+    training, kept = split(recordings, held, mapping, joints)
     return training, kept, [*notes, *more, *others, *off]
 
 
 def split(
-    recordings: Sequence[Recording], hold_out: Sequence[str], mapping: Path | None
+    recordings: Sequence[Recording], hold_out: Sequence[str], mapping: Path | None, joints: Sequence[str] = ()
 ) -> tuple[list[Recording], list[Recording]]:
     """Recordings to fit and recordings to hold out: by name, by pattern, by path among those given, or further paths; of a
     share in percent the ends of those that are fitted.
@@ -125,7 +127,7 @@ def split(
     for entry in (e for e in hold_out if not SHARE.fullmatch(e)):
         found = [r for r in recordings if fnmatch.fnmatchcase(r.name, entry) or _comes_from(r, Path(entry))]
         if not found and Path(entry).exists():
-            found = read([Path(entry)], mapping)
+            found = read([Path(entry)], mapping, joints)
         if not found:
             raise unknown_name("recording", entry, [r.name for r in recordings], "those given (nor a file or folder)")
         held |= {r.name: r for r in found}

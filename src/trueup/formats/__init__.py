@@ -21,20 +21,21 @@ _SLOWEST, _FASTEST = 1e-3, 1e6
 Paths = str | Path | Sequence[str | Path]
 
 
-def read(source: Paths, mapping: ChannelMap | str | Path | None = None) -> list[Recording]:
+def read(source: Paths, mapping: ChannelMap | str | Path | None = None, joints: Sequence[str] = ()) -> list[Recording]:
     """The recordings in files and folders, in SI units.
 
     A file is one recording. A folder is one recording if its files complement each other (commands in one, states in
     another), one for each file if they are alike, and one for each folder in it if it has no files to read. A ROS
     bag is one recording. `mapping` (or the TOML file that holds it) says how columns become channels; without it that
-    is guessed, and provenance['guesses'] says what was not sure. provenance['warnings'] says what was left out.
+    that is guessed, and provenance['guesses'] says what was not sure. provenance['warnings'] says what was left out.
+    `joints`: those of the robot's model, whose exact names mean nothing else then (an arm's "base_yaw").
 
     Raises FormatError (naming file, line, column and value) for unsound files, MappingError where mapping and file do
     not fit, MissingExtraError where reading needs a package that is not installed.
     """
     known = ChannelMap.load(mapping) if isinstance(mapping, (str, Path)) else mapping
     how = "guessed" if mapping is None else str(mapping) if isinstance(mapping, (str, Path)) else "given"
-    return [_recording(found, known, how) for found in _found(source, known)]
+    return [_recording(found, known, how, joints) for found in _found(source, known)]
 
 
 def write(recording: Recording, path: str | Path) -> None:
@@ -51,7 +52,7 @@ def write(recording: Recording, path: str | Path) -> None:
     parquet.write(recording, Path(path))
 
 
-def guess_mapping(source: Paths) -> ChannelMap:
+def guess_mapping(source: Paths, joints: Sequence[str] = ()) -> ChannelMap:
     """The mapping that `read` would guess for the first recording in `source`; its `notes` say what is not sure.
 
     Raises FormatError for unsound files, and MappingError where there is nothing to guess from.
@@ -59,7 +60,7 @@ def guess_mapping(source: Paths) -> ChannelMap:
     for path in [source] if isinstance(source, (str, Path)) else source:
         for found in _found(path, None):
             if found.tables:
-                return guess(found.tables)
+                return guess(found.tables, joints)
     raise FormatError(f"{source}: these files are recordings of trueup already and need no mapping")
 
 
@@ -87,11 +88,11 @@ def _found(source: Paths, mapping: ChannelMap | None) -> list[Source]:
     return sources(paths, together=together)
 
 
-def _recording(found: Source, mapping: ChannelMap | None, how: str) -> Recording:
+def _recording(found: Source, mapping: ChannelMap | None, how: str, joints: Sequence[str]) -> Recording:
     if found.recording is not None:
-        joints = dict(mapping.joints) if mapping is not None else {}
+        names = dict(mapping.joints) if mapping is not None else {}
         present = {label for channel in found.recording.channels.values() for label in channel.labels}
-        renamed = {old: new for old, new in joints.items() if old in present}
+        renamed = {old: new for old, new in names.items() if old in present}
         return found.recording.rename(renamed) if renamed else found.recording
     provenance = {
         "source": "\n".join(str(path) for path in found.paths),
@@ -99,7 +100,7 @@ def _recording(found: Source, mapping: ChannelMap | None, how: str) -> Recording
         "mapping": how,
         **{f"sha256 of {name}": digest for name, digest in checksums(found.paths).items()},
     }
-    used = guess(found.tables) if mapping is None else mapping
+    used = guess(found.tables, joints) if mapping is None else mapping
     try:
         recording = assemble(found.tables, used, found.name, provenance)
     except (RecordingError, UnknownNameError) as error:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from trueup import formats
-from trueup.formats.rules import bases, joints, vehicles
+from trueup.formats.rules import bases, families, joints, vehicles
 from trueup.formats.rules.rule import Example, Rule
 
 RULES = {"joints": joints.RULES, "vehicles": vehicles.RULES, "bases": bases.RULES}
@@ -18,7 +18,7 @@ CASES = [
     for dialect, rules in RULES.items()
     for rule in rules
     for k, example in enumerate(rule.examples)
-]
+] + [pytest.param(None, example, id=f"families-{k}") for k, example in enumerate(families.EXAMPLES)]
 
 
 def expected(text: str) -> dict[str, tuple[str, tuple[str, ...]]]:
@@ -29,7 +29,7 @@ def expected(text: str) -> dict[str, tuple[str, tuple[str, ...]]]:
 
 
 @pytest.mark.parametrize(("rule", "example"), CASES)
-def test_an_example_is_read_as_its_rule_says(rule: Rule, example: Example, tmp_path: Path) -> None:
+def test_an_example_is_read_as_its_rule_says(rule: Rule | None, example: Example, tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text(example.header + "\n" + example.rows.replace("|", "\n").replace(" ", ",") + "\n")
     channels = formats.guess_mapping(tmp_path / "log.csv").channels
     wanted = expected(example.expected)

@@ -15,6 +15,7 @@ from trueup.formats.rules import bases, joints
 from trueup.formats.rules.clocks import Clocks, find_clocks
 from trueup.formats.rules.coherence import Proposal, own, with_common_labels, with_twins, without_sensors
 from trueup.formats.rules.drive import Part, drive
+from trueup.formats.rules.families import Named, joints_in, of_base
 from trueup.formats.rules.names import AXES, stem, taken_apart, with_actual, words
 from trueup.formats.rules.rule import Column
 from trueup.formats.rules.sizes import Sizes
@@ -28,9 +29,10 @@ _OF_VEHICLES = ("position", "velocity", "acceleration", "command")
 """Kinds that a vehicle's log has under its own names: what is left of them there is no joint's."""
 
 
-def guess(tables: Sequence[Table]) -> ChannelMap:
+def guess(tables: Sequence[Table], known: Sequence[str] = ()) -> ChannelMap:
     """A mapping for these tables (files or topics of one recording), with notes on what is not sure.
 
+    `known`: joints of the model that the log is of, whose exact names mean nothing else.
     Raises MappingError, saying what was found, where no column but time holds numbers.
     """
     clocks = find_clocks(tables)
@@ -38,9 +40,11 @@ def guess(tables: Sequence[Table]) -> ChannelMap:
     if not columns:
         found = "; ".join(f"{t.name}: {listing(t.columns)}" for t in tables)
         raise MappingError(f"no column but time holds numbers, so there is no channel; found {found}")
-    parts = drive(columns, clocks.main)
+    named = joints_in(columns, known, several=len(tables) > 1)
+    parts = drive([c for c in columns if c not in named or not known], clocks.main)
     used = {column for part in parts for column in part.columns}
-    proposals = _proposals([c for c in columns if c not in used], driven=bool(parts), several=len(tables) > 1)
+    left = [c for c in columns if c not in used]
+    proposals = _proposals(left, named, driven=bool(parts), several=len(tables) > 1)
     groups = _groups(proposals, several=len(tables) > 1)
     groups, renamed = with_common_labels(groups)
     channels = {name: _channel(group, clocks, tables) for name, group in groups.items()}
@@ -48,6 +52,7 @@ def guess(tables: Sequence[Table]) -> ChannelMap:
     notes = _notes(channels, groups) if not parts else []
     sizes.settle()
     more = _with_vehicle(channels, parts, clocks) if parts else _with_base(channels, sizes.groups, clocks)
+    more += _put_aside(channels, sizes.groups, driven=bool(parts))
     return ChannelMap(channels=channels, time=clocks.main, notes=(*clocks.notes, *renamed, *notes, *sizes.notes, *more))
 
 
@@ -71,21 +76,23 @@ def _counts_rows(name: str, values: Array) -> bool:
     return bool(np.all(np.diff(values) == 1.0))
 
 
-def _proposals(columns: Sequence[Column], *, driven: bool, several: bool) -> list[Proposal]:
+def _proposals(
+    columns: Sequence[Column], named: Mapping[Column, Named], *, driven: bool, several: bool
+) -> list[Proposal]:
     """What each column is taken for; in the log of a vehicle nothing is a joint's position, speed or command."""
-    proposals = [_proposal(column, several) for column in columns]
+    proposals = [_proposal(column, named.get(column), several) for column in columns]
     if driven:
         return [own(p.column) if p.role.split("_")[0] in _OF_VEHICLES else p for p in proposals]
     proposals = without_sensors(proposals)
     return with_twins(proposals) if not any(p.role == "position" for p in proposals) else proposals
 
 
-def _proposal(column: Column, several: bool) -> Proposal:
+def _proposal(column: Column, named: Named | None, several: bool) -> Proposal:
     """What a column's name and its file's say of a joint."""
-    reading = joints.read(column.parts)
+    reading = joints.read(column.parts if named is None else named.read_as)
     context = joints.read(taken_apart(stem(column.table.name))) if several else None
     plain = column.parts.words
-    if not reading.joint or (context is not None and not context.joint) or _of_floating_base(column):
+    if not reading.joint or (context is not None and not context.joint) or (named is None and of_base(column)):
         return own(column)
     kind, command, sent = reading.kind, reading.command, reading.sent
     if context is not None:
@@ -102,13 +109,7 @@ def _proposal(column: Column, several: bool) -> Proposal:
         return own(column)
     # Voltages and temperatures are more often of the supply than of a joint.
     label = kind if kind in ("voltage", "temperature") and not reading.label else joints.label_of(reading.label)
-    return Proposal(column, role, label, reading.unit or column.declared)
-
-
-def _of_floating_base(column: Column) -> bool:
-    """Whether "base" means a trunk with a pose of several numbers, and not an arm's first joint."""
-    plain = column.parts.words
-    return "base" in plain and (column.values.ndim > 1 or any(word in AXES or word.isdigit() for word in plain))
+    return Proposal(column, role, label if named is None else named.joint, reading.unit or column.declared)
 
 
 def _own_name(column: Column) -> str:
@@ -201,6 +202,20 @@ def _with_base(
     for name, base in found.channels.items():
         channels[name] = _plain(base.columns, base.labels, base.unit, clocks)
     return list(found.notes)
+
+
+def _put_aside(
+    channels: Mapping[str, ChannelColumns], groups: Mapping[str, Sequence[Column]], *, driven: bool
+) -> list[str]:
+    """Says which columns with a word for positions, speeds or torques are no joint's, as their base may be a trunk."""
+    aside = [
+        column.name for name, group in groups.items() if name in channels and name not in joints.BY_KIND
+        for column in group if of_base(column) and column.width == 1 and joints.read(column.parts).kind
+    ]  # fmt: skip
+    if driven or not aside:
+        return []
+    how = "a model given with the log says so by its names, or [channels.position] with labels in the mapping"
+    return [f"{listing(aside, 6)}: taken for the pose of a base; if these are joints, {how}"]
 
 
 def _plain(

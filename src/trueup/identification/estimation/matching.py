@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -40,7 +40,7 @@ def matched(tree: KinematicTree, groups: Groups, torque: str = "") -> tuple[Kine
         notes.append(f"columns were taken as joints in the model's order, which nothing here can prove: {said}")
     missing = [joint for joint in tree.joints if joint not in names.values()]
     if missing and names:
-        notes.append(f"no log has {', '.join(missing)}: locked at zero")
+        notes.append(f"no log has {', '.join(missing)}: locked at zero{_strange(names, labels, missing)}")
         tree = tree.lock(missing)
     one = [
         [with_one_torque(_renamed(r, tree, changed), tree, "" if r.name in bare else torque) for r in group]
@@ -60,6 +60,18 @@ def _names(tree: KinematicTree, labels: Sequence[str]) -> dict[str, str]:
     if labels and not names:
         raise _unknown(tree, labels)
     return names
+
+
+def _strange(names: Mapping[str, str], labels: Sequence[str], missing: Sequence[str]) -> str:
+    """What to say of joints that the logs have beside those that the model lacks; '' where there are none."""
+    strange = [label for label in labels if label not in names]
+    if not strange:
+        return ""
+    return (
+        f", while the logs have {', '.join(strange)}, which the model lacks: if these are the same joints under other names, "
+        f'say which is which in [joints] of a mapping ({strange[0]} = "{missing[0]}", if so), which `trueup inspect LOGS '
+        "--model MODEL` writes to be edited"
+    )
 
 
 def _unknown(tree: KinematicTree, labels: Sequence[str]) -> UnknownNameError:

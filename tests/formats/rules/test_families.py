@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""No joint is lost for a word in its name that means something else elsewhere: a base, an axis, a speed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trueup import formats
+from trueup.formats import ChannelMap
+from trueup.model_files.joint_names import joint_names
+
+NAMES = (
+    "base_yaw", "hip_roll", "ankle_pitch", "wrist_x", "base_x", "left_wheel", "gripper_speed", "neck_yaw", "torso_pitch",
+)  # fmt: skip
+
+
+def guess(folder: Path, columns: list[str], known: tuple[str, ...] = (), still: str = "nothing") -> ChannelMap:
+    """What is guessed of a log with these columns; those whose name holds `still` are zero."""
+    time = np.arange(200) / 100.0
+    values = [np.sin(time + k) * (still not in name) for k, name in enumerate(columns)]
+    head = ",".join(["time", *columns])
+    np.savetxt(folder / "log.csv", np.column_stack([time, *values]), delimiter=",", header=head, comments="")
+    return formats.guess_mapping(folder / "log.csv", known)
+
+
+@pytest.mark.parametrize("known", [(), NAMES], ids=["no model", "model"])
+@pytest.mark.parametrize(
+    "families",
+    [
+        {"position": "q_{}", "velocity": "qd_{}", "torque": "tau_{}"},
+        {"position": "q.{}", "velocity": "dq.{}", "torque": "tau.{}"},
+        {"position": "{}_pos", "velocity": "{}_vel", "torque": "{}_torque"},
+        {"position": "pos_{}", "command": "cmd_{}"},
+        {"position": "{}_position", "command": "{}_command"},
+        {"position": "q_{}", "command": "q_des_{}", "velocity": "q_dot_{}"},
+    ],
+)
+def test_every_joint_of_a_family_is_found(tmp_path: Path, families: dict[str, str], known: tuple[str, ...]) -> None:
+    columns = [pattern.format(name) for pattern in families.values() for name in NAMES]
+    found = guess(tmp_path, columns, known).channels
+    assert {kind: found[kind].labels for kind in families} == dict.fromkeys(families, NAMES)
+    assert set(found) == set(families)
+
+
+BASE = ("base_x", "base_y", "base_yaw")
+ROVER = [f"{kind}_{name}" for kind in ("q", "qd", "tau") for name in (*BASE, "elbow")]
+
+
+def test_a_base_of_several_numbers_is_joints_where_motors_drive_it_or_the_model_says_so(tmp_path: Path) -> None:
+    assert guess(tmp_path, ROVER).channels["position"].labels == (*BASE, "elbow")
+    free = guess(tmp_path, ROVER, still="tau_base")
+    assert free.channels["position"].labels == ("elbow",)
+    assert any("q_base_x" in note and "pose of a base" in note for note in free.notes), "what is put aside is named"
+    assert guess(tmp_path, ROVER, BASE, still="tau_base").channels["position"].labels == (*BASE, "elbow")
+
+
+def test_the_joints_of_a_model_are_read_from_its_text(tmp_path: Path) -> None:
+    (tmp_path / "part.xml").write_text('<mujocoinclude><joint name="elbow"/></mujocoinclude>')
+    (tmp_path / "arm.xml").write_text(
+        '<mujoco><worldbody><body><joint name="base_yaw"/><include file="part.xml"/></body></worldbody></mujoco>'
+    )
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="a"><joint name="base_yaw" type="revolute"/><joint name="tool" type="fixed"/></robot>'
+    )
+    assert joint_names(tmp_path / "arm.xml") == ("base_yaw", "elbow")
+    assert joint_names(tmp_path / "arm.urdf") == ("base_yaw",)
+    assert joint_names(tmp_path / "car.toml") == ()
