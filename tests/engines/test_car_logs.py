@@ -15,6 +15,7 @@ from trueup.engines.vehicle.family import Vehicles
 from trueup.engines.vehicle.judging import Ahead
 from trueup.engines.vehicle.prediction import prediction_errors
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
+from trueup.errors import RecordingError
 from trueup.loop.prepare import Preparation, prepare
 from trueup.loop.transfer import try_on_robot
 from trueup.recording import Channel, Recording
@@ -296,3 +297,29 @@ def test_wheels_of_both_axles_may_turn_a_car_further_than_it_is_told() -> None:
 def test_bounds_of_lengths_grow_with_the_car() -> None:
     assert Vehicle("car", 2.7, drive="throttle").space()["pose_ahead"].upper == pytest.approx(2.7)
     assert Vehicle("car", 0.2, drive="throttle").space()["pose_ahead"].upper == pytest.approx(1.0)
+
+
+def test_a_quaternion_is_a_heading_under_either_names_and_what_is_no_heading_is_named(
+    full_size: Recording, tmp_path: Path
+) -> None:
+    (tmp_path / "car.toml").write_text("[vehicle]\nwheelbase = 2.7\n")
+    yaw = full_size.channel("heading")
+    half, zero = 0.5 * yaw.values[:, 0], np.zeros(len(yaw.time))
+    values = np.stack([np.cos(half), zero, zero, np.sin(half)], axis=1)
+    for labels in (("w", "x", "y", "z"), ("qw", "qx", "qy", "qz"), ("a", "b", "c", "d")):
+        turn = Channel("orientation", labels, "", yaw.time, values)
+        ready = prepare(tmp_path / "car.toml", [full_size.without("heading").with_channel(turn)])
+        unused = " ".join(ready.unused())
+        said = cleaned(ready.recordings[0]).provenance.get("warnings", "")
+        assert ("no heading was recorded" in said) == ("orientation" in unused) == ("a" in labels)
+    assert "not used, since it is none of position" in unused
+
+
+def test_a_pose_and_a_command_in_files_side_by_side_are_told_to_go_into_one_folder(
+    full_size: Recording, tmp_path: Path
+) -> None:
+    (tmp_path / "car.toml").write_text("[vehicle]\nwheelbase = 2.7\n")
+    pose, command = full_size.without("command"), full_size.without("position").without("heading")
+    for lacking in (pose, command):
+        with pytest.raises(RecordingError, match=r"files of one drive into one folder, drives/d1/cmd.csv and"):
+            prepare(tmp_path / "car.toml", [lacking])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from trueup.formats import read
 from trueup.inspection import inspect
+from trueup.tracking.heading import heading_of
 
 Array = NDArray[np.float64]
 
@@ -154,3 +155,36 @@ def test_a_speed_whose_unit_nobody_says_is_told_by_the_way_driven(tmp_path: Path
         recording = read([tmp_path / "drive.csv"])[0]
         assert recording.channel("speed").column("speed") == pytest.approx(speed, abs=2e-6)
         assert ("km/h" in recording.provenance["guesses"]) == (factor != 1.0)
+
+
+def test_a_pose_by_itself_is_a_position_in_metres_and_a_direction(tmp_path: Path) -> None:
+    t, _, _, x, y, heading, _ = drive()
+    half, zero = 0.5 * heading, np.zeros(len(t))
+    turn = [zero, zero, np.sin(half), np.cos(half)]
+    for names, shown in (
+        ("stamp_ms;X_mm;Y_mm;yaw", [1e3 * x, 1e3 * y, heading]),
+        ("stamp_ms;X_mm;Y_mm;qx;qy;qz;qw", [1e3 * x, 1e3 * y, *turn]),
+        ("stamp_ms;X_mm;Y_mm;Z_mm;qx;qy;qz;qw", [1e3 * x, 1e3 * y, 120.0 + zero, *turn]),
+    ):
+        table = np.column_stack([1e3 * t, *shown])
+        np.savetxt(tmp_path / "pose.csv", table, delimiter=";", header=names, comments="", fmt="%.7f")
+        (recording,) = read([tmp_path / "pose.csv"])
+        place = recording.channel("base_position" if "Z_mm" in names else "position")
+        assert place.column("y") == pytest.approx(y, abs=1e-6), names
+        assert place.unit == "m"
+        assert np.unwrap(heading_of(recording).values[:, 0]) == pytest.approx(heading, abs=1e-6), names  # type: ignore[union-attr]
+
+
+def test_what_is_said_of_units_tells_those_of_the_file_from_those_kept(tmp_path: Path) -> None:
+    t, _, steering, x, y, heading, speed = drive()
+    said = {}
+    for names, factors in (("t,v_cmd_mps,steer_deg,X_mm,Y_mm,yaw", 1e3), ("t,v_cmd_mps,steer_rad,x,y,yaw", 1.0)):
+        wheels = np.degrees(steering) if "deg" in names else steering
+        table = np.column_stack([t, speed, wheels, factors * x, factors * y, heading])
+        np.savetxt(tmp_path / "drive.csv", table, delimiter=",", header=names, comments="", fmt="%.7f")
+        (recording,) = read([tmp_path / "drive.csv"])
+        said[factors] = recording.provenance["guesses"]
+    assert "X_mm and Y_mm taken as x, y in mm, kept in m\n" in said[1e3]
+    assert "v_cmd_mps and steer_deg taken as speed, steering in m/s and deg, kept in m/s and rad\n" in said[1e3]
+    assert "x and y taken as x, y in m\n" in said[1.0]
+    assert "kept" not in said[1.0]

@@ -19,6 +19,7 @@ from trueup.commands.sources import MAPPING, add_shared, mapping_for, readable, 
 from trueup.errors import MappingError
 from trueup.formats import ChannelMap, TimeColumn, guess_mapping, read
 from trueup.formats.plain import finite
+from trueup.formats.table import listing
 from trueup.inspection import ChannelInspection, Inspection, inspect
 from trueup.inspection.joint_names import match_joints
 from trueup.model_files.joint_names import joint_names
@@ -63,6 +64,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         if args.model is not None:
             guess, more = _renamed(guess, recordings, _drives_of(args.model))
             said += more
+        said += _others(recordings, target)
         guess.save(target)
         written = target
     if args.json:
@@ -174,6 +176,17 @@ def _renamed(
             "fill in [joints] in the mapping"
         )
     return dataclasses.replace(guess, joints=names), notes
+
+
+def _others(recordings: Sequence[Recording], target: Path) -> list[str]:
+    """Says which recordings the mapping of the first one does not read."""
+    others = [r.name for r in recordings if set(r.channels) != set(recordings[0].channels)]
+    if not others:
+        return []
+    return [
+        f"{target} is of '{recordings[0].name}', not of {listing(others, 6)}, whose channels are others. "
+        "Files that hold a part of one run each (commands, poses) are one recording in a folder of their own: give the folder"
+    ]
 
 
 def _show(inspection: Inspection, console: Console) -> None:

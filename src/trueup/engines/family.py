@@ -79,8 +79,8 @@ class Family:
     """Of the file that holds a calibrated model."""
     describes = "a model file of the same kind"
     """What such a file is, in words."""
-    reads: tuple[str, ...] = ()
-    """Measured channels that make recordings ready without being compared."""
+    compares = "no joint and no sensor of the model"
+    """What a channel is that its simulators have nothing to compare with, in words."""
     diagnoses: tuple[str, ...] = ()
     """Names of what is diagnosed, whose edits may be refused."""
 
@@ -95,6 +95,10 @@ class Family:
     def in_units(self, model: Any, recordings: Sequence[Recording]) -> Sequence[Recording]:
         """Recordings with a model's names and units, not yet made ready to be replayed: for those who look at them."""
         return recordings
+
+    def reads(self, recording: Recording) -> Collection[str]:
+        """Measured channels that make a recording ready without being compared."""
+        return ()
 
     def suited(
         self,

@@ -183,10 +183,9 @@ class Preparation:
     def unused(self) -> tuple[str, ...]:
         """A note on measured channels that the model has nothing to compare with, such as the pose of a free base."""
         measured = {name for r in self.recordings for name in r.channels if not is_command(name)}
-        left = measured.difference(self.family.reads, *(self.simulator.observable(r) for r in self.recordings))
-        return (
-            (f"not used, since it is no joint and no sensor of the model: {', '.join(sorted(left))}",) if left else ()
-        )
+        used = (name for r in self.recordings for name in (*self.simulator.observable(r), *self.family.reads(r)))
+        left = ", ".join(sorted(measured.difference(used)))
+        return (f"not used, since it is {self.family.compares}: {left}",) if left else ()
 
 
 def prepare(

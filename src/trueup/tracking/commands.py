@@ -16,6 +16,10 @@ COMMAND = ("throttle", "steering")
 
 MOST = 2.0
 """Commands beyond are no shares of the full command."""
+TOGETHER = (
+    "put the files of one drive into one folder, drives/d1/cmd.csv and drives/d1/pose.csv, and give the folder drives"
+)
+"""How files that hold a part of one drive each become one recording."""
 _SWITCHES = ("safety", "enable", "enabled", "deadman", "armed")
 _DRIVES, _STEERS = ("throttle", "speed"), ("steering", "turn")
 _STANDS = 0.05  # share of the greatest commanded speed: below, a turn rate says no wheel angle
@@ -32,11 +36,12 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
     steer = next((found[label] for label in _STEERS if label in found), None)
     if drive is None or steer is None or (drive is not found.get("speed") and steer is found.get("turn")):
         listed = ", ".join(found) or "none"
+        apart = "" if found else f" (for commands in a file of their own: {TOGETHER})"
         raise RecordingError(
             f"recording '{recording.name}': a car's command needs the labels throttle (or speed) and steering (or turn, a "
-            f"turn rate beside a speed); found: {listed}. Name their columns in the mapping: [channels.command] columns = "
-            '["...", "..."], labels = ["speed", "steering"], units = ["m/s", "rad"]. Speeds of a left and a right wheel are '
-            "none: log their mean as speed and their difference over the track as turn"
+            f"turn rate beside a speed); found: {listed}{apart}. Name their columns in the mapping: [channels.command] "
+            'columns = ["...", "..."], labels = ["speed", "steering"], units = ["m/s", "rad"]. Speeds of a left and a right wheel '
+            "are none: log their mean as speed and their difference over the track as turn"
         )
     parts = [drive, steer, *([found["brake"]] if "brake" in found else [])]
     same = all(p.time is drive.time or np.array_equal(p.time, drive.time) for p in parts)

@@ -10,7 +10,8 @@ from trueup.arrays import Array, Mask
 from trueup.instant import usual_step
 from trueup.recording import Channel, Recording
 
-_QUATERNION = ("qx", "qy", "qz", "qw")
+_QUATERNIONS = (("qx", "qy", "qz", "qw"), ("x", "y", "z", "w"))
+"""Labels of a quaternion, the real part last."""
 _WITHIN = 0.3  # rad: as far as a tracker's frame may be turned on the car without being another convention
 _SURE = 0.85  # length of the mean direction
 _WAY = 0.05  # m at least between the poses that show a direction of motion
@@ -25,15 +26,26 @@ def samples_in(span: float, time: Array) -> float:
 
 
 def heading_of(recording: Recording) -> Channel | None:
-    """The channel 'heading', or the yaw of a recorded quaternion (qx, qy, qz, qw, or the last two), in rad; None without."""
-    if recording.has("heading"):
-        return recording.channel("heading")
-    for channel in recording.channels.values():
-        if set(_QUATERNION[2:]) <= set(channel.labels):  # on a floor the first two are often left out
-            x, y, z, w = (channel.column(q) if q in channel.labels else 0.0 for q in _QUATERNION)
-            yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-            return Channel("heading", ("heading",), "rad", channel.time, yaw[:, None])
-    return None
+    """The channel 'heading', or the yaw of a recorded quaternion (qx, qy, qz, qw, or the last two; or x, y, z, w), in rad;
+    None without.
+    """
+    channel = next(iter(told_by(recording)), None)
+    if channel is None or channel.name == "heading":
+        return channel
+    names = next(names for names in _QUATERNIONS if set(names[2:]) <= set(channel.labels))
+    x, y, z, w = (channel.column(q) if q in channel.labels else 0.0 for q in names)
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return Channel("heading", ("heading",), "rad", channel.time, yaw[:, None])
+
+
+def told_by(recording: Recording) -> list[Channel]:
+    """The channels that tell the heading, as they were recorded, the first choice first."""
+    angles = [recording.channel("heading")] if recording.has("heading") else []
+    turns = [
+        channel for names in _QUATERNIONS for channel in recording.channels.values()
+        if set(names[2:]) <= set(channel.labels)  # on a floor the first two are often left out
+    ]  # fmt: skip
+    return [*angles, *turns]
 
 
 def course(position: Channel, good: Mask) -> Channel:

@@ -8,6 +8,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.errors import RecordingError
 from trueup.recording import Channel, Recording
+from trueup.tracking.commands import TOGETHER
 from trueup.tracking.heading import heading_of
 
 _EQUATOR, _FLATTENING = 6378137.0, 1.0 / 298.257223563
@@ -68,7 +69,8 @@ def _added_up(recording: Recording) -> tuple[Channel, Channel, list[str]]:
         raise RecordingError(
             f"recording '{recording.name}' has no channel 'position'; a car is calibrated on a tracked pose: name the "
             f"columns of x and y as 'position' and the yaw as 'heading' in the mapping, or at least 'speed' (m/s) and "
-            f"'yaw_rate' (rad/s), which add up to one (it has: {', '.join(recording.channels)})"
+            f"'yaw_rate' (rad/s), which add up to one (it has: {', '.join(recording.channels)}). For a pose in a file of its "
+            f"own: {TOGETHER}"
         )
     turning = recording.channel("yaw_rate") if heading is None else heading
     time = turning.time

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from trueup.errors import ParameterError, RecordingError
 from trueup.evidence import evidence
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
+from trueup.tracking.heading import told_by
 from trueup.tracking.past import begun_at
 from trueup.trial import Trial
 
@@ -37,11 +38,15 @@ class Vehicles(Family):
 
     suffix = ".toml"
     describes = "another car's TOML file"
-    reads = ("speed", "yaw_rate", "orientation")
+    compares = "none of position (x, y), heading or a quaternion (qx, qy, qz, qw), speed and yaw_rate"
 
     def load(self, path: Path) -> tuple[Path, Vehicle]:
         """The file and the car in it. Raises ModelError."""
         return path, read_vehicle(path)
+
+    def reads(self, recording: Recording) -> Collection[str]:
+        """See Family: what the heading is taken from has that name where it was recorded."""
+        return {"speed", "yaw_rate", *(channel.name for channel in told_by(recording))}
 
     def simulator(
         self,

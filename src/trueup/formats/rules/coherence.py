@@ -30,12 +30,20 @@ class Proposal:
 
 def own(column: Column) -> Proposal:
     """A column under its own name; those that differ by an axis or an index go together."""
-    plain = column.parts.words
+    plain = own_words(column)
     tail = [word for word in plain if word in AXES or word.isdigit()]
     head = [word for word in plain if word not in tail]
     whole = "_".join(plain) or column.name
-    reading = joints.read(column.parts)
-    return Proposal(column, "", "_".join(tail) if head and tail else whole, reading.unit or column.declared)
+    unit = (
+        joints.read(column.parts).unit or column.declared or (column.parts.tail if plain != column.parts.words else "")
+    )
+    return Proposal(column, "", "_".join(tail) if head and tail else whole, unit)
+
+
+def own_words(column: Column) -> list[str]:
+    """The words of a column's name; of an axis with a unit (X_mm) the axis alone."""
+    bare = column.parts.bare
+    return bare if bare and AXES.issuperset(bare) else column.parts.words
 
 
 def without_sensors(proposals: Sequence[Proposal]) -> list[Proposal]:

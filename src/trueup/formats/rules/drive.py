@@ -17,7 +17,7 @@ from trueup.formats.rules.rule import Column
 from trueup.formats.rules.sizes import rate_factor, speed_of
 from trueup.formats.rules.vehicles import Signal
 from trueup.inspection.relations import nearest
-from trueup.units import hardly_radians, to_si
+from trueup.units import canonical, hardly_radians, to_si
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _POSE_TOGETHER = listed("odom odometry vicon mocap optitrack pf gps gnss slam amcl pose")
@@ -47,12 +47,13 @@ def drive(columns: Sequence[Column], time: TimeColumn) -> list[Part]:
     """The channels of a vehicle (command, position, heading, speed, yaw_rate) in a log; none where it is of something else.
 
     A vehicle is what is commanded by throttle, or speed, and steering, or, where nothing else has a position, by speed and
-    turn rate. Units that nobody says are those of which numbers speak, else SI.
+    turn rate; or nothing but where something is on the plane and heads, as a tracker alone logs it. Units that nobody says
+    are those of which numbers speak, else SI.
     """
     signals = [signal for column in columns if (signal := vehicles.read(column)) is not None]
     command = _command(signals, columns)
     if not command:
-        return []
+        return _pose_alone(signals, columns, time)
     if len({_source_file(s) for s in command.values()}) == 1:
         parts = [_part("command", command, time, ())]
     else:  # topics of their own: each keeps its time
@@ -65,6 +66,18 @@ def drive(columns: Sequence[Column], time: TimeColumn) -> list[Part]:
         best = _best([s for s in rest if s.kind == name and not s.commanded and s not in place.values()])
         parts += [_part(name, {name: best}, time, parts)] if best else []
     return parts
+
+
+def _pose_alone(signals: list[Signal], columns: Sequence[Column], time: TimeColumn) -> list[Part]:
+    """Position and heading where a log holds nothing else: no joint, no command, and no height of a base."""
+    place = _place(signals)
+    turn = _direction(signals, next(iter(place.values())).source, time) if place else []
+    used = {s.column for s in place.values()} | {column for part in turn for column in part.columns}
+    left = [column for column in columns if column not in used]
+    said = [joints.read(column.parts) for column in left]
+    if not turn or any(r.command or (r.joint and r.kind) for r in said) or any("z" in c.parts.bare for c in left):
+        return []
+    return [_part("position", place, time, ()), *turn]
 
 
 def _command(signals: list[Signal], columns: Sequence[Column]) -> dict[str, Signal]:
@@ -159,13 +172,26 @@ def _part(channel: str, signals: Mapping[str, Signal], time: TimeColumn, parts: 
     if channel == "yaw_rate" and not _says(signals[own]) and _turns_in_degrees(columns[0], parts, time):
         scale, more = (math.radians(1.0),), "; by the heading its numbers are degrees per second"
     note = f"{channel}: {' and '.join(c.name for c in columns)} taken as {', '.join(signals)}"
-    note += f" in {usual}{more}" if usual else more
+    note += f" in {_told(signals, [usual] * len(signals))}{more}" if usual else more
     units = _commanded_in(signals, degrees) if channel.startswith("command") else ()
-    note += f" in {' and '.join(u or 'shares' for u in units)}" if any(units) else ""
+    note += f" in {_told(signals, [u or 'shares' for u in units])}" if any(units) else ""
     plain = channel == "command" and not degrees and [c.name for c in columns] == list(signals)
     notes = () if plain and not any(units) else (note,)
     each = units if any(units) else ()
     return Part(channel, columns, tuple(signals), usual, scale if len(set(scale)) > 1 else scale[:1], notes, each)
+
+
+def _told(signals: Mapping[str, Signal], kept: Sequence[str]) -> str:
+    """Units for a note: those that the file says, and those in which its numbers are kept, where these are others."""
+    said = [_said(signal, unit) for signal, unit in zip(signals.values(), kept, strict=True)]
+    first, then = (units[0] if len(set(units)) == 1 else " and ".join(units) for units in (said, kept))
+    return first if first == then else f"{first}, kept in {then}"
+
+
+def _said(signal: Signal, kept: str) -> str:
+    """The unit that a log says for a signal, else that in which it is kept."""
+    said = signal.column.declared or canonical(signal.column.parts.tail) or ""
+    return said if said and kept != "shares" and to_si(said)[0] == to_si(kept)[0] else kept
 
 
 def _commanded_in(signals: Mapping[str, Signal], degrees: Sequence[str]) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from trueup.errors import MappingError
 from trueup.formats.mapping import ChannelColumns, ChannelMap
 from trueup.formats.rules import bases, joints
 from trueup.formats.rules.clocks import Clocks, find_clocks
-from trueup.formats.rules.coherence import Proposal, own, with_common_labels, with_twins, without_sensors
+from trueup.formats.rules.coherence import Proposal, own, own_words, with_common_labels, with_twins, without_sensors
 from trueup.formats.rules.drive import Part, drive
 from trueup.formats.rules.families import Named, joints_in, of_base
 from trueup.formats.rules.names import AXES, stem, taken_apart, with_actual, words
@@ -114,7 +114,7 @@ def _proposal(column: Column, named: Named | None, several: bool) -> Proposal:
 
 def _own_name(column: Column) -> str:
     """The channel of a column under its own name."""
-    plain = column.parts.words
+    plain = own_words(column)
     head = [word for word in plain if word not in AXES and not word.isdigit()]
     prefix = "_".join(words(stem(column.file))) + "_" if column.file else ""
     return prefix + ("_".join(head or plain) or column.name)
