@@ -424,3 +424,43 @@ def test_the_operator_is_told_what_is_left_and_how_a_log_was_understood(bench: B
     assert "still to run: trial-003, trial-004" in said
     assert said.count("it was read so: ") == 1
     assert "taken as rad" in said
+
+
+def test_several_missing_channels_are_one_sentence(bench: Bench) -> None:
+    bench.robot.hand_out([car_log()[0]])
+    bench.drop("trial-001.csv", "time,temp\n" + "".join(f"{t},20\n" for t in range(9)))
+    said = bench.look()
+    assert "there is no channel 'position', 'heading' or 'command' in it; it holds temperature: " in said
+    assert said.count("it holds") == 1
+
+
+def test_a_file_that_stays_empty_is_said_to_be_and_is_taken_once_it_is_full(bench: Bench) -> None:
+    bench.robot.hand_out([trial()])
+    bench.drop("trial-001.csv", "")
+    assert "trial-001.csv not taken: it is empty" in bench.look()
+    assert "trial-001.csv: it is empty" in (bench.inbox / "problems.txt").read_text()
+    assert bench.look().count("it is empty") == 1  # said once
+    bench.drop("trial-001.csv", log_text())
+    assert len(bench.robot.perform(trial())) == 1
+
+
+def test_a_mapping_for_all_logs_does_not_stand_in_the_way_of_the_names_of_the_header(bench: Bench) -> None:
+    runs = [trial(), trial("trial-002")]
+    bench.robot.hand_out(runs)
+    head = ("t", "c1", "c2", "c3", "p1", "p2", "p3")
+    mapping = (
+        '[time]\ncolumn = "t"\n[channels.position]\ncolumns = ["p1", "p2", "p3"]\n'
+        'labels = ["hip", "knee", "ankle"]\nunit = "rad"\n'
+    )
+    bench.drop("mapping.toml", mapping)
+    bench.drop("trial-001.csv", log_text(head=head, seed=1))
+    assert len(bench.robot.perform(runs[0])) == 1
+    rows = [line.split(",") for line in log_text(seed=2).splitlines()[1:]]
+    named = "time,position/hip,position/knee,position/ankle\n" + "".join(f"{','.join((r[0], *r[4:]))}\n" for r in rows)
+    bench.drop("trial-002/mapping.toml", mapping)  # of this very log: it is to fit
+    bench.drop("trial-002/run.csv", named)
+    assert "trial-002 not taken: " in bench.look()
+    shutil.rmtree(bench.inbox / "trial-002")
+    bench.drop("trial-002.csv", named)
+    assert bench.robot.perform(runs[1])[0].channel("position").labels == JOINTS
+    assert len(bench.again().perform(runs[1])) == 1

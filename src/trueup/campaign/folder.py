@@ -53,8 +53,8 @@ class Folder:
             if state == "unfinished":
                 return cls(at, used, check, f"going on with the campaign in {at}")
             if state == "free" and done is not None:
-                said = f"the campaign of this plan in {done} has ended, so nothing is run; for one more: --seed N, or --out DIR"
-                return cls(done, used, check, said)
+                why = f"the campaign of this plan in {done} has ended, so nothing is run; one more: --seed N, or --out DIR"
+                return cls(done, used, check, why)
             if state == "free":
                 note = _elsewhere(asked, at, used) if number > 1 else ""
                 made = cls(at, used, check, note)

@@ -9,8 +9,8 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.formats.rules.drive import FULL_LOCK
-from trueup.instant import usual_step
-from trueup.recording import Channel, Recording, is_command
+from trueup.recording import Channel, Recording
+from trueup.robots.by_hand.begin import side_by_side
 from trueup.rounding import ROUNDED
 from trueup.trial import Trial
 from trueup.units import to_si
@@ -40,13 +40,11 @@ def mismatches(trial: Trial, recording: Recording) -> list[str]:
 
 def _channels(trial: Trial, recording: Recording) -> list[str]:
     found = []
-    for name, o in trial.observed.items():
-        if not recording.has(name):
-            has = ", ".join(f"{c.name} ({', '.join(c.labels)})" for c in recording.channels.values())
-            found.append(
-                f"there is no channel '{name}' in it; it holds {has}: a wrong file, or mapping.toml must say where"
-            )
-            continue
+    if lost := [f"'{name}'" for name in trial.observed if not recording.has(name)]:
+        names = " or ".join(filter(None, (", ".join(lost[:-1]), lost[-1])))
+        has = ", ".join(_words(c) for c in recording.channels.values())
+        found.append(f"there is no channel {names} in it; it holds {has}: a wrong file, or mapping.toml must say where")
+    for name, o in ((n, o) for n, o in trial.observed.items() if recording.has(n)):
         channel = recording.channel(name)
         missing = [label for label in o.labels if label not in channel.labels]
         if missing:
@@ -57,6 +55,11 @@ def _channels(trial: Trial, recording: Recording) -> list[str]:
         elif o.unit and channel.unit and o.unit != channel.unit:
             found.append(f"channel '{name}' is in {channel.unit}, asked for in {o.unit}: say the unit in mapping.toml")
     return found
+
+
+def _words(channel: Channel) -> str:
+    """A channel with its labels, where these say more than its name."""
+    return channel.name if channel.labels == (channel.name,) else f"{channel.name} ({', '.join(channel.labels)})"
 
 
 def _lasts(trial: Trial, recording: Recording) -> list[str]:
@@ -105,7 +108,7 @@ def _commands(trial: Trial, recording: Recording) -> list[str]:
 
 
 def _as_asked(asked: Channel, done: Channel) -> list[str]:
-    request, sent = _side_by_side(asked, done)
+    request, sent = side_by_side(asked, done)
     spread = np.maximum(request.std(axis=0), 1e-3 * max(ROUNDED, float(request.std())))
     off = np.sqrt(np.mean((sent - request) ** 2, axis=0)) / spread
     wrong = [k for k in range(len(off)) if off[k] > _SAME_COMMAND]
@@ -133,7 +136,7 @@ def _swapped(asked: Channel, recording: Recording) -> list[str]:
     labels = [label for label in asked.labels if label in position.labels]
     if len(labels) < 2:
         return []
-    request, moved = _side_by_side(asked.select(labels), position.select(labels))
+    request, moved = side_by_side(asked.select(labels), position.select(labels))
     moving = request.std(axis=0) > 1e-3
     for k, label in enumerate(labels):
         if not moving[k] or moved[:, k].std() < 1e-3:
@@ -146,37 +149,6 @@ def _swapped(asked: Channel, recording: Recording) -> list[str]:
                 "give the columns their right labels in mapping.toml"
             ]
     return []
-
-
-def begins(asked: Channel, done: Channel) -> float:
-    """How long a recorded channel lasts before what was asked begins in it, in s: a log may be started early."""
-    request, grid = _request(asked)
-    picked = done.select(list(asked.labels))
-    spare = max(0.0, float(done.time[-1] - done.time[0]) - float(grid[-1]))
-    best, least = 0.0, np.inf
-    for offset in np.linspace(0.0, spare, 1 + min(400, round(spare / 0.02))):
-        sent = picked.at(done.time[0] + offset + grid, hold=True)
-        size = float(
-            np.nanmean((np.sort(sent, axis=1) - np.sort(request, axis=1)) ** 2)
-        )  # blind to the order of joints
-        if size < least:
-            best, least = float(offset), size
-    return best
-
-
-def _side_by_side(asked: Channel, done: Channel) -> tuple[Array, Array]:
-    """(T, k) what was asked and what was recorded, on the request's instants from its start, wherever that lies."""
-    request, grid = _request(asked)
-    sent = done.select(list(asked.labels)).at(done.time[0] + begins(asked, done) + grid, hold=is_command(done.name))
-    return request, np.nan_to_num(sent)
-
-
-def _request(asked: Channel) -> tuple[Array, Array]:
-    """(T, k) the command held at up to a few thousand instants, and these (T,), from its start."""
-    time = asked.time - asked.time[0]
-    step = max(0.01, usual_step(time) if len(time) > 1 else 0.01, float(time[-1]) / 4000)
-    grid = np.arange(0.0, time[-1], step)
-    return asked.at(asked.time[0] + grid, hold=True), grid
 
 
 def _follows(trial: Trial, recording: Recording) -> list[str]:

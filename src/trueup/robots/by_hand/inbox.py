@@ -52,6 +52,11 @@ class Item:
         return ""
 
     @property
+    def empty(self) -> bool:
+        """Whether nothing stands in it, in none of its files: once something does, it is looked at anew."""
+        return not any(size for _, size, _ in self.state)
+
+    @property
     def note(self) -> str:
         """What the operator wrote beside it."""
         said = self._result().get("note", "")
@@ -108,7 +113,7 @@ class Inbox:
                 changed = max((t for _, _, t in state), default=0) * 1e-9
                 known = (state, now if abs(time.time() - changed) < self._rest + 60.0 else now - self._rest)
                 self._seen[path.name] = known
-            if now - known[1] >= self._rest and (any(size for _, size, _ in state) or _ANSWER.search(path.name)):
+            if now - known[1] >= self._rest:
                 found.append(Item(path, state))
         self._seen = {name: s for name, s in self._seen.items() if name in there}
         return found

@@ -14,14 +14,13 @@ import numpy as np
 from trueup.errors import RobotFellError, TrialAbortedError, TrueupError
 from trueup.formats import read
 from trueup.formats.aside import write_aside
-from trueup.recording import Recording, with_warnings
+from trueup.recording import Recording
 from trueup.robots.by_hand.accepted import Accepted, Run
-from trueup.robots.by_hand.check import begins, mismatches, one_of
+from trueup.robots.by_hand.begin import completed
+from trueup.robots.by_hand.check import mismatches, one_of
 from trueup.robots.by_hand.inbox import PROBLEMS, Inbox, Item
 from trueup.robots.by_hand.sheet import canonical_map, write_sheet
 from trueup.trial import Trial
-
-_EARLY = 0.1  # s before the run that a log may hold; more is cut off
 
 
 def _silent(line: str) -> None:
@@ -177,11 +176,13 @@ class ByHand:
         return found
 
     def _judge(self, item: Item, mapping: Path | None) -> tuple[Trial, Recording, bool] | str:
+        if item.empty:
+            return "it is empty: still being written, or nothing was logged? It is looked at again when it has grown"
         waiting = self._waiting()
         if not waiting:
             return "no trial is waited for"
         likely = self._meant(item) if item.trial else waiting[0]
-        recordings, named = self._read(item.log(), mapping, likely)
+        recordings, named = self._read(item, mapping, likely)
         if len(recordings) != 1:
             return f"it holds {len(recordings)} recordings ({', '.join(r.name for r in recordings)}); drop one run at a time"
         recording = recordings[0]
@@ -230,14 +231,26 @@ class ByHand:
                 f"  as no mapping says, it was read so: {lines}. A wrong guess? Stop, and name a mapping in the plan"
             )
 
-    def _read(self, log: Path | list[Path], mapping: Path | None, trial: Trial) -> tuple[list[Recording], bool]:
-        """The recordings in a log; by the names of log-header.csv where it has these and no mapping says otherwise."""
+    def _read(self, item: Item, mapping: Path | None, trial: Trial) -> tuple[list[Recording], bool]:
+        """The recordings in a log, and whether by the names of log-header.csv: where it has these and no mapping fits.
+
+        A mapping for all logs need not fit each of them; one that was dropped with a log does, or the log is refused.
+        """
+        log, own = item.log(), mapping is not None and mapping.parent == item.path
+        why: TrueupError | None = None
         if mapping is not None:
-            return read(log, mapping), False
-        try:
-            return read(log, canonical_map(trial)), True
-        except TrueupError:
-            return read(log), False
+            try:
+                return read(log, mapping), False
+            except TrueupError as error:
+                why = error
+        if not own:
+            try:
+                return read(log, canonical_map(trial)), True
+            except TrueupError:
+                pass
+        if why is not None:
+            raise why
+        return read(log), False
 
     def _read_again(self, trial: Trial, run: Run) -> Recording:
         """An accepted log as a recording of the trial."""
@@ -246,7 +259,7 @@ class ByHand:
         mapping = self._accepted.mapping(trial.name, run)
         (recording,) = read(log, canonical_map(trial) if run.mapping == "named" else mapping)
         told = {"note": run.note} if run.note else {}
-        return _completed(trial, recording.replace(provenance={**recording.provenance, "log": run.path, **told}))
+        return completed(trial, recording.replace(provenance={**recording.provenance, "log": run.path, **told}))
 
     def _tell(self, problems: dict[str, str], there: set[str]) -> None:
         """Says what is new, and keeps the list for whoever looks into the folder."""
@@ -268,24 +281,6 @@ def _listed(names: Sequence[str]) -> str:
     if len(names) > 2 and list(names) == series:
         return f"{names[0]} ... {names[-1].rpartition('-')[2]}"
     return ", ".join(names)
-
-
-def _completed(trial: Trial, recording: Recording) -> Recording:
-    """The recording from where the run begins in it, with the command that was requested; that this is so is kept with it."""
-    asked = trial.command
-    if asked is None:
-        return recording
-    logged = next((recording.channel(n) for n in ("command", "command_sent") if recording.has(n)), None)
-    if logged is not None:
-        early = begins(asked, logged)
-        start = float(logged.time[0]) + early
-        return recording.slice(start, start + trial.duration + 1.0) if early > _EARLY else recording
-    sent = asked.replace(name="command", time=asked.time - trial.start + recording.start)
-    told = with_warnings(recording.provenance, (
-        "the log holds no command: what was requested is taken as sent from the log's first sample on, so a delay cannot be "
-        "told from a log that was started late",
-    ))  # fmt: skip
-    return Recording(recording.name, {"command": sent, **recording.channels}, told)
 
 
 def _checksum(recording: Recording) -> str:
