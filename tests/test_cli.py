@@ -7,6 +7,7 @@ import errno
 import json
 import os
 import re
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -408,6 +409,19 @@ def test_what_the_engine_warns_of_is_one_note(call: Call) -> None:
     assert said.count("'settotalmass' is deprecated") == 1
     assert "UserWarning" not in said
     assert "settotalmass" not in call("replay", "arm.xml", "slow.csv", "-q")[1]
+
+
+def test_what_numpy_says_of_its_arithmetic_is_no_note(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(*_given: object) -> int:
+        warnings.warn("Mean of empty slice", RuntimeWarning, stacklevel=1)
+        warnings.warn("an old attribute", UserWarning, stacklevel=1)
+        return 0
+
+    monkeypatch.setattr("trueup.commands.doctor.run", run)
+    code, said = call("doctor")
+    assert code == 0
+    assert "an old attribute" in said
+    assert "empty slice" not in said
 
 
 def test_the_end_of_each_recording_may_be_held_out(call: Call) -> None:

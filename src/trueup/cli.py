@@ -91,12 +91,17 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _notes_on(told: Console, *, quiet: bool) -> Callable[..., None]:
-    """What libraries warn of, as MuJoCo does of a file's old attributes: one note each, not lines of their code."""
+    """What libraries warn of, as MuJoCo does of a file's old attributes: one note each, not lines of their code.
+
+    What numpy says of its own arithmetic tells a user nothing; --debug shows it.
+    """
     from trueup.commands.console import notes
 
     said: set[str] = set()
 
     def note(message: Warning | str, *_where: object) -> None:
+        if isinstance(message, RuntimeWarning):
+            return
         notes(told, {str(message)} - said, quiet=quiet)
         said.add(str(message))
 

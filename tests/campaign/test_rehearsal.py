@@ -129,6 +129,23 @@ def test_a_robot_that_fails_is_named_and_its_trial_is_not_lost(write_plan: Write
     assert "trial-003" in done
 
 
+def test_what_a_robot_did_not_measure_is_said(write_plan: Write, tmp_path: Path) -> None:
+    def blind(robot: Any) -> Callable:
+        def perform(trial: Trial) -> list[Recording]:
+            (done,) = robot.perform(trial)
+            position = done.channel("position")
+            unseen = (position.time >= 1.0) & (position.time < 2.0) & (trial.name == "trial-002")
+            return [done.with_channel(position.replace(values=np.where(unseen[:, None], np.nan, position.values)))]
+
+        return perform
+
+    heard = Doubtful()
+    plan = write_plan(('"toy:regression"', '"none"'), ("rounds = 2", "rounds = 1"))
+    go(plan, tmp_path / "out", lambda p: replace(p, robot=Wrapped(p.robot, perform=blind(p.robot))), heard)
+    (said,) = [words for words in heard.doubts if "no values" in words]
+    assert said.startswith("trial-002: in its recording 'position' has no values from ")
+
+
 def test_settings_that_fall_are_not_the_best_however_good_they_were_once(write_plan: Write, tmp_path: Path) -> None:
     plan, out = write_plan(("rounds = 2", "rounds = 1")), tmp_path / "out"
     best: list[dict[str, float]] = []

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from trueup.discrepancies.rigid import RigidlyAligned
 from trueup.discrepancies.weighted import Weighted
@@ -23,8 +24,9 @@ def drive(
     return xy, heading[:, None]
 
 
-def residuals(*simulated: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+def residuals(*simulated: tuple[np.ndarray, np.ndarray], seen: bool = True) -> np.ndarray:
     xy, heading = drive()
+    xy = xy if seen else np.full_like(xy, np.nan)
     real = Recording("real", {
         "position": Channel("position", ("x", "y"), "m", TIME, xy),
         "heading": Channel("heading", ("heading",), "rad", TIME, heading),
@@ -36,6 +38,13 @@ def residuals(*simulated: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
 def test_a_start_that_is_turned_and_shifted_leaves_no_residual() -> None:
     found = residuals(drive(0.05, (0.3, -0.2)), drive(-0.1, (5.0, 1.0)), drive())
     assert np.abs(found).max() < 1e-4
+
+
+@pytest.mark.filterwarnings("error")
+def test_where_no_position_was_seen_headings_alone_say_how_it_was_turned() -> None:
+    found = residuals(drive(0.05), drive(0.05, bend=0.33), seen=False)
+    assert np.nanmax(np.abs(found[0])) < 1e-4
+    assert np.nanmax(np.abs(found[1])) > 1.0
 
 
 def test_another_shape_shows_in_every_row_alone() -> None:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trueup.ends import Left
 from trueup.errors import RobotFellError, TrialAbortedError
 from trueup.parameters import Parameter
 from trueup.recording import Channel
@@ -424,6 +425,37 @@ def test_the_operator_is_told_what_is_left_and_how_a_log_was_understood(bench: B
     assert "still to run: trial-003, trial-004" in said
     assert said.count("it was read so: ") == 1
     assert "taken as rad" in said
+
+
+@pytest.mark.parametrize("seconds", [0.4, 3.0])
+def test_a_log_without_values_for_longer_than_can_be_bridged_is_not_taken(bench: Bench, seconds: float) -> None:
+    wanted, right = car_log()
+    lines = right.splitlines()
+    for k in range(100, 100 + round(seconds * RATE)):
+        time, _, _, _, *commands = lines[k + 1].split(",")
+        lines[k + 1] = ",".join((time, "nan", "nan", "nan", *commands))
+    bench.robot.hand_out([wanted])
+    bench.drop("trial-001.csv", "\n".join(lines) + "\n")
+    said = bench.look()
+    assert bench.outcome() == (seconds < 0.5)
+    if not bench.outcome():
+        assert "'position' and 'heading' have no values from 1.98 to 5 s" in said
+        assert "at most 0.5 s can be bridged" in said
+        assert "trial-001-aborted.txt" in said
+
+
+def test_what_is_not_seen_after_a_fall_or_seen_seldom_is_not_missing(bench: Bench) -> None:
+    wanted, right = car_log()
+    lines = right.splitlines()
+    seldom = replace(wanted, observed={"position": wanted.observed["position"]})
+    bench.robot.hand_out([seldom])
+    bench.drop("trial-001.csv", "\n".join([lines[0], *lines[1::50]]) + "\n")  # one sample a second
+    assert len(bench.robot.perform(seldom)) == 1
+    after = [",".join((line.split(",")[0], "nan", "nan", "nan", *line.split(",")[4:])) for line in lines[301:]]
+    arriving = replace(wanted, name="trial-002", ends=(Left("position", {"x": (-1.0, 5.5)}),))
+    bench.robot.hand_out([arriving])
+    bench.drop("trial-002.csv", "\n".join([*lines[:301], *after]) + "\n")
+    assert len(bench.robot.perform(arriving)) == 1
 
 
 def test_several_missing_channels_are_one_sentence(bench: Bench) -> None:

@@ -17,6 +17,7 @@ from trueup.campaign.parts import Listener, Parts
 from trueup.campaign.rehearsal import blamed
 from trueup.campaign.store import Kept, Store
 from trueup.errors import JournalError, RobotFellError, TrialAbortedError, TrialError
+from trueup.inspection.unmeasured import unmeasured
 from trueup.loop.safety import require_safe
 from trueup.loop.transfer import prepared
 from trueup.recording import Recording
@@ -136,6 +137,8 @@ class Hardware:
             )
         if outcome == "done":
             _check_observed(trial, recordings)
+            for words in dict.fromkeys(w for r in recordings for w in unmeasured(trial, r)):
+                self._listener.doubt(f"{trial.name}: in its recording {words}; its score may not be the robot's")
         return self._store.keep(trial, planned.of, outcome, recordings, note)
 
     def _scored(

@@ -60,7 +60,7 @@ class Listener(Protocol):
         ...
 
     def doubt(self, words: str) -> None:
-        """What looks wrong before anything has moved; '' where nothing does."""
+        """What looks wrong before anything moves, or in what the robot recorded; '' where nothing does."""
         ...
 
     def fitting(self, point: TracePoint) -> None:

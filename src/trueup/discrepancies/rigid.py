@@ -58,8 +58,10 @@ class RigidlyAligned:
         good = np.isfinite(measured["position"]).all(axis=1)
         weight = 1.0 / float(np.mean(self.scale("position", ("x", "y")))) ** 2
         points = moved["position"]
-        centre = points[:, good].mean(axis=1, keepdims=True)
-        shift = (measured["position"][good][None] - points[:, good]).mean(axis=1, keepdims=True)
+        centre, shift = points[:, :1], np.zeros((1, 1, 2))
+        if good.any():  # else nobody saw where it was, and nothing says how far to shift it
+            centre = points[:, good].mean(axis=1, keepdims=True)
+            shift = (measured["position"][good][None] - points[:, good]).mean(axis=1, keepdims=True)
         arms = points[:, good] - centre
         gap = measured["position"][good][None] - points[:, good] - shift
         above = weight * np.sum(arms[:, :, 0] * gap[:, :, 1] - arms[:, :, 1] * gap[:, :, 0], axis=1)

@@ -9,8 +9,9 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.formats.rules.drive import FULL_LOCK
+from trueup.inspection.unmeasured import unmeasured
 from trueup.recording import Channel, Recording
-from trueup.robots.by_hand.begin import side_by_side
+from trueup.robots.by_hand.begin import completed, side_by_side
 from trueup.rounding import ROUNDED
 from trueup.trial import Trial
 from trueup.units import to_si
@@ -32,7 +33,7 @@ def mismatches(trial: Trial, recording: Recording) -> list[str]:
     found = _channels(trial, recording)
     if found:
         return found
-    found = _lasts(trial, recording)
+    found = _lasts(trial, recording) or _missing(trial, recording)
     if found:
         return found
     return _commands(trial, recording) + _follows(trial, recording) + _steers(trial, recording)
@@ -86,6 +87,14 @@ def _lasts(trial: Trial, recording: Recording) -> list[str]:
             f"it lasts {lasts:.4g} s, {ratio:.2g} times what was asked for: does it hold two runs? cut out the right one"
         ]
     return []
+
+
+def _missing(trial: Trial, recording: Recording) -> list[str]:
+    """What is observed was measured all along, from where the run begins."""
+    return [
+        f"{words}, so nobody can say what the robot did there: run it again, or put {trial.name}-aborted.txt beside it"
+        for words in unmeasured(trial, completed(trial, recording))
+    ]
 
 
 def _commands(trial: Trial, recording: Recording) -> list[str]:
