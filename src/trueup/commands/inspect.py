@@ -57,7 +57,9 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     said += other
     if args.model is not None:
         said += _unknown(recordings, args.model) if mapping is not None else []
-    found = [inspect(r) for r in (_in_units_of(args.model, recordings) if args.model is not None else recordings)]
+    shown, doubts = _seen_by(args.model, recordings) if args.model is not None else (recordings, ())
+    said += doubts
+    found = [inspect(r) for r in shown]
     written = None
     if mapping is None and any("reader" in r.provenance for r in recordings):
         guess = _with_rate(guess_mapping(paths, joints), args.rate)
@@ -140,12 +142,14 @@ def _drives_of(model: str) -> Mapping[str, str]:
     return family.drives(family.load(Path(model)))
 
 
-def _in_units_of(model: str, recordings: Sequence[Recording]) -> Sequence[Recording]:
-    """Recordings with a model's names and units: metres where a joint slides."""
+def _seen_by(model: str, recordings: Sequence[Recording]) -> tuple[Sequence[Recording], tuple[str, ...]]:
+    """Recordings with a model's names and units, metres where a joint slides, and what they show to be wrong in it."""
     from trueup.engines.family import family_of
 
     family = family_of(model)
-    return family.in_units(family.load(Path(model)), recordings)
+    loaded = family.load(Path(model))
+    named = family.in_units(loaded, recordings)
+    return named, family.doubts(loaded, named)
 
 
 def _unknown(recordings: Sequence[Recording], model: str) -> list[str]:

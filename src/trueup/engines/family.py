@@ -96,6 +96,10 @@ class Family:
         """Recordings with a model's names and units, not yet made ready to be replayed: for those who look at them."""
         return recordings
 
+    def doubts(self, model: Any, recordings: Sequence[Recording]) -> tuple[str, ...]:
+        """What recordings with the model's names and units show to be hardly right in the model, which nothing mends."""
+        return ()
+
     def reads(self, recording: Recording) -> Collection[str]:
         """Measured channels that make a recording ready without being compared."""
         return ()

@@ -14,7 +14,8 @@ from trueup.recording import Channel, Recording
 from trueup.trial import COMMANDS
 from trueup.units import hardly_radians, to_si
 
-_BEYOND = 0.2  # rad that a joint may be found beyond its range: zeros and ranges of models are not exact
+BEYOND = 0.2
+"""rad that a joint may be found beyond its range: zeros and ranges of models are not exact."""
 _LINEAR = {"rad": "m", "rad/s": "m/s", "N m": "N"}
 _FREE = math.tau  # rad: as far as joints without a range are taken to turn
 
@@ -116,7 +117,7 @@ def _within(joints: Mapping[str, Way], channel: Channel) -> bool:
     for label, (lower, upper) in ranges.items():
         column = channel.column(label) * factor
         column = column[np.isfinite(column)]
-        if len(column) and (column.min() < lower - _BEYOND or column.max() > upper + _BEYOND):
+        if len(column) and (column.min() < lower - BEYOND or column.max() > upper + BEYOND):
             return False
     return bool(ranges)
 

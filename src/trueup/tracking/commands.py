@@ -40,8 +40,8 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
         raise RecordingError(
             f"recording '{recording.name}': a car's command needs the labels throttle (or speed) and steering (or turn, a "
             f"turn rate beside a speed); found: {listed}{apart}. Name their columns in the mapping: [channels.command] "
-            'columns = ["...", "..."], labels = ["speed", "steering"], units = ["m/s", "rad"]. Speeds of a left and a right wheel '
-            "are none: log their mean as speed and their difference over the track as turn"
+            'columns = ["...", "..."], labels = ["speed", "steering"], units = ["m/s", "rad"]. Speeds of a left and a right '
+            "wheel are none: log their mean as speed and their difference over the track as turn"
         )
     parts = [drive, steer, *([found["brake"]] if "brake" in found else [])]
     same = all(p.time is drive.time or np.array_equal(p.time, drive.time) for p in parts)

@@ -19,11 +19,11 @@ from trueup.engines.family import Family, Note, Request, Suited
 from trueup.engines.mujoco.base import check_base, floating, held
 from trueup.engines.mujoco.model import Model, load
 from trueup.engines.mujoco.rollout import MujocoSimulator
-from trueup.engines.mujoco.setup.drives import driven, suited, torques_as_commands, undriven
+from trueup.engines.mujoco.setup.drives import by_the_only_joint, driven, suited, torques_as_commands, undriven
 from trueup.engines.mujoco.setup.floor import reach_of
 from trueup.engines.mujoco.setup.overlaps import passable
 from trueup.engines.mujoco.setup.proposal import moving_joints, propose
-from trueup.engines.mujoco.setup.scales import of_slides, with_units
+from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
 from trueup.engines.mujoco.setup.still import with_still_joints
 from trueup.engines.mujoco.writing.notes import usage_of
 from trueup.engines.mujoco.writing.write import write_model
@@ -31,6 +31,7 @@ from trueup.errors import unknown_name
 from trueup.inspection.diagnosis import Diagnosis
 from trueup.inspection.floor import stopped_by_floor
 from trueup.inspection.joint_names import named_as
+from trueup.inspection.ranges import beyond_ranges
 from trueup.inspection.stops import stopped_at
 from trueup.inspection.strangers import several_robots, without_strangers
 from trueup.inspection.zeros import zeros_off
@@ -64,7 +65,12 @@ class Articulated(Family):
     def in_units(self, model: Model, recordings: Sequence[Recording]) -> Sequence[Recording]:
         """See Family: metres where a joint slides."""
         named, _ = named_as(recordings, model.drives())
+        named, _ = by_the_only_joint(named, model.scalar_joints())
         return of_slides(model, with_units(model, named)[0])[0]
+
+    def doubts(self, model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
+        """See Family: positions beyond what the model allows."""
+        return beyond_ranges(ways(model), recordings, in_degrees=model.is_mjcf)
 
     def suited(
         self,
@@ -81,7 +87,8 @@ class Articulated(Family):
         taken, changed = suited(model, named)
         taken, driving = _edited(taken, "torques", refuse, lambda rs: torques_as_commands(model, rs))
         fitted, judged = taken[: len(training)], taken[len(training) :]
-        return Suited(tuple(fitted), tuple(judged), (*renamed, *strange, *changed, *driving))
+        doubts = self.doubts(model, taken)
+        return Suited(tuple(fitted), tuple(judged), (*renamed, *strange, *changed, *driving, *doubts))
 
     def simulator(
         self, model: Model, training: Sequence[Recording], replayed: Sequence[Recording], request: Request

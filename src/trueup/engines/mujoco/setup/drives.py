@@ -95,7 +95,7 @@ def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recordin
     once: what units they are in is told from all of them.
     Raises ModelError where servos would have to take torques.
     """
-    named, notes = _by_the_only_joint(recordings, model.scalar_joints())
+    named, notes = by_the_only_joint(recordings, model.scalar_joints())
     named, more = with_units(model, [in_angles(r) for r in named])
     named, still_more = of_slides(model, named)
     more += still_more
@@ -137,7 +137,8 @@ def torques_as_commands(model: Model, recordings: Sequence[Recording]) -> tuple[
     return changed, [note] if told else []
 
 
-def _by_the_only_joint(recordings: Sequence[Recording], joints: Sequence[str]) -> tuple[list[Recording], list[str]]:
+def by_the_only_joint(recordings: Sequence[Recording], joints: Sequence[str]) -> tuple[list[Recording], list[str]]:
+    """Recordings of one joint with the name of the model's only one, and a note."""
     logged = {label for r in recordings for c in ("position", *COMMANDS) if r.has(c) for label in r.channel(c).labels}
     if len(joints) != 1 or len(logged) != 1 or logged == set(joints):
         return list(recordings), []

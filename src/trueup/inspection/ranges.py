@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Joints that were measured far beyond where their model lets them go: what is wrong then is more often the model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from trueup.inspection.scales import BEYOND, Way
+from trueup.recording import Recording
+from trueup.units import hardly_radians, to_si
+
+
+def beyond_ranges(joints: Mapping[str, Way], recordings: Sequence[Recording], *, in_degrees: bool) -> tuple[str, ...]:
+    """A sentence for each hinge of `joints` whose measured positions lie beyond its range, with what is likely wrong.
+
+    A simulator stops it there, and a fit would blame friction for that. `in_degrees`: whether files of the model's format
+    have angles in degrees unless they say otherwise, as MJCF does.
+    """
+    said = []
+    for joint, way in joints.items():
+        parts = [r.channel("position").column(joint) for r in recordings if _measured(r, joint)]
+        if way.slides or way.range is None or not parts:
+            continue
+        low, high = (float(f(np.concatenate(parts))) for f in (np.nanmin, np.nanmax))
+        if low >= way.range[0] - BEYOND and high <= way.range[1] + BEYOND:
+            continue
+        what = (
+            f"joint '{joint}' is measured from {low:.3g} to {high:.3g} rad, beyond its range in the model, "
+            + " to ".join(f"{end:.3g}" for end in way.range)
+        )
+        asked = [end / to_si("deg")[1] for end in way.range]  # as the file has it, if that was in degrees
+        meant = max(abs(end) for end in asked)
+        if in_degrees and not hardly_radians(meant) and low >= asked[0] - BEYOND and high <= asked[1] + BEYOND:
+            why = (
+                f"the file seems to say it in rad ({asked[0]:.4g} to {asked[1]:.4g}) where degrees are read; mend it by "
+                '<compiler angle="radian"/>, or write degrees'
+            )
+        else:
+            why = "is it the same joint, with the same zero, sense and unit, or is the range too narrow?"
+        said.append(f"{what} rad, where a simulator stops it: {why}")
+    return tuple(said)
+
+
+def _measured(recording: Recording, joint: str) -> bool:
+    """Whether a recording has positions of a joint in rad."""
+    if not recording.has("position") or joint not in recording.channel("position").labels:
+        return False
+    channel = recording.channel("position")
+    return channel.unit_of(joint) == "rad" and bool(np.isfinite(channel.column(joint)).any())
