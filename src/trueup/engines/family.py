@@ -156,8 +156,8 @@ class Family:
         """
         raise ModelError(f"the calibrated model of '{simulator.name}' has no file")
 
-    def usage(self, simulator: Any, calibration: Calibration, model: Path, period: float) -> tuple[str, ...]:
-        """Lines of code that simulate the written `model` as it was fitted, commands held for `period` s; () for none."""
+    def usage(self, simulator: Any, calibration: Calibration, model: Path) -> tuple[str, ...]:
+        """Lines of code that simulate the written `model` as it was fitted; () for none."""
         return ()
 
     def kinds(self, simulator: Any) -> tuple[tuple[str, str, int], ...]:

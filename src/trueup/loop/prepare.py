@@ -28,7 +28,6 @@ from trueup.loop.recalibrate import Earlier, recalibrate
 from trueup.loop.replay import replays
 from trueup.loop.worth import Choice, worth_calibrating
 from trueup.recording import Recording, is_command
-from trueup.trial import command_of
 
 
 @dataclass(frozen=True)
@@ -134,11 +133,7 @@ class Preparation:
 
     def usage(self, calibration: Calibration, model: str | Path) -> tuple[str, ...]:
         """Lines of code that simulate the file written by `write` as it was fitted; () where it needs none."""
-        commands = [
-            c for r in (*self.recordings, *self.hold_out) if (c := command_of(r)) is not None and len(c.time) > 1
-        ]
-        period = min((float(np.median(np.diff(c.time))) for c in commands), default=inf)
-        return self.family.usage(self.simulator, calibration, Path(model), period)
+        return self.family.usage(self.simulator, calibration, Path(model))
 
     def compare(
         self, against: str | Path | None = None, *, channels: Sequence[str] | None = None, step: float | None = None

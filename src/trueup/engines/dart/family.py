@@ -55,9 +55,7 @@ class DartRobots(Articulated):
         """See Family."""
         return not _engine(simulator).file.guessed
 
-    def usage(
-        self, simulator: Any, calibration: Calibration, model: Path, period: float
-    ) -> tuple[str, ...]:  # fmt: skip
+    def usage(self, simulator: Any, calibration: Calibration, model: Path) -> tuple[str, ...]:
         """See Family: DART steps the written file."""
         return (
             "from trueup.engines import dart",

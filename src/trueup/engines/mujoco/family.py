@@ -140,11 +140,9 @@ class Articulated(Family):
         """See Family."""
         return not simulator.model.guessed
 
-    def usage(
-        self, simulator: MujocoSimulator, calibration: Calibration, model: Path, period: float
-    ) -> tuple[str, ...]:
+    def usage(self, simulator: MujocoSimulator, calibration: Calibration, model: Path) -> tuple[str, ...]:
         """See Family."""
-        return usage_of(simulator, calibration.values, model, period)
+        return usage_of(simulator, calibration.values, model)
 
     def kinds(self, simulator: MujocoSimulator) -> tuple[tuple[str, str, int], ...]:
         """See Family."""

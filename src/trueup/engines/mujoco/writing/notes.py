@@ -6,7 +6,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import mujoco
-import numpy as np
 
 from trueup.arrays import Array
 from trueup.articulated.wiring import ONSET_OF
@@ -17,28 +16,30 @@ from trueup.engines.mujoco.rollout import MujocoSimulator
 DELAY = "actuator.delay"
 
 
-def usage_of(simulator: MujocoSimulator, values: Array, path: Path, period: float) -> tuple[str, ...]:
-    """Three lines of Python that simulate the file at `path` as it was fitted, with commands held for `period` s."""
-    model = (simulator.model.driven or simulator.model.given or simulator.model).compiled
+def usage_of(simulator: MujocoSimulator, values: Array, path: Path) -> tuple[str, ...]:
+    """Lines of Python that simulate the file at `path` as it was fitted, driven by a log whatever its period.
+
+    A command is held until the next one comes, in the midst of a step where it likes: each step takes the mean over it.
+    """
+    known = simulator.model.driven or simulator.model.given or simulator.model
     file = path.with_name(f"{path.stem}_driven{path.suffix}") if simulator.model.driven is not None else path
-    step = min(float(model.opt.timestep), simulator.step)
-    begin = "mujoco.mj_resetDataKeyframe(model, data, 0)" if model.nkey else "mujoco.mj_resetData(model, data)"
+    begin = "mujoco.mj_resetDataKeyframe(model, data, 0)" if known.compiled.nkey else "mujoco.mj_resetData(model, data)"
     if any(seconds > 0.0 for seconds in delays_of(simulator, values).values()):
         begin += (
-            "; [mujoco.mj_initCtrlHistory(model, data, i, None, np.full((n, 1), data.ctrl[i])) "
+            "; data.ctrl[:] = commands[0]; [mujoco.mj_initCtrlHistory(model, data, i, None, np.full((n, 1), data.ctrl[i])) "
             "for i, n in enumerate(model.actuator_history[:, 0]) if n]"
         )
-    twice = [
-        n for n in punches_of(simulator, values) if has_drive(simulator, simulator.model.driven or simulator.model, n)
-    ]
-    columns = [(simulator.model.driven or simulator.model).columns()[n] for n in twice]
-    told = f"np.append(command, np.take(command, {columns}))" if twice else "command"
-    steps = max(1, round(period / step)) if np.isfinite(period) else 1
-    held = f"again every {1e3 * steps * step:g} ms: commands are held in between, as in the recordings"
+    driven = simulator.model.driven or simulator.model
+    columns = [driven.columns()[n] for n in punches_of(simulator, values) if has_drive(simulator, driven, n)]
+    onsets = f"; commands = np.hstack([commands, commands[:, {columns}]])" if columns else ""
     return (
-        f'model = mujoco.MjModel.from_xml_path("{file.as_posix()}"); data = mujoco.MjData(model)',
+        f"# times (n,) in s from 0 on and commands (n, {known.compiled.nu}) of a log's rows, each held until the next; "
+        "set data.qpos to where it begins",
+        f'model = mujoco.MjModel.from_xml_path("{file.as_posix()}"); data = mujoco.MjData(model){onsets}',
         begin,
-        f"data.ctrl[:] = {told}; mujoco.mj_step(model, data, {steps})  # {held}",
+        "while data.time < times[-1]:  # commands come within steps too: each step takes their mean over it",
+        '    rows = np.searchsorted(times, data.time + model.opt.timestep * (np.arange(8) + 0.5) / 8, side="right") - 1',
+        "    data.ctrl[:] = commands[rows].mean(axis=0); mujoco.mj_step(model, data)",
     )
 
 
