@@ -23,7 +23,8 @@ BETTER = 0.5
 """Of the error that is left when a mistake is taken out, for it to be named."""
 _SLIGHTLY, _MUCH = 0.9, 0.1
 """The same where friction would drive joints with more than this share of their torque: chance does not do that."""
-_AS_GOOD = 1.1
+AS_GOOD = 1.1
+"""Times an error that is as good."""
 _TORQUE_FACTOR = 30.0
 """Times the torque limit of the model file that no drive delivers."""
 
@@ -72,6 +73,8 @@ class Suspicion:
     def __str__(self) -> str:
         """In words."""
         before, after = (100.0 * float(np.sqrt(each[0].sum())) for each in (self.before, self.after))
+        if self.sure:
+            return f"{self.said}: turned, it is explained as well ({after:.2g} % of the torque is left), and friction brakes"
         return f"{self.said}: the error would go from {before:.2g} % to {after:.2g} % of the torque"
 
 
@@ -164,9 +167,9 @@ def signs(motion: Motion, tree: KinematicTree, driven: Mapping[int, float], fit:
     before, torque, position = fit(motion), fit(replace(motion, torque=motion.torque * sign)), fit(turned)
     least, most = sorted(float(np.sqrt(each[0].sum())) for each in (torque, position))
     channel, after = ("torque", torque) if torque[0].sum() <= position[0].sum() else ("position", position)
-    if most < _AS_GOOD * least:
+    if most < AS_GOOD * least:
         channel = "torque or the position"
-    everywhere = len(driven) == tree.n and least < _AS_GOOD * float(np.sqrt(before[0].sum()))
+    everywhere = len(driven) == tree.n and least < AS_GOOD * float(np.sqrt(before[0].sum()))
     names = ", ".join(tree.joints[j] for j in driven)
     said = (
         f"the {channel} of {names} seems to have the wrong sign, since friction would drive what it should brake (sign = -1 "

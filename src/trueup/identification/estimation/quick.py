@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +12,18 @@ from trueup.arrays import Array, Integers
 from trueup.errors import IdentificationError
 from trueup.evidence import FEWEST_PARTS
 from trueup.identification.estimation.blocks import blocks_of, numbered
-from trueup.identification.estimation.diagnosis import BETTER, DOUBTFUL, POOR, Errors, Fit, Suspicion, mistakes, signs
+from trueup.identification.estimation.diagnosis import (
+    AS_GOOD,
+    BETTER,
+    DOUBTFUL,
+    POOR,
+    Errors,
+    Fit,
+    Suspicion,
+    grouped,
+    mistakes,
+    signs,
+)
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import Estimate, least_squares
 from trueup.identification.estimation.filtering import slow_cutoff
@@ -54,32 +66,66 @@ def doubts(
 ) -> list[str]:  # fmt: skip
     """Nothing where a basic model explains the torque; else what else might be wrong. Raises where a mistake explains it."""
     parts = [p.rows for p in pieces if not p.held_out]
-    basic = basic_columns(pool)
-    power = np.maximum(sum(np.mean(r.torque**2, axis=0) for r in parts), TINY)
-    rough = least_squares(parts, basic, 1.0 / power)
-    relative, driven = _relative(parts, rough), _driven(pool, parts, rough)
+    relative, driven = _rough(pool, parts)
     if relative < DOUBTFUL and not driven:
         return []
+    alone = [_rough(pool, [part]) for part in parts] if len(parts) > 1 else [(relative, driven)]
+    # Signs are looked for in every log, since one of them may have been logged otherwise; the rest in one: it takes long.
+    first = max(range(len(logs)), key=lambda k: alone[k][0])
+    first = first if BETTER * alone[first][0] > alone[0][0] else 0
+    suspects = {k: own for k, (_, own) in enumerate(alone) if own} or ({first: driven} if driven else {})
     slow = slow_cutoff(logs[0].rate)
-    motion = logs[0].motion(slow, measured_speed=False)
-    fit = foretelling_fit(motion, tree, drives, slow, parts=_CUTS)
-    found = [s for s in ([signs(motion, tree, driven, fit)] if driven else []) if s.likely]
-    if relative >= DOUBTFUL and not any(s.certain for s in found):
-        found += [s for s in (mistakes(motion, tree, fit), _hanging(motion, tree, drives, slow)) if s.likely]
-    for suspicion in found:
-        if suspicion.certain:
-            raise IdentificationError(f"recording '{logs[0].name}': {suspicion}. Correct that and identify again")
-    notes = [
-        f"recording '{logs[0].name}': {suspicion}. Parts of it that were left out do not prove it: look whether it is so"
-        for suspicion in found
-    ]
+    motions = {k: logs[k].motion(slow, measured_speed=False) for k in (first, *suspects)}
+    fits = {k: foretelling_fit(motion, tree, drives, slow, parts=_CUTS) for k, motion in motions.items()}
+    found = {k: s for k, own in suspects.items() if (s := signs(motions[k], tree, own, fits[k])).likely}
+    if not _as_good_turned(pool, parts, {k: suspects[k] for k, s in found.items() if s.certain}, relative):
+        found = {k: s for k, s in found.items() if not s.sure}
+    every = [(logs[k].name, s) for k, s in found.items()]
+    if relative >= DOUBTFUL and not any(s.certain for _, s in every):
+        tried = mistakes(motions[first], tree, fits[first]), _hanging(motions[first], tree, drives, slow)
+        every += [(logs[first].name, s) for s in tried if s.likely]
+    if certain := [f"recording '{name}': {s}" for name, s in every if s.certain]:
+        raise IdentificationError(f"{'; '.join(grouped(certain))}. Correct that and identify again")
+    notes = grouped(
+        f"recording '{name}': {s}. Parts of it that were left out do not prove it: look whether it is so"
+        for name, s in every
+    )
     if relative < POOR:
         return notes
-    return [
-        *notes,
+    return [*notes, _poor([name.name for name in logs], relative, [error for error, _ in alone])]
+
+
+def _rough(pool: Pool, parts: Sequence[Rows]) -> tuple[float, dict[int, float]]:
+    """The relative error of a basic model of some rows, and the joints that its friction would drive."""
+    power = np.maximum(sum(np.mean(r.torque**2, axis=0) for r in parts), TINY)
+    rough = least_squares(parts, basic_columns(pool), 1.0 / power)
+    return _relative(parts, rough), _driven(pool, parts, rough)
+
+
+def _as_good_turned(
+    pool: Pool, parts: Sequence[Rows], driven: Mapping[int, Mapping[int, float]], relative: float
+) -> bool:
+    """Whether all logs together are explained as well with these torques of some of them turned: the others speak for it."""
+    turned = list(parts)
+    for k, joints in driven.items():
+        sign = np.ones(parts[k].torque.shape[1])
+        sign[list(joints)] = -1.0
+        turned[k] = replace(parts[k], torque=parts[k].torque * sign)
+    return len(parts) < 2 or _rough(pool, turned)[0] <= AS_GOOD * relative
+
+
+def _poor(names: Sequence[str], relative: float, alone: Sequence[float]) -> str:
+    """What to say of torque that stays unexplained."""
+    if len(names) > 1 and max(alone) < DOUBTFUL:
+        each = ", ".join(f"{name} {100 * error:.2g} %" for name, error in zip(names, alone, strict=True))
+        return (
+            f"these logs contradict one another: {100 * relative:.0f} % of their torque is left together, of each by itself "
+            f"{each}; do signs, order of joints, mounting or load differ between them?"
+        )
+    return (
         f"a rigid arm with friction explains little of this torque ({100 * relative:.0f} % of it is left): is it the right "
-        "model file, are torques measured rather than commanded, are joints in the right order?",
-    ]
+        "model file, are torques measured rather than commanded, are joints in the right order?"
+    )
 
 
 def quick_fit(
