@@ -210,3 +210,44 @@ def test_steps_show_the_force_limit_of_a_servo_whose_file_gives_none(tmp_path: P
     force, stiffness = _found(_model(tmp_path, _SERVO), steps, ("force_limit", "kp"))
     assert force == pytest.approx(4.0, rel=0.1)
     assert stiffness == pytest.approx(35.0, rel=0.05)
+
+
+_VELOCITY = '<actuator><velocity name="m" joint="j" kv="{kv}"/></actuator>'
+
+
+def _turns(kv: float) -> Recording:
+    """A pendulum that a velocity servo of gain `kv`, in N m s/rad, turns to and fro, with damping 0.5."""
+    model = mujoco.MjModel.from_xml_string(_ARM.format(damping=0.5, drive=_VELOCITY.format(kv=kv)))
+    data, time = mujoco.MjData(model), np.arange(0.0, 3.0, 0.01)
+    told, noise, seen = 0.8 * np.sin(2.5 * time), np.random.default_rng(0).normal(0.0, 1e-4, len(time)), []
+    for wanted in told:
+        seen.append(data.qpos[0])
+        data.ctrl[0] = wanted
+        mujoco.mj_step(model, data, 5)
+    position = Channel("position", ("j",), "rad", time, (np.array(seen) + noise)[:, None])
+    command = Channel("command_velocity", ("j",), "rad/s", time, told[:, None])
+    return Recording("turns", {"position": position, "command_velocity": command})
+
+
+def test_the_gain_of_a_velocity_servo_is_found_without_being_declared(tmp_path: Path) -> None:
+    (factor,) = _found(_model(tmp_path, _VELOCITY.format(kv=1.5)), _turns(12.0), ("gain",))
+    assert 1.5 * factor == pytest.approx(12.0, rel=0.05)
+
+
+def test_who_declares_the_kv_of_a_velocity_servo_is_told_of_its_gain(tmp_path: Path) -> None:
+    declared = tmp_path / "mine.toml"
+    declared.write_text('[[parameter]]\nquantity = "kv"\n')
+    with pytest.raises(ModelError, match=r"'m' is not a position servo.* 'gain' is the factor on its force"):
+        prepare(_model(tmp_path, _VELOCITY.format(kv=1.5)), [_turns(3.0)], parameters=declared)
+
+
+@pytest.mark.parametrize(
+    ("drive", "proposed"), [(_SERVO, ["kp", "zero"]), (_MOTOR, ["gain"]), (_VELOCITY.format(kv=1.5), ["gain"])]
+)
+def test_what_is_proposed_for_a_drive_is_what_its_law_has(tmp_path: Path, drive: str, proposed: list[str]) -> None:
+    space = simulator_for(_model(tmp_path, drive), [_turns(3.0)])[0].parameters
+    assert [p.name for p in space.parameters if p.name in ("m.kp", "m.kv", "m.zero", "m.gain")] == [
+        f"m.{kind}" for kind in proposed
+    ]
+    factors = [p.optional for p in space.parameters if p.name == "m.gain"]
+    assert factors == ([] if drive == _SERVO else ["factors on the motors' torques"] if drive == _MOTOR else [""])
