@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from trueup import formats
 from trueup.calibration import Replay, by_unit
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.setup.drives import suited
@@ -62,3 +63,15 @@ def test_openings_of_a_gripper_in_shares_become_lengths(tmp_path: Path, whole: f
     np.testing.assert_allclose(other.channel("position").column("s"), 0.002 + 0.00035 * time)
     np.testing.assert_allclose(run.channel("position").column("j"), time)
     assert "shares of their joints' ranges" in notes[0]
+
+
+def test_a_slide_whose_unit_is_said_keeps_it_beside_hinges_whose_unit_is_told_from_their_ranges(tmp_path: Path) -> None:
+    slide = '<body><joint name="s" type="slide" range="-.2 .2"/><geom size=".05"/></body></worldbody>'
+    (tmp_path / "arm.xml").write_text(_ARM.replace("</worldbody>", slide))
+    rows = [f"{t:.2f},{90.0 * np.sin(3.0 * t):.3f},{90.0 + 9.0 * np.sin(t):.3f}" for t in np.arange(0.0, 2.0, 0.02)]
+    (tmp_path / "log.csv").write_text("\n".join(["t,j_encoder,s_height_mm", *rows]))
+    (log,) = formats.read(tmp_path / "log.csv")
+    (run,), _ = suited(load(tmp_path / "arm.xml"), [log.rename({"s_height": "s"})])
+    channel = run.channel("position")
+    assert [channel.unit_of(label) for label in ("j", "s")] == ["rad", "m"]
+    assert np.abs(channel.values).max(axis=0) == pytest.approx([np.pi / 2, 0.099], rel=0.01)

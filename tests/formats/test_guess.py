@@ -143,7 +143,7 @@ def test_act_is_actual_beside_a_word_for_commands_and_an_action_beside_none(tmp_
     found = guess(tmp_path, "t_ms,x_cmd_mm,c_cmd_deg,x_act_mm,c_act_deg", scale=50.0).channels
     assert found["command"].labels == found["position"].labels == ("x", "c")
     assert found["position"].columns == ("x_act_mm", "c_act_deg")
-    assert found["position"].scale == pytest.approx((1e-3, np.pi / 180))
+    assert found["position"].units == ("mm", "deg")
     alone = guess(tmp_path, "time,act_1,act_2,pos_1,pos_2").channels
     assert alone["command"].columns == ("act_1", "act_2")
 

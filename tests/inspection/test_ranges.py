@@ -41,6 +41,16 @@ def test_what_lies_beyond_a_joints_range_is_said(tmp_path: Path, compiler: str, 
     assert all(part in notes[0] for part in said)
 
 
+@pytest.mark.parametrize(("size", "said"), [(0.25, ""), (150.0, 'unit = "mm"'), (3000.0, "the same joint and unit")])
+def test_a_slide_far_beyond_its_range_is_asked_for_its_unit(tmp_path: Path, size: float, said: str) -> None:
+    (tmp_path / "arm.xml").write_text(
+        _ARM.format("").replace('name="j" axis', 'name="j" type="slide" axis').replace("2 2", ".2 .2")
+    )
+    notes = [n for n in prepare(tmp_path / "arm.xml", [swing(size)], propose=False).notes if "beyond its range" in n]
+    assert len(notes) == bool(said)
+    assert all(said in note for note in notes)
+
+
 def test_inspect_says_it_beside_a_model(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

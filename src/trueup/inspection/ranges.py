@@ -13,17 +13,21 @@ from trueup.units import hardly_radians, to_si
 
 
 def beyond_ranges(joints: Mapping[str, Way], recordings: Sequence[Recording], *, in_degrees: bool) -> tuple[str, ...]:
-    """A sentence for each hinge of `joints` whose measured positions lie beyond its range, with what is likely wrong.
+    """A sentence for each of the `joints` whose measured positions lie beyond its range, with what is likely wrong.
 
     A simulator stops it there, and a fit would blame friction for that. `in_degrees`: whether files of the model's format
     have angles in degrees unless they say otherwise, as MJCF does.
     """
     said = []
     for joint, way in joints.items():
-        parts = [r.channel("position").column(joint) for r in recordings if _measured(r, joint)]
-        if way.slides or way.range is None or not parts:
+        unit = "m" if way.slides else "rad"
+        parts = [r.channel("position").column(joint) for r in recordings if _measured(r, joint, unit)]
+        if way.range is None or not parts:
             continue
         low, high = (float(f(np.concatenate(parts))) for f in (np.nanmin, np.nanmax))
+        if way.slides:
+            said += _slid_beyond(joint, way.range, low, high)
+            continue
         if low >= way.range[0] - BEYOND and high <= way.range[1] + BEYOND:
             continue
         what = (
@@ -43,9 +47,24 @@ def beyond_ranges(joints: Mapping[str, Way], recordings: Sequence[Recording], *,
     return tuple(said)
 
 
-def _measured(recording: Recording, joint: str) -> bool:
-    """Whether a recording has positions of a joint in rad."""
+def _slid_beyond(joint: str, ends: tuple[float, float], low: float, high: float) -> list[str]:
+    """A sentence where a slide was measured, from `low` to `high` m, further beyond its range than that is long."""
+    whole = ends[1] - ends[0]
+    if low >= ends[0] - whole and high <= ends[1] + whole:
+        return []
+    fits = [u for u in ("cm", "mm") if ends[0] - whole <= low * to_si(u)[1] and high * to_si(u)[1] <= ends[1] + whole]
+    why = (
+        f'are these {fits[0]}? then say unit = "{fits[0]}" in the mapping' if fits else "is it the same joint and unit?"
+    )
+    return [
+        f"joint '{joint}' is measured from {low:.3g} to {high:.3g} m, beyond its range in the model, {ends[0]:.3g} to "
+        f"{ends[1]:.3g} m, where a simulator stops it: {why}"
+    ]
+
+
+def _measured(recording: Recording, joint: str, unit: str) -> bool:
+    """Whether a recording has positions of a joint in a unit."""
     if not recording.has("position") or joint not in recording.channel("position").labels:
         return False
     channel = recording.channel("position")
-    return channel.unit_of(joint) == "rad" and bool(np.isfinite(channel.column(joint)).any())
+    return channel.unit_of(joint) == unit and bool(np.isfinite(channel.column(joint)).any())

@@ -83,8 +83,8 @@ def of_slides(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> tup
 
 def _share(way: Way, recordings: Sequence[Recording], slide: str) -> float:
     """What the whole way of a slide is in its positions, 1 or 100; 0 where these are lengths, or neither."""
-    every = [r.channel("position").column(slide) for r in recordings
-             if r.has("position") and slide in r.channel("position").labels]  # fmt: skip
+    every = [c.column(slide) for r in recordings for c in (r.channels.get("position"),)
+             if c is not None and slide in c.labels and c.unit_of(slide) != "m"]  # fmt: skip
     values = np.concatenate(every) if every else np.zeros(0)
     values = values[np.isfinite(values)]
     if not len(values) or way.range is None:
@@ -101,7 +101,7 @@ def _in_metres(
 ) -> Channel:
     values = np.array(channel.values)
     for column, label in enumerate(channel.labels):
-        if label in shares and channel.unit == "rad":
+        if label in shares and channel.unit_of(label) == "rad":
             lower, upper = joints[label].ends
             values[:, column] = lower + (upper - lower) * values[:, column] / shares[label]
     units = tuple(_LINEAR[channel.unit] if label in slides else channel.unit for label in channel.labels)
@@ -128,5 +128,6 @@ def _in_rad(joints: Mapping[str, Way], recording: Recording, factor: float) -> R
     for name, unit in (("position", "rad"), *((c, "rad") for c in COMMANDS[:2]), ("velocity", "rad/s")):
         if recording.has(name) and not (channel := recording.channel(name)).unit:
             factors = np.array([1.0 if label in slides else factor for label in channel.labels])
-            recording = recording.with_channel(channel.replace(unit=unit, values=channel.values * factors))
+            units = tuple(known or unit for known in channel.units)
+            recording = recording.with_channel(channel.replace(unit=unit, units=units, values=channel.values * factors))
     return recording

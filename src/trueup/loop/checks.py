@@ -78,11 +78,11 @@ def _lost(recording: Recording) -> list[str]:
 
 
 def _units(recording: str, channel: Channel) -> list[str]:
-    if channel.unit != "rad":
-        return []
     largest = np.nanmax(np.abs(channel.values), axis=0, initial=0.0)
     big = [
-        f"{label} reaches {v:.4g}" for label, v in zip(channel.labels, largest, strict=True) if hardly_radians(float(v))
+        f"{label} reaches {v:.4g}"
+        for label, v in zip(channel.labels, largest, strict=True)
+        if channel.unit_of(label) == "rad" and hardly_radians(float(v))
     ]
     if not big:
         return []

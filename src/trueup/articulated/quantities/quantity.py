@@ -141,8 +141,7 @@ def check_servo(model: Model, actuator: str) -> None:
     """Raises ModelError for an actuator that is no position servo, naming those that are."""
     if not model.get("actuator.servo", actuator)[0]:
         raise ModelError(
-            f"actuator '{actuator}' is not a position servo, so it has no kp, kv or dead band: 'gain' is the factor on "
-            "its force, of a velocity servo's kv or a motor's torque alike; "
+            f"actuator '{actuator}' is not a position servo, so it has no kp, kv or dead band; "
             f"position servos are: {', '.join(servos(model)) or 'none'}"
         )
 

@@ -220,15 +220,6 @@ def is_position_servo(m: mujoco.MjModel, actuator: int) -> bool:
     return bool(affine and gain != 0 and np.isclose(gain, -bias))
 
 
-def has_own_law(m: mujoco.MjModel, actuator: int) -> bool:
-    """True where an actuator has feedback that is not a position servo's: force = kv (command - velocity), or any other
-    constant times its command plus what its joint's position and velocity add.
-    """
-    affine = int(m.actuator_biastype[actuator]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
-    fixed = int(m.actuator_gaintype[actuator]) == int(mujoco.mjtGain.mjGAIN_FIXED)
-    return bool(affine and fixed and m.actuator_gainprm[actuator, 0] != 0) and not is_position_servo(m, actuator)
-
-
 def is_motor(m: mujoco.MjModel, actuator: int) -> bool:
     """True where the actuator's force is a constant times its control: a torque command, by its gear and gain."""
     plain = int(m.actuator_biastype[actuator]) == int(mujoco.mjtBias.mjBIAS_NONE)

@@ -47,7 +47,7 @@ def own_words(column: Column) -> list[str]:
 
 
 def without_sensors(proposals: Sequence[Proposal]) -> list[Proposal]:
-    """Speeds, accelerations and torques along axes of which no position or command speaks are those of a sensor.
+    """Speeds, accelerations and torques along axes of which no position or command speaks are those of a sensor or tool.
 
     Likewise an angle without a name beside a place x, y is where a vehicle heads, and no joint's.
     """
@@ -55,7 +55,8 @@ def without_sensors(proposals: Sequence[Proposal]) -> list[Proposal]:
     names = {p.column.name.lower() for p in proposals}
     found = []
     for p in proposals:
-        sensor = p.role in ("velocity", "acceleration", "torque") and p.label in AXES - labels
+        pushes = p.role == "command_torque" and p.unit == "N"
+        sensor = (pushes or p.role in ("velocity", "acceleration", "torque")) and p.label in AXES - labels
         heads = p.role == "position" and p.column.name.lower() == "theta" and {"x", "y"} <= names
         found.append(own(p.column) if sensor or heads else p)
     return found

@@ -21,7 +21,6 @@ from trueup.formats.rules.rule import Column
 from trueup.formats.rules.sizes import Sizes
 from trueup.formats.table import Table, listing
 from trueup.recording import is_command
-from trueup.units import to_si
 
 _FAMILIES = ("motor", "raw", "unfiltered", "filtered")
 """Signals of motors are kept apart from those of joints, raw ones from filtered ones, where a file has both."""
@@ -48,11 +47,15 @@ def guess(tables: Sequence[Table], known: Sequence[str] = ()) -> ChannelMap:
     groups = _groups(proposals, several=len(tables) > 1)
     groups, renamed = with_common_labels(groups)
     channels = {name: _channel(group, clocks, tables) for name, group in groups.items()}
-    sizes = Sizes(channels, {name: [p.column for p in group] for name, group in groups.items()}, clocks.main)
+    alike = {name: _alike(group) for name, group in groups.items()}
     notes = _notes(channels, groups) if not parts else []
+    parted = {name: _channel(alike[name], clocks, tables) for name in groups}
+    sizes = Sizes(parted, {name: [p.column for p in group] for name, group in alike.items()}, clocks.main)
     sizes.settle()
-    more = _with_vehicle(channels, parts, clocks) if parts else _with_base(channels, sizes.groups, clocks)
-    more += _put_aside(channels, sizes.groups, driven=bool(parts))
+    channels = {name: _with_others(part, channels[name], groups[name]) for name, part in parted.items()}
+    columns_of = {name: [p.column for p in group] for name, group in groups.items()}
+    more = _with_vehicle(channels, parts, clocks) if parts else _with_base(channels, columns_of, clocks)
+    more += _put_aside(channels, columns_of, driven=bool(parts))
     return ChannelMap(channels=channels, time=clocks.main, notes=(*clocks.notes, *renamed, *notes, *sizes.notes, *more))
 
 
@@ -156,17 +159,36 @@ def _channel(group: Sequence[Proposal], clocks: Clocks, tables: Sequence[Table])
     first = group[0].column
     width = clocks.widths.get(first.table.name, 0)
     units = {member.unit for member in group}
-    mixed = len(units) > 1 and all(u and to_si(u)[0] in ("rad", "m") for u in units)
     return ChannelColumns(
         columns=tuple(member.column.name for member in group),
         file=first.file,
         labels=_labels(group, width),
         width=width,
-        unit=group[0].unit if len(units) == 1 else "rad" if mixed else "",
-        # Hinges in degrees beside a slide in millimetres: each number to rad or m by itself.
-        scale=tuple(to_si(m.unit)[1] for m in group for _ in range(m.column.width)) if mixed else (1.0,),
+        unit=group[0].unit if len(units) == 1 else "",
         **clocks.keys_of(first.table, first.clock),
     )
+
+
+def _alike(group: Sequence[Proposal]) -> list[Proposal]:
+    """The columns of a channel of whose unit nothing is said; where all have one, those that have the first's."""
+    units = [member.unit for member in group]
+    wanted = "" if "" in units else units[0]
+    return [member for member in group if member.unit == wanted]
+
+
+def _with_others(part: ChannelColumns, whole: ChannelColumns, group: Sequence[Proposal]) -> ChannelColumns:
+    """A channel of columns in different units (hinges in degrees beside a slide in mm): each has the unit of its name, and
+    those without one what `part`, the channel of these alone, was found to have.
+    """
+    each = [member.unit for member in group for _ in range(member.column.width)]
+    if len(set(each)) == 1:
+        return part
+    units, open_ = tuple(unit or part.unit for unit in each), "" in each
+    scale, offset = (tuple(found[0] if not unit else none for unit in each) if open_ and found != (none,) else (none,)
+                     for found, none in ((part.scale, 1.0), (part.offset, 0.0)))  # fmt: skip
+    if len(set(units)) == 1:
+        return replace(whole, unit=units[0], scale=scale, offset=offset)
+    return replace(whole, units=units, scale=scale, offset=offset)
 
 
 def _labels(group: Sequence[Proposal], width: int) -> tuple[str, ...]:
@@ -238,12 +260,6 @@ def _notes(channels: Mapping[str, ChannelColumns], groups: Mapping[str, Sequence
                 f"command: its joints ({listing(command, 6)}) are none of position ({listing(position, 6)}): "
                 "give labels that say which is which"
             )
-    for name, channel in channels.items():
-        mixed = sorted({to_si(member.unit)[0] for member in groups[name]})
-        if len(mixed) > 1 and channel.unit:
-            notes.append(f"{name}: its columns have different units; `scale` makes rad of angles and m of lengths")
-        elif len(mixed) > 1:
-            notes.append(f"{name}: its columns have different units ({listing(mixed)}); split it: {channel.columns}")
     return notes
 
 

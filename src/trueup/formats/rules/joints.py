@@ -30,6 +30,8 @@ RULES = (
                     "command[rad] Axis_A1 Axis_A2; position[rad] Axis_A1 Axis_A2"),
             Example("t,id1_present_position,id1_goal_position", "0 .1 .1|.01 .2 .2|.02 .3 .3",
                     "command[rad] id1; position[rad] id1"),
+            Example("t,crank_encoder,lift_height_mm,belt_encoder", "0 .1 60 .2|.01 .2 70 .3|.02 .3 80 .2",
+                    "position[rad,mm,rad] crank lift_height belt"),
             Example("t,pos_cmd_j1,pos_fbk_j1", "0 .1 .1|.01 .2 .1|.02 .3 .2", "command[rad] j1; position[rad] j1"),
         ),
         unit="rad", also=("m",),
@@ -58,6 +60,11 @@ RULES = (
                     "command_torque[N m] joint_0; position[rad] joint_0; torque[N m] joint_0"),
             Example("t,FR_0_q,FR_0_tauEst,FR_0_tau_ff", "0 .1 1 2|.01 .2 2 3|.02 .3 1 2",
                     "command_torque[N m] FR_0; position[rad] FR_0; torque[N m] FR_0"),
+            Example("t_ms,motor_force_cmd_N,axis_x_mm,tilt_deg", "0 1 1 1|10 2 2 2|20 3 1 2",
+                    "command_torque[N] joint_1; position[mm,deg] axis_x tilt"),
+            Example("t,axis_force_cmd,axis_pos_m", "0 1 .1|.01 2 .2|.02 3 .1", "command_torque[N] axis; position[m] axis"),
+            Example("t,q1,force_cmd_x,force_cmd_y,gripper_force_cmd", "0 1 1 1 1|.01 2 2 2 2|.02 3 1 2 3",
+                    "position[rad] joint_1; force_cmd[N] x y; gripper_force_cmd[] gripper_force_cmd"),
         ),
         unit="N m", also=("N",),
     ),
@@ -89,6 +96,10 @@ _OF_A_LOG = frozenset(["sample", "sampling", "frame", "update", "data", "loop", 
 """Whose rate is no speed."""
 _ITSELF = frozenset(["throttle", "steering"])  # words that are a command and its name at once
 _NEUTRAL = listed("controller controllers trajectory lowstate lowcmd")
+_FORCES = listed("force forces")
+"""Words of what slides push with, where they are commanded: what was measured is more often a tool's."""
+_NOT_PUSHED = listed("grip gripper grasp finger fingers limit limits max min")
+"""Whose commanded force is a setting, and drives no joint."""
 _PARTS = listed("joint joints motor motors")
 _NOT_JOINT = listed(
     "tcp ee pose imu mode status enable enabled flag index frame episode id seq count counter error err errors done "
@@ -121,7 +132,12 @@ def read(name: Name) -> Reading:
     commands = [_is_command(i, plain) for i in range(len(plain))]
     told = any(commands) or bool(PLAINLY_MEASURED & set(plain))
     kind = next((_RATES[w] for w in plain if w in _RATES), next((k for k in kinds if k), ""))
+    pushes = not kind and any(commands) and bool(_FORCES & set(plain)) and not _NOT_PUSHED & set(plain)
+    if pushes:
+        kind, kinds = "torque", ["torque" if word in _FORCES else k for word, k in zip(plain, kinds, strict=True)]
     unit, where = _unit(name, kind)
+    if pushes and not (name.bracketed or name.tail):
+        unit = "N"
     if not kind and (told or not (AXES | {"heading"}) & set(plain[:1])):
         kind, unit, where = _kind_by_unit(name, told=told)
     if not kind:
@@ -137,7 +153,7 @@ def read(name: Name) -> Reading:
         unit=unit,
         label=name.cut_out(keep),
         # A drive with a number, id1_position, is one.
-        joint=not (_NOT_JOINT - ({"id"} if kind else set())) & set(plain),
+        joint=not (_NOT_JOINT - ({"id"} if kind else set()) - (_FORCES if pushes else set())) & set(plain),
     )
 
 

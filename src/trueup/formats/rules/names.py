@@ -43,7 +43,7 @@ _TAILS: Mapping[tuple[str, ...], str] = MappingProxyType(
         **dict.fromkeys((("rads",), ("radps",)), "rad/s"), **dict.fromkeys((("dps",), ("degs",), ("degps",)), "deg/s"),
         **dict.fromkeys((("degrees",), ("degree",)), "deg"), **dict.fromkeys((("radians",), ("radian",)), "rad"),
         **dict.fromkeys((("percent",), ("pct",)), "%"), ("us",): "1", ("nm",): "N m", ("mnm",): "mN m", ("a",): "A",
-        ("ma",): "mA", ("v",): "V", ("mv",): "mV", ("c",): "degC", ("degc",): "degC", ("k",): "K",
+        ("ma",): "mA", ("v",): "V", ("mv",): "mV", ("c",): "degC", ("degc",): "degC", ("k",): "K", ("n",): "N",
     }
 )  # fmt: skip
 """Words at the end of a name: the unit; "1" for the microseconds of a pulse, which is a number as good as any."""
@@ -107,6 +107,8 @@ def _tail(text: str, spans: Sequence[tuple[str, int, int]]) -> tuple[str, range]
     last = len(spans) - 1 if spans and spans[-1][0].isdigit() else len(spans)
     for count in (2, 1):
         unit = _TAILS.get(tuple(piece for piece, _ in pieces[-count:]), "")
+        if unit == "N" and text[pieces[-1][1]] != "N":  # a small n counts
+            continue
         if unit and len(pieces) > count:
             return unit, range(next(i for i, span in enumerate(spans) if span[1] >= pieces[-count][1]), last)
     camel = spans[last - 1][0] if last > 1 else ""

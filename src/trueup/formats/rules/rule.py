@@ -24,7 +24,7 @@ class Example:
     rows: str
     """Numbers separated by blanks, lines by |."""
     expected: str
-    """Channels with their unit in the mapping and their labels: "command[rad] hip knee; current[] hip"."""
+    """Channels with their unit in the mapping (units with commas) and labels: "command[rad] hip knee; current[] hip"."""
 
 
 @dataclass(frozen=True)

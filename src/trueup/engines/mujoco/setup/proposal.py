@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,6 @@ from trueup.articulated.hidden_limits import asked_for
 from trueup.articulated.pose import POSITION
 from trueup.articulated.quantities.known import quantity
 from trueup.articulated.wiring import ONSET_OF
-from trueup.engines.mujoco.attributes import has_own_law
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import Model
@@ -46,7 +45,7 @@ def propose(
     stops: Mapping[str, float] | None = None,
 ) -> list[Declaration]:
     """Declarations for the joints that move: servo stiffness, damping, friction, rotor inertia, servo zero, factors
-    on the forces of velocity servos and motors, one delay.
+    on motors' torques, one delay.
 
     All of it is part of MJCF, so the calibrated file replays the robot in any MuJoCo program, but for limits of commands
     (`profiles`), where recordings show them, and for friction that grows with the load, if `beyond_mjcf`. `clocks`: how
@@ -60,7 +59,9 @@ def propose(
     servos = tuple(j for j in joints if j in driven and model.is_position_servo(driven[j]))
     commanded = tuple(j for j in joints if j in driven)
     motors = tuple(j for j in commanded if is_motor(model.compiled, driven[j]))
-    lines = _stiffness(model, recordings, {j: driven[j] for j in commanded})
+    lines = []
+    if stiff := (*servos, *_of_several_joints(model, recordings)):
+        lines.append(Declaration("kp", stiff))
     lines += _limits(model, recordings, joints, {j: driven[j] for j in servos})
     lines += [
         Declaration("friction", joints),
@@ -123,28 +124,12 @@ def _of_a_floor(height: float) -> list[Declaration]:
     ]
 
 
-def _stiffness(model: Model, recordings: Sequence[Recording], commanded: Mapping[str, int]) -> list[Declaration]:
-    """Of position servos; of velocity servos and of other laws the gain, within the same bounds: no more is known of it."""
-
-    def of(kind: Callable[[int], bool]) -> tuple[str, ...]:
-        return (*(j for j, i in commanded.items() if kind(i)), *_of_several_joints(model, recordings, kind))
-
-    lower, upper = quantity("kp").bounds(1.0)
-    lines = (
-        Declaration("kp", of(model.is_position_servo)),
-        Declaration("gain", of(lambda i: has_own_law(model.compiled, i)), lower=lower, upper=upper),
-    )
-    return [line for line in lines if line.of]
-
-
-def _of_several_joints(
-    model: Model, recordings: Sequence[Recording], kind: Callable[[int], bool]
-) -> tuple[str, ...]:  # fmt: skip
-    """Actuators of one kind that are commanded and pull at a tendon, not at one joint."""
+def _of_several_joints(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Position servos that are commanded and pull at a tendon, not at one joint."""
     told = {label for r in recordings for c in (command_of(r),) if c is not None for label in c.labels}
     single = set(model.actuator_of_joint().values())
     names = enumerate(model.names("actuator"))
-    return tuple(n for i, n in names if n in told and i not in single and kind(i))
+    return tuple(n for i, n in names if n in told and i not in single and model.is_position_servo(i))
 
 
 def _of_the_base(model: Model, recordings: Sequence[Recording]) -> list[Declaration]:
