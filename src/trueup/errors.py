@@ -19,6 +19,10 @@ class FormatError(RecordingError):
     """A file cannot be read as a recording; the message names file, line and column where they are known."""
 
 
+class ClockError(FormatError):
+    """Time goes back, stands or is missing in rows of a file: a mapping may say how that is mended."""
+
+
 class MappingError(RecordingError):
     """The mapping from columns to channels does not fit the file."""
 

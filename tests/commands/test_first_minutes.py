@@ -87,3 +87,15 @@ def test_what_is_missing_is_said_with_what_belongs_in_which_place(capsys: pytest
     assert main(["calibrate", "log.csv", "--out", "fit"]) == 2
     said = capsys.readouterr().err
     assert "MODEL (MJCF or URDF of the robot, or TOML of a car), then RECORDING (files or folders)" in said
+
+
+def test_inspect_leaves_a_mapping_in_which_a_clock_can_be_mended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("log.csv").write_text("time,q1\n" + "".join(f"{1 - k / 100:.2f},{k}\n" for k in range(100)))
+    assert main(["inspect", "log.csv"]) == 1
+    assert "which was written with what could be guessed" in " ".join(capsys.readouterr().err.split())
+    text = Path("mapping.toml").read_text()
+    Path("mapping.toml").write_text(text.replace('# repair = "sort"', 'repair = "sort"'))
+    assert main(["inspect", "log.csv"]) == 0

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from pathlib import Path
 from typing import Any
@@ -139,12 +140,24 @@ def test_a_missing_cell_is_a_missing_sample(tmp_path: Path) -> None:
         (rows("time,q1", "0,1", '0.1,"2', "0.2,3", "0.3,4"), r"line 3: a quote is not closed"),
         (rows("time,q1", "0,1", ",2", "0.2,3"), r"line 3: the time is missing \(1 such rows\).*repair"),
         (rows("time,q1", "0,1", "0.2,2", "0.1,3", "0.3,4"), r'line 4: time goes back from 0.2 to 0.1 s.*"sort"'),
+        (rows("stamp,q1", "0.3,1", "0.2,2", "0.1,3", "0,4"), r"time runs backwards, from 0.3 to 0 s in column 'stamp'.*sort"),
         (rows("time,q1", "0,1", "0.1,2", "0.1,3", "0.2,4"), r'line 4: time 0.1 s again, with other values.*"drop"'),
     ],
 )  # fmt: skip
 def test_a_fault_is_named_with_its_place_and_value(tmp_path: Path, text: str | bytes, message: str) -> None:
     with pytest.raises(FormatError, match=message):
         read(tmp_path / "log.csv", text)
+
+
+def test_rows_that_stand_newest_first_are_read_in_the_order_of_time(tmp_path: Path) -> None:
+    lines = ["time,q1,time_left", "0.3,4,1", "0.2,3,2", "0.1,2,3", "0,1,4"]
+    (tmp_path / "log.csv").write_text("\n".join([lines[0], *lines[:0:-1]]) + "\n")
+    assert formats.guess_mapping(tmp_path / "log.csv").time.column == "time", "what counts down beside a clock is none"
+    (tmp_path / "log.csv").write_text("\n".join(line.rpartition(",")[0] for line in lines) + "\n")
+    mapping = formats.guess_mapping(tmp_path / "log.csv")
+    sorted_by = dataclasses.replace(mapping, time=dataclasses.replace(mapping.time, repair="sort"))
+    (recording,) = formats.read(tmp_path / "log.csv", sorted_by)
+    assert recording.channel("position").values[:, 0].tolist() == [1.0, 2.0, 3.0, 4.0]
 
 
 def test_a_file_that_is_not_there_says_so(tmp_path: Path) -> None:

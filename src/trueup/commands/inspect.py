@@ -16,7 +16,7 @@ from rich.markup import escape
 
 from trueup.commands.console import notes
 from trueup.commands.sources import MAPPING, add_shared, mapping_for, readable, recordings_in
-from trueup.errors import MappingError
+from trueup.errors import ClockError, MappingError
 from trueup.formats import ChannelMap, TimeColumn, guess_mapping, read
 from trueup.formats.plain import finite
 from trueup.formats.table import listing
@@ -98,8 +98,8 @@ def _read(
     named: bool,
     joints: Sequence[str],
 ) -> tuple[list[Recording], list[str]]:
-    """The recordings and notes; where nothing but the time of the samples is missing, the guess is kept for the user to
-    fill in.
+    """The recordings and notes; where nothing but the time of the samples is missing or wrong, the guess is kept for the
+    user to fill in.
     """
     if mapping is not None:
         return recordings_in(paths, mapping, told, named=named, joints=joints)
@@ -107,6 +107,9 @@ def _read(
         return read(paths, _with_rate(guess_mapping(paths, joints), rate)), []
     try:
         return recordings_in(paths, None, told, named=False, joints=joints)
+    except ClockError as error:
+        guess_mapping(paths, joints).save(target)
+        raise ClockError(f"{error}. Say so in {target}, which was written with what could be guessed") from None
     except MappingError as error:
         guess = guess_mapping(paths, joints)
         if not guess.time.column and not guess.time.file:

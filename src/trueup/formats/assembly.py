@@ -181,7 +181,7 @@ def _timed(
         raise FormatError(
             f"{source.path} has {len(clock)} times, but channel '{role}' has {len(values)} samples in {table.path}"
         )
-    return increasing(Samples(clock, values), source, time.repair)
+    return increasing(Samples(clock, values), source, time.repair, column=time.column)
 
 
 def _on_second_clock(entry: ChannelColumns, time: TimeColumn, table: Table, own: Array, values: Array) -> Samples:
@@ -196,7 +196,7 @@ def _on_second_clock(entry: ChannelColumns, time: TimeColumn, table: Table, own:
             f"{table.name}: clock '{entry.time}' was set to '{time.column}' by adding {offset:.6f} s, "
             f"as their rows say (scatter {scatter * 1e3:.2g} ms)",
         )
-    samples = increasing(Samples(own, values, notes), table, time.repair, held=True)
+    samples = increasing(Samples(own, values, notes), table, time.repair, held=True, column=entry.time)
     return replace(samples, time=samples.time + offset)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.errors import FormatError
+from trueup.errors import ClockError, FormatError
 from trueup.formats.mapping import Repair
 from trueup.formats.table import Table
 from trueup.instant import usual_step
@@ -61,11 +61,12 @@ def seconds(values: Array, unit: str) -> Array:
     return values * to_si(unit)[1]
 
 
-def increasing(samples: Samples, table: Table, repair: Repair, *, held: bool = False) -> Samples:
-    """The samples with time that strictly increases.
+def increasing(samples: Samples, table: Table, repair: Repair, *, held: bool = False, column: str = "") -> Samples:
+    """The samples with time that strictly increases; `column` is its name, for messages.
 
     `held` says that the clock is a slow one logged together with a faster one: rows that repeat its last sample are
-    then expected and left out. Raises FormatError, saying where, how often and what to do about it.
+    then expected and left out. Raises FormatError, a ClockError where a mapping can mend it, saying where, how often and
+    what to do about it.
     """
     samples = _without_lost_time(samples, table, repair)
     if len(samples.time) == 0:
@@ -76,11 +77,18 @@ def increasing(samples: Samples, table: Table, repair: Repair, *, held: bool = F
     if repair:
         return _repaired(samples, table, repair)
     back = np.flatnonzero(steps < 0.0)
+    within = f" in column '{column}'" if column else ""
+    if 2 * back.size > steps.size:
+        raise ClockError(
+            f"{table.path}: time runs backwards, from {samples.time[0]:.9g} to {samples.time[-1]:.9g} s"
+            f'{within} ({back.size} of {steps.size} steps); set repair = "sort" in [time] of the mapping to order the rows, if they '
+            "stand newest first"
+        )
     if back.size:
         i = int(back[0])
-        raise FormatError(
+        raise ClockError(
             f"{table.path}, {table.place(i + 1)}: time goes back from {samples.time[i]:.9g} to "
-            f'{samples.time[i + 1]:.9g} s ({back.size} such rows); set repair = "sort" in [time] of the mapping to '
+            f'{samples.time[i + 1]:.9g} s{within} ({back.size} such rows); set repair = "sort" in [time] of the mapping to '
             'order the rows, or repair = "drop" to leave out those that go back'
         )
     return _without_repeats(samples, table, held)
@@ -106,7 +114,7 @@ def _without_lost_time(samples: Samples, table: Table, repair: Repair) -> Sample
     if not lost.size:
         return samples
     if not repair:
-        raise FormatError(
+        raise ClockError(
             f"{table.path}, {table.place(int(lost[0]))}: the time is missing ({lost.size} such rows); "
             'set repair = "drop" in [time] of the mapping to leave them out'
         )
@@ -137,7 +145,7 @@ def _without_repeats(samples: Samples, table: Table, held: bool) -> Samples:
     if not np.all(same) or not (held or few):
         i = int(repeats[0] if np.all(same) else repeats[np.flatnonzero(~same)[0]])
         kind = "the same values" if np.all(same) else "other values"
-        raise FormatError(
+        raise ClockError(
             f"{table.path}, {table.place(i)}: time {time[i]:.9g} s again, with {kind} ({repeats.size} such rows of "
             f'{len(time)}); set repair = "drop" in [time] of the mapping to keep the first of each, or give a rate'
         )

@@ -76,8 +76,12 @@ def find_clocks(tables: Sequence[Table]) -> Clocks:
 
 
 def _clock_columns(table: Table) -> tuple[str, ...]:
-    """Columns that sound like a clock and hardly ever run back; else one that ticks, or the first, if it runs like one."""
+    """Columns that sound like a clock and hardly ever run back, or all do so; else one that ticks, or the first, if it runs
+    like one.
+    """
     named = [name for name, values in table.columns.items() if is_time(name) and _runs(values)]
+    # The newest row first, as some loggers export: an error that says so is better than none that knows of a clock.
+    named = named or [name for name, values in table.columns.items() if is_time(name) and _runs(-values)][:1]
     # Nanoseconds beside seconds start again every second, so they do not run.
     named += [name for name in table.columns if named and name not in named and _says_nanoseconds(name)]
     if named:
