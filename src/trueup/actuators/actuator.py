@@ -184,8 +184,7 @@ def figures(actuator: Actuator) -> dict[str, Any]:
     seen = actuator.experiment
     return {
         "law": None if actuator.law is None else finite(actuator.law._asdict()),
-        # The half step by which a file's commands act sooner is its simulation's, and no delay of the servo.
-        "mjcf": None if actuator.file_law is None else finite(actuator.file_law._replace(delay=0.0)._asdict()),
+        "mjcf": None if actuator.file_law is None else finite(actuator.file_law._asdict()),
         "values": [plain(v) for v in actuator.values],
         "structures": list(actuator.structures),
         "asked": [

@@ -45,12 +45,12 @@ class Found:
 
 
 class Problem:
-    """Runs of a servo as residuals of values of its law, in units of the measurement noise."""
+    """Runs of a servo as residuals of values of its law, in units of the noise; `file`: as MuJoCo replays its MJCF."""
 
-    def __init__(self, runs: Sequence[Run], step: float = STEP) -> None:
+    def __init__(self, runs: Sequence[Run], step: float = STEP, *, file: bool = False) -> None:
         if not runs:
             raise CalibrationError("no recordings to identify a servo from")
-        self.runs, self.step = tuple(runs), step
+        self.runs, self.step, self.file = tuple(runs), step, file
         parts = int(np.ceil(FEWEST_PARTS / len(runs)))
         self.blocks = [
             Block(k, slice(round(len(r.time) * p / parts), round(len(r.time) * (p + 1) / parts)))
@@ -66,10 +66,14 @@ class Problem:
             for k, run in enumerate(self.runs):
                 out = without.samples if without is not None and without.run == k else slice(0, 0)
                 if out.stop - out.start < len(run.time):
-                    misses = (replay(law, run, self.step, window) - run.position) / run.noise
+                    misses = (replay(law, run, self.step, window, file=self.file) - run.position) / run.noise
                     parts.append(np.delete(misses, out))
             done.append(np.concatenate(parts))
         return np.stack(done)
+
+    def misses(self, values: Mapping[str, float], run: Run) -> Array:
+        """(T,) rad by which a replay of one run with these values is off."""
+        return replay(law_of(values), run, self.step, file=self.file) - run.position
 
     def losses(self, rows: Sequence[Mapping[str, float]], bend: float, window: float = np.inf) -> Array:
         """(b,) robust loss of sets of values; inf where a replay fails."""
@@ -81,7 +85,7 @@ class Problem:
         errors = np.empty(len(self.blocks))
         for b, (block, values) in enumerate(zip(self.blocks, each, strict=True)):
             run = self.runs[block.run]
-            misses = replay(law_of(values), run, self.step)[block.samples] - run.position[block.samples]
+            misses = self.misses(values, run)[block.samples]
             errors[b] = np.sqrt(np.mean(misses**2))
         return np.where(np.isfinite(errors), errors, np.inf)
 
@@ -165,7 +169,7 @@ def coarseness(problem: Problem, found: Found, slopes: Slopes) -> Array:
     MuJoCo's errors shrink with its step, so that half a step has half of them: what the fit would change by with it, a
     Gauss-Newton step on, is as much as what is left (L. F. Richardson, Phil. Trans. Royal Society A 210, 1911).
     """
-    fine = Problem(problem.runs, 0.5 * problem.step).residuals([found.values])[0]
+    fine = Problem(problem.runs, 0.5 * problem.step, file=problem.file).residuals([found.values])[0]
     change = np.linalg.lstsq(slopes.slopes, slopes.root * fine - slopes.misses, rcond=None)[0]
     return 2.0 * np.abs(np.where(np.isfinite(change), change, 0.0))
 

@@ -14,7 +14,6 @@ from trueup.actuators.choose import Chooser, Model, choose
 from trueup.actuators.experiment import Value, experiment
 from trueup.actuators.fit import Problem, Slopes, coarseness, spread
 from trueup.actuators.output import output_of
-from trueup.actuators.replay import replay
 from trueup.actuators.structures import BY_NAME, LIMIT, LIMITS, PUNCH, VISCOUS, Scales, declared, law_of
 from trueup.errors import CalibrationError, unknown_name
 from trueup.evidence import evidence, half_interval, jackknife
@@ -59,20 +58,18 @@ def identify_actuator(
     never = () if shown is None else (LIMIT,) if fixed else LIMITS
     model, asked = choose(chooser, [n for n in (BY_NAME if ask is None else ask) if n not in never], told)
     told("what a file can hold", model.error)
-    file, said = _held_by_a_file(problem, chooser, ask is None or PUNCH in ask)
+    held = Chooser(Problem(fitted, step, file=True), chooser.declared, {**fixed, "back_emf": 0.0})
+    file, said = _held_by_a_file(held, ask is None or PUNCH in ask)
     notes += said
-    judged = [*_left_out(problem, model, file), *(_held_out(r, model, file, step) for r in kept)]
+    both = ((problem, model), (held.problem, file))
+    judged = [*_left_out(both), *(_held_out(r, both) for r in kept)]
     return Actuator(law_of(model.found.values), law_of(file.found.values), tuple(_values(problem, model)),
                     (*([LIMIT] if fixed else []), *model.structures), tuple(asked), judged=tuple(judged), runs=tuple(runs),
                     notes=tuple(notes), seconds=time.perf_counter() - began, **common)  # fmt: skip
 
 
-def _held_by_a_file(problem: Problem, chooser: Chooser, onset: bool) -> tuple[Model, list[str]]:
-    """The nearest servo that MJCF can hold, and notes: its damping also acts while the motor is off, and a command for the
-    whole of the step that it comes before, so it is fitted so.
-    """
-    fixed = {**chooser.fixed, "back_emf": 0.0, "delay": -0.5 * problem.step}
-    held = Chooser(problem, chooser.declared, fixed)
+def _held_by_a_file(held: Chooser, onset: bool) -> tuple[Model, list[str]]:
+    """The nearest servo that MJCF can hold, and notes: its damping also acts while the motor is off, so it is fitted so."""
     plain = held.plain((VISCOUS,))
     steep = held.plain((VISCOUS, PUNCH)) if onset else plain
     if not evidence(plain.errors, steep.errors).holds:
@@ -103,20 +100,19 @@ def _values(problem: Problem, model: Model) -> list[Value]:
     ]
 
 
-def _left_out(problem: Problem, model: Model, file: Model) -> list[Judged]:
+def _left_out(both: Sequence[tuple[Problem, Model]]) -> list[Judged]:
     """Each fitted run by fits that never saw it, stretch by stretch where stretches were left out."""
     rows = []
-    for k, run in enumerate(problem.runs):
+    for k, run in enumerate(both[0][0].runs):
         total = np.zeros(2)
-        for b, block in enumerate(problem.blocks):
-            if block.run == k:
-                for column, fits in enumerate((model.left_out, file.left_out)):
-                    misses = replay(law_of(fits[b]), run, problem.step)[block.samples] - run.position[block.samples]
-                    total[column] += np.abs(misses).sum() / len(run.time)
+        for column, (problem, model) in enumerate(both):
+            for block, values in zip(problem.blocks, model.left_out, strict=True):
+                if block.run == k:
+                    total[column] += np.abs(problem.misses(values, run)[block.samples]).sum() / len(run.time)
         rows.append(Judged(run.name, False, float(total[0]), float(total[1])))
     return rows
 
 
-def _held_out(run: Run, model: Model, file: Model, step: float) -> Judged:
-    errors = [float(np.mean(np.abs(replay(law_of(m.found.values), run, step) - run.position))) for m in (model, file)]
+def _held_out(run: Run, both: Sequence[tuple[Problem, Model]]) -> Judged:
+    errors = [float(np.mean(np.abs(problem.misses(model.found.values, run)))) for problem, model in both]
     return Judged(run.name, True, *errors)

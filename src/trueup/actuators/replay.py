@@ -33,12 +33,13 @@ compiled_drive = _compiled(servo.drive, demand=_demand)
 @njit(nogil=True)
 def _replay(
     law: Law, gain: float, time: Array, value: Array, integral: Array, on: Mask, moment: float, hangs: float,
-    inertia: float, starts: Array, every: int, step: float, out: Array,
+    inertia: float, starts: Array, every: int, step: float, file: bool, out: Array,
 ) -> None:  # fmt: skip
     """Writes positions (steps + 1,) to `out`; begins anew after `every` steps, from one of `starts` (k, 2) after the other.
 
     The load's torque is that of the step before, as a simulation shows it. The command is the mean over a step that has its
     instant in the middle, as positions have it to which a force at an instant leads: so delays do not grow with the step.
+    That of a `file` acts for the whole of the step that it comes before, and all of its damping at the speed after the step.
     """
     n = len(time)
     q, v = starts[0]
@@ -46,7 +47,8 @@ def _replay(
     external = -moment * np.sin(q - hangs)
     mass = inertia + law.armature
     at = 0
-    late = law.delay + 0.5 * step
+    late = law.delay if file else law.delay + 0.5 * step
+    share = 2.0 if file else 1.0
     begin = -late
     while at + 1 < n and time[at + 1] <= begin:
         at += 1
@@ -66,18 +68,20 @@ def _replay(
         total = torque - damping * v + external
         if dry > 0.0:
             total += friction_force(total / mass, mass, -v / step, SOFTNESS / mass, dry)
-        v += step * total / (mass + step * damping)
+        v += step * total / (mass + step * share * damping)
         q += step * v
         out[s] = q
         if s % every == 0 and s // every < len(starts):
             q, v = starts[s // every]
             external = -moment * np.sin(q - hangs)
+            state[6] = 0.0
 
 
-def replay(law: Law, run: Run, step: float = STEP, window: float = np.inf) -> Array:
+def replay(law: Law, run: Run, step: float = STEP, window: float = np.inf, *, file: bool = False) -> Array:
     """(T,) rad, where the servo with this law would have been at the run's samples; NaN where the law is unstable.
 
-    With a `window` in s it begins anew from where it was measured to be, each time that has passed.
+    With a `window` in s it begins anew from where it was measured to be, each time that has passed. `file`: as MuJoCo replays
+    the MJCF of a law that a file can hold.
     """
     steps = max(whole_steps(run.time[-1], step) + 1, 2)
     out = np.empty(steps + 1)
@@ -85,7 +89,7 @@ def replay(law: Law, run: Run, step: float = STEP, window: float = np.inf) -> Ar
     starts = run.states(np.arange(0, steps + 1, every, dtype=np.float64) * step)
     _replay(
         law, run.gain, run.command_time, run.command, run.integral, run.on, bench.moment, bench.hangs_at,
-        bench.about_axis, starts, every, step, out,
+        bench.about_axis, starts, every, step, file, out,
     )  # fmt: skip
     return np.interp(run.time, step * np.arange(steps + 1), out)
 

@@ -65,8 +65,9 @@ class Law(NamedTuple):
     """rad/s2 (profile acceleration)."""
 
 
-STATES = 5
-"""Numbers that a servo remembers: place and pace of its set point, sum of errors, last error, whether it has begun."""
+STATES = 7
+"""Numbers that a servo remembers: place and pace of its set point, sum of errors, last error, whether it has begun; the
+load's torque that it was told last, and whether it was told one."""
 
 
 def set_point(command: float, place: float, pace: float, top: float, most: float, step: float) -> tuple[float, float]:
@@ -115,12 +116,16 @@ def drive(
     law: Law, factor: float, on: bool, state: list[float], command: float, position: float, speed: float,
     external: float, step: float,
 ) -> tuple[float, float, float]:  # fmt: skip
-    """Torque in N m at the joint without its part that grows with speed, that part as damping, largest dry friction in N m.
+    """Torque in N m at the joint, damping in N m s/rad, and largest dry friction in N m.
+
+    Of what grows with speed half is in the torque, at the speed before the step, and half is the damping, at the speed after
+    it: so errors shrink with the square of the step (J. Crank and P. Nicolson, Proc. Cambridge Phil. Society 43, 1947).
 
     DC motor: torque = U k_t / R - k_t^2 / R speed (the same paper, eq. 7), less where the supply breaks down with the
     current it is asked for. Friction: Coulomb and Stribeck (Armstrong-Helouvry et al., Automatica 30(7), 1994), growing with
     what presses the gears together (Duclusaud et al., Extended Friction Models for the Physics Simulation of Servo
-    Actuators, ICRA 2025, models M4 and M5). `external` is the torque in N m with which all else turns the joint.
+    Actuators, ICRA 2025, models M4 and M5). `external` is the torque in N m with which all else turned the joint at the
+    instant before. `state` is changed.
     """
     torque, emf = 0.0, 0.0
     if on:
@@ -132,11 +137,16 @@ def drive(
             torque, emf = math.copysign(law.force_limit, torque - emf * speed), 0.0
     else:
         state[4] = 0.0
+    if state[6] > 0.0:  # a simulation shows it as it was a step before: as a line goes on it is now
+        external, state[5] = 2.0 * external - state[5], external
+    else:
+        state[5], state[6] = external, 1.0
     pressed = abs(law.load_motor * (torque - emf * speed) - law.load_external * external)
     pace = abs(speed) / law.stribeck_speed
     slow = math.exp(-pace * pace)
     friction = law.coulomb + pressed + slow * (law.static + law.load_static * pressed)
-    return torque, emf + law.viscous + law.quadratic * abs(speed), friction
+    half = 0.5 * (emf + law.viscous + law.quadratic * abs(speed))
+    return torque - half * speed, half, friction
 
 
 class Servo:

@@ -184,7 +184,8 @@ def _pictures(actuator: Actuator, folder: Path) -> list[Path]:
     held = {j.name for j in actuator.judged if j.held_out}
     paths = []
     for run in (r for r in actuator.runs if not held or r.name in held):
-        file, law = (replay(x, run, actuator.step)[:, None] for x in (actuator.file_law, actuator.law))
+        law = replay(actuator.law, run, actuator.step)[:, None]
+        file = replay(actuator.file_law, run, actuator.step, file=True)[:, None]
         at = run.given(run.time)
         told = np.where(run.on[at], run.command[at], np.nan)[:, None]
         drawn = Replay(run.name, run.name in held, "position", ("joint",), "rad", run.time, run.position[:, None], file, law,
