@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from trueup import formats
 from trueup.cli import main
 from trueup.engines.vehicle import Vehicle, VehicleSimulator
+from trueup.engines.vehicle.family import BEGUN, LASTING, Vehicles
 from trueup.engines.vehicle.kernels import ANGLE, SPEED, STATE, WHEEL, motor_push, on_tyres, steered
 from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.prediction import horizons_for, prediction_errors
@@ -174,6 +176,52 @@ def test_stretches_are_the_same_at_every_step(drive: Recording) -> None:
     fine, coarse = (run.channels["position"] for run in runs)
     assert np.abs(fine - coarse).mean() < 0.005
     assert np.abs(fine - coarse).max() < 0.1
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """What stands for a calibration: values, and nothing to say."""
+
+    values: Array
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def test_a_car_is_also_searched_as_if_nothing_were_unexplained_and_the_better_one_stays() -> None:
+    begun = []
+
+    def fit(simulator: VehicleSimulator, drives: Any, others: Any, *, again: bool = False, **how: Any) -> Fitted:
+        begun.append([float(simulator.parameters[n].nominal) for n in LASTING])
+        return Fitted(simulator.parameters.nominal)
+
+    def calibrated(car: Vehicle, noise: float) -> Array:
+        begun.clear()
+        simulator = VehicleSimulator(car, car.space())
+        found = Vehicles().calibrate(simulator, [driven(4, 20.0, noise=noise)], [], fit)  # type: ignore[arg-type]
+        return np.array([found.values[simulator.parameters.index(n)] for n in LASTING])
+
+    # The dynamics are the truth's: with a noisy tracker, what seems unexplained is noise that does not last.
+    assert np.array_equal(calibrated(TRUTH, 4e-3), [0.0, 0.0, 0.0])
+    assert {tuple(at) for at in begun} >= set(BEGUN)
+    own = dict(zip(LASTING, (0.2, 0.3, 0.4), strict=True))
+    assert np.array_equal(calibrated(replace(TRUTH, values={**HIDDEN, **own}), 5e-4), list(own.values()))
+    assert {tuple(at) for at in begun} == {tuple(own.values())}
+
+
+def test_a_gap_in_the_tracking_changes_no_prediction_that_began_before_it(drive: Recording) -> None:
+    car, trial = VehicleSimulator(TRUTH), Trial.of(drive, ["position"])
+    time = trial.observed["position"].time
+    begins = np.flatnonzero(np.diff(car.ahead(trial, time)) < 0.0) + 1
+    lost = slice(begins[8] - 5, begins[8] + 20)  # what comes after it is longer ago than a prediction lasts
+    channels = dict(drive.channels)
+    for name in ("position", "heading"):
+        c = channels[name]
+        channels[name] = c.replace(time=np.delete(c.time, lost), values=np.delete(c.values, lost, axis=0))
+    whole, cut = (
+        car.rollout([Trial.of(r, ["position"])], np.zeros((1, 0)))[0].channels["position"][0]
+        for r in (drive, drive.replace(channels=channels))
+    )
+    assert np.array_equal(cut[: lost.start], whole[: lost.start])
 
 
 def test_the_truth_predicts_its_own_drives(drive: Recording) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,9 @@ HORIZONS = (1.0, 3.0)
 """How far ahead predictions are judged, in s."""
 LASTING = ("push_lasts", "trim_lasts", "speed_kept")
 """How much of what a car showed beyond its model just before a prediction goes on: told by its own drives."""
+BEGUN = ((0.5, 0.6, 0.0), (0.0, 0.0, 0.0))
+"""Values of these from which a car is searched: as cars on a floor mostly are, and one that does what its model does. Where
+a drive holds nothing unexplained but the tracker's noise, dynamics that are searched with the first are bent to that."""
 
 
 class Vehicles(Family):
@@ -77,23 +81,23 @@ class Vehicles(Family):
     def calibrate(
         self, simulator: VehicleSimulator, training: Sequence[Recording], held_out: Sequence[Recording], fit: Fit
     ) -> Calibration:
-        """Calibrated by how far predictions go astray; again where what a car shows beyond its model lasts otherwise.
+        """Calibrated by how far predictions go astray, from each of `BEGUN` unless the file says these; what predicts its own
+        drives best stays.
 
         Raises what `fit` raises, and RecordingError for drives without pose or command.
         """
         drives, others = ([simulator.prepared(r) for r in rs] for rs in (training, held_out))
-        measure = Ahead(simulator, drives)
-        found = fit(simulator, drives, others, discrepancy=measure, cross_validate=False)
-        space = simulator.parameters
+        space, far = simulator.parameters, max(HORIZONS)
         if set(LASTING) <= set(space.names) and any(
-            len(begun_at(simulator.past(Trial.of(d, simulator.observable(d))), max(HORIZONS), 1.0)) for d in drives
+            len(begun_at(simulator.past(Trial.of(d, simulator.observable(d))), far, 1.0)) for d in drives
         ):
-            around = simulator.searching(_only(LASTING, space, found.values))
-            shares = fit(around, drives, others, discrepancy=measure, cross_validate=False, again=True).values
-            if _foretell_better(simulator, found.values, shares, drives):
-                frozen = space.freeze(LASTING, dict(zip(space.names, shares, strict=True)))
-                found = fit(simulator.searching(frozen), drives, others, discrepancy=measure, cross_validate=False,
-                            again=True)  # fmt: skip
+            own, said = simulator.vehicle.values, set(LASTING) <= set(simulator.vehicle.values)
+            begun = [own] if said else [dict(zip(LASTING, at, strict=True)) for at in BEGUN]
+            starts = [simulator.searching(space.freeze(LASTING, {n: at[n] for n in LASTING})) for at in begun]
+            every = [_in_turns(s, drives, others, fit, again=k > 0) for k, s in enumerate(starts)]
+            found = min(every, key=lambda c: _astray(simulator, c.values, drives))
+        else:
+            found = fit(simulator, drives, others, discrepancy=Ahead(simulator, drives), cross_validate=False)
         horizons = horizons_for(simulator, [*drives, *others], HORIZONS)
         shown = (
             spoken(simulator, found.values, rs, which, horizons) for which, rs in (("", drives), (" held out", others))
@@ -181,6 +185,25 @@ def _only(names: Sequence[str], space: ParameterSpace, values: Array) -> Paramet
     """The space in which only `names` are free, around `values` (n,)."""
     kept = space.freeze([n for n in space.names if n not in names], dict(zip(space.names, values, strict=True)))
     return ParameterSpace(tuple(p.replace(frozen=p.name not in names) for p in kept.parameters))
+
+
+def _in_turns(
+    simulator: VehicleSimulator, drives: Sequence[Recording], others: Sequence[Recording], fit: Fit, *, again: bool
+) -> Calibration:
+    """A car with its `LASTING` held, then these by themselves; again where predictions are clearly better with them."""
+    search = partial(fit, discrepancy=Ahead(simulator, drives), cross_validate=False)
+    found, space = search(simulator, drives, others, again=again), simulator.parameters
+    shares = search(simulator.searching(_only(LASTING, space, found.values)), drives, others, again=True).values
+    if not _foretell_better(simulator, found.values, shares, drives):
+        return found
+    frozen = space.freeze(LASTING, dict(zip(space.names, shares, strict=True)))
+    return search(simulator.searching(frozen), drives, others, again=True)
+
+
+def _astray(simulator: VehicleSimulator, values: Array, drives: Sequence[Recording]) -> float:
+    """Mean over horizons of the logarithm of the mean error in m of predictions with values (n,)."""
+    errors = [e for d in drives if len(e := prediction_errors(simulator, values, d, HORIZONS))]
+    return float(np.mean(np.log(np.concatenate(errors).mean(axis=0)))) if errors else np.inf
 
 
 def _foretell_better(simulator: VehicleSimulator, before: Array, after: Array, drives: Sequence[Recording]) -> bool:

@@ -201,8 +201,10 @@ class VehicleSimulator:
         since, stretch, starts = self._stretches(trial, times)
         first = np.searchsorted(stretch, np.arange(len(starts) + 1)).astype(np.int64)
         past = self.past(trial)
-        out = self.predict(past, rows, starts, first, np.nan_to_num(since))
+        # Times must not fall within a stretch: those after a gap has ended one early are read where it would have ended.
         idle = np.isnan(since)
+        over = times - past.begin > past.step * (starts[0] if len(starts) else np.inf)
+        out = self.predict(past, rows, starts, first, np.where(idle, np.where(over, self.horizon, 0.0), since))
         out[:, idle] = past.at(times[idle])
         return out
 
