@@ -81,8 +81,8 @@ def increasing(samples: Samples, table: Table, repair: Repair, *, held: bool = F
     if 2 * back.size > steps.size:
         raise ClockError(
             f"{table.path}: time runs backwards, from {samples.time[0]:.9g} to {samples.time[-1]:.9g} s"
-            f'{within} ({back.size} of {steps.size} steps); set repair = "sort" in [time] of the mapping to order the rows, if they '
-            "stand newest first"
+            f'{within} ({back.size} of {steps.size} steps); set repair = "sort" in [time] of the mapping to order the rows, '
+            "if they stand newest first"
         )
     if back.size:
         i = int(back[0])
