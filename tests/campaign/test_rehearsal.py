@@ -146,6 +146,18 @@ def test_what_a_robot_did_not_measure_is_said(write_plan: Write, tmp_path: Path)
     assert said.startswith("trial-002: in its recording 'position' has no values from ")
 
 
+def test_what_a_task_doubts_of_a_run_is_said_with_the_trial(write_plan: Write, tmp_path: Path) -> None:
+    heard, plan = Doubtful(), write_plan(("rounds = 2", "rounds = 1"))
+
+    def doubting(parts: Parts) -> Parts:
+        return replace(parts, task=Wrapped(parts.task, doubts=lambda rollouts: [("ended early",) for _ in rollouts]))
+
+    go(plan, tmp_path / "out", doubting, heard)
+    said = [words for words in heard.doubts if "ended early" in words]
+    done = [e.trial for e in read_journal(tmp_path / "out") if isinstance(e, TrialDone)]
+    assert said == [f"{trial}: ended early" for trial in done]
+
+
 def test_settings_that_fall_are_not_the_best_however_good_they_were_once(write_plan: Write, tmp_path: Path) -> None:
     plan, out = write_plan(("rounds = 2", "rounds = 1")), tmp_path / "out"
     best: list[dict[str, float]] = []

@@ -39,10 +39,38 @@ def test_a_constant_offset_is_its_own_error_whatever_the_pace(measure: str) -> N
     np.testing.assert_allclose(task.score([as_rollout(task.trials[0], runs)]), 0.07, rtol=1e-6)
 
 
-def test_a_path_that_was_not_finished_costs_a_metre_for_each_metre() -> None:
+def test_what_of_a_path_was_not_reached_counts_with_how_far_on_it_lies_a_metre_at_most() -> None:
     task = FollowPath([STRAIGHT], measure="mean")
     (score,) = robot_scores(task, [[drive(task, 0.0, until=7.0)]])
-    assert score == pytest.approx(0.3, abs=0.01)
+    assert score == pytest.approx((0.5 + 2.0) / 10.0, abs=0.01)
+    (score,) = robot_scores(FollowPath([STRAIGHT]), [[drive(task, 0.0, until=7.0)]])
+    assert score == pytest.approx(np.sqrt((1 / 3 + 2.0) / 10.0), abs=0.01)
+
+
+@pytest.mark.parametrize("measure", ["rms", "mean"])
+def test_a_log_that_ends_a_hands_breadth_early_scores_as_one_that_does_not_and_is_told_of(measure: str) -> None:
+    task = FollowPath([STRAIGHT], measure=measure)
+    runs = [drive(task, 0.006), drive(task, 0.006, until=9.94)]
+    rollouts = [as_rollout(task.trials[0], runs)]
+    whole, early = task.score(rollouts)
+    assert whole == pytest.approx(0.006, rel=1e-6)
+    assert early == pytest.approx(whole, rel=0.1)
+    ((said,),) = task.doubts(rollouts)
+    assert "the last 0.06 m of path 'straight' were not reached" in said
+
+
+def test_stopping_short_never_pays() -> None:
+    task = FollowPath([STRAIGHT])
+    runs = [drive(task, 0.3, until=u) for u in (10.0, 9.9, 9.5, 9.0, 5.0)]
+    scores = task.score([as_rollout(task.trials[0], runs)])
+    assert (np.diff(scores) > -1e-9).all()
+
+
+def test_the_rear_axle_need_not_be_where_the_front_axle_is_at_the_end() -> None:
+    task = FollowPath([STRAIGHT], point="rear")
+    rollouts = [as_rollout(task.trials[0], [drive(task, 0.07)])]
+    np.testing.assert_allclose(task.score(rollouts), 0.07, rtol=0.02)
+    assert task.doubts(rollouts) == ((),)
 
 
 def test_robot_and_simulator_are_scored_alike() -> None:
@@ -105,4 +133,5 @@ def test_whoever_drives_is_told_the_frame_and_at_which_speeds_each_gain_acts() -
     ]  # fmt: skip
     assert "rear axle" in " ".join(trial.notes)
     assert "0.4 m" in " ".join(trial.notes)
+    assert "Keep the log going until that point is passed" in " ".join(trial.notes)
     assert unit_of(task) == "m"

@@ -22,7 +22,7 @@ from trueup.loop.safety import require_safe
 from trueup.loop.transfer import prepared
 from trueup.recording import Recording
 from trueup.robots.robot import HandsOut
-from trueup.tasks.task import robot_scores, robot_trials
+from trueup.tasks.task import robot_doubts, robot_scores, robot_trials
 from trueup.trial import Trial
 
 E = TypeVar("E")
@@ -148,8 +148,11 @@ class Hardware:
             scores = np.full(repeats, np.nan)
             if all(d.outcome == "done" for d in done):
                 runs = [[self._recording(f, c) for f, c in zip(d.recordings, d.checksums, strict=True)] for d in done]
-                task = self._parts.task
-                scores = robot_scores(task, runs, task.parameters.from_unit(unit))
+                task, values = self._parts.task, self._parts.task.parameters.from_unit(unit)
+                scores = robot_scores(task, runs, values)
+                for d, said in zip(done, robot_doubts(task, runs, values), strict=False):
+                    for words in said:
+                        self._listener.doubt(f"{d.trial}: {words}")
             fell = any(d.outcome == "fell" for d in done)
             return Scored(round_, step, candidate, tuple(unit.tolist()), tuple(np.asarray(scores).tolist()), fell)
 

@@ -22,7 +22,10 @@ POINTS = ("front", "rear")
 MEASURES = ("rms", "mean", "max")
 
 LOST = 1.0
-"""Distance, in m, that counts for every metre of the path that was never reached."""
+"""Distance, in m, that counts at most for what of the path was never reached; else how far on it lies counts.
+
+A run that ends a hand's breadth before the path does is about as good as one that does not, and costs about as much.
+"""
 
 _LEAST = 1e-6  # m: no path is followed more closely, as far as a mean of logarithms is concerned
 _SLACK = 1.0 / 0.7
@@ -85,8 +88,24 @@ class FollowPath:
 
     def distances(self, driven: Array, path: Path) -> Array:
         """(b,) distance of driven points (b, T, 2) from one path by the task's measure, in m; NaN samples are skipped."""
+        return self._judged(driven, path)[:, 0]
+
+    def doubts(self, rollouts: Sequence[Rollout]) -> tuple[tuple[str, ...], ...]:
+        """See Doubts: how much of a path runs did not reach, where that is more than its points can tell."""
+        found = []
+        for rollout, path in zip(rollouts, self.paths, strict=True):
+            missing = self._judged(self.driven(rollout), path)[:, 1]
+            found.append(tuple(
+                f"the last {m:.3g} m of path '{path.name}' were not reached, and count with how far on they lie: a log is to "
+                "go on until the path's end is passed" for m in missing if m > path.arc[-1] - path.arc[-2]
+            ))  # fmt: skip
+        return tuple(found)
+
+    def _judged(self, driven: Array, path: Path) -> Array:
+        """(b, 2) distance from a path by the task's measure, and how much of it was not reached, in m."""
         points = np.ascontiguousarray(driven, dtype=np.float64)
-        return _distances(points, path_table(path), self.settings.ahead, MEASURES.index(self.measure))
+        spare = self.settings.wheelbase if self.point == "rear" else 0.0  # the front axle is at the end before it
+        return _distances(points, path_table(path), self.settings.ahead, spare, MEASURES.index(self.measure))
 
     def driven(self, rollout: Rollout) -> Array:
         """(b, T, 2) where the judged point of the vehicle was, in m; NaN where nothing was measured."""
@@ -122,14 +141,18 @@ def trial_of(path: Path, settings: StanleySettings, rate: float = 20.0, duration
             "Position and heading are those of the middle of the rear axle; angles grow to the left (counter-clockwise).",
             "What is commanded: speed of the wheels in m/s, steering angle in rad.",
             f"The run ends when the front axle, {settings.wheelbase:.4g} m ahead of it, has reached the path's last point.",
+            "Keep the log going until that point is passed and the robot stands: what of the path was not reached counts",
+            "in the score as far from it as it lies.",
         ),
     )  # fmt: skip
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _distances(driven: Array, path: Array, ahead: float, measure: int) -> Array:
-    """(b,) distance of driven points (b, T, 2) from the path, each metre of path counting alike."""
-    out = np.empty(driven.shape[0])
+def _distances(driven: Array, path: Array, ahead: float, spare: float, measure: int) -> Array:
+    """(b, 2) distance of driven points (b, T, 2) from the path, each metre of path counting alike, and what was not reached
+    of it, but for its last `spare` m, in m.
+    """
+    out = np.empty((driven.shape[0], 2))
     memory = np.empty(MEMORY)
     length = path[path.shape[0] - 1, 5]
     for row in range(driven.shape[0]):
@@ -154,12 +177,26 @@ def _distances(driven: Array, path: Array, ahead: float, measure: int) -> Array:
             # Once the end is reached the robot may stop a little beyond it.
             largest = max(largest, d) if gone > 0.0 else largest
             before, seen = d, True
-        missing = length - memory[1]
+        missing = max(length - memory[1] - spare, 0.0)
+        out[row, 1] = missing
         if not seen:
             out[row] = np.nan
         elif measure == 2:
-            out[row] = max(largest, LOST) if missing > 0.5 else largest
+            out[row, 0] = max(largest, LOST) if missing > 0.5 else largest
         else:
-            mean = (total + max(missing, 0.0) * LOST) / length
-            out[row] = mean if measure == 1 else np.sqrt(mean)
+            mean = (total + _beyond(missing, before, 2 - measure)) / (memory[1] + missing)
+            out[row, 0] = mean if measure == 1 else np.sqrt(mean)
     return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _beyond(missing: float, before: float, power: int) -> float:
+    """Integral, over `missing` m of path that was not reached, of the distance to the power.
+
+    The distance is that at the run's end, `before` (m), at least, else how far on the path lies, `LOST` at most.
+    """
+    if before >= LOST:
+        return missing * before**power
+    flat, near = min(missing, before), min(missing, LOST)
+    rising = (max(near, flat) ** (power + 1) - flat ** (power + 1)) / (power + 1)
+    return flat * before**power + rising + (missing - near) * LOST**power

@@ -79,6 +79,15 @@ class DoneOrNot(Task, Protocol):
         ...
 
 
+@runtime_checkable
+class Doubts(Protocol):
+    """A task that says what of a robot's runs is not as its score takes it."""
+
+    def doubts(self, rollouts: Sequence[Rollout]) -> tuple[tuple[str, ...], ...]:
+        """For each of the task's trials one sentence for each of its runs that is to be doubted."""
+        ...
+
+
 def unit_of(task: Task) -> str:
     """The unit of a task's score; '' where it has none."""
     return task.unit if isinstance(task, ScoredIn) else ""
@@ -147,7 +156,18 @@ def robot_scores(task: Task, recordings: Sequence[Sequence[Recording]], candidat
 
     `candidate` (m,) is what was tried, for scores that depend on it.
     """
-    return task.score([as_rollout(t, r, candidate) for t, r in zip(task.trials, recordings, strict=True)])
+    return task.score(_rollouts(task, recordings, candidate))
+
+
+def robot_doubts(
+    task: Task, recordings: Sequence[Sequence[Recording]], candidate: Array | None = None
+) -> tuple[tuple[str, ...], ...]:
+    """What is to be doubted in what the robot did, for each of the task's trials; see `robot_scores`."""
+    return task.doubts(_rollouts(task, recordings, candidate)) if isinstance(task, Doubts) else ()
+
+
+def _rollouts(task: Task, recordings: Sequence[Sequence[Recording]], candidate: Array | None) -> list[Rollout]:
+    return [as_rollout(t, r, candidate) for t, r in zip(task.trials, recordings, strict=True)]
 
 
 def as_rollout(trial: Trial, recordings: Sequence[Recording], candidate: Array | None = None) -> Rollout:
