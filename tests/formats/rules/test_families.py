@@ -36,12 +36,17 @@ def guess(folder: Path, columns: list[str], known: tuple[str, ...] = (), still: 
         {"position": "pos_{}", "command": "cmd_{}"},
         {"position": "{}_position", "command": "{}_command"},
         {"position": "q_{}", "command": "q_des_{}", "velocity": "q_dot_{}"},
+        {"position": "motor_pos_{}", "current": "motor_current_{}"},
+        {"position": "{}_joint_pos", "command": "{}_joint_cmd"},
     ],
 )
 def test_every_joint_of_a_family_is_found(tmp_path: Path, families: dict[str, str], known: tuple[str, ...]) -> None:
     columns = [pattern.format(name) for pattern in families.values() for name in NAMES]
     found = guess(tmp_path, columns, known).channels
-    assert {kind: found[kind].labels for kind in families} == dict.fromkeys(families, NAMES)
+    part = next((f"{word}_" for word in ("motor",) if word in families["position"]), "")
+    more = "_joint" if "_joint" in families["position"] else ""
+    names = NAMES if known else tuple(part + name + more for name in NAMES)
+    assert {kind: found[kind].labels for kind in families} == dict.fromkeys(families, names)
     assert set(found) == set(families)
 
 

@@ -36,7 +36,7 @@ EXAMPLES = (
 _STAND_IN = "elbow"
 """A joint's name of which no rule takes a word for anything else."""
 _RATES = frozenset(["dot", "ddot"])
-_ROLES = (frozenset(joints.KINDS) | COMMANDED | SENT | MEASURED | {"d"}) - {"motor", "motors", "joint", "joints"}
+_ROLES = frozenset(joints.KINDS) | COMMANDED | SENT | MEASURED | {"d"}
 """Words that may stand before or behind a joint's name and say what of it was logged."""
 _PLACES, _TURNS = frozenset("xyz"), frozenset(["roll", "pitch", "yaw"])
 _QUATERNION = frozenset(["qw", "qx", "qy", "qz"])
@@ -51,6 +51,7 @@ class Named:
     """A column that is a joint's."""
 
     joint: str
+    """As the model has it, else as the column's name does, with "motor" or "joint" where it says so."""
     read_as: Name
     """The column's name with a plain one in the joint's place."""
 
@@ -99,7 +100,7 @@ def _core(joint: str) -> _Core:
 
 def _telling(core: _Core) -> bool:
     """Whether a joint's name has a word of its own: "q1" and "joint_1" are words of any log."""
-    return any(word not in _ROLES | {"joint", "motor"} and not word.isdigit() for word in core)
+    return any(word not in _ROLES and not word.isdigit() for word in core)
 
 
 def _frames(splits: Iterable[_Split]) -> dict[_Core, set[_Frame]]:
@@ -117,14 +118,15 @@ def _shared(core: _Core, frames: Mapping[_Core, set[_Frame]], others: Mapping[_C
 
 def _twofold(core: _Core) -> bool:
     """Whether a joint's name would have a word for a kind of signal: gripper_speed; "current" is "present" too."""
-    roles = _ROLES & set(core)
+    roles = _ROLES & set(core) - {"joint", "motor"}
     return _telling(core) and bool(roles) and roles <= frozenset(joints.KINDS) - _RATES - {"current"}
 
 
 def _named(column: Column, at: range, joint: str = "") -> Named:
     name = column.parts
     start, end = name.spans[at[0]][1], name.spans[at[-1]][2]
-    return Named(joint or name.text[start:end], taken_apart(column.read_as[:start] + _STAND_IN + column.read_as[end:]))
+    plain = taken_apart(column.read_as[:start] + _STAND_IN + column.read_as[end:])
+    return Named(joint or joints.read(plain).label.replace(_STAND_IN, name.text[start:end]), plain)
 
 
 def _splits(column: Column, several: bool) -> Iterator[_Split]:
