@@ -22,6 +22,9 @@ COMMANDS = (
 """Channel names that hold commands, the better first: what was sent beats what was requested; 'command' is a position
 of a joint, or whatever else a robot takes."""
 
+ENABLED = "torque_enable"
+"""Channel that is zero while a drive is off."""
+
 
 @dataclass(frozen=True, eq=False)
 class Limits:
@@ -254,3 +257,8 @@ def command_of(recording: Recording) -> Channel | None:
         if recording.has(name):
             return recording.channel(name)
     return None
+
+
+def drives_off(recording: Recording) -> bool:
+    """Whether a recording says that all its drives were off all along."""
+    return recording.has(ENABLED) and not np.nan_to_num(recording.channel(ENABLED).values).any()

@@ -11,8 +11,9 @@ import pytest
 
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.setup.drives import suited
-from trueup.errors import ModelError
+from trueup.errors import ModelError, RecordingError
 from trueup.loop.calibrate import Options, calibrate
+from trueup.loop.checks import check
 from trueup.loop.prepare import prepare, simulator_for
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
@@ -144,9 +145,23 @@ def test_steps_show_the_force_limit_of_a_motor(tmp_path: Path) -> None:
     assert acceleration > 1e5, "a limit of what is commanded only makes up for coarse steps"
 
 
-def test_a_log_without_commands_is_said_to_drive_nothing(tmp_path: Path) -> None:
-    _, notes = simulator_for(_model(tmp_path, _MOTOR), [_swing().without("command_torque")])
-    assert any(n.startswith("no command in swing: servos hold") for n in notes)
+def test_logs_of_which_none_says_what_the_drives_did_are_refused(tmp_path: Path) -> None:
+    silent = _swing().without("command_torque")
+    with pytest.raises(
+        RecordingError, match=r"no command in swing.*seen: position \(j\).*command_torque.*labels = \[.j.\]"
+    ):
+        simulator_for(_model(tmp_path, _MOTOR), [silent])
+    off = Channel("torque_enable", ("j",), "", silent.time, np.zeros((len(silent.time), 1)))
+    _, notes = simulator_for(_model(tmp_path, _MOTOR), [silent.with_channel(off)])
+    assert any(n.startswith("no command in swing: there servos hold") for n in notes)
+    simulator_for(_model(tmp_path, ""), [silent])  # a passive model
+
+
+def test_a_log_without_commands_beside_others_is_said_to_drive_nothing(tmp_path: Path) -> None:
+    ready = prepare(_model(tmp_path, _MOTOR), [_swing()], [_swing().without("command_torque").replace(name="silent")])
+    assert any(n.startswith("no command in silent, unlike in the others") for n in ready.notes)
+    warnings = check(ready.recordings, ready.hold_out)
+    assert any("silent: no command" in w for w in warnings)
 
 
 def _measured() -> Recording:
@@ -166,14 +181,15 @@ def test_measured_torques_drive_what_nothing_commands(tmp_path: Path, drive: str
     assert damping.value == pytest.approx(0.5, rel=0.03)
 
 
-def test_measured_torques_stay_what_was_measured_where_that_is_wanted_or_servos_are_there(tmp_path: Path) -> None:
+def test_measured_torques_stay_what_was_measured_where_that_is_wanted_or_others_are_commanded(tmp_path: Path) -> None:
     for ready in (
         prepare(_model(tmp_path, _MOTOR), [_measured()], refuse=["torques"]),
-        prepare(_model(tmp_path, _SERVO), [_measured()]),
         prepare(_model(tmp_path, _MOTOR), [_measured(), _swing().replace(name="commanded")]),
     ):
         assert ready.recordings[0].has("torque")
         assert not ready.recordings[0].has("command_torque")
+    with pytest.raises(RecordingError, match=r"\[channels.command\]"):
+        prepare(_model(tmp_path, _SERVO), [_measured()])  # servos take no torques
 
 
 _TENDON = """<mujoco><option timestep=".002" integrator="implicitfast"/><worldbody>

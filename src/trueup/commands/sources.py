@@ -21,11 +21,10 @@ from trueup.formats import ChannelMap, guess_mapping, is_recording, read
 from trueup.inspection.diagnosis import Diagnosis
 from trueup.model_files.joint_names import joint_names
 from trueup.recording import Recording, part_of
+from trueup.trial import ENABLED, command_of, drives_off
 
 Mapped = ChannelMap | Path | None
 """What says how columns become channels; None: guessed."""
-ENABLED = "torque_enable"
-"""Channel that is zero while a drive is off."""
 MAPPING = Path("mapping.toml")
 """The mapping that is used when none is named, in the current folder."""
 
@@ -154,11 +153,12 @@ def _parted(recording: Recording, share: float) -> tuple[Recording, Recording]:
 def while_driven(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
     """Recordings that log whether their drives were on (`torque_enable`), cut to the longest stretch with all on.
 
-    A drive that is off does not follow its command, which a simulator knows nothing of. With notes on what was cut.
+    A drive that is off does not follow its command, which a simulator knows nothing of; a log without commands, all drives
+    off, stays. With notes on what was cut.
     """
     kept, notes = [], []
     for recording in recordings:
-        if not recording.has(ENABLED):
+        if not recording.has(ENABLED) or (drives_off(recording) and command_of(recording) is None):
             kept.append(recording)
             continue
         channel = recording.channel(ENABLED)

@@ -26,6 +26,7 @@ def check(training: Sequence[Recording], held_out: Sequence[Recording]) -> list[
     warnings: list[str] = []
     for recording in (*training, *held_out):
         warnings += _about(recording)
+    warnings += _silent((*training, *held_out))
     warnings += _clocks((*training, *held_out)) + _disagreeing(training)
     if not held_out:
         warnings.append(
@@ -47,6 +48,17 @@ def _about(recording: Recording) -> list[str]:
         if command.name != "command_torque" and command.unit in ("", position.unit):  # torques lead where they like
             found += _far(recording.name, command, position)
     return found
+
+
+def _silent(recordings: Sequence[Recording]) -> list[str]:
+    """Recordings without commands beside others that have some."""
+    silent = [r.name for r in recordings if command_of(r) is None]
+    if len(silent) in (0, len(recordings)):
+        return []
+    return [
+        f"{', '.join(silent)}: no command, unlike in the others; they are replayed as if nothing had been asked of them, "
+        "so their errors say nothing of the model: name the command in the mapping, or leave them out"
+    ]
 
 
 def _clocks(recordings: Sequence[Recording]) -> list[str]:

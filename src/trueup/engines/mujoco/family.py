@@ -110,7 +110,8 @@ class Articulated(Family):
                 elif not given.is_mjcf and change in (floating, driven, passable):
                     given = changed  # what becomes an MJCF has them
         model = replace(model, given=given, driven=drives, guessed=guessed)
-        notes: tuple[Note, ...] = (*loaded, *found, *undriven(model, everything), *check_base(model, everything))
+        silent = undriven(model, everything, refused="torques" in request.refuse)
+        notes: tuple[Note, ...] = (*loaded, *found, *silent, *check_base(model, everything))
         lines, proposed = _lines(model, training, request)
         declared = request.parameters is not None
         names = {

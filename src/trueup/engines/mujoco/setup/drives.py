@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from json import dumps
 
 import mujoco
 
@@ -12,9 +13,9 @@ from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.scales import of_slides, with_units
 from trueup.engines.mujoco.setup.servos import add_servos
 from trueup.engines.mujoco.wiring import actuators_of, is_motor
-from trueup.errors import ModelError, TrueupError
+from trueup.errors import ModelError, RecordingError, TrueupError
 from trueup.recording import Channel, Recording
-from trueup.trial import COMMANDS, command_of
+from trueup.trial import COMMANDS, ENABLED, command_of, drives_off
 
 _TORQUE = ("N m", "N")
 _POSITION = ("rad", "m")
@@ -76,15 +77,32 @@ def _motor_joints(model: Model, commands: Sequence[Channel]) -> list[str]:
     ]
 
 
-def undriven(model: Model, recordings: Sequence[Recording]) -> list[str]:
-    """Notes on recordings without any command."""
-    silent = [r.name for r in recordings if command_of(r) is None]
+def undriven(model: Model, recordings: Sequence[Recording], *, refused: bool = False) -> list[str]:
+    """Notes on recordings without any command.
+
+    Raises RecordingError where no recording has one though the model has drives, unless all say that these were off, or it
+    was `refused` to take measured torques for commands: a fit would lay what drove the robot to friction and inertia.
+    """
+    silent = [r for r in recordings if command_of(r) is None]
     if not silent or not model.compiled.nactuator:
         return []
     motors = any(is_motor(model.compiled, i) for i in range(model.compiled.nactuator))  # servos take no torques
+    names = ", ".join(r.name for r in silent)
+    if len(silent) == len(recordings) and not refused and not all(drives_off(r) for r in silent):
+        drives = {a: j for j, a in model.drives().items() if a}
+        way = ("command_torque]", "N m") if motors else ("command]", "rad")
+        seen = dict.fromkeys(f"{c.name} ({', '.join(c.labels)})" for r in silent for c in r.channels.values())
+        raise RecordingError(
+            f"no command in {names}: nothing says what the drives of model '{model.path.name}' "
+            f"({', '.join(drives) or 'of no single joint'}) did. Channels seen: {'; '.join(seen)}. Name the columns that "
+            f'commanded them in the mapping: [channels.{way[0]} columns = ["..."], '
+            f'labels = {dumps(list(drives.values()))}, unit = "{way[1]}". If nothing drove the robot, give a model without '
+            f"actuators, or log {ENABLED} as 0"
+        )
     logged = motors and any(r.has("torque") for r in recordings)
     hint = "; if 'torque' is what drove the robot, name it 'command_torque' in the mapping" if logged else ""
-    return [f"no command in {', '.join(silent)}: servos hold the posture of the start and motors do nothing{hint}"]
+    some = ", unlike in the others" if len(silent) < len(recordings) else ""
+    return [f"no command in {names}{some}: there servos hold the posture of the start and motors do nothing{hint}"]
 
 
 def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
