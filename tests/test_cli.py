@@ -86,6 +86,13 @@ def write_log(path: Path, time: Array, values: Array, header: str = HEADER) -> N
 CALIBRATE = ("calibrate", "arm.xml", "slow.csv", "fast.csv", "--hold-out", "fast", "--parameters", "parameters.toml")
 
 
+def test_what_is_relative_to_the_masses_is_said_unless_one_is_searched(call: Call) -> None:
+    short = ("calibrate", "arm.xml", "slow.csv", "--search", "gradient", "--force", "--parameters", "parameters.toml")
+    assert "kp, damping are in proportion to the masses in the file" in call(*short)[1]
+    Path("parameters.toml").write_text(PARAMETERS + '\n[[parameter]]\nquantity = "mass"\nof = "end"\n')
+    assert "in proportion to the masses" not in call(*short)[1]
+
+
 def test_a_calibration_leaves_its_results_in_one_folder(call: Call) -> None:
     code, said = call(*CALIBRATE, "--out", "fit")
     assert code == 0, said
@@ -263,6 +270,38 @@ def test_bad_input_is_named_and_nothing_is_written(call: Call, what: str) -> Non
     assert said.startswith("error") or " error " in said
     assert re.search(expected, said), said
     assert not Path("fit").exists()
+
+
+@pytest.mark.parametrize("more", [("--dry-run",), ()])
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [(("--hold-out", "slow"), "all were held out"), (("--channels", "torqe"), "channel 'torqe' is not in .*position")],
+)
+def test_what_cannot_be_fitted_is_refused_by_a_dry_run_too(
+    call: Call, words: tuple[str, ...], expected: str, more: tuple[str, ...]
+) -> None:
+    code, said = call("calibrate", "arm.xml", "slow.csv", "--out", "fit", *words, *more)
+    assert code == 1
+    assert re.search(expected, said), said
+    assert not Path("fit").exists()
+
+
+def test_a_calibration_that_fails_leaves_no_empty_folder(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise ModelError("it fails")
+
+    monkeypatch.setattr("trueup.loop.prepare.Preparation.calibrate", fails)
+    assert call("calibrate", "arm.xml", "slow.csv", "--out", "fit")[0] == 1
+    assert not Path("fit").exists()
+
+
+def test_a_log_of_another_robot_is_told_from_those_that_fit(call: Call) -> None:
+    other = Path("fast.csv").read_text().replace("hinge", "hip").replace("wrist", "wheel")
+    Path("fast.csv").write_text(other)
+    code, said = call("calibrate", "arm.xml", "slow.csv", "fast.csv", "--dry-run")
+    assert code == 1
+    assert "'fast' has none of the model's joints (hinge, wrist)" in said
+    assert "hip, wheel" in said
 
 
 ODD = {

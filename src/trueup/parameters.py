@@ -41,6 +41,8 @@ class Parameter:
     absent: float | None = None
     """The value with which it is as if there were no such structure (a limit that is never met is no zero). Where it is given
     an optional structure is tried from the fit without it; None: searched with all else, then judged."""
+    vanishes: bool = False
+    """Whether its lower bound is as good as none of it: a delay of 0 s, friction of a model that has none."""
 
     def __post_init__(self) -> None:
         """Checks the declaration."""

@@ -29,6 +29,8 @@ from trueup.engines.mujoco.attributes import MujocoCopies
 from trueup.engines.mujoco.model import Model, load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.errors import ParameterError, UnknownNameError
+from trueup.loop.fit import Fit
+from trueup.loop.identifiability import verdicts
 from trueup.recording import Channel, Recording
 from trueup.testing import check_attributes, check_quantity, check_simulator
 from trueup.testing.broken import ContractBrokenError
@@ -95,6 +97,16 @@ def test_friction_of_all_contacts_is_of_the_shapes_that_can_touch(arm: Model) ->
     assert not made.rollout([Trial.of(dip(), ("position",))], made.parameters.nominal[None])[0].failures
     with pytest.raises(UnknownNameError, match=r"'painted' is not in the shapes of 'arm' that can touch.*floor, tip"):
         simulator(arm, [Declaration("contact_friction", ("painted",))])
+
+
+def test_a_lower_bound_that_is_as_good_as_none_is_no_wish_to_go_beyond_it(arm: Model) -> None:
+    lines = [Declaration("delay", tie="all"), Declaration("bias", ("yaw",), nominal=0.0, lower=0.0)]
+    space, _ = declare(arm, lines, NAMES)
+    assert [p.vanishes for p in space.parameters] == [True, False]
+    fit = Fit(space, np.zeros(2), np.zeros(2), 100.0 * np.eye(2), np.ones(2), "")
+    none, beyond = verdicts(fit, 1e-6 * np.eye(2))
+    assert (none.word, none.note) == ("at bound", "none is seen (delay at its lower bound)")
+    assert "wants to go beyond its lower bound" in beyond.note
 
 
 def test_mujoco_offers_every_attribute_and_reads_what_was_written(arm: Model) -> None:

@@ -127,7 +127,7 @@ def test_a_missing_cell_is_a_missing_sample(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("", r"log.csv is empty"),
-        ("time,q1\n", r"no column of numbers found; the first line is 'time,q1'"),
+        ("time,q1\n", r"log.csv: no rows; its only line names columns: time, q1"),
         (bytes(range(256)) * 8, r"is not a text file"),
         (rows("time,q1", "0,1", "0.1,\x00", "0.2,1"), r"line 3: a zero byte"),
         (rows("time,q1", "0,1", "0.1,up", "0.2,1", "0.3,2"), r"line 3, column 'q1': 'up' is not a number"),

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from trueup import formats
-from trueup.errors import TrueupError
+from trueup.errors import FormatError, TrueupError
 from trueup.inspection import inspect
 
 Damage = Callable[[bytes], bytes]
@@ -171,3 +171,10 @@ def test_a_damaged_bag_is_read_or_named(
     sound_files: Path, tmp_path_factory: pytest.TempPathFactory, name: str, damages: list[Damage], which: float
 ) -> None:
     check(sound_files / name, tmp_path_factory.mktemp("bag"), damages, which)
+
+
+@pytest.mark.parametrize("line", ["time,cmd_1,q1", "Zeit [ms];Soll_yaw [deg];Ist_yaw [deg]", "t [s],q1 [rad]\n"])
+def test_a_file_that_only_names_columns_is_said_to_have_no_rows(tmp_path: Path, line: str) -> None:
+    (tmp_path / "log.csv").write_text(line)
+    with pytest.raises(FormatError, match="no rows; its only line names columns: "):
+        formats.read(tmp_path / "log.csv")

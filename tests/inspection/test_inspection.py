@@ -67,7 +67,18 @@ def test_gaps_are_found_where_samples_were_taken_out() -> None:
     first, second = inspection.channel("position").gaps
     assert (first.start, first.duration) == pytest.approx((4.99, 0.21))
     assert (second.start, second.duration) == pytest.approx((11.99, 0.02))
-    assert any("2 gaps" in sentence and "0.21 s after 4.990 s" in sentence for sentence in inspection.findings())
+    said = "a gap lasts 0.21 s after 4.990 s, beside a single sample that is missing"
+    assert any(said in sentence for sentence in inspection.findings())
+
+
+def test_single_samples_that_are_missing_are_counted_and_called_harmless() -> None:
+    keep = np.random.default_rng(0).permutation(len(TIME)) >= 30
+    keep[1:][~keep[:-1]] = True  # no two beside each other
+    found = inspect(recording(channel("position", noisy(angle())[keep], time=TIME[keep])))
+    count = np.count_nonzero(~keep[1:-1])
+    assert found.channel("position").dropped == len(found.channel("position").gaps) == count
+    assert any(f"{count} single samples are missing" in sentence for sentence in found.findings())
+    assert not any("gap" in sentence for sentence in found.findings())
 
 
 def test_what_does_not_move_is_named() -> None:

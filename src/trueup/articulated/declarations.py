@@ -148,12 +148,12 @@ def _parameter(model: Model, q: Quantity, line: Declaration, group: tuple[str, .
     scale = line.scale or q.scale
     if scale == "log" and not line.frozen and line.nominal is None:
         nominal = min(max(nominal, lower), upper)  # a nominal of zero cannot start on a log scale
-    label = line.name or _label(group, line, q)
+    label, unsigned = line.name or _label(group, line, q), q.bounds(0.0)[0] >= 0.0
     parameter = Parameter(
         name=label if label == q.name else f"{label}.{q.name}", unit=q.unit_at(model, group[0]), nominal=nominal,
         lower=lower, upper=upper, scale=scale, frozen=line.frozen, shown_by=q.shown_by,
         source="declared" if line.nominal is not None else "model", optional=line.optional,
-        absent=q.nothing,
+        absent=q.nothing, vanishes=unsigned and (lower == 0.0 or (line.nominal is line.lower is None and not values[0])),
     )  # fmt: skip
     return parameter, Assignment(q, group, signs)
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -69,6 +70,11 @@ class Output:
         """Keeps the state of the search, written aside and renamed. Raises OutputError."""
         text = json.dumps({"fingerprint": self.fingerprint, "search": _plain(state)})
         write_aside(text, self.state_file)
+
+    def discard(self) -> None:
+        """Removes the folder where nothing is in it."""
+        with contextlib.suppress(OSError):
+            self.folder.rmdir()
 
     def finish(self, calibration: Calibration) -> None:
         """Writes the plain numbers; the state is no longer needed. Raises OutputError."""

@@ -21,7 +21,7 @@ from trueup.commands.console import notes
 from trueup.commands.progress import Watcher
 from trueup.commands.show import proposal_line, show_outcome
 from trueup.commands.sources import add_engine, add_refuse, add_shared, given, refusable, step_of
-from trueup.errors import ModelError
+from trueup.errors import ModelError, TrueupError
 from trueup.formats.aside import write_aside
 from trueup.recording import Recording
 from trueup.report import replay_picture, write_report
@@ -96,6 +96,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     training, held_out, found = given(args, told)
     ready = prepare(args.model, training, held_out, parameters=args.parameters, beyond_mjcf=args.beyond_mjcf,
                     step=args.step, refuse=args.refuse, engine=args.engine)  # fmt: skip
+    ready.check(_channels(args))
     if args.choose:
         ready, choice = ready.worthwhile(_channels(args), seed=args.seed)
         found = [*found, *choice.notes]
@@ -177,6 +178,10 @@ def _calibrated(args: argparse.Namespace, ready: Preparation, output: Output, to
             escape(f"stopped; {where}. The same command {then}:\n  {again}"),
             soft_wrap=True, highlight=False,
         )  # fmt: skip
+        output.discard()
+        raise
+    except TrueupError:
+        output.discard()
         raise
 
 

@@ -199,7 +199,7 @@ def _others(recordings: Sequence[Recording], target: Path) -> list[str]:
 def _show(inspection: Inspection, console: Console) -> None:
     first = inspection.channels[0] if inspection.channels else None
     rate = f" at {first.rate:.4g} Hz" if first is not None and math.isfinite(first.rate) else ""
-    gaps = sum(len(c.gaps) for c in inspection.channels[:1])
+    gaps = sum(len(c.gaps) - c.dropped for c in inspection.channels[:1])
     detail = (
         f" (jitter {1e3 * first.jitter:.2g} ms, {gaps or 'no'} gap{'s' * (gaps != 1)})" if first is not None else ""
     )

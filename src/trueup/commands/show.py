@@ -35,8 +35,12 @@ def show_outcome(calibration: Calibration, console: Console, *, quiet: bool = Fa
     for sentence in calibration.unidentified:
         console.print(f"[cyan]cannot tell[/] {escape(sentence)}", soft_wrap=True, highlight=False)
     notes(console, filter(None, (*calibration.warnings, *calibration.notes, calibration.lacking)), quiet=quiet)
-    for comparison in comparisons(calibration):
-        name = comparison.channel
+    every = comparisons(calibration)
+    for comparison in every:
+        name, some = comparison.channel, 4
+        if [c.channel for c in every].count(name) > 1:  # hinges and slides
+            labels = comparison.labels
+            name += f" of {', '.join(labels[:some])}{' ...' * (len(labels) > some)}"
         _line(console, f"{name}, fitted", comparison.training, comparison.unit, floor=not comparison.held_out)
         _line(console, f"{name}, held out", comparison.held_out, comparison.unit, floor=True)
         if len(comparison.held_out) > 1:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from trueup.errors import FormatError
-from trueup.formats.table import shown, unique_names
+from trueup.formats.table import listing, shown, unique_names
 from trueup.units import canonical
 
 COMMENT = re.compile(r"\s*(#|%|//)")
@@ -39,6 +39,8 @@ class Dialect:
 def sniff(lines: Sequence[str], path: str) -> Dialect:
     """The layout, told from a file's first lines. Raises FormatError where no line holds a number."""
     data = [line for line in lines if line.strip() and not COMMENT.match(line)]
+    if len(data) == 1 and (names := _only_names(data[0])):
+        raise FormatError(f"{path}: no rows; its only line names columns: {listing(names)}")
     sample = data[-60:]
     separator = max(_SEPARATORS, key=lambda s: _fit(sample, s))
     decimal = "," if separator != "," and _uses_decimal_comma(sample, separator) else "."
@@ -83,6 +85,13 @@ def is_number(cell: str, decimal: str = ".") -> bool:
 def is_empty(cell: str) -> bool:
     """Whether a cell says that there is no value."""
     return cell.lower() in _EMPTY
+
+
+def _only_names(line: str) -> list[str]:
+    """The cells of a line of which none is a number; [] where one is, or there is but one."""
+    cells = max((split(line, s) for s in _SEPARATORS if s != " "), key=len)
+    plain = [cell for cell in cells if cell and not is_number(cell.strip("[]() "), "." if "," in line else ",")]
+    return cells if len(cells) > 1 and len(plain) == len(cells) else []
 
 
 def _fit(lines: Sequence[str], separator: str) -> tuple[float, int]:

@@ -62,6 +62,11 @@ class ChannelInspection:
     noise: Array
     """Standard deviation of the noise in `unit`, quantisation included."""
 
+    @property
+    def dropped(self) -> int:
+        """How many of the gaps are a single sample that is missing."""
+        return sum(round(gap.duration * self.rate) <= 2 for gap in self.gaps)
+
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
@@ -236,13 +241,7 @@ def _is_pushed(channel: Channel, label: str, extreme: float, there: Mask, record
 def _sentences(channel: ChannelInspection) -> Iterator[str]:
     """What to say about one channel, without its name."""
     if channel.gaps:
-        longest = max(channel.gaps, key=lambda gap: gap.duration)
-        count = "a gap" if len(channel.gaps) == 1 else f"{len(channel.gaps)} gaps; the longest"
-        lasts = f"{count} lasts {longest.duration:.3g} s after {longest.start:.3f} s. "
-        if is_command(channel.name):
-            yield (lasts + "A command stays in force until the next: right where only changes were logged")
-        else:
-            yield lasts + "Cut the recording there with slice(), or check the logger"
+        yield _of_gaps(channel)
     if np.isfinite(channel.rate) and channel.jitter > _JITTER / channel.rate:
         yield (
             f"samples come at {channel.rate:.4g} Hz with {channel.jitter * 1e3:.2g} ms jitter; log the time at which "
@@ -269,3 +268,23 @@ def _sentences(channel: ChannelInspection) -> Iterator[str]:
             f"{', '.join(channel.saturated)} rests at its extreme value for long; what it would do beyond is cut off. "
             "Move less far or fast, or calibrate the limit"
         )
+
+
+def _of_gaps(channel: ChannelInspection) -> str:
+    """What to say of the gaps of a channel that has some."""
+    longest, real = max(channel.gaps, key=lambda gap: gap.duration), len(channel.gaps) - channel.dropped
+    lost = (
+        "a single sample that is missing" if channel.dropped == 1
+        else f"{channel.dropped} single samples that are missing"
+    )  # fmt: skip
+    if not real:
+        return f"{lost.replace(' that', '')}: no harm done"
+    count = "a gap" if real == 1 else f"{real} gaps; the longest"
+    beside = f", beside {lost}" if channel.dropped else ""
+    lasts = f"{count} lasts {longest.duration:.3g} s after {longest.start:.3f} s{beside}. "
+    if is_command(channel.name):
+        return lasts + "A command stays in force until the next: right where only changes were logged"
+    return lasts + (
+        "Nothing is compared there. Check the logger; where it was lost for long, make a file of the rows before or after it "
+        "(`recording.slice` in Python)"
+    )

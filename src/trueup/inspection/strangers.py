@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping, Sequence
 
+from trueup.errors import RecordingError
 from trueup.recording import Channel, Recording, is_command
 
 _GRIPPER = re.compile(r"grip|finger|jaw|claw|hand|tool", re.IGNORECASE)
@@ -20,6 +21,7 @@ def without_strangers(
     That is where the log has every joint of the model, where a joint is the namesake of one that was found (another
     arm's), and grippers. Whatever else is not found stays: it may be a joint under another name, which must be said.
     `drives`: each joint of the model to the name of what drives it, '' where nothing does; `others`: further actuators.
+    Raises RecordingError for a recording of which no joint would be left.
     """
     labels = list(
         dict.fromkeys(label for r in recordings for c in r.channels.values() if _of_joints(c) for label in c.labels)
@@ -33,6 +35,13 @@ def without_strangers(
     ]  # fmt: skip
     if not gone:
         return list(recordings), []
+    for recording in recordings:
+        there = dict.fromkeys(label for c in recording.channels.values() if _of_joints(c) for label in c.labels)
+        if there and not set(there) & known and not set(there) - set(gone):
+            raise RecordingError(
+                f"recording '{recording.name}' has none of the model's joints ({', '.join(found)}), which others have; its "
+                f"own are: {', '.join(there)}. Is it of another robot? Else rename them in [joints] of a mapping"
+            )
     note = f"not in the model, and left out: {', '.join(gone)}"
     return [_without(r, set(gone)) for r in recordings], [note]
 

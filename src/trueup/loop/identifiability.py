@@ -55,8 +55,8 @@ def _verdict(
         return Verdict("not identified", f"the recordings leave it open{_advice(p)}")
     if unit < 2e-3 or unit > 1 - 2e-3:
         which = "lower" if unit < 0.5 else "upper"
-        if p.optional and unit < 0.5:
-            return Verdict("at bound", f"none is seen ({p.optional} at its {which} bound)")
+        if (p.optional or p.vanishes) and unit < 0.5:
+            return Verdict("at bound", f"none is seen ({p.optional or p.name} at its {which} bound)")
         return Verdict("at bound", f"it wants to go beyond its {which} bound: widen it, or something else is missing")
     size = max(abs(value), 1e-2 * (p.upper - p.lower))
     if (high - low) / 2 > 0.5 * size and spread > 0.02:

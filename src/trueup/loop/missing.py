@@ -52,8 +52,9 @@ class Missing:
         if not self.shown.holds:
             return undecided
         return (
-            f"the recordings show {self.name}, which the model lacks: {sizes}. With it left-out errors are "
-            f"{100 * np.exp(-self.shown.gain):.0f} % of what they are; declare it, from there, to have it in the model"
+            f"the recordings are replayed better with {self.name}, which the model lacks: {sizes}. With it left-out errors "
+            f"are {100 * np.exp(-self.shown.gain):.0f} % of what they are. It may stand for something else that is wrong (a "
+            "mass, a parameter that is not declared); if not, declare it, from there, to have it in the model"
         )
 
 

@@ -18,7 +18,7 @@ from trueup.discrepancies.weighted import Weighted
 from trueup.engines.family import Family, Note, Request, family_of
 from trueup.engines.restricted import Restricted
 from trueup.engines.simulator import Respaced, Simulator
-from trueup.errors import ModelError
+from trueup.errors import CalibrationError, ModelError, unknown_name
 from trueup.inspection.diagnosis import Diagnosis, check_refused
 from trueup.loop.ahead import predicted_ahead
 from trueup.loop.calibrate import Options, calibrate, usual
@@ -123,6 +123,15 @@ class Preparation:
         if isinstance(self.simulator, Respaced):
             return replace(self, simulator=self.simulator.with_parameters(space)), choice
         return replace(self, simulator=Restricted(self.simulator, space)), choice
+
+    def check(self, channels: Sequence[str] | None = None) -> None:
+        """Raises CalibrationError where no recording is left to fit, UnknownNameError for a channel that none of them has."""
+        if not self.recordings:
+            raise CalibrationError("no recording to fit: all were held out")
+        there = {c for r in self.recordings for c in (*r.channels, *self.simulator.observable(r)) if not is_command(c)}
+        for name in channels or ():
+            if name not in there:
+                raise unknown_name("channel", name, sorted(there), "the recordings that are fitted")
 
     def write(self, calibration: Calibration, model: str | Path, parameters: str | Path) -> tuple[str, ...]:
         """Writes the calibrated model and, where that cannot hold them all, its parameters; notes on what is lost.

@@ -25,7 +25,7 @@ from trueup.engines.mujoco.setup.overlaps import passable
 from trueup.engines.mujoco.setup.proposal import moving_joints, propose
 from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
 from trueup.engines.mujoco.setup.still import with_still_joints
-from trueup.engines.mujoco.writing.notes import usage_of
+from trueup.engines.mujoco.writing.notes import about_masses, usage_of
 from trueup.engines.mujoco.writing.write import write_model
 from trueup.errors import unknown_name
 from trueup.inspection.diagnosis import Diagnosis
@@ -153,7 +153,9 @@ class Articulated(Family):
 
     def advice(self, simulator: MujocoSimulator, calibration: Calibration | None = None) -> tuple[str, ...]:
         """See Family: smaller steps before a calibration, friction with load after it."""
-        return _about_step(simulator) if calibration is None else _about_load(simulator, calibration)
+        if calibration is None:
+            return _about_step(simulator)
+        return (*_about_load(simulator, calibration), *about_masses(simulator, calibration))
 
 
 def _servos(model: Model) -> int:

@@ -133,7 +133,7 @@ class Vehicle:
         nominal = float(np.clip(known.get(q.name, q.start), lower, upper))
         return Parameter(
             q.name, q.unit, nominal, lower, upper, q.scale, frozen=not free, source=q.about, shown_by=q.shown_by,
-            optional=q.optional, absent=q.absent if q.optional else None,
+            optional=q.optional, absent=q.absent if q.optional else None, vanishes=lower == 0.0 == q.absent,
         )  # fmt: skip
 
 

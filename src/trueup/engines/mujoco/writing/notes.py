@@ -9,11 +9,14 @@ import mujoco
 
 from trueup.arrays import Array
 from trueup.articulated.wiring import ONSET_OF
+from trueup.calibration import Calibration
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.rollout import MujocoSimulator
 
 DELAY = "actuator.delay"
+_RELATIVE = ("kp", "kv", "damping", "friction", "armature")
+"""Quantities that grow with the masses where nothing tells forces."""
 
 
 def usage_of(simulator: MujocoSimulator, values: Array, path: Path) -> tuple[str, ...]:
@@ -34,7 +37,7 @@ def usage_of(simulator: MujocoSimulator, values: Array, path: Path) -> tuple[str
     onsets = f"; commands = np.hstack([commands, commands[:, {columns}]])" if columns else ""
     return (
         f"# times (n,) in s from 0 on and commands (n, {known.compiled.nu}) of a log's rows, each held until the next; "
-        "set data.qpos to where it begins",
+        "once reset, set data.qpos to where it begins",
         f'model = mujoco.MjModel.from_xml_path("{file.as_posix()}"); data = mujoco.MjData(model){onsets}',
         begin,
         "while data.time < times[-1]:  # commands come within steps too: each step takes their mean over it",
@@ -122,3 +125,19 @@ def notes_of(simulator: MujocoSimulator, values: Array) -> list[str]:
             f"the step is now {1e3 * simulator.step:g} ms, at which the values were found (it was {1e3 * step:g} ms)"
         )
     return notes
+
+
+def about_masses(simulator: MujocoSimulator, calibration: Calibration) -> tuple[str, ...]:
+    """A note where nothing tells forces: what was found is then in proportion to the masses that the file has."""
+    model, forces = simulator.model, ("torque", "N")
+    servos = all(model.is_position_servo(i) for i in range(model.compiled.nactuator))
+    seen = {r.channel for r in calibration.replays} | {r.unit for r in calibration.replays}
+    kinds = dict.fromkeys(q.kind for q in simulator.quantities if q.kind in _RELATIVE)
+    masses = any(q.quantity.family == "body" for q in simulator.quantities)
+    if not servos or not kinds or masses or seen & {*forces, "N m"}:
+        return ()
+    return (
+        f"{', '.join(kinds)} are in proportion to the masses in the file: no torque or force was compared, and with all "
+        "masses twice as large they would be too and replay as well. Weigh what you doubt, or have it searched: "
+        '--parameters FILE with quantity = "mass" (and "com_x" ...) of the body',
+    )
