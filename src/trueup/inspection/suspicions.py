@@ -9,8 +9,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from trueup.inspection.relations import factor, nearest, rate
+from trueup.inspection.turns import turning_on
 from trueup.recording import Channel, Recording
-from trueup.units import FURTHEST_TURN
+from trueup.units import FURTHEST_TURN, hardly_radians
 
 _LIMITS = {
     "position": ("rad", FURTHEST_TURN, "degrees", "deg"),
@@ -39,6 +40,7 @@ def suspicions(recording: Recording) -> Iterator[str]:
     yield from _too_large(recording)
     yield from _unsigned(recording)
     yield from _ratios(recording)
+    yield from _wraps(recording)
 
 
 def _too_large(recording: Recording) -> Iterator[str]:
@@ -111,3 +113,21 @@ def _ratio(channel: Channel, position: Channel, label: str, derive: bool) -> flo
             return None
         time, reference = rate(reference, time)
     return factor(channel.select([label]).at(time, hold=not derive)[:, 0], reference)
+
+
+def _wraps(recording: Recording) -> Iterator[str]:
+    """Angles that begin anew after a whole turn, in rad, or in degrees where nobody said the unit."""
+    position = recording.channels.get("position")
+    if position is None or position.unit not in ("rad", "") or _VEHICLES & set(position.labels):
+        return
+    degrees = not position.unit and hardly_radians(float(np.fmax.reduce(np.abs(position.values), axis=None)))
+    turn, said = (360.0, "360") if degrees else (math.tau, "2 pi")
+    for label in position.labels:
+        names = list(turning_on(recording, (label,), turn, position.unit))
+        if "position" in names:
+            yield (
+                f"{', '.join(sorted(names, reverse=True))}: {label} jumps by {said} between samples, as where encoders wrap; "
+                "a joint without limits in the model is taken to go on turning"
+            )
+        elif names:
+            yield f"{', '.join(names)}: {label} is whole turns ({said}) away from its position"

@@ -34,6 +34,7 @@ from trueup.inspection.joint_names import named_as
 from trueup.inspection.ranges import beyond_ranges
 from trueup.inspection.stops import stopped_at
 from trueup.inspection.strangers import several_robots, without_strangers
+from trueup.inspection.turns import without_wraps
 from trueup.inspection.zeros import zeros_off
 from trueup.recording import Recording
 from trueup.trial import STEP
@@ -43,7 +44,7 @@ _CHANGES = (
     ("base", floating), ("base", held), ("servos", driven), ("overlaps", passable), ("still", with_still_joints)
 )  # fmt: skip
 DIAGNOSES = (
-    "names", "strangers", "torques", *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
+    "names", "strangers", "torques", "turns", *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
 )  # fmt: skip
 """What is looked for in recordings and models, and may be refused."""
 
@@ -86,9 +87,10 @@ class Articulated(Family):
         named, strange = _edited(named, "strangers", refuse, lambda rs: without_strangers(rs, drives, others))
         taken, changed = suited(model, named)
         taken, driving = _edited(taken, "torques", refuse, lambda rs: torques_as_commands(model, rs))
+        taken, turning = _edited(taken, "turns", refuse, lambda rs: without_wraps(ways(model), drives, rs))
         fitted, judged = taken[: len(training)], taken[len(training) :]
         doubts = self.doubts(model, taken)
-        return Suited(tuple(fitted), tuple(judged), (*renamed, *strange, *changed, *driving, *doubts))
+        return Suited(tuple(fitted), tuple(judged), (*renamed, *strange, *changed, *driving, *turning, *doubts))
 
     def simulator(
         self, model: Model, training: Sequence[Recording], replayed: Sequence[Recording], request: Request

@@ -23,6 +23,7 @@ from trueup.identification.estimation.filtering import (
 )  # fmt: skip
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
+from trueup.inspection.turns import unwrapped
 from trueup.recording import Channel, Recording
 
 TORQUES = ("torque", "current", "load")
@@ -179,10 +180,9 @@ def _unwound(position: Channel, tree: KinematicTree, name: str) -> tuple[Channel
     values, found = np.array(position.values), []
     for joint, slides in zip(tree.joints, np.asarray(tree.prismatic).tolist(), strict=True):
         k = position.labels.index(joint)
-        steps = np.abs(np.diff(values[:, k]))
-        if not slides and np.any(np.abs(steps[np.isfinite(steps)] - 2.0 * np.pi) < 0.3):
-            known = np.isfinite(values[:, k])
-            values[known, k] = np.unwrap(values[known, k])
+        on = None if slides else unwrapped(values[:, k])
+        if on is not None:
+            values[:, k] = on
             found.append(joint)
     if not found:
         return position, ()
