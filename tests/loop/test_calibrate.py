@@ -183,3 +183,17 @@ def test_frozen_parameters_alone_are_refused(
 ) -> None:
     with pytest.raises(CalibrationError, match="all parameters are frozen"):
         calibrate(simulator([Declaration("kp", frozen=True)]), recordings)
+
+
+@pytest.mark.parametrize("measured", [0.2999, 0.35], ids=["where it was told to be", "where no servo holds it"])
+def test_what_a_robot_at_rest_does_not_tell_is_handed_over_as_it_came(
+    simulator: Callable[..., MujocoSimulator], measured: float
+) -> None:
+    time = 0.02 * np.arange(150.0)
+    columns = {"command": np.full((150, 2), 0.3), "position": np.full((150, 2), measured)}
+    rest = Recording("rest", {n: Channel(n, JOINTS, "rad", time, v) for n, v in columns.items()})
+    found = calibrate(simulator([Declaration("kp"), Declaration("friction")]), [rest])
+    assert [e.verdict for e in found.estimates] == ["not identified"] * 4
+    assert [e.value for e in found.estimates] == pytest.approx([e.start for e in found.estimates])
+    assert all(e.note.endswith("kept at its start value") for e in found.estimates)
+    assert any("all is as it came" in note for note in found.notes)

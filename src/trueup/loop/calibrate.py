@@ -6,6 +6,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -19,13 +20,14 @@ from trueup.ends import End
 from trueup.engines.simulator import Simulator
 from trueup.errors import CalibrationError
 from trueup.loop.checks import check
+from trueup.loop.chooser import Chooser
 from trueup.loop.fit import Checkpoint, Fit, Progress, Stage, Watch, fit, searched_by
 from trueup.loop.identifiability import unseen_directions, verdicts
 from trueup.loop.limits import Seen, is_limit, limits_seen
 from trueup.loop.missing import Missing, missing
 from trueup.loop.problem import Problem
 from trueup.loop.replay import replays
-from trueup.loop.selection import Choice, choose
+from trueup.loop.selection import Choice
 from trueup.loop.ties import STEP, Considered, considered
 from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.validate import by_recording, left_out_errors
@@ -79,12 +81,10 @@ def calibrate(
 
     Raises CalibrationError where nothing can be fitted and SimulationFailedError where the start values already fail.
     """
-    chosen = options or Options()
     began, cpu = time.perf_counter(), time.process_time()
     warnings = check(recordings, hold_out)
     space = simulator.parameters if space is None else space
-    entering = [p.optional for p in space.parameters if p.optional and p.absent is not None]
-    chosen = replace(chosen, later=tuple(dict.fromkeys((*chosen.later, *entering))))
+    chosen = _with_entering(options or Options(), space)
     space, chosen_before = _searched(space, chosen.later, resume)
     channels = sorted({c for r in recordings for c in simulator.observable(r)})
     measure = discrepancy or Weighted.estimated(recordings, channels)
@@ -94,9 +94,11 @@ def calibrate(
     begin = space.without(waiting).nominal if start is None else start
     free = chosen.windows is None and discrepancy is None and controllers is None
     problem = in_windows(problem, windows := window_length(problem, begin) if free else (chosen.windows or np.inf))
-    watch, chooser = Watch(progress, checkpoint), _Chooser()
+    watch, chooser = Watch(progress, checkpoint), Chooser()
     select = chooser if chosen.select and not chosen_before else None
     found = fit(problem, space, begin, watch, resume=resume, select=select, **_how(chosen))
+    if chosen.select:
+        found = chooser.ended(problem, found, watch, {**_how(chosen), "later": ()})
     watch.saw("what the model lacks", problem, found.loss, problem.rmse(found.residual))
     findings = _findings(problem, found, chooser.choices, words(problem, measured=free))  # before the seconds are taken
     watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
@@ -113,6 +115,12 @@ def calibrate(
         evaluations=problem.evaluations,
         **findings,
     )  # fmt: skip
+
+
+def _with_entering(options: Options, space: ParameterSpace) -> Options:
+    """With the structures that say what it is like to be without them among those that are tried later."""
+    entering = [p.optional for p in space.parameters if p.optional and p.absent is not None]
+    return replace(options, later=tuple(dict.fromkeys((*options.later, *entering))))
 
 
 def _searched(
@@ -158,18 +166,6 @@ def _findings(problem: Problem, found: Fit, choices: Sequence[Choice], cut: Sequ
     }  # fmt: skip
 
 
-class _Chooser:
-    """Freezes what the data do not support, and remembers why."""
-
-    def __init__(self) -> None:
-        self.choices: tuple[Choice, ...] = ()
-
-    def __call__(self, problem: Problem, found: Fit) -> ParameterSpace:
-        self.choices = choose(problem, found, unit_covariance(problem, found))
-        names = [n for c in self.choices for n in c.freeze]
-        return found.space.freeze(names) if len(names) < int(found.space.free.sum()) else found.space
-
-
 def _estimates(
     found: Fit,
     covariance: Array,
@@ -183,8 +179,8 @@ def _estimates(
     unseen, vague = (choices[0].freeze, choices[0].vague) if choices else ((), ())
     rows = []
     for p, start, value in zip(found.space.parameters, declared.nominal, found.values, strict=True):
-        if not p.frozen:
-            lo, hi, verdict = next(words)
+        lo, hi, verdict = (nan, nan, None) if p.frozen else next(words)
+        if verdict is not None and p.name not in unseen:
             word, note = verdict.word, verdict.note
             if seen := limits.get(p.name):
                 if seen.word == "identified" and word in ("identified", "weak"):  # slopes know what jumps leave unsure
@@ -198,7 +194,6 @@ def _estimates(
                     "left-out recordings replay better with it than at its start value, yet it is vague",
                 )
         else:
-            lo = hi = float("nan")
             word, note = _frozen(declared[p.name], unseen, notes)
         rows.append(
             Estimate(p.name, p.unit, float(start), float(value), float(lo), float(hi), p.lower, p.upper, not p.frozen, word,

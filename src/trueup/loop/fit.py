@@ -21,6 +21,7 @@ from trueup.loop.profiles import off_bounds, profiles
 from trueup.loop.stages import (
     Run,
     Stage,
+    as_it_came,
     coarse_step,
     each_apart,
     evolution,
@@ -39,7 +40,19 @@ from trueup.loop.stages import (
 from trueup.parameters import ParameterSpace
 from trueup.search.least_squares import LeastSquares
 
-__all__ = ["DESCENT", "REFINEMENT", "SEARCHES", "STAGES", "Checkpoint", "Fit", "Progress", "Stage", "Watch", "fit"]
+__all__ = [
+    "DESCENT",
+    "REFINEMENT",
+    "SEARCHES",
+    "SHIPPED",
+    "STAGES",
+    "Checkpoint",
+    "Fit",
+    "Progress",
+    "Stage",
+    "Watch",
+    "fit",
+]
 
 
 _SHORT = (GLANCE, 15.0)  # s: the first stage looks at the first quarter of the recordings, within these bounds
@@ -66,6 +79,8 @@ DESCENT = (_APART, _GROWTH_APART, _FIRST, _COARSE_STEP, _SELECTION, _GROWTH, _FU
 """Nothing but where slopes lead."""
 REFINEMENT = (Stage("refinement", refinement), _SHOOTING, _AROUND[-1])
 """From an earlier fit of most of the recordings."""
+SHIPPED = (Stage("as it came", as_it_came),)
+"""Nothing is searched."""
 _SLOPES = (*DESCENT, *_AROUND)
 
 SEARCHES = {

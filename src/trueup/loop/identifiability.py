@@ -18,6 +18,8 @@ from trueup.rounding import TINY
 # Share of the box: a direction with an interval this wide is named.
 _LOOSE = 0.12
 NO_EFFECT = 1e-3
+UNTOLD = ("no effect", "not identified")
+"""Verdicts on what the recordings do not see, or hardly."""
 
 
 @dataclass(frozen=True)

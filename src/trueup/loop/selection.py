@@ -11,13 +11,11 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.evidence import Evidence, evidence
 from trueup.loop.descent import Fit
-from trueup.loop.identifiability import NO_EFFECT, effects
+from trueup.loop.identifiability import NO_EFFECT, UNTOLD, effects, verdicts
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR, vague
 from trueup.loop.validate import Block, by_setting, by_stretch, cautious_errors, left_out_errors
 from trueup.parameters import Parameter
-from trueup.search.bounded_step import damped_step, gain
-from trueup.search.robust import robust_losses, robust_weights
 
 
 @dataclass(frozen=True)
@@ -39,14 +37,39 @@ def choose(problem: Problem, fit: Fit, covariance: Array) -> tuple[Choice, Choic
     """
     strength = dict(zip((p.name for p in fit.space.parameters if not p.frozen), effects(fit), strict=True))
     # What has no effect at all costs nothing, and may have one elsewhere (a foot that sticks, a limit not reached).
-    wide = _not_missed(problem, fit, [p for p in _wide(fit, covariance) if strength[p.name] >= NO_EFFECT])
+    wide = [p for p in _wide(fit, covariance) if strength[p.name] >= NO_EFFECT]
     judge = _Judge(problem, fit)
     notes = tuple(judge.structure(name) for name in judge.structures)
     structures = tuple(judge.frozen)
     unseen = [p for p in wide if p.name not in structures and not judge.tried([p.name]).holds]
     kept = tuple(p.name for p in wide if p.name not in judge.frozen)
-    untold = tuple(f"{p.name} kept at {p.nominal:.4g} {p.unit}: these recordings cannot tell it" for p in unseen)
-    return Choice(tuple(p.name for p in unseen), untold, kept), Choice(structures, notes)
+    return Choice(tuple(p.name for p in unseen), _untold(unseen), kept), Choice(structures, notes)
+
+
+def untold(problem: Problem, fit: Fit, covariance: Array, kept: Sequence[str]) -> Choice:
+    """What ended away from its nominal value where the recordings do not tell it, or do not see it, by the same rule.
+
+    `kept` are names of those that have been asked about; structures and limits have, too.
+    """
+    free = [p for p in fit.space.parameters if not p.frozen]
+    moved = dict(zip((p.name for p in free), ~np.isclose(fit.values, fit.space.nominal)[fit.space.free], strict=True))
+    seen = verdicts(fit, covariance)
+    asked = [
+        p for p, verdict in zip(free, seen, strict=True)
+        if verdict.word in UNTOLD and moved[p.name] and p.name not in kept and not p.optional and p.absent is None
+    ]  # fmt: skip
+    if not asked:
+        return Choice((), ())
+    judge, unseen = _Judge(problem, fit), list[Parameter]()
+    for p in asked:
+        if not judge.tried([p.name]).holds:
+            unseen.append(p)
+    stay = tuple(p.name for p in asked if p not in unseen)
+    return Choice(tuple(p.name for p in unseen), _untold(unseen), stay)
+
+
+def _untold(parameters: Sequence[Parameter]) -> tuple[str, ...]:
+    return tuple(f"{p.name} kept at {p.nominal:.4g} {p.unit}: these recordings cannot tell it" for p in parameters)
 
 
 def _wide(fit: Fit, covariance: Array) -> list[Parameter]:
@@ -68,33 +91,6 @@ def _wide(fit: Fit, covariance: Array) -> list[Parameter]:
         kept.remove(worst)
         dropped.append(free[worst])
     return dropped
-
-
-def _not_missed(problem: Problem, fit: Fit, wide: Sequence[Parameter]) -> list[Parameter]:
-    """Those without which, at their nominal values, the recordings are replayed as well once the others have settled.
-
-    Slopes alone do not tell: a friction that is found to be a thousandth of the shipped one has none any more.
-    """
-    if not wide:
-        return []
-    free = [p for p in fit.space.parameters if not p.frozen]
-    places = [free.index(p) for p in wide]
-    nominal = np.clip(fit.space.to_unit(fit.space.nominal), 0.0, 1.0)
-    points = np.repeat(fit.unit[None], len(wide), axis=0)
-    points[np.arange(len(wide)), places] = nominal[places]
-    residuals = problem.residuals(fit.space.from_unit(points))
-    curvature = fit.jacobian.T @ (fit.jacobian * fit.weights[:, None])
-    worth = problem.chance(fit.residual) * len(free)
-    kept = []
-    for p, place, point, residual in zip(wide, places, points, residuals, strict=True):
-        others = np.arange(len(free)) != place
-        slope = (robust_weights(residual[None], fit.bend)[0] * residual) @ fit.jacobian[:, others]
-        inner = curvature[np.ix_(others, others)]
-        step = damped_step(inner, slope, 1e-6, point[others])
-        left = float(robust_losses(residual[None], fit.bend)[0]) - gain(inner, slope, step)
-        if left < fit.loss + worth:
-            kept.append(p)
-    return kept
 
 
 class _Judge:

@@ -155,6 +155,12 @@ def refinement(run: Run) -> None:
     run.go(Look("refinement", run.problem, run.seen, 1.0, 20, last=True))
 
 
+def as_it_came(run: Run) -> None:
+    """Takes no step: all recordings as they are, where the search begins."""
+    run.look, run.looks = last_look(run.problem, run.problem), run.looks + 1
+    run.descent.stay(run.look)
+
+
 def full_step(run: Run) -> None:
     """All recordings as they are."""
     run.go(last_look(run.problem, run.coarse))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from trueup.arrays import Array
 from trueup.evidence import FEWEST_PARTS
+from trueup.inspection import inspect
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR
@@ -50,11 +51,24 @@ def by_recording(problem: Problem) -> list[Block]:
 
 
 def by_stretch(problem: Problem) -> list[Block]:
-    """Blocks as `by_recording`, each cut into as many stretches of time as it takes to have enough of them."""
+    """Blocks as `by_recording`, each cut into as many stretches of time as it takes to have enough of them.
+
+    What was recorded at rest stays whole: each stretch repeats the one beside it, and foretells it whatever is wrong.
+    """
     whole = by_recording(problem)
-    parts = int(np.ceil(FEWEST_PARTS / len(whole)))
-    cut = [Block(b.trials, _rows(problem, b.trials, part, parts)) for b in whole for part in range(parts)]
+    still = [all(_at_rest(problem.recordings[problem.owners[k]]) for k in b.trials) for b in whole]
+    parts = int(np.ceil((FEWEST_PARTS - sum(still)) / max(len(whole) - sum(still), 1)))
+    counts = [1 if rests else max(parts, 1) for rests in still]
+    cut = [
+        Block(b.trials, _rows(problem, b.trials, k, n)) for b, n in zip(whole, counts, strict=True) for k in range(n)
+    ]
     return [block for block in cut if len(block.rows)]
+
+
+def _at_rest(recording: Recording) -> bool:
+    """Whether nothing moves in a recording, and nothing was told to."""
+    found = inspect(recording).channels
+    return all(set(c.motionless) == set(c.labels) for c in found if is_command(c.name) or c.name == "position")
 
 
 def by_setting(problem: Problem) -> dict[str, list[Block]]:

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Freezes what the recordings do not support, while a search is under way and once it has ended, and remembers why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from trueup.loop.descent import Fit
+from trueup.loop.fit import REFINEMENT, SHIPPED, Watch, fit
+from trueup.loop.problem import Problem
+from trueup.loop.selection import Choice, choose, untold
+from trueup.loop.uncertainty import unit_covariance
+from trueup.parameters import ParameterSpace
+
+
+class Chooser:
+    """What a search asks for the space that is worth searching; `choices` say what came of it: untold and structures."""
+
+    def __init__(self) -> None:
+        self.choices: tuple[Choice, ...] = ()
+
+    def __call__(self, problem: Problem, found: Fit) -> ParameterSpace:
+        """The space without what the recordings do not support, unless that leaves nothing."""
+        unseen, structures = choose(problem, found, unit_covariance(problem, found))
+        every = int(found.space.free.sum())
+        if len(unseen.freeze) + len(structures.freeze) >= every:  # what is left then is asked about at the end
+            unseen = replace(unseen, freeze=(), notes=())
+        self.choices = unseen, structures
+        names = (*unseen.freeze, *structures.freeze)
+        return found.space.freeze(names) if len(names) < every else found.space
+
+    def ended(self, problem: Problem, found: Fit, watch: Watch, how: Mapping[str, Any]) -> Fit:
+        """The fit, or one without what ended away from its start where nothing tells of it any more.
+
+        What was frozen meanwhile may have told of others, and searches that follow no slope move what has no effect. `how`:
+        what the search was told (`fit`).
+        """
+        self.choices = self.choices or (Choice((), ()), Choice((), ()))
+        while True:
+            late = untold(problem, found, unit_covariance(problem, found), self.choices[0].vague)
+            first, *rest = self.choices
+            self.choices = (Choice(*(a + b for a, b in zip(_parts(first), _parts(late), strict=True))), *rest)
+            if not late.freeze:
+                return found
+            nothing = len(late.freeze) == int(found.space.free.sum())
+            space = found.space.freeze(late.freeze[:-1] if nothing else late.freeze)
+            values = np.where(space.free, found.values, space.nominal)
+            told = {**how, "stages": SHIPPED if nothing else REFINEMENT}
+            again = fit(problem, space, space.nominal if nothing else values, watch, **told)
+            found = replace(again, notes=tuple(dict.fromkeys((*found.notes, *again.notes))))
+            if nothing:
+                return replace(found, ended="the recordings tell nothing of what was to be found: all is as it came")
+
+
+def _parts(choice: Choice) -> tuple[tuple[str, ...], ...]:
+    return choice.freeze, choice.notes, choice.vague
