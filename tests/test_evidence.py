@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from trueup.evidence import evidence
+from trueup.evidence import Evidence, evidence
 
 
 def test_chance_alone_seldom_buys_a_structure() -> None:
@@ -22,3 +23,18 @@ def test_a_gain_on_every_block_is_evidence_however_different_their_errors_are() 
 def test_one_block_or_a_failed_replay_is_no_evidence() -> None:
     assert not evidence(np.array([2.0]), np.array([1.0])).holds
     assert not evidence(np.array([2.0, 2.0, 2.0]), np.array([1.0, np.inf, 1.0])).holds
+
+
+@pytest.mark.parametrize(
+    ("gain", "error", "said"),
+    [
+        (np.log(1.0 / 0.8), 0.0488, "lower by 20 % (standard error 5 %)"),
+        (-np.log(1.25), 0.0488, "higher by 25 % (standard error 5 %)"),
+        (np.log(13.0), np.log(3.0), "lower by a factor of 13 (standard error a factor of 3)"),
+        (-np.log(6.0), np.log(1.5), "higher by a factor of 6 (standard error 50 %)"),
+        (0.0, np.inf, "lower by 0 % (nothing tells how sure that is)"),
+        (np.inf, np.inf, "without bound"),
+    ],
+)
+def test_evidence_is_said_in_words_that_are_true_at_any_size(gain: float, error: float, said: str) -> None:
+    assert Evidence(gain, error).in_words() == said

@@ -141,12 +141,12 @@ def _numbers(title: str, values: Sequence[Value]) -> Table:
 
 
 def _asked(actuator: Actuator) -> Table:
-    table = Table("structure", "left-out error without", "with, mrad", "gain", "", box=SIMPLE, title_justify="left",
+    table = Table("structure", "left-out error without", "with, mrad", "with it", "", box=SIMPLE, title_justify="left",
                   title="what it is made of: kept where left-out recordings want it by two standard errors")  # fmt: skip
     for a in actuator.asked:
         kept = "[bold]kept[/]" if a.name in actuator.structures else "left out"
         table.add_row(a.name, f"{1e3 * a.without:.1f}", f"{1e3 * a.with_it:.1f}",
-                      f"{100 * a.evidence.gain:.0f} +- {100 * a.evidence.standard_error:.0f} %", kept)  # fmt: skip
+                      a.evidence.in_words(), kept)  # fmt: skip
     return table
 
 

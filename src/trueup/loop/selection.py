@@ -161,7 +161,7 @@ def elsewhere(problem: Problem, without: Fit, with_it: Fit) -> str:
     for name, blocks in by_setting(problem).items():
         shown = compared(*(cautious_errors(problem, fit, blocks) for fit in (without, with_it)))
         if not shown.holds:
-            return f"with it errors on recordings of another '{name}' than those fitted are {_in_words(shown)}"
+            return f"with it errors on recordings of another '{name}' than those fitted are {shown.in_words()}"
     return ""
 
 
@@ -169,11 +169,4 @@ def told(structure: str, shown: Evidence) -> str:
     """What came of an optional structure, in words."""
     if np.isinf(shown.gain):
         return f"{structure} kept: without it left-out recordings cannot be replayed"
-    return f"{structure} {'kept' if shown.holds else 'left out'}: with it left-out errors are {_in_words(shown)}"
-
-
-def _in_words(shown: Evidence) -> str:
-    if not np.isfinite(shown.gain):
-        return "without bound"
-    size = f"{'lower' if shown.gain >= 0.0 else 'higher'} by {100 * abs(shown.gain):.2g} %"
-    return f"{size} (standard error {100 * shown.standard_error:.2g} %)"
+    return f"{structure} {'kept' if shown.holds else 'left out'}: with it left-out errors are {shown.in_words()}"
