@@ -22,6 +22,7 @@ from trueup.formats.plain import finite
 from trueup.formats.table import listing
 from trueup.inspection import ChannelInspection, Inspection, inspect
 from trueup.inspection.joint_names import match_joints
+from trueup.inspection.sensors import labels_of, sensed
 from trueup.model_files.joint_names import joint_names
 from trueup.recording import Recording
 from trueup.report.numbers import scale_for
@@ -65,7 +66,8 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         guess = _with_rate(guess_mapping(paths, joints), args.rate)
         if args.model is not None:
             guess, more = _renamed(guess, recordings, _drives_of(args.model))
-            said += more
+            guess, sensors = _with_sensors(guess, recordings, args.model)
+            said += more + sensors
         said += _others(recordings, target)
         guess.save(target)
         written = target
@@ -183,6 +185,20 @@ def _renamed(
             "fill in [joints] in the mapping"
         )
     return dataclasses.replace(guess, joints=names), notes
+
+
+def _with_sensors(guess: ChannelMap, recordings: Sequence[Recording], model: str) -> tuple[ChannelMap, list[str]]:
+    """The guess with labels of the model's sensors for their axes, and what to say of it."""
+    from trueup.engines.family import family_of
+
+    family = family_of(model)
+    found = sensed(recordings, family.sensors(family.load(Path(model))))
+    channels = {
+        name: dataclasses.replace(columns, labels=labels_of(found[name], columns.labels)) if name in found else columns
+        for name, columns in guess.channels.items()
+    }
+    notes = [f"channel {name} is labelled as the model's sensor {sensor}" for name, sensor in found.items()]
+    return dataclasses.replace(guess, channels=channels), notes
 
 
 def _others(recordings: Sequence[Recording], target: Path) -> list[str]:

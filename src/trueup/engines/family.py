@@ -92,6 +92,10 @@ class Family:
         """A model's joints, each to the name of what drives it, '' where nothing does."""
         return {}
 
+    def sensors(self, model: Any) -> Mapping[str, str]:
+        """A model's sensors of three numbers, each to the unit of what it measures (see `inspection.sensors`)."""
+        return {}
+
     def in_units(self, model: Any, recordings: Sequence[Recording]) -> Sequence[Recording]:
         """Recordings with a model's names and units, not yet made ready to be replayed: for those who look at them."""
         return recordings

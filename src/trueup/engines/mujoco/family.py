@@ -32,6 +32,7 @@ from trueup.inspection.diagnosis import Diagnosis
 from trueup.inspection.floor import stopped_by_floor
 from trueup.inspection.joint_names import named_as
 from trueup.inspection.ranges import beyond_ranges
+from trueup.inspection.sensors import in_other_units, with_sensors
 from trueup.inspection.stops import stopped_at
 from trueup.inspection.strangers import several_robots, without_strangers
 from trueup.inspection.turns import without_wraps
@@ -44,7 +45,8 @@ _CHANGES = (
     ("base", floating), ("base", held), ("servos", driven), ("overlaps", passable), ("still", with_still_joints)
 )  # fmt: skip
 DIAGNOSES = (
-    "names", "strangers", "torques", "turns", *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
+    "names", "strangers", "torques", "sensors", "turns",
+    *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
 )  # fmt: skip
 """What is looked for in recordings and models, and may be refused."""
 
@@ -53,6 +55,7 @@ class Articulated(Family):
     """Robots of joints and links; a model is an MJCF or URDF file."""
 
     describes = "another MJCF or URDF file"
+    compares = "no joint and no sensor of the model by its name, labels and unit"
     diagnoses = DIAGNOSES
 
     def load(self, path: Path) -> Model:
@@ -63,6 +66,10 @@ class Articulated(Family):
         """See Family."""
         return model.drives()
 
+    def sensors(self, model: Model) -> Mapping[str, str]:
+        """See Family."""
+        return model.sensors()
+
     def in_units(self, model: Model, recordings: Sequence[Recording]) -> Sequence[Recording]:
         """See Family: metres where a joint slides."""
         named, _ = named_as(recordings, model.drives())
@@ -70,8 +77,9 @@ class Articulated(Family):
         return of_slides(model, with_units(model, named)[0])[0]
 
     def doubts(self, model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
-        """See Family: positions beyond what the model allows."""
-        return beyond_ranges(ways(model), recordings, in_degrees=model.is_mjcf)
+        """See Family: positions beyond what the model allows, and sensors in other units than its own."""
+        units = in_other_units(model.sensors(), recordings)
+        return (*beyond_ranges(ways(model), recordings, in_degrees=model.is_mjcf), *units)
 
     def suited(
         self,
@@ -87,10 +95,13 @@ class Articulated(Family):
         named, strange = _edited(named, "strangers", refuse, lambda rs: without_strangers(rs, drives, others))
         taken, changed = suited(model, named)
         taken, driving = _edited(taken, "torques", refuse, lambda rs: torques_as_commands(model, rs))
+        taken, sensing = _edited(taken, "sensors", refuse, lambda rs: with_sensors(model.sensors(), rs))
         taken, turning = _edited(taken, "turns", refuse, lambda rs: without_wraps(ways(model), drives, rs))
         fitted, judged = taken[: len(training)], taken[len(training) :]
         doubts = self.doubts(model, taken)
-        return Suited(tuple(fitted), tuple(judged), (*renamed, *strange, *changed, *driving, *turning, *doubts))
+        return Suited(
+            tuple(fitted), tuple(judged), (*renamed, *strange, *changed, *driving, *sensing, *turning, *doubts)
+        )
 
     def simulator(
         self, model: Model, training: Sequence[Recording], replayed: Sequence[Recording], request: Request

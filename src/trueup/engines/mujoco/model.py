@@ -24,6 +24,7 @@ from trueup.model_files.urdf import root_tag
 # Sensors that look at geoms, those without contacts too.
 _SEEING = tuple(int(getattr(mujoco.mjtSensor, f"mjSENS_{n}")) for n in
                 ("RANGEFINDER", "GEOMDIST", "GEOMNORMAL", "GEOMFROMTO", "TACTILE", "PLUGIN"))  # fmt: skip
+_MEASURED = {int(mujoco.mjtSensor.mjSENS_ACCELEROMETER): "m/s^2", int(mujoco.mjtSensor.mjSENS_GYRO): "rad/s"}
 SETTING = "trueup_"
 """Begins the name of a <numeric> that says for which setting of its servos a calibrated file holds."""
 OPEN = 4.0 * np.pi
@@ -103,6 +104,12 @@ class Model:
         """Hinge and slide joints, each to the name of the actuator that drives it, '' where none does."""
         driven, names = self.actuator_of_joint(), self.names("actuator")
         return {joint: names[driven[joint]] if joint in driven else "" for joint in self.scalar_joints()}
+
+    def sensors(self) -> dict[str, str]:
+        """Sensors of three numbers, each to the unit of what accelerometers and gyros measure, '' of all others."""
+        m, names = self.compiled, self.names("sensor")
+        three = [i for i in range(m.nsensor) if names[i] and int(m.sensor_dim[i]) == len("xyz")]
+        return {names[i]: _MEASURED.get(int(m.sensor_type[i]), "") for i in three}
 
     def columns(self) -> dict[str, int]:
         """Actuators, each to its column in the controls."""

@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which sensor of a model a channel of x, y and z is: by its name, or as the only accelerometer or gyro that there is."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+
+from trueup.recording import Recording
+
+_AXES = ("x", "y", "z")
+_WORDS = {"m/s^2": re.compile(r"acc", re.I), "rad/s": re.compile(r"gyr|omega|ang(ular)?_?(vel|rate)", re.I)}
+"""What a sensor measures, in SI, and names of channels that say so."""
+
+
+def sensed(recordings: Sequence[Recording], sensors: Mapping[str, str]) -> dict[str, str]:
+    """Channels of x, y and z, or labelled so, each to the sensor of the model that it is. `sensors`: those of three numbers,
+    each to the unit of what it measures: 'm/s^2' of an accelerometer, 'rad/s' of a gyro, '' of any other.
+    """
+    every = [(name, c.labels) for r in recordings for name, c in r.channels.items()]
+    channels = dict.fromkeys(name for name, labels in every if sorted(labels) == list(_AXES))
+    found = {name: s for name, labels in every for s in sensors if sorted(labels) == list(labels_of(s, _AXES))}
+    found |= {name: name for name in channels if name in sensors}
+    for unit, words in _WORDS.items():
+        alike = [name for name in channels if words.search(name)]
+        only = [name for name, measured in sensors.items() if measured == unit]
+        if len(alike) == len(only) == 1 and only[0] not in found.values():
+            found.setdefault(alike[0], only[0])
+    return found
+
+
+def labels_of(sensor: str, axes: Sequence[str]) -> tuple[str, ...]:
+    """By which columns along these axes are known to be a sensor's."""
+    return tuple(f"{sensor}.{axis}" for axis in axes)
+
+
+def with_sensors(sensors: Mapping[str, str], recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """Recordings whose channels of sensors have the model's labels, where they are in the sensor's unit, and a note."""
+    found, named, result = sensed(recordings, sensors), dict[str, str](), []
+    for recording in recordings:
+        for name, sensor in found.items():
+            channel = recording.channels.get(name)
+            if channel is None or sorted(channel.labels) != list(_AXES) or sensors[sensor] not in ("", channel.unit):
+                continue
+            recording = recording.with_channel(channel.replace(labels=labels_of(sensor, channel.labels)))
+            named[name] = sensor
+        result.append(recording)
+    said = ", ".join(name if name == sensor else f"{name} ({sensor})" for name, sensor in named.items())
+    note = f"compared with sensors of the model, by their names or as the only ones of their kind: {said}"
+    return result, [note] if said else []
+
+
+def in_other_units(sensors: Mapping[str, str], recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """A sentence for each channel that is a sensor's by its name and not by its unit."""
+    said = []
+    for name, sensor in sensed(recordings, sensors).items():
+        units = {r.channels[name].unit for r in recordings if name in r.channels}
+        if sensors[sensor] and units != {sensors[sensor]}:
+            given = ", ".join(f"'{unit}'" for unit in sorted(units))
+            said.append(
+                f"channel '{name}' seems to be the model's sensor '{sensor}', yet its unit is {given}: say "
+                f"{sensors[sensor]}, or what it is, in the mapping"
+            )
+    return tuple(said)
