@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from trueup.formats import read
 from trueup.inspection import inspect
-from trueup.tracking.heading import heading_of
+from trueup.recording import Channel
+from trueup.tracking.heading import course, heading_of
 
 Array = NDArray[np.float64]
 
@@ -32,6 +33,29 @@ def drive() -> tuple[Array, ...]:
     heading = np.cumsum(speed * np.tan(0.3 * steering) / 0.3 * 0.02)
     return (t, throttle, steering, np.cumsum(speed * np.cos(heading) * 0.02), np.cumsum(speed * np.sin(heading) * 0.02),
             heading, speed)  # fmt: skip
+
+
+def test_where_x_is_north_the_place_is_still_x_to_the_east_so_that_left_stays_left(tmp_path: Path) -> None:
+    t, throttle, steering, x, y, heading, _ = drive()
+    path = tmp_path / "ned.csv"
+    shown = [t, throttle, steering, y, x, (90.0 - np.degrees(heading)) % 360.0]
+    names = "t,throttle,steering,x_north_m,y_east_m,heading_deg"
+    np.savetxt(path, np.column_stack(shown), delimiter=",", header=names, comments="", fmt="%.7f")
+    recording = read([path])[0]
+    assert recording.channel("position").select(("x", "y")).values == pytest.approx(np.column_stack([x, y]), abs=1e-6)
+
+
+@pytest.mark.parametrize("rate", [5.0, 10.0])
+def test_the_direction_of_motion_from_sparse_fixes_does_not_lag_behind_curves(rate: float) -> None:
+    t = np.arange(0.0, 60.0, 1.0 / rate)
+    fine = np.arange(0.0, 60.0, 0.001)
+    heading = 2.0 * np.sin(0.6 * fine)
+    way = np.cumsum(3.0 * np.stack([np.cos(heading), np.sin(heading)], axis=1) * 0.001, axis=0)
+    noise = np.random.default_rng(0).normal(0.0, 0.01, (len(t), 2))
+    place = Channel("position", ("x", "y"), "m", t, np.stack([np.interp(t, fine, w) for w in way.T], axis=1) + noise)
+    found = course(place, np.ones(len(t), dtype=bool)).values[:, 0]
+    error = (found - np.interp(t, fine, heading))[int(3 * rate) :]
+    assert np.sqrt(np.mean(error**2)) < 0.05  # of parabolas through 1.8 s, ten fixes of 5 Hz: 0.18 rad
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

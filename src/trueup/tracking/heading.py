@@ -144,27 +144,39 @@ def aligned(position: Channel, heading: Channel, good: Mask) -> tuple[Channel, l
 
 
 def _motion_until(time: Array, points: Array) -> tuple[Array, Mask]:
-    """(T, 2) velocity at the end of a parabola through the last _SPAN s, ten samples at least, and where it shows one.
+    """(T, 2) velocity at the end of a parabola through the last _SPAN s, and where it shows one.
 
-    It does where the car went farther in that time than the noise of the points could feign.
+    It does where the car went farther in that time than the noise of the points could feign. Where _SPAN holds fewer than ten
+    samples, up to ten are taken: as many as foretell best where the next one lies, for long windows blur curves.
     """
-    width = max(round(samples_in(_SPAN, time)) + 1, 10)
+    least, most = max(round(samples_in(_SPAN, time)) + 1, 4), 10
     velocity, far = np.zeros_like(points), np.zeros(len(time), dtype=bool)
-    if len(time) <= width:
+    if len(time) <= max(least, most):
         return velocity, far
+    fits = {width: _parabolas(time, points, width) for width in range(least, max(least, most) + 1)}
+    width = min(fits, key=lambda w: float(np.median(fits[w][1][most - w :]))) if len(fits) > 1 else least
+    velocity[width - 1 :] = fits[width][0]
+    noise = float(np.median(np.abs(np.diff(points, n=2, axis=0))))
+    moved = np.linalg.norm(points[width - 1 :] - points[: 1 - width], axis=1)
+    lasted = time[width - 1 :] - time[: 1 - width]
+    far[width - 1 :] = (moved > max(_WAY, 4.0 * noise)) & (lasted < 3.0 * width * usual_step(time))
+    return velocity, far
+
+
+def _parabolas(time: Array, points: Array, width: int) -> tuple[Array, Array]:
+    """(T - width + 1, 2) velocity at the end of a parabola through each `width` samples, (T - width,) its distance in m from
+    the sample after them.
+    """
     since = sliding_window_view(time, width) - time[width - 1 :, None]
     span = -since[:, 0]
-    table = np.stack([np.ones_like(since), since, since**2], axis=2)
-    table[..., 1] /= span[:, None]
-    table[..., 2] /= span[:, None] ** 2
+    share = since / span[:, None]
+    table = np.stack([np.ones_like(share), share, share**2], axis=2)
     seen = sliding_window_view(points, width, axis=0) - points[width - 1 :, :, None]
     normal = np.einsum("twi,twj->tij", table, table)
     found = np.linalg.solve(normal, np.einsum("twi,tcw->tic", table, seen))
-    velocity[width - 1 :] = found[:, 1] / span[:, None]
-    noise = float(np.median(np.abs(np.diff(points, n=2, axis=0))))
-    moved = np.linalg.norm(points[width - 1 :] - points[: 1 - width], axis=1)
-    far[width - 1 :] = (moved > max(_WAY, 4.0 * noise)) & (span < 3.0 * width * usual_step(time))
-    return velocity, far
+    ahead = np.diff(time)[width - 1 :] / span[:-1]
+    foretold = found[:-1, 0] + found[:-1, 1] * ahead[:, None] + found[:-1, 2] * ahead[:, None] ** 2
+    return found[:, 1] / span[:, None], np.linalg.norm(np.diff(points, axis=0)[width - 1 :] - foretold, axis=1)
 
 
 def _motion(time: Array, points: Array) -> tuple[Array, Mask]:

@@ -48,11 +48,12 @@ RULES = (
          (Example("t,v_cmd,delta_cmd_deg", "0 1 20|.1 2 21|.2 1 22", "command[] speed steering"),), also=("rad",)),
     Rule("erpm", "erpm, rpm", (Example("t,erpm_cmd,servo_cmd", "0 900 .5|.1 950 .6|.2 960 .5",
                                        "command[] speed steering"),)),
-    Rule("x", "x, px, easting, east", (Example("t,throttle,steer,odom_x,odom_y,vicon_x,vicon_y",
+    Rule("x", "x, px, easting, east, x east, y east", (Example("t,throttle,steer,odom_x,odom_y,vicon_x,vicon_y",
                                            "0 0 0 1 2 3 4|.1 1 0 1 3 3 4", "command[] throttle steering; position[m] x y"),),
          unit="m"),
-    Rule("y", "y, py, northing, north", (Example("t,throttle,steer,north_m,east_m", "0 0 0 1 2|.1 1 0 1 2|.2 1 0 2 2",
-                                            "command[] throttle steering; position[m] x y"),), unit="m"),
+    Rule("y", "y, py, northing, north, x north, y north",
+         (Example("t,throttle,steer,x_north_m,y_east_m", "0 0 0 1 2|.1 1 0 1 2|.2 1 0 2 2",
+                  "command[] throttle steering; position[m] x y"),), unit="m"),
     Rule("latitude", "lat, latitude", (Example("t,throttle,steer,gps_lat,gps_lon", "0 0 0 48 11|.1 1 0 48 11|.2 1 0 49 11",
                                        "command[] throttle steering; position[deg] latitude longitude"),),
          unit="deg", possible=_on_a_globe),
@@ -62,8 +63,10 @@ RULES = (
     Rule(
         "heading",
         "heading, yaw, theta, psi, hdg, azimuth, orientation, orientation yaw, euler yaw, rpy yaw, rotation yaw, rot yaw, "
-        "orientation theta, compass, compass heading, bearing, course",
-        (Example("t,throttle,steer,compass", "0 0 0 350|.1 1 0 355|.2 1 0 2|.3 1 0 5",
+        "orientation theta, compass, compass heading, bearing, course, course over",
+        (Example("t,throttle,steer,COG_deg,SOG_kmh", "0 0 0 350 36|.1 1 0 355 36|.2 1 0 2 40|.3 1 0 5 40",
+                 "command[] throttle steering; heading[rad] heading; speed[m/s] speed"),
+         Example("t,throttle,steer,compass", "0 0 0 350|.1 1 0 355|.2 1 0 2|.3 1 0 5",
                  "command[] throttle steering; heading[rad] heading"),),
         unit="rad",
     ),
@@ -76,7 +79,7 @@ RULES = (
     Rule(
         "speed",
         "v, vx, vel, velocity, speed, vel x, velocity x, linear x, linear, linear velocity, linear velocity x, "
-        "groundspeed, forward speed, forward velocity, v x",
+        "groundspeed, forward speed, forward velocity, v x, sog, speed over",
         (Example("t,throttle,steer,wheel_speed_kmh", "0 0 0 36|.1 1 0 36|.2 1 0 72",
                  "command[] throttle steering; speed[m/s] speed"),),
         unit="m/s",
@@ -173,6 +176,7 @@ def _kind(plain: list[str], everything: list[str]) -> str:
     if not core:  # only words that say whose it is
         driven = ("drive" in plain and len(plain) < 3) or ("motor" in plain and set(plain) <= _OF_A_MOTOR | _ASKED)
         kind = "throttle" if driven else ""
+        kind = "heading" if plain == ["cog"] else kind  # course over ground; a centre of gravity has axes
         kind = "longitude" if "long" in plain and {"gps", "gnss"} & set(everything) else kind
     return kind
 
