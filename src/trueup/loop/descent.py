@@ -58,6 +58,10 @@ class Fit:
         """(n,) all values, frozen ones included."""
         return self.space.from_unit(self.unit)
 
+    def cheaper(self, problem: Problem) -> Problem:
+        """The problem for many looks around the fit: near it, at its level, where that takes less than the simulator."""
+        return self.near or problem.at_level(self.values, self.residual) or problem
+
 
 Select = Callable[[Problem, Fit], ParameterSpace]
 """From the problem that was solved and where, the space with what is not worth fitting frozen."""
@@ -189,7 +193,7 @@ class Descent:
         begun, fine = self.point, self._residual(look.problem)
         for left in reversed(range(rounds)):
             confirm = left == rounds - 1
-            near = self._level(look.cheap, fine)
+            near = look.cheap.at_level(self.space.from_unit(self.point), fine)
             if near is None:
                 return self.descend(replace(look, cheap=look.problem))
             search = self.descend(replace(look, problem=near, cheap=near), confirm=confirm, impatient=True)
@@ -202,7 +206,7 @@ class Descent:
                 self.point, self._slopes = begun, None
                 return search
             search.residual, search.loss, self._slopes = fine, float(new), search.jacobian
-            self.near = self._level(look.cheap, fine)
+            self.near = look.cheap.at_level(self.space.from_unit(self.point), fine)
             if search.stuck and explained(fine):
                 # A crack in the cheaper problem need not be one in the real one: its slopes lead on there.
                 return self.descend(look)
@@ -221,14 +225,6 @@ class Descent:
         if not np.isfinite(self._residual(real.problem)).all():
             return False  # where the coarser step led, the real one fails
         return explained(replace(self).polish(real).residual)
-
-    def _level(self, cheap: Problem, fine: Array) -> Problem | None:
-        """The cheaper problem with the residual (m,) of the real one at the point, without approximations that miss it; None
-        where a coarser step fails.
-        """
-        cheap = cheap.approximated(self.space.from_unit(self.point), fine)
-        offset = fine - self._residual(cheap)
-        return cheap.shifted(offset) if np.isfinite(offset).all() else None
 
     def _residual(self, problem: Problem) -> Array:
         return problem.residuals(self.space.from_unit(self.point[None]))[0]

@@ -16,7 +16,7 @@ from trueup.arrays import Array
 from trueup.calibration import NORMAL_95
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
-from trueup.loop.structures import settled_loss
+from trueup.loop.validate import settled_loss
 from trueup.parameters import Parameter
 
 _APART = 0.01 * 2.0 ** np.arange(8)  # shares of the box: how far along a limit losses are looked at, to either side
@@ -39,7 +39,9 @@ def is_limit(p: Parameter) -> bool:
 
 def limits_seen(problem: Problem, fit: Fit) -> Mapping[str, Seen]:
     """What is seen of each free limit, by name, all other parameters settled around each place as slopes foretell it."""
-    problem = fit.near or problem
+    problem = (
+        fit.near or problem.at_level(fit.values, fit.residual) or problem
+    )  # the engine takes minutes where others do
     free = [p for p in fit.space.parameters if not p.frozen]
     worth = NORMAL_95**2 * problem.chance(fit.residual)
     found = {}

@@ -12,7 +12,6 @@ from trueup.loop.descent import Fit
 from trueup.loop.identifiability import NO_EFFECT, effects
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR
-from trueup.rounding import TINY
 from trueup.search.filtering import ImplicitFiltering
 from trueup.search.robust import robust_losses, robust_weights
 
@@ -29,7 +28,6 @@ def probed(problem: Problem, fit: Fit, seed: int) -> Fit:
     that are higher all around than the bowl foretells, the lowest may be any where the bowl is no deeper than they are.
     """
     pairs = 5  # points looked at, each with its mirror image
-    problem = fit.near or problem
     search = ImplicitFiltering(fit.unit, fit.bend, fit.jacobian, fit.residual, chance=problem.chance, seed=seed)
     points = search.around(_REACH, pairs)
     weak = effects(fit) < NO_EFFECT
@@ -59,9 +57,9 @@ def unexplained(points: Array, residuals: Array, slopes: Array) -> float:
     k = len(points) // 2
     seen = residuals[:k] - residuals[k:]
     left = np.linalg.norm(seen - (points[:k] - points[k:]) @ slopes.T, axis=1)
-    shares = left / np.maximum(np.linalg.norm(seen, axis=1), TINY)
-    shares = shares[np.isfinite(shares)]
-    return float(np.median(shares)) if len(shares) else 0.0
+    size = np.linalg.norm(seen, axis=1)
+    told = np.isfinite(left) & (size > 0.0)
+    return float(np.median(left[told] / size[told])) if told.any() else 0.0
 
 
 def _inverse(problem: Problem, fit: Fit) -> Array:

@@ -150,6 +150,12 @@ class Problem:
         twin._offset = offset if self._offset is None else self._offset + offset
         return twin
 
+    def at_level(self, values: Array, fine: Array) -> Problem | None:
+        """As `approximated`, with residuals that are `fine` (m,) at `values` (n,); None where the simulation fails there."""
+        cheap = self.approximated(values, fine)
+        offset = fine - cheap.residuals(values[None])[0]
+        return cheap.shifted(offset) if np.isfinite(offset).all() else None
+
     def replayed_by(self, trials: Sequence[Trial], owners: Sequence[int]) -> Problem:
         """The same recordings replayed by other trials, each of the recording that `owners` names by its place."""
         twin = self._twin()

@@ -14,7 +14,7 @@ from trueup.loop.descent import Fit
 from trueup.loop.identifiability import NO_EFFECT, UNTOLD, effects, verdicts
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR, vague
-from trueup.loop.validate import Block, by_setting, by_stretch, cautious_errors, left_out_errors
+from trueup.loop.validate import Block, by_setting, by_stretch, cautious_errors, left_out_errors, settled_loss
 from trueup.parameters import Parameter
 
 
@@ -47,7 +47,8 @@ def choose(problem: Problem, fit: Fit, covariance: Array) -> tuple[Choice, Choic
 
 
 def untold(problem: Problem, fit: Fit, covariance: Array, kept: Sequence[str]) -> Choice:
-    """What ended away from its nominal value where the recordings do not tell it, or do not see it, by the same rule.
+    """What ended away from its nominal value where the recordings do not tell it, or do not see it, and are replayed as well
+    with it there, by the same rule.
 
     `kept` are names of those that have been asked about; structures and limits have, too.
     """
@@ -60,10 +61,10 @@ def untold(problem: Problem, fit: Fit, covariance: Array, kept: Sequence[str]) -
     ]  # fmt: skip
     if not asked:
         return Choice((), ())
-    judge, unseen = _Judge(problem, fit), list[Parameter]()
-    for p in asked:
-        if not judge.tried([p.name]).holds:
-            unseen.append(p)
+    judge = _Judge(problem, fit)
+    if judge.parts > 1:  # of one part nothing can be left out, whatever it misses
+        asked = not_missed(problem, fit, asked)
+    unseen = [p for p in asked if not judge.tried([p.name]).holds]
     stay = tuple(p.name for p in asked if p not in unseen)
     return Choice(tuple(p.name for p in unseen), _untold(unseen), stay)
 
@@ -93,6 +94,21 @@ def _wide(fit: Fit, covariance: Array) -> list[Parameter]:
     return dropped
 
 
+def not_missed(problem: Problem, fit: Fit, parameters: Sequence[Parameter]) -> list[Parameter]:
+    """Those without which, each at its nominal value, the recordings are replayed as well once all others have settled."""
+    free = [p for p in fit.space.parameters if not p.frozen]
+    places = [free.index(p) for p in parameters]
+    nominal = np.clip(fit.space.to_unit(fit.space.nominal), 0.0, 1.0)
+    points = np.repeat(fit.unit[None], len(places), axis=0)
+    points[np.arange(len(places)), places] = nominal[places]
+    residuals = problem.residuals(fit.space.from_unit(points))
+    most, rows = fit.loss + problem.chance(fit.residual) * len(free), np.arange(len(fit.residual))
+    settled = [
+        settled_loss(fit, rows, np.delete(np.arange(len(free)), k), r) for k, r in zip(places, residuals, strict=True)
+    ]
+    return [p for p, loss in zip(parameters, settled, strict=True) if loss < most]
+
+
 class _Judge:
     """Freezes parameters one set after the other where what was left out of the fit does not miss them."""
 
@@ -100,6 +116,7 @@ class _Judge:
         self.free = [p for p in fit.space.parameters if not p.frozen]
         self.frozen: list[str] = []
         self._problem, self._fit, self._blocks = problem, fit, by_stretch(problem)
+        self.parts = len(self._blocks)
         self._settings = tuple(by_setting(problem).values())
         self._nominal = fit.space.to_unit(fit.space.nominal)
         self._errors: Array | None = None

@@ -254,7 +254,7 @@ def implicit_filtering(run: Run) -> None:
 
 def probing(run: Run) -> None:
     """What jumps around the optimum add to its uncertainty, and lower places beyond them."""
-    run.ended = probed(run.problem, run.found, run.seed)
+    run.ended = probed(run.found.cheaper(run.problem), run.found, run.seed)
 
 
 def _taken(run: Run) -> dict[str, Any] | None:

@@ -13,17 +13,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trueup.arrays import Array
 from trueup.evidence import Evidence, evidence
 from trueup.loop.apart import Part, parts_of
 from trueup.loop.descent import Descent, Fit, Look, Watch
 from trueup.loop.selection import compared, elsewhere, told
-from trueup.loop.validate import foretold
+from trueup.loop.validate import foretold, settled_loss
 from trueup.parameters import Parameter, ParameterSpace
-from trueup.search.bounded_step import damped_step, gain
-from trueup.search.robust import robust_losses, robust_weights
+from trueup.search.robust import robust_losses
 
 Settle = Callable[[Descent], None]
 """Where slopes lead from a descent's point."""
@@ -33,7 +31,6 @@ _PLACES = np.linspace(0.04, 0.96, 16)
 _AROUND = np.linspace(-0.04, 0.04, 25)
 """The same around where it was found."""
 _CLOSER = 2  # times at most
-_HELD = 1e-4  # damping of the others' imagined steps: slopes are not exact where a structure changes the motion
 
 
 def grown(
@@ -220,15 +217,3 @@ def _thawed(
     entered = replace(descent, space=whole.without(set(declared) - gained), watch=Watch(), search=None)
     entered.restart(place[[name in gained or name not in declared for name in free]])
     return entered
-
-
-def settled_loss(without: Fit, rows: NDArray[np.intp], others: NDArray[np.intp], residual: Array) -> float:
-    """The loss of residuals (r,) in some rows once other parameters have settled, by the slopes of the fit without."""
-    if not np.isfinite(residual).all():
-        return float("inf")
-    loss = float(robust_losses(residual[None], without.bend)[0])
-    jacobian = without.jacobian[np.ix_(rows, others)]
-    weighted = jacobian * robust_weights(residual, without.bend)[:, None]
-    curvature, slope = jacobian.T @ weighted, weighted.T @ residual
-    step = damped_step(curvature, slope, _HELD, without.unit[others]) if len(others) else np.zeros(0)
-    return loss - gain(curvature, slope, step)

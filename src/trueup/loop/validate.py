@@ -17,11 +17,13 @@ from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR
 from trueup.recording import PART_OF, Recording, is_command
-from trueup.search.robust import robust_losses
+from trueup.search.bounded_step import damped_step, gain
+from trueup.search.robust import robust_losses, robust_weights
 
 _REACH = 0.5  # share of the box: slopes foretell nothing further away
 _SHARES = (1.0, 0.25, 0.0625)  # of a step, tried in turn
 _STRETCH, _FEWEST, _FOLDS = 2.5, 16, 10  # s, stretches at least, sets of them that are left out in turn
+_IMAGINED = 1e-4  # damping of steps that others take around a change: slopes are not exact beside it
 _RIDGE = 1e-4  # share of the curvature that holds combinations which only the part left out has seen
 
 
@@ -151,6 +153,18 @@ def _lower(residual: Array, begun: Array, block: Block, bend: float) -> bool:
     losses = robust_losses(np.delete([residual, begun], block.rows, axis=1), bend)
     after, before = np.nan_to_num(losses, nan=np.inf)
     return bool(after < before)
+
+
+def settled_loss(fit: Fit, rows: NDArray[np.intp], others: NDArray[np.intp], residual: Array) -> float:
+    """The loss of residuals (r,) in some rows once other parameters have settled, by the slopes of a fit."""
+    if not np.isfinite(residual).all():
+        return float("inf")
+    loss = float(robust_losses(residual[None], fit.bend)[0])
+    jacobian = fit.jacobian[np.ix_(rows, others)]
+    weighted = jacobian * robust_weights(residual, fit.bend)[:, None]
+    curvature, slope = jacobian.T @ weighted, weighted.T @ residual
+    step = damped_step(curvature, slope, _IMAGINED, fit.unit[others]) if len(others) else np.zeros(0)
+    return loss - gain(curvature, slope, step)
 
 
 def folds(problem: Problem) -> tuple[list[Block], NDArray[np.intp]]:
