@@ -87,3 +87,10 @@ def test_a_last_line_that_was_cut_off_costs_that_line_only(tmp_path: Path) -> No
     recording = read(tmp_path / "log.jsonl", "\n".join(lines)[:-5])
     assert len(recording.time) == 3
     assert "the last line (4) is cut off" in recording.provenance["warnings"]
+
+
+@pytest.mark.parametrize("zone", ["", "Z", "+01:00"])
+def test_times_of_day_are_a_clock(tmp_path: Path, zone: str) -> None:
+    stamps = [f"2026-03-04T23:59:59.98{zone}", f"2026-03-04T23:59:59.99{zone}", f"2026-03-05T00:00:00{zone}"]
+    position = read(tmp_path / "log.json", [{"stamp": t, "position": 1.0} for t in stamps]).channel("position")
+    assert position.time - position.time[0] == pytest.approx([0.0, 0.01, 0.02])

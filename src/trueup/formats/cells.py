@@ -17,7 +17,7 @@ from trueup.units import to_si
 
 Place = Callable[[int], str]
 
-_CLOCK = re.compile(r"(?:\d{4}[-/]\d\d[-/](\d\d)[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
+_CLOCK = re.compile(r"(?:\d{4}[-/]\d\d[-/](\d\d)[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?:Z|[+-]\d\d:?\d\d)?")
 _NAMED = re.compile(r"(?:array|tensor|list|tuple)\((?:'d', ?)?(.*)\)$", re.DOTALL)
 
 
@@ -37,7 +37,7 @@ def parse_lists(cells: Sequence[str], place: Place) -> Array:
 
 
 def parse_clock(cells: Sequence[str]) -> Array | None:
-    """(T,) in s from times of day such as "12:30:05.250" (with or without a date); None where a cell is something else.
+    """(T,) in s from times of day such as "12:30:05.250" (with or without a date and a zone); None where a cell is something else.
 
     A time of day that falls back after midnight is carried on into the next day.
     """

@@ -11,6 +11,7 @@ from typing import Any
 from trueup import files
 from trueup.arrays import Array
 from trueup.errors import FormatError
+from trueup.formats.cells import parse_clock
 from trueup.formats.table import Table, numbers, shown
 
 
@@ -110,6 +111,9 @@ def _columns(found: Mapping[str, list[Any]], where: str) -> tuple[dict[str, Arra
     words: dict[str, list[str]] = {}
     for name, cells in found.items():
         values = numbers(cells, f"{where}, key '{name}'", "entry")
+        if isinstance(values, list):
+            clock = parse_clock(values)
+            values = values if clock is None else clock
         if isinstance(values, list):
             words[name] = values
         elif values.size:
