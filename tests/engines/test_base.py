@@ -17,6 +17,7 @@ from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.drives import suited
 from trueup.errors import ModelError
+from trueup.loop.ahead import predicted_ahead
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.prepare import prepare, simulator_for
 from trueup.loop.replay import replays
@@ -189,3 +190,14 @@ def test_servos_that_legs_lack_carry_the_robot(tmp_path: Path) -> None:
     found = replays(ready.simulator, ready.simulator.parameters.nominal, [], ready.recordings, windows=0.5)
     height = next(r for r in found if r.channel == "base_position")
     assert np.abs(height.after - height.measured)[:, height.labels.index("z")].max() < 0.02
+
+
+def test_a_base_that_nobody_saw_begins_at_the_keyframe_once_and_not_in_each_window(tmp_path: Path) -> None:
+    dog, (x, y, z) = _squats(), (float(v) for v in _squats().channel("base_position").values[0])
+    key = f'<keyframe><key qpos="{x} {y} {z} 1 0 0 0 0 0 0 0 0 0 0 0"/></keyframe></mujoco>'
+    path = _written(tmp_path, _DOG.format(mass=4.0, kp=40.0).replace("</mujoco>", key))
+    unseen = Recording("squats", {n: dog.channel(n) for n in ("command", "position")})
+    ready = prepare(path, [unseen], propose=False, refuse=["base"])
+    (shown,) = replays(ready.simulator, np.zeros(0), list(ready.recordings), [], windows=0.5)
+    assert np.sqrt(np.mean((shown.after - shown.measured) ** 2)) < 2e-3
+    assert not predicted_ahead(ready.simulator, np.zeros(0), list(ready.recordings), ["position"])

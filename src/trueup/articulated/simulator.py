@@ -13,8 +13,10 @@ from trueup.arrays import Array
 from trueup.articulated.assignments import Assignment
 from trueup.articulated.gains import Gains
 from trueup.articulated.model import Engine
+from trueup.articulated.pose import POSITION
 from trueup.articulated.run import STATES, Run
 from trueup.articulated.signals import Signals
+from trueup.articulated.starts import measured_base
 from trueup.articulated.wiring import commanded, joints_commanded
 from trueup.controllers.controller import ControllerFactory
 from trueup.engines.simulator import Rollout
@@ -76,6 +78,10 @@ class ArticulatedSimulator:
     def commanded(self) -> tuple[str, ...]:
         """(width,) the joint that each column of a controller's command drives."""
         return joints_commanded(self.engine)
+
+    def placed(self, trial: Trial) -> bool:
+        """See `engines.simulator.Floating`."""
+        return POSITION not in self.engine.channels() or measured_base(trial) is not None
 
     def held(self, trial: Trial) -> Array:
         """(width,) what is told to drives that nobody commands in a trial."""

@@ -167,6 +167,10 @@ class InPlaceOf:
         """The channels of a recording that the simulator can reproduce."""
         return self.whole.observable(recording)
 
+    def placed(self, trial: Trial) -> bool:
+        """See `placed`."""
+        return placed(self.whole, trial)
+
 
 @runtime_checkable
 class Related(Protocol):
@@ -231,3 +235,19 @@ class Controlled(Protocol):
     def period(self) -> float:
         """Time between two commands of the controller, in s; 0 without one."""
         ...
+
+
+@runtime_checkable
+class Floating(Protocol):
+    """A Simulator of a robot whose base may be free."""
+
+    def placed(self, trial: Trial) -> bool:
+        """Whether a trial's recording tells where the base was; True where it is not free."""
+        ...
+
+
+def placed(simulator: Simulator, trial: Trial) -> bool:
+    """Whether a trial may begin at any instant of its recording: a base of which nothing is known stands where the model has
+    it at the beginning, and nowhere later.
+    """
+    return not isinstance(simulator, Floating) or simulator.placed(trial)

@@ -10,7 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.calibration import Ahead
-from trueup.engines.simulator import Simulator
+from trueup.engines.simulator import Simulator, placed
 from trueup.recording import Channel, Recording
 from trueup.rounding import SAME_INSTANT
 from trueup.trial import Observed, Trial
@@ -26,12 +26,13 @@ def predicted_ahead(
     """Errors one sample, 0.1 s and 1 s ahead of predictions by values (n,), about sixty of each recording.
 
     Each begins where the robot was and as fast as it went by the samples up to then, those that come after being what it is
-    judged by; commands are those of the recording. A horizon that does not fit into a recording is NaN there.
+    judged by; commands are those of the recording. A horizon that does not fit into a recording is NaN there. Recordings
+    that do not tell where a free base was have no predictions.
     """
     found: list[Ahead] = []
     for recording in recordings:
         whole = Trial.of(recording, [c for c in channels if c in simulator.observable(recording)])
-        if whole.command is None or not whole.observed:
+        if whole.command is None or not whole.observed or not placed(simulator, whole):
             continue
         clock = next(iter(whole.observed.values())).time
         period = float(np.median(np.diff(clock)))

@@ -10,6 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.discrepancies.discrepancy import measured_at
+from trueup.engines.simulator import placed
 from trueup.loop.condensing import cut
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.shoot import Starts
@@ -62,11 +63,13 @@ def _by_torque(problem: Problem) -> bool:
 
 
 def in_windows(problem: Problem, length: float) -> Problem:
-    """The same problem with every trial cut into equal parts of about `length` s, each begun where the robot was then."""
+    """The same problem with every trial cut into equal parts of about `length` s, each begun where the robot was then; whole
+    where that is not known of its free base.
+    """
     parts = [
         (part, owner)
         for t, owner in zip(problem.trials, problem.owners, strict=True)
-        for part in _cut(t, length, problem.period)
+        for part in (_cut(t, length, problem.period) if placed(problem.simulator, t) else [t])
     ]
     if len(parts) == len(problem.trials):
         return problem

@@ -78,7 +78,7 @@ def held(model: Model, recordings: Sequence[Recording]) -> Model:
     note = (
         f"the base of model '{model.path.name}' is free, but no recording tells where it was: it is held in the air, {turn}, "
         f"touching nothing, as on a stand. If it stood or walked, log its pose ({POSITION}: x, y, z; {ORIENTATION}: w, x, y, "
-        "z or roll, pitch, yaw)"
+        "z or roll, pitch, yaw), or refuse this: it then begins free, as in the first keyframe"
     )
     return Model(model.path, spec, fixed, (*model.notes, note))
 

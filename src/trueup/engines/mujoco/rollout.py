@@ -14,8 +14,10 @@ from trueup.articulated.assignments import Assignment, needs
 from trueup.articulated.declarations import Declaration, declare, lacking, undeclared
 from trueup.articulated.gains import Gains
 from trueup.articulated.signals import Signals
+from trueup.articulated.starts import measured_base
 from trueup.articulated.wiring import joints_commanded
 from trueup.controllers.controller import ControllerFactory
+from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.batches import Batches
 from trueup.engines.mujoco.engine_log import unlogged
 from trueup.engines.mujoco.gears import SECOND
@@ -141,6 +143,10 @@ class MujocoSimulator:
     def forced(self) -> tuple[str, ...]:
         """The joints on which a controller may push past all drives."""
         return self.model.scalar_joints()
+
+    def placed(self, trial: Trial) -> bool:
+        """See `engines.simulator.Floating`."""
+        return free_joint(self.compiled) < 0 or measured_base(trial) is not None
 
     def held(self, trial: Trial) -> Array:
         """(width,) what is told to drives that nobody commands in a trial."""
