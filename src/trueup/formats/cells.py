@@ -37,7 +37,7 @@ def parse_lists(cells: Sequence[str], place: Place) -> Array:
 
 
 def parse_clock(cells: Sequence[str]) -> Array | None:
-    """(T,) in s from times of day such as "12:30:05.250" (with or without a date and a zone); None where a cell is something else.
+    """(T,) in s from times of day such as "12:30:05.250" (with or without date and zone); None where a cell is none.
 
     A time of day that falls back after midnight is carried on into the next day.
     """
