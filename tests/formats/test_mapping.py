@@ -12,7 +12,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from trueup import formats
-from trueup.errors import FormatError, MappingError, OutputError, UnknownNameError
+from trueup.errors import ClockError, FormatError, MappingError, OutputError, UnknownNameError
 from trueup.formats import ChannelColumns, ChannelMap, TimeColumn
 from trueup.recording import Recording
 
@@ -64,6 +64,21 @@ def test_joints_are_renamed_in_all_channels(tmp_path: Path) -> None:
 def test_a_rate_stands_for_a_missing_time(tmp_path: Path) -> None:
     data = {"time": {"rate": 250.0}, "channels": {"position": {"columns": "pos_hip"}}}
     assert np.diff(read(tmp_path, data).time) == pytest.approx(0.004)
+
+
+def test_files_of_one_run_whose_clocks_count_from_different_instants_are_named_with_both(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    run.mkdir()
+    tag = "".join(f"{5.3 + k / 15:.3f},{k}\n" for k in range(60))
+    wheels = "".join(f"{1722000000 + k / 50:.2f},{k},{k}\n" for k in range(200))
+    (run / "tag.csv").write_text("t,base_x\n" + tag)
+    (run / "wheels.csv").write_text("stamp,cmd_left,pos_left\n" + wheels)
+    with pytest.raises(ClockError, match=r"from 5.3 to 9.233 s, that of wheels.csv from 1722000000 .*time_offset"):
+        formats.read([run])
+    (run / "tag.csv").write_text("t,base_x\n" + "".join(f"{1722000003.5 + k / 15:.3f},{k}\n" for k in range(60)))
+    assert formats.read([run])[0].duration == pytest.approx(7.433, abs=0.01), (
+        "what hangs over at an end is no other clock"
+    )
 
 
 def test_a_second_clock_in_the_same_rows_is_brought_to_the_first(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.errors import FormatError, MappingError, OtherFilesMappingError, unknown_name
+from trueup.errors import ClockError, FormatError, MappingError, OtherFilesMappingError, unknown_name
 from trueup.formats.clock import Samples, guess_unit, increasing, row_offset, seconds
 from trueup.formats.mapping import ChannelColumns, ChannelMap, TimeColumn
 from trueup.formats.rules.joints import joint_labels
@@ -34,8 +34,9 @@ def assemble(tables: Sequence[Table], mapping: ChannelMap, name: str, provenance
     _check_meant(tables, mapping)
     warnings = [warning for table in tables for warning in table.warnings]
     channels: dict[str, Channel] = {}
+    sources: dict[str, Table] = {}
     for role, entry in mapping.channels.items():
-        table = _table(role, entry, tables)
+        sources[role] = table = _table(role, entry, tables)
         values, labels = _values(role, entry, table)
         samples = _without_blanks(_timed(role, entry, mapping.time, table, tables, values), role)
         missing = int(np.count_nonzero(np.isnan(samples.values)))
@@ -49,6 +50,7 @@ def assemble(tables: Sequence[Table], mapping: ChannelMap, name: str, provenance
         unit = max(units, key=units.count) if units else to_si(entry.unit)[0]
         mixed = units if len(set(units)) > 1 else ()
         channels[role] = Channel(role, labels, unit, samples.time, samples.values, mixed)
+    _check_together(channels, sources)
     channels, origin = _from_zero(channels)
     facts = {**provenance, **_metadata(tables), **({"time_origin": f"{origin!r} s"} if origin else {})}
     recording = Recording(name, channels, with_warnings(facts, dict.fromkeys(warnings)))
@@ -63,6 +65,22 @@ def _check_meant(tables: Sequence[Table], mapping: ChannelMap) -> None:
         raise OtherFilesMappingError(
             f"{tables[0].path} has no column '{named[0]}'; columns are: {listing(names)}. The mapping names none of them"
         )
+
+
+def _check_together(channels: Mapping[str, Channel], sources: Mapping[str, Table]) -> None:
+    """Raises ClockError where a file's clock counts from another instant: further away than the longer of two is long."""
+    spans = {role: (float(c.time[0]), float(c.time[-1])) for role, c in channels.items() if len(c.time) > 1}
+    most = max(spans, key=lambda role: len(channels[role].time), default="")
+    for role, (begin, end) in spans.items():
+        first, last = spans[most]
+        if sources[role] is not sources[most] and max(begin - last, first - end) > max(end - begin, last - first):
+            raise ClockError(
+                f"{sources[role].path}: its clock goes from {begin:.10g} to {end:.10g} s, that of {sources[most].name} from "
+                f"{first:.10g} to {last:.10g} s, so that no instant is in both (channels '{role}' and '{most}'): they count "
+                "from different instants. Put both onto one clock in the files; or, where the difference is the same in all "
+                f"logs, give the channels of one time_offset = seconds in the mapping ({first - begin:.12g} if they began "
+                "together)"
+            )
 
 
 def _table(role: str, entry: ChannelColumns, tables: Sequence[Table]) -> Table:
