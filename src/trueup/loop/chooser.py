@@ -41,7 +41,7 @@ class Chooser:
         """
         self.choices = self.choices or (Choice((), ()), Choice((), ()))
         while True:
-            late = untold(problem, found, unit_covariance(problem, found), self.choices[0].vague)
+            late = untold(found.near or problem, found, unit_covariance(problem, found), self.choices[0].vague)
             first, *rest = self.choices
             self.choices = (Choice(*(a + b for a, b in zip(_parts(first), _parts(late), strict=True))), *rest)
             if not late.freeze:

@@ -58,10 +58,6 @@ class Fit:
         """(n,) all values, frozen ones included."""
         return self.space.from_unit(self.unit)
 
-    def cheaper(self, problem: Problem) -> Problem:
-        """The problem for many looks around the fit: near it, at its level, where that takes less than the simulator."""
-        return self.near or problem.at_level(self.values, self.residual) or problem
-
 
 Select = Callable[[Problem, Fit], ParameterSpace]
 """From the problem that was solved and where, the space with what is not worth fitting frozen."""

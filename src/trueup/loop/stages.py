@@ -97,6 +97,9 @@ class Run:
         """Where slopes have led, or what later stages made of it."""
         if self.ended is None:
             self.ended = self.descent.finished(self.look)
+            if self.ended.near is None and self.alone is not None:  # to look around: the simulator would take minutes
+                near = self.coarse.at_level(self.ended.values, self.ended.residual)
+                self.ended = replace(self.ended, near=near)
         return self.ended
 
 
@@ -254,7 +257,7 @@ def implicit_filtering(run: Run) -> None:
 
 def probing(run: Run) -> None:
     """What jumps around the optimum add to its uncertainty, and lower places beyond them."""
-    run.ended = probed(run.found.cheaper(run.problem), run.found, run.seed)
+    run.ended = probed(run.found.near or run.problem, run.found, run.seed)
 
 
 def _taken(run: Run) -> dict[str, Any] | None:
