@@ -84,7 +84,8 @@ def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considere
     settled = [k for k in range(len(free)) if k not in undecided]
     asked = [*undecided, *range(len(free), len(parameters))]
     part, units = _excerpt(problem), fit.space.unit_slope(fit.values)
-    slopes, residual = _slopes(part if other is None else part.by(other), fit, more)
+    wider = part if other is None else part.by(other)
+    slopes, residual = _slopes(wider if fit.near is None else wider.at_step(fit.near.simulator.step), fit, more)
     slopes[:, : len(free)] *= units[:, None]
     seen = _Slopes(slopes, residual, robust_weights(residual, fit.bend), units)
     if not np.isfinite(seen.boxed[:, : len(free)]).all():
@@ -108,10 +109,10 @@ def _of_step(problem: Problem, fit: Fit, slopes: _Slopes, settled: Sequence[int]
     S. P. Norsett and G. Wanner, Solving Ordinary Differential Equations I, 1993, II.3).
     """
     step = problem.simulator.step
-    finer = problem.at_step(0.5 * step).residuals(fit.values[None])[0]
+    own, finer = (p.residuals(fit.values[None])[0] for p in (problem, problem.at_step(0.5 * step)))
     if not np.isfinite(finer).all():
         return []
-    slope = (slopes.residual - finer) / (0.5 * step)
+    slope = (own - finer) / (0.5 * step)
     trade, _ = slopes.owed(np.stack([slope, np.zeros_like(slope)]), list(range(len(slopes.units))), settled)
     return [Considered(Parameter(STEP, "s", step, 0.0, step), trade, 0.0, step)]
 
