@@ -146,6 +146,9 @@ def test_act_is_actual_beside_a_word_for_commands_and_an_action_beside_none(tmp_
     assert found["position"].units == ("mm", "deg")
     alone = guess(tmp_path, "time,act_1,act_2,pos_1,pos_2").channels
     assert alone["command"].columns == ("act_1", "act_2")
+    arm = guess(tmp_path, "Zeitstempel_ns,axis1_act_deg,axis2_act_deg,axis1_current_A,axis2_current_A", scale=50.0)
+    assert arm.time.column == "Zeitstempel_ns"
+    assert arm.channels["position"].columns == ("axis1_act_deg", "axis2_act_deg"), "an action has no unit"
 
 
 def test_actions_and_observed_states_one_number_a_column_are_commands_and_positions(tmp_path: Path) -> None:

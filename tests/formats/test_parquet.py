@@ -71,6 +71,13 @@ def test_a_table_from_elsewhere_is_read_with_lists_structs_and_dates(tmp_path: P
     assert recording.channel("position").labels == ("joint_1", "joint_2")
 
 
+def test_instants_written_as_words_are_a_clock(tmp_path: Path) -> None:
+    stamps = [f"2026-05-01T10:00:00.{k:03d}Z" for k in range(0, 500, 10)]
+    pq.write_table(pa.table({"timestamp": stamps, "q1": np.arange(50.0)}), tmp_path / "log.parquet")
+    (recording,) = formats.read(tmp_path / "log.parquet")
+    assert np.diff(recording.time) == pytest.approx(0.01, abs=1e-6)
+
+
 def test_a_newer_format_says_what_to_do(tmp_path: Path, small_files: Any) -> None:
     path = small_files.write_own_parquet(tmp_path / "run.parquet")
     table = pq.read_table(path)

@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 from trueup.arrays import Array
 from trueup.errors import FormatError, OutputError
 from trueup.formats.aside import written_aside
+from trueup.formats.cells import parse_clock
 from trueup.formats.table import Table, listing, numbers
 from trueup.recording import Channel, Recording
 from trueup.units import to_si
@@ -144,7 +145,9 @@ def _values(column: pa.ChunkedArray, where: str) -> Array | list[str] | None:
     if pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind):
         return numbers(column.to_pylist(), where, "row")
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):
-        return ["" if cell is None else cell for cell in column.to_pylist()]
+        cells = ["" if cell is None else cell for cell in column.to_pylist()]
+        clock = parse_clock(cells)
+        return cells if clock is None else clock
     return None
 
 

@@ -77,7 +77,9 @@ def _file(path: Path) -> list[Source]:
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         known = listing([*_READERS, ".mcap", ".db3", ".bag"])
-        raise FormatError(f"{path}: files that end in '{path.suffix}' are not known; known are: {known}")
+        elsewhere = "; from MATLAB, writetable(timetable2table(...)) or writematrix writes CSV; so does any spreadsheet"
+        hint = elsewhere if path.suffix.lower() in (".mat", ".xlsx", ".xls", ".ods") else ""
+        raise FormatError(f"{path}: files that end in '{path.suffix}' are not known; known are: {known}{hint}")
     result = reader(path)
     kind = path.suffix.lower().lstrip(".")
     if isinstance(result, Recording):

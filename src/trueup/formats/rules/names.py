@@ -31,7 +31,7 @@ MEASURED = PLAINLY_MEASURED | listed(
 AXES = listed("x y z w roll pitch yaw qx qy qz qw rx ry rz")
 _TIME = listed(
     "time timestamp timestamps t stamp stamps times clock elapsed ts sec secs seconds millis micros datetime msec usec "
-    "nsec nanosec timestep date received zeit tiempo tempo"
+    "nsec nanosec timestep date received zeit zeitstempel uhrzeit tiempo tempo temps"
 )
 _TICKS = listed("tick ticks")
 _NOT_TIME = listed("index frame episode step steps count counter id seq")
@@ -122,11 +122,18 @@ def words(name: str) -> list[str]:
 
 
 def with_actual(names: Sequence[str]) -> dict[str, str]:
-    """Each name as it is to be read: "act" is "actual", and no action, beside names with a plain word for a command."""
+    """Each name as it is to be read: "act" is "actual", and no action, beside plain words for commands, and with a unit."""
     plain = (COMMANDED | {"throttle", "steering"}) - {"act"}
-    if not any(plain & set(words(name)) for name in names):
+    measured = any(unit not in ("", "1") for name in names if _ACT.search(name) for unit in _units(name))
+    if not measured and not any(plain & set(words(name)) for name in names):
         return {name: name for name in names}
     return {name: _ACT.sub("actual", name) for name in names}
+
+
+def _units(name: str) -> tuple[str, str]:
+    """In brackets, and at its end."""
+    whole = taken_apart(name)
+    return whole.bracketed, whole.tail
 
 
 def is_time(name: str) -> bool:
