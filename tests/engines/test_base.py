@@ -119,6 +119,18 @@ def test_a_base_that_one_recording_does_not_show_is_refused_or_starts_at_the_key
     assert any("starts as in the model's first keyframe" in note for note in notes)
 
 
+def test_a_pose_in_the_plane_is_refused_with_what_completes_it(tmp_path: Path) -> None:
+    seen = _squats()
+    place, turn = seen.channel("base_position"), seen.channel("base_orientation")
+    flat = seen.with_channel(place.select(("x", "y"))).with_channel(
+        turn.replace(labels=("yaw",), unit="rad", values=turn.values[:, 3:])
+    )
+    with pytest.raises(
+        ModelError, match=r"tells x, y of base_position and yaw of base_orientation; .* a floor that is level add"
+    ):
+        simulator_for(_written(tmp_path), [flat])
+
+
 @pytest.mark.parametrize("keyframe", ["", '<keyframe><key qpos="0 0 .1 1 0 0 0 0 0 0 0 0 0 0 0"/></keyframe>'])
 def test_a_dog_on_a_stand_is_replayed_by_its_free_model_though_nobody_saw_its_base(
     tmp_path: Path, keyframe: str

@@ -55,10 +55,14 @@ def held(model: Model, recordings: Sequence[Recording]) -> Model:
     """A model whose base is free, fixed in the air where none of the recordings tells where it was: most such robots hang.
 
     It stands as its first keyframe has it, or its reference pose, turned as an inertial unit saw it, and what stands
-    around it touches nothing. Raises ModelError where it does not compile so.
+    around it touches nothing. Raises ModelError where it does not compile so, or recordings tell a pose in part.
     """
     joint = free_joint(model.compiled)
-    if joint < 0 or not recordings or any(r.has(POSITION) and r.has(ORIENTATION) for r in recordings):
+    if joint < 0 or not recordings:
+        return model
+    posed = [r for r in recordings if r.has(POSITION) and r.has(ORIENTATION)]
+    _check_whole(posed)
+    if posed:
         return model
     compiled, spec = model.compiled, model.spec.copy()
     start = int(compiled.jnt_qposadr[joint])
@@ -81,6 +85,18 @@ def held(model: Model, recordings: Sequence[Recording]) -> Model:
         "z or roll, pitch, yaw), or refuse this: it then begins free, as in the first keyframe"
     )
     return Model(model.path, spec, fixed, (*model.notes, note))
+
+
+def _check_whole(recordings: Sequence[Recording]) -> None:
+    """Raises ModelError where a pose lacks numbers, as one in the plane does: each window would begin elsewhere."""
+    for recording in map(in_angles, recordings):
+        place, turn = recording.channel(POSITION), recording.channel(ORIENTATION)
+        if not set(AXES) <= set(place.labels) or turn.labels != ANGLES:
+            raise ModelError(
+                f"recording '{recording.name}' tells {', '.join(place.labels)} of {POSITION} and {', '.join(turn.labels)} of "
+                f"{ORIENTATION}; a free base begins at x, y, z and w, x, y, z or roll, pitch, yaw. For a robot on a floor "
+                "that is level add columns of its height above it, and of roll and pitch, both 0, to the log"
+            )
 
 
 def _mean_angles(recordings: Sequence[Recording]) -> Array | None:
