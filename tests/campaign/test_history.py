@@ -11,6 +11,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -24,6 +25,7 @@ from trueup.campaign.resolve import parts_of
 from trueup.commands.campaign_view import CampaignView
 from trueup.commands.status import as_json, show_status
 from trueup.report.campaign import campaign_html, write_campaign_report
+from trueup.report.campaign_tracks import tracks_of
 
 Write = Callable[..., Path]
 
@@ -82,6 +84,17 @@ def test_the_report_of_the_whole_shows_what_the_robot_did(told: tuple[tuple[Even
     assert text.count("<h3>Round ") == 2
     assert all(t.planned.trial in text for t in history.trials)
     assert not re.search(r"(src|href)=.https?:", text)
+
+
+def test_beside_a_path_it_is_said_that_the_logged_point_may_not_be_the_judged_one(
+    told: tuple[tuple[Event, ...], Plan, Path],
+) -> None:
+    events, plan, folder = told
+    history = History.of(events)
+    tracks = tracks_of(history, folder)
+    assert "of a car the front axle" not in campaign_html(history, plan, times={}, tracks=tracks)
+    tracks = tuple(replace(track, wanted=np.zeros((2, 2))) for track in tracks)
+    assert "of a car the front axle" in campaign_html(history, plan, times={}, tracks=tracks)
 
 
 def test_a_fall_and_a_note_are_told_and_no_text_becomes_markup(told: tuple[tuple[Event, ...], Plan, Path]) -> None:

@@ -75,7 +75,12 @@ def _better(history: History, tracks: Sequence[Track]) -> Markup:
             ),
         ]
         parts += [track_figure(t) for t in tracks]
-        parts.append(caption("Positions as they were recorded, of the last run with each of these settings."))
+        said = "Positions as they were recorded, of the last run with each of these settings."
+        if any(t.wanted is not None for t in tracks):
+            said += (
+                " The task may judge another point: of a car the front axle, whose rear axle, logged, cuts each curve."
+            )
+        parts.append(caption(said))
     return join(parts)
 
 
