@@ -16,6 +16,7 @@ from trueup.identification.estimation.result import (
 )
 from trueup.report.identification import identification_html, write_identification_report
 from trueup.report.identification_figures import binned
+from trueup.report.identification_files import usage
 
 
 def test_every_question_is_answered(found: Identification, tmp_path: Path) -> None:
@@ -40,6 +41,14 @@ def test_a_fit_without_anything_held_out_is_not_dressed_up(found: Identification
     text = identification_html(bare)
     assert "nothing was held out" in text
     assert "on motion that was held out" not in text
+
+
+def test_currents_are_not_called_torque_nor_compared_with_that_of_the_file(found: Identification) -> None:
+    assert "by the model file as it was given" in identification_html(found)
+    in_amperes = replace(found, units=("A",) * len(found.joints))
+    assert "by the model file as it was given" not in identification_html(in_amperes)
+    assert usage(in_amperes).endswith("rad/s² to A")
+    assert usage(found).endswith("rad/s² to N m")
 
 
 def test_names_of_users_are_escaped_and_the_page_is_well_formed(found: Identification) -> None:

@@ -17,7 +17,7 @@ _TITLES = {"fit": "the fit itself", "model file as given": "model file as it was
 _USE = """\
 import trueup
 model = trueup.load("FOLDER")            # this report's folder
-torque = model.torque(q, qd, qdd)        # (samples, joints): rad, rad/s, rad/s² to N m"""
+torque = model.torque(q, qd, qdd)        # (samples, joints): rad, rad/s, rad/s² to {units}"""
 
 
 def files_section(result: Identification, delivered: Sequence[Deliverable]) -> Markup:
@@ -30,11 +30,16 @@ def files_section(result: Identification, delivered: Sequence[Deliverable]) -> M
         ),
         _overview(result, delivered),
         sentences(notes) if notes else None,
-        tag("pre", _USE),
+        tag("pre", usage(result)),
         _opened("Errors by joint", _by_joint(result, delivered)),
         _opened("Errors by log", _by_log(delivered)),
         _opened("The model as formulas", tag("pre", "\n".join(result.model.formulas()))),
     )
+
+
+def usage(result: Identification) -> str:
+    """The lines of Python that predict, with the units that come out."""
+    return _USE.format(units=" or ".join(dict.fromkeys(result.units)))
 
 
 def _opened(title: str, body: Markup) -> Markup:

@@ -84,7 +84,7 @@ def _answer(result: Identification) -> Markup:
                   tag("span", " % of the torque", class_="unit"))  # fmt: skip
     beside = [("fitted", f"{100 * relative_error(result.training()):.2f} %")]
     by_file = relative_error(judged, "file")
-    if math.isfinite(by_file):
+    if math.isfinite(by_file) and set(result.units) <= {"N m", "N"}:  # a file tells no current
         beside.append(("by the model file as it was given", f"{100 * by_file:.0f} %"))
     if math.isfinite(result.cross_validated()):
         beside.append(("cross-validated, all joints", f"{significant(result.cross_validated())} {result.unit}"))
