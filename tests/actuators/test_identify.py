@@ -9,10 +9,12 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 import trueup
+from trueup.actuators.actuator import mjcf_text
 from trueup.actuators.bench import Bench, runs_of
 from trueup.actuators.experiment import experiment
 from trueup.actuators.fit import Problem, Slopes, coarseness, fit
@@ -25,6 +27,7 @@ from trueup.errors import ParameterError, RecordingError, UnknownNameError
 from trueup.formats import write
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Recording
+from trueup.units import GRAVITY
 
 sys.path.insert(0, str(Path(__file__).parent))
 from servo_bench import BENCH, logged
@@ -140,6 +143,21 @@ def test_the_command_says_what_a_log_without_a_load_cannot_tell(
     assert written == {"actuator.json", "actuator.py", "actuator.xml", "replay-sines.svg"}
     assert main(["identify-actuator", str(tmp_path / "log.parquet"), "--mass", "1"]) == 1
     assert "mass is given alone" in capsys.readouterr().err
+
+
+def test_an_arm_that_a_log_names_is_carried_too() -> None:
+    (one,) = recordings(TRUTH, ("sines",))
+    named = replace(one, provenance={"mass": "0.5", "length": "0.15", "arm_mass": "0.2"})
+    (run,), _, said = runs_of([named], Bench())
+    assert run.bench.moment == pytest.approx((0.5 + 0.1) * 0.15 * GRAVITY)
+    assert run.bench.about_axis == pytest.approx((0.5 + 0.2 / 3.0) * 0.15**2)
+    assert "0.5 kg at 0.15 m, on an arm of 0.2 kg" in said[0]
+    model = mujoco.MjModel.from_xml_string(mjcf_text(Law(2.0), run.bench, 2e-3))
+    data = mujoco.MjData(model)
+    data.qpos[0] = np.pi / 2.0
+    mujoco.mj_forward(model, data)
+    assert data.qfrc_bias[0] == pytest.approx(run.bench.moment, rel=1e-6)
+    assert 1.0 / data.qLDiagInv[0] == pytest.approx(run.bench.about_axis, rel=1e-6)
 
 
 def test_impossible_benches_and_recordings_are_named(tmp_path: Path) -> None:

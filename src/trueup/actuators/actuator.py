@@ -133,6 +133,7 @@ def mjcf_text(law: Law, bench: Bench, step: float) -> str:
         drives += f"""
     <!-- takes the same command: the least torque once there is an error -->
     <position name="onset" joint="joint" kp="{steep:.6g}" forcerange="{-most:.6g} {most:.6g}"/>"""
+    bench = bench.as_one
     pendulum = bench.moment > 0.0 or not math.isnan(bench.mass)
     mass, length = (bench.mass, bench.length) if pendulum else (1.0, 0.0)
     inertia = max(bench.inertia, ROUNDED)

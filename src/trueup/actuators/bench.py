@@ -36,6 +36,8 @@ class Bench:
     """kg."""
     length: float = float("nan")
     """m, from the axis to the centre of mass."""
+    arm_mass: float = 0.0
+    """kg of a uniform rod between the axis and the mass, which comes on top of it."""
     inertia: float = 0.0
     """kg m2: about the centre of mass where mass and length are given, else about the axis."""
     hangs_at: float = 0.0
@@ -45,12 +47,14 @@ class Bench:
 
     def __post_init__(self) -> None:
         """Raises ParameterError for what cannot be."""
-        for name in ("mass", "length", "inertia", "gravity"):
+        for name in ("mass", "length", "arm_mass", "inertia", "gravity"):
             if getattr(self, name) < 0.0:
                 raise ParameterError(f"bench: {name} is {getattr(self, name):g}; it cannot be below zero")
         if np.isnan(self.mass) != np.isnan(self.length):
             given = "mass" if np.isnan(self.length) else "length"
             raise ParameterError(f"bench: {given} is given alone; a pendulum needs mass (kg) and length (m)")
+        if self.arm_mass > 0.0 and np.isnan(self.mass):
+            raise ParameterError("bench: arm_mass is given alone; a pendulum needs mass (kg) and length (m), too")
 
     @property
     def known(self) -> bool:
@@ -60,12 +64,27 @@ class Bench:
     @property
     def moment(self) -> float:
         """Largest torque of gravity in N m."""
-        return 0.0 if np.isnan(self.mass) else self.mass * self.length * self.gravity
+        return 0.0 if np.isnan(self.mass) else (self.mass + self.arm_mass / 2.0) * self.length * self.gravity
 
     @property
     def about_axis(self) -> float:
         """Inertia in kg m2 about the axis."""
-        return self.inertia + (0.0 if np.isnan(self.mass) else self.mass * self.length**2)
+        return self.inertia + (0.0 if np.isnan(self.mass) else (self.mass + self.arm_mass / 3.0) * self.length**2)
+
+    @property
+    def as_one(self) -> Bench:
+        """The same load as one body: mass and arm together, about their common centre of mass."""
+        if self.arm_mass == 0.0:
+            return self
+        mass = self.mass + self.arm_mass
+        length = (self.mass + self.arm_mass / 2.0) / mass * self.length
+        return replace(self, mass=mass, length=length, arm_mass=0.0, inertia=self.about_axis - mass * length**2)
+
+    @property
+    def in_words(self) -> str:
+        """Such as "0.5 kg at 0.15 m, on an arm of 0.05 kg"."""
+        arm = f", on an arm of {self.arm_mass:g} kg" if self.arm_mass > 0.0 else ""
+        return f"{self.mass:g} kg at {self.length:g} m{arm}"
 
     @classmethod
     def read(cls, path: Path) -> Bench:
@@ -73,16 +92,17 @@ class Bench:
         return build(cls, files.toml(path, ParameterError), str(path), ParameterError)
 
     def named_by(self, recording: Recording) -> dict[str, float]:
-        """Mass and length that a recording names beside its signals and that are not known here."""
+        """Mass, length and mass of the arm that a recording names beside its signals and that are not known here."""
         if not np.isnan(self.mass) or self.inertia > 0.0:
             return {}
         found = {}
-        for name in ("mass", "length"):
+        for name in ("mass", "length", "arm_mass"):
             try:
                 found[name] = float(recording.provenance[name])
             except (KeyError, ValueError):
-                return {}
-        return found
+                continue
+        found = {name: value for name, value in found.items() if np.isfinite(value)}
+        return found if {"mass", "length"} <= found.keys() else {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +153,8 @@ def runs_of(
     gains, notes = Gains.named_by(recordings, known)
     runs = [_run(r, bench, gains.factors.get("kp", {}).get(r.name, 1.0), joint) for r in recordings]
     if any(b.bench != bench for b in runs):
-        said = sorted({f"{b.bench.mass:g} kg at {b.bench.length:g} m" for b in runs})
-        notes.append(f"the recordings name what the servo carries: {', '.join(said)}")
+        said = sorted({b.bench.in_words for b in runs})
+        notes.append(f"the recordings name what the servo carries: {'; '.join(said)}")
     if any(not r.on.all() for r in runs):
         notes.append("stretches with the motor off are replayed too: they show friction without the motor")
     return runs, gains, notes

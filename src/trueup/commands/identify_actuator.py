@@ -45,6 +45,7 @@ A bench file, in SI units:
 
   mass = 0.49        # kg
   length = 0.1       # m, from the axis to the centre of mass
+  arm_mass = 0.0     # kg, of a uniform rod between axis and mass, on top of it
   inertia = 2e-4     # kg m2, about the centre of mass; about the axis where no mass is given
   hangs_at = 0.0     # rad, where the load hangs straight down
   gravity = 9.81     # m/s2; 0 where the axis is vertical
@@ -53,6 +54,7 @@ PYTHON, MJCF, FIGURES = _FILES = ("actuator.py", "actuator.xml", "actuator.json"
 _LOADS = {
     "mass": "kg that the servo carries",
     "length": "m from the axis to the load's centre of mass",
+    "arm-mass": "kg of a uniform rod between axis and load, on top of it (default 0)",
     "inertia": "kg m2 about the load's centre of mass; about the axis where no mass is given",
     "hangs-at": "rad, position at which the load hangs straight down (default 0)",
     "gravity": "m/s2 across the axis (default 9.81); 0 for a vertical axis",
