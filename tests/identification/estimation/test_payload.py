@@ -11,6 +11,8 @@ import pytest
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.payload import drives_from_payload, payload_inertial
+from trueup.identification.regressors import inverse_dynamics
+from trueup.recording import Channel, Recording
 
 
 def test_a_payload_without_mass_is_refused() -> None:
@@ -35,3 +37,18 @@ def test_logs_of_currents_become_torques_by_a_run_with_a_payload(arms: SimpleNam
     unknown, notes = drives_from_payload(tree, runs[:1], runs[1:], Drives.direct(tree.joints), payload_inertial(4.0))
     assert np.allclose(unknown.constants[1:3], hidden[1:3], rtol=0.1)
     assert "--payload-com" in notes[1]
+
+
+def test_friction_that_grows_with_the_payload_does_not_pass_for_a_torque_constant(arms: SimpleNamespace) -> None:
+    tree, hidden, load = arms.arm(), np.array([11.0, 9.0, 6.0, 2.5]), payload_inertial(4.0, (0.05, 0.0, 0.1))
+    heavy = tree.replace(inertial=np.asarray(tree.inertial) + np.outer([0, 0, 0, 1], np.nan_to_num(load)))
+    rng, time, runs = np.random.default_rng(5), np.arange(0.0, 30.0, 0.005), []
+    for real in (tree, heavy):
+        q, v, a = arms.sines(rng, time, tree.n)
+        rubbing = 0.2 * np.abs(inverse_dynamics(real, np.asarray(real.inertial), q, v, a)) * np.tanh(v / 0.02)
+        amperes = (arms.torque(real, q, v, a) + rubbing + 0.3 * rng.normal(size=q.shape)) / hidden
+        channels = {"position": Channel("position", tree.joints, "rad", time, q),
+                    "current": Channel("current", tree.joints, "A", time, amperes)}  # fmt: skip
+        runs.append(Recording("run", channels))
+    drives, _ = drives_from_payload(tree, runs[:1], runs[1:], Drives.direct(tree.joints), load)
+    assert np.allclose(drives.constants[:3], hidden[:3], rtol=0.008)

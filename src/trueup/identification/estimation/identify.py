@@ -13,7 +13,6 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.errors import IdentificationError
-from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.alignment import find_shift, shifted
 from trueup.identification.estimation.blocks import blocks_of, numbered
 from trueup.identification.estimation.bodies import Bodies, cross_validated_fit
@@ -31,6 +30,7 @@ from trueup.identification.estimation.pool import (
     STRUCTURES,
     Pool,
     kinds_of,
+    nominal_of,
     pool_for,
     select_structure,
     with_load_columns,
@@ -38,7 +38,6 @@ from trueup.identification.estimation.pool import (
 from trueup.identification.estimation.quick import basic_columns, doubts, measured_speed
 from trueup.identification.estimation.result import Alignment, Identification
 from trueup.identification.estimation.selection import TIME_BLOCKS, Choice, select_pull, select_shrinkage
-from trueup.identification.inertial import from_com
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 from trueup.recording import Recording
@@ -106,7 +105,7 @@ def identify(
     alignment, aligned = _aligned(pool, pieces, logs[0].rate, wanted.align)
     warnings += [*said, *doubts(logs, tree, gears, pool, aligned)]
     say("choosing the structure of friction")
-    nominal = _nominal(pool.model)
+    nominal = nominal_of(pool.model)
     structured = partial(_structured, pool, nominal=nominal, structure=wanted.structure, margin=1.0 / cutoff)
     alignment, (pieces, carried, moments, choice) = _select_alignment(alignment, aligned, pieces, structured)
     say("estimating")
@@ -139,7 +138,7 @@ def _structured(pool: Pool, pieces: Sequence[Piece], nominal: Array, structure: 
     """The pieces with their effects of load, and the model that predicts best; what gears carry is that of a rough fit."""
     prior = _prior(pool, nominal)
     rough = weighted_least_squares(_training(pieces), basic_columns(pool), prior=prior).parameters
-    links = pool.base.full(pool.base.of(rough), nominal)[: 10 * pool.model.tree.n].reshape(-1, 10)
+    links = pool.carried_links(rough)
     made = with_load_columns(pool, pieces, links)
     moments = moments_of(_blocks(made, margin))
     choice = select_structure(pool, moments, prior * moments.scale, structure)
@@ -234,14 +233,6 @@ def _aligned(
     if not found.corrected:
         return found, list(pieces)
     return found, [replace(p, rows=shifted(p.rows, found.shift)) for p in pieces]
-
-
-def _nominal(model: DynamicModel) -> Array:
-    """(p,) what the file says, with a body of 1 kg where it says nothing: where the consistent fit looks first."""
-    inertial = np.array(model.tree.inertial)
-    unknown = ~np.isfinite(inertial).all(axis=1) | (inertial[:, 0] <= 0.0)
-    inertial[unknown] = from_com(1.0, np.zeros(3), np.eye(3) / 100.0)
-    return replace(model, tree=model.tree.replace(inertial=inertial)).nominal()
 
 
 def _prior(pool: Pool, nominal: Array) -> Array:

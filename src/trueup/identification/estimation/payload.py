@@ -21,8 +21,8 @@ from trueup.identification.estimation.cutoff import natural_cutoff
 from trueup.identification.estimation.drives import Drives
 from trueup.identification.estimation.estimate import crossed
 from trueup.identification.estimation.moments import solve
-from trueup.identification.estimation.motion import log_of, pieces_of
-from trueup.identification.estimation.pool import pool_for
+from trueup.identification.estimation.motion import Piece, log_of, pieces_of
+from trueup.identification.estimation.pool import Pool, pool_for, with_load_columns
 from trueup.identification.estimation.quick import basic_columns
 from trueup.identification.estimation.selection import TIME_BLOCKS
 from trueup.identification.inertial import from_com
@@ -168,8 +168,8 @@ def drives_from_payload(
     used = cutoff or natural_cutoff([*logs, *carrying])
     motions = [log.motion(used, measured_speed=False) for log in (*logs, *carrying)]
     pool = pool_for(tree, drives.coupling, motions)
-    columns = basic_columns(pool)
-    rows = [pieces_of(m, pool.model, used, 0.0)[0].rows for m in motions]
+    pieces = [pieces_of(m, pool.model, used, 0.0)[0] for m in motions]
+    rows, columns = _with_load(pool, pieces[: len(logs)], pieces[len(logs) :], payload)
     found = drive_gains(rows[: len(logs)], rows[len(logs) :], payload, columns)
     poor = found.poor()
     if len(poor) == tree.n:
@@ -195,3 +195,18 @@ def drives_from_payload(
         notes.append(f"the payload does not show the torque constants of {unsure}; they stay as given")
     known = {*drives.known_constants, *(tree.joints[k] for k in np.flatnonzero(sure))}
     return replace(drives, constants=constants, known_constants=tuple(sorted(known))), tuple(notes)
+
+
+def _with_load(
+    pool: Pool, free: Sequence[Piece], loaded: Sequence[Piece], payload: Array
+) -> tuple[list[Rows], Integers]:
+    """Rows of all runs with friction that grows with the load, by bodies of a fit without it, and the columns to fit.
+
+    It is larger where the payload is carried: without a column of its own it would pass for current.
+    """
+    basic = basic_columns(pool)
+    rough = drive_gains([p.rows for p in free], [p.rows for p in loaded], payload, basic)
+    links = pool.carried_links(rough.parameters)
+    laden = np.vstack([links[:-1], links[-1] + rough.payload])
+    pieces = (*with_load_columns(pool, free, links), *with_load_columns(pool, loaded, laden))
+    return [p.rows for p in pieces], np.concatenate([basic, pool.columns("load")])

@@ -15,6 +15,7 @@ from trueup.identification.effects import OF_LOAD, Effect
 from trueup.identification.estimation.moments import RIDGE, Moments
 from trueup.identification.estimation.motion import Motion, Piece
 from trueup.identification.estimation.selection import Choice, cross_validated, forward_selected, reweighed
+from trueup.identification.inertial import from_com
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 
@@ -48,6 +49,11 @@ class Pool:
         mask[10 * self.model.tree.n :] = False
         mask[self.columns(*names)] = True
         return mask
+
+    def carried_links(self, parameters: Array) -> Array:
+        """(n, 10) bodies of the links that gears carry, nearest to those of the file that parameters (p,) of a fit allow."""
+        full = self.base.full(self.base.of(parameters), nominal_of(self.model))
+        return full[: 10 * self.model.tree.n].reshape(-1, 10)
 
     def basic(self) -> tuple[DynamicModel, Integers]:
         """A model that fits any arm roughly (rotors, offsets, viscous and Coulomb friction), and its independent columns."""
@@ -93,6 +99,14 @@ def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion], *, g
     independent[base.independent] = True
     independent[list(groups["lag"])] = False  # beside rotors that may not be negative only, see bodies.py
     return Pool(model, groups, base, independent)
+
+
+def nominal_of(model: DynamicModel) -> Array:
+    """(p,) what the file says, with a body of 1 kg where it says nothing: where the consistent fit looks first."""
+    inertial = np.array(model.tree.inertial)
+    unknown = ~np.isfinite(inertial).all(axis=1) | (inertial[:, 0] <= 0.0)
+    inertial[unknown] = from_com(1.0, np.zeros(3), np.eye(3) / 100.0)
+    return replace(model, tree=model.tree.replace(inertial=inertial)).nominal()
 
 
 def with_load_columns(pool: Pool, pieces: Sequence[Piece], bodies: Array) -> list[Piece]:
