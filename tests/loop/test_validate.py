@@ -46,3 +46,27 @@ def test_windows_of_the_only_recording_are_left_out_in_stretches(formula: Callab
     blocks = by_recording(in_windows(whole, 0.1))
     assert [len(b.trials) for b in blocks] == [2] * 10
     np.testing.assert_array_equal(np.concatenate([b.rows for b in blocks]), np.arange(200))
+
+
+def test_what_only_the_part_left_out_has_seen_stays_about_where_it_is(formula: Callable[..., Simulator]) -> None:
+    """A model error in what is left must not pass for a parameter that shows there by a hair."""
+
+    def late_rise(time: Array, values: Array, step: float) -> Array:
+        return values[0] + values[1] * np.maximum(time - 1.9, 0.0)
+
+    space = ParameterSpace((*SPACE.parameters, Parameter("rise", "rad/s", 0.1, -5.0, 5.0)))
+    short, longer = measured("short", 0.5, 0), measured("longer", 0.5, 1)
+    time = np.arange(400) / 100.0
+    rising = late_rise(time, np.array([0.5, 0.3]), 0.0)[:, None]
+    noisy = rising + 0.01 * np.random.default_rng(2).standard_normal(rising.shape)
+    longer = Recording("longer", {"position": Channel("position", ("joint",), "rad", time, noisy)})
+    channel = short.channel("position")
+    wavy = channel.values + 0.1 * np.sin(3.0 * channel.time)[:, None]  # what no level explains
+    short = short.with_channel(channel.replace(values=wavy))
+    recordings = [short, longer]
+    problem = Problem(
+        formula(late_rise, space), recordings, Weighted.estimated(recordings, ["position"]), ("position",)
+    )
+    found = fit(problem, space, space.nominal, Watch(), robust=np.inf)
+    without_longer = found.space.from_unit(left_out_points(problem, found, by_recording(problem)))[1, 1]
+    assert abs(without_longer - found.values[1]) < 0.05

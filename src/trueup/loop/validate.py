@@ -24,7 +24,7 @@ _REACH = 0.5  # share of the box: slopes foretell nothing further away
 _SHARES = (1.0, 0.25, 0.0625)  # of a step, tried in turn
 _STRETCH, _FEWEST, _FOLDS = 2.5, 16, 10  # s, stretches at least, sets of them that are left out in turn
 _IMAGINED = 1e-4  # damping of steps that others take around a change: slopes are not exact beside it
-_RIDGE = 1e-4  # share of the curvature that holds combinations which only the part left out has seen
+_RIDGE = 1e-2  # share of what all recordings tell that holds what only the part left out has seen
 
 
 @dataclass(frozen=True, eq=False)
