@@ -61,8 +61,9 @@ ARM = """
 """
 JOINTS = ("yaw", "shoulder")
 NAMES = {"recording": ("dip",), "channel": ("position",)}
-WITHOUT_EFFECT = ("stribeck_speed", "stop_lower", "stop_upper")
-"""Alone it says how fast nothing fades; a joint without a range has its stops half a turn away (see test_stops.py)."""
+WITHOUT_EFFECT = ("stribeck_speed", "spring_rest", "stop_lower", "stop_upper")
+"""Alone they say how fast nothing fades, or where a spring without stiffness rests; a joint without a range has its stops
+half a turn away (see test_stops.py)."""
 
 
 @pytest.fixture(scope="module")

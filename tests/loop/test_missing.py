@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -28,10 +29,10 @@ TIME = np.arange(0.0, 5.0, 0.01)
 NOISE = 2e-4  # rad
 
 
-def calibrated(folder: Path, gear: str, more: str = "") -> Calibration:
-    """The arm without a gear, fitted to motions of one with `gear`."""
+def calibrated(folder: Path, gear: str, more: str = "", truth: str = ARM) -> Calibration:
+    """The arm without a gear, fitted to motions of one with `gear` (and otherwise as `truth`)."""
     rng = np.random.default_rng(5)
-    (folder / "truth.xml").write_text(ARM.format(gear=gear, **TRUTH))
+    (folder / "truth.xml").write_text(truth.format(gear=gear, **TRUTH))
     (folder / "arm.xml").write_text(ARM.format(gear="", **FILE))
     lines = "".join(f'[[parameter]]\nquantity = "{q}"\nof = "*"\n' for q in TRUTH) + more
     (folder / "parameters.toml").write_text(lines)
@@ -76,3 +77,53 @@ def test_nothing_is_missed_where_the_model_has_the_robots_structure(tmp_path: Pa
     for e in found.estimates:
         assert e.verdict in ("identified", "tied")
         assert e.low <= TRUTH[e.name.rpartition(".")[2]] <= e.high
+
+
+def test_a_spring_that_the_model_lacks_is_named_and_once_declared_it_is_found_and_written(tmp_path: Path) -> None:
+    sprung = ARM.replace('range="-3 3"', 'range="-3 3" stiffness="9" springref="0.5"')
+    found = calibrated(tmp_path, "", truth=sprung)
+    assert "replayed better with springs at the joints, which the model lacks: j.spring" in found.lacking
+    more = "".join(f'[[parameter]]\nquantity = "{q}"\nof = "j"\n' for q in ("spring", "spring_rest"))
+    again = calibrated(tmp_path, "", more, truth=sprung)
+    known = {e.name.rpartition(".")[2]: e for e in again.estimates}
+    assert known["spring"].value == pytest.approx(9.0, rel=0.03)
+    assert known["spring_rest"].value == pytest.approx(0.5, rel=0.03)
+    ready = prepare(tmp_path / "arm.xml", (), parameters=tmp_path / "parameters.toml", propose=False)
+    ready.write(again, tmp_path / "fitted.xml", tmp_path / "fitted.toml")
+    written = mujoco.MjModel.from_xml_path(str(tmp_path / "fitted.xml"))
+    assert written.jnt_stiffness[0] == pytest.approx(known["spring"].value)
+    assert written.qpos_spring[0] == pytest.approx(known["spring_rest"].value)
+
+
+TWO = """
+<mujoco><compiler angle="radian"/><option integrator="implicitfast"/><default><joint axis="0 1 0" damping=".3"/></default>
+<worldbody><body><joint name="shoulder" frictionloss="{friction}" armature="{armature}"/>
+  <inertial pos="0.2 0 0" mass="2" diaginertia=".01 .02 .02"/>
+  <body name="fore" pos="0.4 0 0"><joint name="elbow" frictionloss="{friction}" armature="{armature}"/>
+    <inertial pos="0.15 0 0" mass="{mass}" diaginertia=".003 .008 .008"/></body></body></worldbody>
+<actuator><position joint="shoulder" kp="{kp}" kv="3"/><position joint="elbow" kp="{kp}" kv="1.5"/></actuator></mujoco>
+"""
+
+
+def test_a_link_that_is_heavier_than_its_file_is_named(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    (tmp_path / "truth.xml").write_text(TWO.format(mass=1.4, **TRUTH))
+    (tmp_path / "arm.xml").write_text(TWO.format(mass=1.0, **FILE))
+    robot, recordings, joints = prepare(tmp_path / "truth.xml", (), propose=False).simulator, [], ("shoulder", "elbow")
+    for name in ("one", "two"):
+        phases = rng.uniform(0, 6, (2, 3))
+        waves = [sum(a * np.sin(2 * np.pi * f * TIME + p) for a, f, p in zip((0.5, 0.3, 0.1), (0.25, 0.7, 2.1), own,
+                                                                             strict=True)) for own in phases]  # fmt: skip
+        command = Channel("command", joints, "rad", TIME, np.stack(waves, axis=1))
+        run = Recording(name, {"command": command, "position": command.replace(name="position")})
+        (seen,) = robot.rollout([Trial.of(run)], np.zeros((1, 0)))
+        measured = seen.channels["position"][0] + rng.normal(0.0, NOISE, (len(TIME), 2))
+        recordings.append(run.with_channel(command.replace(name="position", values=measured)))
+    lines = "".join(f'[[parameter]]\nquantity = "{q}"\nof = "*"\n' for q in ("friction", "armature", "kp"))
+    (tmp_path / "parameters.toml").write_text(lines)
+    ready = prepare(tmp_path / "arm.xml", recordings, parameters=tmp_path / "parameters.toml")
+    found = ready.calibrate(Options(cross_validate=False))
+    assert "links of another mass or balance, which the model lacks: fore.mass" in found.lacking
+    assert float(found.lacking.partition("fore.mass ")[2].split()[0]) == pytest.approx(1.4, rel=0.05)
+    for e in found.estimates:
+        assert e.verdict != "identified" or e.low <= TRUTH[e.name.rpartition(".")[2]] <= e.high

@@ -68,18 +68,24 @@ LACKING = {
     "backlash": ("backlash",),
     "friction that grows with the load": ("friction_load",),
     "friction that is larger at rest": ("friction_static",),
+    "springs at the joints": ("spring", "spring_rest"),
+    "links of another mass or balance": ("mass", "com_x", "com_y", "com_z"),
 }
-"""What joints of robots have and their models often lack, each the quantities that make it; of none the value is zero."""
+"""What robots have and their models often lack, each the quantities that make it."""
 
 
-def lacking(assignments: Sequence[Assignment]) -> dict[str, tuple[Declaration, ...]]:
-    """Lines for each of LACKING of which nothing is declared, at the joints whose rotor or friction is calibrated."""
-    there = {a.kind for a in assignments}
+def lacking(model: Model, assignments: Sequence[Assignment]) -> dict[str, tuple[Declaration, ...]]:
+    """Lines for each of LACKING of which nothing is declared, at the joints whose rotor or friction is calibrated and at all
+    bodies that have a mass. They begin as the model has them, or with none where a search would begin with some.
+    """
+    there = {a.quantity.group or a.kind for a in assignments}
     joints = tuple(dict.fromkeys(t for a in assignments if a.kind in ("friction", "armature") for t in a.targets))
+    heavy = tuple(b for b in quantity("mass").choices(model, {}) if model.get("body.mass", b)[0] > 0.0)
+    targets = {"joint": joints, "body": () if "inertia" in there else heavy}
     return {
-        name: tuple(Declaration(kind, joints, nominal=0.0) for kind in kinds)
+        name: tuple(Declaration(q, targets[q.family], nominal=0.0 if q.start else None) for q in map(quantity, kinds))
         for name, kinds in LACKING.items()
-        if joints and not there & set(kinds)
+        if joints and not there & set(kinds) and targets[quantity(kinds[0]).family]
     }
 
 

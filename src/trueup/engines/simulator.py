@@ -181,7 +181,9 @@ class Related(Protocol):
         ...
 
     def structures(self) -> Mapping[str, Simulator]:
-        """The same simulator with what it might lack as further parameters behind its own, zero for none; by name."""
+        """The same simulator with what it might lack as further parameters behind its own, whose nominal values are the
+        simulator as it is; by name.
+        """
         ...
 
 

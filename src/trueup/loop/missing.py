@@ -26,9 +26,9 @@ from trueup.loop.uncertainty import PRIOR, intervals, unit_covariance
 from trueup.loop.validate import by_stretch, cautious_errors
 from trueup.parameters import Parameter, ParameterSpace
 
-_SIZES = 10.0 ** np.arange(
-    -3.75, 0.0, 0.75
-)  # shares of their range at which they are looked at: they have no slope at zero
+# Shares of the way to a bound at which parameters are looked at: what cannot be less than none has no slope there.
+_SIZES = 10.0 ** np.arange(-3.75, 0.0, 0.75)
+_SIGNED = 10.0 ** np.array([-1.5, -0.75])  # to either side of what a model has
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,43 +95,51 @@ class _Look:
 def _scanned(problem: Problem, found: Fit, own: int, name: str) -> _Look:
     """The sizes of a structure's parameters, behind the simulator's `own`: each alone, then added, the best first."""
     more = problem.simulator.parameters.parameters[own:]
-    base = np.concatenate([found.values, np.zeros(len(more))])
-    rows = np.repeat(base[None], 1 + len(more) * len(_SIZES), axis=0)
-    for k, p in enumerate(more):
-        rows[1 + k * len(_SIZES) : 1 + (k + 1) * len(_SIZES), own + k] = _SIZES * p.upper
+    base = np.concatenate([found.values, [p.nominal for p in more]])
+    places = [_places(p) for p in more]
+    rows = np.repeat(base[None], 1 + sum(map(len, places)), axis=0)
+    rows[np.arange(1, len(rows)), np.repeat(np.arange(own, len(base)), [len(at) for at in places])] = np.concatenate(
+        places
+    )
     residuals = problem.residuals(rows)
     root = np.sqrt(found.weights)
-    slopes, errors = found.jacobian * root[:, None], residuals[0] * root
+    slopes = found.jacobian * root[:, None]
     curvature = slopes.T @ slopes + PRIOR * np.eye(slopes.shape[1])
     inverse = np.linalg.inv(curvature)
 
-    def left(error: Array) -> float:
+    def left(residual: Array) -> float:
+        error = residual * root
         slope = slopes.T @ error
-        return 0.5 * float(error @ error - slope @ inverse @ slope)
+        loss = 0.5 * float(error @ error - slope @ inverse @ slope)
+        return loss if np.isfinite(loss) else np.inf
 
-    lowest = before = left(errors)
-    singly = []
-    for k in range(len(more)):
-        after = [left(r * root) for r in residuals[1 + k * len(_SIZES) : 1 + (k + 1) * len(_SIZES)]]
-        if np.isfinite(after).any():
-            best = int(np.nanargmin(after))
-            singly.append((after[best], k, _SIZES[best]))
+    lowest = before = left(residuals[0])
+    losses = np.split([left(r) for r in residuals[1:]], np.cumsum([len(at) for at in places])[:-1])
     worth, taken = problem.chance(found.residual), base
-    for _, k, share in sorted(singly):
-        row = taken.copy()
-        row[own + k] = share * more[k].upper
-        after = left(problem.residuals(row[None])[0] * root)
-        if after < lowest - worth:
-            lowest, taken = after, row
-    sizes = {p.name: float(v) for p, v in zip(more, taken[own:], strict=True) if v}
+    for k in np.argsort([np.min(after) for after in losses], kind="stable"):
+        # what does nothing by itself (where a spring rests that has no stiffness) may beside what was taken
+        tried = places[k] if np.all(losses[k] == before) else places[k][[np.argmin(losses[k])]]
+        rows = np.repeat(taken[None], len(tried), axis=0)
+        rows[:, own + k] = tried
+        after = [left(r) for r in problem.residuals(rows)]
+        if min(after) < lowest - worth:
+            lowest, taken = min(after), rows[int(np.argmin(after))]
+    sizes = {p.name: float(v) for p, v in zip(more, taken[own:], strict=True) if v != p.nominal}
     return _Look(name, sizes, before - lowest)
+
+
+def _places(p: Parameter) -> Array:
+    """(P,) values at which a parameter is looked at."""
+    if p.nominal <= p.lower:
+        return p.nominal + _SIZES * (p.upper - p.nominal)
+    return np.concatenate([p.nominal - _SIGNED * (p.nominal - p.lower), p.nominal + _SIGNED * (p.upper - p.nominal)])
 
 
 def _fitted(problem: Problem, found: Fit, look: _Look, without: Array) -> Missing | None:
     """The fit with a structure, from where the score test has it; None where the simulation fails with it."""
     more = problem.simulator.parameters.parameters[len(found.space) :]
     space = ParameterSpace((*found.space.parameters, *more)).freeze([p.name for p in more if p.name not in look.sizes])
-    start = np.concatenate([found.values, [look.sizes.get(p.name, 0.0) for p in more]])
+    start = np.concatenate([found.values, [look.sizes.get(p.name, p.nominal) for p in more]])
     try:
         grown = fit(problem, space, start, Watch(), stages=REFINEMENT)
     except (CalibrationError, SimulationFailedError):

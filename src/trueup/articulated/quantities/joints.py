@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""What may be calibrated in joints: friction in its forms, rotor inertia, backlash, gears that twist."""
+"""What may be calibrated in joints: friction in its forms, rotor inertia, springs, backlash, gears that twist."""
 
 from __future__ import annotations
+
+import numpy as np
 
 from trueup.articulated.laws import STRIBECK_SPEED, VaryingFriction
 from trueup.articulated.model import Model
@@ -30,6 +32,11 @@ def _lagging(model: Model, joint: str) -> float:
 def _moved(model: Model, joint: str) -> float:
     """Rotor inertia as large as the inertia that the joint moves."""
     return float(model.get("joint.inertia", joint)[0])
+
+
+def _springy(model: Model, joint: str) -> float:
+    """Stiffness that holds the joint as its servo does, or lets it swing at 5 Hz by itself."""
+    return max(_servo_force(model, joint, 1.0, 1.0), _moved(model, joint) * (2.0 * np.pi * 5.0) ** 2)
 
 
 JOINTS = (
@@ -66,6 +73,16 @@ JOINTS = (
     Quantity(
         name="armature", family="joint", unit="kg m2", title="rotor inertia", scale="log", bounds=factor(100, 50, 0.005),
         attributes=("joint.armature",), start=None, reach=_moved, shown_by="fast accelerations (chirps, steps)",
+    ),
+    Quantity(
+        name="spring", family="joint", unit="N m/rad", title="stiffness of a spring at the joint",
+        bounds=between(0.0, 0.1), attributes=("joint.spring",), start=None, reach=_springy,
+        shown_by="slow motion through the whole range",
+    ),
+    Quantity(
+        name="spring_rest", family="joint", unit="rad", title="position in which the joint's spring is at rest",
+        bounds=around(np.pi), attributes=("joint.spring_rest",), start=None,
+        shown_by="slow motion through the whole range",
     ),
     Quantity(
         name="backlash", family="joint", unit="rad", title="backlash, end to end", bounds=between(0.0, 0.1),

@@ -205,6 +205,14 @@ def _stop(side: int) -> _Access:
     return _Access(lambda a, i: whole.read(a, i) if a.model.jnt_limited[i] else far, whole.write)
 
 
+def _read_rest(a: MujocoAttributes, i: int) -> Array:
+    return np.array(a.fields.expand("qpos_spring")[:, int(a.model.jnt_qposadr[i])])
+
+
+def _write_rest(a: MujocoAttributes, i: int, values: Array) -> None:
+    a.fields.expand("qpos_spring")[:, int(a.model.jnt_qposadr[i])] = values
+
+
 def _slides(m: mujoco.MjModel, joint: int) -> float:
     return float(joint >= 0 and m.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE)
 
@@ -253,6 +261,8 @@ _ACCESS: Mapping[str, _Access] = {
     "joint.creep": _Access(_read_creep, _write_creep),
     **dict.fromkeys(("joint.backlash", "joint.gear_backlash"), _second(gears.read_gap, gears.write_gap)),
     "joint.gear_compliance": _second(gears.read_compliance, gears.write_compliance),
+    "joint.spring": _field("jnt_stiffness"),
+    "joint.spring_rest": _Access(_read_rest, _write_rest),
     "joint.stop_lower": _stop(0),
     "joint.stop_upper": _stop(1),
     "joint.inertia": _only(lambda m, i: m.dof_M0[m.jnt_dofadr[i]]),

@@ -114,7 +114,7 @@ class MujocoSimulator:
 
     def structures(self) -> dict[str, Simulator]:
         """See `engines.simulator.Related`."""
-        known = {name: self._with(lines) for name, lines in lacking(self.quantities).items()}
+        known = {name: self._with(lines) for name, lines in lacking(self.model, self.quantities).items()}
         return {name: simulator for name, simulator in known.items() if simulator is not None}
 
     def _with(self, lines: Sequence[Declaration]) -> MujocoSimulator | None:

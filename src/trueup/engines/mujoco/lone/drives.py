@@ -22,8 +22,10 @@ _LIVE = {"dead_band": 0.5, "punch": 1.0, "friction_static": 1.0, "stribeck_speed
 
 
 def alone(compiled: mujoco.MjModel, quantities: Sequence[Assignment]) -> bool:
-    """Whether every joint of a model is a hinge or a slide with at most one drive, which has no memory, and no backlash."""
-    if compiled.nq != compiled.nv or compiled.na or any(needs(quantities, kind) for kind in SECOND):
+    """Whether every joint of a model is a hinge or a slide with at most one drive, which has no memory, and neither backlash
+    nor a spring that is calibrated.
+    """
+    if compiled.nq != compiled.nv or compiled.na or _beyond(quantities):
         return False
     affine = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
     simple = (compiled.actuator_gaintype == int(mujoco.mjtGain.mjGAIN_FIXED)) & np.isin(
@@ -32,6 +34,12 @@ def alone(compiled: mujoco.MjModel, quantities: Sequence[Assignment]) -> bool:
     at_joint = compiled.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
     driven = compiled.actuator_trnid[:, 0]
     return compiled.nu > 0 and bool(np.all(simple & at_joint)) and len(np.unique(driven)) == len(driven)
+
+
+def _beyond(quantities: Sequence[Assignment]) -> bool:
+    """Whether parameters set what a joint alone does not have."""
+    springs = any(a.startswith("joint.spring") for q in quantities for a in q.quantity.attributes)
+    return springs or any(needs(quantities, kind) for kind in SECOND)
 
 
 class _Fields:

@@ -137,17 +137,24 @@ class Edits:
         """Viscous damping, with its quadratic part where there is one."""
         if self._same("joint", joint, "dof_damping", "dof_dampingpoly"):
             return
-        dof = self._dof(self._wanted, joint)
-        bent = self._wanted.dof_dampingpoly[dof]
-        values = [self._wanted.dof_damping[dof]]
-        if np.any(bent) or np.any(self._shipped.dof_dampingpoly[self._dof(self._shipped, joint)]):
-            values += list(bent)
+        bent, before = (read(m, "joint", joint, "dof_dampingpoly") for m in (self._wanted, self._shipped))
+        values = [*read(self._wanted, "joint", joint, "dof_damping"), *(bent if np.any((bent, before)) else ())]
         self._text.change(self._element("joint", joint), damping=numbers(values))
+
+    def spring(self, joint: str) -> None:
+        """The stiffness of a joint's spring, with its bent part where there is one, and where it rests."""
+        if self._same("joint", joint, "jnt_stiffness", "qpos_spring"):
+            return
+        element, j = self._element("joint", joint), self._id("joint", joint)
+        bent = self._wanted.jnt_stiffnesspoly[j]
+        stiffness = [self._wanted.jnt_stiffness[j], *(bent if np.any(bent) else ())]
+        rest = read(self._wanted, "joint", joint, "qpos_spring")
+        self._text.change(element, stiffness=numbers(stiffness), springref=numbers(self._as_written(j, rest)))
 
     def creep(self, joint: str) -> None:
         """How firmly friction holds."""
         if not self._same("joint", joint, "dof_solimp"):
-            value = self._wanted.dof_solimp[self._dof(self._wanted, joint)]
+            value = read(self._wanted, "joint", joint, "dof_solimp")
             self._text.change(self._element("joint", joint), solimpfriction=numbers(value))
 
     def stops(self, joint: str) -> None:
@@ -155,33 +162,22 @@ class Edits:
         if self._same("joint", joint, "jnt_range"):
             return
         element, j = self._element("joint", joint), self._id("joint", joint)
-        hinge = int(self._wanted.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_HINGE)
-        ends = self._wanted.jnt_range[j]
-        self._text.change(element, range=numbers(np.degrees(ends) if hinge and self._degrees else ends))
+        self._text.change(element, range=numbers(self._as_written(j, self._wanted.jnt_range[j])))
         if not self._shipped.jnt_limited[self._shipped.joint(joint).id] and not self._autolimits:
             self._text.change(element, limited="true")
 
-    def backlash(self, joint: str) -> None:
-        """A gap between the drive and the link whose position is measured."""
-        self._second(joint, joint + SECOND["slack"])
-
-    def gear(self, joint: str) -> None:
-        """A gap with springs between the drive whose position is measured and the link."""
-        self._second(joint, joint + SECOND["gear"])
-
-    def _second(self, joint: str, name: str) -> None:
+    def second(self, joint: str, name: str) -> None:
         """A second joint between the drive and the link, as it was simulated."""
         m = self._wanted
         element, j = self._element("joint", joint), mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_JOINT, name)
         body, dof = element.parent, int(m.jnt_dofadr[j])
         if body is None or body.tag != "body" or m.nkey:
             raise ModelError(f"the gear of '{joint}' needs a joint directly in its body, and no keyframes")
-        hinge = int(m.jnt_type[j]) == int(mujoco.mjtJoint.mjJNT_HINGE)
-        limit = np.degrees(m.jnt_range[j]) if hinge and self._degrees else m.jnt_range[j]
         attributes = {
-            "name": name, "type": "hinge" if hinge else "slide", "axis": numbers(m.jnt_axis[j]),
+            "name": name, "type": "hinge" if self._turns(j) else "slide", "axis": numbers(m.jnt_axis[j]),
             "pos": numbers(m.jnt_pos[j]), "ref": "0", "stiffness": number(m.jnt_stiffness[j]), "limited": "true",
-            "range": numbers(limit), "solreflimit": numbers(m.jnt_solref[j]), "solimplimit": numbers(m.jnt_solimp[j]),
+            "range": numbers(self._as_written(j, m.jnt_range[j])),
+            "solreflimit": numbers(m.jnt_solref[j]), "solimplimit": numbers(m.jnt_solimp[j]),
             "margin": number(m.jnt_margin[j]), "damping": numbers([m.dof_damping[dof], *m.dof_dampingpoly[dof]]),
             "frictionloss": number(m.dof_frictionloss[dof]), "armature": number(m.dof_armature[dof]),
         }  # fmt: skip
@@ -246,12 +242,20 @@ class Edits:
             for f in fields
         )
 
+    def _turns(self, joint: int) -> bool:
+        return int(self._wanted.jnt_type[joint]) == int(mujoco.mjtJoint.mjJNT_HINGE)
+
+    def _as_written(self, joint: int, place: Array) -> Array:
+        """Positions of a joint in the unit of the file."""
+        return np.degrees(place) if self._degrees and self._turns(joint) else place
+
     def _id(self, family: str, name: str) -> int:
         return int(mujoco.mj_name2id(self._wanted, OBJECTS[family], name))
 
-    @staticmethod
-    def _dof(model: mujoco.MjModel, joint: str) -> int:
-        return int(model.jnt_dofadr[mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint)])
+
+def _behind(kind: str) -> Callable[[Edits, str], None]:
+    """A gap between drive and link ('slack'), or one with springs ('gear')."""
+    return lambda edits, joint: edits.second(joint, joint + SECOND[kind])
 
 
 def _copied(family: str, field: str, attribute: str) -> Callable[[Edits, str], None]:
@@ -264,8 +268,10 @@ _WRITERS: Mapping[str, Callable[[Edits, str], None]] = {
     **dict.fromkeys(("joint.damping", "joint.damping_quadratic"), Edits.damping),
     "joint.friction": _copied("joint", "dof_frictionloss", "frictionloss"), "joint.creep": Edits.creep,
     "joint.armature": _copied("joint", "dof_armature", "armature"),
+    **dict.fromkeys(("joint.spring", "joint.spring_rest"), Edits.spring),
     **dict.fromkeys(("joint.stop_lower", "joint.stop_upper"), Edits.stops),
-    "joint.backlash": Edits.backlash, **dict.fromkeys(("joint.gear_backlash", "joint.gear_compliance"), Edits.gear),
+    "joint.backlash": _behind("slack"),
+    **dict.fromkeys(("joint.gear_backlash", "joint.gear_compliance"), _behind("gear")),
     **dict.fromkeys(("body.mass", "body.com", "body.inertia"), Edits.inertial),
     **dict.fromkeys(("world.floor_height", "world.floor_tilt", "world.floor_friction"), Edits.floor),
     "geom.friction": _copied("geom", "geom_friction", "friction"),
@@ -274,11 +280,12 @@ _WRITERS: Mapping[str, Callable[[Edits, str], None]] = {
 
 
 def read(model: mujoco.MjModel, family: str, name: str, field: str) -> Array:
-    """A field of a named element; fields of a joint's dof by the joint's name."""
+    """A field of a named element; fields of a joint's dof and of its position by the joint's name."""
     i = int(mujoco.mj_name2id(model, OBJECTS[family], name))
     if i < 0:
         return np.array([np.nan])
-    at = int(model.jnt_dofadr[i]) if field.startswith("dof_") else i
+    of_joint = {"dof": model.jnt_dofadr, "qpos": model.jnt_qposadr}.get(field.partition("_")[0])
+    at = i if of_joint is None else int(of_joint[i])
     return np.atleast_1d(np.array(getattr(model, field)[at], dtype=np.float64))
 
 

@@ -39,6 +39,7 @@ _FIELDS = {
     "joint.friction": ("dof_frictionloss",),
     "joint.creep": ("dof_solimp",),
     "joint.armature": ("dof_armature",),
+    **dict.fromkeys(("joint.spring", "joint.spring_rest"), ("jnt_stiffness", "qpos_spring")),
     **dict.fromkeys(("joint.stop_lower", "joint.stop_upper"), ("jnt_range",)),
     "body.mass": ("body_mass", "body_ipos"),
     "body.com": ("body_mass", "body_ipos"),
