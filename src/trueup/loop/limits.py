@@ -43,24 +43,68 @@ def limits_seen(problem: Problem, fit: Fit) -> Mapping[str, Seen]:
         fit.near or problem.at_level(fit.values, fit.residual) or problem
     )  # the engine takes minutes where others do
     free = [p for p in fit.space.parameters if not p.frozen]
-    worth = NORMAL_95**2 * problem.chance(fit.residual)
+    limits = [k for k, p in enumerate(free) if is_limit(p)]
+    if not limits:
+        return {}
+    here, worth = problem.residuals(fit.values[None])[0], NORMAL_95**2 * problem.chance(fit.residual)
+    level = {k: _without(k, fit, here) for k in limits}
+    sides = [_Side(k, side, fit.unit[k]) for k in limits for side in (-1, 1)]
+    while asked := [s for s in sides if s.asks is not None]:
+        rows = np.repeat(fit.unit[None], len(asked), axis=0)
+        for row, side in zip(rows, asked, strict=True):
+            row[side.parameter] = side.places[side.asks or 0]
+        for side, residual in zip(asked, problem.residuals(fit.space.from_unit(rows)), strict=True):
+            side.tell(_without(side.parameter, fit, residual) - level[side.parameter], worth)
     found = {}
-    for k, p in enumerate(free):
-        if is_limit(p):
-            steps = np.concatenate([-_APART[::-1], [0.0], _APART])
-            places = np.unique(np.clip(fit.unit[k] + steps, 0.0, 1.0))
-            rows = np.repeat(fit.unit[None], len(places), axis=0)
-            rows[:, k] = places
-            others = np.arange(len(free)) != k
-            residuals = problem.residuals(fit.space.from_unit(rows))
-            losses = np.array([settled_loss(fit, np.arange(len(r)), np.flatnonzero(others), r) for r in residuals])
-            rise = losses - losses[int(np.searchsorted(places, fit.unit[k]))]
-            ends = [_end(places, rise, fit.unit[k], worth, side) for side in (-1, 1)]
-            rows = np.repeat(fit.unit[None], 2, axis=0)
-            rows[:, k] = ends[0] or 0.0, 1.0 if ends[1] is None else ends[1]
-            low, high = fit.space.from_unit(rows)[:, fit.space.index(p.name)].tolist()
-            found[p.name] = _in_words(p, max(low, p.lower), min(high, p.upper), ends)
+    for below, above in zip(sides[::2], sides[1::2], strict=True):
+        k, ends = below.parameter, [below.end(worth), above.end(worth)]
+        p, rows = free[k], np.repeat(fit.unit[None], 2, axis=0)
+        rows[:, k] = ends[0] or 0.0, 1.0 if ends[1] is None else ends[1]
+        low, high = fit.space.from_unit(rows)[:, fit.space.index(p.name)].tolist()
+        found[p.name] = _in_words(p, max(low, p.lower), min(high, p.upper), ends)
     return found
+
+
+def _without(parameter: int, fit: Fit, residual: Array) -> float:
+    """The loss of residuals (m,) once all other parameters than one have settled."""
+    others = np.delete(np.arange(len(fit.unit)), parameter)
+    return settled_loss(fit, np.arange(len(residual)), others, residual)
+
+
+class _Side:
+    """One side of a limit, along which the loss only rises: where it has risen enough is found by bisection."""
+
+    def __init__(self, parameter: int, side: int, at: float) -> None:
+        self.parameter = parameter
+        self.places = np.unique(np.clip(at + side * np.array([0.0, *_APART]), 0.0, 1.0))[::side]
+        self._rises = np.zeros(len(self.places))
+        self._below, self._beyond = 0, len(self.places)
+        self.asks = len(self.places) - 1 if len(self.places) > 1 else None
+        """Number of the place whose loss is wanted next."""
+
+    def tell(self, rise: float, worth: float) -> None:
+        """By how much the loss is higher at the place that was asked about."""
+        place = self.asks or 0
+        self._rises[place] = rise
+        if rise <= worth:
+            self._below = place
+        else:
+            self._beyond = place
+        apart = self._beyond - self._below > 1 and self._beyond < len(self.places)
+        self.asks = (self._below + self._beyond) // 2 if apart else None
+
+    def end(self, worth: float) -> float | None:
+        """Where the loss has risen by `worth`; None where it never does."""
+        first = self._beyond
+        if first == len(self.places):
+            return None
+        near, far = self.places[first - 1], self.places[first]
+        if not np.isfinite(self._rises[first]):
+            return float(far)
+        before = max(self._rises[first - 1], 0.0)
+        share = (worth - before) / (self._rises[first] - before)
+        # Beside the optimum the loss is a parabola, further on nearly a line between the places.
+        return float(near + (np.sqrt(share) if first == 1 else share) * (far - near))
 
 
 def _in_words(p: Parameter, low: float, high: float, ends: list[float | None]) -> Seen:
@@ -72,19 +116,3 @@ def _in_words(p: Parameter, low: float, high: float, ends: list[float | None]) -
     if ends[0] is None:
         return Seen(low, high, "weak", f"no more than {high:.3g} {p.unit}; how much less is not seen")
     return Seen(low, high, "identified", "")
-
-
-def _end(places: Array, rise: Array, at: float, worth: float, side: int) -> float | None:
-    """Where the loss has risen by `worth`, going to one side, between the places (P,) looked at; None where it never does."""
-    beyond = places * side >= at * side
-    along, up = places[beyond][::side], rise[beyond][::side]
-    over = np.flatnonzero(~(up <= worth))
-    if not len(over):
-        return None
-    first = int(over[0])
-    if first == 0 or not np.isfinite(up[first]):
-        return float(along[first])
-    before = max(up[first - 1], 0.0)
-    share = (worth - before) / (up[first] - before)
-    # Beside the optimum the loss is a parabola, further on nearly a line between the places.
-    return float(along[first - 1] + (np.sqrt(share) if first == 1 else share) * (along[first] - along[first - 1]))
