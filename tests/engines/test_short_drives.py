@@ -12,10 +12,12 @@ import pytest
 
 from trueup import formats
 from trueup.cli import main
-from trueup.engines.vehicle import VehicleSimulator
+from trueup.engines.vehicle import Vehicle, VehicleSimulator
 from trueup.engines.vehicle.prediction import prediction_errors
+from trueup.engines.vehicle.vehicle import PURSUED
 from trueup.engines.vehicle.vehicle_file import read_vehicle
 from trueup.loop.prepare import prepare
+from trueup.recording import Channel, Recording
 
 BASE, GAIN, UP, DOWN, RATE, TURN = 0.32, 4.0, 2.5, 4.0, 1.5, 1.1
 """Wheelbase in m; the speed controller's gain in 1/s and limits in m/s^2; the steering's limit in rad/s and gain."""
@@ -140,3 +142,40 @@ def test_a_robot_with_two_driven_wheels_turns_on_the_spot_and_backs_off(tmp_path
         for log in read
     ]
     assert np.nanmean(np.concatenate(end)[:, 1]) < 0.06
+
+
+def _backing(angle: float, seconds: float) -> Recording:
+    """A kinematic car commanded by speed and wheel angle (rad) that drives on and back, as it is logged."""
+    rng, step, x, y, psi, v = np.random.default_rng(3), 0.002, 0.0, 0.0, 0.0, 0.0
+    rows, told = [], (0.0, 0.0)
+    for k in range(round(seconds / step)):
+        if k % 1000 == 0:
+            told = ((1.2, -0.9)[k // 1000 % 2], rng.uniform(-angle, angle))
+        if k % 10 == 0:
+            rows.append([k * step, *told, x, y, psi])
+        v += step * min(max(GAIN * (told[0] - v), -DOWN), UP)
+        psi += step * v * math.tan(told[1]) / BASE
+        x, y = x + step * v * math.cos(psi), y + step * v * math.sin(psi)
+    log = np.array(rows)
+    command = Channel("command", ("speed", "steering"), "", log[:, 0], log[:, 1:3], ("m/s", "rad"))
+    place = Channel("position", ("x", "y"), "m", log[:, 0], log[:, 3:5])
+    return Recording(
+        "backing", {c.name: c for c in (command, place, Channel("heading", ("heading",), "rad", log[:, 0], log[:, 5:]))}
+    )
+
+
+def test_a_car_commanded_by_speed_backs_off_and_its_wheels_turn_it_by_the_tangent_of_a_large_angle() -> None:
+    stiff = {
+        "grip": 400.0,
+        "understeer": 0.0,
+        "relaxation": 0.0,
+        "curve_loss": 0.0,
+        "steering_slack": 0.0,
+        "pose_ahead": -BASE / 2.0,
+    }
+    at_once = {"steering_delay": 0.0, "steering_lag": 0.0, "speed_delay": 0.0, "speed_lag": 0.0, "speed_gain": GAIN}
+    limits = {"acceleration_limit": UP, "braking_limit": DOWN, "push_lasts": 0.0, "trim_lasts": 0.0}
+    car = VehicleSimulator(Vehicle("car", BASE, values=stiff | at_once | limits, drive=PURSUED))
+    errors = prediction_errors(car, np.zeros(0), car.prepared(_backing(0.7, 24.0)))
+    assert len(errors) > 50  # begun while it drives on, and while it backs off
+    assert errors.mean(axis=0) == pytest.approx([0.0, 0.0], abs=0.12)

@@ -96,7 +96,7 @@ class Past:
 
 def first_state(drive: Past, least: float) -> Integers:
     """(1,) the first grid instant at which the car drives and all is known, if tracked for `least` s more; else (0,)."""
-    begun = np.flatnonzero(drive.known & (drive.seen[:, 3] > MOVES))[:1].astype(np.int64)
+    begun = np.flatnonzero(drive.known & (np.abs(drive.seen[:, 3]) > MOVES))[:1].astype(np.int64)
     return begun[drive.begin + drive.step * begun + least <= last_known(drive) + 0.5 * drive.step]
 
 
@@ -112,7 +112,7 @@ def begun_at(drive: Past, longest: float, every: float) -> Integers:
     missing = np.concatenate([[0], np.cumsum(~drive.known)])
     candidates = np.arange(drive.earliest + back, len(drive.known) - ahead - 1, max(1, round(every / drive.step)))
     tracked = missing[candidates + ahead + 1] == missing[candidates]
-    return candidates[tracked & (drive.seen[candidates, 3] > MOVES)].astype(np.int64)
+    return candidates[tracked & (np.abs(drive.seen[candidates, 3]) > MOVES)].astype(np.int64)
 
 
 def _grid(trial: Trial, step: float) -> tuple[float, Array]:

@@ -36,6 +36,7 @@ from trueup.engines.vehicle.kernels import (
     WHEELBASE,
     X,
     Y,
+    ahead_or_back,
     in_steady_curve,
     resistance,
     share_of,
@@ -145,7 +146,7 @@ def begin(
     if past == 0:
         s[SIDEWAYS] += p[WHEELBASE] * p[WEIGHT_IN_FRONT] * (seen[k0, 4] - s[TURNING]) if slips else 0.0
         s[TURNING], s[ANGLE] = seen[k0, 4], steered(p, s[WHEEL])
-    s[SPEED] = max(forward, 0.0) if p[DRIVE] > 0.0 and p[TURNS] == 0.0 else forward
+    s[SPEED] = ahead_or_back(p, forward) if p[DRIVE] > 0.0 else forward
     s[HEADING] = seen[k0, 2] + p[POSE_TURN]
     s[X] = seen[k0, 0] - p[POSE_AHEAD] * math.cos(s[HEADING])
     s[Y] = seen[k0, 1] - p[POSE_AHEAD] * math.sin(s[HEADING])

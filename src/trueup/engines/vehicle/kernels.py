@@ -109,7 +109,7 @@ def rolling(p: Array, dt: float, s: Array) -> None:
     """
     s[ANGLE] = steered(p, s[WHEEL])
     if p[DRIVE] > 0.0:
-        s[SPEED] = max(s[SPEED] + dt * pull(p, s), 0.0)
+        s[SPEED] = ahead_or_back(p, s[SPEED] + dt * pull(p, s))
     v = p[WHEEL_SCALE] * s[SPEED]
     turn = v * math.tan(s[ANGLE]) / (p[WHEELBASE] * (1.0 + p[UNDERSTEER] * v * v))
     wanted = min(max(turn, -p[YAW_RATE_LIMIT]), p[YAW_RATE_LIMIT])
@@ -161,7 +161,7 @@ def on_tyres(p: Array, dt: float, s: Array) -> None:
     aside = (u + front * r) / speed
     rolled, straight, bend, across, along = math.atan(aside), aside, 1.0, 1.0, speed
     # Steering maps of cars by throttle were fitted with small angles; an angle in rad is meant as it is, backwards too.
-    if not p[DRIVE] > 0.0:
+    if p[SPEED_GAIN] > 0.0 or not p[DRIVE] > 0.0:
         angle *= min(max(v / SLOW, -1.0), 1.0)  # at rest wheels turn nothing
         straight, bend, across, along = rolled, 1.0 / (1.0 + aside * aside), math.cos(angle), v
     w = share_of(p[SLIP_RELAXATION], dt * speed)
@@ -182,7 +182,7 @@ def on_tyres(p: Array, dt: float, s: Array) -> None:
     s[REAR_SLIP] = b - w * (s[SIDEWAYS] - rear * s[TURNING]) / speed
     if p[DRIVE] > 0.0:
         held = s[PUSH] - cf * s[FRONT_SLIP] * math.sin(angle) + s[TURNING] * s[SIDEWAYS]
-        s[SPEED] = max(s[SPEED] + dt * (pull(p, s) + held), 0.0)
+        s[SPEED] = ahead_or_back(p, s[SPEED] + dt * (pull(p, s) + held))
         v, rear = p[WHEEL_SCALE] * s[SPEED], 0.0
     middle_r = 0.5 * (r + s[TURNING])
     middle, sideways = s[HEADING] + 0.5 * dt * middle_r, 0.5 * (u + s[SIDEWAYS]) - rear * middle_r
@@ -220,7 +220,7 @@ def motor_push(p: Array, throttle: float, speed: float) -> float:
 @njit(cache=True, nogil=True, error_model="numpy")
 def pull(p: Array, s: Array) -> float:
     """Acceleration by motor and losses along the vehicle, in m/s^2."""
-    curvature = s[TURNING] / max(s[SPEED], SLOW)
+    curvature = s[TURNING] / max(abs(s[SPEED]), SLOW)
     if p[SPEED_GAIN] > 0.0:
         wanted = p[SPEED_GAIN] * (p[DRIVE] * s[MOTOR] - s[SPEED])
         return (
@@ -232,9 +232,15 @@ def pull(p: Array, s: Array) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def ahead_or_back(p: Array, speed: float) -> float:
+    """A speed that the vehicle may have: a throttle below zero brakes, a commanded speed below zero drives backwards."""
+    return speed if p[SPEED_GAIN] > 0.0 else max(speed, 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def resistance(p: Array, s: Array) -> float:
     """Deceleration for each m/s that the vehicle is faster, in 1/s: losses, and the motor's own voltage."""
-    curvature = s[TURNING] / max(s[SPEED], SLOW)
+    curvature = s[TURNING] / max(abs(s[SPEED]), SLOW)
     if p[SPEED_GAIN] > 0.0:
         wanted = p[SPEED_GAIN] * (p[DRIVE] * s[MOTOR] - s[SPEED])
         free = -p[BRAKING_LIMIT] < wanted < p[ACCELERATION_LIMIT]
