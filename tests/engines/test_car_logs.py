@@ -323,3 +323,17 @@ def test_a_pose_and_a_command_in_files_side_by_side_are_told_to_go_into_one_fold
     for lacking in (pose, command):
         with pytest.raises(RecordingError, match=r"files of one drive into one folder, drives/d1/cmd.csv and"):
             prepare(tmp_path / "car.toml", [lacking])
+
+
+def test_a_car_that_brakes_by_a_throttle_below_zero_is_not_judged_where_it_backs_off() -> None:
+    one = winding(1.0, 0.3, 0.2, 50.0, 0.001)
+    back = (one.time > 30.0) & (one.time < 36.0)
+    way = np.where(back, -1.0, 1.0)[:, None] * np.diff(one.channel("position").values, axis=0, prepend=0.0)
+    drive = with_values(one, "position", np.cumsum(way, axis=0))
+    kept = VehicleSimulator(Vehicle("car", 0.3, drive="throttle")).prepared(drive)
+    shown = np.isfinite(kept.channel("position").values).all(axis=1)
+    assert not shown[(one.time > 30.3) & (one.time < 35.7)].any()
+    assert shown[(one.time < 29.7) | (one.time > 36.3)].all()
+    assert "driving backwards" in kept.provenance["warnings"]
+    pursuing = VehicleSimulator(Vehicle("car", 0.3, drive="pursued speed")).prepared(drive)
+    assert np.isfinite(pursuing.channel("position").values).all()

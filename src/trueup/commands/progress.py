@@ -39,12 +39,16 @@ def bar(console: Console, *, quiet: bool = False) -> Progress:
 
 
 class Watcher:
-    """A progress display, called with each TracePoint; one line a stage where not a terminal, silent with `quiet`."""
+    """A progress display, called with each TracePoint; one line a stage where not a terminal, silent with `quiet`.
+
+    Searches that begin anew, with their own count of simulations, are numbered.
+    """
 
     def __init__(self, console: Console, unit: str, *, quiet: bool) -> None:
         self._console, self._unit, self._quiet = console, unit, quiet
         self._first: float | None = None
         self._stage, self._count, self._done = "", 0, 0.0
+        self._searches, self._evaluations = 1, 0
         self._bar = bar(console, quiet=quiet)
         self._task = self._bar.add_task("simulating", total=1.0, said="first replay")
 
@@ -59,6 +63,11 @@ class Watcher:
         """One more point of the search."""
         if self._first is None:
             self._first = point.rmse
+        if (
+            point.evaluations < self._evaluations
+        ):  # cars are searched from several places, and shares of them by themselves
+            self._searches, self._stage, self._done = self._searches + 1, "", 0.0
+        self._evaluations = point.evaluations
         fresh = point.stage != self._stage
         self._count = 0 if fresh else self._count + 1
         self._stage = point.stage
@@ -67,10 +76,11 @@ class Watcher:
         scale = scale_for(self._unit, [self._first, point.rmse])
         said = f"replay error {scale.text(self._first)} -> {scale.text(point.rmse)} {scale.unit}".rstrip()
         said += f", {point.evaluations} simulations"
+        stage = f"search {self._searches}, {point.stage}" if self._searches > 1 else point.stage
         if not self._bar.disable:
-            self._bar.update(self._task, completed=self._done, description=point.stage, said=said + self._left(point))
+            self._bar.update(self._task, completed=self._done, description=stage, said=said + self._left(point))
         elif fresh and not self._quiet:
-            self._console.print(f"  {point.stage}: {said}, {point.seconds:.0f} s", highlight=False, soft_wrap=True)
+            self._console.print(f"  {stage}: {said}, {point.seconds:.0f} s", highlight=False, soft_wrap=True)
 
     def _left(self, point: TracePoint) -> str:
         if self._done < 0.1:

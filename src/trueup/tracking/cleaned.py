@@ -12,7 +12,7 @@ from trueup.arrays import Array, Mask
 from trueup.recording import Channel, Recording, with_warnings
 from trueup.rounding import PRINTED
 from trueup.tracking.commands import effective
-from trueup.tracking.heading import aligned, course, heading_of, samples_in, turned_with
+from trueup.tracking.heading import aligned, backing, course, heading_of, samples_in, turned_with
 from trueup.tracking.place import fresh, place_of
 
 _NOISE, _TURN = 0.03, 0.15  # m, rad: more from one sample to the next, beyond what the speed explains, is a jump
@@ -27,6 +27,8 @@ def cleaned(
     middle: tuple[float, float] = (0.0, 0.0),
     full: tuple[float, float] | None = None,
     wheelbase: float = 1.0,
+    *,
+    backs: bool = True,
 ) -> Recording:
     """The recording with NaN where position and heading are not the car's, and no throttle where it was cut.
 
@@ -34,7 +36,8 @@ def cleaned(
     their speed is that of the wheels, or, where no wheel speed was recorded, where they follow on the longest
     one. A log without heading gets the direction of motion in its place, one without position the way that speed and
     turn rate add up to (see `place_of`). Commands count from `middle` in units of `full`; `wheelbase` (m) makes angles of
-    turn rates. What was taken out is said in the provenance's warnings. Raises RecordingError without pose or command.
+    turn rates. Where a vehicle that is simulated forward only (not `backs`) backs off is left out. What was taken out is
+    said in the provenance's warnings. Raises RecordingError without pose or command.
     """
     position, heading, notes = place_of(recording)
     heading = heading or heading_of(recording)
@@ -56,6 +59,10 @@ def cleaned(
     else:
         heading, turned = aligned(position, heading, good)
         notes += turned
+        back = backing(position, heading, good) & (not backs)
+        good &= ~back
+        share = f"{100 * float(back.mean()):.1f} % of the poses are of driving backwards and were left out"
+        notes += [f"{share}: a throttle below zero is taken for the brake"] if back.any() else []
     angle = np.full((len(good), 1), np.nan)
     angle[good, 0] = np.unwrap(heading.values[good, 0])
     kept = recording.with_channel(position.replace(values=np.where(good[:, None], position.values, np.nan)))

@@ -143,6 +143,18 @@ def aligned(position: Channel, heading: Channel, good: Mask) -> tuple[Channel, l
     return heading.replace(values=sign * heading.values + off), [note]
 
 
+def backing(position: Channel, heading: Channel, good: Mask) -> Mask:
+    """(T,) where a good sample goes against its heading, farther than the noise of the points could feign."""
+    time, points, angle = position.time[good], position.values[good], heading.values[good, 0]
+    back = np.zeros(len(good), dtype=bool)
+    if len(time) > 2:
+        noise = float(np.median(np.abs(np.diff(points, n=2, axis=0))))
+        moved, sure = _motion(time, points)
+        along = np.cos(angle) * moved[:, 0] + np.sin(angle) * moved[:, 1]
+        back[good] = sure & (along < -max(_WAY, 4.0 * noise))
+    return back
+
+
 def _motion_until(time: Array, points: Array) -> tuple[Array, Mask]:
     """(T, 2) velocity at the end of a parabola through the last _SPAN s, and where it shows one.
 

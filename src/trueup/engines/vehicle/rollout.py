@@ -119,7 +119,9 @@ class VehicleSimulator:
     def prepared(self, recording: Recording) -> Recording:
         """The recording without what the tracker mistook for the vehicle; see `cleaned`."""
         v = self.vehicle
-        return cleaned(recording, v.enabled_by, v.middle, v.full, v.steered_over) if v.drive != "speed" else recording
+        if v.drive == "speed":
+            return recording
+        return cleaned(recording, v.enabled_by, v.middle, v.full, v.steered_over, backs=v.pursues)
 
     def rollout(
         self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None = None

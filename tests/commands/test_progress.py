@@ -1,0 +1,25 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is shown of a calibration under way."""
+
+from __future__ import annotations
+
+import io
+
+from rich.console import Console
+
+from trueup.calibration import TracePoint
+from trueup.commands.progress import Watcher
+
+
+def test_a_search_that_begins_anew_is_numbered() -> None:
+    shown = io.StringIO()
+    with Watcher(Console(file=shown), "m", quiet=False) as watch:
+        for count, stage in (
+            (21, "first seconds"),
+            (90, "all, full step"),
+            (7, "first seconds"),
+            (30, "all, full step"),
+        ):
+            watch(TracePoint(stage, count, 1.0, 0.02, 1.0))
+    said = [line.split(":")[0].strip() for line in shown.getvalue().splitlines()]
+    assert said == ["first seconds", "all, full step", "search 2, first seconds", "search 2, all, full step"]
