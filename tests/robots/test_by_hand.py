@@ -386,7 +386,7 @@ def car_log(heading: float = 1.0, turned: float = 0.0, steering: float = 1.0) ->
         "command": Observed(("speed", "steering"), "", TIME),
     }  # fmt: skip
     x = np.linspace(0.0, 8.0, len(TIME))
-    shown = np.stack([TIME, x, np.sin(x), turned + heading * np.arctan(np.cos(x)), 1.0 + 0 * x, steering * np.cos(x)])
+    shown = np.stack([TIME, x, np.sin(x), turned + heading * np.arctan(np.cos(x)), 1.0 + 0 * x, -steering * np.sin(x)])
     head = "time,position/x,position/y,heading/heading,command/speed,command/steering\n"
     return replace(run, observed=observed), head + "".join(",".join(f"{v:.5f}" for v in row) + "\n" for row in shown.T)
 
@@ -398,8 +398,9 @@ def car_log(heading: float = 1.0, turned: float = 0.0, steering: float = 1.0) ->
         ({"heading": -1.0, "turned": np.pi / 2}, ("counted from north",)),
         ({"turned": 1.3}, ("from another zero",)),
         ({"steering": 20.0}, ("steering reaches 20 rad", "in degrees")),
+        ({"steering": -1.0}, ("turns to the right where its steering is to the left", "sign = [1, -1]")),
     ],
-    ids=["degrees", "compass", "another zero", "steering in degrees"],
+    ids=["degrees", "compass", "another zero", "steering in degrees", "steering to the right"],
 )
 def test_angles_of_a_car_that_cannot_be_are_named(
     bench: Bench, changes: dict[str, float], words: tuple[str, ...]

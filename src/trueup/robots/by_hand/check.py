@@ -25,6 +25,7 @@ _COMPLETE, _ARRIVED = (
 _TOO_LONG = 1.6
 _SAME_COMMAND = 0.15  # root mean square difference from what was asked, as a share of its spread
 _ASTRAY = 0.25  # median distance from the path, as a share of its extent
+_PLAINLY = 0.5  # correlation of turns with steering, below zero where one of the two has the wrong sign
 _AWRY = 0.7  # rad, median angle between where a vehicle points and where it goes
 
 
@@ -196,22 +197,46 @@ def _steers(trial: Trial, recording: Recording) -> list[str]:
             "numbers is (scale, one for each label; a degree is 0.01745)"
         )
     if {"position", "heading"} <= set(trial.observed):
-        found += _points(recording)
+        found += _points(recording) or _turns(recording)
     return found
 
 
-def _points(recording: Recording) -> list[str]:
-    position, heading = recording.channel("position"), recording.channel("heading")
+def _legs(recording: Recording) -> tuple[Array, Array]:
+    """(41,) when each fortieth of the way begins and ends, in s, and (41, 2) where; none for what does not move."""
+    position = recording.channel("position")
     place = position.select(("x", "y")).values
     known = np.isfinite(place).all(axis=1)
     time, place = position.time[known], place[known]
     gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
     if len(time) < 2 or gone[-1] <= 0.0:
+        return np.zeros(0), np.zeros((0, 2))
+    legs = np.interp(np.linspace(0.0, gone[-1], 41), gone + ROUNDED * np.arange(len(gone)), time)
+    return legs, np.stack([np.interp(legs, time, column) for column in place.T], axis=1)
+
+
+def _turns(recording: Recording) -> list[str]:
+    """A vehicle that is steered to the left turns to the left."""
+    legs, _ = _legs(recording)
+    if not len(legs):
         return []
-    legs = np.interp(
-        np.linspace(0.0, gone[-1], 41), gone + ROUNDED * np.arange(len(gone)), time
-    )  # a fortieth of the way each
-    ends = np.stack([np.interp(legs, time, column) for column in place.T], axis=1)
+    command, heading = recording.channel("command"), recording.channel("heading")
+    within = np.linspace(legs[:-1], legs[1:], 9)
+    steered = command.select(("steering",)).at(within.ravel())[:, 0].reshape(within.shape).mean(axis=0)
+    turned = np.angle(np.exp(1j * np.diff(heading.at(legs)[:, 0])))
+    known = np.isfinite(steered + turned)
+    if known.sum() < 0.5 * len(known) or _correlation(steered[known], turned[known]) > -_PLAINLY:
+        return []
+    return [
+        "it turns to the right where its steering is to the left: does its steering grow to the right? say it in "
+        "mapping.toml, [channels.command], sign = [1, -1] (one for each label; its steering second)"
+    ]
+
+
+def _points(recording: Recording) -> list[str]:
+    heading = recording.channel("heading")
+    legs, ends = _legs(recording)
+    if not len(legs):
+        return []
     way = np.arctan2(*np.diff(ends, axis=0).T[::-1])
     shown = heading.at(0.5 * (legs[1:] + legs[:-1]))[:, 0]
     if _off(shown - way) <= _AWRY:
