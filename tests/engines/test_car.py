@@ -317,6 +317,8 @@ def test_commands_in_percent_or_under_other_names_are_explained(drive: Recording
     renamed = drive.with_channel(command.replace(labels=("gas", "steer")))
     with pytest.raises(RecordingError, match=r"found: gas, steer\. Name their"):
         cleaned(renamed)
+    with pytest.raises(RecordingError, match=r"found: none among .*twist.*\[\"speed\", \"turn\"\]"):
+        cleaned(renamed.without("command").with_channel(Channel("twist", ("x", "z"), "", command.time, command.values)))
 
 
 def test_a_drive_of_pose_and_commands_alone_will_do(drive: Recording) -> None:

@@ -36,11 +36,14 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
     steer = next((found[label] for label in _STEERS if label in found), None)
     if drive is None or steer is None or (drive is not found.get("speed") and steer is found.get("turn")):
         listed = ", ".join(found) or "none"
-        apart = "" if found else f" (for commands in a file of their own: {TOGETHER})"
+        apart = (
+            "" if found else f" among {', '.join(recording.channels)} (for commands in a file of their own: {TOGETHER})"
+        )
         raise RecordingError(
             f"recording '{recording.name}': a car's command needs the labels throttle (or speed) and steering (or turn, a "
             f"turn rate beside a speed); found: {listed}{apart}. Name their columns in the mapping: [channels.command] "
-            'columns = ["...", "..."], labels = ["speed", "steering"], units = ["m/s", "rad"]. Speeds of a left and a right '
+            'columns = ["...", "..."], labels = ["speed", "steering"], units = ["m/s", "rad"]; of a robot with two driven '
+            'wheels labels = ["speed", "turn"], units = ["m/s", "rad/s"]. Speeds of a left and a right '
             "wheel are none: log their mean as speed and their difference over the track as turn"
         )
     parts = [drive, steer, *([found["brake"]] if "brake" in found else [])]

@@ -20,8 +20,11 @@ from trueup.inspection.relations import nearest
 from trueup.units import canonical, hardly_radians, to_si
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
+_XY, _ON_EARTH = ("x", "y"), ("latitude", "longitude")
+_PLACES = {_XY: _XY, ("east", "north"): _XY, _ON_EARTH: _ON_EARTH}
+"""Kinds of signals that make a place, the first choice first, and its labels."""
 _POSE_TOGETHER = listed("odom odometry vicon mocap optitrack pf gps gnss slam amcl pose")
-_ANGLES = listed("angle delta")
+_ANGLES = listed("angle delta lenkwinkel")
 _SPEEDS = ("m/s", "km/h", "mph", "cm/s", "mm/s")
 _MANY_TURNS = 50.0
 """rad: a heading that grows on and on is beyond this after eight turns, one in degrees at once."""
@@ -104,10 +107,10 @@ def _command(signals: list[Signal], columns: Sequence[Column]) -> dict[str, Sign
 
 
 def _place(signals: list[Signal]) -> dict[str, Signal]:
-    """X and y, or latitude and longitude, of one source, the most exact one."""
+    """X and y, east and north, or latitude and longitude, of one source, the most exact one."""
     options = [
-        (first.rank, order, {one: first, other: second})
-        for order, (one, other) in enumerate((("x", "y"), ("latitude", "longitude")))
+        (first.rank, order, dict(zip(labels, (first, second), strict=True)))
+        for order, ((one, other), labels) in enumerate(_PLACES.items())
         for first in signals
         if first.kind == one and not first.commanded
         for second in signals

@@ -44,16 +44,21 @@ RULES = (
     ),
     Rule("brake", "brake, braking, brake pedal",
          (Example("t,throttle,brake,steering", "0 .1 0 .1|.1 .2 0 .1|.2 0 1 .2", "command[] throttle steering brake"),)),
-    Rule("steering", "steer, steering, delta, swa, servo",
+    Rule("steering", "steer, steering, delta, swa, servo, lenkwinkel",
          (Example("t,v_cmd,delta_cmd_deg", "0 1 20|.1 2 21|.2 1 22", "command[] speed steering"),), also=("rad",)),
     Rule("erpm", "erpm, rpm", (Example("t,erpm_cmd,servo_cmd", "0 900 .5|.1 950 .6|.2 960 .5",
                                        "command[] speed steering"),)),
-    Rule("x", "x, px, easting, east, x east, y east", (Example("t,throttle,steer,odom_x,odom_y,vicon_x,vicon_y",
+    Rule("x", "x, px, x east, y east", (Example("t,throttle,steer,odom_x,odom_y,vicon_x,vicon_y",
                                            "0 0 0 1 2 3 4|.1 1 0 1 3 3 4", "command[] throttle steering; position[m] x y"),),
          unit="m"),
-    Rule("y", "y, py, northing, north, x north, y north",
+    Rule("y", "y, py, x north, y north",
          (Example("t,throttle,steer,x_north_m,y_east_m", "0 0 0 1 2|.1 1 0 1 2|.2 1 0 2 2",
                   "command[] throttle steering; position[m] x y"),), unit="m"),
+    Rule("east", "e, east, easting",
+         (Example("t,throttle,steer,pos_e,pos_n,n", "0 0 0 1 2 0|.1 1 0 1 2 1|.2 1 0 2 2 2",
+                  "command[] throttle steering; position[m] x y"),), unit="m"),
+    Rule("north", "n, north, northing", (Example("t,throttle,steer,E,N,psi", "0 0 0 1 2 .1|.1 1 0 1 2 .1|.2 1 0 2 2 .2",
+                                         "command[] throttle steering; position[m] x y; heading[rad] heading"),), unit="m"),
     Rule("latitude", "lat, latitude", (Example("t,throttle,steer,gps_lat,gps_lon", "0 0 0 48 11|.1 1 0 48 11|.2 1 0 49 11",
                                        "command[] throttle steering; position[deg] latitude longitude"),),
          unit="deg", possible=_on_a_globe),
@@ -63,7 +68,7 @@ RULES = (
     Rule(
         "heading",
         "heading, yaw, theta, psi, hdg, azimuth, orientation, orientation yaw, euler yaw, rpy yaw, rotation yaw, rot yaw, "
-        "orientation theta, compass, compass heading, bearing, course, course over",
+        "orientation theta, compass, compass heading, bearing, course, course over, th, rz, rotz, euler z, gierwinkel",
         (Example("t,throttle,steer,COG_deg,SOG_kmh", "0 0 0 350 36|.1 1 0 355 36|.2 1 0 2 40|.3 1 0 5 40",
                  "command[] throttle steering; heading[rad] heading; speed[m/s] speed"),
          Example("t,throttle,steer,compass", "0 0 0 350|.1 1 0 355|.2 1 0 2|.3 1 0 5",
@@ -79,7 +84,7 @@ RULES = (
     Rule(
         "speed",
         "v, vx, vel, velocity, speed, vel x, velocity x, linear x, linear, linear velocity, linear velocity x, "
-        "groundspeed, forward speed, forward velocity, v x, sog, speed over",
+        "groundspeed, forward speed, forward velocity, v x, sog, speed over, spd, geschwindigkeit",
         (Example("t,throttle,steer,wheel_speed_kmh", "0 0 0 36|.1 1 0 36|.2 1 0 72",
                  "command[] throttle steering; speed[m/s] speed"),),
         unit="m/s",
@@ -101,7 +106,7 @@ _CORES: Mapping[frozenset[str], str] = MappingProxyType(
 
 _ASKED = COMMANDED | listed("input ackermann teleop nav")
 _WHOSE = _ASKED | listed(
-    "pos position pose vicon mocap optitrack qualisys odom odometry gps gnss rtk ins car vehicle robot rover cart truck "
+    "pos position pose loc vicon mocap optitrack qualisys odom odometry gps gnss rtk ins car vehicle robot rover cart truck "
     "world map base link center centre cg cog rear front axle wheel wheels road tire tyre hand encoder measured meas "
     "actual real true ground truth gt est estimated estimate long longitudinal motor state states pwm actuation "
     "sent norm normalized angle ratio value percentage data msg feedback fb stamped twist vesc sensors sensor core "
@@ -110,6 +115,8 @@ _WHOSE = _ASKED | listed(
     "field location ned rb rigid ego agent hero player"
 )
 """Words beside a signal's own that do not change what it is."""
+PLACES = ("x", "y", "east", "north")
+"""Kinds that are metres on a floor."""
 _OF_AN_IMU = frozenset(("imu", "acc", "accel", "acceleration", "gyro", "mag"))
 _ACCELERATIONS = frozenset(["accel", "acceleration", "acc"])
 """What drives a vehicle where it is commanded."""
@@ -149,7 +156,7 @@ def read(column: Column) -> Signal | None:
     everything = [*words(column.file), *plain]
     there = set(everything)
     kind = _kind(plain, everything)
-    if not kind or column.values.ndim > 1 or (kind in ("x", "y") and _OF_AN_IMU & there):
+    if not kind or column.values.ndim > 1 or (kind in PLACES and _OF_AN_IMU & there):
         return None
     possible = BY_KIND[kind].possible
     if possible is not None and not possible(column.known):
@@ -187,6 +194,6 @@ def _unit(column: Column) -> tuple[float | None, list[str]]:
     if name.bracketed:
         return to_si(name.bracketed)[1], name.words
     unit = {"ms": "m/s"}.get(name.tail, name.tail)
-    if not unit or canonical(unit) is None or name.words[-1] in ("a", "c", "k", "v") or name.words[-1].isdigit():
+    if not unit or canonical(unit) is None or name.words[-1] in ("a", "c", "k", "n", "v") or name.words[-1].isdigit():
         return None, name.words
     return to_si(unit)[1], name.bare
