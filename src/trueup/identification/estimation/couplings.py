@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,10 +29,8 @@ _NEAR, _ROUGH, _EXACT = 0.1, 0.03, 0.005
 """First steps of that search in the ratios, those that tell whether one more pair is coupled, and the last ones."""
 
 
-def coupled(
-    motions: Sequence[Motion], tree: KinematicTree, drives: Drives, cutoff: float, hold_out: float
-) -> tuple[Drives, tuple[str, ...]]:
-    """Drives of the last three joints that turn with others of them, where that predicts clearly better, and notes.
+def coupled(motions: Sequence[Motion], tree: KinematicTree, drives: Drives, cutoff: float, hold_out: float) -> Drives:
+    """Drives of the last three joints that turn with others of them, where that predicts clearly better; `drives` else.
 
     Joint angles and torques that a controller has decoupled already still show the friction and rotor of a drive that
     turns with several joints. Couplings come one by one, the ratios of all of them followed down together each time: one
@@ -42,7 +40,7 @@ def coupled(
     wrist = 5
     n = tree.n
     if n < wrist or np.count_nonzero(drives.coupling) > n or drives.motor_positions or drives.motor_torques:
-        return drives, ()
+        return drives
     basic = _Basic.of(motions, tree, cutoff, hold_out)
     rest, ratios = [(n - 2, n - 3), (n - 1, n - 2), (n - 1, n - 3)], dict[Pair, float]()
     best = basic.choice(ratios)
@@ -54,19 +52,42 @@ def coupled(
         best, ratios = new, more
         rest = [pair for pair in rest if pair not in ratios]
     if not ratios:
-        return drives, ()
+        return drives
     ratios = basic.lowest(ratios, _EXACT)
     best = basic.choice(ratios)
     for pair, ratio in list(ratios.items()):
         plain = {**ratios, pair: float(np.sign(ratio))}
         if not best.beats(other := basic.choice(plain)):
             best, ratios = other, plain
-    notes = [
-        f"the drive of {tree.joints[d]} turns with {tree.joints[j]} too (ratio {ratio:.3g}): its "
+    return replace(drives, coupling=basic.coupling(ratios))
+
+
+def confirmed(coupling: Drives, drives: Drives, choice: Callable[[Drives], Choice]) -> Drives:
+    """The drives with those couplings alone without which the model of `choice` predicts clearly worse.
+
+    `coupling` was found beside basic friction, `drives` have none. Friction of another form (with load, or that falls with
+    speed) is explained in part by a drive that turns a little with another joint, until it is in the model itself.
+    """
+    pairs = [(int(d), int(j)) for d, j in np.argwhere(coupling.coupling != drives.coupling)]
+    if pairs and not choice(coupling).beats(choice(drives)):
+        return drives
+    for pair in pairs if len(pairs) > 1 else ():
+        less = coupling.coupling.copy()
+        less[pair] = 0.0
+        without = replace(coupling, coupling=less)
+        if not choice(coupling).beats(choice(without)):
+            coupling = without
+    return coupling
+
+
+def coupling_notes(coupling: Drives, drives: Drives) -> list[str]:
+    """What to say of the couplings that `drives` lack."""
+    pairs = [(int(d), int(j)) for d, j in np.argwhere(coupling.coupling != drives.coupling)]
+    return [
+        f"the drive of {drives.joints[d]} turns with {drives.joints[j]} too (ratio {coupling.coupling[d, j]:.3g}): its "
         "friction and rotor were taken so; say what is true in a drives file, [[couplings]]"
-        for (d, j), ratio in ratios.items()
+        for d, j in pairs
     ]
-    return replace(drives, coupling=basic.coupling(ratios)), tuple(notes)
 
 
 @dataclass(frozen=True, eq=False)

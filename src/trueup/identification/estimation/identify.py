@@ -6,7 +6,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from typing import Literal
 
 import numpy as np
@@ -16,7 +16,7 @@ from trueup.errors import IdentificationError
 from trueup.identification.estimation.alignment import find_shift, shifted
 from trueup.identification.estimation.blocks import blocks_of, numbered
 from trueup.identification.estimation.bodies import Bodies, cross_validated_fit
-from trueup.identification.estimation.couplings import coupled
+from trueup.identification.estimation.couplings import confirmed, coupled, coupling_notes
 from trueup.identification.estimation.cutoff import natural_cutoff
 from trueup.identification.estimation.diagnosis import check_log, grouped
 from trueup.identification.estimation.drives import Drives
@@ -24,7 +24,7 @@ from trueup.identification.estimation.estimate import Estimate, least_squares, w
 from trueup.identification.estimation.file_fit import FileFit, file_fit
 from trueup.identification.estimation.matching import matched
 from trueup.identification.estimation.moments import Moments, moments_of
-from trueup.identification.estimation.motion import Log, Piece, log_of, pieces_of
+from trueup.identification.estimation.motion import Log, Motion, Piece, log_of, pieces_of
 from trueup.identification.estimation.outcome import outcome
 from trueup.identification.estimation.pool import (
     STRUCTURES,
@@ -45,6 +45,8 @@ from trueup.recording import Recording
 Told = Callable[[str, float], None]
 Structured = tuple[list[Piece], Array, Moments, Choice]
 """Pieces with their effects of load, the links (n, 10) that these were made of, moments, the model that predicts best."""
+Modelled = tuple[Pool, Array, Alignment | None, Structured]
+"""The pool, what the file says (p,), the shift in time, and the model."""
 
 _STAGES = (
     "reading the logs", "computing regressors", "comparing clocks",
@@ -93,21 +95,20 @@ def identify(
     cutoff = wanted.cutoff or natural_cutoff(logs)
     measured = measured_speed(logs, tree, gears, cutoff, wanted.hold_out)
     say("computing regressors")
-    motions = [log.motion(cutoff, measured_speed=measured) for log in logs]
-    gears, said = coupled(motions, tree, gears, cutoff, wanted.hold_out)
+    motions, others = ([log.motion(cutoff, measured_speed=measured) for log in group] for group in (logs, judged))
     # What scales measured torque compensates something else: a pull towards the file, or friction of another form.
-    pool = pool_for(tree, gears.coupling, motions, gains=wanted.gains or not all(log.measured for log in logs))
-    pieces = [p for m in motions for p in pieces_of(m, pool.model, cutoff, wanted.hold_out)]
-    for log in judged:
-        motion = log.motion(cutoff, measured_speed=measured)
-        pieces += [replace(p, held_out=True) for p in pieces_of(motion, pool.model, cutoff, 0.0)]
+    scaled = wanted.gains or not all(log.measured for log in logs)
+    prepared = cache(
+        partial(_compared, tree, motions, others, rate=logs[0].rate, cutoff=cutoff, scaled=scaled, wanted=wanted)
+    )
+    model = cache(lambda drives: prepared(drives).model())
+    coupling = coupled(motions, tree, gears, cutoff, wanted.hold_out)
     say("comparing clocks")
-    alignment, aligned = _aligned(pool, pieces, logs[0].rate, wanted.align)
-    warnings += [*said, *doubts(logs, tree, gears, pool, aligned)]
+    warnings += doubts(logs, tree, coupling, prepared(coupling).pool, prepared(coupling).aligned)
     say("choosing the structure of friction")
-    nominal = nominal_of(pool.model)
-    structured = partial(_structured, pool, nominal=nominal, structure=wanted.structure, margin=1.0 / cutoff)
-    alignment, (pieces, carried, moments, choice) = _select_alignment(alignment, aligned, pieces, structured)
+    coupling = confirmed(coupling, gears, lambda drives: model(drives)[-1][-1])
+    warnings += coupling_notes(coupling, gears)
+    pool, nominal, alignment, (pieces, carried, moments, choice) = model(coupling)
     say("estimating")
     estimate, bodies, written, choice = _estimated(pool, pieces, nominal, choice, wanted)
     say("writing")
@@ -116,6 +117,40 @@ def identify(
         nominal=nominal, units=logs[0].units, pull=bodies.pull if bodies else 0.0, cutoff=cutoff, warnings=warnings, rng=rng,
         started=started,
     )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Compared:
+    """Torque beside the columns of a pool, for one coupling of the drives."""
+
+    pool: Pool
+    alignment: Alignment | None
+    aligned: Sequence[Piece]
+    as_logged: Sequence[Piece]
+    cutoff: float
+    structure: str
+
+    def model(self) -> Modelled:
+        """The model that predicts best."""
+        nominal = nominal_of(self.pool.model)
+        structured = partial(
+            _structured, self.pool, nominal=nominal, structure=self.structure, margin=1.0 / self.cutoff
+        )
+        return self.pool, nominal, *_select_alignment(self.alignment, self.aligned, self.as_logged, structured)
+
+
+def _compared(
+    tree: KinematicTree, motions: Sequence[Motion], judged: Sequence[Motion], drives: Drives, *, rate: float, cutoff: float,
+    scaled: bool, wanted: Options,
+) -> _Compared:  # fmt: skip
+    """Motions beside every effect of these drives, their clocks compared; `rate` is that of the logs in Hz, `scaled` whether
+    joints may have a scale of their own.
+    """
+    pool = pool_for(tree, drives.coupling, motions, gains=scaled)
+    pieces = [p for m in motions for p in pieces_of(m, pool.model, cutoff, wanted.hold_out)]
+    pieces += [replace(p, held_out=True) for m in judged for p in pieces_of(m, pool.model, cutoff, 0.0)]
+    alignment, aligned = _aligned(pool, pieces, rate, wanted.align)
+    return _Compared(pool, alignment, aligned, pieces, cutoff, wanted.structure)
 
 
 def _minded(logs: Sequence[Log], judged: Sequence[Log], tree: KinematicTree) -> list[str]:
