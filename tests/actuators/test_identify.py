@@ -160,6 +160,19 @@ def test_an_arm_that_a_log_names_is_carried_too() -> None:
     assert 1.0 / data.qLDiagInv[0] == pytest.approx(run.bench.about_axis, rel=1e-6)
 
 
+def test_a_command_that_stops_is_said_to_be_held() -> None:
+    (one,) = recordings(TRUTH, ("sines",))
+    command = one.channel("command")
+    first = command.time < 1.0  # as of a CSV whose cells are empty from then on
+    cut = one.with_channel(command.replace(time=command.time[first], values=command.values[first]))
+    assert not any("taken to hold" in note for note in runs_of([one], BENCH)[2])
+    (said,) = runs_of([cut], BENCH)[2]
+    assert "no command from 0.99" in said
+    assert "torque_enable" in said
+    on = command.replace(name="torque_enable", unit="", values=np.ones_like(command.values))
+    assert runs_of([cut.with_channel(on)], BENCH)[2] == []
+
+
 def test_impossible_benches_and_recordings_are_named(tmp_path: Path) -> None:
     with pytest.raises(ParameterError, match="mass is -1"):
         Bench(mass=-1.0, length=0.1)

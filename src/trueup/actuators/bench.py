@@ -15,6 +15,8 @@ from trueup.arrays import Array, Mask
 from trueup.articulated.gains import Gains
 from trueup.articulated.kernels import held_integral
 from trueup.errors import ParameterError, RecordingError, unknown_name
+from trueup.inspection.repeats import LONGEST_GAP
+from trueup.instant import usual_step
 from trueup.noise import estimate_noise
 from trueup.recording import Recording
 from trueup.rounding import TINY
@@ -157,7 +159,22 @@ def runs_of(
         notes.append(f"the recordings name what the servo carries: {'; '.join(said)}")
     if any(not r.on.all() for r in runs):
         notes.append("stretches with the motor off are replayed too: they show friction without the motor")
+    unsaid = [_uncommanded(run) for run, r in zip(runs, recordings, strict=True) if not r.has(ENABLED)]
+    notes += [sentence for sentence in unsaid if sentence]
     return runs, gains, notes
+
+
+def _uncommanded(run: Run) -> str:
+    """A sentence on the longest stretch of a log without a command, where it has one in every sample else; "" without any."""
+    stamps = np.append(run.command_time, run.time[-1])
+    gaps = np.diff(stamps)
+    k = int(np.argmax(gaps))
+    if gaps[k] < LONGEST_GAP or np.median(gaps) > 2.0 * usual_step(run.time):
+        return ""
+    return (
+        f"recording '{run.name}' has no command from {stamps[k]:.3g} to {stamps[k + 1]:.3g} s: the one before is taken to "
+        f"hold; if the motor was off there, add a column '{ENABLED}' that is 0"
+    )
 
 
 def _run(recording: Recording, bench: Bench, gain: float, joint: str) -> Run:
