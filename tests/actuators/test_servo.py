@@ -168,6 +168,16 @@ def test_a_gain_half_as_high_pulls_half_as_much() -> None:
     assert pulls == [pytest.approx(0.6), pytest.approx(0.3)]
 
 
+def test_firmware_that_damps_by_a_ratio_does_so_by_the_root_of_its_gain() -> None:
+    pulls = []
+    for gain in (1.0, 0.25):
+        servo = Servo(Law(2.0, rate_gain=0.2), gain)
+        servo.reset(0.0)
+        servo.step(0.0, 0.0, 1.0, STEP)
+        pulls.append(servo.torque - servo.damping)  # half is left to the engine
+    assert pulls == [pytest.approx(-0.2), pytest.approx(-0.1)]
+
+
 def test_trueups_own_simulator_moves_as_the_replay(tmp_path: Path) -> None:
     command = swinging()
     command[np.isnan(command)] = 0.3

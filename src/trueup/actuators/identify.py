@@ -14,7 +14,7 @@ from trueup.actuators.choose import Chooser, Model, choose
 from trueup.actuators.experiment import Value, experiment
 from trueup.actuators.fit import Problem, Slopes, coarseness, spread
 from trueup.actuators.output import output_of
-from trueup.actuators.structures import BY_NAME, LIMIT, LIMITS, PUNCH, VISCOUS, Scales, declared, law_of
+from trueup.actuators.structures import BY_NAME, LIMIT, LIMITS, PUNCH, RATIO, VISCOUS, Scales, declared, law_of
 from trueup.errors import CalibrationError, unknown_name
 from trueup.evidence import evidence, half_interval, jackknife
 from trueup.parameters import ParameterSpace
@@ -56,6 +56,7 @@ def identify_actuator(
     fixed = {"full_error": full} if np.isfinite(full) else {}
     chooser = Chooser(problem, declared(Scales.of(fitted)), fixed)
     never = () if shown is None else (LIMIT,) if fixed else LIMITS
+    never += () if len({run.gain for run in fitted}) > 1 else (RATIO,)  # which at one setting is what back-EMF does
     model, asked = choose(chooser, [n for n in (BY_NAME if ask is None else ask) if n not in never], told)
     told("what a file can hold", model.error)
     held = Chooser(Problem(fitted, step, file=True), chooser.declared, {**fixed, "back_emf": 0.0})

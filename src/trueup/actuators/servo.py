@@ -53,6 +53,8 @@ class Law(NamedTuple):
     """N m that it gives at least once it sees one."""
     derivative: float = 0.0
     """N m s/rad, on the change of the error."""
+    rate_gain: float = 0.0
+    """N m s/rad, of firmware that damps the speed by a ratio: it follows the square root of the proportional setting."""
     integral: float = 0.0
     """N m/(rad s), on the error summed up, which never exceeds full duty."""
     zero: float = 0.0
@@ -129,7 +131,8 @@ def drive(
     """
     torque, emf = 0.0, 0.0
     if on:
-        torque, emf = demand(law, factor, state, command, position, step), law.back_emf
+        torque = demand(law, factor, state, command, position, step)
+        emf = law.back_emf + law.rate_gain * math.sqrt(factor)
         if law.sag > 0.0 and law.voltage_limit < math.inf:
             duty = torque / law.voltage_limit
             torque, emf = torque / (1.0 + law.sag * duty * duty), emf / (1.0 + law.sag * duty * duty)

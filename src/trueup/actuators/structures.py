@@ -31,7 +31,7 @@ class Structure:
 
 
 LIMIT, FORCE, LOAD = "voltage limit", "force limit", "friction under load"
-PUNCH, VISCOUS = "punch", "viscous friction"
+PUNCH, VISCOUS, RATIO = "punch", "viscous friction", "damping ratio"
 LIMITS = (LIMIT, "supply sag", FORCE)
 STRUCTURES = (
     Structure(LOAD, ("load_motor", "load_external"), "Duclusaud et al. 2025, M5"),
@@ -46,6 +46,7 @@ STRUCTURES = (
     Structure("dead band", ("dead_band",), "compliance margin; play before the sensor"),
     Structure(PUNCH, ("punch",), "least power of the firmware; steep onset of torque"),
     Structure("derivative gain", ("derivative",), "PD firmware"),
+    Structure(RATIO, ("rate_gain",), "firmware whose damping follows the root of its gain"),
     Structure("integral gain", ("integral",), "PI firmware"),
     Structure("zero error", ("zero",), "horn mounted askew"),
     Structure("profile speed", ("speed_limit",), "profile velocity of the firmware"),
@@ -114,6 +115,7 @@ def declared(scales: Scales) -> dict[str, Parameter]:
         ("dead_band", "rad", 0.02 * e, 0.0, e, 0),
         ("punch", "N m", 0.05 * t, 0.0, t, 0),
         ("derivative", "N m s/rad", 0.05 * t / v, 1e-4 * t / v, 10.0 * t / v, 1),
+        ("rate_gain", "N m s/rad", 0.1 * t / v, 1e-4 * t / v, 30.0 * t / v, 1),
         ("integral", "N m/(rad s)", 0.5 * t / e, 1e-2 * t / e, 100.0 * t / e, 1),
         ("zero", "rad", 0.0, -0.2, 0.2, 0),
         ("delay", "s", 0.005, 0.0, 0.1, 0),
