@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ from trueup.campaign.output import free_folder
 from trueup.commands.console import notes
 from trueup.commands.sources import SHARE, add_shared, given, mapping_for, recordings_in
 from trueup.errors import IdentificationError, OutputError
-from trueup.formats import ChannelMap, TimeColumn
+from trueup.formats import ChannelMap, TimeColumn, guess_mapping
 from trueup.model_files.joint_names import joint_names
 from trueup.recording import Recording
 
@@ -111,7 +111,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     drives = Drives.load(args.drives, whole.joints) if args.drives else Drives.direct(whole.joints)
     drives = drives.only(tree.joints)  # a file of all drives serves logs of some joints too
     if args.payload:
-        drives, more = _weighed(args, tree, training, drives)
+        drives, more = _weighed(args, tree, training, drives, rated)
         said = (*said, *more)
     folder = free_folder(Path(args.out), lambda at: _free(at, Path(args.model), force=args.force))
     elsewhere = [f"results go to {folder}"] if folder != Path(args.out) else []
@@ -145,15 +145,20 @@ def _options(args: argparse.Namespace) -> tuple[Options, list[str]]:
 
 
 def _weighed(
-    args: argparse.Namespace, tree: KinematicTree, training: Sequence[Recording], drives: Drives
+    args: argparse.Namespace,
+    tree: KinematicTree,
+    training: Sequence[Recording],
+    drives: Drives,
+    rated: Callable[[ChannelMap], ChannelMap] | None,
 ) -> tuple[Drives, tuple[str, ...]]:
     """The drives with torque constants from runs that carry a payload."""
     from trueup.identification.estimation.matching import matched
     from trueup.identification.estimation.payload import drives_from_payload, payload_inertial
 
     mapping, _ = mapping_for(args.mapping)
-    named, joints = args.mapping is not None, joint_names(args.model)
-    loaded, _ = recordings_in([Path(path) for path in args.payload], mapping, named=named, joints=joints)
+    named, joints, paths = args.mapping is not None, joint_names(args.model), [Path(path) for path in args.payload]
+    known = mapping if rated is None else rated(ChannelMap.load(mapping) if mapping else guess_mapping(paths, joints))
+    loaded, _ = recordings_in(paths, known, named=named, joints=joints)
     _, (loaded, _), _ = matched(tree, (loaded, []), args.torque)
     load = payload_inertial(args.payload_mass, args.payload_com)
     return drives_from_payload(tree, training, loaded, drives, load, cutoff=args.cutoff)

@@ -102,22 +102,28 @@ def given(
     """
     paths, notes = readable(args.recordings)
     mapping, more = mapping_for(args.mapping)
-    used: Mapped = mapping
     joints = joint_names(args.model) if getattr(args, "model", None) else ()
-    if rated is not None:
-        used = rated(ChannelMap.load(mapping) if mapping else guess_mapping(paths, joints))
-    recordings, others = recordings_in(paths, used, told, named=args.mapping is not None, joints=joints)
+
+    def mapped(paths: Sequence[Path]) -> Mapped:
+        return (
+            mapping if rated is None else rated(ChannelMap.load(mapping) if mapping else guess_mapping(paths, joints))
+        )
+
+    recordings, others = recordings_in(paths, mapped(paths), told, named=args.mapping is not None, joints=joints)
     recordings, off = while_driven(recordings) if driven else (recordings, [])
     held = getattr(args, "hold_out", ()) if hold_out is None else hold_out
-    training, kept = split(recordings, held, mapping, joints)
+    training, kept = split(recordings, held, mapped, joints)
     return training, kept, [*notes, *more, *others, *off]
 
 
 def split(
-    recordings: Sequence[Recording], hold_out: Sequence[str], mapping: Path | None, joints: Sequence[str] = ()
+    recordings: Sequence[Recording],
+    hold_out: Sequence[str],
+    mapped: Callable[[Sequence[Path]], Mapped],
+    joints: Sequence[str] = (),
 ) -> tuple[list[Recording], list[Recording]]:
     """Recordings to fit and recordings to hold out: by name, by pattern, by path among those given, or further paths; of a
-    share in percent the ends of those that are fitted.
+    share in percent the ends of those that are fitted. `mapped` says how further paths are read.
 
     Raises UnknownNameError for what is none of these, RecordingError for a share that leaves nothing.
     """
@@ -126,7 +132,7 @@ def split(
     for entry in (e for e in hold_out if not SHARE.fullmatch(e)):
         found = [r for r in recordings if fnmatch.fnmatchcase(r.name, entry) or _comes_from(r, Path(entry))]
         if not found and Path(entry).exists():
-            found = read([Path(entry)], mapping, joints)
+            found = read([Path(entry)], mapped([Path(entry)]), joints)
         if not found:
             raise unknown_name("recording", entry, [r.name for r in recordings], "those given (nor a file or folder)")
         held |= {r.name: r for r in found}
