@@ -99,3 +99,9 @@ def test_what_is_not_in_the_file_is_named(changed: Callable[[str, str], Path]) -
     beyond = changed("0 -1.45 1.35 0.1  0 1.45", "0 -2.45 1.35 0.1  0 2.45")
     with pytest.raises(ParameterError, match=r"keyframe 0: joint 'left_hip' at -2\.45 rad is outside its range -2\.1"):
         transition(beyond, "sit", "stand")
+
+
+def test_a_humanoid_whose_drives_take_torques_is_told_to_have_servos(changed: Callable[[str, str], Path]) -> None:
+    motor = changed('<position name="left_knee" joint="left_knee"/>', '<motor name="left_knee" joint="left_knee"/>')
+    with pytest.raises(ModelError, match=r"drives of left_knee of .*take torques.*<position joint=\"left_knee\" kp="):
+        transition(motor, "sit", "stand")

@@ -235,6 +235,13 @@ def is_motor(m: mujoco.MjModel, actuator: int) -> bool:
     return plain and fixed and int(m.actuator_dyntype[actuator]) == int(mujoco.mjtDyn.mjDYN_NONE)
 
 
+def follows_position(m: mujoco.MjModel, actuator: int) -> bool:
+    """False where a command cannot be an angle: the force of a motor, or of a drive of speed, does not depend on any."""
+    bias = int(m.actuator_biastype[actuator])
+    affine = bias == int(mujoco.mjtBias.mjBIAS_AFFINE)
+    return bias != int(mujoco.mjtBias.mjBIAS_NONE) and (not affine or float(m.actuator_biasprm[actuator, 1]) != 0.0)
+
+
 def _torque(m: mujoco.MjModel, actuator: int) -> float:
     return float(m.actuator_gear[actuator, 0] * m.actuator_gainprm[actuator, 0]) if is_motor(m, actuator) else 0.0
 

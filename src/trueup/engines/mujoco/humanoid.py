@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 
 from trueup.arrays import Array
 from trueup.articulated.mirror import Mirrored, Posture, mirrored_at_best
 from trueup.articulated.pose import angles_of
+from trueup.engines.mujoco.attributes import follows_position
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.model import Model
 from trueup.errors import ModelError, unknown_name
@@ -28,12 +31,25 @@ def posture(model: Model, name: str) -> Posture:
 
 
 def commanded(model: Model) -> tuple[str, ...]:
-    """The joints that actuators drive, in the order of the controls. Raises ModelError where there is none."""
+    """The joints that actuators drive, in the order of the controls. Raises ModelError where none is, or one by torque."""
     driven = {actuator: joint for joint, actuator in model.drives().items() if actuator}
     joints = tuple(driven[a] for a in model.names("actuator") if a in driven)
     if not joints:
         raise ModelError(f"no actuator of model '{model.path.name}' drives a joint: give its servos as <position>")
+    check_servos(model, joints)
     return joints
+
+
+def check_servos(model: Model, joints: Sequence[str]) -> None:
+    """Raises ModelError where the drive of one of these joints does not take angles: it would push by as many N m as rad."""
+    driven = model.actuator_of_joint()
+    others = [j for j in joints if j in driven and not follows_position(model.compiled, driven[j])]
+    if others:
+        raise ModelError(
+            f"the drives of {', '.join(others)} of '{model.path.name}' take torques or speeds, a motion is angles: give each "
+            f'the servo that the robot has in its place, <position joint="{others[0]}" kp="..." kv="..." forcerange="..."/>, '
+            "with the gains of its own control loop (N m/rad, N m s/rad)"
+        )
 
 
 def ranges(model: Model) -> tuple[Array, Array]:
