@@ -11,6 +11,7 @@ import servo_problem
 
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.engines.simulator import broken
 from trueup.errors import GroundingError
 from trueup.grounding.blend import blended, replayed, with_inverse
 from trueup.grounding.grounded import GroundedController, GroundedSimulator
@@ -94,6 +95,9 @@ def test_commands_outside_of_what_was_learned_are_refused_and_named(
     assert not usual.failures
     assert "elbow" in refused.failures[0]
     assert "outside of what was learned" in refused.failures[0]
+    said = broken([refused], grounded)
+    assert "learn from runs of its kind too" in said
+    assert "shorter" not in said  # nothing is wrong with the step
     values = refused.channels["position"][0]
     assert np.isfinite(values[: len(values) // 2]).all()
     assert np.isnan(values[-1]).all()

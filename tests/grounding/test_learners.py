@@ -179,6 +179,13 @@ def test_another_file_is_no_grounding(tmp_path: Path) -> None:
             Grounding.load(tmp_path / name)
 
 
+def test_recordings_without_commands_are_named(rng: np.random.Generator) -> None:
+    first, second, third = recordings(rng, runs=3)
+    bare = replace(second, channels={"position": second.channel("position")})
+    with pytest.raises(GroundingError, match=f"no joint of {bare.name} is commanded"):
+        inputs_of([first, bare, third])
+
+
 def test_the_recordings_choose_history_and_learner(rng: np.random.Generator) -> None:
     before = [np.zeros(2)]
 

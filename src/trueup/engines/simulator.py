@@ -89,11 +89,17 @@ def refuse_unsupported(simulator: str, trials: Sequence[Trial], *kinds: str) -> 
                 )
 
 
+REFUSED = "refused after"
+"""How the reason begins of a run that left what a simulator was learned from: nothing is wrong with its step or model."""
+
+
 def broken(done: Sequence[Rollout], simulator: Simulator) -> str:
     """Why simulations broke off, with what may mend it; '' where none did."""
     reasons = dict.fromkeys(f"'{r.trial.name}': {why}" for r in done for why in r.failures.values())
     if not reasons:
         return ""
+    if all(why.startswith(REFUSED) for r in done for why in r.failures.values()):
+        return f"{'; '.join(reasons)}. Leave it out, or learn from runs of its kind too"
     return (
         f"{'; '.join(reasons)}. At a step of {1e3 * simulator.step:g} ms: take a shorter one, or look for a stiffness, a "
         "mass or an inertia in the model that cannot be"

@@ -13,7 +13,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.controllers.controller import Controller, ControllerFactory, Looking, Observation
 from trueup.controllers.playback import Playback
-from trueup.engines.simulator import Commanded, Forced, InPlaceOf, Rollout, Simulator
+from trueup.engines.simulator import REFUSED, Commanded, Forced, InPlaceOf, Rollout, Simulator
 from trueup.errors import GroundingError
 from trueup.grounding.grounding import Grounding
 from trueup.instant import usual_step
@@ -202,7 +202,7 @@ class GroundedSimulator(InPlaceOf):
         failures = dict(rollout.failures)
         channels = {n: np.array(v) for n, v in rollout.channels.items()} if refused else rollout.channels
         for row, refusal in refused.items():
-            failures.setdefault(row, f"refused after {refusal.time:.3g} s: {refusal.reason}")
+            failures.setdefault(row, f"{REFUSED} {refusal.time:.3g} s: {refusal.reason}")
             for name, observed in trial.observed.items():
                 channels[name][row, observed.time > trial.start + refusal.time] = np.nan
         ends = {row: e for row, e in rollout.ends.items() if row not in refused}

@@ -157,6 +157,12 @@ def inputs_of(
     measured = _common([_labels(r, "position") for r in recordings])
     commanded = _common([_commanded(r) for r in recordings])
     both = [label for label in measured if label in commanded]
+    without = [r.name for r in recordings if not _commanded(r)]
+    if without and len(without) < len(recordings):
+        raise GroundingError(
+            f"no joint of {', '.join(without)} is commanded by angles and measured, as joints of the other "
+            "recordings are: leave these recordings out, or say in a mapping which columns are their commands"
+        )
     if not both:
         raise GroundingError(
             f"no joint is both commanded and measured in all {len(recordings)} recordings; commanded are: "
