@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from trueup.controllers.controller import Observation
 from trueup.controllers.walk_engine.attitude import Complementary
 from trueup.controllers.walk_engine.engine import PARAMETERS, WalkEngine
 from trueup.controllers.walk_engine.requests import REQUESTS, TARGETS, OfTrial, requests, targets
-from trueup.engines.mujoco.biped import biped_of
+from trueup.engines.mujoco.biped import biped_of, inertial
 from trueup.engines.mujoco.model import Model, load
 from trueup.errors import ModelError, ParameterError, TrialError, UnknownNameError
 from trueup.studies.walk.scenes import LEFT, NAO, RIGHT, SIMSPARK, biped
@@ -83,6 +85,74 @@ def test_legs_reach_the_pose_they_are_asked_for_by_mujocos_own_kinematics(path) 
             sole = turned * Rotation.from_euler("x", foot_roll[i, side]) * Rotation.from_euler("y", foot_pitch[i, side])
             normal = data.body(f"{'LR'[side]}_foot").xmat.reshape(3, 3)[:, 2]
             assert normal == pytest.approx(sole.apply([0.0, 0.0, 1.0]), abs=1e-9)
+
+
+KINDS = {"yaw": "0 0 1", "roll": "1 0 0", "pitch": "0 1 0"}
+BUILDS = {
+    "pitch first, its axes apart": (
+        "hip_pitch hip_roll hip_yaw knee_pitch ankle_pitch ankle_roll", "0 .02 -.02|0 0 -.08|-.014 0 -.13|0 0 -.28|0 0 -.012"
+    ),
+    "ankle roll first": (
+        "hip_yaw hip_roll hip_pitch knee_pitch ankle_roll ankle_pitch", "0 0 -.05|0 0 0|0 0 -.2|0 0 -.2|.01 0 -.02"
+    ),
+    "without a yaw": ("hip_roll hip_pitch knee_pitch ankle_pitch ankle_roll", "0 0 0|0 0 -.2|0 0 -.2|0 0 0"),
+    "without an ankle roll": ("hip_yaw hip_roll hip_pitch knee_pitch ankle_pitch", "0 0 0|0 0 0|0 0 -.2|0 0 -.2"),
+}  # fmt: skip
+
+
+def legged(build: str, side: str = "-1", knee: str = "-.1 2.3") -> tuple[Model, list[list[str]]]:
+    """A biped whose right leg's pitches turn the other way, and its legs' joints in the order of the alphabet."""
+    joints, shifts = BUILDS[build]
+    text, names = "", []
+    for s, y, turn in (("l", ".1", "1"), ("r", "-.1", side)):
+        own = [f"{s}_{j}" for j in joints.split()]
+        leg = '<geom size=".01" mass=".1"/>'
+        for name, shift in reversed(list(zip(own, [f"0 {y} -.1", *shifts.split("|")], strict=True))):
+            kind = name.rpartition("_")[2]
+            axis = KINDS[kind].replace("1", turn) if kind == "pitch" else KINDS[kind]
+            limits = knee if "knee" in name and turn == "1" else "-2.4 2.4"
+            joint = f'<joint name="{name}" axis="{axis}" range="{limits}"/>'
+            heavy = '<inertial pos="0 0 0" mass=".1" diaginertia="1e-4 1e-4 1e-4"/>'
+            leg = f'<body name="{name}" pos="{shift}">{heavy}{joint}{leg}</body>'
+        text, names = text + leg, [*names, sorted(own)]
+    servos = "".join(f'<position joint="{n}" kp="9"/>' for side in names for n in side)
+    whole = (
+        '<mujoco><compiler angle="radian"/><worldbody><body name="torso"><freejoint/><geom size=".1"/>'
+        f"{text}</body></worldbody><actuator>{servos}</actuator></mujoco>"
+    )
+    spec = mujoco.MjSpec.from_string(whole)
+    return Model(Path("biped.xml"), spec, spec.compile()), names
+
+
+@pytest.mark.parametrize("build", BUILDS)
+def test_legs_of_another_build_reach_the_pose_they_are_asked_for(build: str) -> None:
+    model, (left, right) = legged(build)
+    robot, m, rng = biped_of(model, left, right), model.compiled, np.random.default_rng(0)
+    has, data = robot.legs.signs != 0.0, mujoco.MjData(model.compiled)
+    yaw = rng.uniform(-0.3, 0.3, (20, 2)) * has[:, 0]
+    roll, pitch, foot_roll, foot_pitch = rng.uniform(-0.25, 0.25, (4, 20, 2))
+    length = robot.legs.longest * rng.uniform(0.75, 0.95, (20, 2))
+    angles = robot.legs.angles(yaw, roll, pitch, length, foot_roll, foot_pitch)
+    feet = [int(m.jnt_bodyid[max(model.index("joint", n) for n in names)]) for names in (left, right)]
+    mujoco.mj_kinematics(m, data)
+    at_zero = [robot.legs.ankles[s] - data.xpos[f] for s, f in enumerate(feet)]
+    for i in range(20):
+        data.qpos[robot.places[has]] = angles[i][has]
+        mujoco.mj_kinematics(m, data)
+        for side, foot in enumerate(feet):
+            turned, ground = Rotation.from_euler("z", yaw[i, side]), data.xmat[foot].reshape(3, 3)
+            leg = turned * Rotation.from_euler("x", roll[i, side])
+            down = leg.apply([np.sin(pitch[i, side]), 0.0, -np.cos(pitch[i, side])])
+            ankle = data.xpos[foot] + ground @ at_zero[side]
+            assert ankle == pytest.approx(robot.legs.hips[side] + length[i, side] * down, abs=1e-6)
+            sole = turned * Rotation.from_euler("x", foot_roll[i, side]) * Rotation.from_euler("y", foot_pitch[i, side])
+            off = sole.as_matrix().T @ ground
+            if has[0, 5]:
+                assert [off[1, 2], off[0, 2] * has[0, 0]] == pytest.approx(
+                    [0.0, 0.0], abs=0.05 * (not has[0, 0]) + 1e-6
+                )
+            if has[0, 0]:
+                assert off[1, 0] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_the_right_leg_does_half_a_cycle_later_what_the_left_leg_does() -> None:
@@ -157,6 +227,30 @@ def test_the_lean_is_found_from_gyro_and_accelerometer_though_the_gyro_is_off() 
     assert np.array(found)[late] == pytest.approx(pitch[late], abs=0.02 * 0.5 + 0.004)  # bias x memory, and a step
 
 
+def test_the_lean_is_felt_by_whatever_inertial_unit_there_is_however_it_is_mounted() -> None:
+    sensors = '<sensor><gyro name="imu_w" site="imu"/><accelerometer name="imu_a" site="imu"/></sensor>'
+    site = '<site name="imu" euler="180 0 90"/>'
+    body = f'<body><freejoint/><geom size=".1"/>{site}</body>'
+    spec = mujoco.MjSpec.from_string(f"<mujoco><worldbody>{body}</worldbody>{sensors}</mujoco>")
+    (gyro, turned), (accelerometer, tilted) = inertial(Model(Path("biped.xml"), spec, spec.compile())).values()
+    assert (gyro, accelerometer) == ("imu_w", "imu_a")
+    trial, model = going({}), load(NAO)
+    gravity, rates = np.array([[-1.0, 2.0, 9.5]]), np.array([[0.3, -0.2, 0.1]])
+    lean = []
+    for attitude, felt in (
+        (Complementary(), {"gyro": rates, "accelerometer": gravity}),
+        (
+            Complementary(gyro, accelerometer, mounted=(turned, tilted)),
+            {gyro: rates @ turned, accelerometer: gravity @ tilted},
+        ),
+    ):
+        attitude.reset(seen(model, 0.0, trial, 1, **felt))
+        lean.append(attitude.update(seen(model, 0.0, trial, 1, **felt), 0.01))
+    assert abs(turned[2, 2] + 1.0) < 1e-9
+    for name in ("roll", "pitch", "roll_rate", "pitch_rate"):
+        assert getattr(lean[1], name) == pytest.approx(getattr(lean[0], name))
+
+
 def test_a_body_that_falls_freely_changes_nothing_for_those_beside_it() -> None:
     model, trial, dt = load(NAO), going({}), 0.01
     leaning = 9.81 * np.array([np.sin(0.2), 0.0, np.cos(0.2)])
@@ -186,8 +280,13 @@ def test_what_cannot_walk_is_named() -> None:
     model = load(NAO)
     with pytest.raises(ParameterError, match="17 parameters"):
         WalkEngine(biped(model), np.zeros((2, 3)))
-    with pytest.raises(ModelError, match=r"LHipPitch.*hip roll turns about x"):
-        biped_of(model, (LEFT[0], LEFT[2], LEFT[1], *LEFT[3:]), RIGHT)
+    with pytest.raises(ModelError, match=r"2 joints that pitch.*hip, knee and ankle.*'LAnklePitch' \(pitch\)"):
+        biped_of(model, (*LEFT[:3], *LEFT[4:]), (*RIGHT[:3], *RIGHT[4:]))
+    with pytest.raises(ModelError, match=r"'RAnkleRoll'.*not below 'LAnkleRoll'.*joints of one leg"):
+        biped_of(model, (*LEFT, RIGHT[5]), RIGHT)
+    bird, legs = legged("without a yaw", knee="-2.3 0")
+    with pytest.raises(ModelError, match="'l_knee_pitch' bends the knee to the front by 0 rad"):
+        biped_of(bird, *legs)
     with pytest.raises(TrialError, match="does not say where to walk"):
         OfTrial()(seen(model, 0.0, going({})))
     with pytest.raises(UnknownNameError, match="feel"):

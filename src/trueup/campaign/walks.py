@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from trueup.arrays import Array
 from trueup.chance import Buffeting, CommandNoise, Disturbance, Sensing
 from trueup.engines.simulator import Simulator
 from trueup.errors import ModelError, unknown_name
@@ -44,11 +45,11 @@ class Unrest:
         push = _PUSH * weight if self.push is None else self.push
         return Buffeting(base, push), CommandNoise(self.zero, tuple(motors), every=1e3)
 
-    def sensing(self, latency: float) -> tuple[Sensing, ...]:
-        """Of gyros and accelerometer that are `latency` s late."""
+    def sensing(self, latency: float, gyro: str = "gyro", accelerometer: str = "accelerometer") -> tuple[Sensing, ...]:
+        """Of gyros and accelerometer of these names that are `latency` s late."""
         return (
-            Sensing("gyro", self.gyro, latency, bias=self.drift),
-            Sensing("accelerometer", self.accelerometer, latency),
+            Sensing(gyro, self.gyro, latency, bias=self.drift),
+            Sensing(accelerometer, self.accelerometer, latency),
         )
 
 
@@ -65,8 +66,8 @@ def walk(
     course of targets in all directions ('around').
 
     `left` and `right` name the joints of each leg from the hip down: yaw, roll, pitch, knee, ankle pitch, ankle roll. The
-    model needs a free base, position servos, a first keyframe in which it stands, and sensors 'gyro' and 'accelerometer' in
-    the base's frame (x forward, z up). Options as those of a plan's task 'walk' (see `task_of`).
+    model needs a free base (x forward, z up), position servos, a first keyframe in which it stands, and a gyro and an
+    accelerometer, mounted anyhow. Options as those of a plan's task 'walk' (see `task_of`).
 
     Raises ModelError for what is missing or built otherwise, UnknownNameError for joints and courses that are not there.
     """
@@ -110,29 +111,30 @@ def walking(
     period: float = 0.01, **fields: object,
 ) -> AnyWalk:  # fmt: skip
     """A walking task of a model; `fields` are those of `kind` (`share`, `runs`, `seed`, ...)."""
+    from trueup.controllers.walk_engine.attitude import Complementary
     from trueup.controllers.walk_engine.engine import PARAMETERS, WalkEngine
     from trueup.engines.mujoco.base import free_joint
-    from trueup.engines.mujoco.biped import biped_of
+    from trueup.engines.mujoco.biped import biped_of, inertial
 
     robot, m = biped_of(model, left, right), model.compiled
-    missing = [n for n in ("gyro", "accelerometer") if n not in model.names("sensor")]
-    if missing:
-        raise ModelError(
-            f"model '{model.name}' has no sensor '{missing[0]}', by which a walk feels its lean; add "
-            f'<{missing[0]} name="{missing[0]}" site="..."/>; its sensors are: {", ".join(model.names("sensor")) or "none"}'
-        )
+    (gyro, turned), (accelerometer, tilted) = inertial(model).values()
     if not m.nkey:
         raise ModelError(
             f"model '{model.name}' has no keyframe to start from: add one in which it stands on slightly bent legs"
         )
     joint = free_joint(m)
     motors = [
-        n for side, joints in enumerate((left, right)) for j, n in enumerate(joints) if robot.columns[side, j] >= 0
+        n for side, joints in enumerate(robot.legs.joints) for j, n in enumerate(joints) if robot.columns[side, j] >= 0
     ]
     base = model.names("body")[int(m.jnt_bodyid[joint])]
+
+    def make(values: Array) -> WalkEngine:
+        attitude = Complementary(gyro, accelerometer, mounted=(turned, tilted))
+        return WalkEngine(robot, values, period=period, attitude=attitude)
+
     own: dict[str, object] = {
-        "parameters": PARAMETERS, "make": lambda values: WalkEngine(robot, values, period=period),
-        "height": float(m.key_qpos[0, m.jnt_qposadr[joint] + 2]), "sensing": unrest.sensing(period),
+        "parameters": PARAMETERS, "make": make, "height": float(m.key_qpos[0, m.jnt_qposadr[joint] + 2]),
+        "sensing": unrest.sensing(period, gyro, accelerometer),
         "disturbances": () if unrest == STILL else unrest.disturbances(model, base, motors), **fields,
     }  # fmt: skip
     return kind(**own)  # type: ignore[arg-type]

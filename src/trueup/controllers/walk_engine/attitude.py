@@ -41,13 +41,16 @@ class Complementary:
     """Gyros, followed, and led back to what the accelerometer shows as down, with a time constant of `memory` s.
 
     Rates are smoothed with a time constant of `smooth` s. R. Mahony, T. Hamel and J.-M. Pflimlin, IEEE Trans. Automatic
-    Control 53(5), 2008, in the small angles of a walk. Sensors are in the body's frame: x forward, y left, z up.
+    Control 53(5), 2008, in the small angles of a walk. Sensors are in the body's frame, x forward, y left, z up, or `mounted`
+    otherwise: (3, 3) each, gyro's before accelerometer's, from the sensor's frame to the body's.
     """
 
     def __init__(
-        self, gyro: str = "gyro", accelerometer: str = "accelerometer", *, memory: float = 1.0, smooth: float = 0.02
-    ) -> None:
+        self, gyro: str = "gyro", accelerometer: str = "accelerometer", *, memory: float = 1.0, smooth: float = 0.02,
+        mounted: tuple[Array, Array] = (np.eye(3), np.eye(3)),
+    ) -> None:  # fmt: skip
         self._gyro, self._accelerometer, self._memory, self._smooth = gyro, accelerometer, memory, smooth
+        self._mounted = mounted
         self._angles = self._rates = np.zeros((0, 2))
         self._begun = np.zeros(0, dtype=bool)  # of each body, whether it was led to where down is
 
@@ -61,8 +64,9 @@ class Complementary:
 
     def update(self, observation: Observation, period: float) -> Lean:
         """See Attitude."""
-        rates = observation.sensors[self._gyro][:, :2]
-        ax, ay, az = observation.sensors[self._accelerometer].T
+        gyro, accelerometer = self._mounted
+        rates = (observation.sensors[self._gyro] @ gyro.T)[:, :2]
+        ax, ay, az = accelerometer @ observation.sensors[self._accelerometer].T
         felt = ax * ax + ay * ay + az * az > _FREE_FALL**2
         shown = np.where(felt[:, None], np.stack([np.arctan2(ay, az), np.arctan2(-ax, np.hypot(ay, az))], axis=1), 0.0)
         self._rates = self._rates + period / (self._smooth + period) * (rates - self._rates)

@@ -30,13 +30,13 @@ def joint_angles(
             psi = yaw * axis[2]
             # Directions before the first joint turns them: the other hip joints make these.
             cp = math.cos(pitch)
-            x, y, z = _turned(axis, -yaw, _yawed(psi, math.sin(pitch), math.sin(roll) * cp, -math.cos(roll) * cp))
+            x, y, z = turned(axis, -yaw, _yawed(psi, math.sin(pitch), math.sin(roll) * cp, -math.cos(roll) * cp))
             hip_roll = math.atan2(y, -z)
             hip_pitch, knee = thigh - math.asin(_cut(x)) - before, shank - thigh + bend
             cp = math.cos(foot_pitches[row, side])
             tilt = foot_rolls[row, side]
             normal = _yawed(psi, math.sin(foot_pitches[row, side]), -math.sin(tilt) * cp, math.cos(tilt) * cp)
-            x, y, z = _turned(axis, -yaw, normal)
+            x, y, z = turned(axis, -yaw, normal)
             c, s = math.cos(hip_roll), math.sin(hip_roll)
             y, z = c * y + s * z, c * z - s * y
             c, s = math.cos(hip_pitch + knee), math.sin(hip_pitch + knee)
@@ -59,9 +59,7 @@ def _yawed(psi: float, x: float, y: float, z: float) -> tuple[float, float, floa
 
 
 @njit(cache=True, nogil=True)
-def _turned(
-    axis: tuple[float, float, float], angle: float, v: tuple[float, float, float]
-) -> tuple[float, float, float]:
+def turned(axis: tuple[float, float, float], angle: float, v: tuple[float, float, float]) -> tuple[float, float, float]:
     """A vector turned about a unit axis: Rodrigues' formula."""
     kx, ky, kz = axis
     x, y, z = v
