@@ -80,14 +80,16 @@ def test_nothing_is_missed_where_the_model_has_the_robots_structure(tmp_path: Pa
 
 
 def test_a_spring_that_the_model_lacks_is_named_and_once_declared_it_is_found_and_written(tmp_path: Path) -> None:
-    sprung = ARM.replace('range="-3 3"', 'range="-3 3" stiffness="9" springref="0.5"')
+    sprung = ARM.replace('range="-3 3"', 'range="-3 3" stiffness="30" springref="0.1"')
     found = calibrated(tmp_path, "", truth=sprung)
     assert "replayed better with springs at the joints, which the model lacks: j.spring" in found.lacking
+    size, rest = (float(found.lacking.partition(f"{name} ")[2].split()[0]) for name in ("j.spring", "j.spring_rest"))
+    assert (size, rest) == (pytest.approx(30.0, rel=0.2), pytest.approx(0.1, rel=0.2))
     more = "".join(f'[[parameter]]\nquantity = "{q}"\nof = "j"\n' for q in ("spring", "spring_rest"))
     again = calibrated(tmp_path, "", more, truth=sprung)
     known = {e.name.rpartition(".")[2]: e for e in again.estimates}
-    assert known["spring"].value == pytest.approx(9.0, rel=0.03)
-    assert known["spring_rest"].value == pytest.approx(0.5, rel=0.03)
+    assert known["spring"].value == pytest.approx(30.0, rel=0.03)
+    assert known["spring_rest"].value == pytest.approx(0.1, rel=0.03)
     ready = prepare(tmp_path / "arm.xml", (), parameters=tmp_path / "parameters.toml", propose=False)
     ready.write(again, tmp_path / "fitted.xml", tmp_path / "fitted.toml")
     written = mujoco.MjModel.from_xml_path(str(tmp_path / "fitted.xml"))

@@ -9,6 +9,7 @@ else has made up for it?), the best of them by a fit, and kept by the rule of ev
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,7 @@ from trueup.engines.simulator import Related, Simulator
 from trueup.errors import CalibrationError, SimulationFailedError
 from trueup.evidence import Evidence
 from trueup.loop.descent import Fit, Watch, explained
-from trueup.loop.fit import REFINEMENT, fit
+from trueup.loop.fit import DESCENT, REFINEMENT, SHIPPED, Stage, fit
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.selection import compared
 from trueup.loop.ties import EXCERPT
@@ -28,6 +29,7 @@ from trueup.parameters import Parameter, ParameterSpace
 
 # Shares of the way to a bound at which parameters are looked at: what cannot be less than none has no slope there.
 _SIZES = 10.0 ** np.arange(-3.75, 0.0, 0.75)
+_ASTRAY = 0.25  # share of the loss of where a fit began: errors half as large
 _SIGNED = 10.0 ** np.array([-1.5, -0.75])  # to either side of what a model has
 
 
@@ -69,18 +71,34 @@ def missing(problem: Problem, found: Fit) -> Missing | None:
     if problem.duration > EXCERPT:
         part = problem.shortened(EXCERPT / len(problem.trials))
         found = fit(part, found.space, found.values, Watch(), stages=REFINEMENT)
-    others = _structures(problem.simulator)
-    looks = [_scanned(part.by(other), found, len(found.space), name) for name, other in others.items()]
-    without = cautious_errors(part, found, by_stretch(part))
-    worth, tried = part.chance(found.residual), []
-    best = sorted(looks, key=lambda look: -look.gain)[:2]  # each costs about as much as a quarter of the fit
-    for look in best:
+    without, tried = cautious_errors(part, found, by_stretch(part)), []
+    for place, stages in _places_to_look_from(part, found):
+        tried += _tried(part, place, stages, without)
+    holding = [m for m in tried if m.shown.holds]
+    return max(holding or tried, key=lambda m: m.shown.gain, default=None)
+
+
+def _places_to_look_from(problem: Problem, found: Fit) -> list[tuple[Fit, Sequence[Stage]]]:
+    """Where a fit ended, and where it began if it did not get far from there: what the model lacks has led it astray, and
+    nothing can be seen from where it is.
+    """
+    first = np.where(found.space.free, found.space.nominal, found.values)
+    begun = fit(problem, found.space, first, Watch(), stages=SHIPPED)
+    return [(found, REFINEMENT), *([(begun, DESCENT)] if found.loss > _ASTRAY * begun.loss else [])]
+
+
+def _tried(problem: Problem, place: Fit, stages: Sequence[Stage], without: Array) -> list[Missing]:
+    """The structures that a score test at a place favours most, fitted from there, up to one that the evidence holds for."""
+    others, tried = _structures(problem.simulator), list[Missing]()
+    looks = [_scanned(problem.by(other), place, len(place.space), name) for name, other in others.items()]
+    worth = problem.chance(place.residual)
+    for look in sorted(looks, key=lambda look: -look.gain)[:2]:  # each costs about as much as a quarter of the fit
         if look.gain > worth * max(len(look.sizes), 1):
-            fitted = _fitted(part.by(others[look.name]), found, look, without)
-            if fitted is not None and fitted.shown.holds:
-                return fitted
+            fitted = _fitted(problem.by(others[look.name]), place, look, stages, without)
             tried += [fitted] if fitted is not None and fitted.shown.gain > 0.0 else []
-    return max(tried, key=lambda m: m.shown.gain, default=None)
+            if tried and tried[-1].shown.holds:
+                break
+    return tried
 
 
 @dataclass(frozen=True)
@@ -117,12 +135,13 @@ def _scanned(problem: Problem, found: Fit, own: int, name: str) -> _Look:
     losses = np.split([left(r) for r in residuals[1:]], np.cumsum([len(at) for at in places])[:-1])
     worth, taken = problem.chance(found.residual), base
     for k in np.argsort([np.min(after) for after in losses], kind="stable"):
-        # what does nothing by itself (where a spring rests that has no stiffness) may beside what was taken
-        tried = places[k] if np.all(losses[k] == before) else places[k][[np.argmin(losses[k])]]
+        # what does nothing by itself (where a spring rests that has no stiffness) belongs to what was taken
+        beside = np.all(losses[k] == before)
+        tried = places[k] if beside else places[k][[np.argmin(losses[k])]]
         rows = np.repeat(taken[None], len(tried), axis=0)
         rows[:, own + k] = tried
         after = [left(r) for r in problem.residuals(rows)]
-        if min(after) < lowest - worth:
+        if min(after) < (lowest if beside else lowest - worth):
             lowest, taken = min(after), rows[int(np.argmin(after))]
     sizes = {p.name: float(v) for p, v in zip(more, taken[own:], strict=True) if v != p.nominal}
     return _Look(name, sizes, before - lowest)
@@ -135,13 +154,13 @@ def _places(p: Parameter) -> Array:
     return np.concatenate([p.nominal - _SIGNED * (p.nominal - p.lower), p.nominal + _SIGNED * (p.upper - p.nominal)])
 
 
-def _fitted(problem: Problem, found: Fit, look: _Look, without: Array) -> Missing | None:
+def _fitted(problem: Problem, found: Fit, look: _Look, stages: Sequence[Stage], without: Array) -> Missing | None:
     """The fit with a structure, from where the score test has it; None where the simulation fails with it."""
     more = problem.simulator.parameters.parameters[len(found.space) :]
     space = ParameterSpace((*found.space.parameters, *more)).freeze([p.name for p in more if p.name not in look.sizes])
     start = np.concatenate([found.values, [look.sizes.get(p.name, p.nominal) for p in more]])
     try:
-        grown = fit(problem, space, start, Watch(), stages=REFINEMENT)
+        grown = fit(problem, space, start, Watch(), stages=stages)
     except (CalibrationError, SimulationFailedError):
         return None
     shown = compared(without, cautious_errors(problem, grown, by_stretch(problem)))
