@@ -25,6 +25,8 @@ EXAMPLES = (
             "command[rad] base_x elbow; position[rad] base_x elbow"),
     Example("t,grip_speed_pos,elbow_pos,grip_speed_torque,elbow_torque", "0 .1 .1 1 1|.1 .2 .1 1 1|.2 .3 .2 1 1",
             "position[rad] grip_speed elbow; torque[N m] grip_speed elbow"),
+    Example("t,base_yaw.pos_ticks,elbow.pos_ticks,base_yaw.load,elbow.load", "0 9 1 1 1|.1 7 2 1 1|.2 8 3 1 1",
+            "load[] base_yaw elbow; position[] base_yaw_ticks elbow_ticks"),
     # A trunk has a pose of several numbers, and no motor.
     Example("t,q_base_x,q_base_y,q_base_yaw,q_elbow,tau_elbow", "0 1 1 .1 .1 1|.1 2 1 .1 .2 1|.2 3 2 .1 .3 2",
             "position[rad] elbow; q_base[] x y yaw; torque[N m] elbow"),
@@ -36,7 +38,7 @@ EXAMPLES = (
 _STAND_IN = "elbow"
 """A joint's name of which no rule takes a word for anything else."""
 _RATES = frozenset(["dot", "ddot"])
-_ROLES = frozenset(joints.KINDS) | COMMANDED | SENT | MEASURED | {"d"}
+_ROLES = frozenset(joints.KINDS) | joints.ENCODERS | COMMANDED | SENT | MEASURED | {"d"}
 """Words that may stand before or behind a joint's name and say what of it was logged."""
 _PLACES, _TURNS = frozenset("xyz"), frozenset(["roll", "pitch", "yaw"])
 _QUATERNION = frozenset(["qw", "qx", "qy", "qz"])

@@ -88,7 +88,7 @@ BY_KIND: Mapping[str, Rule] = MappingProxyType({rule.kind: rule for rule in RULE
 
 _RATES = MappingProxyType({"dot": "velocity", "ddot": "acceleration"})
 """Words that make a rate of change of what stands before them: q_dot, theta_ddot."""
-_ENCODERS = listed("encoder encoders enc counts ticks")
+ENCODERS = listed("encoder encoders enc counts ticks")
 """Words of a position where no other word tells a kind."""
 _SHORT = frozenset(["th"])
 """Words of a position that may also be part of a joint's name: theta, or thigh."""
@@ -216,9 +216,9 @@ def _by_letter(plain: Sequence[str], kinds: Sequence[str], *, current: bool, pos
         return "current", ["current" if word == "i" else kind for word, kind in zip(plain, kinds, strict=True)]
     if "rate" in plain and len(plain) > 1 and not _OF_A_LOG & set(plain):
         return "velocity", ["velocity" if word == "rate" else kind for word, kind in zip(plain, kinds, strict=True)]
-    if (_ENCODERS | _SHORT) & set(plain):
+    if (ENCODERS | _SHORT) & set(plain):
         return "position", [
-            "position" if w in _ENCODERS | _SHORT else kind for w, kind in zip(plain, kinds, strict=True)
+            "position" if w in ENCODERS | _SHORT else kind for w, kind in zip(plain, kinds, strict=True)
         ]
     return ("position" if position else ""), list(kinds)
 

@@ -81,8 +81,9 @@ def outcome(
 def _unweighed(result: Identification) -> Identification:
     """The result of logs of currents whose constants are not known: no number of a body is in kg."""
     bare = [joint for joint, unit in zip(result.joints, result.units, strict=True) if not unit.startswith("N")]
+    logged = "loads" if result.unit == "units of load" else "currents"
     said = (
-        f"the logs hold currents of {', '.join(bare)} and nothing says what torque they make: errors are in {result.unit}, "
+        f"the logs hold {logged} of {', '.join(bare)} and nothing says what torque they make: errors are in {result.unit}, "
         "no mass is in kg, and no model file is written. Give each joint's torque_constant in a drives file (--drives), or "
         "find them from runs with a payload that was weighed (--payload)"
     )
