@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from trueup.articulated.mirror import Mirrored
+from trueup.articulated.mirror import Mirrored, mirrored_at_best
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.humanoid import commanded, mirrored, overlap, posture, ranges
 from trueup.engines.mujoco.model import Model, load
@@ -41,6 +41,12 @@ def test_with_the_signs_found_both_sides_take_mirrored_poses(path: Path) -> None
         turned = [data.xmat[model.compiled.jnt_bodyid[model.index("joint", j)]].reshape(3, 3) for j in pair.joints]
         flip = np.diag([1.0, -1.0, 1.0])
         np.testing.assert_allclose(flip @ turned[0] @ flip, turned[1], atol=1e-9)
+
+
+@pytest.mark.parametrize("sides", [("knee_Left", "knee_Right"), ("L_knee", "R_knee"), ("knee-l", "knee-r")])
+def test_a_pair_is_called_by_its_joints_name_without_the_side_however_that_is_written(sides: tuple[str, str]) -> None:
+    (pair,) = mirrored_at_best(sides, np.array([[0.0, 0.1, 0.0], [0.0, -0.1, 0.0]]), np.tile([0.0, 1.0, 0.0], (2, 1)))
+    assert (pair.name, pair.joints) == ("knee", sides)
 
 
 def test_only_what_turns_in_the_plane_of_symmetry_raises_a_body() -> None:

@@ -17,7 +17,7 @@ from trueup.arrays import Array
 _AS_GOOD = 0.02  # share of the robot's size by which mirrored joints may miss one another
 _ALONG = 0.98  # cosine: axes that point the same way
 _SIDES = re.compile(
-    r"(^|[_.\-])(left|right|l|r)(?=[_.\-]|$)|(?<=[a-z0-9])(Left|Right|L|R)$|^(left|right|Left|Right|[lrLR](?=[A-Z]))"
+    r"(?i:(^|[_.\-])(left|right|l|r)(?=[_.\-]|$))|(?<=[a-z0-9])(Left|Right|L|R)$|^(left|right|Left|Right|[lrLR](?=[A-Z]))"
 )
 
 
