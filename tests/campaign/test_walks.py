@@ -33,6 +33,14 @@ def test_a_biped_walks_by_its_file_and_the_names_of_its_legs() -> None:
     assert buffeting.force == pytest.approx(0.02 * 5.305 * 9.81, rel=0.01)
 
 
+def test_lengths_among_the_start_values_are_in_proportion_to_the_legs() -> None:
+    _, task = trueup.walk(SIMSPARK, LEFT, RIGHT, quiet=True)
+    legs = 0.2201 / 0.2029  # of a NAO, whose values they are
+    assert task.parameters["fwdOffset"].nominal == pytest.approx(-0.008 * legs, rel=1e-3)
+    assert task.parameters["fwdOffset"].upper == pytest.approx(0.03 * legs, rel=1e-3)
+    assert task.parameters["stepPeriod"].nominal == 0.51
+
+
 def test_a_plan_names_the_walk_and_its_course() -> None:
     options = {"left": list(LEFT), "right": list(RIGHT), "course": "around", "quiet": True, "nominal": {"knee": 0.9}}
     component = Component("walk", options, "plan.toml, [task]")

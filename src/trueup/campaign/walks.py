@@ -88,14 +88,18 @@ def task_of(
     `share` of the largest step; means over `runs` disturbed runs (undisturbed ones if `quiet`); a command every `period` s;
     `fall`: what a fall costs, in m/s, of a course in m; `nominal`: start values of the walk's parameters, by name.
     """
+    from trueup.controllers.walk_engine.engine import sized
+    from trueup.engines.mujoco.biped import biped_of
     from trueup.tasks.walking import LineWalk, OmniWalk, WalkFront
 
     kinds: dict[str, type[Walk]] = {"front": WalkFront, "line": LineWalk, "around": OmniWalk}
     if course not in kinds:
         raise unknown_name("course", course, COURSES, "what the task 'walk' knows")
-    own = {} if fall is None else {"fall": fall}
+    own: dict[str, object] = {} if fall is None else {"fall": fall}
+    model = model_of(simulator)
+    own["parameters"] = sized(float(biped_of(model, left, right).legs.longest.mean()))
     made = walking(
-        model_of(simulator), left, right, kinds[course], unrest=STILL if quiet else Unrest(), period=period, share=share,
+        model, left, right, kinds[course], unrest=STILL if quiet else Unrest(), period=period, share=share,
         runs=runs, seed=seed, **own,
     )  # fmt: skip
     if not nominal:

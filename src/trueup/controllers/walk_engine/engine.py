@@ -8,7 +8,7 @@ swing; F. Faber and S. Behnke, Humanoids 2007, for the closed loop; A. Farchy, S
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,6 +45,20 @@ PARAMETERS = ParameterSpace(
     )
 )
 """The paper's parameters (its table 1), with values that walk a NAO at about 12 cm/s with steps of 67 %."""
+
+_OF = 0.2029
+"""m from hip to ankle of the NAO whose values they are."""
+
+
+def sized(longest: float) -> ParameterSpace:
+    """The same of a robot whose straight legs measure `longest` m from hip to ankle: lengths are in proportion to them."""
+    size = longest / _OF
+    return ParameterSpace(
+        tuple(
+            replace(p, nominal=size * p.nominal, lower=size * p.lower, upper=size * p.upper) if p.unit == "m" else p
+            for p in PARAMETERS.parameters
+        )
+    )
 
 
 @dataclass(frozen=True)
