@@ -158,6 +158,18 @@ def test_a_dog_on_a_stand_is_replayed_by_its_free_model_though_nobody_saw_its_ba
     assert np.std(run.channels["position"][0] - seen) < 2e-3
 
 
+@pytest.mark.parametrize(("rate", "walked"), [(0.6, True), (0.01, False)])
+def test_a_gyro_speaks_against_a_stand_that_nobody_said_was_there(tmp_path: Path, rate: float, walked: bool) -> None:
+    time = np.arange(0.0, 3.0, 0.01)
+    still = Channel("command", _JOINTS, "rad", time, np.zeros((len(time), len(_JOINTS))))
+    rates = 0.03 + rate * np.sin(4.0 * time)[:, None] * (0.0, 1.0, 0.2)  # with a bias
+    gyro = Channel("imu_gyro", ("x", "y", "z"), "rad/s", time, rates)
+    log = Recording("walk", {c.name: c for c in (still, still.replace(name="position"), gyro)})
+    _, notes = simulator_for(_written(tmp_path), [log])
+    (note,) = (n for n in notes if "held in the air" in n)
+    assert ("by 'imu_gyro' it turned by" in note) == walked
+
+
 def test_a_urdf_whose_base_was_seen_to_move_is_set_free(tmp_path: Path) -> None:
     inertial = (
         '<inertial><mass value="{0}"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>'

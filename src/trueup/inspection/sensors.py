@@ -6,6 +6,8 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from trueup.recording import Recording
 
 _AXES = ("x", "y", "z")
@@ -62,3 +64,20 @@ def in_other_units(sensors: Mapping[str, str], recordings: Sequence[Recording]) 
                 f"{sensors[sensor]}, or what it is, in the mapping"
             )
     return tuple(said)
+
+
+def turned(recordings: Sequence[Recording]) -> tuple[float, str]:
+    """How far, in rad, what a gyro is on turned within a second at most, and the gyro's channel; 0.0 and '' without one in
+    rad/s. Its bias is the median of what it shows.
+    """
+    most = (0.0, "")
+    for recording in recordings:
+        for name, c in recording.channels.items():
+            if c.unit == "rad/s" and c.values.shape[1] == len(_AXES) and _WORDS["rad/s"].search(name):
+                good = np.isfinite(c.values).all(axis=1)
+                time, rates = c.time[good], c.values[good] - np.median(c.values[good], axis=0)
+                if len(time) > 1:
+                    angles = np.vstack([np.zeros(3), np.cumsum(rates[:-1] * np.diff(time)[:, None], axis=0)])
+                    later = np.stack([np.interp(time + 1.0, time, column) for column in angles.T], axis=1)
+                    most = max(most, (float(np.max(np.abs(later - angles))), name))
+    return most

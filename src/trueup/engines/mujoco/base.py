@@ -22,8 +22,10 @@ from trueup.articulated.pose import (
 from trueup.engines.mujoco.floor_plane import add_floor, plane_of
 from trueup.engines.mujoco.model import Model
 from trueup.errors import ModelError
+from trueup.inspection.sensors import turned
 from trueup.recording import Recording
 
+_TURNS = 0.05  # rad within a second: a stand gives less
 _MOVES = 0.01  # m: a base that moves further does not stand fixed
 
 
@@ -84,6 +86,12 @@ def held(model: Model, recordings: Sequence[Recording]) -> Model:
         f"touching nothing, as on a stand. If it stood or walked, log its pose ({POSITION}: x, y, z; {ORIENTATION}: w, x, y, "
         "z or roll, pitch, yaw), or refuse this: it then begins free, as in the first keyframe"
     )
+    angle, gyro = turned(recordings)
+    if angle > _TURNS:
+        note += (
+            f". It was not held: by '{gyro}' it turned by {np.degrees(angle):.0f} degrees within a second. What is found of "
+            "the joints stands for that motion too, however sure it looks"
+        )
     return Model(model.path, spec, fixed, (*model.notes, note))
 
 
