@@ -49,6 +49,7 @@ def found() -> Actuator:
 
 def test_the_structure_and_the_numbers_of_a_hidden_servo_are_found(found: Actuator) -> None:
     assert set(found.structures) == {"voltage limit", "friction under load"}
+    assert any("a softer servo" in sentence for sentence in found.experiment.cannot)
     assert found.law is not None
     for name in ("stiffness", "armature", "back_emf", "coulomb", "load_motor", "load_external", "voltage_limit"):
         assert getattr(found.law, name) == pytest.approx(getattr(TRUTH, name), rel=0.1), name

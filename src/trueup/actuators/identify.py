@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,12 +15,17 @@ from trueup.actuators.choose import Chooser, Model, choose
 from trueup.actuators.experiment import Value, experiment
 from trueup.actuators.fit import Problem, Slopes, coarseness, spread
 from trueup.actuators.output import output_of
-from trueup.actuators.structures import BY_NAME, LIMIT, LIMITS, PUNCH, RATIO, VISCOUS, Scales, declared, law_of
+from trueup.actuators.structures import BY_NAME, LIMIT, LIMITS, LOAD, PUNCH, RATIO, VISCOUS, Scales, declared, law_of
 from trueup.errors import CalibrationError, unknown_name
 from trueup.evidence import evidence, half_interval, jackknife
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.trial import STEP
+
+_SOFTER = (
+    "kp, kd and kc by regression: friction grows with the load here, which a regression takes for a softer servo; take "
+    "those by simulation"
+)
 
 
 def identify_actuator(
@@ -45,12 +51,12 @@ def identify_actuator(
     full = shown.full_error if shown is not None else np.inf
     seen = experiment(fitted, full)
     notes += [shown.sentence] if shown is not None else []
-    common = {"experiment": seen, "bench": fitted[0].bench, "setting": gains.given_for.get("kp", 0.0), "step": step}
+    common = {"bench": fitted[0].bench, "setting": gains.given_for.get("kp", 0.0), "step": step}
     if not all(run.bench.known for run in runs):
         notes.append(
             "nothing is simulated: without a known load (--mass and --length, or --inertia) torques have no scale"
         )
-        return Actuator(None, None, (), (), (), judged=(), runs=tuple(runs), notes=tuple(notes),
+        return Actuator(None, None, (), (), (), experiment=seen, judged=(), runs=tuple(runs), notes=tuple(notes),
                         seconds=time.perf_counter() - began, **common)  # fmt: skip
     problem = Problem(fitted, step)
     fixed = {"full_error": full} if np.isfinite(full) else {}
@@ -58,6 +64,8 @@ def identify_actuator(
     never = () if shown is None else (LIMIT,) if fixed else LIMITS
     never += () if len({run.gain for run in fitted}) > 1 else (RATIO,)  # which at one setting is what back-EMF does
     model, asked = choose(chooser, [n for n in (BY_NAME if ask is None else ask) if n not in never], told)
+    if LOAD in model.structures and seen.gains:
+        seen = replace(seen, cannot=(*seen.cannot, _SOFTER))
     told("what a file can hold", model.error)
     held = Chooser(Problem(fitted, step, file=True), chooser.declared, {**fixed, "back_emf": 0.0})
     file, said = _held_by_a_file(held, ask is None or PUNCH in ask)
@@ -65,8 +73,8 @@ def identify_actuator(
     both = ((problem, model), (held.problem, file))
     judged = [*_left_out(both), *(_held_out(r, both) for r in kept)]
     return Actuator(law_of(model.found.values), law_of(file.found.values), tuple(_values(problem, model)),
-                    (*([LIMIT] if fixed else []), *model.structures), tuple(asked), judged=tuple(judged), runs=tuple(runs),
-                    notes=tuple(notes), seconds=time.perf_counter() - began, **common)  # fmt: skip
+                    (*([LIMIT] if fixed else []), *model.structures), tuple(asked), experiment=seen, judged=tuple(judged),
+                    runs=tuple(runs), notes=tuple(notes), seconds=time.perf_counter() - began, **common)  # fmt: skip
 
 
 def _held_by_a_file(held: Chooser, onset: bool) -> tuple[Model, list[str]]:

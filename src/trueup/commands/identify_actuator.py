@@ -110,7 +110,9 @@ def _progress(told: Console, *, quiet: bool) -> Any:
         yield lambda *_: None
         return
     with told.status("replaying ...") as status:
-        yield lambda what, error: status.update(f"left-out error {1e3 * error:.3g} mrad; asking about: {what}")
+        yield lambda what, error: status.update(
+            f"asking about: {what}" + (f"; left-out error {1e3 * error:.3g} mrad" if math.isfinite(error) else "")
+        )
 
 
 def _show(actuator: Actuator, console: Console) -> None:
@@ -144,7 +146,8 @@ def _numbers(title: str, values: Sequence[Value]) -> Table:
 
 def _asked(actuator: Actuator) -> Table:
     table = Table("structure", "left-out error without", "with, mrad", "with it", "", box=SIMPLE, title_justify="left",
-                  title="what it is made of: kept where left-out recordings want it by two standard errors")  # fmt: skip
+                  title="what it is made of: kept where left-out recordings want it by two standard errors, or by one where "
+                        "none is replayed worse")  # fmt: skip
     for a in actuator.asked:
         kept = "[bold]kept[/]" if a.name in actuator.structures else "left out"
         table.add_row(a.name, f"{1e3 * a.without:.1f}", f"{1e3 * a.with_it:.1f}",
