@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 from trueup.ends import Left
 from trueup.errors import RobotFellError, TrialAbortedError
 from trueup.parameters import Parameter
-from trueup.recording import Channel
+from trueup.recording import Channel, Recording
 from trueup.robots.by_hand import ByHand
+from trueup.robots.by_hand.check import mismatches
+from trueup.robots.by_hand.sheet import words
 from trueup.trial import Limits, Observed, Reference, Trial
 
 Array = NDArray[np.float64]
@@ -497,3 +499,20 @@ def test_a_mapping_for_all_logs_does_not_stand_in_the_way_of_the_names_of_the_he
     bench.drop("trial-002.csv", named)
     assert bench.robot.perform(runs[1])[0].channel("position").labels == JOINTS
     assert len(bench.again().perform(runs[1])) == 1
+
+
+def test_a_run_that_its_own_end_cut_short_is_whole_and_the_sheet_says_what_ends_it() -> None:
+    time = np.arange(0.0, 40.0, 0.1)
+    walk = Trial(
+        "trial-001", 0.0, 40.0, None, {"base_position": Observed(("x", "y"), "m", time)},
+        ends=(Left("base_position", {"x": (-np.inf, 2.4)}, name="at the line"),),
+    )  # fmt: skip
+
+    def walked(speed: float) -> Recording:
+        seen = time[time < 18.0]
+        place = np.stack([speed * seen, 0.0 * seen], axis=1)
+        return Recording("trial-001", {"base_position": Channel("base_position", ("x", "y"), "m", seen, place)})
+
+    assert not mismatches(walk, walked(0.14))
+    assert "broken off" in mismatches(walk, walked(0.1))[0]
+    assert "at the line: base_position x above 2.4\n" in words(walk, Path("inbox"))

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.ends import end_of
 from trueup.formats.rules.drive import FULL_LOCK
 from trueup.inspection.unmeasured import unmeasured
 from trueup.recording import Channel, Recording
@@ -78,7 +79,8 @@ def _lasts(trial: Trial, recording: Recording) -> list[str]:
                 f"it lasts {lasts:.4g} s, {ratio:.3g} times the {trial.duration:.4g} s that were asked for: its clock is in "
                 f"another unit ({unit}); say it in mapping.toml, [time], unit"
             ]
-    if ratio < (_COMPLETE if trial.command is not None else _ARRIVED):
+    enough = _COMPLETE if trial.command is not None else _ARRIVED
+    if ratio < enough and end_of(recording, trial.ends) is None:
         return [
             f"it lasts {lasts:.4g} s of {trial.duration:.4g} s: still being written, or broken off? If the run was stopped, "
             f"put {trial.name}-aborted.txt beside it"

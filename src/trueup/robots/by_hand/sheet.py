@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.ends import Fallen, Left
 from trueup.errors import OutputError
 from trueup.formats import ChannelColumns, ChannelMap, TimeColumn
 from trueup.rounding import ROUNDED
@@ -68,13 +69,27 @@ def canonical_map(trial: Trial) -> ChannelMap:
     return ChannelMap(channels, TimeColumn(column="time", unit="s"))
 
 
+def _reached(end: Fallen | Left) -> str:
+    """What is seen where a run ends so."""
+    if isinstance(end, Left):
+        sides = [(f"{n} below", low) for n, (low, _) in end.area.items()] + [
+            (f"{n} above", h) for n, (_, h) in end.area.items()
+        ]
+        return f"{end.channel} " + " or ".join(f"{side} {bound:.4g}" for side, bound in sides if math.isfinite(bound))
+    low = [] if end.height is None else [f"{end.position} z below {end.height:.3g} m"]
+    return " or ".join(low + ([] if end.tilt is None else [f"leaning by more than {end.tilt:.3g} rad"]))
+
+
 def words(trial: Trial, inbox: Path) -> str:
     """The sheet."""
     lines = [f"{trial.name}: run this once, then put its log into {inbox}/", "=" * 72, ""]
     if trial.repeats > 1:
         lines[0] = f"{trial.name}: run this {trial.repeats} times, then put the {trial.repeats} logs into {inbox}/"
     lines += _to_set(trial)
-    lines += [f"The run lasts {trial.duration:.4g} s. Start the log when it starts.", *trial.notes, ""]
+    over = [f"  {end.name}: {_reached(end)}" for end in trial.ends if isinstance(end, (Fallen, Left))]
+    lines += [f"The run lasts {trial.duration:.4g} s. Start the log when it starts."]
+    lines += ["It is over before where one of these is reached; let the log go on for a moment:", *over] if over else []
+    lines += [*trial.notes, ""]
     lines += _limits(trial)
     lines += ["Record, with the time of each sample in s:"]
     for channel, o in trial.observed.items():
