@@ -100,6 +100,13 @@ def test_a_current_that_is_cut_off_is_saturated() -> None:
     assert any("rests at its extreme" in sentence for sentence in inspection.findings())
 
 
+def test_a_quaternion_near_upright_is_not_cut_off() -> None:
+    half = np.round(0.5 * 0.3 * np.clip(np.sin(TIME), 0.0, 1.0), 5)
+    turn = Channel("base_orientation", ("w", "x", "y", "z"), "", TIME,
+                   np.round(np.stack([np.cos(half), np.sin(half), 0.0 * half, 0.0 * half], axis=1), 5))  # fmt: skip
+    assert not any("rests at its extreme" in sentence for sentence in inspect(recording(turn)).findings())
+
+
 def test_a_position_that_rests_where_it_was_told_to_is_not_saturated() -> None:
     target = np.where((TIME % 4.0) < 2.0, 0.0, 0.5)
     settled = np.round(np.convolve(target, np.ones(20) / 20, "full")[: len(TIME)] / 0.0015) * 0.0015

@@ -193,6 +193,8 @@ def _is_motionless(column: Array, noise: float, step: float | None) -> bool:
 
 def _is_saturated(channel: Channel, label: str, recording: Recording) -> bool:
     """Whether a column rests at its largest size for long; a position only where its command goes further."""
+    if set(channel.labels) == set("wxyz"):
+        return False  # of a unit quaternion that is upright w is 1 and can be no more
     few_levels = 10  # a signal with fewer distinct values is a switch: resting at its highest is no saturation
     column = channel.column(label)
     finite = column[np.isfinite(column)]
