@@ -10,8 +10,10 @@ import pytest
 
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.drives import Drives
+from trueup.identification.estimation.estimate import least_squares, with_doubtful_torque
 from trueup.identification.estimation.payload import drives_from_payload, payload_inertial
 from trueup.identification.regressors import inverse_dynamics
+from trueup.identification.rows import Rows
 from trueup.recording import Channel, Recording
 
 
@@ -52,3 +54,14 @@ def test_friction_that_grows_with_the_payload_does_not_pass_for_a_torque_constan
         runs.append(Recording("run", channels))
     drives, _ = drives_from_payload(tree, runs[:1], runs[1:], Drives.direct(tree.joints), load)
     assert np.allclose(drives.constants[:3], hidden[:3], rtol=0.008)
+
+
+def test_what_is_not_known_of_a_torque_constant_is_not_known_of_what_its_torque_tells() -> None:
+    rng, own = np.random.default_rng(6), np.array([2.0, 5.0])
+    speed = rng.normal(size=(2, 1, 400))
+    torque = (own[:, None] * speed[:, 0] + 0.01 * rng.normal(size=(2, 400))).T
+    rows = [Rows((np.array([0]), np.array([1])), tuple(speed), torque, np.arange(400.0), 2)]
+    exact = least_squares(rows, [0, 1])
+    doubtful = with_doubtful_torque(exact, rows, np.array([0.0, 0.05]))
+    np.testing.assert_allclose(doubtful.deviations, [exact.deviations[0], 0.05 * own[1]], rtol=0.02)
+    np.testing.assert_array_equal(doubtful.parameters, exact.parameters)

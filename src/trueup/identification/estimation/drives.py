@@ -59,6 +59,8 @@ class Drives:
     motor_torques: bool = False
     known_constants: tuple[str, ...] = field(default=())
     """Joints whose torque constant was given."""
+    doubts: Array | None = None
+    """(n,) relative standard deviations of the constants; None where they are exact."""
 
     @classmethod
     def direct(cls, joints: Sequence[str]) -> Drives:
@@ -95,6 +97,8 @@ class Drives:
         at = [_index(name, self.joints, "drives") for name in joints]
         known = tuple(name for name in self.known_constants if name in joints)
         arrays = {name: getattr(self, name)[at] for name in ("ratios", "offsets", "constants")}
+        if self.doubts is not None:
+            arrays["doubts"] = self.doubts[at]
         return replace(
             self, joints=tuple(joints), coupling=self.coupling[np.ix_(at, at)], known_constants=known, **arrays
         )

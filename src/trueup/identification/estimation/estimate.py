@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -81,6 +81,19 @@ def weighted_least_squares(
     variance = weighted_fit(moments, np.asarray(active, dtype=np.int64), start, strength)[1]
     weights = 1.0 / variance / np.mean(1.0 / variance)
     return least_squares(rows, active, weights, prior=prior, strength=strength, robust=robust)
+
+
+def with_doubtful_torque(estimate: Estimate, rows: Sequence[Rows], doubts: Array) -> Estimate:
+    """The estimate with deviations that count how far the torque of each joint is known: `doubts` (n,), relative.
+
+    Parameters are linear in torque: each joint's share of them is as doubtful as its torque constant.
+    """
+    moments, act = moments_of(rows), estimate.active
+    gram = moments.weighted(estimate.weights)[0].sum(axis=0)[np.ix_(act, act)]
+    cross = (estimate.weights * doubts)[:, None] * moments.cross.sum(axis=0)[:, act]
+    shares = np.zeros((len(doubts), rows[0].p))
+    shares[:, act] = solve(gram[None], cross, np.zeros(len(act)), RIDGE) / np.maximum(moments.scale[act], TINY)
+    return replace(estimate, covariance=estimate.covariance + shares.T @ shares)
 
 
 def instrumental(

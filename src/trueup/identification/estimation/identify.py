@@ -20,7 +20,12 @@ from trueup.identification.estimation.couplings import confirmed, coupled, coupl
 from trueup.identification.estimation.cutoff import natural_cutoff
 from trueup.identification.estimation.diagnosis import check_log, grouped
 from trueup.identification.estimation.drives import Drives
-from trueup.identification.estimation.estimate import Estimate, least_squares, weighted_least_squares
+from trueup.identification.estimation.estimate import (
+    Estimate,
+    least_squares,
+    weighted_least_squares,
+    with_doubtful_torque,
+)
 from trueup.identification.estimation.file_fit import FileFit, file_fit
 from trueup.identification.estimation.matching import matched
 from trueup.identification.estimation.moments import Moments, moments_of
@@ -111,6 +116,8 @@ def identify(
     pool, nominal, alignment, (pieces, carried, moments, choice) = model(coupling)
     say("estimating")
     estimate, bodies, written, choice = _estimated(pool, pieces, nominal, choice, wanted)
+    if coupling.doubts is not None:
+        estimate = with_doubtful_torque(estimate, _training(pieces), coupling.doubts)
     say("writing")
     return outcome(
         tree, pool, choice, estimate, bodies and bodies.fit, written, pieces, alignment, carried=carried, moments=moments,

@@ -194,7 +194,8 @@ def drives_from_payload(
         unsure = ", ".join(tree.joints[k] for k in poor)
         notes.append(f"the payload does not show the torque constants of {unsure}; they stay as given")
     known = {*drives.known_constants, *(tree.joints[k] for k in np.flatnonzero(sure))}
-    return replace(drives, constants=constants, known_constants=tuple(sorted(known))), tuple(notes)
+    doubts = np.where(sure, found.deviations / np.abs(found.gains), 0.0)
+    return replace(drives, constants=constants, known_constants=tuple(sorted(known)), doubts=doubts), tuple(notes)
 
 
 def _with_load(
