@@ -173,13 +173,15 @@ def test_a_fast_cars_metres_count_less_than_a_slow_ones(full_size: Recording) ->
     assert unit == pytest.approx([0.02, 0.02 * 20.0 / 1.5], rel=0.05)
 
 
-def test_a_place_on_earth_is_metres_from_the_first_fix(full_size: Recording) -> None:
+def test_a_place_on_earth_is_metres_from_the_first_fix(full_size: Recording, tmp_path: Path) -> None:
     """Against the length of a degree at 48 degrees north, from tables of the WGS 84: 111.2 km north, 74.6 km east."""
     way = full_size.channel("position").values
     degrees = np.radians(np.stack([48.0 + way[:, 1] / 111_200.0, 11.0 + way[:, 0] / 74_630.0], axis=1))
     position = full_size.channel("position").replace(labels=("latitude", "longitude"), unit="rad", values=degrees)
     found = cleaned(full_size.with_channel(position)).channel("position").values
     assert found - found[0] == pytest.approx(way - way[0], abs=2e-3 * np.ptp(way))
+    (tmp_path / "car.toml").write_text("[vehicle]\nwheelbase = 2.7\n")
+    assert not prepare(tmp_path / "car.toml", [full_size.with_channel(position)]).unused()
 
 
 def test_without_a_pose_speed_and_turn_rate_add_up_to_one(full_size: Recording) -> None:

@@ -11,6 +11,7 @@ from trueup.recording import Channel, Recording
 from trueup.tracking.commands import TOGETHER
 from trueup.tracking.heading import heading_of
 
+_ON_A_FLOOR, _ON_EARTH = ("x", "y"), ("latitude", "longitude")
 _EQUATOR, _FLATTENING = 6378137.0, 1.0 / 298.257223563
 """Half axis in m and flattening of the earth (WGS 84)."""
 _REPEATED = 0.3  # share of the values that stand in more than one row: the rows are more frequent than the sensor
@@ -24,9 +25,14 @@ def place_of(recording: Recording) -> tuple[Channel, Channel | None, list[str]]:
     if not recording.has("position"):
         return _added_up(recording)
     position = recording.channel("position")
-    if {"latitude", "longitude"} <= set(position.labels):
+    if set(_ON_EARTH) <= set(position.labels):
         return _on_the_ground(position), None, []
-    return position.select(("x", "y")), None, []
+    return position.select(_ON_A_FLOOR), None, []
+
+
+def tells_place(position: Channel) -> bool:
+    """Whether a channel has the labels of a place on a floor or on earth."""
+    return any(set(labels) <= set(position.labels) for labels in (_ON_A_FLOOR, _ON_EARTH))
 
 
 def fresh(channel: Channel) -> Channel:
@@ -49,7 +55,7 @@ def fresh(channel: Channel) -> Channel:
 
 def _on_the_ground(position: Channel) -> Channel:
     """East and north of the first fix, in m (tangent plane; a drive is short beside the earth's radius)."""
-    angle = position.select(("latitude", "longitude")).values
+    angle = position.select(_ON_EARTH).values
     known = angle[np.isfinite(angle).all(axis=1) & (angle != 0.0).any(axis=1)]  # 0, 0: no fix yet
     if not len(known):
         return position.replace(labels=("x", "y"), unit="m", values=np.full(angle.shape, np.nan))

@@ -26,6 +26,7 @@ from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.tracking.heading import told_by
 from trueup.tracking.past import begun_at
+from trueup.tracking.place import tells_place
 from trueup.trial import Trial
 
 HORIZONS = (1.0, 3.0)
@@ -49,8 +50,9 @@ class Vehicles(Family):
         return path, read_vehicle(path)
 
     def reads(self, recording: Recording) -> Collection[str]:
-        """See Family: what the heading is taken from has that name where it was recorded."""
-        return {"speed", "yaw_rate", *(channel.name for channel in told_by(recording))}
+        """See Family: what the heading is taken from has that name where it was recorded, a place may be on earth."""
+        place = {c.name for n, c in recording.channels.items() if n == "position" and tells_place(c)}
+        return {"speed", "yaw_rate", *place, *(channel.name for channel in told_by(recording))}
 
     def simulator(
         self,
