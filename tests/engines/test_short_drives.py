@@ -5,14 +5,17 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from trueup import formats
+from trueup.calibration import Estimate
 from trueup.cli import main
 from trueup.engines.vehicle import Vehicle, VehicleSimulator
+from trueup.engines.vehicle.family import slow_in_one_way
 from trueup.engines.vehicle.prediction import prediction_errors
 from trueup.engines.vehicle.vehicle import PURSUED
 from trueup.engines.vehicle.vehicle_file import read_vehicle
@@ -179,3 +182,14 @@ def test_a_car_commanded_by_speed_backs_off_and_its_wheels_turn_it_by_the_tangen
     errors = prediction_errors(car, np.zeros(0), car.prepared(_backing(0.7, 24.0)))
     assert len(errors) > 50  # begun while it drives on, and while it backs off
     assert errors.mean(axis=0) == pytest.approx([0.0, 0.0], abs=0.12)
+
+
+def test_a_slow_command_and_a_soft_controller_are_claimed_together_only() -> None:
+    lag = Estimate("speed_lag", "s", 0.05, 0.7, 0.68, 0.73, 0.0, 1.0, True, "identified")
+    gain = Estimate("speed_gain", "1/s", 5.0, 20.0, 10.0, 50.0, 0.2, 50.0, True, "weak")
+    delay = Estimate("speed_delay", "s", 0.03, 0.1, 0.09, 0.11, -0.1, 1.0, True, "identified")
+    slow, soft, late = slow_in_one_way((lag, gain, delay))
+    assert (slow.verdict, soft, late) == ("effective", gain, delay)
+    assert "together 0.75 s" in slow.note
+    alone = (lag, replace(gain, fitted=False, verdict="frozen"), delay)
+    assert slow_in_one_way(alone) == alone

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.calibration import Calibration, Prediction
+from trueup.calibration import Calibration, Estimate, Prediction
 from trueup.engines.family import Family, Fit, Request
 from trueup.engines.vehicle.commands import with_commands
 from trueup.engines.vehicle.judging import Ahead
@@ -105,7 +105,9 @@ class Vehicles(Family):
             spoken(simulator, found.values, rs, which, horizons) for which, rs in (("", drives), (" held out", others))
         )
         notes = (*found.notes, *(sentence for each in shown for sentence in each))
-        return replace(found, notes=notes, warnings=said_once(found.warnings))
+        return replace(
+            found, estimates=slow_in_one_way(found.estimates), notes=notes, warnings=said_once(found.warnings)
+        )
 
     def known_before(self, simulator: VehicleSimulator) -> bool:
         """See Family: a car that is told shares of an unknown most drives like none until it is calibrated."""
@@ -145,6 +147,23 @@ class Vehicles(Family):
     def kinds(self, simulator: VehicleSimulator) -> tuple[tuple[str, str, int], ...]:
         """See Family."""
         return tuple((p.name, "car", 1) for p in simulator.parameters.parameters if not p.frozen)
+
+
+def slow_in_one_way(estimates: Sequence[Estimate]) -> tuple[Estimate, ...]:
+    """Estimates of a car that pursues a speed, whose lag and gain are claimed together only.
+
+    A speed that follows late is one of a slow command or of a soft controller. What tells them apart is the speed at the
+    start of each prediction, and its noise is forgotten sooner by a stiff controller: the fit prefers that whatever is true.
+    """
+    slow = {e.name: e for e in estimates if e.name in ("speed_lag", "speed_gain") and e.fitted}
+    if len(slow) < 2 or "identified" not in {e.verdict for e in slow.values()}:
+        return tuple(estimates)
+    late = slow["speed_lag"].value + 1.0 / slow["speed_gain"].value
+    note = f"speed_lag and 1 / speed_gain stand for one another: together {late:.3g} s, which of the two is hardly told"
+    return tuple(
+        replace(e, verdict="effective", note=note) if e.name in slow and e.verdict == "identified" else e
+        for e in estimates
+    )
 
 
 def said_once(warnings: Sequence[str]) -> tuple[str, ...]:
