@@ -118,6 +118,20 @@ def test_any_message_with_numbers_can_be_named_in_a_mapping(tmp_path: Path, smal
     assert force.values[0].tolist() == [5.0, 2.0, 3.0]
 
 
+def test_constants_of_a_messages_type_are_no_channels(tmp_path: Path, small_files: Any) -> None:
+    make, messages = small_files.message, []
+    for t in TIME + 5.0:
+        status = make("sensor_msgs/msg/NavSatStatus", status=0, service=1)
+        place = {"latitude": 48.0, "longitude": 11.0 + t, "altitude": 400.0}
+        unsure = {"position_covariance": np.zeros(9), "position_covariance_type": 0}
+        fix = make("sensor_msgs/msg/NavSatFix", header=small_files.header(t), status=status, **place, **unsure)
+        messages.append(("/fix", "sensor_msgs/msg/NavSatFix", t, fix))
+    (recording,) = formats.read(small_files.write_bag(tmp_path / "bag", messages))
+    names = " ".join(f"{n} {' '.join(c.labels)}" for n, c in recording.channels.items())
+    assert "altitude" in names
+    assert "sbas" not in names
+
+
 def test_an_unreadable_bag_is_named(tmp_path: Path, small_files: Any) -> None:
     bag = small_files.write_joint_bag(tmp_path / "bag")
     (file,) = bag.glob("*.db3")

@@ -68,7 +68,8 @@ def _numbers(
             yield from _entries(name, value.ravel().tolist(), joints)
     elif dataclasses.is_dataclass(value) and depth < deepest:
         for item in dataclasses.fields(value):
-            if item.name in (*_BESIDE, *without) or item.name.startswith("__"):
+            constant = str(item.type).startswith("ClassVar")  # of the message's type, the same in every message
+            if constant or item.name in (*_BESIDE, *without) or item.name.startswith("__"):
                 continue
             path = f"{name}.{item.name}" if name else item.name
             yield from _numbers(getattr(value, item.name), path, joints, depth + 1)
