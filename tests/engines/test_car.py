@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup import formats
+from trueup.calibration import Estimate
 from trueup.cli import main
 from trueup.engines.vehicle import Vehicle, VehicleSimulator
 from trueup.engines.vehicle.family import BEGUN, LASTING, Vehicles
@@ -183,6 +184,7 @@ class Fitted:
     """What stands for a calibration: values, and nothing to say."""
 
     values: Array
+    estimates: tuple[Estimate, ...] = ()
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
