@@ -18,6 +18,7 @@ from trueup.loop.elsewhere import EDGE, LOOKED_AT
 from trueup.loop.limits import is_limit
 from trueup.loop.probe import ROUGH, unexplained
 from trueup.loop.stages import Run
+from trueup.loop.validate import settled_loss
 
 _REACH, _LEAST = 0.25, 0.05
 """Of a limit's range: how far along its profile is looked first, and how near it is left."""
@@ -39,7 +40,7 @@ def profiles(run: Run) -> None:
             width = run.look.problem.simulator.step / (p.upper - p.lower)
             if _rough(run, k, width):
                 _along_profile(run, k, max(0.5 * run.descent.point[k], width), width)
-        elif is_limit(p) and not explained(run.descent.finished(run.look).residual):
+        elif is_limit(p) and not explained(run.descent.finished(run.look).residual) and _promises(run, k):
             _along_profile(run, k, _REACH, _LEAST)
 
 
@@ -49,6 +50,20 @@ def _rough(run: Run, k: int, width: float) -> bool:
     around = np.clip(point + width * np.outer([1.0, -1.0], np.arange(len(point)) == k), 0.0, 1.0)
     residuals = run.look.problem.residuals(run.descent.space.from_unit(around))
     return unexplained(around, residuals, run.descent.finished(run.look).jacobian) >= ROUGH
+
+
+def _promises(run: Run, k: int) -> bool:
+    """Whether a limit's profile, with the others settled as slopes foretell, is anywhere lower by more than chance: to
+    search with it held costs a hundred times as much as to look.
+    """
+    found, problem = run.descent.finished(run.look), run.look.problem
+    steps = _REACH * 0.5 ** np.arange(int(np.log2(_REACH / _LEAST)) + 2)
+    places = np.clip(found.unit[k] + np.concatenate([-steps, steps]), 0.0, 1.0)
+    rows = np.repeat(found.unit[None], len(places), axis=0)
+    rows[:, k] = places
+    every, others = np.arange(len(found.residual)), np.delete(np.arange(len(found.unit)), k)
+    losses = [settled_loss(found, every, others, r) for r in problem.residuals(found.space.from_unit(rows))]
+    return min(losses) < found.loss - problem.chance(found.residual)
 
 
 def _along_profile(run: Run, k: int, reach: float, width: float) -> None:
