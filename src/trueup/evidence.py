@@ -15,7 +15,8 @@ FEWEST_PARTS = 6
 STANDARD_ERRORS = 2.0
 """A gain on left-out data counts from this many of its standard errors on: one chance in twenty of being none. L. Breiman,
 J. Friedman, R. Olshen, C. Stone, Classification and Regression Trees, 1984, section 3.4.3, prefer the simpler of two
-models within one; two, because several structures are asked about in turn. Every choice of structure uses this number."""
+models within one; two, because several structures are asked about in turn. Every choice of structure uses this number; a
+servo's may also hold by one, where no recording speaks against it (`actuators/choose.py`)."""
 
 _LARGE = 2.0
 """Times: larger changes read better as factors than in percent."""
