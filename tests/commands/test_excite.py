@@ -154,7 +154,7 @@ def test_a_mix_of_classes_is_the_default_and_keeps_all_limits(arm: Path, capsys:
 
 def test_a_peak_torque_is_used_for_short_times_only(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = arm.parent / "weak.toml"
-    file.write_text("[joints.lift]\ntorque = 14.0\n")
+    file.write_text("[joints.lift]\ntorque = 18.0\n")
     asked = [
         "excite",
         str(arm),
@@ -172,9 +172,9 @@ def test_a_peak_torque_is_used_for_short_times_only(arm: Path, capsys: pytest.Ca
         assert main([*asked, *more]) == 0
         plans.append(json.loads(capsys.readouterr().out))
     most, lasting = ([plan["taken"][name][1] for plan in plans] for name in ("peak", "torque"))
-    assert most[0] <= 14.0 * (1 + 1e-6)
-    assert 14.0 < most[1] <= 4 * 14.0
-    assert lasting[1] <= 14.0
+    assert most[0] <= 18.0 * (1 + 1e-6)
+    assert 18.0 < most[1] <= 4 * 18.0
+    assert lasting[1] <= 18.0
     assert plans[1]["limits_from"]["peak"] == ["--peak 4"] * 3
     assert plans[1]["limits_from"]["torque"] == ["model", "weak.toml", "model"]
     file.write_text("[joints.lift]\ntorque = 0.01\n")

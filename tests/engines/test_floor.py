@@ -91,7 +91,9 @@ def test_a_table_is_noticed_found_and_written(arm: Path) -> None:
     assert values["floor_height"] - touched * values["floor_pitch"] == pytest.approx(-0.08, abs=1e-3)
     height = next(e for e in found.estimates if e.name == "floor_height")
     assert height.low <= -0.08 <= height.high
-    assert values["floor_roll"] == values["floor_pitch"] == 0.0  # left-out stretches need no tilt of a level table
+    # Left-out stretches need no tilt of a level table: none, or one of a millimetre in ten metres.
+    assert values["floor_roll"] == pytest.approx(0.0, abs=1e-4)
+    assert values["floor_pitch"] == pytest.approx(0.0, abs=1e-4)
     assert values["shoulder.kp"] == pytest.approx(40.0, rel=0.1)
     for replay in found.held_out():
         assert replay.rmse_after().max() < 3e-3
