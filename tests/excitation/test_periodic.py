@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from trueup.errors import IdentificationError, ModelError, UnknownNameError
 from trueup.excitation.cell import Cell
 from trueup.excitation.criteria import Criterion
-from trueup.excitation.design import Options, algorithm_a, algorithm_a_local, algorithm_b, design
+from trueup.excitation.design import Options, design
 from trueup.excitation.expectation import expectations
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.periodic import Fourier, Sines, at_rest, joint_box
+from trueup.excitation.planner import ViaPoints
 from trueup.excitation.regions import Region
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.information import log_determinants
@@ -190,26 +191,12 @@ def test_the_quick_search_passes_the_genetic_one_at_less_cost(criterion: Criteri
     assert quick.evaluations * coarse < 1.5 * genetic.evaluations * 400
 
 
-def test_a_genetic_search_improves_in_each_of_the_papers_algorithms(criterion: Criterion, limits: JointLimits) -> None:
-    cell = Cell.of(arm(), Region.of([0.6, 0.1, 0.8], [0.2, 0.2, 0.2], tool=np.array([0.3, 0.0, 0.0])), limits)
-    options = Options(method="genetic", population=20, generations=6, samples=120)
-    found = [
-        algorithm_a(criterion, limits, options, rate=100.0), algorithm_a_local(criterion, cell, options, rate=100.0),
-        algorithm_b(criterion, cell, options, via_points=4, rate=100.0),
-    ]  # fmt: skip
-    for one in found:
-        assert one.trace[-1].loss <= one.trace[0].loss
-        assert one.trajectory.rests
-    inside = cell.chain.poses(found[2].trajectory.q)[1]
-    assert cell.region.holds(inside, 1e-6).all()
-
-
 def test_the_quick_search_ends_with_a_motion_that_is_possible_at_all_samples(
     criterion: Criterion, limits: JointLimits
 ) -> None:
     # a region at the edge of the reach: what is possible on coarse samples need not be on fine ones
     cell = Cell.of(arm(), Region.of([0.75, 0.1, 0.6], [0.25, 0.5, 0.3], tool=np.array([0.3, 0.0, 0.0])), limits)
-    found = algorithm_b(criterion, cell, Options(samples=200, candidates=800, starts=80, coarse=40), via_points=4)
+    found = design(ViaPoints(cell, 4), criterion, Options(samples=200, candidates=800, starts=80, coarse=40))
     assert np.isfinite(found.loss)
     assert found.trajectory.rests
     assert (np.abs(found.trajectory.qd) <= limits.speed * (1 + 1e-9)).all()

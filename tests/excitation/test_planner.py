@@ -17,7 +17,7 @@ from trueup.excitation.criteria import Criterion
 from trueup.excitation.inverse_kinematics import LEAST_GAIN, REACHED, InverseKinematics, settle
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.mixture import mixed, wide_classes
-from trueup.excitation.planner import ViaPoints, joint_moves, random_planner_motion
+from trueup.excitation.planner import ViaPoints, joint_moves
 from trueup.excitation.profiles import law, ramps
 from trueup.excitation.regions import Region
 from trueup.excitation.trajectories import Trajectory
@@ -177,21 +177,6 @@ def test_joint_moves_pass_their_postures_together_and_keep_the_limits(rng: np.ra
         assert (np.abs(motions.qd) <= limits.speed * (1 + 1e-9)).all()
         assert (np.abs(motions.qdd) <= limits.acceleration * (1 + 1e-9)).all()
         assert np.allclose(motions.qd[:, [0, -1]], 0.0)
-
-
-def test_random_motions_are_within_the_region_or_all_over_the_range(cell: Cell, rng: np.random.Generator) -> None:
-    tree = cell.chain.tree
-    local = random_planner_motion(tree, cell.limits, rng, region=cell, settings=Settings(fly=0.0))
-    assert cell.region.holds(cell.chain.poses(local.q)[1], 1e-6).all()
-    wide = random_planner_motion(tree, cell.limits, rng)
-    assert np.ptp(wide.q, axis=0).max() > 2.0
-    gentle, abrupt = (
-        random_planner_motion(
-            tree, cell.limits, np.random.default_rng(7), region=cell, speed=0.3, settings=Settings(ramp=r)
-        )
-        for r in (0.5, 0.1)
-    )
-    assert np.abs(abrupt.qdd).max() > 2.0 * np.abs(gentle.qdd).max()
 
 
 def test_an_arm_of_seven_joints_moves_all_of_them() -> None:

@@ -10,16 +10,21 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.errors import OutputError
+from trueup.excitation.cell import Cell as RobotCell
+from trueup.excitation.cell import Settings
+from trueup.excitation.criteria import Criterion
+from trueup.excitation.design import Options
 from trueup.excitation.periodic import Sines, at_rest
 from trueup.excitation.planner import joint_moves
 from trueup.excitation.trajectories import Trajectory
+from trueup.studies.arm.algorithms import algorithm_a, algorithm_a_local, algorithm_b, random_planner_motion
 from trueup.studies.arm.comparison import ALGORITHMS, CASES, Errors, Example, Scale, interval, share_of_best
 from trueup.studies.arm.excitation import filled
 from trueup.studies.arm.factors import Cell, main_effect, ratios
 from trueup.studies.arm.fitting import joined, our_fit, papers_fit
 from trueup.studies.arm.hidden import RATE, Effects, HiddenArm
 from trueup.studies.arm.measuring import Run, papers_columns, runs, torque_model
-from trueup.studies.arm.robot import COULOMB, JOINTS, NOMINAL, QUADRATIC, ROTORS, VISCOUS, limits, ns16
+from trueup.studies.arm.robot import COULOMB, JOINTS, NOMINAL, QUADRATIC, REGIONS, ROTORS, VISCOUS, limits, ns16
 from trueup.studies.arm.saved import Store
 
 Array = NDArray[np.float64]
@@ -199,3 +204,37 @@ def test_friction_that_does_not_jump_at_standstill_costs_our_fit_nothing_where_n
     ]
     assert errors[1].mean() < 0.98 * errors[0].mean()
     assert (errors[1] < 1.02 * errors[0]).all()
+
+
+@pytest.fixture(scope="module")
+def cell() -> RobotCell:
+    return RobotCell.of(ns16(), REGIONS["B"], limits())
+
+
+def test_a_genetic_search_improves_in_each_of_the_papers_algorithms(cell: RobotCell) -> None:
+    criterion = Criterion.of(MODEL, NOMINAL, "D", weighting="printed")
+    options = Options(method="genetic", population=20, generations=4, samples=120)
+    found = [
+        algorithm_a(criterion, limits(), options, 100.0), algorithm_a_local(criterion, cell, options, 100.0),
+        algorithm_b(criterion, cell, options, via_points=4, rate=100.0),
+    ]  # fmt: skip
+    for one in found:
+        assert one.trace[-1].loss <= one.trace[0].loss
+        assert one.trajectory.rests
+    inside = cell.chain.poses(found[2].trajectory.q)[1]
+    assert cell.region.holds(inside, 1e-6).all()
+
+
+def test_random_motions_are_within_the_region_or_all_over_the_range(cell: RobotCell) -> None:
+    rng = np.random.default_rng(0)
+    local = random_planner_motion(cell.limits, rng, region=cell, settings=Settings(fly=0.0))
+    assert cell.region.holds(cell.chain.poses(local.q)[1], 1e-6).all()
+    wide = random_planner_motion(cell.limits, rng)
+    assert np.ptp(wide.q, axis=0).max() > 2.0
+    gentle, abrupt = (
+        random_planner_motion(
+            cell.limits, np.random.default_rng(7), region=cell, speed=(0.3, 0.3), settings=Settings(ramp=r)
+        )
+        for r in (0.5, 0.1)
+    )
+    assert np.abs(abrupt.qdd).max() > 2.0 * np.abs(gentle.qdd).max()

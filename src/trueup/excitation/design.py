@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Designs excitations: a class of motion, a criterion, a search; the papers' algorithms A, A_local and B among them."""
+"""Designs excitations: a class of motion, a criterion, a search."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -13,18 +13,14 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.compiled import clock
 from trueup.errors import IdentificationError
-from trueup.excitation.cell import Cell, Settings
 from trueup.excitation.criteria import Criterion
-from trueup.excitation.limits import JointLimits
-from trueup.excitation.periodic import MotionClass, Sines, at_rest, joint_box
-from trueup.excitation.planner import ViaPoints
+from trueup.excitation.periodic import MotionClass
 from trueup.excitation.trajectories import RATE, Motions, Trajectory
 from trueup.search.evolution import Evolution
 from trueup.search.genetic import Genetic
 from trueup.search.quasi_newton import QuasiNewton
-from trueup.search.search import Search
 
-Method = Literal["genetic", "cma-es", "quick"]
+Method = Literal["genetic", "quick"]
 Penalty = Callable[[Motions, int], Array]
 """(B,) what is added to the losses of motions, 0 where they do nothing forbidden; the number is of threads."""
 Told = Callable[["Step"], None]
@@ -46,9 +42,9 @@ class Options:
     """How an excitation is looked for."""
 
     method: Method = "quick"
-    """'genetic' as in the papers, 'cma-es', or 'quick': the same on coarse samples, with slopes for the last steps."""
+    """'genetic' as in the papers, or 'quick': CMA-ES on coarse samples, with slopes for the last steps."""
     samples: int = 2000
-    """Samples at which the result is judged; the genetic search and CMA-ES judge each candidate so."""
+    """Samples at which the result is judged; the genetic search judges each candidate so."""
     population: int = 150
     generations: int = 150
     coarse: int = 0
@@ -167,49 +163,11 @@ def _first_possible(
     return tried
 
 
-def algorithm_a(
-    criterion: Criterion, limits: JointLimits, options: Options | None = None, *, terms: int = 5, longest: float = 20.0,
-    rest: bool = True, told: Told | None = None, rate: float = RATE,
-) -> Excitation:  # fmt: skip
-    """Sums of sines over the whole range (Local identification, section II-1); `rest` adds a start and a stop."""
-    excitation = design(Sines(limits, terms, longest=longest), criterion, options, told=told, name="A", rate=rate)
-    return _rested(excitation, limits) if rest else excitation
-
-
-def algorithm_a_local(
-    criterion: Criterion, cell: Cell, options: Options | None = None, *, terms: int = 5, longest: float = 20.0,
-    rest: bool = True, told: Told | None = None, rate: float = RATE,
-) -> Excitation:  # fmt: skip
-    """The same sums of sines bounded to the joint positions of a region (section II-3)."""
-    middle, reach = joint_box(cell)
-    kind = Sines(cell.limits, terms, middle, reach, longest=longest)
-    excitation = design(kind, criterion, options, told=told, name="A_local", rate=rate)
-    return _rested(excitation, cell.limits) if rest else excitation
-
-
-def algorithm_b(
-    criterion: Criterion, cell: Cell, options: Options | None = None, *, via_points: int = 6,
-    settings: Settings | None = None, slowest: float = 0.2, told: Told | None = None, rate: float = RATE,
-) -> Excitation:  # fmt: skip
-    """Via points in a region and one speed, through the motion planner (section II-2)."""
-    kind = ViaPoints(cell, via_points, settings or Settings(), slowest)
-    return design(kind, criterion, options, told=told, name="B", rate=rate)
-
-
-def _rested(excitation: Excitation, limits: JointLimits) -> Excitation:
-    return replace(excitation, trajectory=at_rest(excitation.trajectory, limits))
-
-
 def _generations(run: _Run) -> Array:
-    """A search over generations, each candidate judged at all samples."""
+    """A genetic search, each candidate judged at all samples."""
     options = run.options
     start = np.random.default_rng(options.seed).uniform(size=run.kind.size)
-    search: Search
-    if options.method == "genetic":
-        search = Genetic(start, seed=options.seed, population=options.population, generations=options.generations)
-    else:
-        most = options.population * options.generations
-        search = Evolution(start, seed=options.seed, population=40, most=most)
+    search = Genetic(start, seed=options.seed, population=options.population, generations=options.generations)
     while not search.done and not run.over and search.best[1] > options.target:
         candidates = search.ask()
         search.tell(candidates, run.losses(candidates, options.samples))

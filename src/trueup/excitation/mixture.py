@@ -76,7 +76,7 @@ class Moves:
             way.pop()
         pace = replace(self.settings, joint_share=self.settings.joint_share * rng.uniform(*self.speeds))
         points = np.stack([*way, self.home])
-        return _sampled(lambda count: joint_moves(self.limits, points, [pace], count), self.limits.joints, self.rate)
+        return sampled(lambda count: joint_moves(self.limits, points, [pace], count), self.limits.joints, self.rate)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class ToolMoves:
         kind = ViaPoints(self.cell, self.points, self.settings)
         genes = rng.uniform(size=(1, kind.size))
         genes[0, : self.cell.genes] = 0.5
-        return _sampled(lambda count: kind.motions(genes, count), self.cell.limits.joints, self.rate)
+        return sampled(lambda count: kind.motions(genes, count), self.cell.limits.joints, self.rate)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +108,7 @@ class Series:
     def __call__(self, rng: np.random.Generator) -> Trajectory | None:
         """A random one."""
         rate, joints, genes = self.rate, self.limits.joints, rng.uniform(size=(1, self.kind.size))
-        motion = _sampled(lambda count: self.kind.motions(genes, count), joints, rate)
+        motion = sampled(lambda count: self.kind.motions(genes, count), joints, rate)
         if motion is None:
             return None
         motion = at_rest(motion, self.limits, rate)
@@ -126,10 +126,11 @@ def link(limits: JointLimits, start: Array, end: Array, rate: float = RATE) -> T
     if np.abs(end - start).max() < ROUNDED:
         still = np.zeros((2, len(start)))
         return Trajectory("link", limits.joints, np.array([0.0, 1.0 / rate]), start + still, still, still)
-    return _sampled(lambda count: joint_moves(limits, np.stack([start, end]), samples=count), limits.joints, rate)
+    return sampled(lambda count: joint_moves(limits, np.stack([start, end]), samples=count), limits.joints, rate)
 
 
-def _sampled(make: Callable[[int], Motions], joints: tuple[str, ...], rate: float) -> Trajectory | None:
+def sampled(make: Callable[[int], Motions], joints: tuple[str, ...], rate: float) -> Trajectory | None:
+    """A motion that `make` gives at any number of samples, at `rate` Hz; None where it cannot be performed."""
     coarse = make(161)
     if not coarse.possible[0]:
         return None

@@ -9,21 +9,16 @@ speed profiles, slowed down where a joint could not follow.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from trueup.arrays import Array
-from trueup.errors import ModelError
 from trueup.excitation.cell import Cell, Settings, failures, overridden
 from trueup.excitation.joint_moves import joint_programs
 from trueup.excitation.limits import JointLimits
-from trueup.excitation.trajectories import RATE, Motions, Trajectory
-
-if TYPE_CHECKING:
-    from trueup.identification.kinematic_tree import KinematicTree
+from trueup.excitation.trajectories import Motions
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,35 +67,3 @@ def joint_moves(
     pace = np.array([[s.joint_share, s.ramp, s.rounding, s.fly] for s in each])
     joint_programs(postures, pace, limits.speed, limits.acceleration, time, q, qd, qdd, ended)
     return overridden(Motions(time, q, qd, qdd, failures(ended)), each)
-
-
-def random_planner_motion(
-    tree: KinematicTree, limits: JointLimits, rng: np.random.Generator, *, region: Cell | None = None, via_points: int = 6,
-    speed: float | tuple[float, float] = (0.2, 1.0), settings: Settings | None = None, rate: float = RATE,
-    range_share: float = 0.8, tries: int = 200,
-) -> Trajectory:  # fmt: skip
-    """A random motion of the planner from rest to rest: straight moves in a region, or joint moves over the whole range.
-
-    `speed`: share of the settings' speed, or the range that it is drawn from. `settings.ramp` says how abrupt. Test
-    cases 1 and 3 of Local identification, section III-D. Raises ModelError where no try can be performed.
-    """
-    chosen = settings or Settings()
-    why = ""
-    for _ in range(tries):
-        share = float(rng.uniform(*speed)) if isinstance(speed, tuple) else float(speed)
-        if region is None:
-            narrow = limits.within(range_share=range_share)
-            points = rng.uniform(narrow.lower, narrow.upper, (1, via_points, tree.n))
-            pace = replace(chosen, joint_share=chosen.joint_share * share)
-            make = lambda count, points=points, pace=pace: joint_moves(limits, points, [pace], count)  # noqa: E731
-        else:
-            way = region.via_points(rng.uniform(size=(1, via_points, region.genes)))
-            pace = chosen.scaled(share, share)
-            make = lambda count, way=way, pace=pace: region.straight(*way, [pace], count)  # noqa: E731
-        coarse = make(161)
-        why = coarse.failure[0]
-        if not why:
-            fine = make(int(np.ceil(float(coarse.duration[0]) * rate)) + 1)
-            if not fine.failure[0]:
-                return fine.single(0, tree.joints, "random planner motion")
-    raise ModelError(f"none of {tries} random motions of the planner can be performed; the last one is {why}")

@@ -10,13 +10,19 @@ import numpy as np
 
 from trueup.excitation.cell import Cell, Settings
 from trueup.excitation.criteria import Criterion
-from trueup.excitation.design import Options, algorithm_a, algorithm_a_local, algorithm_b
+from trueup.excitation.design import Options
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.mixture import ToolMoves, class_length, mixed, wide_classes
 from trueup.excitation.periodic import Sines, at_rest
-from trueup.excitation.planner import random_planner_motion
 from trueup.excitation.trajectories import Trajectory
 from trueup.identification.dynamic_model import DynamicModel
+from trueup.studies.arm.algorithms import (
+    LONGEST,
+    algorithm_a,
+    algorithm_a_local,
+    algorithm_b,
+    random_planner_motion,
+)
 from trueup.studies.arm.hidden import RATE
 from trueup.studies.arm.robot import NOMINAL, limits, ns16
 
@@ -26,7 +32,6 @@ GENTLE, ABRUPT = Settings(ramp=0.25), Settings(ramp=0.1)
 """Of test case 3: how suddenly the planner reaches its speed."""
 _HARDER = 2.5
 """Times the usual acceleration limits that an abrupt planner asks for; drives hold three times nominal torque shortly."""
-_LONGEST = 10.0  # s of a sum of sines
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,28 +58,28 @@ class Workshop:
             method="genetic", samples=200, population=self.population, generations=self.generations, seed=seed
         )
         if algorithm == "A":
-            return algorithm_a(self.criterion, self.limits, options, longest=_LONGEST, rate=RATE).trajectory
+            return algorithm_a(self.criterion, self.limits, options, RATE).trajectory
         if algorithm == "A_local":
-            return algorithm_a_local(self.criterion, self.cell, options, longest=_LONGEST, rate=RATE).trajectory
-        return algorithm_b(self.criterion, self.cell, options, settings=settings, rate=RATE).trajectory
+            return algorithm_a_local(self.criterion, self.cell, options, RATE).trajectory
+        return algorithm_b(self.criterion, self.cell, options, settings, rate=RATE).trajectory
 
     def random(self, kind: str, rng: np.random.Generator, points: int = 6) -> Trajectory:
         """A random motion of a test case's class: 'local fast', 'local slow', 'sines', 'wide gentle', 'wide abrupt'."""
         tree = self.model.tree
         if kind == "sines":
-            motions = Sines(self.limits, longest=_LONGEST)
+            motions = Sines(self.limits, longest=LONGEST)
             genes = rng.uniform(size=(1, motions.size))
             count = int(np.ceil(float(motions.motions(genes, 2).duration[0]) * RATE)) + 1
             return at_rest(motions.motions(genes, count).single(0, tree.joints, "sines"), self.limits, RATE)
         if kind.startswith("local"):
             settings = FAST if kind.endswith("fast") else SLOW
             return random_planner_motion(
-                tree, self.limits, rng, region=self.cell, settings=settings, via_points=points, rate=RATE
+                self.limits, rng, region=self.cell, settings=settings, via_points=points, rate=RATE
             )
         if kind.endswith("gentle"):
-            return random_planner_motion(tree, self.limits, rng, settings=GENTLE, via_points=points, rate=RATE)
+            return random_planner_motion(self.limits, rng, settings=GENTLE, via_points=points, rate=RATE)
         hard = replace(self.limits, acceleration=_HARDER * self.limits.acceleration)
-        return random_planner_motion(tree, hard, rng, settings=ABRUPT, via_points=points, rate=RATE)
+        return random_planner_motion(hard, rng, settings=ABRUPT, via_points=points, rate=RATE)
 
     def mixed(self, seconds: float, rng: np.random.Generator) -> list[Trajectory]:
         """Ours: the mix of classes and speeds that `trueup excite` gives, over the whole range and in the region."""
