@@ -11,8 +11,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from trueup.arrays import Array
+from trueup.articulated.gains import Gains
 from trueup.calibration import Calibration
 from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.inspection.settings import setting
 from trueup.loop.calibrate import Options
 from trueup.loop.prepare import Preparation, prepare, simulator_for
 from trueup.recording import Channel, Recording
@@ -65,15 +68,56 @@ def test_a_gain_that_was_never_fitted_is_replayed_nearly_to_the_noise(model: Pat
     ready.family.write(ready.simulator, found, tmp_path / "fit.xml", tmp_path / "parameters.toml")
     again, _ = simulator_for(tmp_path / "fit.xml", [_log(200.0, "sine", "soft alone")])
     assert isinstance(again, MujocoSimulator)
-    assert again.gains.factors["kp"] == {"soft alone": pytest.approx(0.5)}
+    assert again.gains.factor("kp", "soft alone", "arm") == pytest.approx(0.5)
     again, _ = simulator_for(model, [_log(200.0, "sine", "soft alone")], tmp_path / "parameters.toml")
     assert isinstance(again, MujocoSimulator)
-    assert again.gains.factors["kp"] == {"soft alone": pytest.approx(0.5)}
+    assert again.gains.factor("kp", "soft alone", "arm") == pytest.approx(0.5)
 
 
 def test_logs_of_which_one_names_no_gain_are_taken_as_one_servo(model: Path) -> None:
     silent = replace(_log(400.0, "steps", "stiff"), provenance={})
     simulator, notes = simulator_for(model, [_log(100.0, "sine", "soft"), silent])
     assert isinstance(simulator, MujocoSimulator)
-    assert simulator.gains.factors == {}
-    assert not any("gain" in note for note in notes)
+    assert simulator.gains.factor("kp", "soft", "arm") == 1.0
+    assert any("only some recordings name the gain" in note and "'kp'" in note and "stiff" in note for note in notes)
+
+
+def _with_settings(log: Recording, kp: Sequence[float] | Array, kd: Sequence[float], name: str = "") -> Recording:
+    """A log that has two joints' gains in columns of their own."""
+    time, rows = log.time, len(log.time)
+    gains = {
+        n: Channel(n, ("arm", "hand"), "", time, np.broadcast_to(v, (rows, 2))) for n, v in (("kp", kp), ("kd", kd))
+    }
+    return log.replace(name=name or log.name, channels={**log.channels, **gains}, provenance={})
+
+
+def test_each_joint_follows_its_own_gains() -> None:
+    log = _log(100.0, "sine", "soft")
+    soft, stiff = _with_settings(log, (20.0, 30.0), (0.5, 0.0)), _with_settings(log, (60.0, 30.0), (1.0, 0.0), "stiff")
+    gains, notes = Gains.named_by([soft, stiff], shipped={"kp.arm": 20.0})
+    assert gains.given_for == {"kp.arm": 20.0, "kp.hand": 30.0, "kv": 1.0}
+    assert [gains.factor("kp", "stiff", joint) for joint in ("arm", "hand")] == [3.0, 1.0]
+    assert [gains.factor("kv", "soft", joint) for joint in ("arm", "hand")] == [0.5, 1.0]
+    assert any("of arm (20, 60)" in note for note in notes)
+    # A log of other gains that comes later is replayed by those, though it is alone.
+    later, _ = Gains.named_by([_with_settings(log, (60.0, 60.0), (1.0, 0.0))], gains.given_for)
+    assert [later.factor("kp", "soft", joint) for joint in ("arm", "hand")] == [3.0, 2.0]
+
+
+def test_a_log_whose_gains_are_switched_on_late_is_taken_from_there_on(model: Path) -> None:
+    log = _log(100.0, "sine", "late")
+    kp = np.where(log.time < 1.0, 0.0, 20.0)[:, None]
+    late = _with_settings(log, np.hstack([kp, kp]), (0.5, 0.5))
+    ready = prepare(model, [late])
+    assert ready.recordings[0].start == pytest.approx(1.0)
+    assert [d.name for d in ready.diagnoses if "0 ... 20" in str(d)] == ["gains"]
+    assert prepare(model, [late], refuse=["gains"]).recordings[0].start == 0.0
+
+
+def test_gains_are_facts_in_a_list_or_by_joint_too() -> None:
+    log = _log(100.0, "sine", "soft")
+    two = log.replace(channels={n: c.replace(labels=("arm", "hand"), values=np.hstack([c.values] * 2))
+                                for n, c in log.channels.items()})  # fmt: skip
+    for facts in ({"gains.kp": "[20, 30.0]"}, {"kp.arm": "20", "kp.hand": "30"}, {"arm/kp": "20", "hand/kp": "30"}):
+        assert setting(two.replace(provenance=facts), "kp") == {"arm": 20.0, "hand": 30.0}
+    assert setting(two.replace(provenance={"servo.kp": "400"}), "kp") == {"": 400.0}

@@ -16,6 +16,7 @@ from trueup.articulated.gains import Gains
 from trueup.articulated.kernels import held_integral
 from trueup.errors import ParameterError, RecordingError, unknown_name
 from trueup.inspection.repeats import LONGEST_GAP
+from trueup.inspection.settings import with_steady_gains
 from trueup.instant import usual_step
 from trueup.noise import estimate_noise
 from trueup.recording import Recording
@@ -152,8 +153,10 @@ def runs_of(
     `known` is the setting that a model stands for, where there is one. Raises RecordingError where there is no command
     or position, UnknownNameError for another joint, ParameterError where recordings name impossible loads.
     """
-    gains, notes = Gains.named_by(recordings, known)
-    runs = [_run(r, bench, gains.factors.get("kp", {}).get(r.name, 1.0), joint) for r in recordings]
+    recordings, notes = with_steady_gains(recordings)
+    gains, named = Gains.named_by(recordings, known, quantities=("kp",))
+    notes += named
+    runs = [_run(r, bench, gains, joint) for r in recordings]
     if any(b.bench != bench for b in runs):
         said = sorted({b.bench.in_words for b in runs})
         notes.append(f"the recordings name what the servo carries: {'; '.join(said)}")
@@ -177,7 +180,7 @@ def _uncommanded(run: Run) -> str:
     )
 
 
-def _run(recording: Recording, bench: Bench, gain: float, joint: str) -> Run:
+def _run(recording: Recording, bench: Bench, gains: Gains, joint: str) -> Run:
     told = command_of(recording)
     if told is None or not recording.has("position"):
         lacking = "command" if told is None else "position"
@@ -203,6 +206,7 @@ def _run(recording: Recording, bench: Bench, gain: float, joint: str) -> Run:
     held = _filled(command)
     noise = float(estimate_noise(measured, time)[0])
     carried = replace(bench, **bench.named_by(recording))
+    gain = gains.factor("kp", recording.name, label)
     return Run(
         recording.name, carried, gain, told.time - zero, held, held_integral(told.time, held[:, None])[:, 0], on, time,
         measured, _lines(time, measured), noise if noise > 0.0 else 1e-6, _output(recording, position.time[good], label),

@@ -108,10 +108,15 @@ def write_parameters(
     """
     lines = [_TITLE.format(model=calibration.model_name)]
     if gains:
-        lines += ["[gains] # of the servos, as recordings name them", *(f"{k} = {v!r}" for k, v in gains.items()), ""]
+        held = [f"{_key(name)} = {value!r}" for name, value in gains.items()]
+        lines += ["[gains] # of the servos, as recordings name them", *held, ""]
     for estimate, parameter, assignment in zip(calibration.estimates, space.parameters, assignments, strict=True):
         lines += ["[[parameter]]", *_table(estimate, parameter, assignment), ""]
     write_aside("\n".join(lines), Path(path))
+
+
+def _key(name: str) -> str:
+    return name if name.isidentifier() else json.dumps(name)
 
 
 def _table(estimate: Estimate, parameter: Parameter, assignment: Assignment) -> list[str]:

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
@@ -19,6 +20,7 @@ from trueup.commands.sources import MAPPING, add_shared, mapping_for, readable, 
 from trueup.errors import ClockError, MappingError
 from trueup.formats import ChannelMap, TimeColumn, guess_mapping, read
 from trueup.formats.plain import finite
+from trueup.formats.rules.joints import SETTINGS
 from trueup.formats.table import listing
 from trueup.inspection import ChannelInspection, Inspection, inspect
 from trueup.inspection.joint_names import match_joints
@@ -227,6 +229,8 @@ def _show(inspection: Inspection, console: Console) -> None:
 
 
 def _line(channel: ChannelInspection) -> str:
+    if channel.name in SETTINGS:
+        return escape(f"{_span(channel)}, settings of the servos   [{_listed(channel)}]")
     units = channel.units or (channel.unit,) * len(channel.labels)
     said = [f"{units.count(u)} x {u or 'unit unknown: say it in the mapping'}" for u in dict.fromkeys(units)]
     parts = [" and ".join(said)]
@@ -240,8 +244,17 @@ def _line(channel: ChannelInspection) -> str:
     if noise and not channel.name.startswith("command"):
         scale = scale_for(channel.unit, noise)
         parts.append(f"noise {scale.text(sorted(noise)[len(noise) // 2], 2)} {scale.unit}")
-    names = ", ".join(channel.labels[:8]) + (" ..." if len(channel.labels) > 8 else "")
-    return escape(", ".join(parts) + f"   [{names}]")
+    return escape(", ".join(parts) + f"   [{_listed(channel)}]")
+
+
+def _listed(channel: ChannelInspection) -> str:
+    return ", ".join(channel.labels[:8]) + (" ..." if len(channel.labels) > 8 else "")
+
+
+def _span(channel: ChannelInspection) -> str:
+    """Between what the values of a channel are."""
+    low, high = float(np.nanmin(channel.lowest)), float(np.nanmax(channel.highest))
+    return f"{low:g}" if low == high else f"{low:g} ... {high:g}"
 
 
 def _is_decimal(step: float, unit: str) -> bool:

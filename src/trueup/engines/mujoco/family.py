@@ -14,6 +14,7 @@ import numpy as np
 from trueup.articulated.declaration_file import read_declarations, read_gains, write_parameters
 from trueup.articulated.declarations import Declaration, declare
 from trueup.articulated.gains import Gains
+from trueup.articulated.model import servos
 from trueup.calibration import Calibration
 from trueup.engines.family import Family, Note, Request, Suited
 from trueup.engines.mujoco.base import check_base, floating, held
@@ -33,6 +34,7 @@ from trueup.inspection.floor import stopped_by_floor
 from trueup.inspection.joint_names import named_as
 from trueup.inspection.ranges import beyond_ranges
 from trueup.inspection.sensors import in_other_units, with_sensors
+from trueup.inspection.settings import GAINS, with_steady_gains
 from trueup.inspection.stops import stopped_at
 from trueup.inspection.strangers import several_robots, without_strangers
 from trueup.inspection.turns import without_wraps
@@ -45,7 +47,7 @@ _CHANGES = (
     ("base", floating), ("base", held), ("servos", driven), ("overlaps", passable), ("still", with_still_joints)
 )  # fmt: skip
 DIAGNOSES = (
-    "names", "strangers", "torques", "sensors", "turns",
+    "names", "strangers", "torques", "sensors", "turns", "gains",
     *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
 )  # fmt: skip
 """What is looked for in recordings and models, and may be refused."""
@@ -76,6 +78,10 @@ class Articulated(Family):
         named, _ = by_the_only_joint(named, model.scalar_joints())
         return of_slides(model, with_units(model, named)[0])[0]
 
+    def reads(self, recording: Recording) -> Collection[str]:
+        """See Family: settings of servos."""
+        return {word for words in GAINS.values() for word in words}
+
     def doubts(self, model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
         """See Family: positions beyond what the model allows, and sensors in other units than its own."""
         units = in_other_units(model.sensors(), recordings)
@@ -97,10 +103,11 @@ class Articulated(Family):
         taken, driving = _edited(taken, "torques", refuse, lambda rs: torques_as_commands(model, rs))
         taken, sensing = _edited(taken, "sensors", refuse, lambda rs: with_sensors(model.sensors(), rs))
         taken, turning = _edited(taken, "turns", refuse, lambda rs: without_wraps(ways(model), drives, rs))
+        taken, steady = _edited(taken, "gains", refuse, with_steady_gains)
         fitted, judged = taken[: len(training)], taken[len(training) :]
         doubts = self.doubts(model, taken)
         return Suited(
-            tuple(fitted), tuple(judged), (*renamed, *strange, *changed, *driving, *sensing, *turning, *doubts)
+            tuple(fitted), tuple(judged), (*renamed, *strange, *changed, *driving, *sensing, *turning, *steady, *doubts)
         )
 
     def simulator(
@@ -131,7 +138,8 @@ class Articulated(Family):
             "recording": tuple(r.name for r in everything),
             "channel": tuple(dict.fromkeys(c for r in everything for c in r.channels)),
         }
-        gains, named = Gains.named_by(everything, {**model.settings(), **read_gains(request.parameters)})
+        known = {**model.settings(), **read_gains(request.parameters)}
+        gains, named = Gains.named_by(everything, known, {} if model.guessed else _stiffness(model))
         simulator, more = self.made(model, lines, names, gains, request.step or STEP, declared=declared)
         return simulator, (*notes, *proposed, *named, *more)
 
@@ -169,6 +177,13 @@ class Articulated(Family):
         if calibration is None:
             return _about_step(simulator)
         return (*_about_load(simulator, calibration), *about_masses(simulator, calibration))
+
+
+def _stiffness(model: Model) -> dict[str, float]:
+    """The gains of a file's servos, as `Gains.given_for` names them."""
+    driven = {actuator: joint for joint, actuator in model.drives().items()}
+    shipped = {(q, servo): model.get(f"actuator.{q}", servo)[0] for servo in servos(model) for q in GAINS}
+    return {f"{q}.{driven.get(servo, servo)}": float(value) for (q, servo), value in shipped.items()}
 
 
 def _servos(model: Model) -> int:

@@ -105,13 +105,14 @@ def _proposal(column: Column, named: Named | None, several: bool) -> Proposal:
     if not kind and not command and listed and "state" in plain:
         kind = "position"  # LeRobot's observation.state, also one number a column
     role = kind
-    if command:
+    if command and kind not in joints.SETTINGS:
         base = "command_sent" if sent else "command"
         role = base if kind in ("", "position") else f"{base}_{kind}"
     if not role:
         return own(column)
-    # Voltages and temperatures are more often of the supply than of a joint.
-    label = kind if kind in ("voltage", "temperature") and not reading.label else joints.label_of(reading.label)
+    # Voltages and temperatures are more often of the supply than of a joint, and one gain is that of all.
+    of_all = kind in ("voltage", "temperature", *joints.SETTINGS) and not reading.label
+    label = kind if of_all else joints.label_of(reading.label)
     return Proposal(column, role, label if named is None else named.joint, reading.unit or column.declared)
 
 

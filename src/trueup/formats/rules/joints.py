@@ -82,10 +82,33 @@ RULES = (
          (Example("t,motor_voltage_V", "0 12|.1 11|.2 12", "voltage[V] voltage"),), unit="V"),
     Rule("temperature", "temperature, temperatures, temp, temps",
          (Example("t,hip_temp_degC", "0 20|.1 21|.2 22", "temperature[degC] hip"),), unit="K"),
+    Rule(
+        "kp", "kp, p gain, kp gain, position p gain, p coefficient",
+        (
+            Example("t,q_FL_hip_joint,kp_FL_hip_joint", "0 .1 20|.1 .2 20|.2 .3 20",
+                    "position[rad] FL_hip_joint; kp[] FL_hip_joint"),
+            Example("t,motor_state_0_q,motor_state_1_q,motor_cmd_0_kp,motor_cmd_1_kp",
+                    "0 .1 .1 20 60|.1 .2 .1 20 60|.2 .3 .1 20 60", "position[rad] joint_0 joint_1; kp[] joint_0 joint_1"),
+            Example("t,id1_present_position,id1_position_p_gain,id1_velocity_p_gain", "0 .1 800 90|.1 .2 800 90|.2 .3 800 90",
+                    "position[rad] id1; kp[] id1; id_velocity_p_gain[] 1"),
+            Example("t,hip_angle,kp", "0 .1 20|.1 .2 20|.2 .3 20", "position[rad] hip; kp[] kp"),
+        ),
+        also=("N m/rad",),
+    ),
+    Rule("kd", "kd, kv, d gain, kd gain, position d gain, d coefficient",
+         (Example("t,q_1,q_2,Kd_1 [Nms/rad],Kd_2 [Nms/rad]", "0 .1 .1 1 2|.1 .2 .1 1 2|.2 .3 .1 1 2",
+                  "position[rad] joint_1 joint_2; kd[N m s/rad] joint_1 joint_2"),), also=("N m s/rad",)),
 )  # fmt: skip
 KINDS: Mapping[str, str] = MappingProxyType({word: rule.kind for rule in RULES for word in rule.names.split(", ")})
 BY_KIND: Mapping[str, Rule] = MappingProxyType({rule.kind: rule for rule in RULES})
 
+SETTINGS = ("kp", "kd")
+"""Kinds that are settings of a drive: no signals, whoever commands them."""
+_GAINS = sorted(
+    ((frozenset(name.split()), kind) for kind in SETTINGS for name in BY_KIND[kind].names.split(", ")),
+    key=lambda gain: -len(gain[0]),
+)
+"""The words of a gain, and its kind, the longest first."""
 _RATES = MappingProxyType({"dot": "velocity", "ddot": "acceleration"})
 """Words that make a rate of change of what stands before them: q_dot, theta_ddot."""
 ENCODERS = listed("encoder encoders enc counts ticks")
@@ -131,7 +154,8 @@ def read(name: Name) -> Reading:
     kinds = [_kind(word) for word in plain]
     commands = [_is_command(i, plain) for i in range(len(plain))]
     told = any(commands) or bool(PLAINLY_MEASURED & set(plain))
-    kind = next((_RATES[w] for w in plain if w in _RATES), next((k for k in kinds if k), ""))
+    kind, kinds, gain = _gain(plain, kinds)
+    kind = kind or next((_RATES[w] for w in plain if w in _RATES), next((k for k in kinds if k), ""))
     pushes = not kind and any(commands) and bool(_FORCES & set(plain)) and not _NOT_PUSHED & set(plain)
     if pushes:
         kind, kinds = "torque", ["torque" if word in _FORCES else k for word, k in zip(plain, kinds, strict=True)]
@@ -153,7 +177,7 @@ def read(name: Name) -> Reading:
         unit=unit,
         label=name.cut_out(keep),
         # A drive with a number, id1_position, is one.
-        joint=not (_NOT_JOINT - ({"id"} if kind else set()) - (_FORCES if pushes else set())) & set(plain),
+        joint=not (_NOT_JOINT - gain - ({"id"} if kind else set()) - (_FORCES if pushes else set())) & set(plain),
     )
 
 
@@ -177,6 +201,18 @@ def _kind(word: str) -> str:
             if kind in KINDS and len(other) > 2 and other in COMMANDED:
                 return KINDS[kind]
     return ""
+
+
+def _gain(plain: Sequence[str], kinds: Sequence[str]) -> tuple[str, list[str], frozenset[str]]:
+    """The setting of a drive that words name, the kinds of all words then, and which of them say so; of a position alone.
+
+    What a speed or a current is controlled with tells nothing of a servo's stiffness.
+    """
+    for said, kind in _GAINS:
+        others = {k for word, k in zip(plain, kinds, strict=True) if word not in said}
+        if said <= set(plain) and others <= {"", "position"}:
+            return kind, [kind if word in said else k for word, k in zip(plain, kinds, strict=True)], said
+    return "", list(kinds), frozenset()
 
 
 def _is_command(i: int, plain: Sequence[str]) -> bool:
