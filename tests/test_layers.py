@@ -122,10 +122,6 @@ RULES = (
         "discrepancies.path_shape",
         ("discrepancies.discrepancy", "discrepancies.dtw", "discrepancies.weighted", "engines.simulator", *NOUNS),
     ),
-    *(  # they read the measured samples off as the weighted one does
-        Rule(name, ("discrepancies.discrepancy", "discrepancies.weighted", "engines.simulator", *NOUNS))
-        for name in ("discrepancies.plain", "discrepancies.outcome", "discrepancies.rigid")
-    ),
     # the orientation of a free base
     Rule("discrepancies.whole_body", ("discrepancies.discrepancy", "engines.simulator", "articulated.pose", *NOUNS)),
     # excitation is designed with the searches, which are arithmetic; MJCF is read and written as MuJoCo has it

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.discrepancies.outcome import Feature, Outcome
 from trueup.discrepancies.path_shape import READINGS, PathShape, mean_distance, path_loss, resample_by_arc
 from trueup.discrepancies.plain import Plain, rmse
 from trueup.engines.simulator import Rollout
-from trueup.errors import RecordingError, UnknownNameError
+from trueup.errors import UnknownNameError
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
 
@@ -90,7 +89,7 @@ def test_a_failed_simulation_stays_nan() -> None:
     real = driven(corner(0.0))
     rollout = simulated(real, corner(1.0), corner(0.3))
     rollout.channels["position"][1, 200:] = np.nan
-    for measure in (PathShape(), Plain(), Outcome([Feature("position", "last")])):
+    for measure in (PathShape(), Plain()):
         residuals = measure.residual(real, rollout)
         assert np.isfinite(residuals[0]).all()
         assert np.isnan(residuals[1]).any()
@@ -104,17 +103,6 @@ def test_plain_differences_are_in_the_channels_unit() -> None:
     assert np.allclose(residuals, [3.0, 4.0], atol=0.02)
 
 
-def test_outcomes_are_compared_feature_by_feature() -> None:
-    real = driven(corner(0.0))
-    rollout = simulated(real, corner(0.0) * 1.1)
-    features = [Feature("position", "last", unit=0.1), Feature("position", "length", labels=("x", "y"))]
-    residual = Outcome(features).residual(real, rollout)[0]
-    assert np.allclose(residual[:3], [5.0, 5.0, 1.0], atol=1e-2)
-    assert not residual[3:].any()
-
-
 def test_unknown_words_are_named() -> None:
     with pytest.raises(UnknownNameError, match="readings are: accumulated, joint, separate"):
         PathShape(reading="R4")
-    with pytest.raises(RecordingError, match="feature 'median' is unknown; features are: last,"):
-        Outcome([Feature("position", "median")])

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.discrepancies.outcome import Feature, Outcome
 from trueup.discrepancies.path_shape import PathShape
 from trueup.discrepancies.plain import Plain
 from trueup.ends import Ended, When, with_end
@@ -90,10 +89,8 @@ def test_a_channel_without_a_single_sample_says_nothing(formula: Formula) -> Non
     assert problem.chance(residual) == alone.chance(residual)
 
 
-@pytest.mark.parametrize(
-    "measure", [Outcome([Feature("position", "last"), Feature("position", "length")]), PathShape(spacing=0.1)]
-)
-def test_discrepancies_that_do_not_compare_sample_by_sample_say_what_they_compare(measure: Outcome | PathShape) -> None:
+def test_a_discrepancy_that_does_not_compare_sample_by_sample_says_what_it_compares() -> None:
+    measure = PathShape(spacing=0.1)
     path = np.stack([TIME, 0.1 * TIME], axis=1)
     real = Recording("r", {"position": Channel("position", ("x", "y"), "m", TIME, path)})
     trial = Trial.of(real)
