@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -237,6 +237,13 @@ class Recording:
             if old not in known:
                 raise unknown_name("label", old, known, f"recording '{self.name}'")
         return self._map(lambda c: c.replace(labels=tuple(labels.get(label, label) for label in c.labels)))
+
+    def content(self, *, units: bool = True) -> Iterator[bytes]:
+        """What was measured, piece by piece, for check sums: names, labels, units, instants, values."""
+        for name, channel in self.channels.items():
+            yield repr((name, channel.labels, channel.unit) if units else (name, channel.labels)).encode()
+            yield np.ascontiguousarray(channel.time).tobytes()
+            yield np.ascontiguousarray(channel.values).tobytes()
 
     def _map(self, change: Any) -> Recording:
         return self.replace(channels={name: change(c) for name, c in self.channels.items()})

@@ -110,10 +110,8 @@ def fingerprint(
         digest.update(file.read_bytes() if file is not None else b"-")
     for recording in recordings:
         digest.update(recording.name.encode())
-        for name, channel in recording.channels.items():
-            digest.update(repr((name, channel.labels, channel.unit)).encode())
-            digest.update(np.ascontiguousarray(channel.time).tobytes())
-            digest.update(np.ascontiguousarray(channel.values).tobytes())
+        for part in recording.content():
+            digest.update(part)
     return digest.hexdigest()
 
 

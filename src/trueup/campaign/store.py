@@ -9,8 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from trueup.campaign.journal import keep_text
 from trueup.errors import JournalError, TrueupError
 from trueup.formats import read, write
@@ -107,10 +105,5 @@ def _plain(name: str) -> str:
 
 
 def checksum(recording: Recording) -> str:
-    """SHA-256 of what was measured: names, labels, units, instants and values."""
-    digest = hashlib.sha256()
-    for name, channel in recording.channels.items():
-        digest.update(repr((name, channel.labels, channel.unit)).encode())
-        digest.update(np.ascontiguousarray(channel.time).tobytes())
-        digest.update(np.ascontiguousarray(channel.values).tobytes())
-    return digest.hexdigest()
+    """SHA-256 of what was measured."""
+    return hashlib.sha256(b"".join(recording.content())).hexdigest()

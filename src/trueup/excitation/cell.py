@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from trueup.arrays import Array, Integers
+from trueup.cores import in_threads
 from trueup.errors import ModelError
 from trueup.excitation.chain import Chain
 from trueup.excitation.following import NO_MOTION, tool_programs
@@ -18,7 +19,6 @@ from trueup.excitation.inverse_kinematics import REACHED, REASONS, Equations, In
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.regions import Region
 from trueup.excitation.trajectories import Motions
-from trueup.identification.information import in_threads
 
 if TYPE_CHECKING:
     from trueup.identification.kinematic_tree import KinematicTree

@@ -14,12 +14,12 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.compiled import njit
+from trueup.cores import in_threads
 from trueup.errors import ModelError
 from trueup.excitation.cell import Cell
 from trueup.excitation.inverse_kinematics import REACHED
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.trajectories import Motions, Trajectory
-from trueup.identification.information import in_threads
 from trueup.rounding import ROUNDED
 
 _RESYNC = 64
@@ -173,13 +173,14 @@ class Fourier:
         return {}
 
 
-def joint_box(cell: Cell, *, poses: int = 400, seed: int = 0, inner: float = 0.9) -> tuple[Array, Array]:
+def joint_box(cell: Cell) -> tuple[Array, Array]:
     """(n,) middle and half width of the joint positions that place the tool in a region, for A_local.
 
-    From the poses of the region that can be reached; `inner` leaves out as much at both ends together, since a box of
-    joints always reaches further than the box of the tool. Raises ModelError where hardly any pose can be reached.
+    From the poses of the region that can be reached, without 5 % at both ends, since a box of joints always reaches further
+    than the box of the tool. Raises ModelError where hardly any pose can be reached.
     """
-    genes = np.random.default_rng(seed).uniform(size=(poses, cell.genes))
+    poses = 400
+    genes = np.random.default_rng(0).uniform(size=(poses, cell.genes))
     positions, turns, own = cell.via_points(genes)
     found = []
     for p, R, x in zip(positions, turns, own, strict=True):
@@ -190,7 +191,7 @@ def joint_box(cell: Cell, *, poses: int = 400, seed: int = 0, inner: float = 0.9
         raise ModelError(
             f"only {len(found)} of {poses} random poses of the region can be reached; make it smaller or move it"
         )
-    low, high = np.quantile(found, [0.5 - 0.5 * inner, 0.5 + 0.5 * inner], axis=0)
+    low, high = np.quantile(found, [0.05, 0.95], axis=0)
     return 0.5 * (low + high), np.maximum(0.5 * (high - low), 1e-3)
 
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from trueup.arrays import Array, Integers
 from trueup.compiled import njit
+from trueup.cores import in_threads
 from trueup.excitation.cell import Cell
 from trueup.excitation.trajectories import Motions
-from trueup.identification.information import in_threads
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.poses import TreeArrays, link_poses, place_links
 from trueup.rounding import NEGLIGIBLE

@@ -16,12 +16,11 @@ from trueup.controllers.playback import Playback
 from trueup.engines.simulator import REFUSED, Commanded, Forced, InPlaceOf, Rollout, Simulator
 from trueup.errors import GroundingError
 from trueup.grounding.grounding import Grounding
+from trueup.grounding.rows import SAME_RATE
 from trueup.instant import usual_step
 from trueup.parameters import ParameterSpace
 from trueup.rounding import SAME_INSTANT
 from trueup.trial import Trial
-
-_EVEN = 0.02  # share by which a frame may miss a whole number of the controller's periods
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class GroundedController:
         self._columns = np.array([list(columns).index(j) for j in inputs.commands])
         self.period = min(inner.period, inputs.period)
         self._every = round(inputs.period / self.period)
-        if abs(self._every * self.period - inputs.period) > _EVEN * inputs.period:
+        if abs(self._every * self.period - inputs.period) > SAME_RATE * inputs.period:
             raise GroundingError(
                 f"the controller's period of {1e3 * inner.period:g} ms does not divide the grounding's frame of "
                 f"{1e3 * inputs.period:g} ms; learn with --period {inner.period:g}"

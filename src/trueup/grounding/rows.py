@@ -24,7 +24,7 @@ from trueup.trial import command_of
 
 FRAME = 0.02
 """s: the paper's frame, in which simulator and robot are compared; the shortest one that is taken by itself."""
-_SAME_RATE = 0.02  # samples whose spacing divides the frame but for this share are taken as they are
+SAME_RATE = 0.02  # share by which a spacing may miss a whole number of times another and is still taken as that
 _JOINT_CHANNELS = ("position", "velocity", "torque", "current", "acceleration")
 _ANGLES = {"base_orientation": ("roll", "pitch", "yaw")}  # channels that are seen whole or not at all
 _UNBOUNDED = ("x", "y", "yaw")  # of a free base: where it has walked to says nothing of its joints
@@ -229,7 +229,7 @@ def instants_of(recording: Recording, inputs: Inputs) -> Array:
     if len(time) < 2:
         return time
     every = period / usual_step(time)
-    if every > 1.0 - _SAME_RATE and abs(every - round(every)) <= _SAME_RATE * every:
+    if every > 1.0 - SAME_RATE and abs(every - round(every)) <= SAME_RATE * every:
         return time[:: max(round(every), 1)]
     return time[0] + period * np.arange(int((time[-1] - time[0]) / period + PRINTED) + 1)
 

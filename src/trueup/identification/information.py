@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
+from collections.abc import Sequence
 
 import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.compiled import njit
+from trueup.cores import in_threads
 from trueup.identification import blocks
 
 
@@ -40,16 +39,6 @@ def information(
 
     in_threads(some, len(out), threads)
     return out
-
-
-def in_threads(work: Callable[[slice], None], count: int, threads: int) -> None:
-    """Does `work` on rows 0 ... count - 1, cut into as many slices as threads; the compiled kernels let go of the lock."""
-    if threads <= 1 or count < 2 * threads:
-        work(slice(0, count))
-        return
-    edges = np.linspace(0, count, threads + 1).astype(int).tolist()
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(work, [slice(a, b) for a, b in pairwise(edges)]))
 
 
 def log_determinants(M: Array) -> Array:

@@ -76,10 +76,6 @@ def held(model: Model, recordings: Sequence[Recording]) -> Model:
     # Keyframes have a place for the pose, which is gone.
     for gone in (*spec.keys, body.joints[0]):
         spec.delete(gone)
-    try:
-        fixed = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise ModelError(f"model '{model.path}' does not compile with its base held: {error}") from None
     turn = "as it was turned on average" if seen is not None else "as its first keyframe or reference pose has it"
     note = (
         f"the base of model '{model.path.name}' is free, but no recording tells where it was: it is held in the air, {turn}, "
@@ -92,7 +88,7 @@ def held(model: Model, recordings: Sequence[Recording]) -> Model:
             f". It was not held: by '{gyro}' it turned by {np.degrees(angle):.0f} degrees within a second. What is found of "
             "the joints stands for that motion too, however sure it looks"
         )
-    return Model(model.path, spec, fixed, (*model.notes, note))
+    return model.changed(spec, "with its base held", note)
 
 
 def _check_whole(recordings: Sequence[Recording]) -> None:
@@ -139,12 +135,8 @@ def floating(model: Model, recordings: Sequence[Recording]) -> Model:
     joint.name = "floating_base"
     if plane_of(model.compiled) < 0:
         add_floor(spec)
-    try:
-        compiled = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise ModelError(f"model '{model.path}' does not compile with a free base: {error}") from None
     note = f"the recordings show that the base moves: '{root.name}' was set free, on a floor at the height 0"
-    return Model(model.path, spec, compiled, (*model.notes, note))
+    return model.changed(spec, "with a free base", note)
 
 
 def place(compiled: mujoco.MjModel, qpos: Array, qvel: Array, pose: BasePose) -> None:

@@ -124,6 +124,14 @@ class Model:
         """(1, ...) an attribute of a named element (see `articulated.model`). Raises UnknownNameError."""
         return MujocoAttributes(self.compiled, SingleModel(self.compiled)).get(attribute, name)
 
+    def changed(self, spec: mujoco.MjSpec, how: str, note: str) -> Model:
+        """The model as a changed spec has it, with a note. Raises ModelError where it does not compile so (`how`)."""
+        try:
+            compiled = spec.compile()
+        except (ValueError, mujoco.FatalError) as error:
+            raise ModelError(f"model '{self.path}' does not compile {how}: {error}") from None
+        return Model(self.path, spec, compiled, (*self.notes, note))
+
     def settings(self) -> dict[str, float]:
         """For which settings of its servos the file holds, where it says so; by quantity ('kp')."""
         m = self.compiled

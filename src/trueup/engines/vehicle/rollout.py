@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
+from collections.abc import Sequence
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -14,7 +12,7 @@ from trueup.arrays import Array, Integers
 from trueup.controllers.controller import Controller, ControllerFactory, Observation
 from trueup.controllers.stanley import Stanley
 from trueup.controllers.stanley.kernel import path_table
-from trueup.cores import cores
+from trueup.cores import cores, in_threads
 from trueup.engines.simulator import Rollout, refuse_unsupported
 from trueup.engines.vehicle.kernels import STATE
 from trueup.engines.vehicle.loops import drive_all, follow_rows, measure_all, read_all, replay_rows
@@ -176,11 +174,12 @@ class VehicleSimulator:
         """(b, len(since), 5) x, y, heading, speed, yaw rate of stretches; see `replay_rows`."""
         out = np.empty((len(rows), len(since), READ))
         lengths = past.lengths[starts]
-        self._shared(
+        in_threads(
             lambda i: replay_rows(
                 rows[i], past.step, past.commands, past.seen, starts, lengths, past.settle, first, since, out[i]
             ),
             len(rows),
+            self._threads or cores(),
         )
         return out
 
@@ -225,8 +224,8 @@ class VehicleSimulator:
         if compiled and isinstance(controller, Stanley):
             path = path_table(controller.path_of(_first_look(trial, rows, start)))
             gains, settings = controller.gains, controller.settings.row
-            self._shared(lambda i: follow_rows(rows[i], start, gains[i], settings, path, ticks, substeps, self.step, noise,
-                                               times, out[i], orders[i]), len(rows))  # fmt: skip
+            in_threads(lambda i: follow_rows(rows[i], start, gains[i], settings, path, ticks, substeps, self.step, noise,
+                                             times, out[i], orders[i]), len(rows), self._threads or cores())  # fmt: skip
         else:
             self._lockstep(trial, rows, controller, start, substeps, noise, orders, times, out, ending)
         return out, Orders(trial.start + period * np.arange(ticks, dtype=np.float64), orders)
@@ -249,16 +248,6 @@ class VehicleSimulator:
             orders[:, n] = controller.command(look)
             drive_all(rows, ending.alive, start, orders, n, substeps, self.step, state, history)
         read_all(rows, history, ticks * substeps, self.step, times, noise, substeps * self.step, out)
-
-    def _shared(self, work: Callable[[slice], None], rows: int) -> None:
-        """Does the work on all rows, in as many threads as are worth it."""
-        parts = min(self._threads or cores(), rows)
-        if parts <= 1:
-            work(slice(0, rows))
-            return
-        edges = np.linspace(0, rows, parts + 1).astype(int)
-        with ThreadPoolExecutor(parts) as pool:
-            list(pool.map(work, [slice(a, b) for a, b in pairwise(edges.tolist())]))
 
 
 def _starts(past: Past, trial: Trial, horizon: float) -> Integers:

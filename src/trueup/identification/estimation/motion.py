@@ -39,8 +39,6 @@ _COMPARED = 5.0
 """Samples per second that are compared, over the cut-off."""
 STILL = 0.02
 """rad (m): a joint that moves less shows no dynamics."""
-_APART = 2.0
-"""Between what is fitted and what is held out of the same recording, in periods of the cut-off."""
 _ARRAYS = ("time", "q", "v", "a", "torque")
 
 
@@ -271,7 +269,8 @@ class Piece:
 def pieces_of(motion: Motion, model: DynamicModel, cutoff: float, hold_out: float) -> list[Piece]:
     """The rows of a motion, filtered with its torque, whole or split in two with a gap between.
 
-    Standstill at both ends is left out, and what a filter cannot know: one period of the cut-off there and around gaps.
+    Standstill at both ends is left out, and what a filter cannot know or mixes: one period of the cut-off there, around
+    gaps, and on both sides of where what is held out begins.
     """
     fewest = 40  # Samples in a piece
     rows = model.rows(motion.time, motion.q, motion.v, motion.a, motion.torque)
@@ -287,7 +286,7 @@ def pieces_of(motion: Motion, model: DynamicModel, cutoff: float, hold_out: floa
         known &= (rows.time < first - margin) | (rows.time > last + margin)
     keeps = [(known & (rows.time >= start) & (rows.time <= edge), False)]
     if hold_out > 0.0:
-        keeps.append((known & (rows.time > edge + _APART / cutoff) & (rows.time <= stop), True))
+        keeps.append((known & (rows.time > edge + 2.0 * margin) & (rows.time <= stop), True))
     if min(np.count_nonzero(keep) for keep, _ in keeps) < fewest:
         raise IdentificationError(
             f"recording '{motion.name}': {max(stop - start, 0.0):.2g} s of motion are too little for a cut-off of "

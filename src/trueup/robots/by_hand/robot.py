@@ -9,8 +9,6 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from trueup.errors import RobotFellError, TrialAbortedError, TrueupError
 from trueup.formats import read
 from trueup.formats.aside import write_aside
@@ -284,9 +282,4 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _checksum(recording: Recording) -> str:
-    digest = hashlib.sha256()
-    for name, channel in recording.channels.items():
-        digest.update(repr((name, channel.labels)).encode())
-        digest.update(np.ascontiguousarray(channel.time).tobytes())
-        digest.update(np.ascontiguousarray(channel.values).tobytes())
-    return digest.hexdigest()
+    return hashlib.sha256(b"".join(recording.content(units=False))).hexdigest()

@@ -18,10 +18,7 @@ from trueup.robots.stand_in_vehicle.kernel import follow, play
 from trueup.robots.stand_in_vehicle.truth import VehicleTruth
 from trueup.rounding import SAME_INSTANT
 from trueup.tracking.channels import CHANNELS, PLACE, READ
-from trueup.trial import Observed, Trial
-
-STEP = 2e-3
-"""Of the truth, in s."""
+from trueup.trial import STEP, Observed, Trial
 
 _DRIFTING = 8.0  # s over which the slow error of the localisation changes
 

@@ -42,11 +42,7 @@ def driven(model: Model, recordings: Sequence[Recording]) -> Model:
         _add_motors(spec, wanted)
     else:
         add_servos(spec, model, wanted, recordings)
-    try:
-        compiled = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise ModelError(f"model '{model.path}' does not compile with actuators added: {error}") from None
-    return Model(model.path, spec, compiled, (*model.notes, _said(wanted, bare=bare, torques=torques)))
+    return model.changed(spec, "with actuators added", _said(wanted, bare=bare, torques=torques))
 
 
 def _said(joints: Sequence[str], *, bare: bool, torques: bool) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.servos import postures
 from trueup.engines.mujoco.wiring import joint_id
-from trueup.errors import ModelError, listed
+from trueup.errors import listed
 from trueup.recording import Recording
 
 _DEEP = 1e-3  # m: what meshes, soft contacts and calibration errors explain overlaps less
@@ -33,16 +33,10 @@ def passable(model: Model, recordings: Sequence[Recording]) -> Model:
     for first, second in named:
         exclude = spec.add_exclude()
         exclude.bodyname1, exclude.bodyname2 = body[first], body[second]
-    try:
-        compiled = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise ModelError(
-            f"model '{model.path}' does not compile without contacts of overlapping parts: {error}"
-        ) from None
     worst = sorted(named.items(), key=lambda entry: entry[1])
     shown = listed([f"{body[a]} and {body[b]} ({-1e3 * depth:.0f} mm)" for (a, b), depth in worst])
     note = f"parts that overlap in the model where the robot really was do not touch each other: {shown}"
-    return Model(model.path, spec, compiled, (*model.notes, note))
+    return model.changed(spec, "without contacts of overlapping parts", note)
 
 
 def _overlaps(compiled: mujoco.MjModel, recordings: Sequence[Recording]) -> dict[tuple[int, int], float]:
