@@ -122,6 +122,8 @@ RULES = (
         "discrepancies.path_shape",
         ("discrepancies.discrepancy", "discrepancies.dtw", "discrepancies.weighted", "engines.simulator", *NOUNS),
     ),
+    # it reads the measured samples off as the weighted one does
+    Rule("discrepancies.rigid", ("discrepancies.discrepancy", "discrepancies.weighted", "engines.simulator", *NOUNS)),
     # the orientation of a free base
     Rule("discrepancies.whole_body", ("discrepancies.discrepancy", "engines.simulator", "articulated.pose", *NOUNS)),
     # excitation is designed with the searches, which are arithmetic; MJCF is read and written as MuJoCo has it
