@@ -113,10 +113,6 @@ RULES = (
         ),
     ),
     Rule("discrepancies", ("discrepancies.discrepancy", "engines.simulator", *NOUNS)),  # they compare with a rollout
-    Rule(
-        "discrepancies.weighted",
-        ("discrepancies.discrepancy", "discrepancies.alignment", "engines.simulator", *NOUNS),
-    ),
     # an MJCF is read as MuJoCo compiles it
     Rule(
         "discrepancies.path_shape",

@@ -49,6 +49,7 @@ _UNITS: Mapping[str, tuple[str, float, float]] = MappingProxyType(
         "cm/s": ("m/s", 1e-2, 0.0),
         "km/h": ("m/s", 1.0 / 3.6, 0.0),
         "mph": ("m/s", 0.44704, 0.0),
+        "1/m": ("1/m", 1.0, 0.0),
         "m/s^2": ("m/s^2", 1.0, 0.0),
         "g0": ("m/s^2", 9.80665, 0.0),
         "kg": ("kg", 1.0, 0.0),

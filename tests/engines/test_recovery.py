@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from trueup.articulated.declarations import Declaration, declare
 from trueup.calibration import Calibration
-from trueup.discrepancies.alignment import clock_errors
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.inspection.alignment import clock_errors
 from trueup.loop.calibrate import Options, calibrate
 from trueup.recording import Channel, Recording
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from trueup.formats import read
 from trueup.inspection import inspect
-from trueup.recording import Channel
+from trueup.recording import Channel, Recording
+from trueup.tracking.commands import driven_by
 from trueup.tracking.heading import course, heading_of
 
 Array = NDArray[np.float64]
@@ -102,6 +103,9 @@ FULL_SIZE = (
     "timestamp,throttle_pwm_us,steering_pwm_us,rb_pos_x,rb_pos_y,rb_pos_z,rb_rot_x,rb_rot_y,rb_rot_z,rb_rot_w",
     "t,cmd_vel_linear,cmd_vel_angular,north_m,east_m,yaw_ned_deg,wheel_odom_speed",
     "time,speed_percent,steering_deg,uwb_x,uwb_y,compass_deg,gyro_dps",
+    "epoch,cmd_lin,cmd_ang,x,y,theta",
+    "t,lin_vel_cmd,ang_vel_cmd,odom_x,odom_y,odom_theta,v_odom",
+    "time,user/throttle,user/steering,pos/x,pos/y,pos/yaw",
 )
 
 
@@ -122,7 +126,19 @@ def test_logs_of_golf_carts_racing_cars_and_two_wheelers_are_recognised(names: s
 
     def signal(name: str) -> Array:
         key = next((k for k in order if k in name), name.split("_")[-1].split(".")[-1])
-        return signals.get({"stamp": "time", "linear": "speed", "angular": "w", "t": "time"}.get(key, key), 0 * t)
+        return signals.get(
+            {
+                "stamp": "time",
+                "epoch": "time",
+                "linear": "speed",
+                "angular": "w",
+                "lin": "speed",
+                "ang": "w",
+                "odom": "speed",
+                "t": "time",
+            }.get(key, key),
+            0 * t,
+        )
 
     path = tmp_path / "drive.csv"
     columns = [signal(name) for name in names.split(",")]
@@ -137,6 +153,37 @@ def test_logs_of_golf_carts_racing_cars_and_two_wheelers_are_recognised(names: s
     assert recording.has("heading") or recording.channel("orientation").labels == ("qx", "qy", "qz", "qw")
     if recording.has("speed"):
         assert recording.channel("speed").values[:, 0] == pytest.approx(speed, abs=1e-6)
+
+
+@pytest.mark.parametrize("names", ["linear.x,angular.z,x,y,theta", "twist.linear.x,twist.angular.z,pose.x,pose.y,pose.theta",
+                                   "v,w,x,y,yaw", "longitudinal.velocity,lateral.steering_tire_angle,x,y,yaw"])  # fmt: skip
+@pytest.mark.parametrize("late", [0.3, -0.1])
+def test_a_speed_that_nobody_calls_a_command_is_one_where_the_motion_follows_it(
+    names: str, late: float, tmp_path: Path
+) -> None:
+    t, rng = np.arange(0.0, 25.0, 0.05), np.random.default_rng(0)
+    speed, turn = (
+        (lambda s: 1.0 + 0.5 * np.sin(0.7 * s) + 0.2 * np.sin(2.1 * s)),
+        (lambda s: 0.6 * np.sin(0.9 * s + 1.0)),
+    )
+    heading = np.cumsum(turn(t - late) * 0.05)
+    x, y = (np.cumsum(speed(t - late) * f(heading) * 0.05) + rng.normal(0.0, 3e-3, len(t)) for f in (np.cos, np.sin))
+    wrapped = np.mod(heading + np.pi, 2.0 * np.pi) - np.pi
+    columns = np.column_stack([t, speed(t), turn(t), x, y, wrapped])
+    np.savetxt(tmp_path / "log.csv", columns, delimiter=",", header="t," + names, comments="")
+    recording = read([tmp_path / "log.csv"])[0]
+    commands = {label for name, c in recording.channels.items() if name.startswith("command") for label in c.labels}
+    assert ("speed" in commands) == (late > 0.0)
+    assert ("the motion follows" in recording.provenance["guesses"]) == (late > 0.0)
+
+
+def test_a_curvature_is_the_angle_with_which_a_car_of_its_wheelbase_drives_it() -> None:
+    t = np.arange(0.0, 1.0, 0.1)
+    values = np.column_stack([np.ones_like(t), np.full_like(t, 0.5)])
+    told = Recording("log", {"command": Channel("command", ("speed", "curvature"), "m/s", t, values, ("m/s", "1/m"))})
+    driven = driven_by(told, 0.4)
+    assert driven.column("steering") == pytest.approx(np.arctan(0.2))
+    assert driven.units == ("m/s", "rad")
 
 
 def test_a_walking_robot_with_commanded_speeds_is_no_vehicle(tmp_path: Path) -> None:

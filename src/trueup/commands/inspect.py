@@ -23,6 +23,7 @@ from trueup.formats.plain import finite
 from trueup.formats.rules.joints import SETTINGS
 from trueup.formats.table import listing
 from trueup.inspection import ChannelInspection, Inspection, inspect
+from trueup.inspection.alignment import on_other_clocks
 from trueup.inspection.joint_names import match_joints
 from trueup.inspection.sensors import labels_of, sensed
 from trueup.model_files.joint_names import joint_names
@@ -61,7 +62,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     if args.model is not None:
         said += _unknown(recordings, args.model) if mapping is not None else []
     shown, doubts = _seen_by(args.model, recordings) if args.model is not None else (recordings, ())
-    said += doubts
+    said += [*doubts, *on_other_clocks(shown)]
     found = [inspect(r) for r in shown]
     written = None
     if mapping is None and any("reader" in r.provenance for r in recordings):

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trueup.discrepancies.alignment import clock_errors
 from trueup.errors import CalibrationError
+from trueup.inspection.alignment import on_other_clocks
 from trueup.inspection.repeats import BASE, grouped, lost, together
 from trueup.recording import Channel, Recording
 from trueup.trial import command_of
@@ -27,7 +27,7 @@ def check(training: Sequence[Recording], held_out: Sequence[Recording]) -> list[
     for recording in (*training, *held_out):
         warnings += _about(recording)
     warnings += _silent((*training, *held_out))
-    warnings += _clocks((*training, *held_out)) + _disagreeing(training)
+    warnings += on_other_clocks((*training, *held_out)) + _disagreeing(training)
     if not held_out:
         warnings.append(
             "no recording was held out (--hold-out NAME, or 30% for the end of each): nothing shows that this fit holds on "
@@ -58,15 +58,6 @@ def _silent(recordings: Sequence[Recording]) -> list[str]:
     return [
         f"{', '.join(silent)}: no command, unlike in the others; they are replayed as if nothing had been asked of them, "
         "so their errors say nothing of the model: name the command in the mapping, or leave them out"
-    ]
-
-
-def _clocks(recordings: Sequence[Recording]) -> list[str]:
-    return [
-        f"'{name}': positions move {'before they are told to' if late > 0 else 'far later than in the other recordings'}; "
-        f"the commands' clock seems {1000 * abs(late):.0f} ms {'late' if late > 0 else 'early'} (the quantity `clock` sets "
-        "it right), or command and position are swapped"
-        for name, late in clock_errors(recordings).items()
     ]
 
 

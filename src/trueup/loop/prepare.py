@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from trueup.calibration import Ahead, Calibration, Prediction, Replay
-from trueup.discrepancies.alignment import clock_errors
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.discrepancies.weighted import Weighted
 from trueup.engines.family import Family, Note, Request, family_of
 from trueup.engines.restricted import Restricted
 from trueup.engines.simulator import Respaced, Simulator
 from trueup.errors import CalibrationError, ModelError, unknown_name
+from trueup.inspection.alignment import clock_errors
 from trueup.inspection.diagnosis import Diagnosis, check_refused
 from trueup.loop.ahead import predicted_ahead
 from trueup.loop.calibrate import Options, calibrate, usual

@@ -21,15 +21,15 @@ TOGETHER = (
 )
 """How files that hold a part of one drive each become one recording."""
 _SWITCHES = ("safety", "enable", "enabled", "deadman", "armed")
-_DRIVES, _STEERS = ("throttle", "speed"), ("steering", "turn")
+_DRIVES, _STEERS = ("throttle", "speed"), ("steering", "curvature", "turn")
 _STANDS = 0.05  # share of the greatest commanded speed: below, a turn rate says no wheel angle
 
 
 def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
     """Throttle and steering as recorded, from channels of their own too; a brake counts as throttle below zero.
 
-    A commanded speed is a throttle too, and a turn rate beside it the wheel angle (rad) with which a car of this wheelbase
-    (m) would turn so, or itself with a wheelbase of 0. Raises RecordingError without them.
+    A commanded speed is a throttle too, and a turn rate beside it, or a curvature, the wheel angle (rad) with which a car of
+    this wheelbase (m) would turn so, or itself with a wheelbase of 0. Raises RecordingError without them.
     """
     found = _signals(recording)
     drive = next((found[label] for label in _DRIVES if label in found), None)
@@ -50,14 +50,13 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
     same = all(p.time is drive.time or np.array_equal(p.time, drive.time) for p in parts)
     time = drive.time if same else np.unique(np.concatenate([p.time for p in parts]))
     throttle, steering, *brake = (_held(p, time) for p in parts)
-    if steer is found.get("turn") and wheelbase > 0.0:
+    turned = steer in (found.get("turn"), found.get("curvature")) and wheelbase > 0.0
+    if turned and steer is found.get("turn"):
         moving = np.abs(throttle) > _STANDS * np.nanmax(np.abs(throttle), initial=0.0)
-        steering = np.where(moving, np.arctan(wheelbase * steering / np.where(moving, throttle, 1.0)), 0.0)
+        steering = np.where(moving, steering / np.where(moving, throttle, 1.0), 0.0)
+    steering = np.arctan(wheelbase * steering) if turned else steering
     throttle = throttle - brake[0] if brake else throttle
-    units = (
-        drive.unit_of(drive.labels[0]),
-        "rad" if steer is found.get("turn") and wheelbase > 0.0 else steer.unit_of(steer.labels[0]),
-    )
+    units = (drive.unit_of(drive.labels[0]), "rad" if turned else steer.unit_of(steer.labels[0]))
     return Channel("command", COMMAND, "", time, np.stack([throttle, steering], axis=1), units if any(units) else ())
 
 

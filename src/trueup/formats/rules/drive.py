@@ -12,10 +12,11 @@ import numpy as np
 from trueup.formats.mapping import TimeColumn
 from trueup.formats.rules import joints, vehicles
 from trueup.formats.rules.bases import is_unit
+from trueup.formats.rules.commanded import commanded
 from trueup.formats.rules.names import listed
 from trueup.formats.rules.rule import Column
 from trueup.formats.rules.sizes import rate_factor, speed_of
-from trueup.formats.rules.vehicles import Signal
+from trueup.formats.rules.vehicles import Signal, best
 from trueup.inspection.relations import nearest
 from trueup.units import canonical, hardly_radians, to_si
 
@@ -54,20 +55,21 @@ def drive(columns: Sequence[Column], time: TimeColumn) -> list[Part]:
     are those of which numbers speak, else SI.
     """
     signals = [signal for column in columns if (signal := vehicles.read(column)) is not None]
-    command = _command(signals, columns)
+    command, said = commanded(signals, columns, list(_place(signals).values()), _heading(signals), time)
     if not command:
         return _pose_alone(signals, columns, time)
     if len({_source_file(s) for s in command.values()}) == 1:
         parts = [_part("command", command, time, ())]
     else:  # topics of their own: each keeps its time
         parts = [_part(f"command_{label}", {label: signal}, time, ()) for label, signal in command.items()]
+    parts[0] = replace(parts[0], notes=(*parts[0].notes, *said))
     rest = [s for s in signals if s not in command.values()]
     place = _place(rest)
     parts += [_part("position", place, time, ())] if place else []
     parts += _direction(rest, next(iter(place.values())).source if place else frozenset(), time)
     for name in ("speed", "yaw_rate"):
-        best = _best([s for s in rest if s.kind == name and not s.commanded and s not in place.values()])
-        parts += [_part(name, {name: best}, time, parts)] if best else []
+        one = best([s for s in rest if s.kind == name and not s.commanded and s not in place.values()])
+        parts += [_part(name, {name: one}, time, parts)] if one else []
     return parts
 
 
@@ -81,29 +83,6 @@ def _pose_alone(signals: list[Signal], columns: Sequence[Column], time: TimeColu
     if not turn or any(r.command or (r.joint and r.kind) for r in said) or any("z" in c.parts.bare for c in left):
         return []
     return [_part("position", place, time, ()), *turn]
-
-
-def _command(signals: list[Signal], columns: Sequence[Column]) -> dict[str, Signal]:
-    """What drives it, by label; nothing where this is no vehicle."""
-    kinds = {kind: [s for s in signals if s.kind == kind] for kind in ("throttle", "brake", "steering", "erpm")}
-    speeds = [s for s in signals if s.kind == "speed" and s.commanded]
-    turns = [s for s in signals if s.kind == "yaw_rate" and s.commanded]
-    steering, throttle = _best(kinds["steering"]), _best(kinds["throttle"])
-    speed = _best(speeds) or _best([s for s in kinds["erpm"] if s.commanded])
-    if (
-        throttle and speed and len(np.unique(throttle.column.known)) < 2
-    ):  # Ackermann messages seldom use their acceleration
-        throttle = None
-    ahead = {"throttle": throttle} if throttle else {"speed": speed} if speed else {}
-    if steering and ahead:
-        brake = _best(kinds["brake"]) if throttle else None
-        return {**ahead, "steering": steering, **({"brake": brake} if brake else {})}
-    known = {s.column for s in signals}
-    readings = [joints.read(column.parts) for column in columns if column not in known]
-    others = any(r.joint and r.kind == "position" and not r.command for r in readings)
-    if speeds and turns and not others and _place(signals):
-        return {"speed": speeds[0], "turn": turns[0]}
-    return {}
 
 
 def _place(signals: list[Signal]) -> dict[str, Signal]:
@@ -125,14 +104,21 @@ def _direction(signals: list[Signal], beside: frozenset[str], time: TimeColumn) 
     wholes = [w for s in signals if s.kind == "qz" and not s.commanded and (w := _turn_of(s, signals))]
     turns = [whole["qz"] for whole in wholes]
     same = [s for s in (*angles, *turns) if not (s.source ^ beside) & _POSE_TOGETHER]
-    best = _best(same) or _best(angles) or _best(turns)
-    if best is None:
+    chosen = best(same) or best(angles) or best(turns)
+    if chosen is None:
         return []
-    if best.kind == "heading":
-        return [_part("heading", {"heading": best}, time, ())]
-    part = _part("orientation", wholes[turns.index(best)], time, ())
+    if chosen.kind == "heading":
+        return [_part("heading", {"heading": chosen}, time, ())]
+    part = _part("orientation", wholes[turns.index(chosen)], time, ())
     note = f"orientation: {', '.join(c.name for c in part.columns)}; the heading is its turn about the vertical"
     return [replace(part, unit="", scale=(1.0,), notes=(note,))]
+
+
+def _heading(signals: list[Signal]) -> list[Signal]:
+    """What tells the direction: an angle, or z and w of a quaternion."""
+    angle = best([s for s in signals if s.kind == "heading" and not s.commanded])
+    whole = next((w for s in signals if s.kind == "qz" and not s.commanded and (w := _turn_of(s, signals))), None)
+    return [angle] if angle else [whole["qz"], whole["qw"]] if whole else []
 
 
 def _turn_of(signal: Signal, signals: list[Signal]) -> dict[str, Signal]:
@@ -150,11 +136,6 @@ def _turn_of(signal: Signal, signals: list[Signal]) -> dict[str, Signal]:
         return {}
     values = np.stack([s.column.values for s in parts.values()], axis=1)
     return parts if is_unit(values[np.isfinite(values).all(axis=1)]) else {}
-
-
-def _best(signals: list[Signal]) -> Signal | None:
-    """The most trusted, of these the first."""
-    return min(signals, key=lambda s: s.rank, default=None)
 
 
 def _source_file(signal: Signal) -> tuple[str, str]:
@@ -199,12 +180,19 @@ def _said(signal: Signal, kept: str) -> str:
 
 def _commanded_in(signals: Mapping[str, Signal], degrees: Sequence[str]) -> tuple[str, ...]:
     """The unit of each command, '' where it is a share of the full one or nothing says: speeds of wheels are m/s, turn rates
-    rad/s, steering is rad where its name says a unit or an angle (delta, as in the bicycle model).
+    rad/s, steering is rad where its name says a unit or an angle (delta, as in the bicycle model), but for one that is
+    called nothing else beside a throttle: both are shares then.
     """
+    share_of_throttle = (
+        "throttle" in signals and signals.get("steering") is not None and signals["steering"].kind == "angle"
+    )
 
     def unit(label: str, s: Signal) -> str:
-        said = _says(s) or s.column.name in degrees or not _ANGLES.isdisjoint(s.column.parts.words)
-        wanted = {"speed": "m/s", "turn": "rad/s", "steering": "rad" if said else ""}.get(label, "")
+        said = (
+            _says(s) or s.column.name in degrees or not (share_of_throttle or _ANGLES.isdisjoint(s.column.parts.words))
+        )
+        usual = {"speed": "m/s", "turn": "rad/s", "curvature": "1/m", "steering": "rad" if said else ""}
+        wanted = usual.get(label, "")
         share = s.factor == to_si("%")[1] or s.kind == "erpm"
         return "" if share else wanted
 

@@ -31,7 +31,7 @@ MEASURED = PLAINLY_MEASURED | listed(
 AXES = listed("x y z w roll pitch yaw qx qy qz qw rx ry rz")
 _TIME = listed(
     "time timestamp timestamps t stamp stamps times clock elapsed ts sec secs seconds millis micros datetime msec usec "
-    "nsec nanosec timestep date received zeit zeitstempel uhrzeit tiempo tempo temps"
+    "nsec nanosec epoch unix utc timestep date received zeit zeitstempel uhrzeit tiempo tempo temps"
 )
 _TICKS = listed("tick ticks")
 _NOT_TIME = listed("index frame episode step steps count counter id seq")

@@ -167,15 +167,24 @@ def _whole(column: Column) -> bool:
 
 def speed_of(column: Column, time: TimeColumn) -> tuple[Array, Array]:
     """(m,) instants and rate of change of a column on its table's main clock, in its unit a second; (0,) if unknown."""
-    clock = column.table.columns.get(time.column)
-    if clock is None or column.clock or column.values.ndim > 1:
+    instants = instants_of(column, time)
+    if not len(instants):
         return np.zeros(0), np.zeros(0)
-    instants = seconds(clock, time.unit or guess_unit(time.column, clock))
-    good = _usable(instants, column.values)
+    good = usable(instants, column.values)
     return rate(column.values[good], instants[good]) if np.count_nonzero(good) > 2 else (np.zeros(0), np.zeros(0))
 
 
-def _usable(instants: Array, *signals: Array) -> Mask:
+def instants_of(column: Column, time: TimeColumn) -> Array:
+    """(T,) the instants of a column of single numbers on its table's main clock, in s; (0,) where it has none there."""
+    clock = column.table.columns.get(time.column)
+    if clock is None or column.clock or column.values.ndim > 1:
+        return np.zeros(0)
+    fraction = column.table.columns.get(time.nanoseconds)
+    instants = seconds(clock, time.unit or guess_unit(time.column, clock))
+    return instants if fraction is None else instants + seconds(fraction, "ns")
+
+
+def usable(instants: Array, *signals: Array) -> Mask:
     """(T,) where all are known and time goes forward."""
     good = np.isfinite(instants) & np.logical_and.reduce([np.isfinite(s) for s in signals])
     good[1:] &= np.diff(np.fmax.accumulate(np.where(np.isfinite(instants), instants, -np.inf))) > 0.0
@@ -187,11 +196,10 @@ def _factor(column: Column, beside: Column, time: TimeColumn, *, derive: bool) -
     values, reference = column.values, beside.values
     if not derive:
         return factor(values, reference)
-    clock = beside.table.columns.get(time.column)
-    if clock is None or beside.clock or column.clock or len(clock) < 3:
+    instants = instants_of(beside, time)
+    if len(instants) < 3 or column.clock:
         return None
-    instants = seconds(clock, time.unit or guess_unit(time.column, clock))
-    good = _usable(instants, reference, values)
+    good = usable(instants, reference, values)
     if np.count_nonzero(good) < 3:
         return None
     at, slope = rate(reference[good], instants[good])

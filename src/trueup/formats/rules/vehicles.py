@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -45,7 +45,23 @@ RULES = (
     Rule("brake", "brake, braking, brake pedal",
          (Example("t,throttle,brake,steering", "0 .1 0 .1|.1 .2 0 .1|.2 0 1 .2", "command[] throttle steering brake"),)),
     Rule("steering", "steer, steering, delta, swa, servo, lenkwinkel",
-         (Example("t,v_cmd,delta_cmd_deg", "0 1 20|.1 2 21|.2 1 22", "command[] speed steering"),), also=("rad",)),
+         (Example("t,v_cmd,delta_cmd_deg", "0 1 20|.1 2 21|.2 1 22", "command[] speed steering"),
+          Example("t,longitudinal.velocity,lateral.steering_tire_angle,drive.speed,x,y",
+                  "0 1 .1 1 0 0|.1 2 .2 1 1 0|.2 1 .1 2 2 0", "command[] speed steering; position[m] x y"),), also=("rad",)),
+    # Taken for steering only beside a place, where no joint has a position.
+    Rule(
+        "angle", "angle",
+        (
+            Example("t,user/angle,user/throttle,pos/x,pos/y,pos/yaw", "0 .1 .2 1 2 .1|.1 .2 .2 1.1 2 .1|.2 0 .3 1 2 0",
+                    "command[] throttle steering; position[m] x y; heading[rad] heading"),
+            Example("t,target_speed,target_angle_deg,x,y", "0 1 20 1 2|.1 2 21 1.1 2|.2 1 22 1 2",
+                    "command[] speed steering; position[m] x y"),
+            Example("t,angle,duty", "0 .1 .2|.1 .2 .3|.2 .1 .2", "position[rad] joint_1"),
+        ),
+        also=("rad",),
+    ),
+    Rule("curvature", "curvature, kappa", (Example("t,speed_cmd,curvature_cmd,x,y", "0 1 .2 1 2|.1 2 .3 1.1 2|.2 1 .4 1 2",
+                                                   "command[] speed curvature; position[m] x y"),), unit="1/m"),
     Rule("erpm", "erpm, rpm", (Example("t,erpm_cmd,servo_cmd", "0 900 .5|.1 950 .6|.2 960 .5",
                                        "command[] speed steering"),)),
     Rule("x", "x, px, x east, y east", (Example("t,throttle,steer,odom_x,odom_y,vicon_x,vicon_y",
@@ -83,8 +99,9 @@ RULES = (
     ),
     Rule(
         "speed",
-        "v, vx, vel, velocity, speed, vel x, velocity x, linear x, linear, linear velocity, linear velocity x, "
-        "groundspeed, forward speed, forward velocity, v x, sog, speed over, spd, geschwindigkeit",
+        "v, vx, vel, velocity, speed, vel x, velocity x, linear x, linear, linear velocity, linear velocity x, lin, lin x, "
+        "lin vel, lin vel x, trans vel, translational velocity, groundspeed, forward speed, forward velocity, v x, sog, "
+        "speed over, spd, geschwindigkeit",
         (Example("t,throttle,steer,wheel_speed_kmh", "0 0 0 36|.1 1 0 36|.2 1 0 72",
                  "command[] throttle steering; speed[m/s] speed"),),
         unit="m/s",
@@ -93,8 +110,11 @@ RULES = (
         "yaw_rate",
         "w, wz, wimu, omega, omega z, yaw rate, yawrate, yaw vel, yaw velocity, yaw speed, yawvel, yawspeed, gyro z, gyroz, "
         "angular, angular z, angular velocity, angular velocity z, omegaz, angularvelocityz, turn rate, turnrate, turn, "
-        "heading rate, gyro",
-        (Example("t,throttle,steer,gyro_dps", "0 0 0 36|.1 1 0 36|.2 1 0 72",
+        "heading rate, gyro, ang z, ang vel, ang vel z, ang velocity, rot vel, rotational velocity, vel theta, theta vel, "
+        "theta dot, yaw dot, psi dot",
+        (Example("t,cmd_lin,cmd_ang,x,y,yaw", "0 0 0 0 0 0|.1 1 1 0 0 0|.2 1 2 0 0 0",
+                 "command[] speed turn; position[m] x y; heading[rad] heading"),
+         Example("t,throttle,steer,gyro_dps", "0 0 0 36|.1 1 0 36|.2 1 0 72",
                  "command[] throttle steering; yaw_rate[rad/s] yaw_rate"),),
         unit="rad/s", rate_of="heading",
     ),
@@ -104,7 +124,7 @@ _CORES: Mapping[frozenset[str], str] = MappingProxyType(
     {frozenset(core.split()): rule.kind for rule in RULES for core in rule.names.split(", ")}
 )
 
-_ASKED = COMMANDED | listed("input ackermann teleop nav")
+_ASKED = COMMANDED | listed("input ackermann teleop nav user pilot joy joystick")
 _WHOSE = _ASKED | listed(
     "pos position pose loc vicon mocap optitrack qualisys odom odometry gps gnss rtk ins car vehicle robot rover cart truck "
     "world map base link center centre cg cog rear front axle wheel wheels road tire tyre hand encoder measured meas "
@@ -114,6 +134,10 @@ _WHOSE = _ASKED | listed(
     "csv npz topic inferred imu raw body fix navsat uwb apriltag tag aruco marker beacon lidar tracker tracked tracking "
     "field location ned rb rigid ego agent hero player"
 )
+_IF_ASKED: Mapping[frozenset[str], str] = MappingProxyType(
+    {frozenset(["ang"]): "yaw_rate", frozenset(["rot"]): "yaw_rate"}
+)
+"""Kinds that words are too short for where they are not those of a command."""
 """Words beside a signal's own that do not change what it is."""
 PLACES = ("x", "y", "east", "north")
 """Kinds that are metres on a floor."""
@@ -166,9 +190,14 @@ def read(column: Column) -> Signal | None:
     rank = next((i for i, group in enumerate(_TRUSTED) if group & there), 2)
     if kind in ("speed", "yaw_rate"):  # the wheels know the speed and gyroscopes the turn rate, not the tracker
         rank = 0 if _OF_WHEELS & there else 1
-    elif kind in ("steering", "throttle"):
+    elif kind in ("steering", "angle", "curvature", "throttle"):
         rank = (0 if commanded else 1) + 2 * (kind == "steering" and "servo" in plain)
     return Signal(column, kind, factor, commanded, rank, frozenset(there & _WHOSE - {"long"}))
+
+
+def best(signals: Sequence[Signal]) -> Signal | None:
+    """The most trusted, of these the first."""
+    return min(signals, key=lambda s: s.rank, default=None)
 
 
 def _kind(plain: list[str], everything: list[str]) -> str:
@@ -178,12 +207,15 @@ def _kind(plain: list[str], everything: list[str]) -> str:
     if not kind:  # cmd_vel.linear.x says twice that it is a velocity
         once = _CORES.get(core - {"vel", "velocity"}, "")
         kind = once if once in ("speed", "yaw_rate") else ""
-    if core <= _ACCELERATIONS and core and _ASKED & set(everything):
-        kind = "throttle"
+    if _ASKED & set(everything):
+        kind = "throttle" if core and core <= _ACCELERATIONS else kind or _IF_ASKED.get(core, "")
+    if core == {"lateral", "steering"}:  # beside longitudinal.velocity, as Autoware commands both
+        kind = "steering"
     if not core:  # only words that say whose it is
         driven = ("drive" in plain and len(plain) < 3) or ("motor" in plain and set(plain) <= _OF_A_MOTOR | _ASKED)
         kind = "throttle" if driven else ""
         kind = "heading" if plain == ["cog"] else kind  # course over ground; a centre of gravity has axes
+        kind = "angle" if "angle" in plain else kind
         kind = "longitude" if "long" in plain and {"gps", "gnss"} & set(everything) else kind
     return kind
 

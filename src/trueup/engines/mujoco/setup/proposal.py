@@ -49,7 +49,7 @@ def propose(
 
     All of it is part of MJCF, so the calibrated file replays the robot in any MuJoCo program, but for limits of commands
     (`profiles`), where recordings show them, and for friction that grows with the load, if `beyond_mjcf`. `clocks`: how
-    late the commands of some recordings are stamped, in s (`discrepancies.alignment.clock_errors`); searched from there.
+    late the commands of some recordings are stamped, in s (`inspection.alignment.clock_errors`); searched from there.
     `floor`: the height in m of a floor that the model lacks (`inspection.floor.stopped_by_floor`). `stops`: hard stops that
     it lacks, by '<joint> upper' (`inspection.stops.stopped_at`).
     """

@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trueup.discrepancies.alignment import clock_errors, lag
 from trueup.errors import RecordingError
+from trueup.inspection.alignment import clock_errors, lag, on_other_clocks
 from trueup.recording import Channel, Recording
 
 
@@ -67,3 +67,19 @@ def test_signals_that_do_not_move_are_refused() -> None:
     still = Channel("position", ("a",), "rad", np.arange(0, 12, 0.02), np.zeros((600, 1)))
     with pytest.raises(RecordingError, match="do not move"):
         lag(channel("command", 50), still)
+
+
+@pytest.mark.parametrize("late", [0.25, -0.1])
+def test_a_car_that_moves_before_it_is_told_to_is_said_to(late: float) -> None:
+    time, rng = np.arange(0.0, 20.0, 0.05), np.random.default_rng(0)
+    speed, turn = (lambda s: 1.0 + 0.4 * np.sin(0.8 * s) + 0.2 * np.sin(2.3 * s)), (lambda s: 0.5 * np.sin(1.1 * s))
+    told = np.column_stack([speed(time), turn(time)])
+    moved = [f(time + late) + rng.normal(0.0, 0.05, len(time)) for f in (speed, turn)]
+    log = Recording("log", {
+        "command": Channel("command", ("speed", "turn"), "m/s", time, told, ("m/s", "rad/s")),
+        "speed": Channel("speed", ("speed",), "m/s", time, moved[0]),
+        "yaw_rate": Channel("yaw_rate", ("yaw_rate",), "rad/s", time, moved[1]),
+    })  # fmt: skip
+    said = on_other_clocks([log])
+    assert len(said) == (1 if late > 0.0 else 0)
+    assert not said or "before it is told to" in said[0]

@@ -8,11 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from trueup.arrays import Array
 from trueup.errors import RecordingError
 from trueup.instant import usual_step
 from trueup.recording import Channel, Recording
 from trueup.rounding import NEGLIGIBLE
 from trueup.trial import command_of
+
+_SMOOTH = 0.4
+"""s of a moving mean, twice, over speeds of cars."""
+_LONGEST = 2.0
+"""s by which a car may follow, or lead."""
 
 
 def lag(reference: Channel, delayed: Channel, *, longest: float = 0.5, hold: bool = False) -> float:
@@ -130,6 +136,56 @@ class Clocks:
 def clock_errors(recordings: Sequence[Recording]) -> dict[str, float]:
     """See `Clocks.errors`."""
     return Clocks().errors(recordings)
+
+
+def on_other_clocks(recordings: Sequence[Recording]) -> list[str]:
+    """A sentence on each recording whose commands are stamped by a clock of their own; of cars, where that is too late."""
+    later = "far later than in the other recordings" if len(recordings) > 1 else "far later than drives do"
+    found = [
+        f"'{name}': positions move {'before they are told to' if late > 0 else later}; the commands' clock seems "
+        f"{1000 * abs(late):.0f} ms {'late' if late > 0 else 'early'} (the quantity `clock` sets it right), or command and "
+        "position are swapped"
+        for name, late in clock_errors(recordings).items()
+    ]
+    ahead = {r.name: seconds for r in recordings if (seconds := _moves_ahead(r)) > 0.0}
+    return found + [
+        f"'{name}': it moves {1000 * seconds:.0f} ms before it is told to: the commands' clock is late by more than that, or "
+        "what was measured stands for the command. No delay is below 0: log both with one clock, or take from the commands' "
+        "times what they are late"
+        for name, seconds in ahead.items()
+    ]
+
+
+def _moves_ahead(recording: Recording) -> float:
+    """By how many seconds a car's speed or turn rate leads its command, where that is more than half a sample; else 0."""
+    command = command_of(recording)
+    pairs = {"speed": "speed", "turn": "yaw_rate"}
+    if command is None:
+        return 0.0
+    lags = []
+    for label in (x for x in pairs if x in command.labels and recording.has(pairs[x])):
+        told, moved = command.select([label]), recording.channel(pairs[label])
+        try:
+            behind = lag(
+                averaged(told.time, told.values[:, 0]), averaged(moved.time, moved.values[:, 0]), longest=_LONGEST
+            )
+        except RecordingError:
+            continue
+        lags.append(behind + 0.5 * max(usual_step(told.time), usual_step(moved.time)))
+    return max(0.0, -max(lags, default=0.0))
+
+
+def averaged(time: Array, values: Array) -> Channel:
+    """A signal (T,) without its gaps, averaged over `_SMOOTH` around each sample, twice: what is noisy from sample to sample
+    has a lag then.
+    """
+    good = np.isfinite(values)
+    time, values = time[good], values[good]
+    count = max(1, min(round(_SMOOTH / usual_step(time)), len(values) // 4)) if len(time) > 1 else 1
+    for _ in range(2):
+        wide = np.pad(values, (count // 2, count - 1 - count // 2), mode="edge")
+        values = np.convolve(wide, np.full(count, 1.0 / count), mode="valid")
+    return Channel("motion", ("v",), "", time, values)
 
 
 def _unexplained(recording: Recording, shift: float) -> float:

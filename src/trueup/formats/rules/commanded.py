@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What drives a vehicle, chosen among its signals: throttle or speed, and what steers it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from trueup.formats.mapping import TimeColumn
+from trueup.formats.rules import joints
+from trueup.formats.rules.leading import leading
+from trueup.formats.rules.names import COMMANDED
+from trueup.formats.rules.rule import Column
+from trueup.formats.rules.vehicles import Signal, best
+
+_DRIVING = ("throttle", "brake", "steering", "angle", "curvature", "speed", "erpm", "yaw_rate")
+"""Kinds of signals that may drive a vehicle."""
+
+
+def commanded(
+    signals: Sequence[Signal],
+    columns: Sequence[Column],
+    place: Sequence[Signal],
+    heading: Sequence[Signal],
+    time: TimeColumn,
+) -> tuple[dict[str, Signal], tuple[str, ...]]:
+    """What drives it, by label, and what to say of that; nothing where this is no vehicle."""
+    kinds = {kind: [s for s in signals if s.kind == kind] for kind in _DRIVING}
+    told = {kind: [s for s in each if s.commanded] for kind, each in kinds.items()}
+    place = () if _has_joints(signals, columns) else place
+    steering, throttle = _steering(kinds, told, alone=bool(place)), best(kinds["throttle"])
+    speed, turn, said = best(told["speed"]) or best(told["erpm"]), best(told["yaw_rate"]), ()
+    if place and not throttle and not speed and not any(COMMANDED & set(c.parts.words) for c in columns):
+        led = leading(kinds["speed"], kinds["yaw_rate"], place, heading, time)
+        speed, turn, late = led or (None, turn, 0.0)
+        names = " and ".join(s.column.name for s in (speed, turn) if s is not None)
+        said = (
+            f"{names}: taken for what was commanded, since the motion follows {1e3 * late:.0f} ms behind and nothing else "
+            "says so; if this was measured, name in [channels.command] what was commanded",
+        )  # fmt: skip
+    unused = throttle is not None and len(np.unique(throttle.column.known)) < 2
+    if unused and speed:  # Ackermann messages seldom use their acceleration
+        throttle = None
+    ahead = {"throttle": throttle} if throttle else {"speed": speed} if speed else {}
+    if steering and ahead:
+        brake = best(kinds["brake"]) if throttle else None
+        label = "curvature" if steering.kind == "curvature" else "steering"
+        return {**ahead, label: steering, **({"brake": brake} if brake else {})}, said
+    return ({"speed": speed, "turn": turn}, said) if speed and turn and place else ({}, ())
+
+
+def _steering(kinds: Mapping[str, list[Signal]], told: Mapping[str, list[Signal]], *, alone: bool) -> Signal | None:
+    """What steers: what is called so, a commanded curvature, or, where no joint can be meant, an angle without a name."""
+    angles = kinds["angle"] if kinds["throttle"] else told["angle"]
+    return best(kinds["steering"]) or best(told["curvature"]) or (best(angles) if alone else None)
+
+
+def _has_joints(signals: Sequence[Signal], columns: Sequence[Column]) -> bool:
+    """Whether a column that no rule of vehicles knows is the position of a joint."""
+    known = {s.column for s in signals}
+    readings = [joints.read(column.parts) for column in columns if column not in known]
+    return any(r.joint and r.kind == "position" and not r.command for r in readings)

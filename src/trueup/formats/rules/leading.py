@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Speeds and turn rates of which no word says whether they were commanded: those that the motion follows were.
+
+A message of ROS for either (`Twist`: linear.x, angular.z) looks the same; but robots move after they are told to, and
+are measured no sooner than they move.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from trueup.errors import RecordingError
+from trueup.formats.mapping import TimeColumn
+from trueup.formats.rules.names import PLAINLY_MEASURED, listed
+from trueup.formats.rules.sizes import instants_of, speed_of, usable
+from trueup.formats.rules.vehicles import Signal
+from trueup.inspection.alignment import averaged, lag
+from trueup.inspection.relations import rate
+from trueup.instant import usual_step
+from trueup.recording import Channel
+from trueup.rounding import PRINTED
+
+_MEASURED = PLAINLY_MEASURED | listed(
+    "odom odometry encoder wheel wheels imu gyro sensor sensors vicon mocap optitrack gps gnss truth gt est estimated "
+    "estimate state vesc slam amcl ekf ukf pf"
+)
+"""Sources of what was measured."""
+_LONGEST = 2.0  # s that a robot may take to follow
+
+
+def leading(
+    speeds: Sequence[Signal],
+    turns: Sequence[Signal],
+    place: Sequence[Signal],
+    heading: Sequence[Signal],
+    time: TimeColumn,
+) -> tuple[Signal, Signal | None, float] | None:
+    """A speed, the turn rate of its source if there is one, and by how many seconds the motion follows them; None where
+    it follows none by more than half a sample.
+
+    `place` are x and y, `heading` an angle, or z and w of a quaternion; empty where nothing tells it.
+    """
+    moved, turned = _along(place, time), _turned(heading, time)
+    for speed in speeds:
+        turn = next((w for w in turns if w.source == speed.source), None)
+        if speed.source & _MEASURED or speed.column.clock or moved is None:
+            continue
+        behind = [
+            late for signal, motion in ((speed, moved), (turn, turned))
+            if signal is not None and motion is not None and (late := _behind(signal, motion, time)) is not None
+        ]  # fmt: skip
+        if behind and max(behind) > 0.5 * usual_step(moved.time):
+            return speed, turn, max(behind)
+    return None
+
+
+def _behind(signal: Signal, motion: Channel, time: TimeColumn) -> float | None:
+    """How late a motion is, in s; None where that is not to be told."""
+    values, instants = signal.column.values, instants_of(signal.column, time)
+    if not len(instants):
+        return None
+    good = usable(instants, values)
+    if np.count_nonzero(good) < len(instants) // 2:
+        return None
+    told = np.abs(values[good]) if signal.kind == "speed" else values[good]
+    try:
+        return lag(averaged(instants[good], told), motion, longest=_LONGEST)
+    except RecordingError:
+        return None
+
+
+def _along(place: Sequence[Signal], time: TimeColumn) -> Channel | None:
+    """The speed along x and y."""
+    (when, one), (other_when, other) = (speed_of(s.column, time) for s in place)
+    if not len(one) or not len(other):
+        return None
+    return averaged(when, np.hypot(one, np.interp(when, other_when, other)))
+
+
+def _turned(heading: Sequence[Signal], time: TimeColumn) -> Channel | None:
+    """How fast a heading turns, in whatever unit."""
+    columns = [signal.column for signal in heading]
+    instants = instants_of(columns[0], time) if columns else np.zeros(0)
+    if not len(instants) or any(len(instants_of(c, time)) != len(instants) for c in columns):
+        return None
+    angles = columns[0].values if len(columns) == 1 else 2.0 * np.arctan2(*(c.values for c in columns))
+    good = usable(instants, angles)
+    if np.count_nonzero(good) < len(instants) // 2:
+        return None
+    turn = math.degrees(math.tau) if np.abs(angles[good]).max() > math.tau * (1.0 + PRINTED) else math.tau
+    when, turned = rate(np.unwrap(angles[good], period=turn), instants[good])
+    return averaged(when, turned)
