@@ -52,6 +52,12 @@ def parse_clock(cells: Sequence[str]) -> Array | None:
     return result + day * np.cumsum(np.diff(result, prepend=result[:1]) < -day / 2)
 
 
+def numbered(cells: Sequence[str]) -> Array:
+    """(T,) the same number for the same text, NaN for none."""
+    seen: dict[str, int] = {}
+    return np.array([seen.setdefault(c.strip(), len(seen)) if c.strip() else np.nan for c in cells], dtype=np.float64)
+
+
 def _one_by_one(cells: Sequence[str], place: Place) -> Array:
     rows = [_row(cell) for cell in cells]
     lengths = [len(row) for row in rows if row]

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.formats.cells import numbered
 from trueup.formats.rules.names import words
 from trueup.formats.table import Table
 
@@ -41,7 +41,7 @@ def episodes(table: Table, stem: str) -> list[tuple[str, Table]]:
 
     Columns that only count frames, episodes or tasks are left out then: they are no signals.
     """
-    told = {**{name: _as_numbers(cells) for name, cells in table.text.items()}, **table.columns}
+    told = {**{name: numbered(cells) for name, cells in table.text.items()}, **table.columns}
     found = next((name for name, values in told.items() if _numbers_runs(name, values, name in table.text)), None)
     if found is None:
         return [(stem, table)]
@@ -74,12 +74,6 @@ def _numbers_runs(name: str, values: Array, texts: bool) -> bool:
     if not len(values) or not np.all(np.isfinite(values)) or np.any(values != np.round(values)):
         return False
     return len(np.unique(values)) == 1 + np.count_nonzero(np.diff(values))
-
-
-def _as_numbers(cells: Sequence[str]) -> Array:
-    """(T,) the same number for the same text, NaN for none."""
-    seen: dict[str, int] = {}
-    return np.array([seen.setdefault(c.strip(), len(seen)) if c.strip() else np.nan for c in cells], dtype=np.float64)
 
 
 def _rows(table: Table, rows: Any) -> Table:

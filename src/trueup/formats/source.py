@@ -13,6 +13,7 @@ from trueup import files
 from trueup.errors import FormatError
 from trueup.formats import csv, json, npz, parquet, rosbag
 from trueup.formats.episodes import described, episodes, is_description
+from trueup.formats.long import one_row_an_instant
 from trueup.formats.per_joint import joined
 from trueup.formats.rules.joints import read as reading_of
 from trueup.formats.rules.names import stem, taken_apart
@@ -84,7 +85,8 @@ def _file(path: Path) -> list[Source]:
     kind = path.suffix.lower().lstrip(".")
     if isinstance(result, Recording):
         return [Source(path.stem, (path,), (), result, kind)]
-    return [Source(n, (path,), (t,), reader=kind) for n, t in episodes(described(result, path), path.stem)]
+    runs = episodes(described(result, path), path.stem)
+    return [Source(name, (path,), (one_row_an_instant(table),), reader=kind) for name, table in runs]
 
 
 def _folder(path: Path, together: bool) -> list[Source]:
