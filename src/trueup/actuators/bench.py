@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -145,16 +145,14 @@ class Run:
         return self.on[self.given(self.time)]
 
 
-def runs_of(
-    recordings: Sequence[Recording], bench: Bench, joint: str = "", known: Mapping[str, float] | None = None
-) -> tuple[list[Run], Gains, list[str]]:
+def runs_of(recordings: Sequence[Recording], bench: Bench, joint: str = "") -> tuple[list[Run], Gains, list[str]]:
     """Recordings as runs, the settings of the servo that they name, and notes.
 
-    `known` is the setting that a model stands for, where there is one. Raises RecordingError where there is no command
-    or position, UnknownNameError for another joint, ParameterError where recordings name impossible loads.
+    Raises RecordingError where there is no command or position, UnknownNameError for another joint, ParameterError where
+    recordings name impossible loads.
     """
     recordings, notes = with_steady_gains(recordings)
-    gains, named = Gains.named_by(recordings, known, quantities=("kp",))
+    gains, named = Gains.named_by(recordings, quantities=("kp",))
     notes += named
     runs = [_run(r, bench, gains, joint) for r in recordings]
     if any(b.bench != bench for b in runs):

@@ -293,8 +293,6 @@ def pitch_of(base: int = 3, joint: int = 3) -> Tilt:
     return tilt
 
 
-def mirrored(names: Sequence[str], left: str, right: str, opposite: Sequence[str] = ()) -> tuple[Degree, ...]:
-    """Degrees of joints named alike but for their side's prefix; `opposite` ones turn the other way on the right."""
-    return tuple(
-        Degree(name, (f"{left}{name}", f"{right}{name}"), (1.0, -1.0 if name in opposite else 1.0)) for name in names
-    )
+def mirrored(names: Sequence[str], left: str, right: str) -> tuple[Degree, ...]:
+    """Degrees of joints named alike but for their side's prefix, which turn the same way on both sides."""
+    return tuple(Degree(name, (f"{left}{name}", f"{right}{name}"), (1.0, 1.0)) for name in names)

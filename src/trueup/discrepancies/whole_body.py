@@ -7,7 +7,7 @@ J. Tan et al., "Simulation-based design of dynamic controllers for humanoid bala
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -29,12 +29,9 @@ class WholeBody:
     rad in the measured torso's axes, does not.
     """
 
-    def __init__(self, scales: Mapping[str, float] = SCALES) -> None:
-        self._scales = dict(scales)
-
     def scale(self, channel: str, labels: tuple[str, ...]) -> Array:
         """(k,) see Discrepancy."""
-        return np.full(len(labels), self._scales.get(channel, 1.0))
+        return np.full(len(labels), SCALES.get(channel, 1.0))
 
     def residual(self, real: Recording, simulated: Rollout) -> Array:
         """See Discrepancy."""
@@ -61,13 +58,13 @@ def rotation_between(first: Array, second: Array) -> Array:
     return vector * factor[..., None]
 
 
-def orientation_error(real: Sequence[Recording], simulated: Sequence[Rollout], row: int = 0) -> float:
+def orientation_error(real: Sequence[Recording], simulated: Sequence[Rollout]) -> float:
     """Root mean square angle in rad between the torso's measured and simulated orientation, over all recordings."""
     squares, count = 0.0, 0
     for recording, rollout in zip(real, simulated, strict=True):
         held = rollout.held()
         observed = held.trial.observed[ORIENTATION]
         measured = measured_at(recording, ORIENTATION, observed.labels, observed.time)
-        angle = np.linalg.norm(rotation_between(measured, held.channels[ORIENTATION][row]), axis=-1)
+        angle = np.linalg.norm(rotation_between(measured, held.channels[ORIENTATION][0]), axis=-1)
         squares, count = squares + float(np.nansum(angle**2)), count + int(np.isfinite(angle).sum())
     return float(np.sqrt(squares / max(count, 1)))

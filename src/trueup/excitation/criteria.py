@@ -18,6 +18,7 @@ from trueup.errors import IdentificationError, unknown_name
 from trueup.excitation.trajectories import Motions
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.information import log_determinants
+from trueup.rounding import TINY
 
 Kind = Literal["D", "A", "E", "condition", "prediction"]
 Weighting = Literal["nominal", "printed", "none"]
@@ -73,10 +74,10 @@ class Criterion:
         made = cls(model, independent, nominal, kind, weighting, per_sample, friction)
         return replace(made, scale=made._typical(seed))
 
-    def for_motions(self, motions: Motions, threads: int = 1) -> Criterion:
+    def for_motions(self, motions: Motions) -> Criterion:
         """The 'prediction' criterion for motions like these: the mean variance of their torque is the loss."""
         possible = motions.possible
-        total = self._information(motions, possible, threads).sum(axis=0)
+        total = self._information(motions, possible, 1).sum(axis=0)
         return replace(self, kind="prediction", expected=total / (possible.sum() * motions.q.shape[1]))
 
     def smooth(self, rest: float = 0.05) -> Criterion:
@@ -128,10 +129,10 @@ class Criterion:
                 return np.where(least > 0, np.log10((1.0 / values).sum(axis=-1)), np.inf)
         return self._prediction(M)
 
-    def printed(self, motions: Motions, threads: int = 1) -> Array:
+    def printed(self, motions: Motions) -> Array:
         """(B,) log10 det [H^t H] as both papers print it (eq. 6-7, 8-9): summed over samples, higher is better."""
         as_printed = replace(self, kind="D", weighting="printed", per_sample=False, friction="with")
-        return -as_printed.losses(motions, threads)
+        return -as_printed.losses(motions)
 
     @property
     def _friction(self) -> Mask:
@@ -163,4 +164,4 @@ class Criterion:
         rng, n = np.random.default_rng(seed), self.model.tree.n
         q, qd, qdd = (rng.uniform(-a, a, (1, 300, n)) for a in (np.pi, 2.0, 5.0))
         M = self.model.information(q, qd, qdd, self.weights, self.independent)[0] / 300
-        return 1.0 / np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))
+        return 1.0 / np.sqrt(np.maximum(np.diag(M), TINY))

@@ -162,13 +162,11 @@ def _shapes(feasibility: Feasibility) -> Proxies:
     return Proxies(np.zeros(0, dtype=np.int64), none, none, np.zeros(0), none, np.zeros((0, 3, 3)), none, pairs, pairs)
 
 
-def home(
-    limits: JointLimits, feasibility: Feasibility, joints: tuple[str, ...], rng: np.random.Generator, postures: int = 600
-) -> Array:  # fmt: skip
+def home(limits: JointLimits, feasibility: Feasibility, joints: tuple[str, ...], rng: np.random.Generator) -> Array:
     """(n,) a posture far from collisions and from the ends of the ranges, with room around it."""
     half = np.minimum(0.5 * (limits.upper - limits.lower), np.pi)
     middle = 0.5 * (limits.upper + limits.lower)
-    q = middle + rng.uniform(-0.6, 0.6, (postures, len(joints))) * half
+    q = middle + rng.uniform(-0.6, 0.6, (600, len(joints))) * half
     q[0] = middle
     if feasibility.clearance is None:
         return middle

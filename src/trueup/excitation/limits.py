@@ -142,17 +142,11 @@ class JointLimits:
             sources[name] = tuple(str(file.name) if j in given else x for j, x in zip(self.joints, before, strict=True))
         return replace(made, notes=said, sources=sources)
 
-    def within(self, *, range_share: float = 1.0, speed_share: float = 1.0, margin: float = 0.0) -> JointLimits:
-        """Narrower limits: a share of each range about its middle less `margin` [rad] at both ends, a share of the speeds."""
+    def within(self, *, range_share: float = 1.0, speed_share: float = 1.0) -> JointLimits:
+        """Narrower limits: a share of each range about its middle, a share of the speeds."""
         middle, half = 0.5 * (self.lower + self.upper), 0.5 * (self.upper - self.lower)
-        half = np.maximum(half * range_share - margin, 1e-3)
-        return replace(
-            self,
-            lower=middle - half,
-            upper=middle + half,
-            speed=self.speed * speed_share,
-            acceleration=self.acceleration,
-        )
+        half = np.maximum(half * range_share, 1e-3)
+        return replace(self, lower=middle - half, upper=middle + half, speed=self.speed * speed_share)
 
 
 def _listed(names: tuple[str, ...], chosen: Mask) -> str:

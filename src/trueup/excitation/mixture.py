@@ -140,17 +140,17 @@ def sampled(make: Callable[[int], Motions], joints: tuple[str, ...], rate: float
 
 def wide_classes(
     limits: JointLimits, home: Array, free: JointLimits | None = None, *, length: float = 8.0, rate: float = RATE,
-    share: float = 0.8, clear: Clear | None = None,
+    clear: Clear | None = None,
 ) -> dict[str, Draw]:  # fmt: skip
-    """Motions over a share of the joints' ranges, from a posture and back to it; series of about `length` s.
+    """Motions over most of the joints' ranges, from a posture and back to it; series of about `length` s.
 
     Of those only where they are `free`: moves are looked for one by one.
     """
-    around = (free or limits).within(range_share=share)
+    among, around = (x.within(range_share=0.8) for x in (limits, free or limits))
     return {
         "series": Series(Fourier(around, length, _HARMONICS), limits, home, rate),
-        "gentle moves": Moves(limits, limits.within(range_share=share), home, GENTLE, clear=clear, rate=rate),
-        "abrupt moves": Moves(limits, limits.within(range_share=share), home, ABRUPT, clear=clear, rate=rate),
+        "gentle moves": Moves(limits, among, home, GENTLE, clear=clear, rate=rate),
+        "abrupt moves": Moves(limits, among, home, ABRUPT, clear=clear, rate=rate),
     }
 
 
@@ -167,16 +167,16 @@ def local_classes(
 
 def mixed(
     classes: Mapping[str, Draw], criterion: Criterion, seconds: float, rng: np.random.Generator, *,
-    allowed: Allowed | None = None, tries: int = 15, told: Told | None = None,
+    allowed: Allowed | None = None, told: Told | None = None,
 ) -> list[Trajectory]:  # fmt: skip
-    """Of `tries` random motions of each class those that together tell the base parameters best, until the time is filled.
+    """Of 15 random motions of each class those that together tell the base parameters best, until the time is filled.
 
     Greedily by what each adds to log det of their information (D-optimality) for a second that it takes: how much each class
     gets follows from that. Raises IdentificationError where the time is too short.
     """
     began, pool, chosen = time.perf_counter(), list[tuple[Trajectory, Array]](), list[Trajectory]()
     for k, (kind, draw) in enumerate(classes.items(), 1):
-        pool += _drawn(kind, draw, criterion, rng, allowed, tries)
+        pool += _drawn(kind, draw, criterion, rng, allowed, 15)
         if told is not None:
             told(Step(float("nan"), len(pool), time.perf_counter() - began, k / len(classes)))
     if not pool:

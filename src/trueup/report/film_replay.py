@@ -19,11 +19,11 @@ from trueup.report.markup import Markup, join, tag
 from trueup.report.parts import Section, caption, page, template_text
 from trueup.report.report import data_text
 
-_AZIMUTH, _ELEVATION = 90.0, 8.0  # degrees: the robot's x axis points to the right
+_AZIMUTH, _ELEVATION = 90.0, 8.0  # degrees as MuJoCo's camera has them: the robot's x axis points to the right
 
 
-def film_replay(films: Sequence[Film], *, azimuth: float = _AZIMUTH, elevation: float = _ELEVATION) -> Markup:
-    """Films side by side with one slider, for any page; data and script are in it. Degrees as MuJoCo's camera has them.
+def film_replay(films: Sequence[Film]) -> Markup:
+    """Films side by side with one slider, for any page; data and script are in it.
 
     Raises ParameterError for no film at all, and for films of different rates.
     """
@@ -35,7 +35,7 @@ def film_replay(films: Sequence[Film], *, azimuth: float = _AZIMUTH, elevation: 
     size = 1.25 * max(_size(f) for f in films)
     data = {
         "rate": rates.pop(), "size": size, "grid": 10.0 ** math.floor(math.log10(size / 2.0)),
-        "azimuth": math.radians(azimuth), "elevation": math.radians(elevation), "films": [_described(f) for f in films],
+        "azimuth": math.radians(_AZIMUTH), "elevation": math.radians(_ELEVATION), "films": [_described(f) for f in films],
     }  # fmt: skip
     shown = [
         tag("div", tag("div", f.name, class_="caption"), tag("canvas", aria_label=f"film: {f.name}",

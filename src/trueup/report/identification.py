@@ -29,19 +29,19 @@ table.compact td, table.compact th { padding: 4px 9px; }
 
 
 def write_identification_report(
-    result: Identification, path: str | Path, *, delivered: Sequence[Deliverable] = (), title: str | None = None,
+    result: Identification, path: str | Path, *, delivered: Sequence[Deliverable] = (),
     context: Mapping[str, str] | None = None,
 ) -> Path:  # fmt: skip
     """Writes the report to the HTML file `path` and returns it; it holds all it needs. `delivered` are the files beside it,
     with their errors. Raises OutputError.
     """
     where = Path(path)
-    write_aside(identification_html(result, delivered=delivered, title=title, context=context), where)
+    write_aside(identification_html(result, delivered=delivered, context=context), where)
     return where
 
 
 def identification_html(
-    result: Identification, *, delivered: Sequence[Deliverable] = (), title: str | None = None,
+    result: Identification, *, delivered: Sequence[Deliverable] = (),
     context: Mapping[str, str] | None = None,
 ) -> str:  # fmt: skip
     """The report as the text of an HTML document."""
@@ -53,7 +53,7 @@ def identification_html(
     )
     return page(
         "campaign.html",
-        title or f"Dynamic model of {result.model_name}",
+        f"Dynamic model of {result.model_name}",
         [counted(count, noun) for count, noun in counts],
         identification_sections(result, delivered, context or {}),
         style=_STYLE,

@@ -40,12 +40,12 @@ def white_density(noise: float, time: Array) -> float:
     return float(noise * np.sqrt(2.0 * usual_step(time)))
 
 
-def error_by_speed(time: Array, measured: Array, error: Array, bins: int = 24) -> tuple[Array, Array]:
+def error_by_speed(time: Array, measured: Array, error: Array) -> tuple[Array, Array]:
     """(m,) speeds and (m,) mean `error` in bins of measured speed; bins with fewer than five samples are left out.
 
     Reversal shows as a step at zero (friction, backlash), a delay as a slope.
     """
-    speed = velocity(time, measured)
+    speed, bins = velocity(time, measured), 24
     usable = np.isfinite(speed) & np.isfinite(error)
     if usable.sum() < 50:
         return np.zeros(0), np.zeros(0)

@@ -18,13 +18,12 @@ class Evolution:
     """Asks for generations of candidates; the box is mirrored at its walls, so that no candidate is ever moved or lost."""
 
     def __init__(
-        self, start: Array, *, seed: int, sigma: float = 0.3, population: int | None = None, most: int = 20000,
-        tolerance: float = 1e-5,
-    ) -> None:  # fmt: skip
-        """`most` evaluations; it ends when 40 generations differ by less than `tolerance` times 1 + |loss| in their best."""
+        self, start: Array, *, seed: int, sigma: float = 0.3, population: int | None = None, most: int = 20000
+    ) -> None:
+        """`most` evaluations; it ends when 40 generations differ by less than 1e-5 times 1 + |loss| in their best."""
         self._mean = np.clip(np.asarray(start, dtype=np.float64), 0.0, 1.0)
         n = len(self._mean)
-        self._seed, self._sigma, self._most, self._tolerance = seed, sigma, most, tolerance
+        self._seed, self._sigma, self._most, self._tolerance = seed, sigma, most, 1e-5
         self._rng = np.random.default_rng(seed)
         self._count = population or 4 + int(3 * np.log(n)) + 4
         self._constants()

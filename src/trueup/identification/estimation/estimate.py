@@ -72,15 +72,14 @@ def least_squares(
 
 
 def weighted_least_squares(
-    rows: Sequence[Rows], active: Sequence[int] | Integers, *, prior: Array | None = None, strength: float = RIDGE,
-    robust: bool | None = False,
-) -> Estimate:  # fmt: skip
+    rows: Sequence[Rows], active: Sequence[int] | Integers, *, prior: Array | None = None
+) -> Estimate:
     """Least squares with each joint weighed by its own error variance, found by repetition."""
     moments = moments_of(rows)
     start = (np.zeros(rows[0].p) if prior is None else prior) * moments.scale
-    variance = weighted_fit(moments, np.asarray(active, dtype=np.int64), start, strength)[1]
+    variance = weighted_fit(moments, np.asarray(active, dtype=np.int64), start, RIDGE)[1]
     weights = 1.0 / variance / np.mean(1.0 / variance)
-    return least_squares(rows, active, weights, prior=prior, strength=strength, robust=robust)
+    return least_squares(rows, active, weights, prior=prior)
 
 
 def with_doubtful_torque(estimate: Estimate, rows: Sequence[Rows], doubts: Array) -> Estimate:

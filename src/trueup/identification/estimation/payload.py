@@ -25,7 +25,6 @@ from trueup.identification.estimation.motion import Piece, log_of, pieces_of
 from trueup.identification.estimation.pool import Pool, pool_for, with_load_columns
 from trueup.identification.estimation.quick import basic_columns
 from trueup.identification.estimation.selection import TIME_BLOCKS
-from trueup.identification.inertial import from_com
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 from trueup.recording import Recording
@@ -52,14 +51,13 @@ class DriveGains:
 
 
 def drive_gains(
-    free: Sequence[Rows], loaded: Sequence[Rows], payload: ArrayLike, columns: Sequence[int] | Integers, *, link: int = -1
-) -> DriveGains:  # fmt: skip
+    free: Sequence[Rows], loaded: Sequence[Rows], payload: ArrayLike, columns: Sequence[int] | Integers
+) -> DriveGains:
     """Gains g with g_j current_j = regressor row j @ parameters (+ what the payload adds), by two-stage least squares.
 
     `free`, `loaded`: runs without and with the payload, `torque` holding currents (S, n). `payload` (10,): its inertial
-    parameters in the frame of link number `link` (the last), NaN for those that nobody knows. `columns`: independent columns
-    of the model. Raises
-    IdentificationError where a run is missing, the payload weighs nothing, or no gain comes out above zero.
+    parameters in the frame of the last link, NaN for those that nobody knows. `columns`: independent columns of the model.
+    Raises IdentificationError where a run is missing, the payload weighs nothing, or no gain comes out above zero.
     """
     known = np.asarray(payload, dtype=float)
     if not free or not loaded:
@@ -69,7 +67,7 @@ def drive_gains(
             f"the payload needs 10 inertial parameters with a mass above 0 kg; got {known.tolist()}"
         )
     n, p, act = len(free[0].values), free[0].p, np.asarray(columns, dtype=np.int64)
-    body = np.arange(10) + 10 * (link % n)
+    body = np.arange(10) + 10 * (n - 1)
     open_ = np.flatnonzero(np.isnan(known))
     wide = p + n + len(open_)
     rows = [
@@ -143,8 +141,8 @@ def _expected(blocks: Sequence[Rows], motion: Integers, p: int) -> list[Rows]:
     return [replace(r, values=tuple(v)) for r, v in zip(blocks, made, strict=True)]
 
 
-def payload_inertial(mass: float, com: Sequence[float] | None = None, inertia: Array | None = None) -> Array:
-    """(10,) the payload in the last link's frame: kg, m, and kg m^2 (3, 3) about its CoM; NaN for what is not given.
+def payload_inertial(mass: float, com: Sequence[float] | None = None) -> Array:
+    """(10,) the payload in the last link's frame: kg, m, kg m^2; NaN for what is not given.
 
     Raises IdentificationError for a mass that is not positive.
     """
@@ -152,8 +150,7 @@ def payload_inertial(mass: float, com: Sequence[float] | None = None, inertia: A
         raise IdentificationError(f"a payload of {mass:g} kg cannot be: its mass must be above 0")
     if com is None:
         return np.concatenate([[mass], np.full(9, np.nan)])
-    given = from_com(mass, np.asarray(com, dtype=float), np.zeros((3, 3)) if inertia is None else inertia)
-    return given if inertia is not None else np.concatenate([given[:4], np.full(6, np.nan)])
+    return np.concatenate([[mass], mass * np.asarray(com, dtype=float), np.full(6, np.nan)])
 
 
 def drives_from_payload(
