@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from trueup.articulated.inertia import from_log_cholesky, log_cholesky, principal, pseudo_inertia
+from trueup.articulated.inertia import from_log_cholesky, log_cholesky, principal
+from trueup.identification.inertial import from_com, pseudo_inertia
 
 anything = arrays(np.float64, 10, elements=st.floats(-2.0, 2.0))
 
@@ -20,7 +21,7 @@ def test_every_ten_numbers_are_a_physical_body(theta: np.ndarray) -> None:
     a, b, c = np.sort(np.linalg.eigvalsh(inertia))
     assert a > 0
     assert c <= (a + b) * (1 + 1e-9)  # the triangle inequality of principal moments
-    eigenvalues = np.linalg.eigvalsh(pseudo_inertia(np.asarray(mass), com, inertia))
+    eigenvalues = np.linalg.eigvalsh(pseudo_inertia(from_com(float(mass), com, inertia)))
     assert eigenvalues.min() > -1e-9 * eigenvalues.max()
 
 

@@ -7,26 +7,19 @@ J = U U^T with U upper triangular; every real vector of ten numbers is a body th
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from trueup.arrays import Array
 from trueup.rounding import NEGLIGIBLE
 
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
 COMPONENTS = ("alpha", "d1", "d2", "d3", "s12", "s23", "s13", "t1", "t2", "t3")
 """alpha = ln(mass) / 2; t = centre of mass [m]; d and s shape the spread of mass about it."""
-
-
-def pseudo_inertia(mass: Array, com: Array, inertia: Array) -> Array:
-    """(..., 4, 4) from mass (...), CoM (..., 3) [m] and rotational inertia about the CoM (..., 3, 3) [kg m2]."""
-    trace = np.trace(inertia, axis1=-2, axis2=-1)[..., None, None]
-    spread = 0.5 * trace * np.eye(3) - inertia
-    moment = mass[..., None] * com
-    pseudo = np.zeros((*np.shape(mass), 4, 4))
-    pseudo[..., :3, :3] = spread + moment[..., :, None] * com[..., None, :]
-    pseudo[..., :3, 3] = pseudo[..., 3, :3] = moment
-    pseudo[..., 3, 3] = mass
-    return pseudo
 
 
 def log_cholesky(mass: ArrayLike, com: Array, inertia: Array) -> Array:
@@ -59,35 +52,18 @@ def principal(inertia: Array) -> tuple[Array, Array]:
     moments, axes = np.linalg.eigh(inertia)
     moments, axes = moments[..., ::-1], axes[..., ::-1]
     axes = axes * np.where(np.linalg.det(axes) < 0, -1.0, 1.0)[..., None, None]
-    return moments, _quaternion(axes)
+    turns = _rotations().from_matrix(axes.reshape(-1, 3, 3)).as_quat(scalar_first=True)
+    return moments, turns.reshape(*axes.shape[:-2], 4)
 
 
 def from_principal(moments: Array, quaternions: Array) -> Array:
     """(..., 3, 3) inertia of principal moments (..., 3) and the rotation to them, quaternions w-x-y-z (..., 4)."""
-    w, x, y, z = np.moveaxis(quaternions, -1, 0)
-    turn = np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
-    axes = np.moveaxis(turn, (0, 1), (-2, -1))
+    turns = _rotations().from_quat(quaternions.reshape(-1, 4), scalar_first=True).as_matrix()
+    axes = turns.reshape(*quaternions.shape[:-1], 3, 3)
     return (axes * moments[..., None, :]) @ np.swapaxes(axes, -1, -2)
 
 
-def _quaternion(rotation: Array) -> Array:
-    """(..., 4) w-x-y-z of rotation matrices (..., 3, 3).
+def _rotations() -> type[Rotation]:
+    from scipy.spatial.transform import Rotation  # a third of a second to load, and rarely needed
 
-    Four q q^T is linear in the matrix; of its rows the one with the largest diagonal divides by nothing small (Shepperd,
-    "Quaternion from rotation matrix", J. Guidance and Control 1(3), 1978).
-    """
-    m = np.moveaxis(rotation, (-2, -1), (0, 1))
-    outer = np.array([
-        [1 + m[0, 0] + m[1, 1] + m[2, 2], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
-        [m[2, 1] - m[1, 2], 1 + m[0, 0] - m[1, 1] - m[2, 2], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]],
-        [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], 1 - m[0, 0] + m[1, 1] - m[2, 2], m[1, 2] + m[2, 1]],
-        [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], 1 - m[0, 0] - m[1, 1] + m[2, 2]],
-    ])  # fmt: skip
-    rows = np.moveaxis(outer, (0, 1), (-2, -1))
-    largest = np.argmax(np.diagonal(rows, axis1=-2, axis2=-1), axis=-1)
-    row = np.take_along_axis(rows, largest[..., None, None], axis=-2)[..., 0, :]
-    return row / np.linalg.norm(row, axis=-1, keepdims=True)
+    return Rotation
