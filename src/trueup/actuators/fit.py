@@ -159,8 +159,9 @@ def spread(problem: Problem, slopes: Slopes) -> Array:
     curvature = x.T @ x
     between = B / (B - 1) * (pulls.T @ pulls)
     size = max(float(np.trace(between) / max(np.trace(curvature), TINY)), NEGLIGIBLE)
-    inverse = np.linalg.inv(curvature + size * 12.0 * np.eye(n))
-    return inverse @ (between + size**2 * 12.0 * np.eye(n)) @ inverse
+    guess = 12.0 * np.eye(n)  # its information
+    inverse = np.linalg.inv(curvature + size * guess)
+    return inverse @ (between + size**2 * guess) @ inverse
 
 
 def coarseness(problem: Problem, found: Found, slopes: Slopes) -> Array:

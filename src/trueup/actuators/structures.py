@@ -75,13 +75,13 @@ class Scales:
     @classmethod
     def of(cls, runs: Sequence[Run]) -> Scales:
         """From measured motion; speed and acceleration by differences over 40 ms, their 95 % quantiles."""
-        torques, asked, speeds, rates, most = [], [], [], [], 0.0
+        dt, torques, asked, speeds, rates, most = 0.02, [], [], [], [], 0.0
         for run in runs:
-            grid = np.arange(0.0, run.time[-1], 0.02)
+            grid = np.arange(0.0, run.time[-1], dt)
             q = np.interp(grid, run.time, run.position)
             told = run.command[run.given(grid)]
-            v = (q[2:] - q[:-2]) / 0.04
-            a = (q[2:] - 2.0 * q[1:-1] + q[:-2]) / 0.02**2
+            v = (q[2:] - q[:-2]) / (2.0 * dt)
+            a = (q[2:] - 2.0 * q[1:-1] + q[:-2]) / dt**2
             torques.append(run.bench.about_axis * a + run.bench.moment * np.sin(q[1:-1] - run.bench.hangs_at))
             asked.append(told - q)
             most = max(most, run.gain * float(np.max(np.abs(told - q))))

@@ -17,6 +17,7 @@ from trueup.engines.restricted import Restricted
 from trueup.engines.simulator import Simulator
 from trueup.errors import PlanError, RecordingError, unknown_name
 from trueup.recording import Recording
+from trueup.tracking.windows import LENGTH
 
 if TYPE_CHECKING:
     from trueup.engines.vehicle import BicycleSimulator, Vehicle
@@ -172,7 +173,7 @@ def in_windows(length: float) -> Suited:
 
 def drives(
     recordings: Sequence[Recording], simulator: Simulator, held_out: Sequence[Recording] = (),
-    progress: Callable[[TracePoint], None] | None = None, length: float = 6.0, most: int = 42,
+    progress: Callable[[TracePoint], None] | None = None, length: float = LENGTH, most: int = 42,
 ) -> Calibration:  # fmt: skip
     """Fits a vehicle that is commanded by speed to at most `most` windows of `length` s of its drives.
 

@@ -37,6 +37,7 @@ from trueup.loop.prepare import Preparation
 from trueup.loop.recalibrate import Earlier
 from trueup.recording import Recording
 from trueup.search.search import Search
+from trueup.tracking.windows import LENGTH
 from trueup.typed_toml import Component
 
 _ROLES = {
@@ -118,7 +119,7 @@ def _limited(plan: Plan, ready: Preparation) -> Preparation:
 def _suited(plan: Plan, ready: Preparation) -> Suited:
     """What makes recordings of the robot ready for the simulator that the plan names."""
     if plan.calibrate.method.type == "drives":
-        return in_windows(float(plan.calibrate.method.options.get("length", 6.0)))
+        return in_windows(float(plan.calibrate.method.options.get("length", LENGTH)))
     return ready.suited
 
 

@@ -24,6 +24,7 @@ from trueup.commands.sources import add_shared, given, step_of
 from trueup.formats.aside import write_aside
 from trueup.report.numbers import duration_text
 from trueup.report.picture import replay_picture
+from trueup.trial import STEP
 
 if TYPE_CHECKING:
     from trueup.actuators.experiment import Value
@@ -72,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ask", nargs="*", metavar="STRUCTURE",
                         help='ask about these structures only, by their names in the table ("dead band")')  # fmt: skip
     parser.add_argument(
-        "--step", type=step_of, default=0.002, metavar="S", help="integration step in s (default 0.002)"
+        "--step", type=step_of, default=STEP, metavar="S", help=f"integration step in s (default {STEP})"
     )
     parser.add_argument("--out", metavar="DIR", help="where to write actuator.py, actuator.xml and actuator.json")
     parser.add_argument(

@@ -26,7 +26,7 @@ from trueup.excitation.trajectories import Motions, Trajectory
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.effects import Effect
 from trueup.identification.estimation.consistent import NEAREST, prior_information
-from trueup.rounding import ROUNDED
+from trueup.rounding import ROUNDED, TINY
 
 _FRICTION = 0.05
 """Share of nominal torque that each friction of an industrial arm takes (at top speed, where it grows with speed)."""
@@ -125,7 +125,7 @@ def _deviations(criterion: Criterion, motions: Motions, seconds: float, density:
     M *= seconds / motions.q.shape[1]
     if weighed:
         M += NEAREST * 2.0 * _BAND * seconds * n * prior_information(model, model.nominal())[np.ix_(columns, columns)]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(M), np.finfo(float).tiny))
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(M), TINY))
     values, vectors = np.linalg.eigh(M * scale[:, None] * scale)
     place = {int(k): i for i, k in enumerate(base.independent)}
     grouping = np.pad(base.grouping, ((0, 0), (0, n)))[[place[int(k)] for k in criterion.independent]]
@@ -143,10 +143,8 @@ def _wide(criterion: Criterion, limits: JointLimits, seconds: float, density: Ar
 
 def as_motions(trajectory: Trajectory) -> Motions:
     """The trajectory thinned out, as a criterion takes it."""
-    most_samples = 3000
-    step = max(1, len(trajectory.time) // most_samples)
-    t = trajectory
-    return Motions(t.time[None, ::step], t.q[None, ::step], t.qd[None, ::step], t.qdd[None, ::step])
+    t = trajectory.thinned(3000)
+    return Motions(t.time[None], t.q[None], t.qd[None], t.qdd[None])
 
 
 def _typical(model: DynamicModel, torque: Array, limits: JointLimits) -> Array:

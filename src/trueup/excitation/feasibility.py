@@ -152,10 +152,7 @@ class Feasibility:
 
         As it is, where that does not help.
         """
-        step = max(1, len(motion.time) // _COARSE)
-        few = Trajectory(
-            motion.name, motion.joints, *(x[::step] for x in (motion.time, motion.q, motion.qd, motion.qdd))
-        )
+        few = motion.thinned(_COARSE)
         if self._strong(few.slower(_SLOWER[-1])):
             rate = (len(motion.time) - 1) / motion.duration
             for factor in _SLOWER:

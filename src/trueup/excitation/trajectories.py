@@ -82,6 +82,11 @@ class Trajectory:
         top = np.maximum(np.abs(self.qd).max(axis=0), ROUNDED)
         return bool((np.abs(self.qd[[0, -1]]) <= 1e-3 * top).all())
 
+    def thinned(self, most: int) -> Trajectory:
+        """Every so many-th of its samples, so that about `most` are left."""
+        step = max(1, len(self.time) // most)
+        return Trajectory(self.name, self.joints, *(x[::step] for x in (self.time, self.q, self.qd, self.qdd)))
+
     def slower(self, factor: float) -> Trajectory:
         """The same path in `factor` times the time: speeds fall by it, accelerations by its square."""
         time = self.time[0] + factor * (self.time - self.time[0])

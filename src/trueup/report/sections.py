@@ -30,7 +30,7 @@ from trueup.report.parts import (
     sentences,
     table,
 )
-from trueup.report.summary import SAME
+from trueup.report.summary import Score
 
 STRONG = 0.9
 """Pairs of estimates that correlate more are listed."""
@@ -137,7 +137,7 @@ def _crossed(crossed: tuple[CrossValidation, ...]) -> list[Markup]:
         return [empty("Not done in this calibration.")]
     scales = {u: scale_for(u, [c.rmse_after for c in crossed if c.unit == u]) for u in {c.unit for c in crossed}}
     rows = [_crossed_row(c, scales[c.unit]) for c in crossed]
-    worse = sum(c.rmse_after > c.rmse_before * (1 + SAME) for c in crossed)
+    worse = sum(_score(c).worse for c in crossed)
     text = "Each recording was replayed with a fit that never saw it."
     if any(math.isfinite(c.rmse_before) for c in crossed):
         came = f"{worse} of {len(crossed)} came out worse" if worse else "Every one came out no worse"
@@ -147,11 +147,14 @@ def _crossed(crossed: tuple[CrossValidation, ...]) -> list[Markup]:
 
 
 def _crossed_row(c: CrossValidation, scale: Scale) -> Markup:
-    worse = c.rmse_after > c.rmse_before * (1 + SAME) or (math.isnan(c.rmse_after) and math.isfinite(c.rmse_before))
     return tag(
         "tr",
         tag("th", c.recording, scope="row", class_="name", title=c.recording),
         cells(f"{scale.text(c.rmse_before)} {scale.unit}", kind="number before"),
         cells(f"{scale.text(c.rmse_after)} {scale.unit}", kind="number after"),
-        cells(ratio_text(c.rmse_after, c.rmse_before), kind="number worse" if worse else "number"),
+        cells(ratio_text(c.rmse_after, c.rmse_before), kind="number worse" if _score(c).worse else "number"),
     )
+
+
+def _score(c: CrossValidation) -> Score:
+    return Score(c.rmse_before, c.rmse_after, math.nan)

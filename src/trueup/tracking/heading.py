@@ -77,11 +77,10 @@ def turned_with(position: Channel, yaw_rate: Channel, good: Mask) -> Channel | N
     clock, rate = yaw_rate.time[known], yaw_rate.values[known, 0]
     angle = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(clock))])
     area = np.concatenate([[0.0], np.cumsum(0.5 * (angle[1:] + angle[:-1]) * np.diff(clock))])
-    noise = float(np.median(np.abs(np.diff(points, n=2, axis=0))))
     width = max(1, round(samples_in(_SPAN, time)))
     moved, lasted = points[width:] - points[:-width], time[width:] - time[:-width]
     way = np.linalg.norm(moved, axis=1)
-    usable = (way > max(_WAY, 4.0 * noise)) & (lasted < 3.0 * _SPAN + 0.5)
+    usable = (way > _telling(points)) & (lasted < 3.0 * _SPAN + 0.5)
     usable &= (time[:-width] >= clock[0]) & (time[width:] <= clock[-1])
     if usable.sum() < 50:
         return None
@@ -133,11 +132,8 @@ def aligned(position: Channel, heading: Channel, good: Mask) -> tuple[Channel, l
         sign, off = -1.0, float(np.angle(mirrored))
     if sign > 0.0 and (abs(off) < _WITHIN or abs(off) > np.pi - _WITHIN):  # as it should be, or driven backwards
         return heading, []
-    off = (
-        round(off / (0.5 * np.pi)) * 0.5 * np.pi
-        if abs(off - round(off / (0.5 * np.pi)) * 0.5 * np.pi) < _WITHIN
-        else off
-    )
+    quarters = round(off / (0.5 * np.pi)) * 0.5 * np.pi
+    off = quarters if abs(off - quarters) < _WITHIN else off
     sense = "grows to the right" if sign < 0.0 else "is turned"
     note = f"the heading {sense} and its zero is {np.degrees(off):.0f} deg from x: changed to that of the way driven"
     return heading.replace(values=sign * heading.values + off), [note]
@@ -148,11 +144,15 @@ def backing(position: Channel, heading: Channel, good: Mask) -> Mask:
     time, points, angle = position.time[good], position.values[good], heading.values[good, 0]
     back = np.zeros(len(good), dtype=bool)
     if len(time) > 2:
-        noise = float(np.median(np.abs(np.diff(points, n=2, axis=0))))
         moved, sure = _motion(time, points)
         along = np.cos(angle) * moved[:, 0] + np.sin(angle) * moved[:, 1]
-        back[good] = sure & (along < -max(_WAY, 4.0 * noise))
+        back[good] = sure & (along < -_telling(points))
     return back
+
+
+def _telling(points: Array) -> float:
+    """How far in m one of (T, 2) points must have gone to show a direction: farther than their noise could feign."""
+    return max(_WAY, 4.0 * float(np.median(np.abs(np.diff(points, n=2, axis=0)))))
 
 
 def _motion_until(time: Array, points: Array) -> tuple[Array, Mask]:
@@ -168,10 +168,9 @@ def _motion_until(time: Array, points: Array) -> tuple[Array, Mask]:
     fits = {width: _parabolas(time, points, width) for width in range(least, max(least, most) + 1)}
     width = min(fits, key=lambda w: float(np.median(fits[w][1][most - w :]))) if len(fits) > 1 else least
     velocity[width - 1 :] = fits[width][0]
-    noise = float(np.median(np.abs(np.diff(points, n=2, axis=0))))
     moved = np.linalg.norm(points[width - 1 :] - points[: 1 - width], axis=1)
     lasted = time[width - 1 :] - time[: 1 - width]
-    far[width - 1 :] = (moved > max(_WAY, 4.0 * noise)) & (lasted < 3.0 * width * usual_step(time))
+    far[width - 1 :] = (moved > _telling(points)) & (lasted < 3.0 * width * usual_step(time))
     return velocity, far
 
 

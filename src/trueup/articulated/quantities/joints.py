@@ -9,6 +9,9 @@ from trueup.articulated.laws import STRIBECK_SPEED, VaryingFriction
 from trueup.articulated.model import Model
 from trueup.articulated.quantities.quantity import Quantity, around, between, factor
 
+BANDWIDTH = 2.0 * np.pi * 5.0
+"""rad/s: servos of arms, hands and legs follow at some hertz."""
+
 
 def _servo_force(model: Model, joint: str, hinge: float, slide: float) -> float:
     """What the joint's servo pushes with, `hinge` rad or `slide` m away from its command; 0 where it has none."""
@@ -36,7 +39,7 @@ def _moved(model: Model, joint: str) -> float:
 
 def _springy(model: Model, joint: str) -> float:
     """Stiffness that holds the joint as its servo does, or lets it swing at 5 Hz by itself."""
-    return max(_servo_force(model, joint, 1.0, 1.0), _moved(model, joint) * (2.0 * np.pi * 5.0) ** 2)
+    return max(_servo_force(model, joint, 1.0, 1.0), _moved(model, joint) * BANDWIDTH**2)
 
 
 JOINTS = (

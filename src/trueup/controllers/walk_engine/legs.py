@@ -17,8 +17,10 @@ from trueup.errors import ModelError
 JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")
 """What a leg's joints do, in the order in which its angles are kept; the first may turn about any axis that is not level (a
 NAO's turns about yaw and pitch at once)."""
-_SPARED = (0, 5)  # that a leg may lack: then it cannot turn, or its sole cannot roll
-_AXES = (None, 0, 1, 1, 1, 0)  # of the joints of a leg, after the first: x for rolls, y for pitches
+AXES = np.eye(3)[[2, 0, 1, 1, 1, 0]]
+"""(6, 3) what they turn about: z for the yaw, x for rolls, y for pitches."""
+SPARED = {0: 2, 5: 1}
+"""Those that a leg may lack (then it cannot turn, or its sole cannot roll), to the joint beside which they would be."""
 _ALONG, _UPRIGHT = 0.9, 0.5  # cosines: what an axis is for, where it is not quite its own direction
 _BENT = 0.5  # rad that a knee must be able to bend
 _APART, _LEAN = 0.01, 0.02  # m, and of unit axes: what is nearer counts as meeting, or as along its direction
@@ -62,7 +64,8 @@ class Legs:
     @property
     def signs(self) -> Array:
         """(2, 6) -1 where a joint turns about -x (rolls) or -y (pitches), 0 where a leg lacks it."""
-        signs = np.array([[1.0, *(np.sign(axes[j, _AXES[j]]) for j in range(1, 6))] for axes in self.axes])
+        signs = np.sign(np.sum(self.axes * AXES, axis=2))
+        signs[:, 0] = 1.0
         return np.where([[bool(n) for n in names] for names in self.joints], signs, 0.0)
 
     @property
@@ -99,7 +102,7 @@ class Legs:
     def plain(self) -> bool:
         """Whether a closed form holds: yaw, roll and pitch meet in the hip, pitch and roll in the ankle, in this order."""
         along = np.where(self.signs == 0.0, 1.0, self.signs)
-        ideal = np.stack([self.axes[:, 0], *(along[:, j, None] * np.eye(3)[_AXES[j]] for j in range(1, 6))], axis=1)
+        ideal = np.concatenate([self.axes[:, :1], along[:, 1:, None] * AXES[1:]], axis=1)
         ends = np.stack([self.hips] * 4 + [self.ankles] * 2, axis=1)
         away = np.linalg.norm(np.cross(ends - self.anchors, self.axes), axis=2)
         away[:, 3] = 0.0  # a knee lies between
@@ -159,7 +162,7 @@ def roles(model: str, names: Sequence[str], axes: Array) -> tuple[int, ...]:
         above, below = k < pitches[1], k > pitches[1]
         places = {"pitch": 2 + pitches.index(k) if k in pitches else -1, "roll": 1 if above else 5 if below else -1}
         out.append(places.get(kind, 0 if kind == "yaw" and above else -1))
-    lacking = [JOINTS[j] for j in range(len(JOINTS)) if j not in out and j not in _SPARED]
+    lacking = [JOINTS[j] for j in range(len(JOINTS)) if j not in out and j not in SPARED]
     if lacking or -1 in out or len(set(out)) < len(out):
         why = f"lacks a {lacking[0]}" if lacking else "has other joints than a walk knows"
         raise ModelError(

@@ -21,6 +21,7 @@ from trueup.engines.dart.sensors import offered
 from trueup.engines.mujoco import model as files
 from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.errors import MissingExtraError, unknown_name
+from trueup.trial import STEP
 
 if TYPE_CHECKING:
     from trueup.engines.dart.copies import DartCopies
@@ -107,9 +108,6 @@ def of(model: files.Model) -> DartModel:
     return DartModel(model)
 
 
-def simulator(
-    model: DartModel, lines: Sequence[Declaration] = (), *, extra: Mapping[str, Sequence[str]] | None = None,
-    step: float = 0.002,
-) -> ArticulatedSimulator:  # fmt: skip
+def simulator(model: DartModel, lines: Sequence[Declaration] = (), *, step: float = STEP) -> ArticulatedSimulator:
     """The simulator of a model with declared parameters. `step` in s is that of commands; DART's own is shorter."""
-    return ArticulatedSimulator(model, *declare(model, lines, extra), step=step)
+    return ArticulatedSimulator(model, *declare(model, lines), step=step)

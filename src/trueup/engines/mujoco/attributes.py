@@ -103,11 +103,12 @@ def _access(attribute: str) -> _Access:
     return _ACCESS[attribute]
 
 
-def _field(name: str, *column: int, of_joint: bool = False) -> _Access:
-    """One number (or all) of a field at an element; at the dof of a joint."""
+def _field(name: str, *column: int) -> _Access:
+    """One number (or all) of a field at an element; at the dof or the position of a joint, where fields are of these."""
 
     def place(a: MujocoAttributes, i: int) -> tuple[slice | int, ...]:
-        return (slice(None), int(a.model.jnt_dofadr[i]) if of_joint else i, *column)
+        at = {"dof": a.model.jnt_dofadr, "qpos": a.model.jnt_qposadr}.get(name.partition("_")[0])
+        return (slice(None), i if at is None else int(at[i]), *column)
 
     def read(a: MujocoAttributes, i: int) -> Array:
         return np.array(a.fields.expand(name)[place(a, i)])
@@ -205,14 +206,6 @@ def _stop(side: int) -> _Access:
     return _Access(lambda a, i: whole.read(a, i) if a.model.jnt_limited[i] else far, whole.write)
 
 
-def _read_rest(a: MujocoAttributes, i: int) -> Array:
-    return np.array(a.fields.expand("qpos_spring")[:, int(a.model.jnt_qposadr[i])])
-
-
-def _write_rest(a: MujocoAttributes, i: int, values: Array) -> None:
-    a.fields.expand("qpos_spring")[:, int(a.model.jnt_qposadr[i])] = values
-
-
 def _slides(m: mujoco.MjModel, joint: int) -> float:
     return float(joint >= 0 and m.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE)
 
@@ -263,13 +256,13 @@ def _write_gravity(a: MujocoAttributes, i: int, values: Array) -> None:
 
 _OF_DOFS = {"joint.friction": "dof_frictionloss", "joint.damping": "dof_damping", "joint.armature": "dof_armature"}
 _ACCESS: Mapping[str, _Access] = {
-    **{attribute: _field(field, of_joint=True) for attribute, field in _OF_DOFS.items()},
-    "joint.damping_quadratic": _field("dof_dampingpoly", 0, of_joint=True),
+    **{attribute: _field(field) for attribute, field in _OF_DOFS.items()},
+    "joint.damping_quadratic": _field("dof_dampingpoly", 0),
     "joint.creep": _Access(_read_creep, _write_creep),
     **dict.fromkeys(("joint.backlash", "joint.gear_backlash"), _second(gears.read_gap, gears.write_gap)),
     "joint.gear_compliance": _second(gears.read_compliance, gears.write_compliance),
     "joint.spring": _field("jnt_stiffness"),
-    "joint.spring_rest": _Access(_read_rest, _write_rest),
+    "joint.spring_rest": _field("qpos_spring"),
     "joint.stop_lower": _stop(0),
     "joint.stop_upper": _stop(1),
     "joint.inertia": _only(lambda m, i: m.dof_M0[m.jnt_dofadr[i]]),

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.controllers.walk_engine.legs import JOINTS, Biped, Legs, roles
+from trueup.controllers.walk_engine.legs import AXES, JOINTS, SPARED, Biped, Legs, roles
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.humanoid import check_servos
 from trueup.engines.mujoco.model import Model
@@ -32,10 +32,10 @@ def biped_of(model: Model, left: Sequence[str], right: Sequence[str]) -> Biped:
     found = [roles(model.name, side, a) for side, a in zip(sides, (axes[: len(left)], axes[len(left) :]), strict=True)]
     if found[0] != found[1]:
         raise ModelError(f"the legs of model '{model.name}' differ: {', '.join(sides[0])}; {', '.join(sides[1])}")
-    own, (lines, points) = list(found[0]), _LACKED
-    whole_axes, whole_anchors = np.tile(lines, (2, 1, 1)), np.zeros((2, len(JOINTS), 3))
+    own = list(found[0])
+    whole_axes, whole_anchors = np.tile(AXES, (2, 1, 1)), np.zeros((2, len(JOINTS), 3))
     whole_axes[:, own], whole_anchors[:, own] = axes.reshape(2, -1, 3), anchors.reshape(2, -1, 3)
-    for lacked, at in points.items():
+    for lacked, at in SPARED.items():
         if lacked not in own:
             whole_anchors[:, lacked] = whole_anchors[:, at]
     named = [[side[own.index(j)] if j in own else "" for j in range(len(JOINTS))] for side in sides]
@@ -75,10 +75,6 @@ def inertial(model: Model) -> dict[str, tuple[str, Array]]:
         site = data.site_xmat[int(m.sensor_objid[names[name]])].reshape(3, 3)
         found[kind] = (name, np.round(base.T @ site, 12))
     return found
-
-
-_LACKED = (np.eye(3)[[2, 0, 1, 1, 1, 0]], {0: 2, 5: 1})
-"""Axes of joints that a leg lacks, and beside which it would have them."""
 
 
 def _ordered(model: Model, joints: Sequence[str]) -> list[str]:

@@ -29,7 +29,7 @@ from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import ModelError
 from trueup.parameters import ParameterSpace, concatenate
 from trueup.recording import Recording, is_command
-from trueup.trial import Trial, command_of
+from trueup.trial import STEP, Trial, command_of
 
 
 class MujocoSimulator:
@@ -42,7 +42,7 @@ class MujocoSimulator:
 
     def __init__(
         self, model: Model, space: ParameterSpace | None = None, quantities: Sequence[Assignment] = (), *,
-        step: float = 0.002, threads: int | None = None, controller: ControllerFactory | None = None,
+        step: float = STEP, threads: int | None = None, controller: ControllerFactory | None = None,
         controller_parameters: ParameterSpace | None = None, gains: Gains | None = None,
     ) -> None:  # fmt: skip
         own = space if space is not None else ParameterSpace(())

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.arrays import Array
+from trueup.articulated.quantities.joints import BANDWIDTH
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.wiring import is_motor, joint_id
 from trueup.recording import Recording
 from trueup.rounding import ROUNDED
 
-_BANDWIDTH = 2.0 * np.pi * 5.0  # rad/s: servos of arms, hands and legs follow at some hertz
 _SAG = 0.02  # rad or m: what a servo gives way under the robot's own weight, at most
 _ROTOR = 0.1  # share of the inertia that a drive moves; files without rotor inertia have none at all
 _SMALLEST = 0.1  # share of the largest inertia below which none is believed: drives of one robot are alike
@@ -36,7 +36,7 @@ def add_servos(spec: mujoco.MjSpec, model: Model, joints: Sequence[str], recordi
         if joint.armature == 0.0:
             joint.armature = _ROTOR * moved
             moved *= 1.0 + _ROTOR
-        stiffness = max(moved * _BANDWIDTH**2, held / _SAG)
+        stiffness = max(moved * BANDWIDTH**2, held / _SAG)
         damping = 2.0 * float(np.sqrt(stiffness * moved))
         joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_FALSE, [0.0, 0.0]  # the servo has it now
         _servo(spec, model, name, stiffness, damping if np.isfinite(force) else 0.0, force)
