@@ -22,6 +22,7 @@ _UNITS: Mapping[str, tuple[str, float, float]] = MappingProxyType(
     {
         "": ("", 1.0, 0.0),
         "%": ("", 0.01, 0.0),
+        "permille": ("", 0.001, 0.0),
         "s": ("s", 1.0, 0.0),
         "ms": ("s", 1e-3, 0.0),
         "us": ("s", 1e-6, 0.0),
@@ -139,6 +140,7 @@ _SPELLINGS: Mapping[str, str] = MappingProxyType(
         "°c": "degC",
         "kelvin": "K",
         "percent": "%",
+        "‰": "permille",
     }
 )
 

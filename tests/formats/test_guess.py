@@ -237,3 +237,11 @@ def test_the_left_leg_is_not_taken_for_the_right_one(tmp_path: Path) -> None:
 def test_degrees_beside_revolutions_a_minute_are_told_by_one_another(tmp_path: Path) -> None:
     channels = swing(tmp_path, "t,motor_angle,motor_speed", 40.0, 40.0 / 6.0).channels
     assert (channels["position"].unit, channels["velocity"].unit) == ("deg", "rpm")
+
+
+def test_efforts_that_are_whole_numbers_are_not_taken_for_newton_metres(tmp_path: Path) -> None:
+    t = np.arange(0.0, 4.0, 0.02)
+    for effort, unit in ((np.round(90.0 * np.cos(t)), ""), (90.0 * np.cos(t), "N m")):
+        table = np.column_stack([t, np.sin(t), effort])
+        np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="t,hip_position,hip_effort", comments="")
+        assert formats.guess_mapping(tmp_path / "log.csv").channels["torque"].unit == unit

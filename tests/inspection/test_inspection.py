@@ -185,6 +185,23 @@ def test_a_torque_without_sign_is_suspected() -> None:
     assert any("size without a sign" in sentence for sentence in inspect(unsigned).suspicions)
 
 
+def test_efforts_that_are_whole_numbers_are_hardly_newton_metres() -> None:
+    effort = np.round(80.0 * speed())
+    whole = inspect(recording(channel("position", angle()), channel("torque", effort, unit="N m"))).findings()
+    assert any("nothing but whole numbers" in f for f in whole)
+    real = inspect(recording(channel("position", angle()), channel("torque", effort + 0.25, unit="N m"))).findings()
+    assert not any("whole numbers" in f for f in real)
+
+
+def test_a_load_whose_direction_is_a_bit_is_said_to_be() -> None:
+    load = np.round(200.0 * speed())
+    coded = np.where(load < 0.0, 1024.0 - load, load)
+    assert any(
+        "which way (1024 + 5 is -5)" in f for f in inspect(recording(channel("load", coded, unit=""))).findings()
+    )
+    assert not any("which way" in f for f in inspect(recording(channel("load", load, unit=""))).findings())
+
+
 def test_what_the_reader_left_out_is_among_the_findings() -> None:
     warned = sound().replace(provenance={"warnings": "the last line was dropped", "guesses": "taken as rad"})
     assert inspect(warned).findings() == ("the last line was dropped",)

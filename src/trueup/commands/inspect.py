@@ -233,7 +233,8 @@ def _line(channel: ChannelInspection) -> str:
     if channel.name in SETTINGS:
         return escape(f"{_span(channel)}, settings of the servos   [{_listed(channel)}]")
     units = channel.units or (channel.unit,) * len(channel.labels)
-    said = [f"{units.count(u)} x {u or 'unit unknown: say it in the mapping'}" for u in dict.fromkeys(units)]
+    none = "of what it is rated for" if channel.name == "load" else "unit unknown: say it in the mapping"
+    said = [f"{units.count(u)} x {u or none}" for u in dict.fromkeys(units)]
     parts = [" and ".join(said)]
     same = [u == channel.unit for u in units]  # a step in m says nothing of one in rad
     steps = [g for g, usual in zip(channel.grid, same, strict=True) if g and usual]

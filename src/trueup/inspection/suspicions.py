@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from trueup.arrays import Mask
 from trueup.inspection.relations import factor, nearest, rate
 from trueup.inspection.turns import turning_on
 from trueup.recording import Channel, Recording
@@ -39,6 +40,8 @@ def suspicions(recording: Recording) -> Iterator[str]:
     """Sentences about units and signs that cannot be right, and what to write into the mapping."""
     yield from _too_large(recording)
     yield from _unsigned(recording)
+    yield from _whole(recording)
+    yield from _sign_bits(recording)
     yield from _ratios(recording)
     yield from _wraps(recording)
 
@@ -75,6 +78,40 @@ def _unsigned(recording: Recording) -> Iterator[str]:
                 f"{name}: no value is ever negative though joints move both ways ({', '.join(moving)}), so this seems "
                 "to be a size without a sign. Do not fit it as it stands"
             )
+
+
+def _whole(recording: Recording) -> Iterator[str]:
+    """Torques that are whole numbers: ROS drivers of servos give their load, or a current, as an effort."""
+    several = 10  # a signal with fewer distinct values is a switch, or an example
+    torque = recording.channels.get("torque")
+    if torque is None or torque.unit != "N m":
+        return
+    known = np.unique(torque.values[np.isfinite(torque.values)])
+    if len(known) > several and bool(np.all(known == np.round(known))):
+        yield (
+            f"torque: nothing but whole numbers, which reach {np.abs(known).max():g}: hardly N m, but the load of servos in "
+            "percent, or a current in mA? Call the channel load, or current, in the mapping"
+        )
+
+
+def _sign_bits(recording: Recording) -> Iterator[str]:
+    """Whole numbers of which a bit is the direction: they jump by about that bit from where they are small."""
+    for name, bit in ((name, bit) for name in ("load", "torque", "current", "velocity") for bit in (1024.0, 32768.0)):
+        channel = recording.channels.get(name)
+        if channel is None or channel.unit or np.any(channel.values != np.round(channel.values), where=_known(channel)):
+            continue
+        low, high = (f(channel.values[:-1], channel.values[1:]) for f in (np.minimum, np.maximum))
+        crossing = (low >= 0.0) & (low < bit) & (high >= bit) & (high < 2.0 * bit)
+        lowest = np.fmin.reduce(channel.values, axis=None)
+        if lowest >= 0.0 and crossing.any() and np.median((low + high - bit)[crossing]) < 0.5 * bit:
+            yield (
+                f"{name}: whole numbers that jump between 0 and {bit:g}, as of servos that say by a bit which way "
+                f"({bit:g} + 5 is -5). Take it out before: x if x < {bit:g} else {bit:g} - x"
+            )
+
+
+def _known(channel: Channel) -> Mask:
+    return np.isfinite(channel.values)
 
 
 def _both_ways(velocity: Channel, label: str) -> bool:

@@ -98,6 +98,8 @@ def _proposal(column: Column, named: Named | None, several: bool) -> Proposal:
     if not reading.joint or (context is not None and not context.joint) or (named is None and of_base(column)):
         return own(column)
     kind, command, sent = reading.kind, reading.command, reading.sent
+    if kind == "torque" and not command and (reading.unit or column.declared) in joints.SHARES.values():
+        kind = "load"  # of what a drive is rated for, which nothing here knows in N m
     if context is not None:
         kind, sent = kind or context.kind, sent or context.sent
         command = command or (context.command and not context.measured)

@@ -77,7 +77,17 @@ RULES = (
         ),
         unit="A",
     ),
-    Rule("load", "load, loads", (Example("t,present_load", "0 1|.1 2|.2 3", "load[] joint_1"),)),
+    Rule(
+        "load", "load, loads",
+        (
+            Example("t,present_load", "0 1|.1 2|.2 3", "load[] joint_1"),
+            Example("t,q_hip,torque_percent_hip", "0 .1 10|.1 .2 20|.2 .3 30", "position[rad] hip; load[%] hip"),
+            Example("t,hip_pos,hip_effort_pct", "0 .1 10|.1 .2 20|.2 .3 30", "position[rad] hip; load[%] hip"),
+            Example("t,q_1,q_2,Torque_1 [%],Torque_2 [%]", "0 .1 .1 10 9|.1 .2 .1 20 9|.2 .3 .1 30 9",
+                    "position[rad] joint_1 joint_2; load[%] joint_1 joint_2"),
+        ),
+        also=("",),
+    ),
     Rule("voltage", "voltage, voltages, volt, volts",
          (Example("t,motor_voltage_V", "0 12|.1 11|.2 12", "voltage[V] voltage"),), unit="V"),
     Rule("temperature", "temperature, temperatures, temp, temps",
@@ -109,6 +119,10 @@ _GAINS = sorted(
     key=lambda gain: -len(gain[0]),
 )
 """The words of a gain, and its kind, the longest first."""
+SHARES = MappingProxyType(
+    {**dict.fromkeys(("percent", "pct", "perc"), "%"), "permille": "permille", "promille": "permille"}
+)
+"""Words of a share of what a drive is rated for, as a unit."""
 _RATES = MappingProxyType({"dot": "velocity", "ddot": "acceleration"})
 """Words that make a rate of change of what stands before them: q_dot, theta_ddot."""
 ENCODERS = listed("encoder encoders enc counts ticks")
@@ -228,6 +242,10 @@ def _unit(name: Name, kind: str) -> tuple[str, range]:
     """The unit that a name says, and the words that say it, where it is one of the kind."""
     if name.bracketed:
         return name.bracketed, range(0)
+    if kind in ("torque", "current", "load"):
+        for i, word in enumerate(name.words):
+            if word in SHARES:
+                return SHARES[word], range(i, i + 1)
     if name.tail and kind and BY_KIND[kind].fits(to_si(name.tail)[0]):
         return name.tail, name.tail_words
     return "", range(0)

@@ -130,6 +130,12 @@ class Sizes:
                 )
             else:
                 self.notes.append(f"{name}: unit unknown; it is {per_si:.3g} times the rate of the positions in rad/s")
+        elif name == "torque" and all(_counted(column) for column in self.groups[name]):
+            largest = max(column.largest for column in self.groups[name])
+            self.notes.append(
+                f"torque: unit unknown; whole numbers that reach {largest:.4g} are no N m, but a servo's load in percent "
+                "or its current in mA: call the channel load, or current, in the mapping"
+            )
         elif of_known and position is not None and position.unit == "rad":
             self.channels[name] = replace(channel, unit=usual)
             self.notes.append(f"{name}: taken as {usual}; say so if it is anything else")
@@ -163,6 +169,12 @@ def _are_counts(measured: Sequence[Column]) -> bool:
 
 def _whole(column: Column) -> bool:
     return bool(column.known.size) and bool(np.all(column.known == np.round(column.known)))
+
+
+def _counted(column: Column) -> bool:
+    """Whether a signal only has whole numbers, of more than a few kinds."""
+    several = 10  # a signal with fewer distinct values is a switch, or an example
+    return _whole(column) and len(np.unique(column.known)) > several
 
 
 def speed_of(column: Column, time: TimeColumn) -> tuple[Array, Array]:
