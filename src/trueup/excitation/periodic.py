@@ -20,7 +20,7 @@ from trueup.excitation.cell import Cell
 from trueup.excitation.inverse_kinematics import REACHED
 from trueup.excitation.limits import JointLimits
 from trueup.excitation.trajectories import Motions, Trajectory
-from trueup.rounding import ROUNDED
+from trueup.rounding import ROUNDED, TINY
 
 _RESYNC = 64
 """Steps after which a rotating phase is computed anew, before rounding shows."""
@@ -153,7 +153,7 @@ class Fourier:
         for basis, most in zip(self._bases(12 * self.harmonics), allowed, strict=True):
             share = (c @ basis.T) / np.broadcast_to(most, c.shape[:2])[..., None]
             used += ((share * share) ** (power // 2)).sum(axis=-1)
-        return np.maximum(used, np.finfo(float).tiny) ** (-1.0 / power)
+        return np.maximum(used, TINY) ** (-1.0 / power)
 
     def _bases(self, samples: int) -> tuple[Array, Array, Array]:
         """(samples, 2 H) what the coefficients are multiplied with for q (of mean zero), qd, qdd."""

@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike
 
 from trueup.arrays import Array, Integers
 from trueup.errors import ModelError
-from trueup.rounding import ROUNDED
+from trueup.rounding import PRINTED, ROUNDED
 
 _SMALL = 3e-3  # a column of which less than this is left outside the others says nothing that torque could tell
-_NOTHING = 1e-6  # below this there is nothing to tell apart any more
 _CLEAR = 1e1  # the smallest fall between pivots that settles a rank
 
 
@@ -133,7 +132,8 @@ def _rank(R: Array) -> tuple[int, float, float]:
     """
     pivots = np.abs(np.diag(scipy.linalg.qr(R, mode="r", pivoting=True)[0]))
     pivots = np.append(pivots[pivots > 0.0], np.finfo(float).eps / 100.0)
-    falls = (pivots[1:] < _SMALL) & (pivots[:-1] >= _CLEAR * pivots[1:]) & (pivots[:-1] > _NOTHING)
+    # Below what numbers in a file are rounded to there is nothing to tell apart any more.
+    falls = (pivots[1:] < _SMALL) & (pivots[:-1] >= _CLEAR * pivots[1:]) & (pivots[:-1] > PRINTED)
     rank = int(np.argmax(falls)) + 1
     if not falls.any():
         raise ModelError(

@@ -21,7 +21,6 @@ Element = ElementTree.Element
 _PREFIX = re.compile(rb"<([A-Za-z_][\w.-]*):|\s([A-Za-z_][\w.-]*):[\w.-]+\s*=")
 _BROKEN = (ElementTree.ParseError, UnicodeDecodeError, ValueError, LookupError)
 _WATER = 1000.0  # kg/m3: a body of which only the mass is known is taken for a ball of this density
-_LEAST = 1e-9  # kg m2: a frame that somebody gave a mass of a microgram still turns
 _THIN = 1e-3  # least principal moment of inertia, as a share of the largest: a needle
 
 
@@ -90,7 +89,8 @@ def mend_inertias(root: Element) -> list[str]:
         if written is None or np.abs(tensor).max() < NEGLIGIBLE:
             written = ElementTree.SubElement(inertial, "inertia") if written is None else written
             radius = (3.0 * mass / (4.0 * math.pi * _WATER)) ** (1.0 / 3.0)
-            _write(written, max(0.4 * mass * radius**2, _LEAST) * np.eye(3))
+            # A frame that somebody gave a mass of a microgram still turns.
+            _write(written, max(0.4 * mass * radius**2, ROUNDED) * np.eye(3))
             without.append(link.get("name", "?"))
             continue
         possible = _possible(tensor)

@@ -17,6 +17,7 @@ from trueup.recording import Recording
 from trueup.report.drawing import LINE, SAMPLES
 from trueup.report.markup import Markup, join, tag
 from trueup.report.plots import AFTER, BEFORE, FAINT, Plot, span
+from trueup.rounding import TINY
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def _map(track: Track) -> Markup:
     points = [(_thin(r.channel("position").select(("x", "y")).values), c) for r, c in lines]
     everything = np.concatenate([p for p, _ in points])
     wide, high = (float(np.nanmax(everything[:, k]) - np.nanmin(everything[:, k])) for k in (0, 1))
-    height = int(np.clip(58 + 760 * high / max(wide, np.finfo(float).tiny), 160, 560))
+    height = int(np.clip(58 + 760 * high / max(wide, TINY), 160, 560))
     plot = Plot(span(everything[:, 0]), span(everything[:, 1]), "x, m", "y, m", width=860, height=height, equal=True)
     if track.wanted is not None:
         plot.line([(float(a), float(b)) for a, b in _thin(track.wanted)], FAINT, width=3 * LINE)

@@ -10,6 +10,7 @@ from trueup.calibration import Replay
 from trueup.report.drawing import EDGE, FOOT, HEAD, LINE, SAMPLES, WIDTH, Box, document, ruler, stroke, title, words
 from trueup.report.marks import nice_marks
 from trueup.report.markup import Markup, join, tag
+from trueup.rounding import TINY
 
 _NUMBERS, _STRIP = 56, 110
 """Pixels left of the error's axes, for numbers; of one error over time, with its title."""
@@ -46,7 +47,7 @@ def _view(seen: Array, ways: list[tuple[str, Array]]) -> tuple[Markup, float]:
     room = (high - low).max() / 4  # by so much predictions may leave the way and still be seen
     low = np.fmax(np.fmin.reduce([low, *(np.nanmin(p, axis=0) for _, p in ways)]), low - room)
     high = np.fmin(np.fmax.reduce([high, *(np.nanmax(p, axis=0) for _, p in ways)]), high + room)
-    size = np.maximum(high - low, np.finfo(float).tiny)
+    size = np.maximum(high - low, TINY)
     scale = float(min((WIDTH - 2 * _NUMBERS) / size[0], (_HIGHEST - HEAD) / size[1]))
     height = max(_LOWEST, scale * float(size[1]) + HEAD)
     left, bottom = (WIDTH - scale * float(size[0])) / 2, HEAD + height - HEAD / 2

@@ -16,6 +16,7 @@ from trueup.errors import ParameterError, unknown_name
 from trueup.parameters import ParameterSpace
 from trueup.paths import Path
 from trueup.recording import Channel
+from trueup.rounding import PRINTED
 from trueup.trial import Observed, Trial
 
 POINTS = ("front", "rear")
@@ -27,7 +28,6 @@ LOST = 1.0
 A run that ends a hand's breadth before the path does is about as good as one that does not, and costs about as much.
 """
 
-_LEAST = 1e-6  # m: no path is followed more closely, as far as a mean of logarithms is concerned
 _SLACK = 1.0 / 0.7
 """A robot that is as slow as a calibration reckons with (`wheel_scale`) still arrives: what it has not reached counts as
 lost, so that gains would be tuned for being early."""
@@ -78,7 +78,7 @@ class FollowPath:
     def score(self, rollouts: Sequence[Rollout]) -> Array:
         """(b,) in m, NaN where a simulation failed. See Task.score."""
         each = [self.errors(r, p) for r, p in zip(rollouts, self.paths, strict=True)]
-        return each[0] if len(each) == 1 else np.exp(np.mean(np.log(np.maximum(each, _LEAST)), axis=0))
+        return each[0] if len(each) == 1 else np.exp(np.mean(np.log(np.maximum(each, PRINTED)), axis=0))
 
     def errors(self, rollout: Rollout, path: Path) -> Array:
         """(b,) distance from one path, in m."""

@@ -20,7 +20,7 @@ from trueup.controllers.walk_engine.requests import TARGETS, targets
 from trueup.ends import End, Fallen, Left
 from trueup.engines.simulator import Rollout
 from trueup.parameters import ParameterSpace
-from trueup.rounding import SAME_INSTANT
+from trueup.rounding import PRINTED, SAME_INSTANT
 from trueup.trial import Observed, Trial
 
 PLACE, ANGLES = "base_position", "base_orientation"
@@ -280,7 +280,7 @@ def passing(shares: Array) -> Array:
     Sway that wanders like normal noise passes `tips` with exp(-tip^2 / (2 deviation^2)) a step (S. O. Rice, Bell System
     Technical Journal 24, 1945, section 3.3).
     """
-    return -np.expm1(-_STEPS * np.exp(-0.5 / np.maximum(shares, 1e-6)))
+    return -np.expm1(-_STEPS * np.exp(-0.5 / np.maximum(shares, PRINTED)))
 
 
 def fell(rollout: Rollout) -> Mask:

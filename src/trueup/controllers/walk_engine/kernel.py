@@ -7,6 +7,7 @@ import math
 
 from trueup.arrays import Array
 from trueup.compiled import njit
+from trueup.rounding import PRINTED
 
 
 @njit(cache=True, nogil=True)
@@ -22,7 +23,7 @@ def joint_angles(
         l2, shank = math.hypot(shanks[side, 0], shanks[side, 1]), math.atan2(shanks[side, 0], -shanks[side, 1])
         for row in range(len(out)):
             yaw, roll, pitch = yaws[row, side], rolls[row, side], pitches[row, side]
-            d = min(max(lengths[row, side], abs(l1 - l2) + 1e-6), l1 + l2 - 1e-6)
+            d = min(max(lengths[row, side], abs(l1 - l2) + PRINTED), l1 + l2 - PRINTED)
             bend = math.acos(_cut((d * d - l1 * l1 - l2 * l2) / (2.0 * l1 * l2)))
             before = math.asin(_cut(l2 * math.sin(bend) / d))  # between thigh and the line to the ankle
             if l1 + l2 * math.cos(bend) < 0.0:

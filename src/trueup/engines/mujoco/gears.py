@@ -8,7 +8,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.engines.mujoco.fields import Fields
-from trueup.rounding import ROUNDED
+from trueup.rounding import PRINTED, ROUNDED
 
 SLACK = "/slack"
 SECOND = {"slack": SLACK, "gear": "/gear"}
@@ -25,7 +25,7 @@ def add_second(spec: mujoco.MjSpec, name: str, kind: str, inertia: float) -> Non
     gap = joint.parent.add_joint()
     gap.name = name + SECOND[kind]
     gap.type, gap.axis, gap.pos = joint.type, joint.axis, joint.pos
-    gap.limited, gap.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-1e-6, 1e-6]
+    gap.limited, gap.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-PRINTED, PRINTED]
     gap.frictionloss, gap.stiffness = 0.0, [0.0, 0.0, 0.0]
     if kind == "gear":
         rate = 1.0 / spec.option.timestep
@@ -40,7 +40,7 @@ def add_second(spec: mujoco.MjSpec, name: str, kind: str, inertia: float) -> Non
 
 def write_gap(model: mujoco.MjModel, fields: Fields, joint: int, values: Array) -> None:
     """Gaps (b,) end to end, rad."""
-    half = np.maximum(0.5 * values, 1e-6)
+    half = np.maximum(0.5 * values, PRINTED)
     ranges = fields.expand("jnt_range")[:, joint]
     ranges[:, 0], ranges[:, 1] = -half, half
 

@@ -13,7 +13,7 @@ from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.vehicle import DRIVES, PURSUED, TURNED, Vehicle
 from trueup.errors import CalibrationError, RecordingError
 from trueup.recording import Channel, Recording
-from trueup.rounding import ROUNDED
+from trueup.rounding import PRINTED, ROUNDED
 from trueup.tracking.cleaned import cleaned
 from trueup.tracking.commands import COMMAND, MOST, driven_by, told_to_turn, turned_on_the_spot
 
@@ -86,6 +86,6 @@ def _middle_and_full(commands: Sequence[Channel], label: str) -> tuple[float, fl
 
 def _rounded(values: Array) -> float:
     """The next of 1, 2, 5, 10 ... of the largest value."""
-    largest = max(float(np.nanmax(np.abs(values))), 1e-6)
+    largest = max(float(np.nanmax(np.abs(values))), PRINTED)
     ten = 10.0 ** np.floor(np.log10(largest))
     return float(next(n * ten for n in (1.0, 2.0, 5.0, 10.0) if n * ten >= largest * (1.0 - ROUNDED)))

@@ -17,6 +17,7 @@ from trueup.identification.estimation.result import (
     rmse,
 )
 from trueup.identification.inertial import NAMES
+from trueup.rounding import TINY
 
 
 def numbers_of(result: Identification, delivered: Sequence[Deliverable] = ()) -> dict[str, Any]:
@@ -90,7 +91,7 @@ def _deliverable(d: Deliverable, joints: Sequence[str]) -> dict[str, Any]:
         },
         "by_log": [
             {"recording": e.recording, "held_out": e.held_out,
-             "relative_error": float(np.sqrt(e.squares.sum() / max(e.power.sum(), np.finfo(float).tiny))),
+             "relative_error": float(np.sqrt(e.squares.sum() / max(e.power.sum(), TINY))),
              "rmse_by_joint": np.sqrt(e.squares / max(e.count, 1)).tolist()}
             for e in d.errors
         ],

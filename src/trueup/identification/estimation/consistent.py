@@ -13,7 +13,7 @@ from trueup.errors import IdentificationError
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.estimation.moments import Normal
 from trueup.identification.inertial import NAMES, from_pseudo_inertia, pseudo_inertia
-from trueup.rounding import NEGLIGIBLE, ROUNDED
+from trueup.rounding import NEGLIGIBLE, PRINTED, ROUNDED
 
 _MARGIN = 1e-4
 """The least second moment, as a share of a link's natural size: simulators want inertias above zero."""
@@ -26,8 +26,6 @@ PULL = 1e-4
 NEAREST = 100.0 * PULL
 """The strongest that fits try: it stays where no weaker one is clearly better, as where the file is off by a fifth."""
 _FIRST, _NEAR, _COOLING, _ROUGH, _EXACT = 0.1, 1e-3, 0.1, 0.3, 1e-3
-_LEAST_ERROR = 1e-6
-"""Of the squared torque: exact logs have no error left to compare with."""
 _ROTOR = 10.0
 """Times a link's mass times its squared length: how large rotors may be, seen from the joint, where the file has none."""
 _BASIS = pseudo_inertia(np.eye(len(NAMES)))  # (10, 4, 4)
@@ -70,7 +68,8 @@ def consistent_fit(
     held = np.ones(len(more), dtype=bool)
     held[: len(rotors)] = [d not in lagging for d in drives]
     barrier = _Barrier.of(model, prior, held, more)
-    least = max(problem.least(), _LEAST_ERROR * float(normal.square))
+    # Exact logs have no error left to compare with.
+    least = max(problem.least(), PRINTED * float(normal.square))
     starts = [(barrier.start, _FIRST)]
     if near is not None:
         starts.insert(0, (barrier.inside(_joined(model, near.parameters)[bodies]), _NEAR))
@@ -186,7 +185,7 @@ class _Barrier:
 
     def inside(self, x: Array) -> Array:
         """Bodies near `x` that are possible."""
-        x = np.where(self.held, np.maximum(x, 1e-6 * self.start), x)
+        x = np.where(self.held, np.maximum(x, PRINTED * self.start), x)
         links = self._inner(x)
         bad = np.linalg.eigvalsh(links)[:, 0] <= 0.0
         x[: 10 * len(links)] = np.where(np.repeat(bad, 10), self.start[: 10 * len(links)], x[: 10 * len(links)])

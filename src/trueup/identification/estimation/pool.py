@@ -18,6 +18,7 @@ from trueup.identification.estimation.selection import Choice, cross_validated, 
 from trueup.identification.inertial import from_com
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
+from trueup.rounding import PRINTED
 
 _SPEEDS = (0.003, 0.01, 0.03, 0.1, 0.3)
 """Of a drive's top speed: where friction that saturates does so."""
@@ -73,7 +74,7 @@ def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion], *, g
     """
     speed = np.concatenate([np.abs(m.v @ drives.T) for m in motions])
     place = np.concatenate([m.q @ drives.T for m in motions])
-    top, span = np.maximum(np.quantile(speed, 0.99, axis=0), 1e-6), np.maximum(np.ptp(place, axis=0), 1e-6)
+    top, span = (np.maximum(x, PRINTED) for x in (np.quantile(speed, 0.99, axis=0), np.ptp(place, axis=0)))
     effects: list[tuple[int, Effect]] = []
     groups: dict[str, tuple[int, ...]] = {}
 

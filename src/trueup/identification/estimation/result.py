@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.rounding import TINY
 
 if TYPE_CHECKING:
     from trueup.identification.estimation.file_fit import FileFit
@@ -192,7 +193,7 @@ def rmse(predictions: Sequence[Prediction], which: str = "fitted") -> Array:
 def relative_errors(predictions: Sequence[Prediction], which: str = "fitted") -> Array:
     """(n,) the relative error of each joint."""
     size = np.sqrt(np.mean(np.concatenate([p.measured for p in predictions]) ** 2, axis=0))
-    return rmse(predictions, which) / np.maximum(size, np.finfo(float).tiny)
+    return rmse(predictions, which) / np.maximum(size, TINY)
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +236,7 @@ class Deliverable:
         """(n,) the same of each joint."""
         chosen = [e for e in self.errors if e.held_out == held_out]
         power = np.sum([e.power for e in chosen], axis=0)
-        return np.sqrt(np.sum([e.squares for e in chosen], axis=0) / np.maximum(power, np.finfo(float).tiny))
+        return np.sqrt(np.sum([e.squares for e in chosen], axis=0) / np.maximum(power, TINY))
 
 
 def log_errors(predictions: Sequence[Prediction], predicted: Sequence[Array]) -> tuple[LogError, ...]:
