@@ -233,3 +233,28 @@ def test_a_file_of_millions_of_numbers_is_read_in_a_moment(tmp_path: Path) -> No
     (recording,) = formats.read(path)
     assert recording.channel("position").values.shape == (80_000, 12)
     assert time.perf_counter() - start < 3.0  # 15 MB; a loop in Python takes longer than that
+
+
+@pytest.mark.parametrize("numbers", ["position", "position_0,position_1", "position[1],position[2]"])
+def test_a_column_that_lists_the_names_of_joints_names_them(numbers: str, tmp_path: Path) -> None:
+    lines = [f"time,name,{numbers}"]
+    for k in range(4):
+        values = f'"[{k / 10}, {k}]"' if "," not in numbers else f"{k / 10},{k}"
+        lines.append(f"{k},\"['hip', 'left knee']\",{values}")
+    (tmp_path / "states.csv").write_text("\n".join(lines) + "\n")
+    (log,) = formats.read(tmp_path / "states.csv")
+    assert log.channel("position").labels == ("hip", "left knee")
+    assert log.channel("position").column("left knee").tolist() == [0.0, 1.0, 2.0, 3.0]
+
+
+def test_nanoseconds_are_the_rest_of_whole_seconds_alone(tmp_path: Path) -> None:
+    stamps = [(1700000000, 900000000), (1700000001, 0), (1700000001, 100000000), (1700000001, 200000000)]
+    rows = [f"{s + n * 1e-9 + 0.003:.6f},{s},{n},{k},{k}" for k, (s, n) in enumerate(stamps)]
+    header = "Time,header.stamp.secs,header.stamp.nsecs,header.seq,position"
+    for first, name in ((0, "Time"), (1, "header.stamp.secs")):
+        lines = [",".join(line.split(",")[first:]) for line in (header, *rows)]
+        (tmp_path / "bag.csv").write_text("\n".join(lines) + "\n")
+        (log,) = formats.read(tmp_path / "bag.csv")
+        assert list(log.channels) == ["position"]
+        assert formats.guess_mapping(tmp_path / "bag.csv").time.column == name
+        assert log.time - log.start == pytest.approx([0.0, 0.1, 0.2, 0.3], abs=1e-6)

@@ -18,6 +18,7 @@ from trueup.units import to_si
 Place = Callable[[int], str]
 
 _CLOCK = re.compile(r"(?:\d{4}[-/]\d\d[-/](\d\d)[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?:Z|[+-]\d\d:?\d\d)?")
+_NAME = re.compile(r"'([^']+)'|\"+([^\"]+)\"+")
 _NAMED = re.compile(r"(?:array|tensor|list|tuple)\((?:'d', ?)?(.*)\)$", re.DOTALL)
 
 
@@ -50,6 +51,15 @@ def parse_clock(cells: Sequence[str]) -> Array | None:
         result[i] = hours * to_si("h")[1] + minutes * to_si("min")[1] + seconds
     day = 24 * to_si("h")[1]
     return result + day * np.cumsum(np.diff(result, prepend=result[:1]) < -day / 2)
+
+
+def names_in(cell: str) -> tuple[str, ...]:
+    """The names in a cell such as "['hip', 'knee']", as ROS messages list their joints; () in any other."""
+    text = cell.strip()
+    names = _NAME.findall(text)
+    if len(text) < 2 or text[0] + text[-1] not in ("[]", "()") or _NAME.sub("", text[1:-1]).strip(" ,;\n"):
+        return ()
+    return tuple(one or other for one, other in names)
 
 
 def numbered(cells: Sequence[str]) -> Array:

@@ -16,7 +16,7 @@ import pyarrow.csv as pacsv
 from trueup import files
 from trueup.arrays import Array, Integers
 from trueup.errors import FormatError
-from trueup.formats.cells import parse_clock, parse_lists
+from trueup.formats.cells import names_in, parse_clock, parse_lists
 from trueup.formats.dialect import Dialect, is_empty, is_number, sniff, split
 from trueup.formats.table import Table, listing, shown
 from trueup.units import to_si
@@ -69,11 +69,13 @@ def read(path: Path) -> Table:
         warnings.append(f"{path.name}: nothing at all stands in column {listing(empty, 8)}")
     if not columns:
         raise FormatError(f"{path}: no column of numbers; columns are: {listing(dialect.names)}")
+    listed = {cell for cells in text.values() for cell in cells if names_in(cell)}
     return Table(
         name=path.name,
         path=str(path),
         columns=columns,
         text=text,
+        labels=names_in(listed.pop()) if len(listed) == 1 else (),
         units=dialect.units,
         row_word="line",
         first_row=body.first_line,
@@ -214,6 +216,8 @@ def _from_words(cells: list[str], name: str, body: _Body, dialect: Dialect, path
     if any("\n" in cell for cell in filled):
         _raise_for_lines(body, dialect, path)
     lists = sum(cell.lstrip()[:1] in ("[", "(") or cell.startswith("array(") for cell in filled)
+    if filled and names_in(filled[0]):
+        return cells
     if lists and lists * 2 >= len(filled):
         return parse_lists(cells, place)
     clock = parse_clock(cells)

@@ -33,7 +33,13 @@ class Clocks:
     def clock_of(self, table: Table, column: str) -> str:
         """The second clock that a column follows; '' for the main one."""
         main = self.mains[table.name]
-        others = [name for name in self.columns[table.name] if name not in (main, self.main.nanoseconds)]
+        clocks = self.columns[table.name]
+        parts = any(_says_nanoseconds(name) for name in clocks)  # seconds and their rest are no clocks by themselves
+        others = [
+            name for name in clocks
+            if name not in (main, self.main.nanoseconds)
+            and not (_says_nanoseconds(name) or (parts and _whole_seconds(table.columns[name])))
+        ]  # fmt: skip
         for other in others:
             if names_its_clock(column, other, main) or _is_held_with(table.columns[column], table.columns[other]):
                 return other
@@ -66,7 +72,7 @@ def find_clocks(tables: Sequence[Table]) -> Clocks:
     names = [mains[table.name] for table in timed]
     table = timed[names.index(max(set(names), key=names.count))]
     column = mains[table.name]
-    fraction = _fraction(table, found[table.name])
+    fraction = _fraction(table, found[table.name]) if _whole_seconds(table.columns[column]) else ""
     declared = "s" if fraction else table.units.get(column, "")
     unit = declared or guess_unit(column, table.columns[column])
     notes = [] if declared else [_unit_note(column, unit, table.columns[column])]
@@ -160,6 +166,12 @@ def _fraction(table: Table, clocks: Sequence[str]) -> str:
         ):
             return name
     return ""
+
+
+def _whole_seconds(values: Array) -> bool:
+    """Whether a clock may be the seconds of which nanoseconds are the rest; a bag's own time beside a message's has both."""
+    known = values[np.isfinite(values)]
+    return bool(np.all(known == np.round(known)))
 
 
 def _says_nanoseconds(name: str) -> bool:

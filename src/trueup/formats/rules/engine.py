@@ -24,6 +24,8 @@ from trueup.recording import is_command
 
 _FAMILIES = ("motor", "raw", "unfiltered", "filtered")
 """Signals of motors are kept apart from those of joints, raw ones from filtered ones, where a file has both."""
+_COUNTERS = frozenset(["header", "seq", "field", "stamp", "h"])
+"""Words of a column that counts messages."""
 _OF_VEHICLES = ("position", "velocity", "acceleration", "command")
 """Kinds that a vehicle's log has under its own names: what is left of them there is no joint's."""
 
@@ -68,6 +70,7 @@ def _columns(tables: Sequence[Table], clocks: Clocks) -> list[Column]:
         for name, values in table.columns.items()
         if name not in clocks.columns.get(table.name, ())
         and np.any(np.isfinite(values))
+        and not ("seq" in (plain := words(name)) and _COUNTERS.issuperset(plain))
         and not _counts_rows(name, values)
     ]
 
@@ -197,9 +200,11 @@ def _with_others(part: ChannelColumns, whole: ChannelColumns, group: Sequence[Pr
 def _labels(group: Sequence[Proposal], width: int) -> tuple[str, ...]:
     if width > 1:
         return tuple(f"joint_{i + 1}" for i in range(width))
-    if all(member.column.width == 1 for member in group):
-        return tuple(member.label for member in group)
     total, first = _weight(group), group[0].column
+    if all(member.column.width == 1 for member in group):
+        labels, known = tuple(member.label for member in group), first.table.labels
+        counted = [tuple(f"joint_{k + start}" for k in range(total)) for start in (0, 1)]
+        return known if len(known) == total and labels in counted else labels
     if len(group) == 1 and first.name in first.table.named:
         return joints.joint_labels(first.table.named[first.name])
     known = first.table.labels
