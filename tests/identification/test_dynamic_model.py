@@ -11,8 +11,8 @@ from trueup.identification.dynamic_model import DynamicModel
 from trueup.identification.effects import Effect
 from trueup.identification.kinematic_tree import from_dh
 
-KINDS = ("coulomb", "viscous", "quadratic", "offset", "cubic", "root", "asymmetric", "spring")
-FRICTION = (*map(Effect, KINDS), Effect("stribeck", 0.1), Effect("saturating", 0.2))
+KINDS = ("coulomb", "viscous", "quadratic", "offset", "root", "asymmetric", "spring")
+FRICTION = (*map(Effect, KINDS), Effect("saturating", 0.2))
 WRIST = from_dh([0.2, 0.1, 0.0], [0.3, np.pi / 2, 0.0], [0.1, 0.2, 0.3], prismatic=[False, True, False])
 
 
@@ -21,9 +21,9 @@ def test_each_effect_is_the_law_of_its_name(rng: np.random.Generator) -> None:
     q, v, a = rng.normal(size=(3, 70, 3)) * 0.3
     sign = np.clip(v / 0.05, -1.0, 1.0)
     laws = {
-        "rotor": a, "coulomb": sign, "viscous": v, "quadratic": sign * v**2, "offset": np.ones_like(v), "cubic": v**3,
+        "rotor": a, "coulomb": sign, "viscous": v, "quadratic": sign * v**2, "offset": np.ones_like(v),
         "root": sign * np.sqrt(np.abs(v)), "asymmetric": np.abs(v), "spring": q,
-        "stribeck": sign * np.exp(-((v / 0.1) ** 2)), "saturating": np.tanh(v / 0.2),
+        "saturating": np.tanh(v / 0.2),
     }  # fmt: skip
     Y = model.regressor(q, v, a)
     for k, (drive, effect) in enumerate(model.effects, 30):
@@ -73,8 +73,8 @@ def test_columns_have_names_units_and_an_order() -> None:
 def test_what_cannot_be_is_named() -> None:
     with pytest.raises(UnknownNameError, match=r"effect 'columb' .*did you mean 'coulomb'"):
         DynamicModel.with_friction(WRIST, friction=["columb"])
-    with pytest.raises(ParameterError, match="'stribeck' needs a scale above 0"):
-        DynamicModel.with_friction(WRIST, friction=["stribeck"])
+    with pytest.raises(ParameterError, match="'saturating' needs a scale above 0"):
+        DynamicModel.with_friction(WRIST, friction=["saturating"])
     with pytest.raises(ParameterError, match="for 2 joints; there are 3: joint1, joint2, joint3"):
         DynamicModel.with_friction(WRIST, friction=[("coulomb",), ("coulomb",)])
     with pytest.raises(ModelError, match=r"must be \(individuals, samples, 3\)"):

@@ -40,8 +40,6 @@ _KINDS: Mapping[str, _Kind] = MappingProxyType({
     "viscous": _Kind("f1", "F s/L", "viscous", "v", power=1),
     "quadratic": _Kind("f2", "F s^2/L^2", "quadratic", "v*fabs(v)", 20.0, 2),
     "offset": _Kind("fo", "F", "offset", "1.0"),  # of a sensor or a current
-    "cubic": _Kind("f3", "F s^3/L^3", "cubic", "v*v*v", power=3),
-    "stribeck": _Kind("fs", "F", "Stribeck", "sign(v)*exp(-(v/s)*(v/s))", scaled=True),
     "saturating": _Kind("ft", "F", "Coulomb that sets in with speed", "tanh(v/s)", scaled=True),
     "root": _Kind("fr", "F s^.5/L^.5", "root of speed", "sign(v)*sqrt(fabs(v))"),
     # friction that differs between both directions
@@ -151,7 +149,7 @@ PAPER = ("coulomb", "viscous", "quadratic")
 @njit(cache=True, nogil=True, fastmath={"contract"})
 def of_state(code: int, q: float, v: float, a: float, scale: float, rest: float) -> float:
     """The torque of one unit of an effect at position q, speed v, acceleration a; codes in the order of the kinds."""
-    if code in (0, 11):  # rotor, lag
+    if code in (0, 9):  # rotor, lag
         return a
     if code == 2:  # viscous
         return v
@@ -162,15 +160,11 @@ def of_state(code: int, q: float, v: float, a: float, scale: float, rest: float)
         return sign * v * v
     if code == 4:  # offset
         return 1.0
-    if code == 5:  # cubic
-        return v * v * v
-    if code == 6:  # stribeck
-        return sign * np.exp(-((v / scale) ** 2))
-    if code == 7:  # saturating
+    if code == 5:  # saturating
         return np.tanh(v / scale)
-    if code == 8:  # root
+    if code == 6:  # root
         return sign * np.sqrt(abs(v))
-    return abs(v) if code == 9 else q  # asymmetric, spring
+    return abs(v) if code == 7 else q  # asymmetric, spring
 
 
 @njit(cache=True, nogil=True)

@@ -32,7 +32,7 @@ from trueup.identification.torque_model import TorqueModel
 from trueup.recording import Channel, Recording
 
 Array = NDArray[np.float64]
-KINDS = ("rotor", "coulomb", "viscous", "quadratic", "offset", "cubic", "stribeck", "saturating", "root", "asymmetric",
+KINDS = ("rotor", "coulomb", "viscous", "quadratic", "offset", "saturating", "root", "asymmetric",
          "spring", "hysteresis", "load", "gain")  # fmt: skip
 
 URDF = """<robot name="arm">

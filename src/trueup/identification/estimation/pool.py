@@ -22,8 +22,6 @@ from trueup.rounding import PRINTED
 
 _SPEEDS = (0.003, 0.01, 0.03, 0.1, 0.3)
 """Of a drive's top speed: where friction that saturates does so."""
-_TRAVELS = _SPEEDS[1:]
-"""Of a drive's range: over which hysteresis builds up after a reversal."""
 _USUAL = _SPEEDS[1]
 BASIC = ("rotor", "offset", "viscous", f"saturating {_USUAL:g}")
 STRUCTURES = ("select", "paper", "common")
@@ -87,7 +85,7 @@ def pool_for(tree: KinematicTree, drives: Array, motions: Sequence[Motion], *, g
         add(kind, kind)
     for s in _SPEEDS:
         add(f"saturating {s:g}", "saturating", s * top)
-    for s in _TRAVELS:
+    for s in _SPEEDS[1:]:  # as shares of a drive's range, over which hysteresis builds up after a reversal
         add(f"hysteresis {s:g}", "hysteresis", s * span)
     add("load", "load", _USUAL * top)
     if gains:

@@ -20,7 +20,7 @@ SURE, ROUGH = 0.1, 0.5
 """Relative standard deviations up to which a parameter is identified, or roughly."""
 _SMALL = 0.02
 """Of the torque that a joint carries: a parameter that adds less is of no consequence in these motions."""
-_SHARED = ("saturating", "hysteresis", "quadratic", "cubic", "root", "asymmetric", "stribeck", "offset", "spring")
+_SHARED = ("saturating", "hysteresis", "quadratic", "root", "asymmetric", "offset", "spring")
 """Effects that were kept because they predict, of which one may stand for another."""
 
 
