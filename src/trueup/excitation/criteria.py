@@ -21,7 +21,7 @@ from trueup.identification.information import log_determinants
 from trueup.rounding import TINY
 
 Kind = Literal["D", "A", "E", "condition", "prediction"]
-Weighting = Literal["nominal", "printed", "none"]
+Weighting = Literal["nominal", "printed"]
 Friction = Literal["with", "without", "alone"]
 KINDS: tuple[Kind, ...] = ("D", "A", "E", "condition", "prediction")
 
@@ -87,8 +87,6 @@ class Criterion:
     @property
     def weights(self) -> Array:
         """(n,) what the rows of each joint are multiplied by."""
-        if self.weighting == "none":
-            return np.ones_like(self.torque)
         return self.torque / self.torque.max() if self.weighting == "printed" else 1.0 / self.torque
 
     def losses(self, motions: Motions, threads: int = 1, *, as_of: int | None = None) -> Array:

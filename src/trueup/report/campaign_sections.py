@@ -100,7 +100,7 @@ def _round(history: History, story: RoundStory) -> Markup:
     whole = f"round-{story.begun.round}/calibration.html"
     link = tag("a", "The whole calibration.", href=whole) if story.calibrated is not None else None
     parts = [tag("h3", f"Round {story.begun.round}"), tag("p", _round_words(story), " ", link)]
-    rows = [_candidate(history, story, s) for s in story.scored]
+    rows = [_candidate(story, s) for s in story.scored]
     if rows:
         names = sorted({k for t in story.trials for k in t.planned.settings})
         units = {n: f", {history.setting(n, 0.0)[2:]}".removesuffix(", ") for n in names}
@@ -133,7 +133,7 @@ def _round_words(story: RoundStory) -> str:
     return " ".join(parts) or "Under way."
 
 
-def _candidate(history: History, story: RoundStory, scored: Scored) -> Markup:
+def _candidate(story: RoundStory, scored: Scored) -> Markup:
     names = sorted({k for t in story.trials for k in t.planned.settings})
     settings = next(
         (t.planned.settings for t in story.trials

@@ -20,6 +20,7 @@ from trueup.engines.mujoco.reading.mjcf_spec import mjcf_spec
 from trueup.engines.mujoco.reading.urdf_spec import urdf_spec
 from trueup.errors import ModelError, unknown_name
 from trueup.model_files.urdf import root_tag
+from trueup.units import FURTHEST_TURN
 
 # Sensors that look at geoms, those without contacts too.
 _SEEING = tuple(int(getattr(mujoco.mjtSensor, f"mjSENS_{n}")) for n in
@@ -27,8 +28,6 @@ _SEEING = tuple(int(getattr(mujoco.mjtSensor, f"mjSENS_{n}")) for n in
 _MEASURED = {int(mujoco.mjtSensor.mjSENS_ACCELEROMETER): "m/s^2", int(mujoco.mjtSensor.mjSENS_GYRO): "rad/s"}
 SETTING = "trueup_"
 """Begins the name of a <numeric> that says for which setting of its servos a calibrated file holds."""
-OPEN = 4.0 * np.pi
-"""rad or m: an end of a range that no joint reaches, where only the other end is a stop."""
 _ITERATIONS, _LINE_SEARCH = 100, 50  # MuJoCo's own; a solver that has converged stops earlier
 _OBJECTS = {**OBJECTS, "sensor": mujoco.mjtObj.mjOBJ_SENSOR}
 
@@ -216,11 +215,11 @@ def prepared(
 
 
 def _limit(spec: mujoco.MjSpec, name: str, compiled: mujoco.MjModel) -> None:
-    """Gives a joint without a range one that it never leaves."""
+    """Gives a joint without a range one that it never leaves, in rad or m."""
     if not compiled.jnt_limited[compiled.joint(name).id]:
         joint = spec.joint(name)
         hinge = joint.type == mujoco.mjtJoint.mjJNT_HINGE
-        open_end = np.degrees(OPEN) if hinge and spec.compiler.degree else OPEN
+        open_end = np.degrees(FURTHEST_TURN) if hinge and spec.compiler.degree else FURTHEST_TURN
         joint.limited, joint.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-open_end, open_end]
 
 

@@ -16,7 +16,7 @@ from trueup.engines.family import Family, Fit, Request
 from trueup.engines.vehicle.commands import with_commands
 from trueup.engines.vehicle.judging import Ahead
 from trueup.engines.vehicle.look import Look
-from trueup.engines.vehicle.prediction import horizons_for, moved, prediction_errors, spoken
+from trueup.engines.vehicle.prediction import HORIZONS, horizons_for, moved, prediction_errors, spoken
 from trueup.engines.vehicle.rollout import VehicleSimulator
 from trueup.engines.vehicle.vehicle import Vehicle
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
@@ -29,8 +29,6 @@ from trueup.tracking.past import begun_at
 from trueup.tracking.place import tells_place
 from trueup.trial import Trial
 
-HORIZONS = (1.0, 3.0)
-"""How far ahead predictions are judged, in s."""
 LASTING = ("push_lasts", "trim_lasts", "speed_kept")
 """How much of what a car showed beyond its model just before a prediction goes on: told by its own drives."""
 BEGUN = ((0.5, 0.6, 0.0), (0.0, 0.0, 0.0))

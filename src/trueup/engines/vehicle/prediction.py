@@ -15,9 +15,12 @@ from trueup.rounding import PRINTED
 from trueup.tracking.past import begun_at, first_state, last_known
 from trueup.trial import Trial
 
+HORIZONS = (1.0, 3.0)
+"""How far ahead predictions are judged, in s."""
+
 
 def prediction_errors(
-    simulator: VehicleSimulator, values: Array, recording: Recording, horizons: Sequence[float] = (1.0, 3.0), *,
+    simulator: VehicleSimulator, values: Array, recording: Recording, horizons: Sequence[float] = HORIZONS, *,
     every: float = 0.25,
 ) -> Array:  # fmt: skip
     """(S, len(horizons)) distances in m between predicted and tracked position, for predictions begun `every` s.
