@@ -96,6 +96,7 @@ _SPELLINGS: Mapping[str, str] = MappingProxyType(
         "radian": "rad",
         "radians": "rad",
         "degree": "deg",
+        "grad": "deg",
         "degrees": "deg",
         "°": "deg",
         "turn": "rev",

@@ -12,6 +12,7 @@ import pytest
 
 from trueup import formats
 from trueup.errors import FormatError
+from trueup.inspection.settings import setting
 from trueup.recording import Recording
 
 TIMES = [0.0, 0.01, 0.02, 0.03]
@@ -52,6 +53,14 @@ def test_facts_beside_the_signals_are_kept(tmp_path: Path) -> None:
     recording = read(tmp_path / "log.json", {"mass": 0.49, "motor": {"name": "xl330"}, "entries": entries})
     assert recording.provenance["mass"] == "0.49"
     assert recording.provenance["motor.name"] == "xl330"
+
+
+def test_names_and_gains_in_lists_are_those_of_the_joints(tmp_path: Path) -> None:
+    samples = [{"t": k / 10, "q": [k, 2 * k], "q_des": [k, k]} for k in range(5)]
+    content = {"joint_names": ["hip", "knee"], "kp": [20.0, 30.0], "data": samples}
+    log = read(tmp_path / "log.json", content)
+    assert log.channel("position").labels == ("hip", "knee")
+    assert setting(log, "kp") == {"hip": 20.0, "knee": 30.0}
 
 
 def test_an_entry_without_a_key_misses_that_sample(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from trueup import files
 from trueup.arrays import Array
 from trueup.errors import FormatError
 from trueup.formats.cells import parse_clock
+from trueup.formats.rules.names import words as split_words
 from trueup.formats.table import Table, numbers, shown
 
 
@@ -29,7 +30,9 @@ def read(path: Path) -> Table:
     if not columns:
         raise FormatError(f"{path}: no numbers found in its {len(found)} {'keys' if found else 'entries'}")
     metadata = _facts(data) if isinstance(data, dict) else {}
-    return Table(path.name, str(path), columns, words, row_word="entry", metadata=metadata, warnings=tuple(warnings))
+    labels = _names(data) if isinstance(data, dict) else ()
+    return Table(path.name, str(path), columns, words, labels=labels, row_word="entry", metadata=metadata,
+                 warnings=tuple(warnings))  # fmt: skip
 
 
 def _parse(text: str, path: Path) -> tuple[Any, list[str]]:
@@ -139,9 +142,22 @@ def _printable(text: str) -> str:
 
 
 def _facts(data: Mapping[str, Any]) -> dict[str, str]:
-    """Single values at the top, such as a mass or a gain."""
+    """Single values at the top, such as a mass or a gain, and short lists of numbers, such as a gain for each joint."""
     return {key: str(value) for key, value in _single(_flat(data)) if len(str(value)) < 200}
 
 
 def _single(data: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    return ((key, value) for key, value in data.items() if not isinstance(value, (list, dict)) and value is not None)
+    for key, value in data.items():
+        listed = isinstance(value, list) and all(isinstance(entry, (int, float)) for entry in value)
+        if value is not None and (listed or not isinstance(value, (list, dict))):
+            yield key, value
+
+
+def _names(data: Mapping[str, Any]) -> tuple[str, ...]:
+    """The names of joints beside the signals: the only list of words whose key says so; () without one."""
+    found = [
+        tuple(value) for key, value in _flat(data).items()
+        if isinstance(value, list) and value and all(isinstance(entry, str) for entry in value)
+        and {"name", "names", "joints", "labels"} & set(split_words(key))
+    ]  # fmt: skip
+    return found[0] if len(found) == 1 and len(set(found[0])) == len(found[0]) else ()

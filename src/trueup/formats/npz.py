@@ -15,12 +15,15 @@ from trueup.errors import FormatError
 from trueup.formats.rules.names import is_time
 from trueup.formats.table import Table
 
+_SHORT = 64
+"""Numbers in an array that may be a fact of each joint, such as its gain."""
+
 
 def read(path: Path) -> Table:
     """The table in a .npz or .npy file: arrays of shape (T,), (T, k), or (k, T) beside a time of T samples.
 
-    Single numbers and texts go to `metadata`. Raises FormatError for a damaged file, and for arrays that do not fit
-    together.
+    Single numbers and texts, and short arrays of numbers that are no signal, go to `metadata`. Raises FormatError for a
+    damaged file, and for arrays that do not fit together.
     """
     arrays = _load(path)
     facts = {name: str(array.reshape(-1)[0]) for name, array in arrays.items() if array.size == 1}
@@ -36,6 +39,7 @@ def read(path: Path) -> Table:
         values = _oriented(array, length)
         if values is None:
             warnings.append(f"{path.name}: array '{name}' of shape {array.shape} is no signal of {length} samples")
+            facts |= {name: str(array.tolist())} if array.ndim == 1 and array.size <= _SHORT else {}
         else:
             columns[name] = values
     labels = tuple(str(label) for label in names[0]) if names else ()

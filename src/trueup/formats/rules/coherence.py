@@ -46,6 +46,20 @@ def own_words(column: Column) -> list[str]:
     return bare if bare and AXES.issuperset(bare) else column.parts.words
 
 
+def without_other_signals(proposals: Sequence[Proposal]) -> list[Proposal]:
+    """Columns without a word for their kind that are named as a joint with a position is, and more, are another signal of it.
+
+    "m1_pos_fb" beside "m1_xyz_fb": whatever xyz is, it is no joint called m1_xyz.
+    """
+    roles = ("position", "command", "command_sent")
+    implied = [p.role in roles and joints.read(p.column.parts).implied for p in proposals]
+    named = {p.label for p, only in zip(proposals, implied, strict=True) if p.role in roles and not only}
+    return [
+        own(p.column) if only and any(p.label != x and x in p.label and {*words(x)} < {*words(p.label)} for x in named) else p
+        for p, only in zip(proposals, implied, strict=True)
+    ]  # fmt: skip
+
+
 def without_sensors(proposals: Sequence[Proposal]) -> list[Proposal]:
     """Speeds, accelerations and torques along axes of which no position or command speaks are those of a sensor or tool.
 

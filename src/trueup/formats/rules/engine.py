@@ -13,7 +13,15 @@ from trueup.errors import MappingError
 from trueup.formats.mapping import ChannelColumns, ChannelMap
 from trueup.formats.rules import bases, joints
 from trueup.formats.rules.clocks import Clocks, find_clocks
-from trueup.formats.rules.coherence import Proposal, own, own_words, with_common_labels, with_twins, without_sensors
+from trueup.formats.rules.coherence import (
+    Proposal,
+    own,
+    own_words,
+    with_common_labels,
+    with_twins,
+    without_other_signals,
+    without_sensors,
+)
 from trueup.formats.rules.drive import Part, drive
 from trueup.formats.rules.families import Named, joints_in, of_base
 from trueup.formats.rules.names import AXES, stem, taken_apart, with_actual, words
@@ -22,8 +30,10 @@ from trueup.formats.rules.sizes import Sizes
 from trueup.formats.table import Table, listing
 from trueup.recording import is_command
 
-_FAMILIES = ("motor", "raw", "unfiltered", "filtered")
-"""Signals of motors are kept apart from those of joints, raw ones from filtered ones, where a file has both."""
+_FAMILIES = ("motor", "raw", "unfiltered", "filtered", "external", "ext")
+"""Signals of motors are kept apart from those of joints, raw ones from filtered ones, where a file has both, and torques that
+push from outside from those of drives.
+"""
 _COUNTERS = frozenset(["header", "seq", "field", "stamp", "h"])
 """Words of a column that counts messages."""
 _OF_VEHICLES = ("position", "velocity", "acceleration", "command")
@@ -89,7 +99,7 @@ def _proposals(
     proposals = [_proposal(column, named.get(column), several) for column in columns]
     if driven:
         return [own(p.column) if p.role.split("_")[0] in _OF_VEHICLES else p for p in proposals]
-    proposals = without_sensors(proposals)
+    proposals = without_sensors(without_other_signals(proposals))
     return with_twins(proposals) if not any(p.role == "position" for p in proposals) else proposals
 
 
@@ -138,7 +148,7 @@ def _groups(proposals: Sequence[Proposal], *, several: bool) -> dict[str, list[P
         key = (p.role or _own_name(column), column.table.name, column.clock, family, column.values.ndim > 1)
         families.setdefault(key, []).append(p)
     groups: dict[str, list[Proposal]] = {}
-    for (role, table, _, family, _), members in sorted(families.items(), key=lambda f: -_weight(f[1])):
+    for (role, table, _, family, _), members in sorted(families.items(), key=lambda f: (-_weight(f[1]), bool(f[0][3]))):
         name = role
         if name in groups:
             first = groups[role][0].column.table.name
@@ -156,9 +166,16 @@ def _weight(members: Sequence[Proposal]) -> int:
 
 def _distinct(members: Sequence[Proposal]) -> list[Proposal]:
     """Members with distinct labels; where two would have the same, the columns' names are the labels."""
-    if len({member.label for member in members}) == len(members):
+    first = {member.label: member.column.values for member in reversed(members)}
+    members = [m for m in members if m.column.values is (one := first[m.label]) or not _same(m.column.values, one)]
+    if len(first) == len(members):
         return list(members)
     return [replace(member, label=member.column.name) for member in members]
+
+
+def _same(values: Array, others: Array) -> bool:
+    """Whether two columns say the same, as "desired" and "reference" of a controller do."""
+    return values.shape == others.shape and np.array_equal(values, others, equal_nan=True)
 
 
 def _channel(group: Sequence[Proposal], clocks: Clocks, tables: Sequence[Table]) -> ChannelColumns:

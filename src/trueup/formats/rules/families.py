@@ -26,7 +26,7 @@ EXAMPLES = (
     Example("t,grip_speed_pos,elbow_pos,grip_speed_torque,elbow_torque", "0 .1 .1 1 1|.1 .2 .1 1 1|.2 .3 .2 1 1",
             "position[rad] grip_speed elbow; torque[N m] grip_speed elbow"),
     Example("t,base_yaw.pos_ticks,elbow.pos_ticks,base_yaw.load,elbow.load", "0 9 1 1 1|.1 7 2 1 1|.2 8 3 1 1",
-            "load[] base_yaw elbow; position[] base_yaw_ticks elbow_ticks"),
+            "load[] base_yaw elbow; position[] base_yaw elbow"),
     # A trunk has a pose of several numbers, and no motor.
     Example("t,q_base_x,q_base_y,q_base_yaw,q_elbow,tau_elbow", "0 1 1 .1 .1 1|.1 2 1 .1 .2 1|.2 3 2 .1 .3 2",
             "position[rad] elbow; q_base[] x y yaw; torque[N m] elbow"),

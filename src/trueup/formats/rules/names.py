@@ -26,7 +26,7 @@ PLAINLY_MEASURED = listed("measured meas msr msd actual present feedback fb fbk 
 """Words that mean a position where nothing says of what."""
 MEASURED = PLAINLY_MEASURED | listed(
     "observation observed obs state states read sensor sensed data motor motors joint joints field est estimate "
-    "estimated"
+    "estimated pv"
 )
 AXES = listed("x y z w roll pitch yaw qx qy qz qw rx ry rz")
 _TIME = listed(
@@ -42,6 +42,7 @@ _TAILS: Mapping[tuple[str, ...], str] = MappingProxyType(
         **dict.fromkeys((("kmh",), ("kph",), ("kmph",)), "km/h"), ("mps",): "m/s", ("ms",): "ms",
         **dict.fromkeys((("rads",), ("radps",)), "rad/s"), **dict.fromkeys((("dps",), ("degs",), ("degps",)), "deg/s"),
         **dict.fromkeys((("degrees",), ("degree",)), "deg"), **dict.fromkeys((("radians",), ("radian",)), "rad"),
+        ("rev", "s"): "rev/s", ("rps",): "rev/s",
         **dict.fromkeys((("percent",), ("pct",)), "%"), ("us",): "1", ("nm",): "N m", ("mnm",): "mN m", ("a",): "A",
         ("ma",): "mA", ("v",): "V", ("mv",): "mV", ("c",): "degC", ("degc",): "degC", ("k",): "K", ("n",): "N",
     }

@@ -67,6 +67,8 @@ class Sizes:
             self.notes.append(f"{name}: {COUNTS_NOTE}")
         elif name == "command" and "position" not in self.channels:
             self.notes.append("command: unit unknown (there is no position to compare with)")
+        elif name == "position" and all(_of_odrive(column) for column in self.groups[name]):
+            self._take(name, "rev", "an ODrive estimates turns")
         elif not hardly_radians(largest) and not ticks:
             self._take(name, "rad", f"largest value {largest:.3g}")
         elif ticks or all(_whole(column) for column in self.groups[name]):
@@ -165,6 +167,12 @@ def _are_counts(measured: Sequence[Column]) -> bool:
         return False
     lowest = min(float(column.known.min()) for column in measured)
     return lowest >= 0.0 and 2.0 * math.degrees(math.tau) < max(column.largest for column in measured) < _TURN
+
+
+def _of_odrive(column: Column) -> bool:
+    """Whether a column is called as that firmware calls its position: axis0.encoder.pos_estimate."""
+    plain = set(column.parts.words)
+    return {"pos", "estimate"} <= plain and bool({"axis", "odrive"} & plain)
 
 
 def _whole(column: Column) -> bool:
