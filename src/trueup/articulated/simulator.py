@@ -23,7 +23,7 @@ from trueup.engines.simulator import Rollout
 from trueup.errors import ModelError, unknown_name
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording, is_command
-from trueup.trial import Trial, command_of
+from trueup.trial import STEP, Trial, command_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class ArticulatedSimulator:
     engine: Engine
     parameters: ParameterSpace = field(default_factory=lambda: ParameterSpace(()))
     quantities: tuple[Assignment, ...] = ()
-    step: float = 0.002
+    step: float = STEP
     gains: Gains = field(default_factory=Gains)
     """What the recordings say of the servos' settings."""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -64,31 +65,16 @@ DRIVES = (
 """What a recorded drive tells when it is compared instant by instant."""
 
 
-def mujoco(
-    model: Path, say: Callable[[str], None], recordings: Sequence[Recording] = (), parameters: Path | None = None,
-    refuse: tuple[str, ...] = (),
+def robot(
+    engine: str, model: Path, say: Callable[[str], None], recordings: Sequence[Recording] = (),
+    parameters: Path | None = None, refuse: tuple[str, ...] = (),
 ) -> Preparation:  # fmt: skip
     """A robot model with the parameters of a file, or those proposed for the plan's recordings; says what was done to both.
     Without either they are proposed once the first experiment is recorded. `refuse` names what shall stay as it is though
     the recordings show it to be wrong or missing.
 
-    Raises PlanError where there is no model, ModelError, ParameterError.
+    Raises PlanError where there is no model, ModelError, ParameterError, and MissingExtraError for DART without dartpy.
     """
-    return _robot("mujoco", model, say, recordings, parameters, refuse)
-
-
-def dart(
-    model: Path, say: Callable[[str], None], recordings: Sequence[Recording] = (), parameters: Path | None = None,
-    refuse: tuple[str, ...] = (),
-) -> Preparation:  # fmt: skip
-    """The same robot model simulated by DART. Raises what `mujoco` raises, and MissingExtraError without dartpy."""
-    return _robot("dart", model, say, recordings, parameters, refuse)
-
-
-def _robot(
-    engine: str, model: Path, say: Callable[[str], None], recordings: Sequence[Recording], parameters: Path | None,
-    refuse: tuple[str, ...],
-) -> Preparation:  # fmt: skip
     from trueup.loop.prepare import prepare
 
     if not model.is_file():
@@ -106,6 +92,10 @@ def _robot(
         plain = told(prepare(model, (), propose=False, refuse=refuse, engine=engine))
         return replace(plain, later=lambda seen: told(prepare(model, seen, refuse=refuse, engine=engine)))
     return told(prepare(model, recordings, parameters=parameters, refuse=refuse, engine=engine))
+
+
+mujoco, dart = partial(robot, "mujoco"), partial(robot, "dart")
+"""The same robot model, simulated by one engine or by the other."""
 
 
 def bicycle(

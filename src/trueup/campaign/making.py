@@ -71,7 +71,7 @@ def arguments(component: Component, target: Callable[..., Any], given: Mapping[s
 
 def _hints(target: Callable[..., Any]) -> dict[str, Any]:
     """The annotations of the parameters of what is called; without those that cannot be resolved."""
-    function: Any = target.__init__ if inspect.isclass(target) else target
+    function: Any = target.__init__ if inspect.isclass(target) else getattr(target, "func", target)  # of a partial
     names = getattr(inspect.unwrap(function), "__globals__", {})
     found: dict[str, Any] = {}
     for name, annotation in getattr(function, "__annotations__", {}).items():
