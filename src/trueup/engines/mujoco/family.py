@@ -30,6 +30,7 @@ from trueup.engines.mujoco.writing.notes import about_masses, usage_of
 from trueup.engines.mujoco.writing.write import write_model
 from trueup.errors import unknown_name
 from trueup.inspection.diagnosis import Diagnosis
+from trueup.inspection.feedforward import with_feedforward
 from trueup.inspection.floor import stopped_by_floor
 from trueup.inspection.joint_names import named_as
 from trueup.inspection.ranges import beyond_ranges
@@ -47,7 +48,7 @@ _CHANGES = (
     ("base", floating), ("base", held), ("servos", driven), ("overlaps", passable), ("still", with_still_joints)
 )  # fmt: skip
 DIAGNOSES = (
-    "names", "strangers", "torques", "sensors", "turns", "gains",
+    "names", "strangers", "torques", "sensors", "turns", "gains", "feedforward",
     *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
 )  # fmt: skip
 """What is looked for in recordings and models, and may be refused."""
@@ -99,16 +100,16 @@ class Articulated(Family):
         others = [name for name in model.names("actuator") if name and name not in drives.values()]
         named, renamed = _edited([*training, *held_out], "names", refuse, lambda rs: named_as(rs, drives, others))
         named, strange = _edited(named, "strangers", refuse, lambda rs: without_strangers(rs, drives, others))
+        named, steady = _edited(named, "gains", refuse, with_steady_gains)
+        named, forward = _edited(named, "feedforward", refuse, with_feedforward)
         taken, changed = suited(model, named)
         taken, driving = _edited(taken, "torques", refuse, lambda rs: torques_as_commands(model, rs))
         taken, sensing = _edited(taken, "sensors", refuse, lambda rs: with_sensors(model.sensors(), rs))
         taken, turning = _edited(taken, "turns", refuse, lambda rs: without_wraps(ways(model), drives, rs))
-        taken, steady = _edited(taken, "gains", refuse, with_steady_gains)
         fitted, judged = taken[: len(training)], taken[len(training) :]
         doubts = self.doubts(model, taken)
-        return Suited(
-            tuple(fitted), tuple(judged), (*renamed, *strange, *changed, *driving, *sensing, *turning, *steady, *doubts)
-        )
+        notes = (*renamed, *strange, *steady, *forward, *changed, *driving, *sensing, *turning, *doubts)
+        return Suited(tuple(fitted), tuple(judged), notes)
 
     def simulator(
         self, model: Model, training: Sequence[Recording], replayed: Sequence[Recording], request: Request

@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Drives that are told a position, a speed, a torque and gains at once, as those of legged robots are: one command.
+
+Their torque is kp (position - q) + kd (speed - dq) + torque. A position moved by (kd speed + torque) / kp asks a servo with
+these gains for the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from trueup.arrays import Array
+from trueup.inspection.relations import rate
+from trueup.inspection.settings import ALL, setting
+from trueup.recording import Channel, Recording
+from trueup.rounding import TINY
+
+_UNITS = {"torque": "N m", "velocity": "rad/s"}
+_ALIKE = 0.5
+"""Correlation of commanded speeds with the rate of commanded positions: a greatest speed is commanded, too."""
+_WHOLE = 0.1
+"""Share of a commanded torque's variance beyond what gains make of positions, up to which it is all that acts."""
+_SAID = {
+    "moved": "speeds or torques were commanded beside positions, with gains that the log names ({}): what drives were told, "
+    "kp (position - q) + kd (speed - dq) + torque, is taken as positions moved by (kd speed + torque) / kp",
+    "idle": "torques or speeds commanded beside positions are zero all along ({}): the positions drive the robot",
+    "unused": "torques were commanded beside positions, and the log does not name gains ({}): whether drives add them is not "
+    "known. If they do, name kp and kd in N m/rad and N m s/rad, in a column for each joint",
+}
+
+
+def with_feedforward(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """Recordings whose commanded positions stand for the speeds and torques commanded beside them too, and notes.
+
+    They stay as they are where gains are not named, where units are not SI, and where the torques are all that acts,
+    gains and positions counted in. What is zero all along is left out.
+    """
+    result, said = list(recordings), {key: [] for key in _SAID}
+    for i, recording in enumerate(recordings):
+        name = next((n for n in ("command_sent", "command") if recording.has(n)), "")
+        parts = {
+            kind: recording.channel(f"{name}_{kind}") for kind in _UNITS if name and recording.has(f"{name}_{kind}")
+        }
+        asked = {kind: channel for kind, channel in parts.items() if np.any(np.nan_to_num(channel.values))}
+        changed = _moved(recording, recording.channel(name), asked) if asked else None
+        key = "moved" if changed is not None else "idle" if parts and not asked else ""
+        if "torque" in asked and not setting(recording, "kp"):
+            key = "unused"
+        if key:
+            said[key].append(recording.name)
+        if key in ("moved", "idle"):
+            result[i] = recording if changed is None else recording.with_channel(changed)
+            for channel in parts.values():
+                result[i] = result[i].without(channel.name)
+    return result, [_SAID[key].format(", ".join(names)) for key, names in said.items() if names]
+
+
+def _moved(recording: Recording, command: Channel, parts: Mapping[str, Channel]) -> Channel | None:
+    """Positions (T, k) that ask for the same torque; None where nothing is to be added, or gains or units do not tell."""
+    gains = {"torque": dict.fromkeys(command.labels, 1.0), "velocity": setting(recording, "kv")}
+    added = {kind: c for kind, c in parts.items() if _is_added(kind, c, command)}
+    stiffness, values = setting(recording, "kp"), np.array(command.values)
+    for column, label in enumerate(command.labels):
+        more = np.zeros(len(values))
+        for kind, channel in added.items():
+            more += gains[kind].get(label, gains[kind].get(ALL, 0.0)) * _at(channel, label, command.time)
+        kp = stiffness.get(label, stiffness.get(ALL, 0.0))
+        if np.any(more) and (command.unit_of(label) != "rad" or not kp > 0.0):
+            return None
+        values[:, column] += more / kp if kp > 0.0 else 0.0
+    changed = command.replace(values=values)
+    if np.array_equal(values, command.values, equal_nan=True):
+        return None
+    return None if "torque" in added and _acts_alone(recording, command, added) else changed
+
+
+def _is_added(kind: str, channel: Channel, command: Channel) -> bool:
+    """Whether a signal commanded beside positions is one that drives add, and no limit."""
+    if any(channel.unit_of(label) != _UNITS[kind] for label in channel.labels):
+        return False
+    if kind == "torque":
+        return bool(np.any(np.nanmax(channel.values, axis=0) > np.nanmin(channel.values, axis=0)))
+    pairs = []
+    for label in (x for x in channel.labels if x in command.labels):
+        when, wanted = rate(command.column(label), command.time)
+        pairs.append((np.interp(when, channel.time, channel.column(label)), wanted))
+    told, wanted = (np.concatenate(side) for side in zip(*pairs, strict=True)) if pairs else (np.zeros(2), np.zeros(2))
+    return bool(np.ptp(told) > 0.0 < np.ptp(wanted) and np.corrcoef(told, wanted)[0, 1] > _ALIKE)
+
+
+def _acts_alone(recording: Recording, command: Channel, added: Mapping[str, Channel]) -> bool:
+    """Whether the commanded torques are what gains make of the positions already, by what was measured."""
+    if not recording.has("position"):
+        return False
+    position, kp, kd = recording.channel("position"), setting(recording, "kp"), setting(recording, "kv")
+    torque, speed = added["torque"], added.get("velocity")
+    measured = recording.channels.get("torque")
+    measured = measured if measured is not None and measured.unit == _UNITS["torque"] else None
+    alone, together, size = 0.0, 0.0, 0.0
+    for label in (x for x in torque.labels if x in position.labels and x in command.labels):
+        time = position.time
+        error = command.select([label]).at(time, hold=True)[:, 0] - position.column(label)
+        pull = kp.get(label, kp.get(ALL, 0.0)) * error
+        pace = np.zeros(len(time)) if speed is None else _at(speed, label, time)
+        pull += kd.get(label, kd.get(ALL, 0.0)) * (pace - np.gradient(position.column(label), time))
+        told = _at(torque, label, time)
+        given = None if measured is None or label not in measured.labels else measured.select([label]).at(time)[:, 0]
+        alone += float(np.nanvar(told - (pull if given is None else given)))
+        together += float(np.nanvar(told + pull - (pull if given is None else given)))
+        size += float(np.nanvar(told))
+    if measured is not None and size > 0.0:
+        return alone < together
+    return alone < _WHOLE * max(size, TINY)
+
+
+def _at(channel: Channel, label: str, time: Array) -> Array:
+    """(T,) what is in force; 0 where nothing is."""
+    if label not in channel.labels:
+        return np.zeros(len(time))
+    return np.nan_to_num(channel.select([label]).at(time, hold=True)[:, 0])
