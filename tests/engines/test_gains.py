@@ -121,3 +121,12 @@ def test_gains_are_facts_in_a_list_or_by_joint_too() -> None:
     for facts in ({"gains.kp": "[20, 30.0]"}, {"kp.arm": "20", "kp.hand": "30"}, {"arm/kp": "20", "hand/kp": "30"}):
         assert setting(two.replace(provenance=facts), "kp") == {"arm": 20.0, "hand": 30.0}
     assert setting(two.replace(provenance={"servo.kp": "400"}), "kp") == {"": 400.0}
+
+
+def test_logs_at_other_supply_voltages_are_said_to_be(model: Path) -> None:
+    log = _log(100.0, "sine", "weak").replace(provenance={"vin": "7.4"})
+    volts = Channel("voltage", ("voltage",), "V", log.time, np.full((len(log.time), 1), 12.1))
+    strong = log.replace(name="strong", provenance={}).with_channel(volts)
+    assert any("7.4 ('weak') to 12.1 ('strong')" in note for note in prepare(model, [log, strong]).notes)
+    same = log.replace(name="same", provenance={"vin": "7.9"})
+    assert not any("voltage" in note for note in prepare(model, [log, same]).notes)

@@ -16,7 +16,7 @@ from trueup.articulated.gains import Gains
 from trueup.articulated.kernels import held_integral
 from trueup.errors import ParameterError, RecordingError, unknown_name
 from trueup.inspection.repeats import LONGEST_GAP
-from trueup.inspection.settings import with_steady_gains
+from trueup.inspection.settings import at_other_voltages, with_steady_gains
 from trueup.instant import usual_step
 from trueup.noise import estimate_noise
 from trueup.recording import Recording
@@ -153,7 +153,7 @@ def runs_of(recordings: Sequence[Recording], bench: Bench, joint: str = "") -> t
     """
     recordings, notes = with_steady_gains(recordings)
     gains, named = Gains.named_by(recordings, quantities=("kp",))
-    notes += named
+    notes += named + at_other_voltages(recordings)
     runs = [_run(r, bench, gains, joint) for r in recordings]
     if any(b.bench != bench for b in runs):
         said = sorted({b.bench.in_words for b in runs})

@@ -18,6 +18,10 @@ GAINS: Mapping[str, tuple[str, ...]] = {
 """Quantity to the words under which a log names the servo's setting, as a channel or as a fact beside its signals."""
 ALL = ""
 """Stands for every joint where a recording names one setting for all."""
+_VOLTAGES = ("voltage", "vin", "supply_voltage", "battery_voltage", "input_voltage", "bus_voltage", "battery")
+"""Under which a log names what feeds its drives, as a channel or a fact."""
+_ONE_BATTERY = 1.15
+"""Voltage of a lithium cell, full, over that of the same one half empty (4.2 V, 3.65 V)."""
 _MOST = 0.5  # of a recording: shorter stretches of the same gains are no recording with a few of its ends cut off
 
 
@@ -57,6 +61,30 @@ def with_steady_gains(recordings: Sequence[Recording]) -> tuple[list[Recording],
         )  # fmt: skip
         notes.append(f"gains of servos change within '{recording.name}' ({_few(changing)}): {done}")
     return result, notes
+
+
+def at_other_voltages(recordings: Sequence[Recording]) -> list[str]:
+    """A sentence where recordings name supplies whose voltages differ by more than those of one battery under load."""
+    named = {r.name: volts for r in recordings if (volts := _voltage(r)) > 0.0}
+    low, high = (f(named, key=lambda name: named[name], default="") for f in (min, max))
+    if not named or named[high] < _ONE_BATTERY * named[low]:
+        return []
+    return [
+        f"recordings were made at other supply voltages, {named[low]:.3g} ('{low}') to {named[high]:.3g} ('{high}'): stiffness of "
+        "servos that drive their motor by duty goes with it, and the greatest speed of any, which nothing here follows. Calibrate "
+        "those of each voltage by themselves"
+    ]
+
+
+def _voltage(recording: Recording) -> float:
+    """The median of the supply's voltage in whatever unit; 0 where a recording names none."""
+    for name in _VOLTAGES:
+        if recording.has(name):
+            known = recording.channel(name).values[np.isfinite(recording.channel(name).values)]
+            return float(np.median(known)) if len(known) else 0.0
+    facts = {key.lower().rsplit(".", 1)[-1]: text for key, text in recording.provenance.items()}
+    found = [_numbers(facts[name], ALL, recording).get(ALL, 0.0) for name in _VOLTAGES if name in facts]
+    return next(iter(found), 0.0)
 
 
 def _few(sentences: Sequence[str]) -> str:

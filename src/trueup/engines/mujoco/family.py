@@ -35,7 +35,7 @@ from trueup.inspection.floor import stopped_by_floor
 from trueup.inspection.joint_names import named_as
 from trueup.inspection.ranges import beyond_ranges
 from trueup.inspection.sensors import in_other_units, with_sensors
-from trueup.inspection.settings import GAINS, with_steady_gains
+from trueup.inspection.settings import GAINS, at_other_voltages, with_steady_gains
 from trueup.inspection.stops import stopped_at
 from trueup.inspection.strangers import several_robots, without_strangers
 from trueup.inspection.turns import without_wraps
@@ -86,7 +86,8 @@ class Articulated(Family):
     def doubts(self, model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
         """See Family: positions beyond what the model allows, and sensors in other units than its own."""
         units = in_other_units(model.sensors(), recordings)
-        return (*beyond_ranges(ways(model), recordings, in_degrees=model.is_mjcf), *units)
+        beyond = beyond_ranges(ways(model), recordings, in_degrees=model.is_mjcf)
+        return (*beyond, *units, *at_other_voltages(recordings))
 
     def suited(
         self,

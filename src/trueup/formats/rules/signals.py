@@ -100,8 +100,9 @@ RULES = (
         ),
         also=("",),
     ),
-    Rule("voltage", "voltage, voltages, volt, volts",
-         (Example("t,motor_voltage_V", "0 12|.1 11|.2 12", "voltage[V] voltage"),), unit="V"),
+    Rule("voltage", "voltage, voltages, volt, volts, vin, vbat, vbus",
+         (Example("t,vin,q_hip", "0 12 .1|.1 11 .2|.2 12 .1", "voltage[] voltage; position[rad] hip"),
+          Example("t,motor_voltage_V", "0 12|.1 11|.2 12", "voltage[V] voltage"),), unit="V"),
     Rule("temperature", "temperature, temperatures, temp, temps",
          (Example("t,hip_temp_degC", "0 20|.1 21|.2 22", "temperature[degC] hip"),), unit="K"),
     Rule(
