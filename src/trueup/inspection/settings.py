@@ -70,9 +70,9 @@ def at_other_voltages(recordings: Sequence[Recording]) -> list[str]:
     if not named or named[high] < _ONE_BATTERY * named[low]:
         return []
     return [
-        f"recordings were made at other supply voltages, {named[low]:.3g} ('{low}') to {named[high]:.3g} ('{high}'): stiffness of "
-        "servos that drive their motor by duty goes with it, and the greatest speed of any, which nothing here follows. Calibrate "
-        "those of each voltage by themselves"
+        f"recordings were made at other supply voltages, {named[low]:.3g} ('{low}') to {named[high]:.3g} ('{high}'): "
+        "stiffness of servos that drive their motor by duty goes with it, and the greatest speed of any, which nothing here "
+        "follows. Calibrate those of each voltage by themselves"
     ]
 
 
