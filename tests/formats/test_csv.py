@@ -258,3 +258,31 @@ def test_nanoseconds_are_the_rest_of_whole_seconds_alone(tmp_path: Path) -> None
         assert list(log.channels) == ["position"]
         assert formats.guess_mapping(tmp_path / "bag.csv").time.column == name
         assert log.time - log.start == pytest.approx([0.0, 0.1, 0.2, 0.3], abs=1e-6)
+
+
+@pytest.mark.parametrize("frame", ["", "base_link"])
+@pytest.mark.parametrize("parts", [1, 3])
+def test_joint_states_as_ros_echoes_them_need_no_names_of_columns(frame: str, parts: int, tmp_path: Path) -> None:
+    rows = [
+        [
+            1700000000 + k // 4,
+            250000000 * (k % 4),
+            frame,
+            "hip",
+            "knee",
+            *(f"{0.1 * (k + c):.3f}" for c in range(2 * parts)),
+        ]
+        for k in range(8)
+    ]
+    (tmp_path / "states.csv").write_text("\n".join(",".join(map(str, row)) for row in rows) + "\n")
+    (log,) = formats.read(tmp_path / "states.csv")
+    assert list(log.channels) == ["position", "velocity", "torque"][:parts]
+    assert log.channel("position").labels == ("hip", "knee")
+    assert log.channel("position").column("knee") == pytest.approx(0.1 * (1.0 + np.arange(8)))
+    assert log.time - log.start == pytest.approx(0.25 * np.arange(8))
+
+
+def test_lists_as_python_prints_arrays_are_lists(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("t,position\n" + "".join(f"{k},\"array('d', [{k}, 2.0])\"\n" for k in range(4)))
+    (log,) = formats.read(tmp_path / "log.csv")
+    assert log.channel("position").values.tolist() == [[k, 2.0] for k in range(4)]

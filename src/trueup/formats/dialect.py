@@ -73,7 +73,7 @@ def split(line: str, separator: str) -> list[str]:
 
 def is_number(cell: str, decimal: str = ".") -> bool:
     """Whether a cell reads as a number or a list of numbers (an empty one does not)."""
-    if cell[:1] in "[(" and cell:
+    if cell and (cell[0] in "[(" or cell.startswith(("array(", "tensor("))):
         return True
     try:
         float(cell.replace(",", ".") if decimal == "," else cell)

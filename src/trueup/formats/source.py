@@ -12,6 +12,7 @@ from pathlib import Path
 from trueup import files
 from trueup.errors import FormatError
 from trueup.formats import csv, json, npz, parquet, rosbag
+from trueup.formats.echoed import with_names
 from trueup.formats.episodes import described, episodes, is_description
 from trueup.formats.long import one_row_an_instant
 from trueup.formats.per_joint import joined
@@ -85,7 +86,7 @@ def _file(path: Path) -> list[Source]:
     kind = path.suffix.lower().lstrip(".")
     if isinstance(result, Recording):
         return [Source(path.stem, (path,), (), result, kind)]
-    runs = episodes(described(result, path), path.stem)
+    runs = episodes(described(with_names(result), path), path.stem)
     return [Source(name, (path,), (one_row_an_instant(table),), reader=kind) for name, table in runs]
 
 

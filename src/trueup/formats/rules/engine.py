@@ -30,10 +30,8 @@ from trueup.formats.rules.sizes import Sizes
 from trueup.formats.table import Table, listing
 from trueup.recording import is_command
 
-_FAMILIES = ("motor", "raw", "unfiltered", "filtered", "external", "ext")
-"""Signals of motors are kept apart from those of joints, raw ones from filtered ones, where a file has both, and torques that
-push from outside from those of drives.
-"""
+_FAMILIES = ("motor", *joints.VARIANTS)
+"""Signals of motors are kept apart from those of joints, and others that are no plain ones, where a file has both."""
 _COUNTERS = frozenset(["header", "seq", "field", "stamp", "h"])
 """Words of a column that counts messages."""
 _OF_VEHICLES = ("position", "velocity", "acceleration", "command")

@@ -38,11 +38,13 @@ _FORCES = listed("force forces")
 """Words of what slides push with, where they are commanded: what was measured is more often a tool's."""
 _NOT_PUSHED = listed("grip gripper grasp finger fingers limit limits max min")
 """Whose commanded force is a setting, and drives no joint."""
+VARIANTS = ("raw", "unfiltered", "filtered", "filt", "external", "ext", "predicted", "pred", "simulated", "sim")
+"""Words of a signal that stands beside a plainer one of the same joint."""
 _PARTS = listed("joint joints motor motors")
 _LOW = frozenset(["low"])
 _NOT_JOINT = listed(
     "tcp ee pose imu mode status enable enabled flag index frame episode id seq count counter error err errors done "
-    "success force wrench quat orientation gain kp kd ki vicon mocap gps odom cov covariance"
+    "success layout force wrench quat orientation gain kp kd ki vicon mocap gps odom cov covariance"
 )
 
 
@@ -203,9 +205,8 @@ def _kept_words(name: Name, kinds: Sequence[str], commands: Sequence[bool], unit
         for i, word in enumerate(plain)
     ]
     low = any(a == "low" and b in ("state", "cmd") for a, b in itertools.pairwise(plain))
-    dropped = (
-        MEASURED | _NEUTRAL | _CONTROL | (ENCODERS if any(kinds) else frozenset()) | (_LOW if low else frozenset())
-    )
+    dropped = MEASURED | _NEUTRAL | _CONTROL | {*VARIANTS}
+    dropped |= (ENCODERS if any(kinds) else frozenset()) | (_LOW if low else frozenset())
     named = any(kept and word not in dropped for kept, word in zip(keep, plain, strict=True))
     # "joint" and "motor" are part of a name such as FL_hip_joint or Joint_1, "actual" in actual_q_0 is not.
     for i, word in enumerate(plain):

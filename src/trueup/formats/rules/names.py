@@ -26,13 +26,15 @@ PLAINLY_MEASURED = listed("measured meas msr msd actual present feedback fb fbk 
 """Words that mean a position where nothing says of what."""
 MEASURED = PLAINLY_MEASURED | listed(
     "observation observed obs state states read sensor sensed data motor motors joint joints field est estimate "
-    "estimated pv"
+    "estimated pv real"
 )
 AXES = listed("x y z w roll pitch yaw qx qy qz qw rx ry rz")
 _TIME = listed(
     "time timestamp timestamps t stamp stamps times clock elapsed ts sec secs seconds millis micros datetime msec usec "
     "nsec nanosec epoch unix utc timestep date received zeit zeitstempel uhrzeit tiempo tempo temps"
 )
+_TIME_UNITS = listed("ms us ns")
+"""Names of a clock by themselves."""
 _TICKS = listed("tick ticks")
 _NOT_TIME = listed("index frame episode step steps count counter id seq")
 _TAILS: Mapping[tuple[str, ...], str] = MappingProxyType(
@@ -52,6 +54,11 @@ _TAILS: Mapping[tuple[str, ...], str] = MappingProxyType(
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _PIECE = re.compile(r"[^_\s./\-]+")
 _BRACKETED_UNIT = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]\s*$")
+_LED = tuple(
+    tuple(re.compile(rf"(?<![A-Za-z]){word}(?![A-Za-z])", re.IGNORECASE) for word in pair)
+    for pair in (("leader", "follower"), ("master", "puppet"), ("master", "slave"))
+)
+"""Words of a robot that is led by hand, and of the one that follows it."""
 _ACT = re.compile(r"(?<![A-Za-z])[Aa][Cc][Tt](?![A-Za-z])|(?<![A-Za-z])[Aa]ct(?=[A-Z])")
 
 
@@ -124,11 +131,25 @@ def words(name: str) -> list[str]:
 
 def with_actual(names: Sequence[str]) -> dict[str, str]:
     """Each name as it is to be read: "act" is "actual", and no action, beside plain words for commands, and with a unit."""
+    if (followed := _followed(names)) is not None:
+        return followed
     plain = (COMMANDED | {"throttle", "steering"}) - {"act"}
     measured = any(unit not in ("", "1") for name in names if _ACT.search(name) for unit in _units(name))
     if not measured and not any(plain & set(words(name)) for name in names):
         return {name: name for name in names}
     return {name: _ACT.sub("actual", name) for name in names}
+
+
+def _followed(names: Sequence[str]) -> dict[str, str] | None:
+    """Each name as it is to be read where a robot follows another that is led by hand: what that one does is the command.
+
+    None where not both are there, joint by joint.
+    """
+    for leads, follows in _LED:
+        told = {leads.sub("", name) for name in names if leads.search(name)}
+        if told and told == {follows.sub("", name) for name in names if follows.search(name)}:
+            return {name: follows.sub("actual", leads.sub("command", name)) for name in names}
+    return None
 
 
 def _units(name: str) -> tuple[str, str]:
@@ -140,7 +161,7 @@ def _units(name: str) -> tuple[str, str]:
 def is_time(name: str) -> bool:
     """Whether a name sounds like a clock."""
     plain = set(words(name))
-    return bool(plain & _TIME) and not plain & _NOT_TIME
+    return (bool(plain & _TIME) and not plain & _NOT_TIME) or name.strip().lower() in _TIME_UNITS
 
 
 def ticks(name: str) -> bool:
