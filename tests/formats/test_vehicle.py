@@ -177,6 +177,16 @@ def test_a_speed_that_nobody_calls_a_command_is_one_where_the_motion_follows_it(
     assert ("the motion follows" in recording.provenance["guesses"]) == (late > 0.0)
 
 
+def test_a_speed_sideways_is_said_not_to_be_simulated(tmp_path: Path) -> None:
+    t, _, steering, x, y, heading, speed = drive()
+    for sideways in (0.0 * t, steering):
+        columns = np.column_stack([t, speed, sideways, steering, x, y, heading])
+        names = "t,cmd_vel.linear.x,cmd_vel.linear.y,cmd_vel.angular.z,x,y,yaw"
+        np.savetxt(tmp_path / "log.csv", columns, delimiter=",", header=names, comments="")
+        recording = read([tmp_path / "log.csv"])[0]
+        assert ("sideways" in recording.provenance["guesses"]) == bool(sideways.any())
+
+
 def test_a_curvature_is_the_angle_with_which_a_car_of_its_wheelbase_drives_it() -> None:
     t = np.arange(0.0, 1.0, 0.1)
     values = np.column_stack([np.ones_like(t), np.full_like(t, 0.5)])

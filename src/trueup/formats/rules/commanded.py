@@ -14,7 +14,7 @@ from trueup.formats.rules.names import COMMANDED
 from trueup.formats.rules.rule import Column
 from trueup.formats.rules.vehicles import Signal, best
 
-_DRIVING = ("throttle", "brake", "steering", "angle", "curvature", "speed", "erpm", "yaw_rate")
+_DRIVING = ("throttle", "brake", "steering", "angle", "curvature", "speed", "sideways", "erpm", "yaw_rate")
 """Kinds of signals that may drive a vehicle."""
 
 
@@ -39,6 +39,12 @@ def commanded(
             f"{names}: taken for what was commanded, since the motion follows {1e3 * late:.0f} ms behind and nothing else "
             "says so; if this was measured, name in [channels.command] what was commanded",
         )  # fmt: skip
+    if any(np.any(s.column.known != 0.0) for s in told["sideways"]):
+        names = ", ".join(s.column.name for s in told["sideways"])
+        said = (
+            *said,
+            f"{names}: a speed sideways, as of mecanum or omni wheels, is not simulated; take drives without it",
+        )
     unused = throttle is not None and len(np.unique(throttle.column.known)) < 2
     if unused and speed:  # Ackermann messages seldom use their acceleration
         throttle = None

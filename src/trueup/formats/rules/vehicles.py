@@ -32,6 +32,10 @@ RULES = (
         "throttle, gas, accelerator, esc, drive, duty, duty cycle, accel pedal, accelerator pedal, gas pedal, "
         "throttle pedal, pedal",
         (
+            Example("t,actuator_controls.throttle,actuator_controls.steering,vehicle_local_position.x,vehicle_local_position.y",
+                    "0 .1 .2 1 2|.1 .2 .2 1.1 2|.2 0 .3 1 2", "command[] throttle steering; position[m] x y"),
+            Example("t,rc_throttle,rc_steering,gps_x,gps_y,imu_yaw", "0 1500 1600 1 2 0|.1 1510 1600 1 2 0|.2 1500 1600 1 2 0",
+                    "command[] throttle steering; position[m] x y; heading[rad] heading"),
             Example("t,gas_percent,steer,x,y,yaw", "0 10 .1 1 2 .1|.1 20 .1 1.1 2 .1|.2 30 .2 1.2 2 .2",
                  "command[] throttle steering; position[m] x y; heading[rad] heading"),
          Example("t,x,y,yaw,v,steering_angle,accel_cmd", "0 1 2 .1 1 .1 .5|.1 1.1 2 .1 1 .2 .5|.2 1.2 2 .2 1 .1 .4",
@@ -106,6 +110,9 @@ RULES = (
                  "command[] throttle steering; speed[m/s] speed"),),
         unit="m/s",
     ),
+    Rule("sideways", "vy, v y, vel y, velocity y, linear y, linear velocity y, lin y, lin vel y",
+         (Example("t,cmd_vel.linear.x,cmd_vel.linear.y,cmd_vel.angular.z,x,y", "0 1 .1 0 1 2|.1 1 .1 0 1 2|.2 1 .2 0 1 2",
+                  "command[] speed turn; position[m] x y; cmd_vel_linear[] y"),), unit="m/s"),
     Rule(
         "yaw_rate",
         "w, wz, wimu, omega, omega z, yaw rate, yawrate, yaw vel, yaw velocity, yaw speed, yawvel, yawspeed, gyro z, gyroz, "
@@ -124,7 +131,7 @@ _CORES: Mapping[frozenset[str], str] = MappingProxyType(
     {frozenset(core.split()): rule.kind for rule in RULES for core in rule.names.split(", ")}
 )
 
-_ASKED = COMMANDED | listed("input ackermann teleop nav user pilot joy joystick")
+_ASKED = COMMANDED | listed("input ackermann teleop nav user pilot joy joystick rc")
 _WHOSE = _ASKED | listed(
     "pos position pose loc vicon mocap optitrack qualisys odom odometry gps gnss rtk ins car vehicle robot rover cart truck "
     "world map base link center centre cg cog rear front axle wheel wheels road tire tyre hand encoder measured meas "
@@ -132,7 +139,7 @@ _WHOSE = _ASKED | listed(
     "sent norm normalized angle ratio value percentage data msg feedback fb stamped twist vesc sensors sensor core "
     "pf particle filter filtered amcl slam ekf ukf localization localisation fused utm local global enu current drive "
     "csv npz topic inferred imu raw body fix navsat uwb apriltag tag aruco marker beacon lidar tracker tracked tracking "
-    "field location ned rb rigid ego agent hero player"
+    "field location ned rb rigid ego agent hero player actuator actuators"
 )
 _IF_ASKED: Mapping[frozenset[str], str] = MappingProxyType(
     {frozenset(["ang"]): "yaw_rate", frozenset(["rot"]): "yaw_rate"}
