@@ -8,6 +8,7 @@ from scipy.optimize import nnls
 
 from trueup.arrays import Array
 from trueup.grounding.predictors import Affine
+from trueup.noise import spread
 from trueup.rounding import ROUNDED, TINY
 
 
@@ -64,8 +65,8 @@ def _posterior_mean(z: Array) -> Array:
     # Sizes among which their distribution is estimated.
     grid = np.concatenate([[0.0], np.geomspace(0.1, top + 1.0, 59)])
     at = np.sort(size)
-    spread = norm.cdf(at[:, None] - grid) - norm.cdf(-at[:, None] - grid)  # P(|Z| <= at) for each true size
-    share, _ = nnls(spread, (np.arange(len(at)) + 0.5) / len(at))
+    chance = norm.cdf(at[:, None] - grid) - norm.cdf(-at[:, None] - grid)  # P(|Z| <= at) for each true size
+    share, _ = nnls(chance, (np.arange(len(at)) + 0.5) / len(at))
     up, down = (norm.pdf(size[:, None] - sign * grid) * share for sign in (1.0, -1.0))
     weight = np.sum(up + down, axis=1)
     known = weight > 1e-200  # far beyond all of the mixture a coefficient stays as it is
@@ -90,9 +91,9 @@ def least_median(X: Array, Y: Array, rng: np.random.Generator) -> Affine:
     W = np.empty((p, Y.shape[1]))
     for k, y in enumerate(Y.T):
         fits = np.linalg.solve(gram, np.einsum("mij,mi->mj", A, y[subsets])[:, :, None])[:, :, 0]
-        medians = np.median((y[few, None] - Z[few] @ fits.T) ** 2, axis=0)
-        best = fits[int(np.argmin(medians))]
-        deviation = 1.4826 * (1.0 + 5.0 / max(n - p, 1)) * np.sqrt(medians.min())
+        spreads = spread(y[few, None] - Z[few] @ fits.T)
+        best = fits[int(np.argmin(spreads))]
+        deviation = (1.0 + 5.0 / max(n - p, 1)) * spreads.min()
         good = np.abs(y - Z @ best) <= 2.5 * deviation
         W[:, k] = np.linalg.lstsq(Z[good], y[good], rcond=1e-10)[0] if good.sum() > p else best
     return Affine(W[1:] / scale[:, None], W[0] - centre / scale @ W[1:])

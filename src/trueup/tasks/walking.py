@@ -26,7 +26,8 @@ from trueup.trial import Observed, Trial
 PLACE, ANGLES = "base_position", "base_orientation"
 TILT = 0.8
 """rad from upright beyond which a robot counts as fallen."""
-_LOW = 0.62  # of its standing height: below, it lies, or sits on its knees
+LOW = 0.62
+"""Of its standing height: below, it lies, or sits on its knees."""
 _BALL = 1.0  # m beyond the line, so that steering never becomes abrupt
 
 
@@ -98,7 +99,7 @@ class Walk(ABC):
     @property
     def ends(self) -> tuple[End, ...]:
         """What ends a run before its time."""
-        return (Fallen(height=_LOW * self.height, tilt=TILT),)
+        return (Fallen(height=LOW * self.height, tilt=TILT),)
 
     def controllers(self, values: Array) -> Controller:
         """See Task."""

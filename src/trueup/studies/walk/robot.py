@@ -25,7 +25,7 @@ from trueup.errors import unknown_name
 from trueup.parameters import ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.studies.walk.scenes import MOTORS, NAO, NOISE, STEP, biped
-from trueup.tasks.walking import TILT
+from trueup.tasks.walking import LOW, TILT
 from trueup.trial import Observed, Trial
 
 PERIOD = 0.01
@@ -46,7 +46,6 @@ _SCATTER = {"kp": 0.03, "delay": 0.03, "contact_friction": 0.06}
 """By which share these vary from run to run: battery, temperature, where on the carpet."""
 _PUSH = 1.0  # N
 _SLOPE = 0.004  # rad by which the floor is off level, from run to run
-_LOW = 0.62  # of the standing height: whoever is lower has fallen
 
 
 @dataclass(frozen=True)
@@ -156,7 +155,7 @@ class StandInNao:
             "gyro": Observed(("gyro.x", "gyro.y", "gyro.z"), "rad/s", trial.start + time),
             "accelerometer": Observed(tuple(f"accelerometer.{a}" for a in "xyz"), "m/s2", trial.start + time),
         }  # fmt: skip
-        height = _LOW * float(self.model.compiled.key_qpos[0, 2])
+        height = LOW * float(self.model.compiled.key_qpos[0, 2])
         ends = (*(e for e in trial.ends if not isinstance(e, Fallen)), Fallen(height=height, tilt=TILT))
         return replace(
             trial, command=None, initial={}, ends=ends, observed={**(logged if self._log else {}), **trial.observed},
