@@ -34,7 +34,7 @@ RULES = (
         (
             Example("t,actuator_controls.throttle,actuator_controls.steering,vehicle_local_position.x,vehicle_local_position.y",
                     "0 .1 .2 1 2|.1 .2 .2 1.1 2|.2 0 .3 1 2", "command[] throttle steering; position[m] x y"),
-            Example("t,rc_throttle,rc_steering,gps_x,gps_y,imu_yaw", "0 1500 1600 1 2 0|.1 1510 1600 1 2 0|.2 1500 1600 1 2 0",
+            Example("t,rc_throttle,rc_steer,gps_x,gps_y,imu_yaw", "0 1500 1600 1 2 0|.1 1510 1600 1 2 0|.2 1500 1600 1 2 1",
                     "command[] throttle steering; position[m] x y; heading[rad] heading"),
             Example("t,gas_percent,steer,x,y,yaw", "0 10 .1 1 2 .1|.1 20 .1 1.1 2 .1|.2 30 .2 1.2 2 .2",
                  "command[] throttle steering; position[m] x y; heading[rad] heading"),
@@ -213,7 +213,7 @@ def _kind(plain: list[str], everything: list[str]) -> str:
     kind = _CORES.get(core, "")
     if not kind:  # cmd_vel.linear.x says twice that it is a velocity
         once = _CORES.get(core - {"vel", "velocity"}, "")
-        kind = once if once in ("speed", "yaw_rate") else ""
+        kind = once if once in ("speed", "sideways", "yaw_rate") else ""
     if _ASKED & set(everything):
         kind = "throttle" if core and core <= _ACCELERATIONS else kind or _IF_ASKED.get(core, "")
     if core == {"lateral", "steering"}:  # beside longitudinal.velocity, as Autoware commands both
