@@ -130,3 +130,14 @@ def test_logs_at_other_supply_voltages_are_said_to_be(model: Path) -> None:
     assert any("7.4 ('weak') to 12.1 ('strong')" in note for note in prepare(model, [log, strong]).notes)
     same = log.replace(name="same", provenance={"vin": "7.9"})
     assert not any("voltage" in note for note in prepare(model, [log, same]).notes)
+
+
+def test_recordings_that_come_later_have_gains_of_their_own(model: Path) -> None:
+    logs = [_log(100.0, "sine", "soft"), _log(400.0, "steps", "stiff")]
+    later = prepare(model, logs).with_recordings([*logs, _log(200.0, "sine", "between")])
+    assert isinstance(later.simulator, MujocoSimulator)
+    assert [later.simulator.gains.factor("kp", name, "arm") for name in ("soft", "between", "stiff")] == [
+        0.25,
+        0.5,
+        1.0,
+    ]

@@ -108,6 +108,10 @@ class Family:
         """Measured channels that make a recording ready without being compared."""
         return ()
 
+    def following(self, simulator: Any, recordings: Sequence[Recording]) -> Any:
+        """The same simulator for other recordings, where it takes anything from those that it was made for."""
+        return simulator
+
     def suited(
         self,
         model: Any,

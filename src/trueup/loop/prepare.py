@@ -182,7 +182,8 @@ class Preparation:
         if self.model is None:
             return replace(self, recordings=tuple(recordings), hold_out=tuple(hold_out))
         suited = self.family.suited(self.model, recordings, hold_out, self.refuse)
-        return replace(self, recordings=suited.training, hold_out=suited.held_out)
+        simulator = self.family.following(self.simulator, (*suited.training, *suited.held_out))
+        return replace(self, simulator=simulator, recordings=suited.training, hold_out=suited.held_out)
 
     def unused(self) -> tuple[str, ...]:
         """A note on measured channels that the model has nothing to compare with, such as the pose of a free base."""

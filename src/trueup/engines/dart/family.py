@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from trueup.engines.mujoco.family import Articulated
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.errors import ModelError
+from trueup.recording import Recording
 
 
 class DartRobots(Articulated):
@@ -61,6 +63,12 @@ class DartRobots(Articulated):
             "from trueup.engines import dart",
             f'simulator = dart.simulator(dart.load("{model.as_posix()}"), step={simulator.step:g})',
         )
+
+    def following(self, simulator: Any, recordings: Sequence[Recording]) -> Any:
+        """See Family."""
+        if not isinstance(simulator, ArticulatedSimulator):
+            return simulator
+        return replace(simulator, gains=Gains.named_by(recordings, simulator.gains.given_for)[0])
 
     def advice(self, simulator: Any, calibration: Calibration | None = None) -> tuple[str, ...]:
         """See Family."""

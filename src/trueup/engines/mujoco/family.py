@@ -153,6 +153,12 @@ class Articulated(Family):
         space, quantities = declare(model, lines, names)
         return MujocoSimulator(model, space, quantities, gains=gains, step=step), ()
 
+    def following(self, simulator: Any, recordings: Sequence[Recording]) -> Any:
+        """See Family: the settings of servos that they name."""
+        if not isinstance(simulator, MujocoSimulator):
+            return simulator
+        return simulator.with_gains(Gains.named_by(recordings, simulator.gains.given_for)[0])
+
     def write(
         self, simulator: MujocoSimulator, calibration: Calibration, model: Path, parameters: Path
     ) -> tuple[str, ...]:

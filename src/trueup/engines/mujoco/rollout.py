@@ -94,6 +94,13 @@ class MujocoSimulator:
         twin.parameters = space
         return twin
 
+    def with_gains(self, gains: Gains) -> MujocoSimulator:
+        """The same simulator for recordings that say other things of the servos' settings."""
+        twin = object.__new__(MujocoSimulator)
+        twin.__dict__.update(self.__dict__)
+        twin.gains = gains
+        return twin
+
     def at_step(self, step: float) -> MujocoSimulator:
         """The same simulator with another step, in s: coarser for a first search, finer to verify."""
         twin = object.__new__(MujocoSimulator)
