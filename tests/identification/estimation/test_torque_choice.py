@@ -48,6 +48,16 @@ def test_measured_torque_is_taken_by_its_name_though_a_computed_one_is_explained
         assert np.array_equal(made.channel("torque").values, computed.values)
 
 
+def test_torques_that_are_filtered_beside_plain_ones_are_not_asked_about(
+    tree: KinematicTree, log: tuple[Recording, Channel]
+) -> None:
+    run, other = log
+    both = run.with_channel(other.replace(name="torque_filtered"))
+    _, ((made,), _), notes = matched(tree, ([both], []))
+    assert np.array_equal(made.channel("torque").values, run.channel("torque").values)
+    assert any("'torque_filtered'" in note for note in notes)
+
+
 def test_two_torques_whose_names_say_nothing_are_listed_with_evidence_and_asked_for(
     tree: KinematicTree, log: tuple[Recording, Channel]
 ) -> None:

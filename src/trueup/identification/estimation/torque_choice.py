@@ -64,6 +64,8 @@ def choice(found: Sequence[Torque], recording: Recording, tree: KinematicTree, w
             return named[0]
     else:
         measured = [t for t in found if t.measured]
+        # Filtered or external ones beside them have a channel of their own: torque_filtered.
+        measured = [t for t in measured if t.title.split(" ")[0] in TORQUES] or measured
         plain = [t for kind in TORQUES for t in measured if t.title == kind]
         kinds = {_kind(t.channel.name) for t in measured}
         if len(measured) == 1 or (plain and len(kinds) == len(measured)):  # torque before current before load
