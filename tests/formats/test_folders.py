@@ -62,7 +62,12 @@ def test_provenance_names_the_files_and_their_checksums(tmp_path: Path, small_fi
 
 
 @pytest.mark.parametrize(
-    ("name", "message"), [("run.mat", r"end in '.mat' are not known; known are: .csv"), ("empty", "no file here")]
+    ("name", "message"),
+    [
+        ("run.mat", r"end in '.mat' are not known; known are: .csv.*MATLAB"),
+        ("run.h5", r"h5py.*savez"),
+        ("empty", "no file here"),
+    ],
 )
 def test_what_cannot_be_read_lists_what_can(tmp_path: Path, name: str, message: str) -> None:
     if name == "empty":

@@ -28,6 +28,19 @@ _READERS = {
     **dict.fromkeys((".npz", ".npy"), npz.read),
     **dict.fromkeys((".parquet", ".pq"), parquet.read),
 }
+_ELSEWHERE = {
+    "from MATLAB, writetable(timetable2table(...)) or writematrix writes CSV; so does any spreadsheet": (
+        ".mat", ".xlsx", ".xls", ".ods",
+    ),
+    'in Python, h5py.File(...) opens it and numpy.savez("log.npz", t=..., q=..., q_des=...) writes what is read here': (
+        ".h5", ".hdf5",
+    ),
+    "a pickle may run anything when it is loaded: load it yourself, and write arrays by numpy.savez or a table as CSV": (
+        ".pkl", ".pickle", ".pt", ".pth", ".joblib",
+    ),
+    "PX4's ulog2csv makes CSV files of it, one for each topic": (".ulg",),
+}  # fmt: skip
+"""What to do with files of other programs, and how their names end."""
 _NAME = re.compile(r"[A-Za-z_][\w./-]*")
 
 
@@ -79,8 +92,7 @@ def _file(path: Path) -> list[Source]:
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         known = listing([*_READERS, ".mcap", ".db3", ".bag"])
-        elsewhere = "; from MATLAB, writetable(timetable2table(...)) or writematrix writes CSV; so does any spreadsheet"
-        hint = elsewhere if path.suffix.lower() in (".mat", ".xlsx", ".xls", ".ods") else ""
+        hint = next((f"; {how}" for how, ends in _ELSEWHERE.items() if path.suffix.lower() in ends), "")
         raise FormatError(f"{path}: files that end in '{path.suffix}' are not known; known are: {known}{hint}")
     result = reader(path)
     kind = path.suffix.lower().lstrip(".")
