@@ -286,3 +286,13 @@ def test_lists_as_python_prints_arrays_are_lists(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("t,position\n" + "".join(f"{k},\"array('d', [{k}, 2.0])\"\n" for k in range(4)))
     (log,) = formats.read(tmp_path / "log.csv")
     assert log.channel("position").values.tolist() == [[k, 2.0] for k in range(4)]
+
+
+@pytest.mark.parametrize(("name", "full"), [("micros", 2**32), ("t_ms", 2**16)])
+def test_a_clock_whose_counter_was_full_goes_on(name: str, full: int, tmp_path: Path) -> None:
+    each = {"micros": 10000, "t_ms": 10}[name]
+    rows = [f"{(full - 4 * each - 7 + k * each) % full},{k}" for k in range(9)]
+    (tmp_path / "log.csv").write_text(f"{name},position\n" + "\n".join(rows) + "\n")
+    (log,) = formats.read(tmp_path / "log.csv")
+    assert log.time - log.start == pytest.approx(0.01 * np.arange(9), abs=1e-9)
+    assert "began anew" in log.provenance["warnings"]

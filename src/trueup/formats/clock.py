@@ -18,7 +18,9 @@ from trueup.units import canonical, to_si
 # Rates between these [Hz] are believed when the unit of a clock is guessed.
 _SLOWEST, _FASTEST = 2.0, 20_000.0
 # Repeated rows up to this share are put down to a hiccup of the logger.
-_FEW = 1e-3
+_FEW = 1e-2
+# What counters of 16 and 32 bits count until they begin anew [s].
+_ROUNDS = tuple(2.0**bits * to_si(unit)[1] for bits in (16, 32) for unit in ("ms", "us", "ns"))
 _EPOCH_SECONDS = 3e8, 4e9  # from 1979 to 2096
 
 
@@ -68,7 +70,7 @@ def increasing(samples: Samples, table: Table, repair: Repair, *, held: bool = F
     then expected and left out. Raises FormatError, a ClockError where a mapping can mend it, saying where, how often and
     what to do about it.
     """
-    samples = _without_lost_time(samples, table, repair)
+    samples = _going_on(_without_lost_time(samples, table, repair), table)
     if len(samples.time) == 0:
         raise FormatError(f"{table.path}: no samples")
     steps = np.diff(samples.time)
@@ -92,6 +94,21 @@ def increasing(samples: Samples, table: Table, repair: Repair, *, held: bool = F
             'order the rows, or repair = "drop" to leave out those that go back'
         )
     return _without_repeats(samples, table, held)
+
+
+def _going_on(samples: Samples, table: Table) -> Samples:
+    """The samples with a clock that goes on where its counter began anew: where all steps back are whole rounds of one."""
+    steps = np.diff(samples.time)
+    back = np.flatnonzero(steps < 0.0)
+    if not back.size or 2 * back.size > steps.size:
+        return samples
+    usual = float(np.median(steps))
+    for whole in _ROUNDS:
+        if usual > 0.0 and np.all(np.abs(steps[back] + whole - usual) < min(10.0 * usual, 0.1 * whole)):
+            rounds = np.concatenate([[0.0], np.cumsum(steps < 0.0)])
+            warning = f"{table.name}: its clock began anew after {whole:.9g} s ({back.size} times), as full counters do"
+            return Samples(samples.time + whole * rounds, samples.values, (*samples.warnings, warning))
+    return samples
 
 
 def row_offset(main: Array, own: Array) -> tuple[float, float]:
