@@ -104,6 +104,15 @@ def test_each_joint_follows_its_own_gains() -> None:
     assert [later.factor("kp", "soft", joint) for joint in ("arm", "hand")] == [3.0, 2.0]
 
 
+def test_a_joint_whose_gain_is_zero_beside_others_is_not_held_by_its_servo() -> None:
+    log = _log(100.0, "sine", "soft")
+    gains, notes = Gains.named_by([_with_settings(log, (20.0, 0.0), (0.5, 0.0))])
+    assert [gains.factor("kp", "soft", joint) for joint in ("arm", "hand")] == [1.0, 0.0]
+    assert any("gains of hand are 0" in note for note in notes)
+    nothing, _ = Gains.named_by([_with_settings(log, (0.0, 0.0), (0.0, 0.0))])
+    assert nothing.factor("kp", "soft", "arm") == 1.0
+
+
 def test_a_log_whose_gains_are_switched_on_late_is_taken_from_there_on(model: Path) -> None:
     log = _log(100.0, "sine", "late")
     kp = np.where(log.time < 1.0, 0.0, 20.0)[:, None]

@@ -51,11 +51,16 @@ class Gains:
                 notes += _lacking(quantity, lacking, {v for each in named.values() for v in each.values()})
                 continue
             values = {j: [each.get(j, each.get(ALL, nan)) for each in named.values()] for j in joints}
-            values = {joint: each for joint, each in values.items() if not any(map(isnan, each)) and max(each) > 0.0}
+            values = {joint: each for joint, each in values.items() if not any(map(isnan, each))}
+            idle = [joint for joint, each in values.items() if quantity == "kp" and max(each) == 0.0]
+            values = {joint: each for joint, each in values.items() if max(each) > 0.0}
+            idle = idle if values else []  # zero everywhere says that nobody filled it in
             given = _given(quantity, values, known or {}, shipped or {})
             factors[quantity] = {
-                name: {joint: each[i] / given[joint] for joint, each in values.items()} for i, name in enumerate(named)
+                name: {**{j: each[i] / given[j] for j, each in values.items()}, **dict.fromkeys(idle, 0.0)}
+                for i, name in enumerate(named)
             }
+            notes += [f"gains of {_listed(idle)} are 0 in all recordings: their servos do not pull"] if idle else []
             same = len(set(given.values())) < 2
             given_for |= {quantity if same else f"{quantity}.{joint}": own for joint, own in given.items()}
             notes += _said(quantity, given, {joint: sorted(set(each)) for joint, each in values.items()})
