@@ -41,6 +41,9 @@ class Parameter:
     absent: float | None = None
     """The value with which it is as if there were no such structure (a limit that is never met is no zero). Where it is given
     an optional structure is tried from the fit without it; None: searched with all else, then judged."""
+    unidentified: float | None = None
+    """The value where recordings do not identify it, if that is not the nominal one: of what nobody declared, the latter is
+    no more than a place from which it is searched."""
     vanishes: bool = False
     """Whether its lower bound is as good as none of it: a delay of 0 s, friction of a model that has none."""
 
@@ -103,6 +106,13 @@ class ParameterSpace:
         return np.array([p.nominal for p in self.parameters], dtype=np.float64)
 
     @property
+    def unidentified(self) -> Array:
+        """(n,) values where recordings do not identify them (see `Parameter.unidentified`)."""
+        return np.array(
+            [p.nominal if p.unidentified is None else p.unidentified for p in self.parameters], dtype=np.float64
+        )
+
+    @property
     def free(self) -> Mask:
         """(n,) True where the search may change the value."""
         return np.array([not p.frozen for p in self.parameters], dtype=bool)
@@ -129,6 +139,10 @@ class ParameterSpace:
                 for p in self.parameters
             )
         )
+
+    def left_open(self, names: Iterable[str]) -> ParameterSpace:
+        """The same space with parameters frozen that recordings do not tell."""
+        return self.freeze(names, dict(zip(self.names, self.unidentified.tolist(), strict=True)))
 
     def without(self, names: Iterable[str]) -> ParameterSpace:
         """The same space as if there were nothing of some parameters (see `Parameter.absent`)."""

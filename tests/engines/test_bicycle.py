@@ -195,6 +195,24 @@ def test_calibration_recovers_the_five_betas(seed: int) -> None:
     np.testing.assert_allclose(found.values, truth, rtol=0.03, atol=0.01)
 
 
+def test_a_limit_that_a_drive_never_meets_is_no_limit_of_the_simulator_in_which_gains_are_searched() -> None:
+    time, names = np.arange(1501) / 50.0, ("steering_delay", "steering_rate_limit", "acceleration_limit")
+    gentle = played(0.6 + 0.1 * np.sin(0.4 * time), 0.3 * np.sin(0.6 * time), 30.0, 0.6)
+    simulator = BicycleSimulator(BARE, vehicle_space(BARE, names))
+    truth = simulator.rollout([gentle], np.array([[0.2, 1e3, 1e3]]))[0].recording()
+    noise = np.random.default_rng(0)
+    noisy = {
+        n: c if n == "command" else c.replace(values=c.values + 0.003 * noise.standard_normal(c.values.shape))
+        for n, c in truth.channels.items()
+    }
+    pieces = windows(Recording("gentle", noisy), 6.0)
+    measure = RigidlyAligned.estimated(pieces, ("position", "heading"))
+    found = calibrate(simulator, pieces, options=Options(cross_validate=False), discrepancy=measure)
+    delay, *limits = found.estimates
+    assert delay.value == pytest.approx(0.2, abs=0.02)
+    assert [(e.value, e.absent) for e in limits] == [(1e3, True), (1e3, True)]
+
+
 def test_it_keeps_the_contract_of_a_simulator() -> None:
     check_simulator(BicycleSimulator(BARE, vehicle_space(BARE, BETAS)), wandering((), [], 0))
 

@@ -197,7 +197,7 @@ def _estimates(
             word, note = _frozen(declared[p.name], unseen, notes)
         rows.append(
             Estimate(p.name, p.unit, float(start), float(value), float(lo), float(hi), p.lower, p.upper, not p.frozen, word,
-                     note, absent=p.frozen and is_limit(p) and value == p.absent)
+                     note, absent=p.frozen and ((is_limit(p) and value == p.absent) or value == p.unidentified))
         )  # fmt: skip
     return tuple(rows)
 
@@ -252,7 +252,8 @@ def _frozen(p: Parameter, unseen: Sequence[str], notes: Sequence[str]) -> tuple[
     if p.frozen:
         return "frozen", "as declared"
     if p.name in unseen:
-        return "not identified", "these recordings cannot tell it; kept at its start value"
+        kept = "kept at its start value" if p.unidentified is None else "none is simulated"
+        return "not identified", f"these recordings cannot tell it; {kept}"
     judged = next((n for n in notes if p.optional and n.startswith(f"{p.optional} left out: ")), "")
     if judged:
         return "not supported", judged.removeprefix(f"{p.optional} left out: ")

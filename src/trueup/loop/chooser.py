@@ -31,7 +31,7 @@ class Chooser:
             unseen = replace(unseen, freeze=(), notes=())
         self.choices = unseen, structures
         names = (*unseen.freeze, *structures.freeze)
-        return found.space.freeze(names) if len(names) < every else found.space
+        return found.space.left_open(names) if len(names) < every else found.space
 
     def ended(self, problem: Problem, found: Fit, watch: Watch, how: Mapping[str, Any]) -> Fit:
         """The fit, or one without what ended away from its start where nothing tells of it any more.
@@ -47,7 +47,7 @@ class Chooser:
             if not late.freeze:
                 return found
             nothing = len(late.freeze) == int(found.space.free.sum())
-            space = found.space.freeze(late.freeze[:-1] if nothing else late.freeze)
+            space = found.space.left_open(late.freeze[:-1] if nothing else late.freeze)
             values = np.where(space.free, found.values, space.nominal)
             told = {**how, "stages": SHIPPED if nothing else REFINEMENT}
             again = fit(problem, space, space.nominal if nothing else values, watch, **told)

@@ -63,6 +63,7 @@ def recalibrate(
     if len(left_out) == int(space.free.sum()):
         return calibrate(simulator, recordings, hold_out, options=options, **how)
     start = np.array([earlier.values.get(p.name, p.nominal) for p in space.parameters])
+    start = np.where(start == space.unidentified, space.nominal, start)  # a limit that was not met then may be met now
     again = replace(options, stages=REFINEMENT, select=False, later=())
     asked = [p for p in space.parameters if p.absent is not None]  # what was kept of these is no longer asked about
     space = space.freeze(left_out).without([p.name for p in asked if p.name in left_out])

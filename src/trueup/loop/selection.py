@@ -57,7 +57,8 @@ def untold(problem: Problem, fit: Fit, covariance: Array, kept: Sequence[str]) -
     seen = verdicts(fit, covariance)
     asked = [
         p for p, verdict in zip(free, seen, strict=True)
-        if verdict.word in UNTOLD and moved[p.name] and p.name not in kept and not p.optional and p.absent is None
+        if verdict.word in UNTOLD and (moved[p.name] or p.unidentified is not None)
+        and p.name not in kept and not p.optional and p.absent is None
     ]  # fmt: skip
     if not asked:
         return Choice((), ())
@@ -70,7 +71,8 @@ def untold(problem: Problem, fit: Fit, covariance: Array, kept: Sequence[str]) -
 
 
 def _untold(parameters: Sequence[Parameter]) -> tuple[str, ...]:
-    return tuple(f"{p.name} kept at {p.nominal:.4g} {p.unit}: these recordings cannot tell it" for p in parameters)
+    said = {p.name: f"kept at {p.nominal:.4g} {p.unit}" if p.unidentified is None else "left out" for p in parameters}
+    return tuple(f"{name} {how}: these recordings cannot tell it" for name, how in said.items())
 
 
 def _wide(fit: Fit, covariance: Array) -> list[Parameter]:
@@ -95,10 +97,10 @@ def _wide(fit: Fit, covariance: Array) -> list[Parameter]:
 
 
 def not_missed(problem: Problem, fit: Fit, parameters: Sequence[Parameter]) -> list[Parameter]:
-    """Those without which, each at its nominal value, the recordings are replayed as well once all others have settled."""
+    """Those without which, each as if nobody told it, recordings are replayed as well once all others have settled."""
     free = [p for p in fit.space.parameters if not p.frozen]
     places = [free.index(p) for p in parameters]
-    nominal = np.clip(fit.space.to_unit(fit.space.nominal), 0.0, 1.0)
+    nominal = np.clip(fit.space.to_unit(fit.space.unidentified), 0.0, 1.0)
     points = np.repeat(fit.unit[None], len(places), axis=0)
     points[np.arange(len(places)), places] = nominal[places]
     residuals = problem.residuals(fit.space.from_unit(points))
@@ -118,7 +120,7 @@ class _Judge:
         self._problem, self._fit, self._blocks = problem, fit, by_stretch(problem)
         self.parts = len(self._blocks)
         self._settings = tuple(by_setting(problem).values())
-        self._nominal = fit.space.to_unit(fit.space.nominal)
+        self._nominal = np.clip(fit.space.to_unit(fit.space.unidentified), 0.0, 1.0)
         self._errors: Array | None = None
         self.structures = sorted({p.optional for p in self.free if p.optional}, key=self._lost)
 
