@@ -59,12 +59,18 @@ class ClosedLoop:
         if order.shape != self._delay.shape:
             raise ValueError(f"the controller returned commands of shape {order.shape}, expected {self._delay.shape}")
         if self._kept == len(self._times):
-            self._times[: self._acting] = self._times[-self._acting :]
-            self._orders[: self._acting] = self._orders[-self._acting :]
-            self._kept = self._acting
+            self._make_room()
         self._times[self._kept], self._orders[self._kept] = observation.time, order
         self._kept += 1
         self._asked += 1
+
+    def _make_room(self) -> None:
+        """Forgets commands that act no more, and has room for as many again as still may."""
+        kept = min(self._acting, self._kept)
+        room = (0, self._acting)
+        self._times = np.pad(self._times[self._kept - kept : self._kept], room)
+        self._orders = np.pad(self._orders[self._kept - kept : self._kept], (room, (0, 0), (0, 0)))
+        self._kept = kept
 
     def foretell(self, until: int) -> None:
         """Takes the commands that are due before step `until`, of a controller that has begun and knows them ahead."""
