@@ -48,6 +48,7 @@ if TYPE_CHECKING:  # for type checkers and editors; the same names as in _HOME
     from trueup.loop.surest import surest as surest
     from trueup.loop.transfer import shortlist as shortlist
     from trueup.loop.transfer import transfer as transfer
+    from trueup.loop.whole_calibration import calibrate_whole as calibrate_whole
     from trueup.loop.whole_runs import whole_body as whole_body
     from trueup.loop.whole_runs import whole_runs as whole_runs
     from trueup.loop.worth import worth_calibrating as worth_calibrating
@@ -108,6 +109,7 @@ _HOME = {
     "transition": "trueup.campaign.motions",
     "walk": "trueup.campaign.walks",
     "surest": "trueup.loop.surest",
+    "calibrate_whole": "trueup.loop.whole_calibration",
     "whole_body": "trueup.loop.whole_runs",
     "whole_runs": "trueup.loop.whole_runs",
     "worth_calibrating": "trueup.loop.worth",

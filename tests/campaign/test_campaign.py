@@ -245,6 +245,19 @@ def test_it_ends_when_the_robot_is_good_enough(write_plan: Write, tmp_path: Path
     assert "round 1" in ended.reason
 
 
+def test_a_task_that_is_done_or_not_ends_the_campaign_when_the_robot_does_it(write_plan: Write, tmp_path: Path) -> None:
+    plan = write_plan(("toy:Follow", "toy:Arrive"), (', "ramps"', ""), ("rounds = 2", "rounds = 9"))
+    events = run(plan, tmp_path / "out")
+    shares = [(s.step, s.done) for s in only(events, Scored)]
+    assert shares[0] == ("experiment", 0.0)  # nobody is near the target with the gains at first
+    assert shares[-1] == ("confirm", 1.0)
+    history = History.of(events)
+    assert history.ended is not None
+    assert history.ended.success
+    assert "(done)" in history.ended.reason
+    assert history.done_by_best.startswith("did it in 2 of 2 runs")
+
+
 def test_one_lucky_run_is_no_success(write_plan: Write, tmp_path: Path) -> None:
     lucky: list[str] = []
 

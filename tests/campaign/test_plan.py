@@ -3,16 +3,18 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from trueup.campaign.plan import read_plan
+from trueup.campaign.plan import plan_in, read_plan
 from trueup.campaign.resolve import parts_of
 from trueup.errors import ParameterError, PlanError
 
 Write = Callable[..., Path]
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
 def quiet(line: str) -> None:
@@ -88,3 +90,37 @@ def test_a_method_of_ones_own_gets_what_it_asks_for_by_name(write_plan: Write) -
     assert calibrator is not None
     with pytest.raises(ValueError, match="concatenate"):  # its own error, not one of the plan
         calibrator((), (), lambda point: None, None)
+
+
+MOTION = """
+[robot]
+type = "by-hand"
+[simulator]
+type = "mujoco"
+model = "small_humanoid.xml"
+[task]
+type = "transition"
+start = "sit"
+goal = "stand"
+between = ["lean"]
+"""
+
+
+def test_a_motion_is_searched_before_the_robot_moves_and_fitted_to_whole_runs_unless_its_plan_says_otherwise() -> None:
+    plan = plan_in(MOTION, Path("plan.toml"))
+    assert (plan.experiment.settings, plan.transfer.incumbent) == (0, False)
+    assert (plan.calibrate.method.type, plan.calibrate.choose) == ("whole-runs", True)
+    other = plan_in(MOTION + '[calibrate]\nmethod = "fit"\n[experiment]\nsettings = 2\n', Path("plan.toml"))
+    assert (other.calibrate.method.type, other.experiment.settings) == ("fit", 2)
+    assert other.optimize.samples == plan.optimize.samples
+
+
+def test_a_motion_s_simulator_is_as_unsure_as_a_humanoid_s_model_may_be_wrong(tmp_path: Path) -> None:
+    shutil.copy(EXAMPLES / "small_humanoid.xml", tmp_path)
+    (tmp_path / "plan.toml").write_text(MOTION, encoding="utf-8")
+    parts = parts_of(read_plan(tmp_path / "plan.toml"), tmp_path / "out", quiet)
+    space = parts.simulator.parameters
+    assert parts.later is None
+    assert {"kp", "damping", "friction", "delay", "torso.mass", "left_knee+right_knee.zero"} < set(space.names)
+    assert (space["kp"].lower, space["kp"].upper) == (pytest.approx(25 / 3), pytest.approx(75))
+    assert space["left_thigh+right_thigh.com_x"].upper == pytest.approx(0.0175)  # a twentieth of the torso's height

@@ -260,3 +260,11 @@ def _at(values: Array, times: Array) -> Array:
 
 
 __all__ = ["Cart", "Follow", "Lag", "Nearby", "regression"]
+
+
+class Arrive(Follow):
+    """The same task, which is done where the cart is near its target at the end."""
+
+    def succeeded(self, rollouts: Sequence[Rollout]) -> NDArray[np.bool_]:
+        away = [np.abs(r.channels["position"][:, -1, 0] - TARGETS[_target(r.trial)][-1]) for r in rollouts]
+        return np.max(away, axis=0) < 0.25

@@ -89,7 +89,7 @@ class Campaign:
             ended = self._over(number, last, stale)
             if ended is not None or number == self._plan.stop.rounds:
                 self._confirm(number)
-                if ended is None or not ended.success or self._best()[1] <= self._plan.stop.success:
+                if ended is None or not ended.success or self._succeeds():
                     break
                 best, score = self._best()  # it was one lucky run: go on from what is the best now
                 region, ended = TrustRegion(best, region.radius), None
@@ -222,9 +222,11 @@ class Campaign:
 
     def _over(self, number: int, last: RoundEnded, stale: int) -> Ended | None:
         stop = self._plan.stop
-        if last.score <= stop.success:
-            unit = unit_of(self._parts.task)
-            return Ended(f"success: {f'{last.score:.4g} {unit}'.rstrip()} on the robot in round {number}", success=True)
+        if self._scored() and self._succeeds():
+            unit, done = unit_of(self._parts.task), " (done)" if self._done() > 0.5 else ""
+            return Ended(
+                f"success: {f'{last.score:.4g} {unit}'.rstrip()}{done} on the robot in round {number}", success=True
+            )
         if stale >= stop.patience:
             return Ended(f"no improvement on the robot in {stale} rounds in a row", success=False)
         if self._room() < 1 + self._plan.transfer.incumbent:
@@ -244,6 +246,16 @@ class Campaign:
     def _best(self) -> tuple[Array, float]:
         units, scores = [np.array(s.unit) for s in self._scores], [np.array(s.scores) for s in self._scores]
         return best_known(units, scores, [s.fell for s in self._scores])
+
+    def _succeeds(self) -> bool:
+        """Whether the best scores well enough for the plan, or does the task in most of its runs where that can be said."""
+        return self._best()[1] <= self._plan.stop.success or self._done() > 0.5
+
+    def _done(self) -> float:
+        """Share of the best's runs in which the task was done; NaN where there is no such thing."""
+        best, _ = self._best()
+        shares = [s.done for s in self._scores if np.allclose(s.unit, best, atol=NEGLIGIBLE)]
+        return float(np.mean(shares))
 
     def _generator(self, number: int, purpose: int) -> np.random.Generator:
         return np.random.default_rng([self._plan.seed, number, purpose])

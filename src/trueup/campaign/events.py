@@ -86,6 +86,8 @@ class Scored:
     """The candidate in the unit box of the task's parameters."""
     scores: Row
     fell: bool
+    done: float = math.nan
+    """Share of its repeats in which the task was done; NaN for a task that has scores only."""
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol, TypeVar
@@ -22,7 +23,7 @@ from trueup.loop.safety import require_safe
 from trueup.loop.transfer import prepared
 from trueup.recording import Recording
 from trueup.robots.robot import HandsOut
-from trueup.tasks.task import robot_doubts, robot_scores, robot_trials
+from trueup.tasks.task import robot_done, robot_doubts, robot_scores, robot_trials
 from trueup.trial import Trial
 
 E = TypeVar("E")
@@ -145,16 +146,18 @@ class Hardware:
         self, round_: int, step: str, candidate: int, unit: Array, done: Sequence[TrialDone], repeats: int
     ) -> Scored:
         def make() -> Scored:
-            scores = np.full(repeats, np.nan)
+            scores, share = np.full(repeats, np.nan), math.nan
             if all(d.outcome == "done" for d in done):
                 runs = [[self._recording(f, c) for f, c in zip(d.recordings, d.checksums, strict=True)] for d in done]
                 task, values = self._parts.task, self._parts.task.parameters.from_unit(unit)
-                scores = robot_scores(task, runs, values)
+                scores, share = robot_scores(task, runs, values), robot_done(task, runs, values)
                 for d, said in zip(done, robot_doubts(task, runs, values), strict=False):
                     for words in said:
                         self._listener.doubt(f"{d.trial}: {words}")
             fell = any(d.outcome == "fell" for d in done)
-            return Scored(round_, step, candidate, tuple(unit.tolist()), tuple(np.asarray(scores).tolist()), fell)
+            return Scored(
+                round_, step, candidate, tuple(unit.tolist()), tuple(np.asarray(scores).tolist()), fell, share
+            )
 
         return self._take(Scored, make)
 

@@ -144,10 +144,24 @@ class History:
     @property
     def falls_of_best(self) -> str:
         """'fell in 2 of 5 tries' where the robot fell with the best settings; '' elsewhere."""
-        best = self.best[0]
-        tries = [s for r in self.rounds for s in r.scored if best and self.settings(s.unit) == best]
+        tries = self._tries_of_best
         fell = sum(s.fell for s in tries)
         return f"fell in {fell} of {len(tries)} tries with them" if fell else ""
+
+    @property
+    def done_by_best(self) -> str:
+        """'did it in 2 of 3 runs' of a task that is done or not, with the best settings; '' of any other."""
+        runs = [(s.done, len(s.scores)) for s in self._tries_of_best if math.isfinite(s.done)]
+        return (
+            f"did it in {sum(round(d * n) for d, n in runs)} of {sum(n for _, n in runs)} runs with them"
+            if runs
+            else ""
+        )
+
+    @property
+    def _tries_of_best(self) -> list[Scored]:
+        best = self.best[0]
+        return [s for r in self.rounds for s in r.scored if best and self.settings(s.unit) == best]
 
     def score(self, value: float) -> str:
         """A score with its unit."""

@@ -55,7 +55,7 @@ DISCREPANCIES = {
     "plain": "trueup.discrepancies.plain:Plain",
     "path-shape": "trueup.discrepancies.path_shape:PathShape",
 }
-CALIBRATIONS = {"fit": "", "none": "", "drives": "trueup.campaign.kinds:drives"}
+CALIBRATIONS = {"fit": "", "whole-runs": "", "none": "", "drives": "trueup.campaign.kinds:drives"}
 
 DRIVES = (
     "speed_delay", "speed_lag", "acceleration_limit", "wheel_scale", "steering_delay", "steering_lag",
@@ -67,11 +67,11 @@ DRIVES = (
 
 def robot(
     engine: str, model: Path, say: Callable[[str], None], recordings: Sequence[Recording] = (),
-    parameters: Path | None = None, refuse: tuple[str, ...] = (),
+    parameters: Path | None = None, refuse: tuple[str, ...] = (), whole_runs: bool = False,
 ) -> Preparation:  # fmt: skip
     """A robot model with the parameters of a file, or those proposed for the plan's recordings; says what was done to both.
-    Without either they are proposed once the first experiment is recorded. `refuse` names what shall stay as it is though
-    the recordings show it to be wrong or missing.
+    Without either they are proposed once the first experiment is recorded, or at once what `whole_runs` tell, if these are to
+    be fitted. `refuse` names what shall stay as it is though the recordings show it to be wrong or missing.
 
     Raises PlanError where there is no model, ModelError, ParameterError, and MissingExtraError for DART without dartpy.
     """
@@ -85,6 +85,8 @@ def robot(
             say(f"note: {note}")
         return ready
 
+    if parameters is None and whole_runs:
+        return told(prepare(model, recordings, propose=False, refuse=refuse, engine=engine).for_whole_runs())
     if parameters is None and not recordings:
         say(
             "what is to be calibrated is proposed after the first experiment; a parameters file in [simulator] says it now"

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from importlib import resources
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -16,6 +16,17 @@ from trueup import files
 from trueup.errors import PlanError
 from trueup.trial import Limits
 from trueup.typed_toml import Component, build
+
+USUAL: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
+    "transition": {
+        "experiment": {"settings": 0},
+        "calibrate": {"method": "whole-runs", "choose": True},
+        "optimize": {"evaluations": 800, "samples": 4},
+        "transfer": {"incumbent": False},
+    }
+}
+"""What a plan with a task of this type means where it says nothing, if that is not what the tables below say. A motion is
+searched from a rough guess, with which a robot would fall: the first that it performs works in the simulator."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +57,8 @@ class Calibrate:
     """[calibrate]: which of the simulator's parameters are fitted to which recordings, and how."""
 
     method: Component = field(default_factory=lambda: Component("fit"))
-    """'fit' (least squares, or CMA-ES where slopes mislead), 'none', or your own function."""
+    """'fit' (least squares, or CMA-ES where slopes mislead), 'whole-runs' (runs of a free base that fall and touch: CMA-ES,
+    then least squares from several priors), 'none', or your own function."""
     recordings: tuple[str, ...] = ()
     """Files, folders or patterns, relative to the plan, beside those of the campaign itself."""
     mapping: str = ""
@@ -235,7 +247,15 @@ def plan_in(text: str, where: Path) -> Plan:
     for f in fields(Plan):
         if f.name in ("robot", "simulator", "task") and f.name not in table:
             raise PlanError(f'{where}: [{f.name}] is missing; it says with type = "..." which {f.name} to use')
-    return build(Plan, table, str(where))
+    return build(Plan, _with_usual(table), str(where))
+
+
+def _with_usual(table: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A plan's table with what is usual for its task; what is no table stays, to be complained of."""
+    task = table["task"]
+    usual = USUAL.get(str(task.get("type")), {}) if isinstance(task, Mapping) else {}
+    own = {name: table.get(name, {}) for name in usual}
+    return {**table, **{n: {**usual[n], **t} for n, t in own.items() if isinstance(t, Mapping)}}
 
 
 def _at_least(table: object, key: str, least: float) -> None:

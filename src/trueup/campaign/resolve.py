@@ -35,6 +35,7 @@ from trueup.formats import read
 from trueup.loop.calibrate import Options
 from trueup.loop.prepare import Preparation
 from trueup.loop.recalibrate import Earlier
+from trueup.loop.whole_calibration import calibrate_whole
 from trueup.recording import Recording
 from trueup.search.search import Search
 from trueup.tracking.windows import LENGTH
@@ -60,7 +61,8 @@ def parts_of(
     plan, base = file.plan, file.path.parent
     recordings, held_out = _recordings(plan.calibrate, base, str(file.path))
     given: dict[str, Any] = {
-        "folder": folder, "folder_of_plan": base, "say": say, "seed": plan.seed, "recordings": (*recordings, *held_out)
+        "folder": folder, "folder_of_plan": base, "say": say, "seed": plan.seed, "recordings": (*recordings, *held_out),
+        "whole_runs": plan.calibrate.method.type == "whole-runs",
     }  # fmt: skip
     ready = _prepared(plan, given, base)
     given["simulator"] = simulator = ready.simulator
@@ -169,10 +171,16 @@ def _search(file: PlanFile, space: Any) -> Callable[[Array, int], Search]:
 
 def _calibrator(file: PlanFile, given: Mapping[str, Any], ready: Preparation) -> Calibrator | None:
     plan, base = file.plan, file.path.parent
-    if plan.calibrate.method.type == "none":
+    method = plan.calibrate.method.type
+    if method == "none":
         return None
-    if plan.calibrate.method.type == "fit":
-        return _fit(file, given, ready)
+    if method in ("fit", "whole-runs") and plan.calibrate.method.options:
+        raise PlanError(
+            f"{plan.calibrate.method.where}: '{method}' takes no options here; set choose, parameters, ... in [calibrate]"
+        )
+    if method in ("fit", "whole-runs"):
+        return _fit(file, given, ready) if method == "fit" else _whole(file, given, ready)
+    given = {**given, "simulator": ready.simulator}  # with what was proposed for the recordings
     target = found(plan.calibrate.method, "calibration", CALIBRATIONS, base)
     before = {**given, "recordings": (), "held_out": (), "progress": None, "earlier": None}
     arguments(plan.calibrate.method, target, before, base)  # what is wrong with the options is said now, not after runs
@@ -190,8 +198,6 @@ def _calibrator(file: PlanFile, given: Mapping[str, Any], ready: Preparation) ->
 def _fit(file: PlanFile, given: Mapping[str, Any], ready: Preparation) -> Calibrator:
     discrepancy: Discrepancy | None = given["discrepancy"]
     plan, say = file.plan.calibrate, given["say"]
-    if plan.method.options:
-        raise PlanError(f"{plan.method.where}: 'fit' takes no options here; set search, robust, ... in [calibrate]")
     options = Options(search=plan.search, select=plan.select, robust=plan.robust, channels=plan.channels or None,
                       seed=file.plan.seed)  # fmt: skip
 
@@ -207,5 +213,22 @@ def _fit(file: PlanFile, given: Mapping[str, Any], ready: Preparation) -> Calibr
         return now.calibrate(
             options, discrepancy=discrepancy, progress=progress, earlier=None if plan.choose else earlier
         )
+
+    return fit
+
+
+def _whole(file: PlanFile, given: Mapping[str, Any], ready: Preparation) -> Calibrator:
+    """Fits whole runs of a robot with a free base, all rounds' anew: what was left earlier may be told by now."""
+    plan, ends = file.plan, given["task"].trials[0].ends
+
+    def fit(
+        recordings: Sequence[Recording], held_out: Sequence[Recording], progress: Callable[[TracePoint], None],
+        earlier: Earlier | None,
+    ) -> Calibration:  # fmt: skip
+        now = ready.with_recordings(recordings, held_out)
+        return calibrate_whole(
+            now.simulator, now.recordings, now.hold_out, ends=ends, choose=plan.calibrate.choose, seed=plan.seed,
+            progress=progress,
+        )  # fmt: skip
 
     return fit

@@ -192,7 +192,8 @@ class CampaignView:
                 share = (
                     f" ({100 * (event.score / first - 1):+.0f} %)" if first > 0 and math.isfinite(event.score) else ""
                 )
-                words = f"{first:.4g} at first -> {self.history.score(event.score)} on the robot{share}{self._left()}"
+                before = f"{first:.4g} at first -> " if math.isfinite(first) else ""
+                words = f"{before}{self.history.score(event.score)} on the robot{share}{self._left()}"
                 return [_line(head, "best so far", words)]
             case Ended():
                 return [f"[bold]{'[green]' if event.success else ''}{escape(event.reason)}[/]"]
@@ -202,7 +203,12 @@ class CampaignView:
         known = [x for x in event.scores if math.isfinite(x)]
         if not known:
             return "fell" if event.fell else "no score"
-        return self.history.score(sum(known) / len(known)) + (f" (mean of {len(known)})" if len(known) > 1 else "")
+        mean = self.history.score(sum(known) / len(known)) + (f" (mean of {len(known)})" if len(known) > 1 else "")
+        if math.isnan(event.done):
+            return mean
+        return (
+            f"{mean}, {'done' if event.done == 1.0 else 'not done' if not event.done else f'done in {event.done:.0%}'},"
+        )
 
     def _left(self) -> str:
         """About how long the rounds that are left will take, from those that this process has seen."""

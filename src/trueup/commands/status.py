@@ -57,13 +57,12 @@ def show_status(history: History, plan: Plan, console: Console) -> None:
     if settings:
         first = history.first_score
         share = f", {100 * (1 - score / first):.1f} % less" if first > 0 and score < first else ""
-        console.print(
-            f"best on the robot: {history.score(score)} (at first {history.score(first)}{share})", highlight=False
-        )
+        before = f" (at first {history.score(first)}{share})" if math.isfinite(first) else ""
+        console.print(f"best on the robot: {history.score(score)}{before}", highlight=False)
         shown = ", ".join(f"{k} = {history.setting(k, v)}" for k, v in settings.items())
         console.print(f"  {escape(shown)}", highlight=False, soft_wrap=True)
-        if history.falls_of_best:
-            console.print(f"  the robot {history.falls_of_best}", highlight=False)
+        for words in filter(None, (history.done_by_best, history.falls_of_best)):
+            console.print(f"  the robot {words}", highlight=False)
     if history.ended is not None:
         console.print(escape(history.ended.reason), highlight=False)
     elif history.begun is None:

@@ -131,6 +131,10 @@ class Family:
         """
         raise ModelError("this family has no model files")
 
+    def for_whole_runs(self, simulator: Any) -> Simulator:
+        """A simulator with what whole runs of a robot with a free base tell, where nobody declared what to calibrate."""
+        return simulator
+
     def calibrate(
         self, simulator: Any, training: Sequence[Recording], held_out: Sequence[Recording], fit: Fit
     ) -> Calibration:

@@ -53,6 +53,11 @@ def _verdict(
 ) -> Verdict:
     if strength < NO_EFFECT:
         return Verdict("no effect", f"changing it changes nothing in these recordings{_advice(p)}")
+    return judged(p, unit, spread, value, low, high)
+
+
+def judged(p: Parameter, unit: float, spread: float, value: float, low: float, high: float) -> Verdict:
+    """On an estimate at `unit` of its box, with a standard deviation of `spread` there, which has an effect."""
     if vague(spread):
         return Verdict("not identified", f"the recordings leave it open{_advice(p)}")
     if unit < 2e-3 or unit > 1 - 2e-3:

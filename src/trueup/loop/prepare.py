@@ -124,6 +124,10 @@ class Preparation:
             return replace(self, simulator=self.simulator.with_parameters(space)), choice
         return replace(self, simulator=Restricted(self.simulator, space)), choice
 
+    def for_whole_runs(self) -> Preparation:
+        """The same with what whole runs of a robot with a free base tell, in place of what longer recordings would."""
+        return replace(self, simulator=self.family.for_whole_runs(self.simulator))
+
     def check(self, channels: Sequence[str] | None = None) -> None:
         """Raises CalibrationError where no recording is left to fit, UnknownNameError for a channel that none of them has."""
         if not self.recordings:

@@ -47,7 +47,7 @@ class WholeRuns:
 
 def whole_runs(
     problems: Sequence[Problem], space: ParameterSpace, *, seed: int, population: int = 32, generations: int = 10,
-    members: int = 4, descents: int = 6, prior: float = 0.02, told: Told | None = None,
+    members: int = 4, descents: int = 6, prior: float = 0.02, start: Array | None = None, told: Told | None = None,
 ) -> WholeRuns:  # fmt: skip
     """Values of `space` with the least losses plus `prior` times the squared distance from nominal, in quarters of the box.
 
@@ -55,11 +55,13 @@ def whole_runs(
     the prior as what one does. Their average would make each of them the fainter the more there are.
     `generations` of CMA-ES, then so many `descents` by least squares of `members`, of which the first has the nominal values
     as its prior; no descents: the best of CMA-ES alone. Several `problems` are several simulators of the same parameters.
+    Without generations the descents begin at `start` (k, n) (None: the nominal values).
     """
     begin, rng = np.clip(space.to_unit(space.nominal), 0.02, 0.98), np.random.default_rng(seed)
     search = CmaEs(begin, seed=seed, sigma=0.12, population=population, restarts=0, tolerance=1e-3,
                    max_evaluations=population * generations)  # fmt: skip
-    kept: list[tuple[float, Array]] = [(np.inf, begin)]
+    first = begin[None] if start is None else np.clip(space.to_unit(start), 0.02, 0.98)
+    kept: list[tuple[float, Array]] = [(np.inf, point) for point in first]
     while generations and not search.done:
         candidates = search.ask()
         values = space.from_unit(candidates)

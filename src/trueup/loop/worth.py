@@ -21,7 +21,7 @@ from trueup.loop.whole_runs import SPREAD, weights
 from trueup.parameters import ParameterSpace
 
 _STEP = 0.01  # share of the box by which a parameter is moved to see its effect
-_SAMPLES = 50.0
+SAMPLES = 50.0
 """Independent samples that a channel of a whole run is worth: what `whole_runs` weighs against its prior (1 / 0.02)."""
 
 
@@ -88,11 +88,11 @@ def worth_calibrating(
     points = np.clip(begin + away, 0.0, 1.0)
     seen = np.mean([_products(p, space, points) for p in problems], axis=0)
     wanted = np.mean([_products(p, space, points) for p in outcomes], axis=0) if outcomes else seen
-    doubt = _Doubt(_SAMPLES * SPREAD**2 * seen, SPREAD**2 * wanted)
+    doubt = _Doubt(SAMPLES * SPREAD**2 * seen, SPREAD**2 * wanted)
     channels = len({s.channel for p in (outcomes or problems) for s in p.segments})
     everything, taken, now = doubt.left(list(free)), list[int](), doubt.left([])
     none = now
-    while now > everything + channels / _SAMPLES:
+    while now > everything + channels / SAMPLES:
         others = [j for j in free if j not in taken]
         found = [doubt.left([*taken, j]) for j in others]
         best = int(np.argmin(found))
@@ -140,7 +140,7 @@ class _Doubt:
     def why_left(self, j: int, taken: Sequence[int], names: Sequence[str], channels: int) -> str:
         """Why one was left."""
         effect, _ = self.of(j)
-        if effect**2 < channels / _SAMPLES:
+        if effect**2 < channels / SAMPLES:
             return f"the outcome hardly depends on it (it moves by {effect:.2g})"
         if self._information[j, j] < 1.0:
             return f"the outcome moves by {effect:.2g} where it is wrong, but these recordings leave it open"
@@ -153,18 +153,18 @@ class _Doubt:
 
 def _products(problem: Problem, space: ParameterSpace, points: Array) -> Array:
     """(draws, f, f) products of weighted slopes of the residuals at points (draws, f) of the unit box."""
-    slopes = np.stack([_slopes(problem, space, at) for at in points])
-    if not slopes.any():
+    each = np.stack([slopes(problem, space, at) for at in points])
+    if not each.any():
         raise CalibrationError("no free parameter changes anything in these recordings, or none can be simulated")
-    return slopes @ slopes.transpose(0, 2, 1)
+    return each @ each.transpose(0, 2, 1)
 
 
-def _slopes(problem: Problem, space: ParameterSpace, at: Array) -> Array:
+def slopes(problem: Problem, space: ParameterSpace, at: Array) -> Array:
     """(f, m) weighted residuals by free parameters, in shares of the box; 0 where a simulation failed."""
     f = np.arange(len(at))
     points = np.repeat(at[None], 2 * len(at), axis=0)  # to both sides: what bends is no difference between parameters
     points[f, f], points[len(at) + f, f] = np.minimum(at + _STEP, 1.0), np.maximum(at - _STEP, 0.0)
     residuals = problem.residuals(space.from_unit(points))
     width = points[f, f] - points[len(at) + f, f]
-    slopes = (residuals[: len(at)] - residuals[len(at) :]) / width[:, None] * weights(problem)
-    return np.where(np.isfinite(slopes), slopes, 0.0)
+    found = (residuals[: len(at)] - residuals[len(at) :]) / width[:, None] * weights(problem)
+    return np.where(np.isfinite(found), found, 0.0)

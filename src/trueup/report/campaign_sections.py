@@ -55,8 +55,8 @@ def _better(history: History, tracks: Sequence[Track]) -> Markup:
     if not settings:
         return join(callout("warn", "No run has a score yet.", "The robot's runs are listed below as they come."))
     unit = history.begun.unit if history.begun else ""
-    falls = f" The robot {history.falls_of_best}." if history.falls_of_best else ""
-    words = tag("p", _sentence(first, best) + falls, class_="verdict-sentence")
+    said = [f" The robot {words}." for words in (history.done_by_best, history.falls_of_best) if words]
+    words = tag("p", "".join((_sentence(first, best), *said)), class_="verdict-sentence")
     parts = [
         hero("the task's score on the robot (lower is better)", change(significant(first), significant(best), unit),
              tag("div", words)),
@@ -151,7 +151,8 @@ def _candidate(story: RoundStory, scored: Scored) -> Markup:
         which = "the best, once more"
     elif scored.candidate == 0 and story.begun.round == 1:
         which = "as it was"
-    shown = "fell" if scored.fell else significant(measured, 4)
+    done = {1.0: " (done)", 0.0: " (not done)"}.get(scored.done, "")
+    shown = "fell" if scored.fell else significant(measured, 4) + done
     best = story.ended is not None and scored.unit == story.ended.best
     numbers = [significant(x, 4) for x in (*(settings.get(n, math.nan) for n in names), expected)]
     return row(which, cells(*numbers, shown), class_="best" if best else None)

@@ -159,6 +159,13 @@ def robot_scores(task: Task, recordings: Sequence[Sequence[Recording]], candidat
     return task.score(_rollouts(task, recordings, candidate))
 
 
+def robot_done(task: Task, recordings: Sequence[Sequence[Recording]], candidate: Array | None = None) -> float:
+    """Share of the repeats in which the robot did the task; NaN for a task that has scores only. See `robot_scores`."""
+    if not isinstance(task, DoneOrNot):
+        return float("nan")
+    return float(np.mean(task.succeeded(_rollouts(task, recordings, candidate))))
+
+
 def robot_doubts(
     task: Task, recordings: Sequence[Sequence[Recording]], candidate: Array | None = None
 ) -> tuple[tuple[str, ...], ...]:

@@ -53,6 +53,10 @@ class DartRobots(Articulated):
         notes = super().write(_twin(simulator), calibration, model, parameters)
         return (*notes, "the values were found in DART: MuJoCo's contacts and joint limits answer a little differently")
 
+    def file_of(self, simulator: Any) -> Model:
+        """See Articulated."""
+        return _engine(simulator).file
+
     def known_before(self, simulator: Any) -> bool:
         """See Family."""
         return not _engine(simulator).file.guessed

@@ -15,9 +15,10 @@ from trueup.articulated.declaration_file import read_declarations, read_gains, w
 from trueup.articulated.declarations import Declaration, declare
 from trueup.articulated.gains import Gains
 from trueup.articulated.model import servos
+from trueup.articulated.pose import ORIENTATION, POSITION
 from trueup.calibration import Calibration
 from trueup.engines.family import Family, Note, Request, Suited
-from trueup.engines.mujoco.base import check_base, floating, held
+from trueup.engines.mujoco.base import check_base, floating, free_joint, held
 from trueup.engines.mujoco.model import Model, load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.drives import by_the_only_joint, driven, suited, torques_as_commands, undriven
@@ -26,8 +27,10 @@ from trueup.engines.mujoco.setup.overlaps import passable
 from trueup.engines.mujoco.setup.proposal import moving_joints, propose
 from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
 from trueup.engines.mujoco.setup.still import with_still_joints
-from trueup.engines.mujoco.writing.notes import about_masses, usage_of
+from trueup.engines.mujoco.setup.whole_body import as_wrong_as_may_be, whole_body_lines
+from trueup.engines.mujoco.writing.notes import about_load, about_masses, usage_of
 from trueup.engines.mujoco.writing.write import write_model
+from trueup.engines.simulator import Simulator
 from trueup.errors import unknown_name
 from trueup.inspection.diagnosis import Diagnosis
 from trueup.inspection.feedforward import with_feedforward
@@ -43,7 +46,6 @@ from trueup.inspection.zeros import zeros_off
 from trueup.recording import Recording
 from trueup.trial import STEP
 
-_UNEXPLAINED = 5.0  # noise units
 _CHANGES = (
     ("base", floating), ("base", held), ("servos", driven), ("overlaps", passable), ("still", with_still_joints)
 )  # fmt: skip
@@ -159,6 +161,19 @@ class Articulated(Family):
             return simulator
         return simulator.with_gains(Gains.named_by(recordings, simulator.gains.given_for)[0])
 
+    def for_whole_runs(self, simulator: Any) -> Simulator:
+        """See Family."""
+        model = self.file_of(simulator)
+        if free_joint(model.compiled) < 0:
+            return simulator
+        lines, names = whole_body_lines(model), {"channel": (POSITION, ORIENTATION)}
+        other, _ = self.made(model, lines, names, simulator.gains, simulator.step, declared=False)
+        return other.with_parameters(as_wrong_as_may_be(model, other.parameters, other.quantities))
+
+    def file_of(self, simulator: Any) -> Model:
+        """The model that a simulator was made of, as MuJoCo reads it."""
+        return simulator.model
+
     def write(
         self, simulator: MujocoSimulator, calibration: Calibration, model: Path, parameters: Path
     ) -> tuple[str, ...]:
@@ -184,7 +199,7 @@ class Articulated(Family):
         """See Family: smaller steps before a calibration, friction with load after it."""
         if calibration is None:
             return _about_step(simulator)
-        return (*_about_load(simulator, calibration), *about_masses(simulator, calibration))
+        return (*about_load(simulator, calibration), *about_masses(simulator, calibration))
 
 
 def _stiffness(model: Model) -> dict[str, float]:
@@ -206,23 +221,6 @@ def _about_step(simulator: MujocoSimulator) -> tuple[str, ...]:
     return (
         f"the model steps by {1e3 * own:g} ms, here it is simulated at {1e3 * simulator.step:g} ms; with --step {own:g} the "
         f"values are those of its own step, for about {simulator.step / own:.1f} times the time",
-    )
-
-
-def _about_load(simulator: MujocoSimulator, calibration: Calibration) -> tuple[str, ...]:
-    """A note where servos stay far above the noise, and friction that grows with their load has not been tried."""
-    kinds = {q.kind for q in simulator.quantities}
-    seen = [r for r in calibration.training() if r.channel == "position"]
-    if calibration.lacking or "kp" not in kinds or "friction_load" in kinds:
-        return ()
-    if not seen or not all(r.noise.all() for r in seen):
-        return ()
-    times = float(np.sqrt(np.nanmean([np.nanmean(((r.after - r.measured) / r.noise) ** 2) for r in seen])))
-    if not times > _UNEXPLAINED:
-        return ()
-    return (
-        f"the replay error stays at {times:.0f} times the noise. Small geared servos may have friction that grows with their "
-        "load: --beyond-mjcf tries that too (in twice the time), and `trueup replay --parameters` replays it",
     )
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
 from trueup.arrays import Array
 from trueup.articulated.wiring import ONSET_OF
@@ -15,6 +16,7 @@ from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.rollout import MujocoSimulator
 
 DELAY = "actuator.delay"
+_UNEXPLAINED = 5.0  # noise units
 _RELATIVE = ("kp", "kv", "damping", "friction", "armature")
 """Quantities that grow with the masses where nothing tells forces."""
 
@@ -140,4 +142,21 @@ def about_masses(simulator: MujocoSimulator, calibration: Calibration) -> tuple[
         f"{', '.join(kinds)} are in proportion to the masses in the file: no torque or force was compared, and with all "
         "masses twice as large they would be too and replay as well. Weigh what you doubt, or have it searched: "
         '--parameters FILE with quantity = "mass" (and "com_x" ...) of the body',
+    )
+
+
+def about_load(simulator: MujocoSimulator, calibration: Calibration) -> tuple[str, ...]:
+    """A note where servos stay far above the noise, and friction that grows with their load has not been tried."""
+    kinds = {q.kind for q in simulator.quantities}
+    seen = [r for r in calibration.training() if r.channel == "position"]
+    if calibration.lacking or "kp" not in kinds or "friction_load" in kinds:
+        return ()
+    if not seen or not all(r.noise.all() for r in seen):
+        return ()
+    times = float(np.sqrt(np.nanmean([np.nanmean(((r.after - r.measured) / r.noise) ** 2) for r in seen])))
+    if not times > _UNEXPLAINED:
+        return ()
+    return (
+        f"the replay error stays at {times:.0f} times the noise. Small geared servos may have friction that grows with their "
+        "load: --beyond-mjcf tries that too (in twice the time), and `trueup replay --parameters` replays it",
     )

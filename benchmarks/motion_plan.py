@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A plan with the task `transition` on hidden robots: the small humanoid's file shall get up from a chair on each of them.
+
+The robots have other servos, masses, friction and delays than the file says, drawn from wide distributions, and noise. Beside
+it the sturdiest motion that a search in the file itself finds, three times: what one has without a campaign.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+import time
+import zlib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+
+import numpy as np
+from results import result
+
+from trueup.articulated.declarations import Declaration, declare
+from trueup.campaign.campaign import Campaign
+from trueup.campaign.events import Calibrated, TrialDone
+from trueup.campaign.folder import Folder
+from trueup.campaign.journal import Journal, read_journal
+from trueup.campaign.motions import transition
+from trueup.campaign.plan import read_plan
+from trueup.campaign.resolve import parts_of
+from trueup.engines.mujoco.model import load
+from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.loop.confirm import hunt
+from trueup.recording import Recording
+from trueup.tasks.task import robot_done
+from trueup.trial import Trial
+
+FILE = Path(__file__).resolve().parents[1] / "examples" / "small_humanoid.xml"
+PLAN = """
+[robot]
+type = "by-hand"
+[simulator]
+type = "mujoco"
+model = "small_humanoid.xml"
+[task]
+type = "transition"
+start = "sit"
+goal = "stand"
+between = ["lean"]
+"""
+NOISE = 0.003  # rad and m, of all that is measured
+
+
+class Hidden:
+    """Robot `number`: what differs from the file is drawn from it alone."""
+
+    repeatable = True
+
+    def __init__(self, number: int, folder: Path) -> None:
+        rng = np.random.default_rng([31, number])
+        kp, damping, friction, rotor, force = np.exp(rng.normal(0.0, (0.25, 0.25, 0.4, 0.3, 0.12)))
+        mass, ground = np.exp(rng.normal(0.0, (0.1, 0.15)))
+        com, delay = 0.007 * rng.standard_normal(), rng.uniform(0.0, 0.035)
+        text = FILE.read_text("utf-8")
+        for old, new in (
+            ('damping="0.6"', f'damping="{0.6 * damping}"'), ('frictionloss="0.05"', f'frictionloss="{0.05 * friction}"'),
+            ('armature="0.004"', f'armature="{0.004 * rotor}"'), ('kp="25"', f'kp="{25 * kp}"'),
+            ('forcerange="-5 5"', f'forcerange="{-5 * force} {5 * force}"'), ('friction="0.9"', f'friction="{0.9 * ground}"'),
+            ('mass="1.4"', f'mass="{1.4 * mass}" pos="{com} 0 0"'),
+        ):  # fmt: skip
+            assert text.count(old) == 1, old
+            text = text.replace(old, new)
+        path = folder / "hidden.xml"
+        path.write_text(text, encoding="utf-8")
+        model = load(path)
+        line = Declaration("delay", tie="all", nominal=delay)
+        self._simulator = MujocoSimulator(model, *declare(model, [line]), step=0.001)
+        self.words = (
+            f"kp x {kp:.2f}, damping x {damping:.2f}, force x {force:.2f}, torso x {mass:.2f} and {1e3 * com:+.0f} mm, "
+            f"{1e3 * delay:.0f} ms late"
+        )
+
+    def perform(self, trial: Trial) -> list[Recording]:
+        """See Robot."""
+        rng = np.random.default_rng(zlib.crc32(trial.name.encode()))
+        names = [trial.name] if trial.repeats == 1 else [f"{trial.name}-{k + 1}" for k in range(trial.repeats)]
+        return [self._once(name, trial, rng) for name in names]
+
+    def _once(self, name: str, trial: Trial, rng: np.random.Generator) -> Recording:
+        initial = {n: c.replace(values=c.values + 0.003 * rng.standard_normal(c.values.shape)) if n == "position" else c
+                   for n, c in trial.initial.items()}  # fmt: skip
+        (run,) = self._simulator.rollout(
+            [replace(trial, ends=(), initial=initial)], self._simulator.parameters.nominal[None]
+        )
+        seen = {n: c if n == "command" else c.replace(values=c.values + NOISE * rng.standard_normal(c.values.shape))
+                for n, c in run.recording().channels.items()}  # fmt: skip
+        return Recording(name, seen)
+
+
+def by_plan(robot: Hidden, folder: Path) -> tuple[bool, int, int]:
+    """Whether the campaign ended with a motion that the robot does, after how many trials and calibrations."""
+    (folder / FILE.name).write_text(FILE.read_text("utf-8"), encoding="utf-8")
+    (folder / "campaign.toml").write_text(PLAN, encoding="utf-8")
+    begun = Folder.begin(read_plan(folder / "campaign.toml"), folder / "out", None)
+    parts = replace(parts_of(begun.file, begun.path, lambda line: None), robot=robot)
+    with Journal(begun.path) as journal:
+        ended = Campaign(begun.file.plan, begun.checksum, "", parts, journal).run()
+    events = read_journal(begun.path)
+    trials, fits = (sum(isinstance(e, kind) for e in events) for kind in (TrialDone, Calibrated))
+    return ended.success, trials, fits
+
+
+def by_file(robot: Hidden) -> float:
+    """Share of three runs in which the robot does the sturdiest motion that is found in the file."""
+    simulator, task = transition(FILE, "sit", "stand", between=["lean"])
+    winner = hunt(task, simulator, np.random.default_rng(0)).winners[0].values
+    trials: Sequence[Trial] = [replace(t, name="file", repeats=3) for t in task.planned(winner)]
+    return robot_done(task, [robot.perform(t) for t in trials], winner)
+
+
+def main() -> None:
+    """Prints RESULT lines."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="one robot")
+    parser.add_argument("--robots", type=int, default=8)
+    options = parser.parse_args()
+    rows = []
+    for number in range(1 if options.quick else options.robots):
+        with tempfile.TemporaryDirectory() as name:
+            robot, began = Hidden(number, Path(name)), time.process_time()
+            done, trials, fitted = by_plan(robot, Path(name))
+            spent, before = time.process_time() - began, by_file(robot)
+        rows.append((done, trials, spent, before > 0.5))
+        print(f"robot {number} ({robot.words}): {'gets up' if done else 'does not'} after {trials} trials and {fitted} "
+              f"calibrations, {spent:.0f} s CPU; by the file's motion in {before:.0%} of three", flush=True)  # fmt: skip
+    done, trials, spent, before = (np.array(x, dtype=np.float64) for x in zip(*rows, strict=True))
+    result("robots_that_get_up", float(done.mean()), "", 0.9, peer="the sturdiest motion of the file",
+           peer_value=float(before.mean()), at_most=False)  # fmt: skip
+    result("trials_until_then", float(np.median(trials)), "", 12.0)
+    result("plan_cpu_seconds", float(np.median(spent)), "s", 300.0)
+
+
+if __name__ == "__main__":
+    main()
