@@ -54,7 +54,7 @@ def test_what_the_fall_tells_is_found_and_the_rest_is_left_as_open_as_it_was(
     assert before > 0.2  # rad
     assert after < 0.15 * before
     by_name = {e.name: e for e in found.estimates}
-    for name, truth in (("kp", 14.0), ("damping", 0.9), ("friction", 0.1), ("torso.com_x", 0.0)):
+    for name, truth in (("kp", 14.0), ("damping", 0.9), ("torso.com_x", 0.0)):
         assert by_name[name].low < truth < by_name[name].high
     sideways = by_name["left_arm+right_arm.com_y"]  # moves nothing of what is alike on both sides
     assert sideways.verdict == "not identified"

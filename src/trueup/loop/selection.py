@@ -100,7 +100,7 @@ def not_missed(problem: Problem, fit: Fit, parameters: Sequence[Parameter]) -> l
     """Those without which, each as if nobody told it, recordings are replayed as well once all others have settled."""
     free = [p for p in fit.space.parameters if not p.frozen]
     places = [free.index(p) for p in parameters]
-    nominal = np.clip(fit.space.to_unit(fit.space.unidentified), 0.0, 1.0)
+    nominal = _elsewhere(fit)
     points = np.repeat(fit.unit[None], len(places), axis=0)
     points[np.arange(len(places)), places] = nominal[places]
     residuals = problem.residuals(fit.space.from_unit(points))
@@ -109,6 +109,15 @@ def not_missed(problem: Problem, fit: Fit, parameters: Sequence[Parameter]) -> l
         settled_loss(fit, rows, np.delete(np.arange(len(free)), k), r) for k, r in zip(places, residuals, strict=True)
     ]
     return [p for p, loss in zip(parameters, settled, strict=True) if loss < most]
+
+
+def _elsewhere(fit: Fit) -> Array:
+    """(n_free,) where in the box each parameter is tried to be instead: the value of what is not identified, unless the fit
+    moved it. A limit at 2.6 rad/s that is known roughly may well be one; of one that stayed at its start nothing is known.
+    """
+    space = fit.space
+    values = np.where(np.isclose(fit.values, space.nominal), space.unidentified, space.nominal)
+    return np.clip(space.to_unit(values), 0.0, 1.0)
 
 
 class _Judge:
@@ -120,7 +129,7 @@ class _Judge:
         self._problem, self._fit, self._blocks = problem, fit, by_stretch(problem)
         self.parts = len(self._blocks)
         self._settings = tuple(by_setting(problem).values())
-        self._nominal = np.clip(fit.space.to_unit(fit.space.unidentified), 0.0, 1.0)
+        self._nominal = _elsewhere(fit)
         self._errors: Array | None = None
         self.structures = sorted({p.optional for p in self.free if p.optional}, key=self._lost)
 
