@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -72,7 +73,9 @@ RULES = (
                                            "0 0 0 1 2 3 4|.1 1 0 1 3 3 4", "command[] throttle steering; position[m] x y"),),
          unit="m"),
     Rule("y", "y, py, x north, y north",
-         (Example("t,throttle,steer,x_north_m,y_east_m", "0 0 0 1 2|.1 1 0 1 2|.2 1 0 2 2",
+         (Example("t,/limo/cmd_vel/linear/x,/limo/cmd_vel/angular/z,/limo/fused/pose/x,/limo/fused/pose/y,/goal/x,/goal/y",
+                  "0 1 0 1 2 5 5|.1 1 0 1 2 5 5|.2 1 0 2 2 5 5", "command[] speed turn; position[m] x y; goal[] x y"),
+          Example("t,throttle,steer,x_north_m,y_east_m", "0 0 0 1 2|.1 1 0 1 2|.2 1 0 2 2",
                   "command[] throttle steering; position[m] x y"),), unit="m"),
     Rule("east", "e, east, easting",
          (Example("t,throttle,steer,pos_e,pos_n,n", "0 0 0 1 2 0|.1 1 0 1 2 1|.2 1 0 2 2 2",
@@ -148,6 +151,13 @@ _IF_ASKED: Mapping[frozenset[str], str] = MappingProxyType(
 """Words beside a signal's own that do not change what it is."""
 PLACES = ("x", "y", "east", "north")
 """Kinds that are metres on a floor."""
+_PIECES = re.compile(r"[/.]")
+"""Between the parts of a topic's name."""
+_OF_SOMETHING_ELSE = listed(
+    "joint joints wheel wheels arm gripper camera lidar obstacle obstacles object objects person ball waypoint waypoints "
+    "path plan lookahead landmark target goal marker error"
+)
+"""Parts of a topic's name below which nothing is the vehicle's own."""
 _OF_AN_IMU = frozenset(("imu", "acc", "accel", "acceleration", "gyro", "mag"))
 _ACCELERATIONS = frozenset(["accel", "acceleration", "acc"])
 """What drives a vehicle where it is commanded."""
@@ -186,7 +196,9 @@ def read(column: Column) -> Signal | None:
     factor, plain = _unit(column)
     everything = [*words(column.file), *plain]
     there = set(everything)
-    kind = _kind(plain, everything)
+    kind, named = _kind(plain, everything), True
+    if not kind:
+        kind, named = _below(column, plain, everything), False
     if not kind or column.values.ndim > 1 or (kind in PLACES and _OF_AN_IMU & there):
         return None
     possible = BY_KIND[kind].possible
@@ -199,6 +211,7 @@ def read(column: Column) -> Signal | None:
         rank = 0 if _OF_WHEELS & there else 1
     elif kind in ("steering", "angle", "curvature", "throttle"):
         rank = (0 if commanded else 1) + 2 * (kind == "steering" and "servo" in plain)
+    rank += 0 if named else len(RULES)  # behind all whose whole name is known
     return Signal(column, kind, factor, commanded, rank, frozenset(there & _WHOSE - {"long"}))
 
 
@@ -225,6 +238,21 @@ def _kind(plain: list[str], everything: list[str]) -> str:
         kind = "angle" if "angle" in plain else kind
         kind = "longitude" if "long" in plain and {"gps", "gnss"} & set(everything) else kind
     return kind
+
+
+def _below(column: Column, plain: list[str], everything: list[str]) -> str:
+    """What a name says behind the robot's own, or a node's: /limo/odom/pose/pose/position/x; '' for nothing.
+
+    A speed by itself is as likely a wheel's as the robot's.
+    """
+    pieces = [words(piece) for piece in _PIECES.split(column.parts.text) if piece]
+    for i in range(1, len(pieces)):
+        if _OF_SOMETHING_ELSE & set(pieces[i - 1]):
+            return ""
+        kind = _kind(plain[sum(map(len, pieces[:i])) :], everything)
+        if kind and (i + 1 < len(pieces) or kind not in ("speed", "yaw_rate")):
+            return kind
+    return ""
 
 
 def _unit(column: Column) -> tuple[float | None, list[str]]:
