@@ -49,15 +49,17 @@ def own_words(column: Column) -> list[str]:
 def without_other_signals(proposals: Sequence[Proposal]) -> list[Proposal]:
     """Columns without a word for their kind that are named as a joint with a position is, and more, are another signal of it.
 
-    "m1_pos_fb" beside "m1_xyz_fb": whatever xyz is, it is no joint called m1_xyz.
+    "m1_pos_fb" beside "m1_xyz_fb": whatever xyz is, it is no joint called m1_xyz. Nor is "u_1" what "theta_ref_1" is.
     """
     roles = ("position", "command", "command_sent")
     implied = [p.role in roles and joints.read(p.column.parts).implied for p in proposals]
-    named = {p.label for p, only in zip(proposals, implied, strict=True) if p.role in roles and not only}
-    return [
-        own(p.column) if only and any(p.label != x and x in p.label and {*words(x)} < {*words(p.label)} for x in named) else p
-        for p, only in zip(proposals, implied, strict=True)
-    ]  # fmt: skip
+    named = {(p.role, p.label) for p, only in zip(proposals, implied, strict=True) if p.role in roles and not only}
+
+    def is_other(p: Proposal) -> bool:
+        more = any(p.label != x and x in p.label and {*words(x)} < {*words(p.label)} for _, x in named)
+        return more or (p.role, p.label) in named
+
+    return [own(p.column) if only and is_other(p) else p for p, only in zip(proposals, implied, strict=True)]
 
 
 def without_sensors(proposals: Sequence[Proposal]) -> list[Proposal]:

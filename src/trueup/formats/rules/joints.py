@@ -26,6 +26,8 @@ _RATES = MappingProxyType({"dot": "velocity", "ddot": "acceleration"})
 """Words that make a rate of change of what stands before them: q_dot, theta_ddot."""
 ENCODERS = listed("encoder encoders enc counts ticks")
 """Words of a position where no other word tells a kind."""
+_AMPERES = frozenset(["i"])
+"""Words of a current where a unit says so, or a command or measurement."""
 _SHORT = frozenset(["th"])
 """Words of a position that may also be part of a joint's name: theta, or thigh."""
 _OF_A_LOG = frozenset(["sample", "sampling", "frame", "update", "data", "loop", "log"])
@@ -84,6 +86,8 @@ def read(name: Name) -> Reading:
         unit = "N"
     if not kind and (told or not (AXES | {"heading"}) & set(plain[:1])):
         kind, unit, where = _kind_by_unit(name, told=told)
+        said = {"position": ENCODERS, "current": _AMPERES}.get(kind, frozenset())
+        kinds = [kind if word in said else k for word, k in zip(plain, kinds, strict=True)]
     implied = not kind
     if not kind:
         amperes = (name.bracketed or name.tail) in ("A", "mA")
@@ -186,8 +190,8 @@ def _by_letter(
     no more than implied.
     """
     telling = {
-        "current": {"i"} if current and len(plain) > 1 else set(),
-        "velocity": {"rate"} if len(plain) > 1 and not _OF_A_LOG & set(plain) else set(),
+        "current": _AMPERES if current and len(plain) > 1 else frozenset(),
+        "velocity": frozenset(["rate"]) if len(plain) > 1 and not _OF_A_LOG & set(plain) else frozenset(),
         "position": ENCODERS | _SHORT,
     }
     for kind, said in telling.items():

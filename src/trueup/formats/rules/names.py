@@ -56,9 +56,12 @@ _PIECE = re.compile(r"[^_\s./\-]+")
 _BRACKETED_UNIT = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 _LED = tuple(
     tuple(re.compile(rf"(?<![A-Za-z]){word}(?![A-Za-z])", re.IGNORECASE) for word in pair)
-    for pair in (("leader", "follower"), ("master", "puppet"), ("master", "slave"))
+    for pair in (("leader", "follower"), ("master", "puppet"), ("master", "slave"), ("stiffness", "damping"))
 )
-"""Words of a robot that is led by hand, and of the one that follows it."""
+_LED_AS = (("command", "actual"),) * 3 + (("kp", "kd"),)
+"""Words that mean something only where both stand beside the same: of a robot that is led by hand and one that follows it, of
+the gains of a drive (a joint has damping, too). And what they mean then.
+"""
 _ACT = re.compile(r"(?<![A-Za-z])[Aa][Cc][Tt](?![A-Za-z])|(?<![A-Za-z])[Aa]ct(?=[A-Z])")
 
 
@@ -131,8 +134,15 @@ def words(name: str) -> list[str]:
 
 def with_actual(names: Sequence[str]) -> dict[str, str]:
     """Each name as it is to be read: "act" is "actual", and no action, beside plain words for commands, and with a unit."""
-    if (followed := _followed(names)) is not None:
-        return followed
+    read = {name: name for name in names}
+    for words_of_pair, meant in zip(_LED, _LED_AS, strict=True):
+        read = _in_pairs(read, words_of_pair, meant)
+    acted = _acted(list(read.values()))
+    return {name: acted[as_read] for name, as_read in read.items()}
+
+
+def _acted(names: Sequence[str]) -> dict[str, str]:
+    """Each name with "actual" for "act" where that is what it means."""
     plain = (COMMANDED | {"throttle", "steering"}) - {"act"}
     measured = any(unit not in ("", "1") for name in names if _ACT.search(name) for unit in _units(name))
     if not measured and not any(plain & set(words(name)) for name in names):
@@ -140,16 +150,13 @@ def with_actual(names: Sequence[str]) -> dict[str, str]:
     return {name: _ACT.sub("actual", name) for name in names}
 
 
-def _followed(names: Sequence[str]) -> dict[str, str] | None:
-    """Each name as it is to be read where a robot follows another that is led by hand: what that one does is the command.
-
-    None where not both are there, joint by joint.
-    """
-    for leads, follows in _LED:
-        told = {leads.sub("", name) for name in names if leads.search(name)}
-        if told and told == {follows.sub("", name) for name in names if follows.search(name)}:
-            return {name: follows.sub("actual", leads.sub("command", name)) for name in names}
-    return None
+def _in_pairs(read: dict[str, str], pair: Sequence[re.Pattern[str]], meant: Sequence[str]) -> dict[str, str]:
+    """Names with what the words of a pair mean, where every name that has one has its like with the other."""
+    one, other = pair
+    beside = [{word.sub("", name) for name in read.values() if word.search(name)} for word in pair]
+    if not beside[0] or beside[0] != beside[1]:
+        return read
+    return {name: other.sub(meant[1], one.sub(meant[0], as_read)) for name, as_read in read.items()}
 
 
 def _units(name: str) -> tuple[str, str]:
