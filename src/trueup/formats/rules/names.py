@@ -62,6 +62,8 @@ _LED_AS = (("command", "actual"),) * 3 + (("kp", "kd"),)
 """Words that mean something only where both stand beside the same: of a robot that is led by hand and one that follows it, of
 the gains of a drive (a joint has damping, too). And what they mean then.
 """
+_OBJECT = re.compile(r"(?<![A-Za-z0-9])(?:0x60[0-9A-Fa-f]{2}|60[0-9A-Fa-f]{2}h)(?![A-Za-z0-9])_?")
+"""What a drive on a bus calls its objects (CiA 402): 6064h_position_actual, 0x607A_target_position."""
 _ACT = re.compile(r"(?<![A-Za-z])[Aa][Cc][Tt](?![A-Za-z])|(?<![A-Za-z])[Aa]ct(?=[A-Z])")
 
 
@@ -134,7 +136,7 @@ def words(name: str) -> list[str]:
 
 def with_actual(names: Sequence[str]) -> dict[str, str]:
     """Each name as it is to be read: "act" is "actual", and no action, beside plain words for commands, and with a unit."""
-    read = {name: name for name in names}
+    read = {name: _OBJECT.sub("", name).strip("_ ") or name for name in names}
     for words_of_pair, meant in zip(_LED, _LED_AS, strict=True):
         read = _in_pairs(read, words_of_pair, meant)
     acted = _acted(list(read.values()))

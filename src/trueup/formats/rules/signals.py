@@ -43,6 +43,8 @@ RULES = (
             Example("t,master_hip,puppet_hip", "0 .1 .1|.01 .2 .1|.02 .3 .2", "command[rad] hip; position[rad] hip"),
             Example("t,j1/enc_rad,j1/cmd_rad,j1/i_meas_A", "0 .1 .1 1|.01 .2 .1 1|.02 .3 .2 2",
                     "command[rad] j1; position[rad] j1; current[A] j1"),
+            Example("t,axis1_6064h_position_actual,axis1_0x607A_target_position", "0 .1 .1|.01 .2 .1|.02 .3 .2",
+                    "command[rad] axis1; position[rad] axis1"),
             Example("t,theta_1,theta_ref_1,u_1", "0 .1 .1 1|.01 .2 .1 1|.02 .3 .2 2",
                     "command[rad] joint_1; position[rad] joint_1; u[] 1"),
             Example("t,hip.q.sp,hip.q.pv", "0 .1 .1|.01 .2 .1|.02 .3 .2", "command[rad] hip; position[rad] hip"),
