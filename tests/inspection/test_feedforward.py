@@ -54,6 +54,14 @@ def test_torques_that_are_all_that_acts_stay_a_command_of_their_own(measured: bo
     assert not notes
 
 
+def test_a_weight_that_a_controller_holds_beside_its_gains_is_part_of_all_that_acts() -> None:
+    """Its torque shows the noise of the positions that it was made of, which one that is only added does not."""
+    seen = POSITION + 2e-4 * np.random.default_rng(0).standard_normal(len(TIME))
+    for torque, stays in ((KP * (WANTED - seen) - KD * np.gradient(seen, TIME) + HELP, True), (HELP, False)):
+        (made,), _ = with_feedforward([log(command_torque=("N m", torque), position=("rad", seen))])
+        assert made.has("command_torque") == stays
+
+
 @pytest.mark.parametrize(
     ("kind", "unit", "limit"),
     [("torque", "N m", 0.0 * TIME + 4.0), ("velocity", "rad/s", 0.0 * TIME + 4.0), ("velocity", "rad/s", np.abs(PACE))],

@@ -21,7 +21,9 @@ _UNITS = {"torque": "N m", "velocity": "rad/s"}
 _ALIKE = 0.5
 """Correlation of commanded speeds with the rate of commanded positions: a greatest speed is commanded, too."""
 _WHOLE = 0.1
-"""Share of a commanded torque's variance beyond what gains make of positions, up to which it is all that acts."""
+"""Share of variance that a commanded torque may have beyond what gains make of positions, if it is made by them: of its own,
+or of its change from sample to sample, which shows the noise of positions but no weight that is held beside.
+"""
 _SAID = {
     "moved": "speeds or torques were commanded beside positions, with gains that the log names ({}): what drives were told, "
     "kp (position - q) + kd (speed - dq) + torque, is taken as positions moved by (kd speed + torque) / kp",
@@ -98,7 +100,8 @@ def _acts_alone(recording: Recording, command: Channel, added: Mapping[str, Chan
     torque, speed = added["torque"], added.get("velocity")
     measured = recording.channels.get("torque")
     measured = measured if measured is not None and measured.unit == _UNITS["torque"] else None
-    alone, together, size = 0.0, 0.0, 0.0
+    alone, together = 0.0, 0.0
+    left, own = np.zeros(3), np.zeros(3)
     for label in (x for x in torque.labels if x in position.labels and x in command.labels):
         time = position.time
         error = command.select([label]).at(time, hold=True)[:, 0] - position.column(label)
@@ -109,10 +112,12 @@ def _acts_alone(recording: Recording, command: Channel, added: Mapping[str, Chan
         given = None if measured is None or label not in measured.labels else measured.select([label]).at(time)[:, 0]
         alone += float(np.nanvar(told - (pull if given is None else given)))
         together += float(np.nanvar(told + pull - (pull if given is None else given)))
-        size += float(np.nanvar(told))
-    if measured is not None and size > 0.0:
+        beyond = (told - pull, np.diff(told - pull, 2), np.diff(told[1:] - pull[:-1], 2))  # or by the sample before
+        left += [float(np.nanvar(x)) for x in beyond]
+        own += [float(np.nanvar(x)) for x in (told, np.diff(pull, 2), np.diff(pull, 2))]
+    if measured is not None:
         return alone < together
-    return alone < _WHOLE * max(size, TINY)
+    return bool(np.any(left < _WHOLE * np.maximum(own, TINY)))
 
 
 def _at(channel: Channel, label: str, time: Array) -> Array:
