@@ -60,9 +60,9 @@ class Hidden:
 
     def __init__(self, number: int, folder: Path) -> None:
         rng = np.random.default_rng([31, number])
-        kp, damping, friction, rotor, force = np.exp(rng.normal(0.0, (0.25, 0.25, 0.4, 0.3, 0.12)))
-        mass, ground = np.exp(rng.normal(0.0, (0.1, 0.15)))
-        com, delay = 0.007 * rng.standard_normal(), rng.uniform(0.0, 0.035)
+        kp, damping, friction, rotor, force = np.exp(rng.normal(0.0, (0.4, 0.4, 0.6, 0.4, 0.15)))
+        mass, ground = np.exp(rng.normal(0.0, (0.15, 0.2)))
+        com, delay = 0.01 * rng.standard_normal(), rng.uniform(0.0, 0.05)
         text = FILE.read_text("utf-8")
         for old, new in (
             ('damping="0.6"', f'damping="{0.6 * damping}"'), ('frictionloss="0.05"', f'frictionloss="{0.05 * friction}"'),
@@ -124,7 +124,7 @@ def main() -> None:
     """Prints RESULT lines."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="one robot")
-    parser.add_argument("--robots", type=int, default=8)
+    parser.add_argument("--robots", type=int, default=5)
     options = parser.parse_args()
     rows = []
     for number in range(1 if options.quick else options.robots):
