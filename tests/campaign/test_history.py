@@ -24,8 +24,9 @@ from trueup.campaign.plan import Plan, read_plan
 from trueup.campaign.resolve import parts_of
 from trueup.commands.campaign_view import CampaignView
 from trueup.commands.status import as_json, show_status
+from trueup.recording import Channel, Recording
 from trueup.report.campaign import campaign_html, write_campaign_report
-from trueup.report.campaign_tracks import tracks_of
+from trueup.report.campaign_tracks import Track, track_figure, tracks_of
 
 Write = Callable[..., Path]
 
@@ -136,3 +137,16 @@ def test_a_robot_far_from_every_expectation_is_pointed_at(told: tuple[tuple[Even
     assert "only 20 % of what was expected" in astray(far)
     text = campaign_html(History.of([far if e is seen[0] else e for e in events]), plan, times={})
     assert "do both runs begin alike" in text
+
+
+def test_of_a_robot_with_a_free_base_the_report_shows_how_it_leans_and_how_high_it_is() -> None:
+    time = np.linspace(0.0, 1.0, 20)
+    channels = {
+        "position": Channel("position", ("left_knee",), "rad", time, np.zeros((20, 1))),
+        "base_position": Channel("base_position", ("x", "y", "z"), "m", time, np.ones((20, 3))),
+        "base_orientation": Channel("base_orientation", ("roll", "pitch", "yaw"), "rad", time, np.zeros((20, 3))),
+    }
+    shown = str(track_figure(Track("rise", None, Recording("best", channels))))
+    assert "pitch of the torso, rad" in shown
+    assert "height of the torso, m" in shown
+    assert "left_knee" not in shown

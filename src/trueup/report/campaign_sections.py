@@ -54,11 +54,11 @@ def _better(history: History, tracks: Sequence[Track]) -> Markup:
     first, (settings, best) = history.first_score, history.best
     if not settings:
         return join(callout("warn", "No run has a score yet.", "The robot's runs are listed below as they come."))
-    unit = history.begun.unit if history.begun else ""
+    unit, before = history.begun.unit if history.begun else "", significant(first) if math.isfinite(first) else ""
     said = [f" The robot {words}." for words in (history.done_by_best, history.falls_of_best) if words]
     words = tag("p", "".join((_sentence(first, best), *said)), class_="verdict-sentence")
     parts = [
-        hero("the task's score on the robot (lower is better)", change(significant(first), significant(best), unit),
+        hero("the task's score on the robot (lower is better)", change(before, significant(best), unit),
              tag("div", words)),
         tag("h3", "The best settings"), facts((name, history.setting(name, value)) for name, value in settings.items()),
         tag("h3", "Every candidate on the robot"), key(("before", "settings at first"), ("after", "on the robot"),
@@ -105,7 +105,7 @@ def _round(history: History, story: RoundStory) -> Markup:
         names = sorted({k for t in story.trials for k in t.planned.settings})
         units = {n: f", {history.setting(n, 0.0)[2:]}".removesuffix(", ") for n in names}
         of = f", {history.begun.unit}" if history.begun and history.begun.unit else ""
-        titles = ("tried", *(n + units[n] for n in names), f"expected{of}", f"on the robot{of}")
+        titles = ("tried", f"expected{of}", f"on the robot{of}", *(n + units[n] for n in names))
         parts.append(table(head(*titles, numbers=range(1, len(titles))), rows, "rounds"))
     return join(parts)
 
@@ -154,8 +154,8 @@ def _candidate(story: RoundStory, scored: Scored) -> Markup:
     done = {1.0: " (done)", 0.0: " (not done)"}.get(scored.done, "")
     shown = "fell" if scored.fell else significant(measured, 4) + done
     best = story.ended is not None and scored.unit == story.ended.best
-    numbers = [significant(x, 4) for x in (*(settings.get(n, math.nan) for n in names), expected)]
-    return row(which, cells(*numbers, shown), class_="best" if best else None)
+    numbers = [significant(settings.get(n, math.nan), 4) for n in names]
+    return row(which, cells(significant(expected, 4), shown, *numbers), class_="best" if best else None)
 
 
 def _gap(history: History) -> Markup:

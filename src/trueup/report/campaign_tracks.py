@@ -13,11 +13,15 @@ from trueup.arrays import Array
 from trueup.campaign.history import History, TrialStory
 from trueup.errors import TrueupError
 from trueup.formats import read
+from trueup.inspection.repeats import BASE
 from trueup.recording import Recording
 from trueup.report.drawing import LINE, SAMPLES
 from trueup.report.markup import Markup, join, tag
 from trueup.report.plots import AFTER, BEFORE, FAINT, Plot, span
 from trueup.rounding import TINY
+
+POSITION, ORIENTATION = BASE
+_BASE = {"pitch": "pitch of the torso", "roll": "roll of the torso", "z": "height of the torso"}
 
 
 @dataclass(frozen=True)
@@ -44,7 +48,10 @@ def tracks_of(history: History, folder: Path) -> tuple[Track, ...]:
 
 
 def track_figure(track: Track) -> Markup:
-    """A map where positions are x and y, else the first columns over time."""
+    """A map where positions are x and y, else over time how a free base leans and how high it is, or the first columns."""
+    if track.best.has(ORIENTATION) and track.best.has(POSITION):
+        shown = ((ORIENTATION, "pitch"), (ORIENTATION, "roll"), (POSITION, "z"))
+        return tag("div", tag("h4", track.of), join(_over_time(track, *c) for c in shown if _has(track.best, *c)))
     channel = track.best.channel("position") if track.best.has("position") else next(iter(track.best.channels.values()))
     labels = tuple(channel.labels)
     if {"x", "y"} <= set(labels):
@@ -52,6 +59,10 @@ def track_figure(track: Track) -> Markup:
     else:
         picture = join(_over_time(track, channel.name, label) for label in labels[:3])
     return tag("div", tag("h4", track.of), picture)
+
+
+def _has(recording: Recording, channel: str, label: str) -> bool:
+    return label in recording.channel(channel).labels
 
 
 def _map(track: Track) -> Markup:
@@ -75,8 +86,8 @@ def _over_time(track: Track, channel: str, label: str) -> Markup:
             c = recording.channel(channel)
             lines.append((_thin(np.stack([c.time - c.time[0], c.column(label)], axis=1)), c.unit, colour))
     everything = np.concatenate([p for p, _, _ in lines])
-    plot = Plot(span(everything[:, 0], margin=0.0), span(everything[:, 1]), "time, s", f"{label}, {lines[0][1]}",
-                width=860, height=200)  # fmt: skip
+    title = f"{_BASE.get(label, label) if channel in (ORIENTATION, POSITION) else label}, {lines[0][1]}"
+    plot = Plot(span(everything[:, 0], margin=0.0), span(everything[:, 1]), "time, s", title, width=860, height=200)
     for p, _, colour in lines:
         plot.line([(float(a), float(b)) for a, b in p], colour, width=LINE)
     return plot.svg(f"{channel} of {label} in {track.of}: at first, and with the best settings")
