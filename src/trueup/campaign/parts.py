@@ -80,9 +80,24 @@ class Listener(Protocol):
         ...
 
 
-class Silent(Listener):
-    """A Listener for notebooks and tests: hears nothing, allows hardware to move (who writes code has decided)."""
+class Silent:
+    """A Listener for notebooks and tests: hears nothing, allows hardware to move, never repeats a trial by itself."""
+
+    def saw(self, event: Event, *, fresh: bool) -> None:
+        """Nothing."""
+
+    def doubt(self, words: str) -> None:
+        """Nothing."""
+
+    def fitting(self, point: TracePoint) -> None:
+        """Nothing."""
+
+    def calibrated(self, round: int, calibration: Calibration) -> None:
+        """Nothing."""
+
+    def confirm(self, trials: Sequence[Trial], expected: Sequence[str]) -> None:
+        """Allows it: whoever writes code has decided."""
 
     def unknown(self, trial: Trial) -> Literal["repeat", "unknown"]:
-        """Leaves it unknown: nothing is repeated by itself."""
+        """Leaves it unknown."""
         return "unknown"

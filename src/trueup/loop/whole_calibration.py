@@ -106,7 +106,7 @@ def _chosen(choice: Choice | None, space: ParameterSpace) -> ParameterSpace:
 def _posterior(problem: Problem, space: ParameterSpace, values: Array) -> Array:
     """(f, f) covariance in the unit box."""
     seen = slopes(problem, space, np.clip(space.to_unit(values), 0.0, 1.0))
-    return np.linalg.inv(SAMPLES * seen @ seen.T + np.eye(len(seen)) / SPREAD**2)
+    return np.asarray(np.linalg.inv(SAMPLES * seen @ seen.T + np.eye(len(seen)) / SPREAD**2), dtype=np.float64)
 
 
 def _between(space: ParameterSpace, found: WholeRuns) -> Array:
