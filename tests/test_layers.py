@@ -91,9 +91,7 @@ RULES = (
     ),
     Rule("tasks", ("tasks.task", "controllers", "engines.simulator", *NOUNS)),
     # what bodies, joints and drives have in common whatever simulates them
-    Rule("articulated", ("engines.simulator", "controllers.controller", "actuators.servo", *NOUNS)),
-    # a servo's law stands in the file that is delivered, which needs nothing but Python
-    Rule("actuators.servo", ()),
+    Rule("articulated", ("engines.simulator", "controllers.controller", *NOUNS)),
     Rule("engines", ("engines.simulator", "engines.family", "articulated", "controllers.controller", *NOUNS)),
     # one servo by itself: gains that recordings name and compiled loops are those of articulated; it is fitted by arithmetic
     Rule("actuators", ("articulated", "search", *NOUNS)),

@@ -13,7 +13,6 @@ from trueup.actuators import servo
 from trueup.actuators.bench import Run
 from trueup.actuators.servo import STATES, Law
 from trueup.arrays import Array, Mask
-from trueup.articulated.kernels import set_point
 from trueup.articulated.lone_joint import friction_force
 from trueup.compiled import njit
 from trueup.rounding import whole_steps
@@ -27,7 +26,7 @@ def _compiled(function: FunctionType, **names: object) -> Any:
     return njit(nogil=True)(FunctionType(function.__code__, {**function.__globals__, **names}, function.__name__))
 
 
-_demand = _compiled(servo.demand, set_point=set_point)
+_demand = _compiled(servo.demand, set_point=_compiled(servo.set_point))
 compiled_drive = _compiled(servo.drive, demand=_demand)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from trueup.actuators import servo
 from trueup.arrays import Array, Integers
 from trueup.compiled import njit
 
@@ -62,7 +61,20 @@ def own_delayed_commands(
                 out[i, s, j] = area / step
 
 
-set_point = njit(cache=True, nogil=True)(servo.set_point)
+@njit(cache=True, nogil=True)
+def set_point(command: float, place: float, pace: float, top: float, most: float, step: float) -> tuple[float, float]:
+    """Place and pace one step on of a set point that follows a command within a limit of speed, and `most` change of it."""
+    left = command - place
+    if np.isinf(most):
+        pace = min(max(left / step, -top), top)
+    else:
+        # The speed from which it can still stop there, a step ahead: sqrt(2 a d) made for steps.
+        brake = most * (np.sqrt(0.25 + 2.0 * abs(left) / (most * step)) - 0.5)
+        wanted = np.sign(left) * min(brake, top)
+        pace += min(max(wanted - pace, -most), most)
+        if abs(left) <= most * step and abs(pace) <= 1.001 * most:
+            pace = left / step
+    return place + pace * step, pace
 
 
 @njit(cache=True, nogil=True)
