@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -92,18 +91,7 @@ def test_a_method_of_ones_own_gets_what_it_asks_for_by_name(write_plan: Write) -
         calibrator((), (), lambda point: None, None)
 
 
-MOTION = """
-[robot]
-type = "by-hand"
-[simulator]
-type = "mujoco"
-model = "small_humanoid.xml"
-[task]
-type = "transition"
-start = "sit"
-goal = "stand"
-between = ["lean"]
-"""
+MOTION = (EXAMPLES / "small_humanoid.toml").read_text("utf-8")
 
 
 def test_a_motion_is_searched_before_the_robot_moves_and_fitted_to_whole_runs_unless_its_plan_says_otherwise() -> None:
@@ -116,9 +104,7 @@ def test_a_motion_is_searched_before_the_robot_moves_and_fitted_to_whole_runs_un
 
 
 def test_a_motion_s_simulator_is_as_unsure_as_a_humanoid_s_model_may_be_wrong(tmp_path: Path) -> None:
-    shutil.copy(EXAMPLES / "small_humanoid.xml", tmp_path)
-    (tmp_path / "plan.toml").write_text(MOTION, encoding="utf-8")
-    parts = parts_of(read_plan(tmp_path / "plan.toml"), tmp_path / "out", quiet)
+    parts = parts_of(read_plan(EXAMPLES / "small_humanoid.toml"), tmp_path / "out", quiet)
     space = parts.simulator.parameters
     assert parts.later is None
     assert {"kp", "damping", "friction", "delay", "torso.mass", "left_knee+right_knee.zero"} < set(space.names)

@@ -35,7 +35,6 @@ from trueup.formats import read
 from trueup.loop.calibrate import Options
 from trueup.loop.prepare import Preparation
 from trueup.loop.recalibrate import Earlier
-from trueup.loop.whole_calibration import calibrate_whole
 from trueup.recording import Recording
 from trueup.search.search import Search
 from trueup.tracking.windows import LENGTH
@@ -174,12 +173,12 @@ def _calibrator(file: PlanFile, given: Mapping[str, Any], ready: Preparation) ->
     method = plan.calibrate.method.type
     if method == "none":
         return None
-    if method in ("fit", "whole-runs") and plan.calibrate.method.options:
-        raise PlanError(
-            f"{plan.calibrate.method.where}: '{method}' takes no options here; set choose, parameters, ... in [calibrate]"
-        )
-    if method in ("fit", "whole-runs"):
-        return _fit(file, given, ready) if method == "fit" else _whole(file, given, ready)
+    if method in (own := {"fit": _fit, "whole-runs": _whole}):
+        if plan.calibrate.method.options:
+            raise PlanError(
+                f"{plan.calibrate.method.where}: '{method}' takes no options here; set choose, parameters, ... in [calibrate]"
+            )
+        return own[method](file, given, ready)
     given = {**given, "simulator": ready.simulator}  # with what was proposed for the recordings
     target = found(plan.calibrate.method, "calibration", CALIBRATIONS, base)
     before = {**given, "recordings": (), "held_out": (), "progress": None, "earlier": None}
@@ -226,9 +225,6 @@ def _whole(file: PlanFile, given: Mapping[str, Any], ready: Preparation) -> Cali
         earlier: Earlier | None,
     ) -> Calibration:  # fmt: skip
         now = ready.with_recordings(recordings, held_out)
-        return calibrate_whole(
-            now.simulator, now.recordings, now.hold_out, ends=ends, choose=plan.calibrate.choose, seed=plan.seed,
-            progress=progress,
-        )  # fmt: skip
+        return now.calibrate_whole(ends=ends, choose=plan.calibrate.choose, seed=plan.seed, progress=progress)
 
     return fit

@@ -14,6 +14,7 @@ import numpy as np
 from trueup.calibration import Ahead, Calibration, Prediction, Replay
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.discrepancies.weighted import Weighted
+from trueup.ends import End
 from trueup.engines.family import Family, Note, Request, family_of
 from trueup.engines.restricted import Restricted
 from trueup.engines.simulator import Respaced, Simulator
@@ -26,6 +27,7 @@ from trueup.loop.fit import Checkpoint, Progress, searched_by
 from trueup.loop.problem import Problem
 from trueup.loop.recalibrate import Earlier, recalibrate
 from trueup.loop.replay import replays
+from trueup.loop.whole_calibration import calibrate_whole
 from trueup.loop.worth import Choice, worth_calibrating
 from trueup.recording import Recording, is_command
 
@@ -99,7 +101,19 @@ class Preparation:
                 return calibrate(simulator, recordings, hold_out, options=asked, **how)
             return recalibrate(simulator, recordings, hold_out, before, asked, **how)
 
-        done = self.family.calibrate(self.simulator, self.recordings, self.hold_out, fit)
+        return self._as_recorded(self.family.calibrate(self.simulator, self.recordings, self.hold_out, fit))
+
+    def calibrate_whole(
+        self, *, ends: Sequence[End] = (), choose: bool = True, seed: int = 0, progress: Progress | None = None
+    ) -> Calibration:  # fmt: skip
+        """The same on runs of a free base that fall and touch (see `calibrate_whole`). Raises what that raises."""
+        return self._as_recorded(
+            calibrate_whole(self.simulator, self.recordings, self.hold_out, ends=ends, choose=choose, seed=seed,
+                            progress=progress)
+        )  # fmt: skip
+
+    def _as_recorded(self, done: Calibration) -> Calibration:
+        """With replays as the recordings were, and none of a model before that had to be guessed."""
         shown = self.family.as_recorded(done.replays, (*self.recordings, *self.hold_out))
         if self.family.known_before(self.simulator):
             return replace(done, replays=shown)
