@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from trueup.discrepancies.whole_body import rotation_between
+from trueup.discrepancies.whole_body import in_nearest_angles, rotation_between
 
 
 def test_the_rotation_between_orientations_is_that_of_scipy() -> None:
@@ -23,3 +23,16 @@ def test_going_head_over_changes_it_steadily_where_angles_jump() -> None:
     assert np.abs(np.diff(over, axis=0)).max() > 3.0
     apart = rotation_between(np.zeros((301, 3)), over)
     np.testing.assert_allclose(apart, lean[:, None] * [0.0, 1.0, 0.0], atol=1e-9)
+
+
+def test_a_torso_that_pitches_over_a_little_later_is_shown_a_little_off_and_not_by_half_a_turn() -> None:
+    pitch = np.linspace(1.2, 1.9, 30)  # rad: over the vertical on the way
+    measured, simulated = (
+        Rotation.from_euler("xyz", np.stack([0.01 + 0.0 * p, p, -0.02 + 0.0 * p], axis=1)).as_euler("xyz")
+        for p in (pitch, pitch - 0.1)
+    )
+    shown = in_nearest_angles("base_orientation", ("roll", "pitch", "yaw"), measured, simulated)
+    np.testing.assert_allclose(rotation_between(simulated, shown), 0.0, atol=1e-9)  # the same orientations
+    assert np.abs(simulated - measured).max() > 3.0
+    np.testing.assert_allclose(np.linalg.norm(shown - measured, axis=1), 0.1, rtol=1e-6)
+    np.testing.assert_array_equal(in_nearest_angles("position", ("a", "b", "c"), measured, simulated), simulated)

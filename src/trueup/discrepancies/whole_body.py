@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.articulated.pose import ANGLES, ORIENTATION, quaternion_of
+from trueup.articulated.pose import ANGLES, ORIENTATION, near, quaternion_of
 from trueup.discrepancies.discrepancy import by_samples, measured_at
 from trueup.engines.simulator import Rollout
 from trueup.recording import Recording
@@ -56,6 +56,18 @@ def rotation_between(first: Array, second: Array) -> Array:
     angle = 2.0 * np.arctan2(sine, np.abs(scalar))
     factor = np.where(sine > ROUNDED, angle / np.maximum(sine, NEGLIGIBLE), 2.0) * np.where(scalar < 0.0, -1.0, 1.0)
     return vector * factor[..., None]
+
+
+def in_nearest_angles(channel: str, labels: tuple[str, ...], measured: Array, values: Array) -> Array:
+    """(T, k) values as they are; a torso's roll, pitch and yaw in the way to say the same orientation that is nearest to what
+    was measured (T, k). Where robots pitch over, roll and yaw of the first to do so are half a turn from the other's.
+    """
+    if channel != ORIENTATION or labels != ANGLES:
+        return values
+    other = values * np.array([1.0, -1.0, 1.0]) + np.pi
+    ways = np.stack([near(values, measured), near(other, measured)])
+    away = np.sum((ways - measured) ** 2, axis=-1)
+    return np.where((away[1] < away[0])[..., None], ways[1], ways[0])
 
 
 def orientation_error(real: Sequence[Recording], simulated: Sequence[Rollout]) -> float:

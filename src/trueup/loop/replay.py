@@ -13,6 +13,7 @@ from trueup.calibration import Replay
 from trueup.controllers.controller import ControllerFactory
 from trueup.discrepancies.discrepancy import Discrepancy, measured_at
 from trueup.discrepancies.weighted import Weighted
+from trueup.discrepancies.whole_body import in_nearest_angles
 from trueup.engines.simulator import Simulator, broken
 from trueup.errors import SimulationFailedError, TrueupError
 from trueup.loop.problem import Problem
@@ -89,10 +90,11 @@ def replays(
         command = command_of(recording)
         for name, observed in new.trial.observed.items():
             measured = measured_at(recording, name, observed.labels, observed.time)
+            was, now = (in_nearest_angles(name, observed.labels, measured, x.channels[name][0]) for x in (old, new))
             parts.setdefault((owner, name, observed.labels), []).append(Replay(
                 recording=recording.name, held_out=owner >= len(training), channel=name, labels=observed.labels,
-                unit=observed.unit, time=observed.time - first, measured=measured, before=old.channels[name][0],
-                after=new.channels[name][0], noise=noise.noise(name, observed.labels),
+                unit=observed.unit, time=observed.time - first, measured=measured, before=was, after=now,
+                noise=noise.noise(name, observed.labels),
                 command=_commanded(command, observed) if name == "position" else None,
             ))  # fmt: skip
     return tuple(_joined(own) for own in parts.values())
