@@ -13,12 +13,15 @@ import pytest
 
 from trueup.articulated.declaration_file import read_declarations
 from trueup.articulated.quantities.known import quantities
+from trueup.calibration import pooled_rmse
 from trueup.campaign.history import History
 from trueup.campaign.journal import read_journal
 from trueup.campaign.plan import read_plan, templates
 from trueup.campaign.rehearsal import rehearse
 from trueup.campaign.resolve import parts_of
 from trueup.cli import main
+from trueup.formats import read
+from trueup.loop.prepare import prepare
 from trueup.tasks.task import robot_trials, simulated_scores
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "calibrate.md"
@@ -101,7 +104,9 @@ class Arm:  # another arm than the file's: softer servos, with friction
 """
 
 
-def test_a_blank_plan_runs_once_model_task_and_robot_are_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_blank_plan_runs_once_model_task_and_robot_are_given_and_leaves_the_calibrated_model(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     page = (PAGE.parent / "campaigns.md").read_text("utf-8")
     (code,) = (b for b in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if b.startswith("# task.py"))
     plan = (templates()["blank"] / "campaign.toml").read_text("utf-8").replace('"by-hand"', '"driver:Arm"')
@@ -122,6 +127,17 @@ def test_a_blank_plan_runs_once_model_task_and_robot_are_given(tmp_path: Path, m
     assert {n.rpartition(".")[2] for n in first.names} >= {"kp"}, "proposed from the first experiment"
     assert first.error_after < 0.3 * first.error_before
     assert history.best[1] < history.first_score
+    told = capsys.readouterr().out.split()[-1]
+    assert told == str(Path("round-1") / "calibrated.xml")
+    runs = read(sorted(tmp_path.glob("recordings/*")))  # each Parquet file, and what was noted of it
+    assert [r.name for r in runs] == [r.name for r in read([tmp_path / "recordings"])]
+    fitted = [r for r in runs if r.name in first.recordings]
+    assert len(fitted) == len(first.recordings)
+    written = prepare(tmp_path / told, fitted, parameters=tmp_path / "round-1" / "parameters.toml").compare()
+    assert pooled_rmse([r for r in written.replays if r.channel == "position"], after=True) == pytest.approx(
+        first.error_after,
+        rel=0.1,  # starts are taken from the runs anew
+    )
     before = (tmp_path / "journal.jsonl").read_bytes()
     lines = before.splitlines(keepends=True)
     assert (

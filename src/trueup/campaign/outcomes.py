@@ -29,13 +29,15 @@ from trueup.tasks.task import robot_trials
 def calibrated(
     number: int, parts: Parts, fitted: Sequence[Recording], listener: Listener, last: Calibrated | None = None
 ) -> Calibrated:
-    """Fits the simulator, from the last round's fit if there is one, hands the result to the listener, and keeps what the
+    """Fits the simulator, from the last round's fit if there is one, writes it, hands it to the listener, and keeps what the
     loop needs of it.
     """
     if parts.calibrator is None:
         raise CalibrationError("the plan calibrates nothing")
     earlier = None if last is None else Earlier.estimated(last.names, last.values, last.verdicts, last.recordings)
     found = parts.calibrator(fitted, parts.held_out, listener.fitting, earlier)
+    if parts.write is not None:
+        parts.write(number, found, fitted)
     listener.calibrated(number, found)
     e = found.estimates
     main = _main(found)

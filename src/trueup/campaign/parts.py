@@ -48,6 +48,8 @@ class Parts:
     """Makes the robot's recordings what the simulator can replay: names, units, pieces."""
     later: Callable[[Sequence[Recording]], Parts] | None = None
     """The same with what the first experiment's recordings propose to calibrate; None where that is known."""
+    write: Callable[[int, Calibration, Sequence[Recording]], None] | None = None
+    """Writes what a round's calibration came to, fitted to these recordings; None where the simulator has no file."""
     evaluator: Evaluator = field(default_factory=Here)
     """Where candidates are simulated while the controller is tuned."""
 

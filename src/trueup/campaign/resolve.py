@@ -24,12 +24,13 @@ from trueup.campaign.kinds import (
     in_windows,
 )
 from trueup.campaign.making import arguments, called, found, made
+from trueup.campaign.output import made as made_folder
 from trueup.campaign.parts import Calibrator, Parts
 from trueup.campaign.plan import Calibrate, Plan, PlanFile
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.engines.family import Family
 from trueup.engines.restricted import Restricted
-from trueup.errors import PlanError
+from trueup.errors import ModelError, PlanError
 from trueup.evaluation.evaluator import Evaluator, Here
 from trueup.formats import read
 from trueup.loop.calibrate import Options
@@ -76,7 +77,7 @@ def parts_of(
     parts = Parts(
         robot, simulator, task, _search(file, task.parameters), _calibrator(file, given, ready), tuple(recordings),
         tuple(held_out), discrepancy, plan.calibrate.channels or None, plan.limits.limits(), _suited(plan, ready),
-        evaluator=evaluator or Here(),
+        evaluator=evaluator or Here(), write=_writer(ready, tuple(held_out), folder, say),
     )  # fmt: skip
     later = ready.later
     if later is None:
@@ -85,8 +86,9 @@ def parts_of(
     def proposed(seen: Sequence[Recording]) -> Parts:
         new = _limited(plan, later(seen))
         return replace(
-            parts, simulator=new.simulator, calibrator=_calibrator(file, given, new), suited=_suited(plan, new)
-        )
+            parts, simulator=new.simulator, calibrator=_calibrator(file, given, new), suited=_suited(plan, new),
+            write=_writer(new, tuple(held_out), folder, say),
+        )  # fmt: skip
 
     return replace(parts, later=proposed)
 
@@ -173,12 +175,12 @@ def _calibrator(file: PlanFile, given: Mapping[str, Any], ready: Preparation) ->
     method = plan.calibrate.method.type
     if method == "none":
         return None
-    if method in (own := {"fit": _fit, "whole-runs": _whole}):
+    if method in (fits := {"fit": _fit, "whole-runs": _whole}):
         if plan.calibrate.method.options:
             raise PlanError(
                 f"{plan.calibrate.method.where}: '{method}' takes no options here; set choose, parameters, ... in [calibrate]"
             )
-        return own[method](file, given, ready)
+        return fits[method](file, given, ready)
     given = {**given, "simulator": ready.simulator}  # with what was proposed for the recordings
     target = found(plan.calibrate.method, "calibration", CALIBRATIONS, base)
     before = {**given, "recordings": (), "held_out": (), "progress": None, "earlier": None}
@@ -192,6 +194,30 @@ def _calibrator(file: PlanFile, given: Mapping[str, Any], ready: Preparation) ->
         return target(**arguments(plan.calibrate.method, target, now, base))
 
     return own
+
+
+def _writer(
+    ready: Preparation, held_out: Sequence[Recording], folder: Path, say: Callable[[str], None]
+) -> Callable[[int, Calibration, Sequence[Recording]], None] | None:
+    """Writes the calibrated model of each round with its parameters beside it; None where the simulator came from no file."""
+    if ready.model is None:
+        return None
+
+    said: set[str] = set()
+
+    def write(number: int, calibration: Calibration, recordings: Sequence[Recording]) -> None:
+        at = made_folder(folder / f"round-{number}")
+        model = at / f"calibrated{ready.family.suffix}"
+        try:
+            notes = ready.with_recordings(recordings, held_out).write(calibration, model, at / "parameters.toml")
+        except ModelError as error:  # the round goes on: its values are in the journal and the report
+            notes = (f"the calibrated model could not be written: {error}",)
+        for note in notes:
+            if note not in said:  # once, not in each round
+                say(f"note: {note}")
+        said.update(notes)
+
+    return write
 
 
 def _fit(file: PlanFile, given: Mapping[str, Any], ready: Preparation) -> Calibrator:

@@ -35,7 +35,8 @@ the robot, validate; round by round, until the robot is good enough or the budge
 
 Ctrl-C, a power cut or a closed lid are fine: the same command, or `trueup resume DIR`, goes on from there, with the same
 proposals. No trial on the robot is lost, and none is repeated unless you say so. In DIR: report.html, the recordings,
-a report of each calibration, and journal.jsonl, which holds everything that was decided.
+for each calibration the model as it was found, its parameters and a report (round-1/calibrated.xml, ...), and
+journal.jsonl, which holds everything that was decided.
 
 """
     + CLUSTER
@@ -122,12 +123,14 @@ def go_on(folder: Folder, args: argparse.Namespace, console: Console, told: Cons
 
 
 def told_outcome(folder: Folder, args: argparse.Namespace, console: Console) -> int:
-    """Writes the report and shows the outcome."""
+    """Writes the report, shows the outcome, and where that and the model last calibrated are."""
     report = write_campaign_report(folder.path, folder.file.plan)
     history = History.of(folder.events())
     if args.json:
         console.print_json(as_json(history))
         return 0
     show_status(history, folder.file.plan, console)
-    console.print(f"  {escape(str(report))}", soft_wrap=True, highlight=False)
+    models = sorted(folder.path.glob("round-*/calibrated.*"), key=lambda m: int(m.parent.name.removeprefix("round-")))
+    for written in (report, *models[-1:]):
+        console.print(f"  {escape(str(written))}", soft_wrap=True, highlight=False)
     return 0

@@ -62,12 +62,17 @@ def sources(paths: Iterable[str | Path], *, together: bool) -> list[Source]:
     Raises FormatError for what is not there or cannot be read.
     """
     found: list[Source] = []
-    for entry in paths:
-        path = Path(entry)
+    for path in _without_notes([Path(entry) for entry in paths]):
         if not path.is_dir():
             files.check(path, FormatError)
         found += _folder(path, together) if path.is_dir() and not rosbag.is_bag(path) else _file(path)
     return found
+
+
+def _without_notes(paths: Sequence[Path]) -> list[Path]:
+    """Without each JSON file that goes by the name of a Parquet file beside it: it is about that, as in campaigns."""
+    tables = {p.with_suffix("") for p in paths if p.suffix.lower() == ".parquet"}
+    return [p for p in paths if not (p.suffix.lower() == ".json" and p.with_suffix("") in tables)]
 
 
 def is_recording(path: Path) -> bool:
@@ -108,7 +113,8 @@ def _folder(path: Path, together: bool) -> list[Source]:
         entries = sorted(entry for entry in path.iterdir() if not entry.name.startswith("."))
     except OSError as error:
         raise FormatError(f"{path}: cannot be read ({error.strerror or error})") from None
-    files = [e for e in entries if e.is_file() and (e.suffix.lower() in _READERS or rosbag.is_bag(e))]
+    readable = [e for e in entries if e.is_file() and (e.suffix.lower() in _READERS or rosbag.is_bag(e))]
+    files = _without_notes(readable)
     names = {file: labels for file in files if (labels := _names_in(file))}
     data = [file for file in files if file not in names]
     if not data:

@@ -156,7 +156,8 @@ class Preparation:
 
         Raises OutputError and ModelError; older files are untouched then.
         """
-        return self.family.write(self.simulator, calibration, Path(model), Path(parameters))
+        whole = self.simulator.whole if isinstance(self.simulator, Restricted) else self.simulator
+        return self.family.write(whole, calibration, Path(model), Path(parameters))
 
     def usage(self, calibration: Calibration, model: str | Path) -> tuple[str, ...]:
         """Lines of code that simulate the file written by `write` as it was fitted; () where it needs none."""
