@@ -28,7 +28,7 @@ from trueup.campaign.events import Calibrated, TrialDone
 from trueup.campaign.folder import Folder
 from trueup.campaign.journal import Journal, read_journal
 from trueup.campaign.motions import transition
-from trueup.campaign.plan import read_plan
+from trueup.campaign.plan import read_plan, templates
 from trueup.campaign.resolve import parts_of
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
@@ -37,8 +37,8 @@ from trueup.recording import Recording
 from trueup.tasks.task import robot_done
 from trueup.trial import Trial
 
-PLAN = Path(__file__).resolve().parents[1] / "examples" / "small_humanoid.toml"
-FILE = PLAN.with_suffix(".xml")
+PLAN = templates()["motion"] / "campaign.toml"
+FILE = PLAN.with_name("small_humanoid.xml")
 WEAK = (0.72, 0.67, 2.0, 1.75, 0.8, 1.14, 0.78, -0.01, 0.03)
 """The last robot: weaker all over, with its weight behind, and late. Its first motions fall."""
 NOISE = 0.003  # rad and m, of all that is measured

@@ -150,7 +150,7 @@ def test_the_example_of_the_page_on_motions_finds_one_that_holds(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     code, *_ = re.findall(r"```python\n(.*?)```", (PAGE.parent / "motions.md").read_text("utf-8"), re.DOTALL)
-    model = PAGE.parents[1] / "examples" / "small_humanoid.xml"
+    model = templates()["motion"] / "small_humanoid.xml"
     (tmp_path / model.name).write_text(model.read_text("utf-8"), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}

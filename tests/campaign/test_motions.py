@@ -13,6 +13,7 @@ import pytest
 from trueup.campaign.kinds import TASKS
 from trueup.campaign.making import made
 from trueup.campaign.motions import transition
+from trueup.campaign.plan import templates
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.errors import ModelError, ParameterError, TrialError, UnknownNameError
@@ -20,7 +21,7 @@ from trueup.tasks.transitions import Transition
 from trueup.typed_toml import Component
 
 ARM = Path(str(resources.files("trueup"))) / "studies" / "servo_arm" / "arm.xml"
-SMALL = Path(__file__).resolve().parents[2] / "examples" / "small_humanoid.xml"
+SMALL = templates()["motion"] / "small_humanoid.xml"
 
 
 @pytest.fixture

@@ -8,12 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from trueup.campaign.plan import plan_in, read_plan
+from trueup.campaign.plan import plan_in, read_plan, templates
 from trueup.campaign.resolve import parts_of
 from trueup.errors import ParameterError, PlanError
 
 Write = Callable[..., Path]
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
 def quiet(line: str) -> None:
@@ -91,7 +90,18 @@ def test_a_method_of_ones_own_gets_what_it_asks_for_by_name(write_plan: Write) -
         calibrator((), (), lambda point: None, None)
 
 
-MOTION = (EXAMPLES / "small_humanoid.toml").read_text("utf-8")
+MOTION = """
+[robot]
+type = "by-hand"
+[simulator]
+type = "mujoco"
+model = "small_humanoid.xml"
+[task]
+type = "transition"
+start = "sit"
+goal = "stand"
+between = ["lean"]
+"""
 
 
 def test_a_motion_is_searched_before_the_robot_moves_and_fitted_to_whole_runs_unless_its_plan_says_otherwise() -> None:
@@ -101,10 +111,13 @@ def test_a_motion_is_searched_before_the_robot_moves_and_fitted_to_whole_runs_un
     other = plan_in(MOTION + '[calibrate]\nmethod = "fit"\n[experiment]\nsettings = 2\n', Path("plan.toml"))
     assert (other.calibrate.method.type, other.experiment.settings) == ("fit", 2)
     assert other.optimize.samples == plan.optimize.samples
+    template = read_plan(templates()["motion"] / "campaign.toml").plan
+    assert (template.experiment, template.transfer, template.stop) == (plan.experiment, plan.transfer, plan.stop)
+    assert (template.calibrate.choose, template.optimize.samples) == (plan.calibrate.choose, plan.optimize.samples)
 
 
 def test_a_motion_s_simulator_is_as_unsure_as_a_humanoid_s_model_may_be_wrong(tmp_path: Path) -> None:
-    parts = parts_of(read_plan(EXAMPLES / "small_humanoid.toml"), tmp_path / "out", quiet)
+    parts = parts_of(read_plan(templates()["motion"] / "campaign.toml"), tmp_path / "out", quiet)
     space = parts.simulator.parameters
     assert parts.later is None
     assert {"kp", "damping", "friction", "delay", "torso.mass", "left_knee+right_knee.zero"} < set(space.names)

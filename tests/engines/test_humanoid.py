@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from trueup.articulated.mirror import Mirrored, mirrored_at_best
+from trueup.campaign.plan import templates
 from trueup.engines.mujoco.base import free_joint
 from trueup.engines.mujoco.humanoid import commanded, mirrored, overlap, posture, ranges
 from trueup.engines.mujoco.model import Model, load
 from trueup.errors import ModelError, UnknownNameError
 from trueup.studies.balance.scenes import PATH
 
-SMALL = Path(__file__).resolve().parents[2] / "examples" / "small_humanoid.xml"
+SMALL = templates()["motion"] / "small_humanoid.xml"
 
 
 def posed(model: Model, pairs: tuple[Mirrored, ...], angles: np.ndarray) -> mujoco.MjData:

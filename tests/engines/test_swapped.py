@@ -16,6 +16,7 @@ from trueup.articulated.assignments import Assignment
 from trueup.articulated.declarations import Declaration, declare
 from trueup.articulated.simulator import ArticulatedSimulator
 from trueup.campaign.motions import transition
+from trueup.campaign.plan import templates
 from trueup.chance import Push
 from trueup.discrepancies.whole_body import orientation_error
 from trueup.engines.dart import load, simulator
@@ -98,7 +99,7 @@ def test_a_calibration_in_dart_finds_what_a_robot_in_either_engine_hides(leg: Pa
 
 
 def test_a_humanoid_rises_in_dart_under_noise_and_pushes_by_its_name() -> None:
-    file = Path(__file__).parents[2] / "examples" / "small_humanoid.xml"
+    file = templates()["motion"] / "small_humanoid.xml"
     made, task = transition(file, "sit", "stand", between=["lean"], feedback={"ankle": (0.5, 0.05)}, engine="dart")
     assert isinstance(made, ArticulatedSimulator)
     (trial,) = task.trials

@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from trueup.campaign.motions import transition
+from trueup.campaign.plan import templates
 from trueup.discrepancies.whole_body import orientation_error
 from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
@@ -19,7 +19,7 @@ from trueup.loop.whole_calibration import calibrate_whole
 from trueup.loop.whole_runs import whole_body
 from trueup.recording import Recording
 
-SMALL = Path(__file__).resolve().parents[2] / "examples" / "small_humanoid.xml"
+SMALL = templates()["motion"] / "small_humanoid.xml"
 FEW = ("kp", "damping", "friction", "torso.com_x", "left_arm+right_arm.com_y", "floor_friction")
 WEAKER = (('kp="25"', 'kp="14"'), ('damping="0.6" frictionloss="0.05"', 'damping="0.9" frictionloss="0.1"'))
 

@@ -18,6 +18,7 @@ Makes the folder NAME with a commented campaign.toml to edit, and the files that
 
   trueup new floor-tuning                    a blank plan; every key explained
   trueup new floor-tuning --from stanley     a wheeled robot that follows a path, driven by hand
+  trueup new get-up --from motion            a humanoid that stands up: poses of your MJCF, searched, tried, calibrated
   cd floor-tuning && trueup run
 """
 
