@@ -20,7 +20,7 @@ from trueup.campaign.plan import read_plan, templates
 from trueup.campaign.rehearsal import rehearse
 from trueup.campaign.resolve import parts_of
 from trueup.cli import main
-from trueup.formats import read
+from trueup.formats import is_recording, read
 from trueup.loop.prepare import prepare
 from trueup.tasks.task import robot_trials, simulated_scores
 
@@ -131,6 +131,7 @@ def test_a_blank_plan_runs_once_model_task_and_robot_are_given_and_leaves_the_ca
     assert told == str(Path("round-1") / "calibrated.xml")
     runs = read(sorted(tmp_path.glob("recordings/*")))  # each Parquet file, and what was noted of it
     assert [r.name for r in runs] == [r.name for r in read([tmp_path / "recordings"])]
+    assert [p.suffix for p in sorted(tmp_path.glob("recordings/*-001.*")) if is_recording(p)] == [".parquet"]
     fitted = [r for r in runs if r.name in first.recordings]
     assert len(fitted) == len(first.recordings)
     written = prepare(tmp_path / told, fitted, parameters=tmp_path / "round-1" / "parameters.toml").compare()

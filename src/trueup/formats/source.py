@@ -70,16 +70,20 @@ def sources(paths: Iterable[str | Path], *, together: bool) -> list[Source]:
 
 
 def _without_notes(paths: Sequence[Path]) -> list[Path]:
-    """Without each JSON file that goes by the name of a Parquet file beside it: it is about that, as in campaigns."""
-    tables = {p.with_suffix("") for p in paths if p.suffix.lower() == ".parquet"}
-    return [p for p in paths if not (p.suffix.lower() == ".json" and p.with_suffix("") in tables)]
+    """Without files that are notes on others of these."""
+    return [p for p in paths if not (_is_note(p) and p.with_suffix(".parquet") in paths)]
+
+
+def _is_note(path: Path) -> bool:
+    """Whether a JSON file goes by the name of a Parquet file beside it: it is about that, as in a campaign's folder."""
+    return path.suffix.lower() == ".json" and path.with_suffix(".parquet").is_file()
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a path may hold a recording, told from its ending; a folder may, unless it has nothing to read."""
+    """Whether a path may hold a recording, by its ending and what is beside it; a folder may, unless it has nothing to read."""
     if path.is_dir() and not rosbag.is_bag(path):
         return any(is_recording(entry) for entry in path.iterdir() if not entry.name.startswith("."))
-    return path.suffix.lower() in _READERS or rosbag.is_bag(path)
+    return rosbag.is_bag(path) or (path.suffix.lower() in _READERS and not _is_note(path))
 
 
 def checksums(paths: Sequence[Path]) -> dict[str, str]:
