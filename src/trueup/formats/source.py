@@ -80,7 +80,7 @@ def _is_note(path: Path) -> bool:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a path may hold a recording, by its ending and what is beside it; a folder may, unless it has nothing to read."""
+    """Whether a path may hold a recording, by its ending and what is beside it; a folder may where it has any."""
     if path.is_dir() and not rosbag.is_bag(path):
         return any(is_recording(entry) for entry in path.iterdir() if not entry.name.startswith("."))
     return rosbag.is_bag(path) or (path.suffix.lower() in _READERS and not _is_note(path))
