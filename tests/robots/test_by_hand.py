@@ -516,3 +516,9 @@ def test_a_run_that_its_own_end_cut_short_is_whole_and_the_sheet_says_what_ends_
     assert not mismatches(walk, walked(0.14))
     assert "broken off" in mismatches(walk, walked(0.1))[0]
     assert "at the line: base_position x above 2.4\n" in words(walk, Path("inbox"))
+
+
+def test_where_a_run_starts_is_said_without_what_settling_leaves_of_zero() -> None:
+    start = Channel("position", JOINTS, "rad", np.zeros(1), np.array([[0.5, -6.3e-19, 1e-4]]))
+    said = words(replace(trial(), initial={"position": start}), Path("inbox"))
+    assert f"Start with position: {JOINTS[0]} 0.5, {JOINTS[1]} 0, {JOINTS[2]} 0.0001 rad\n" in said

@@ -61,15 +61,16 @@ def _better(history: History, tracks: Sequence[Track]) -> Markup:
         hero("the task's score on the robot (lower is better)", change(before, significant(best), unit),
              tag("div", words)),
         tag("h3", "The best settings"), facts((name, history.setting(name, value)) for name, value in settings.items()),
-        tag("h3", "Every candidate on the robot"), key(("before", "settings at first"), ("after", "on the robot"),
-                                                       ("ink", "best so far; hollow: what the simulator expected")),
+        tag("h3", "Every candidate on the robot"),
+        key(("before", "settings at first" if before else "tried first"), ("after", "on the robot"),
+            ("ink", "best so far; hollow: what the simulator expected")),
         score_figure(history),
     ]  # fmt: skip
     if tracks:
         parts += [
             tag("h3", "What the robot did"),
             key(
-                ("before", "with the first settings"),
+                ("before", "with the first settings" if before else "with those tried first"),
                 ("after", "with the best"),
                 *([("faint", "the path to follow")] if any(t.wanted is not None for t in tracks) else []),
             ),

@@ -16,7 +16,7 @@ from trueup.arrays import Array
 from trueup.ends import Fallen, Left
 from trueup.errors import OutputError
 from trueup.formats import ChannelColumns, ChannelMap, TimeColumn
-from trueup.rounding import ROUNDED
+from trueup.rounding import PRINTED, ROUNDED
 from trueup.trial import Trial
 
 
@@ -139,7 +139,8 @@ def _to_set(trial: Trial) -> list[str]:
             )
         ] + [""]
     for name, channel in trial.initial.items():
-        at = ", ".join(f"{label} {v:.4g}" for label, v in zip(channel.labels, channel.values[0], strict=True))
+        values = np.where(np.abs(channel.values[0]) < PRINTED, 0.0, channel.values[0])  # what settling leaves of zero
+        at = ", ".join(f"{label} {v:.4g}" for label, v in zip(channel.labels, values, strict=True))
         lines.append(f"Start with {name}: {at} {channel.unit}")
     return [*lines, ""] if trial.initial else lines
 
