@@ -112,6 +112,7 @@ def test_a_blank_plan_runs_once_model_task_and_robot_are_given_and_leaves_the_ca
     plan = (templates()["blank"] / "campaign.toml").read_text("utf-8").replace('"by-hand"', '"driver:Arm"')
     plan = plan.replace('"task:Task"', '"task:Move"').replace("# rounds = 3", "rounds = 1")
     plan = plan.replace("# evaluations = 200", "evaluations = 40").replace("# samples = 8", "samples = 2")
+    plan = plan.replace('# parameters = ["*"] ', 'parameters = ["*kp", "*friction"] ')
     soft = ARM.replace("<joint ", '<joint frictionloss="0.05" ').replace('kp="60', 'kp="42')
     for name, text in (("task.py", code), ("driver.py", ROBOT), ("robot.xml", ARM), ("robot_as_it_is.xml", soft),
                        ("campaign.toml", plan)):  # fmt: skip
@@ -125,6 +126,10 @@ def test_a_blank_plan_runs_once_model_task_and_robot_are_given_and_leaves_the_ca
     first = history.rounds[0].calibrated
     assert first is not None
     assert {n.rpartition(".")[2] for n in first.names} >= {"kp"}, "proposed from the first experiment"
+    assert {n.rpartition(".")[2] for n, free in zip(first.names, first.fitted, strict=True) if free} == {
+        "kp",
+        "friction",
+    }
     assert first.error_after < 0.3 * first.error_before
     assert history.best[1] < history.first_score
     told = capsys.readouterr().out.split()[-1]
@@ -134,7 +139,7 @@ def test_a_blank_plan_runs_once_model_task_and_robot_are_given_and_leaves_the_ca
     assert [p.suffix for p in sorted(tmp_path.glob("recordings/*-001.*")) if is_recording(p)] == [".parquet"]
     fitted = [r for r in runs if r.name in first.recordings]
     assert len(fitted) == len(first.recordings)
-    written = prepare(tmp_path / told, fitted, parameters=tmp_path / "round-1" / "parameters.toml").compare()
+    written = prepare(tmp_path / told, fitted, propose=False).compare()  # the file alone, without parameters.toml
     assert pooled_rmse([r for r in written.replays if r.channel == "position"], after=True) == pytest.approx(
         first.error_after,
         rel=0.1,  # starts are taken from the runs anew

@@ -149,6 +149,13 @@ class ParameterSpace:
         wanted = tuple(names)
         return self.freeze(wanted, {name: self[name].absent or 0.0 for name in wanted})
 
+    def left_out(self, names: Iterable[str]) -> ParameterSpace:
+        """The same space with parameters frozen that are not searched: as `left_open`, and proposed structures as if there
+        were none, whose nominal value is no more than a place from which they are searched.
+        """
+        wanted = tuple(names)
+        return self.left_open(wanted).without(n for n in wanted if self[n].optional and self[n].absent is not None)
+
     def with_nominal(self, values: ArrayLike) -> ParameterSpace:
         """The same space with other nominal values (n,), clipped into the bounds of the free ones."""
         given = self._checked(values)

@@ -118,3 +118,12 @@ def test_of_two_dampings_that_do_the_same_one_is_calibrated(tmp_path: Path) -> N
     assert np.array_equal(found.values[0][frozen], space.nominal[frozen])
     name = next(n for n in space.names if n.endswith("kp"))
     assert found.values[0][space.index(name)] == pytest.approx(1.3 * space[name].nominal, rel=0.02)
+
+
+def test_structures_that_are_left_out_are_not_there_and_what_a_file_says_stays() -> None:
+    limit = Parameter("limit", "rad/s", 1.2, 0.1, 50.0, optional="speed limit", absent=1e4)
+    declared = limit.replace(name="declared", optional="")
+    space = ParameterSpace((limit, declared, Parameter("kp", "", 40.0, 1.0, 100.0)))
+    left = space.left_out(["limit", "declared"])
+    assert left.nominal.tolist() == [1e4, 1.2, 40.0]
+    assert left.free.tolist() == [False, False, True]

@@ -29,7 +29,6 @@ from trueup.campaign.parts import Calibrator, Parts
 from trueup.campaign.plan import Calibrate, Plan, PlanFile
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.engines.family import Family
-from trueup.engines.restricted import Restricted
 from trueup.errors import ModelError, PlanError
 from trueup.evaluation.evaluator import Evaluator, Here
 from trueup.formats import read
@@ -114,9 +113,7 @@ def _prepared(plan: Plan, given: Mapping[str, Any], base: Path) -> Preparation:
 
 def _limited(plan: Plan, ready: Preparation) -> Preparation:
     """With only those parameters free that the plan calibrates."""
-    if not plan.calibrate.parameters:
-        return ready
-    return replace(ready, simulator=Restricted.to(ready.simulator, plan.calibrate.parameters))
+    return ready.only(plan.calibrate.parameters) if plan.calibrate.parameters else ready
 
 
 def _suited(plan: Plan, ready: Preparation) -> Suited:

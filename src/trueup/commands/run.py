@@ -130,7 +130,8 @@ def told_outcome(folder: Folder, args: argparse.Namespace, console: Console) -> 
         console.print_json(as_json(history))
         return 0
     show_status(history, folder.file.plan, console)
-    models = sorted(folder.path.glob("round-*/calibrated.*"), key=lambda m: int(m.parent.name.removeprefix("round-")))
-    for written in (report, *models[-1:]):
+    fits = [r.calibrated.round for r in history.rounds if r.calibrated is not None]
+    models = sorted(folder.path.glob(f"round-{fits[-1]}/calibrated*.*")) if fits else []
+    for written in (report, *models):
         console.print(f"  {escape(str(written))}", soft_wrap=True, highlight=False)
     return 0

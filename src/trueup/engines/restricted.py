@@ -30,7 +30,7 @@ class Restricted(InPlaceOf):
             if not fnmatch.filter(names, pattern):
                 raise unknown_name("parameter", pattern, names, f"simulator '{simulator.name}'")
         frozen = [n for n in names if not any(fnmatch.fnmatchcase(n, p) for p in patterns)]
-        return cls(simulator, simulator.parameters.freeze(frozen))
+        return cls(simulator, simulator.parameters.left_out(frozen))
 
     @property
     def period(self) -> float:

@@ -29,6 +29,7 @@ from trueup.loop.recalibrate import Earlier, recalibrate
 from trueup.loop.replay import replays
 from trueup.loop.whole_calibration import calibrate_whole
 from trueup.loop.worth import Choice, worth_calibrating
+from trueup.parameters import ParameterSpace
 from trueup.recording import Recording, is_command
 
 
@@ -133,10 +134,16 @@ class Preparation:
         measure = discrepancy or Weighted.estimated(self.recordings, compared)
         choice = worth_calibrating([Problem(self.simulator, self.recordings, measure, compared)],
                                    self.simulator.parameters, rng=np.random.default_rng(seed))  # fmt: skip
-        space = choice.of(self.simulator.parameters)
+        return self._searching(choice.of(self.simulator.parameters)), choice
+
+    def only(self, patterns: Sequence[str]) -> Preparation:
+        """The same with only those parameters free that match a pattern. Raises UnknownNameError where one matches none."""
+        return self._searching(Restricted.to(self.simulator, patterns).parameters)
+
+    def _searching(self, space: ParameterSpace) -> Preparation:
         if isinstance(self.simulator, Respaced):
-            return replace(self, simulator=self.simulator.with_parameters(space)), choice
-        return replace(self, simulator=Restricted(self.simulator, space)), choice
+            return replace(self, simulator=self.simulator.with_parameters(space))
+        return replace(self, simulator=Restricted(self.simulator, space))
 
     def for_whole_runs(self) -> Preparation:
         """The same with what whole runs of a robot with a free base tell, in place of what longer recordings would."""
@@ -156,8 +163,9 @@ class Preparation:
 
         Raises OutputError and ModelError; older files are untouched then.
         """
-        whole = self.simulator.whole if isinstance(self.simulator, Restricted) else self.simulator
-        return self.family.write(whole, calibration, Path(model), Path(parameters))
+        if tuple(e.name for e in calibration.estimates) != tuple(self.simulator.parameters.names):
+            raise ModelError(f"the calibration is of other parameters than '{self.simulator.name}' has")
+        return self.family.write(self.simulator, calibration, Path(model), Path(parameters))
 
     def usage(self, calibration: Calibration, model: str | Path) -> tuple[str, ...]:
         """Lines of code that simulate the file written by `write` as it was fitted; () where it needs none."""

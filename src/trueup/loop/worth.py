@@ -63,8 +63,8 @@ class Choice:
         return (first, *(f"{w.name} {'taken' if w.taken else 'left'}: {w.why}" for w in self.rows))
 
     def of(self, space: ParameterSpace) -> ParameterSpace:
-        """The space with the others frozen."""
-        return space.freeze([w.name for w in self.rows if not w.taken])
+        """The space without the others."""
+        return space.left_out([w.name for w in self.rows if not w.taken])
 
 
 def worth_calibrating(
