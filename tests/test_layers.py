@@ -90,6 +90,9 @@ RULES = (
         ("robots.robot", "controllers.controller", "engines.simulator", "tasks.task", "articulated.pose", *NOUNS),
     ),
     Rule("tasks", ("tasks.task", "controllers", "engines.simulator", *NOUNS)),
+    # how a walk is graded, and how it sways
+    Rule("tasks.walking", ("tasks.task", "tasks.paces", "tasks.sway", "controllers", "engines.simulator", *NOUNS)),
+    Rule("tasks.omni_walk", ("tasks.walking", "engines.simulator", *NOUNS)),
     # what bodies, joints and drives have in common whatever simulates them
     Rule("articulated", ("engines.simulator", "controllers.controller", *NOUNS)),
     Rule("engines", ("engines.simulator", "engines.family", "articulated", "controllers.controller", *NOUNS)),

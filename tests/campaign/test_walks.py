@@ -17,7 +17,8 @@ from trueup.chance import Buffeting
 from trueup.errors import ModelError, UnknownNameError
 from trueup.search.cma_es import CmaEs
 from trueup.studies.walk.scenes import LEFT, NAO, RIGHT, SIMSPARK, simulator
-from trueup.tasks.walking import OmniWalk, WalkFront
+from trueup.tasks.omni_walk import OmniWalk
+from trueup.tasks.walking import WalkFront
 
 
 def test_a_biped_walks_by_its_file_and_the_names_of_its_legs() -> None:

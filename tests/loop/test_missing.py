@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from trueup.calibration import Calibration
+from trueup.errors import CalibrationError, SimulationFailedError
 from trueup.loop.calibrate import Options
+from trueup.loop.fit import SHIPPED, fit
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
@@ -69,6 +71,19 @@ def test_a_gear_that_twists_is_noticed_and_the_rotor_that_stands_for_it_is_not_c
     assert known["gear_compliance"].value == pytest.approx(1.0 / 400.0, rel=0.2)
     assert known["armature"].value == pytest.approx(TRUTH["armature"], rel=0.05)
     assert "twist" not in again.lacking
+
+
+@pytest.mark.parametrize("error", [SimulationFailedError, CalibrationError])
+def test_nominal_values_that_cannot_be_simulated_are_no_place_to_look_from(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: type[Exception]
+) -> None:
+    def failing(*given: object, stages: object, **more: object) -> object:
+        if stages is SHIPPED:
+            raise error("the simulation fails at the start values")
+        return fit(*given, stages=stages, **more)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("trueup.loop.missing.fit", failing)
+    assert "play and twist of gears" in calibrated(tmp_path, GEAR).lacking
 
 
 def test_nothing_is_missed_where_the_model_has_the_robots_structure(tmp_path: Path) -> None:

@@ -18,8 +18,9 @@ from trueup.recording import Channel, Recording
 from trueup.studies.walk.explore import exploration
 from trueup.studies.walk.robot import StandInNao, Truth
 from trueup.studies.walk.scenes import MOTORS, NAO, SIMSPARK, simulator, task
+from trueup.tasks.omni_walk import OmniWalk
 from trueup.tasks.task import robot_trials
-from trueup.tasks.walking import OmniWalk, WalkFront
+from trueup.tasks.walking import WalkFront
 
 Array = NDArray[np.float64]
 

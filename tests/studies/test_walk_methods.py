@@ -27,7 +27,8 @@ from trueup.studies.walk.report import html
 from trueup.studies.walk.robot import StandInNao
 from trueup.studies.walk.search import Scene
 from trueup.studies.walk.study import Story, Tried
-from trueup.tasks.walking import LineWalk, WalkFront, passing, sway
+from trueup.tasks.sway import passing, sway
+from trueup.tasks.walking import LineWalk, WalkFront
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Pace and lean are found by which way a robot falls; risks that compete are told apart, with doubts that hold.
+"""Pace and lean are found by which way a robot falls.
 
 The robot is a formula here: log odds of falls forward and backward, linear in pace and lean.
 """
@@ -16,16 +16,15 @@ from trueup.controllers.walk_engine.engine import PARAMETERS
 from trueup.ends import Ended, Left, with_end
 from trueup.recording import Channel, Recording
 from trueup.studies.walk.evaluation import Runs
-from trueup.studies.walk.paces import Ledger, Paces, asked, ended_in, paced
-from trueup.studies.walk.risks import Prior, Risks
+from trueup.studies.walk.paces import ended_in, paced
 from trueup.studies.walk.study import Budget, Story
-from trueup.tasks.walking import ARRIVED, VEERED
+from trueup.tasks.paces import features
+from trueup.tasks.walking import ARRIVED
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
 
 SWING, PERIOD, OFFSET = (PARAMETERS.index(n) for n in ("amp_swing", "stepPeriod", "fwdOffset"))
-WIDE = Prior(np.zeros((2, 3)), np.full((2, 3), 5.0))
 
 
 class Leaning:
@@ -40,7 +39,7 @@ class Leaning:
     def shares(self, values: Array) -> Array:
         """Of falls forward and backward."""
         pace = np.array([[values[SWING] / PARAMETERS.nominal[SWING], values[OFFSET] - PARAMETERS.nominal[OFFSET]]])
-        odds = np.exp(asked(pace) @ self.odds.T)[0]
+        odds = np.exp(features(pace / (1.0, 0.006))[0] @ self.odds.T)[0]
         return odds / (1.0 + odds.sum())
 
     def perform(self, trial: Trial) -> list[Recording]:
@@ -109,70 +108,8 @@ def test_the_same_seed_tells_the_same_story() -> None:
     assert [t.values.tolist() for t in first.tried] == [t.values.tolist() for t in again.tried]
 
 
-def test_no_trial_is_far_from_one_that_was_made() -> None:
-    way = Paces()
-    near = way.grid()[Ledger(np.array([[1.0, 0.0]])).near(way.grid(), way)]
-    assert near[:, 0].max() == pytest.approx(1.2)
-    assert np.abs(near[:, 1]).max() == pytest.approx(0.006)
-
-
 def test_how_a_trial_ended_is_said() -> None:
     forward, backward = (paced(Leaning(best, risk=1.0), Budget(trials=3), 0).tried[0].runs for best in (0.05, -0.05))
     assert forward.forward == forward.falls == forward.number > 0 == backward.forward
     assert (ended_in(forward), ended_in(backward)) == ("fell forward", "fell backward")
     assert ended_in(Runs(speeds=(0.1, 0.2), trials=1)) == "15.0 cm/s"
-
-
-def test_a_run_that_veers_counts_as_half_a_fall_to_either_side() -> None:
-    veering = Ledger(np.zeros((0, 2)))
-    veering.add(np.array([1.0, 0.0]), Runs(veers=20, trials=20))
-    forward, backward = veering.risks().shares(asked(np.array([[1.0, 0.0]])))[0]
-    assert forward == pytest.approx(backward, abs=1e-6)
-    assert forward + backward > 0.5
-    assert ended_in(veering.runs[0]) == VEERED
-
-
-def test_a_fall_at_the_start_is_told_from_one_further_on() -> None:
-    pace = np.array([1.0, 0.0])
-    starting, walking = Ledger(np.zeros((0, 2))), Ledger(np.zeros((0, 2)))
-    for _ in range(10):
-        starting.add(pace, Runs(falls=1, forward=1.0, trials=1))
-        walking.add(pace, Runs(speeds=(0.12,), falls=1, forward=1.0, trials=1))
-    assert walking.later[0].falls == 10 > starting.later[0].number == 0
-    first, on = (ledger.risks().shares(asked(pace[None]))[0, 0] for ledger in (starting, walking))
-    assert first > 0.7 > 0.3 > on
-
-
-def test_competing_risks_are_told_apart_and_their_doubt_holds_the_truth() -> None:
-    rng = np.random.default_rng(3)
-    truth = np.array([[-1.0, 1.5, -0.8], [-1.5, 0.5, 0.9]])
-    inside, x, risks = [], np.zeros((0, 3)), None
-    for _ in range(40):
-        x = np.column_stack([np.ones(60), rng.uniform(-1.0, 1.0, (60, 2))])
-        odds = np.exp(x @ truth.T)
-        shares = odds / (1.0 + odds.sum(axis=1, keepdims=True))
-        ended = np.array([rng.multinomial(4, [*p, 1.0 - p.sum()])[:2] for p in shares], dtype=np.float64)
-        risks = Risks.of(x, ended, np.full(60, 4.0), WIDE)
-        deviation = np.sqrt(np.diag(risks.covariance)).reshape(2, 3)
-        inside.append(np.abs(risks.coefficients - truth) < 1.96 * deviation)
-    assert 0.9 < np.mean(inside) < 0.99
-    assert risks is not None
-    drawn = risks.drawn(x, 500, rng).mean(axis=0)
-    assert drawn == pytest.approx(risks.shares(x), abs=0.02)
-
-
-def test_what_a_run_would_tell_is_most_where_it_is_not_known() -> None:
-    x = np.column_stack([np.ones(40), np.zeros(40), np.zeros(40)])
-    risks = Risks.of(x, np.full((40, 2), 1.0), np.full(40, 4.0), WIDE)
-    known, other = np.array([[1.0, 0.0, 0.0]]), np.array([[1.0, 1.0, 0.0]])
-    about, once = np.vstack([known, other]), np.ones(2)
-    at_known, at_other = risks.learned(about, about, once)
-    assert at_other > 10.0 * at_known > 0.0
-    narrow = Risks.of(x, np.full((40, 2), 1.0), np.full(40, 4.0), Prior(np.zeros((2, 3)), np.full((2, 3), 0.2)))
-    doubt = narrow.drawn(other, 20000, np.random.default_rng(0)).sum(axis=2).var()
-    assert narrow.learned(other, other, np.ones(1), runs=1e6)[0] == pytest.approx(doubt, rel=0.1)  # all there is
-
-
-def test_more_ends_than_runs_are_refused() -> None:
-    with pytest.raises(ValueError, match="more runs ended than were made"):
-        Risks.of(np.ones((1, 3)), np.array([[2.0, 2.0]]), np.array([3.0]), WIDE)

@@ -12,8 +12,9 @@ from trueup.ends import Ended, with_end
 from trueup.engines.simulator import Rollout
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel
+from trueup.tasks.omni_walk import OmniWalk
 from trueup.tasks.task import robot_scores
-from trueup.tasks.walking import ANGLES, ARRIVED, PLACE, VEERED, LineWalk, OmniWalk, Walk, WalkFront
+from trueup.tasks.walking import ANGLES, ARRIVED, PLACE, VEERED, LineWalk, Walk, WalkFront
 
 Array = NDArray[np.float64]
 SPACE = ParameterSpace((Parameter("a", "1", 0.0, -1.0, 1.0),))

@@ -13,6 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.campaign.doses import Doses, on_robot
 from trueup.campaign.events import (
     Begun,
     Calibrated,
@@ -62,7 +63,8 @@ class Campaign:
         self._belief: Belief | None = None
         self._calibrated: Calibrated | None = None
         self._expected: list[tuple[float, float]] = []
-        self._begun = _begun(checksum, plan.seed, version, parts.task)
+        self._doses = Doses(parts, parts.task, plan.seed, self._planned_runs()) if on_robot(plan, parts) else None
+        self._begun = _begun(checksum, plan.seed, version, parts.task, self._doses)
         if journal.past and not (isinstance(journal.past[0], Begun) and journal.past[0].plan == checksum):
             raise JournalError(
                 f"{journal.folder}: this folder holds a campaign of another plan; name another with --out"
@@ -104,6 +106,10 @@ class Campaign:
         belief = self._prior()
         self._experiment(number, region, belief)
         belief = self._calibrate(number)
+        known = self._best()[1] if self._scored() else score
+        if self._doses is not None:
+            self._dosed(number, self._doses)
+            return self._once(RoundEnded, lambda: self._round_ended(number, region, known))
         models = self._models(number, belief)
         correction = self._correction(models)
         optimum = self._optimize(number, models, region, correction)
@@ -111,7 +117,6 @@ class Campaign:
             Chosen,
             lambda: chosen(number, self._plan.transfer, self._parts, optimum, region, models, self._room(), correction),
         )
-        known = self._best()[1] if self._scored() else score
         far = unlike(picked.predicted[picked.incumbent], known) if picked.incumbent >= 0 else ""
         if far and not self._journal.replaying:
             self._listener.doubt(far)
@@ -125,6 +130,21 @@ class Campaign:
         )
         self._expected += pairs(picked, tested, incumbent=not self._expected)
         return self._once(RoundEnded, lambda: self._round_ended(number, region, known))
+
+    def _dosed(self, number: int, doses: Doses) -> None:
+        """A round's trials one by one, each chosen by all runs before it."""
+        plan = self._plan.transfer
+        for k in range(min(plan.candidates, self._room())):
+            picked = self._once(Chosen, lambda: doses.chosen(number, self._scores, self._hardware.runs))
+            unit = np.array(picked.candidates)
+            self._scores += self._hardware.test(number, "transfer", unit, plan.repeats, plan.again, first=k)
+
+    def _planned_runs(self) -> int:
+        """On the robot, in all rounds."""
+        plan, each = self._plan, len(self._parts.task.trials)
+        a_round = plan.experiment.later * plan.experiment.repeats + plan.transfer.candidates * plan.transfer.repeats
+        first = (plan.experiment.settings - plan.experiment.later) * plan.experiment.repeats
+        return min(plan.stop.trials or 10**9, each * (first + plan.stop.rounds * a_round))
 
     def _models(self, number: int, belief: Belief) -> Array:
         """(p, n) what the simulator's parameters may be, less what the robot's scores so far rule out."""
@@ -244,6 +264,8 @@ class Campaign:
         return any(np.isfinite(s.scores).any() for s in self._scores)
 
     def _best(self) -> tuple[Array, float]:
+        if self._doses is not None:
+            return self._doses.best(self._scores)
         units, scores = [np.array(s.unit) for s in self._scores], [np.array(s.scores) for s in self._scores]
         return best_known(units, scores, [s.fell for s in self._scores])
 
@@ -267,9 +289,9 @@ class Campaign:
         return event
 
 
-def _begun(checksum: str, seed: int, version: str, task: Task) -> Begun:
+def _begun(checksum: str, seed: int, version: str, task: Task, doses: Doses | None) -> Begun:
     units = {p.name: "" if p.unit == "1" else p.unit for p in task.parameters.parameters}
-    return Begun(checksum, seed, version, unit_of(task), units)
+    return Begun(checksum, seed, version, unit_of(task), units, *((doses.names, doses.first) if doses else ()))
 
 
 def _never() -> Generation:

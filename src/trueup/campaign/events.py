@@ -26,6 +26,11 @@ class Begun:
     """Of the task's score."""
     units: Mapping[str, str] = field(default_factory=dict)
     """Of the task's parameters, by name."""
+    grades: tuple[str, ...] = ()
+    """Of settings that are found on the robot, by how all of its runs ended, and not in a simulator: how the numbers by
+    which they differ are shown, as `Grades.names` has it."""
+    first: Row = ()
+    """These numbers of today's settings."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +93,8 @@ class Scored:
     fell: bool
     done: float = math.nan
     """Share of its repeats in which the task was done; NaN for a task that has scores only."""
+    tally: tuple[Row, ...] = ()
+    """How its runs ended, as `Graded.tally` has it; () for other tasks."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +144,9 @@ class Chosen:
     unsafe: int
     """Candidates that were passed over because their simulated runs go beyond the limits."""
     ended: str
-    """Why the search ended."""
+    """Why the search ended, or a trial is made."""
+    numbers: tuple[Row, ...] = ()
+    """What the candidates' grades are, where settings are found on the robot."""
 
 
 @dataclass(frozen=True)

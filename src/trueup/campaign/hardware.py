@@ -23,7 +23,7 @@ from trueup.loop.safety import require_safe
 from trueup.loop.transfer import prepared
 from trueup.recording import Recording
 from trueup.robots.robot import HandsOut
-from trueup.tasks.task import robot_done, robot_doubts, robot_scores, robot_trials
+from trueup.tasks.task import robot_done, robot_doubts, robot_scores, robot_tally, robot_trials
 from trueup.trial import Trial
 
 E = TypeVar("E")
@@ -55,8 +55,10 @@ class Hardware:
         """Those of all trials that were done, in the order of the trials."""
         return [self._recording(file, expected) for file, expected in self._files]
 
-    def test(self, round_: int, step: str, units: Array, repeats: int, again: int = 0) -> list[Scored]:
-        """Performs the task's trials with each candidate (c, m) of the unit box, and scores them.
+    def test(
+        self, round_: int, step: str, units: Array, repeats: int, again: int = 0, first: int = 0
+    ) -> list[Scored]:  # fmt: skip
+        """Performs the task's trials with each candidate (c, m) of the unit box, and scores them; the first has this number.
 
         What an operator aborted is handed out again as a new trial, `again` times at most; a fall is an answer, and what
         became unknown is left so. Raises TrialError where a trial goes beyond a limit, before any is handed out.
@@ -66,13 +68,15 @@ class Hardware:
         wanted = [(k, j) for k, trials in enumerate(rows) for j in range(len(trials))]
         done: dict[tuple[int, int], TrialDone] = {}
         for _ in range(1 + again):
-            batch = [(key, *self._planned(round_, step, key[0], rows[key[0]][key[1]], repeats)) for key in wanted]
+            batch = [
+                (key, *self._planned(round_, step, first + key[0], rows[key[0]][key[1]], repeats)) for key in wanted
+            ]
             self._announce([trial for _, _, trial in batch if trial.name not in self._settled])
             done |= {key: self._perform(planned, trial) for key, planned, trial in batch}
             wanted = [key for key in wanted if done[key].outcome == "aborted"]
         each = len(task.trials)
         return [
-            self._scored(round_, step, k, unit, [done[k, j] for j in range(each)], repeats)
+            self._scored(round_, step, first + k, unit, [done[k, j] for j in range(each)], repeats)
             for k, unit in enumerate(units)
         ]
 
@@ -146,18 +150,20 @@ class Hardware:
         self, round_: int, step: str, candidate: int, unit: Array, done: Sequence[TrialDone], repeats: int
     ) -> Scored:
         def make() -> Scored:
-            scores, share = np.full(repeats, np.nan), math.nan
+            scores, share, tally = np.full(repeats, np.nan), math.nan, np.zeros(0)
             if all(d.outcome == "done" for d in done):
                 runs = [[self._recording(f, c) for f, c in zip(d.recordings, d.checksums, strict=True)] for d in done]
                 task, values = self._parts.task, self._parts.task.parameters.from_unit(unit)
                 scores, share = robot_scores(task, runs, values), robot_done(task, runs, values)
+                tally = robot_tally(task, runs)
                 for d, said in zip(done, robot_doubts(task, runs, values), strict=False):
                     for words in said:
                         self._listener.doubt(f"{d.trial}: {words}")
             fell = any(d.outcome == "fell" for d in done)
             return Scored(
-                round_, step, candidate, tuple(unit.tolist()), tuple(np.asarray(scores).tolist()), fell, share
-            )
+                round_, step, candidate, tuple(unit.tolist()), tuple(np.asarray(scores).tolist()), fell, share,
+                tuple(tuple(row) for row in tally.tolist()),
+            )  # fmt: skip
 
         return self._take(Scored, make)
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import statistics
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -52,6 +52,14 @@ class RoundStory:
     chosen: Chosen | None = None
     validated: Validated | None = None
     ended: RoundEnded | None = None
+
+    def choose(self, event: Chosen) -> None:
+        """All at once, or one more where each trial is chosen by those before it."""
+        one = self.chosen
+        self.chosen = event if one is None else replace(
+            event, candidates=one.candidates + event.candidates, predicted=one.predicted + event.predicted,
+            spreads=one.spreads + event.spreads, unsafe=one.unsafe + event.unsafe, numbers=one.numbers + event.numbers,
+        )  # fmt: skip
 
     @property
     def tried(self) -> int:
@@ -108,7 +116,7 @@ class History:
             case Generation():
                 self.rounds[-1].generations.append(event)
             case Chosen():
-                self.rounds[-1].chosen = event
+                self.rounds[-1].choose(event)
             case Validated():
                 self.rounds[-1].validated = event
             case RoundEnded():
@@ -125,6 +133,20 @@ class History:
         return [t for t in self.trials if t.done is None]
 
     @property
+    def on_robot(self) -> bool:
+        """Whether settings are found on the robot, by how all of its runs ended."""
+        return self.begun is not None and bool(self.begun.grades)
+
+    @property
+    def first_grade(self) -> tuple[float, ...]:
+        """Of today's settings."""
+        return self.begun.first if self.begun else ()
+
+    def grade(self, numbers: tuple[float, ...]) -> str:
+        """A grade of the settings, for people."""
+        return ", ".join(n.format(x) for n, x in zip(self.begun.grades if self.begun else (), numbers, strict=True))
+
+    @property
     def first_score(self) -> float:
         """What the robot did with the settings it had at the beginning; NaN where that was never run."""
         start = self.rounds[0].begun.incumbent if self.rounds else ()
@@ -136,6 +158,9 @@ class History:
         scored = [s for r in self.rounds for s in r.scored]
         if not any(math.isfinite(x) for s in scored for x in s.scores):
             return {}, math.nan
+        ended = [r.ended for r in self.rounds if r.ended is not None]
+        if self.on_robot and ended:
+            return self.settings(ended[-1].best), ended[-1].score
         unit, score = best_known(
             [np.array(s.unit) for s in scored], [np.array(s.scores) for s in scored], [s.fell for s in scored]
         )
@@ -145,6 +170,9 @@ class History:
     def falls_of_best(self) -> str:
         """'fell in 2 of 5 tries' where the robot fell with the best settings; '' elsewhere."""
         tries = self._tries_of_best
+        ended = sum(sum(row[2:]) for s in tries for row in s.tally)
+        if runs := sum(row[0] for s in tries for row in s.tally) + ended:
+            return f"fell or veered in {ended:.0f} of {runs:.0f} runs with them"
         fell = sum(s.fell for s in tries)
         return f"fell in {fell} of {len(tries)} tries with them" if fell else ""
 

@@ -86,16 +86,16 @@ def chosen(
     many = wanted if parts.limits is None else 4 * wanted
     found = shortlist(optimum, region, many, apart=plan.apart, incumbent=plan.incumbent, task=parts.task,
                       simulator=parts.simulator, models=models, correction=correction)  # fmt: skip
-    problems = [_problems(parts, unit, models[0]) for unit in found.unit]
-    safe = [k for k, p in enumerate(problems) if not p][: wanted + (found.incumbent >= 0)]
+    beyond = [problems(parts, unit, models[0]) for unit in found.unit]
+    safe = [k for k, p in enumerate(beyond) if not p][: wanted + (found.incumbent >= 0)]
     if not safe or (found.incumbent >= 0 and 0 not in safe):
         raise TrialError(
-            "no candidate stays within the limits: " + "; ".join(dict.fromkeys(s for p in problems for s in p))
+            "no candidate stays within the limits: " + "; ".join(dict.fromkeys(s for p in beyond for s in p))
         )
     kept = Shortlist(found.unit[safe], found.predicted[safe], found.spreads[safe], found.incumbent)
     return Chosen(
         number, tuple(_row(r) for r in kept.unit), _row(kept.predicted), _row(kept.spreads), kept.incumbent,
-        sum(bool(p) for p in problems), optimum.ended,
+        sum(bool(p) for p in beyond), optimum.ended,
     )  # fmt: skip
 
 
@@ -127,7 +127,7 @@ def pairs(picked: Chosen, tested: Sequence[Scored], *, incumbent: bool) -> list[
     ]
 
 
-def _problems(parts: Parts, unit: Array, model: Array) -> tuple[str, ...]:
+def problems(parts: Parts, unit: Array, model: Array) -> tuple[str, ...]:
     """What a candidate's commands and its simulated runs go beyond."""
     if parts.limits is None:
         return ()

@@ -29,6 +29,15 @@ USUAL: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
 searched from a rough guess, with which a robot would fall: the first that it performs works in the simulator."""
 
 
+ON_ROBOT: Mapping[str, Mapping[str, Any]] = {
+    "experiment": {"repeats": 2},
+    "calibrate": {"method": "none"},
+    "transfer": {"candidates": 10, "incumbent": False, "confirm": False},
+    "stop": {"rounds": 6, "patience": 6, "trials": 60},
+}
+"""The same of a plan that tunes on the robot: so many trials that all of its runs together tell what few cannot."""
+
+
 @dataclass(frozen=True)
 class Experiment:
     """[experiment]: the runs whose recordings the first calibration starts from."""
@@ -78,8 +87,11 @@ class Calibrate:
 
 @dataclass(frozen=True)
 class Optimize:
-    """[optimize]: how the controller is tuned in the calibrated simulator."""
+    """[optimize]: how the controller is tuned: in the calibrated simulator, or on the robot itself."""
 
+    method: Literal["simulator", "on-robot"] = "simulator"
+    """'on-robot', for tasks whose settings go from gentle to bold (a walk's pace and lean): each trial is made where it tells
+    most, by how all runs so far ended; the last ones are of what is worth the most. The rest of this table is then idle."""
     search: Component = field(default_factory=lambda: Component("cma-es"))
     evaluations: int = 200
     """Candidates tried in each round."""
@@ -252,8 +264,10 @@ def plan_in(text: str, where: Path) -> Plan:
 
 def _with_usual(table: Mapping[str, Any]) -> Mapping[str, Any]:
     """A plan's table with what is usual for its task; what is no table stays, to be complained of."""
-    task = table["task"]
-    usual = USUAL.get(str(task.get("type")), {}) if isinstance(task, Mapping) else {}
+    task, optimize = table["task"], table.get("optimize")
+    usual = dict(USUAL.get(str(task.get("type")), {})) if isinstance(task, Mapping) else {}
+    if isinstance(optimize, Mapping) and optimize.get("method") == "on-robot":
+        usual |= ON_ROBOT | ({"task": {"runs": 1}} if isinstance(task, Mapping) and task.get("type") == "walk" else {})
     own = {name: table.get(name, {}) for name in usual}
     return {**table, **{n: {**usual[n], **t} for n, t in own.items() if isinstance(t, Mapping)}}
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 from trueup.arrays import Array
 from trueup.chance import Buffeting, CommandNoise, Disturbance, Sensing
 from trueup.engines.simulator import Simulator
-from trueup.errors import ModelError, unknown_name
+from trueup.errors import ModelError, TrialError, unknown_name
 
 if TYPE_CHECKING:
     from trueup.engines.mujoco.model import Model
@@ -81,21 +81,26 @@ def walk(
 def task_of(
     simulator: Simulator, left: tuple[str, ...], right: tuple[str, ...], course: str = "front", share: float = 0.67,
     runs: int = 7, seed: int = 0, period: float = 0.01, fall: float | None = None, quiet: bool = False,
-    nominal: Mapping[str, float] | None = None,
+    nominal: Mapping[str, float] | None = None, laps: int = 1,
 ) -> Walk:  # fmt: skip
     """The same for a simulator that there is already: what a plan names as the task 'walk'. See `walk`.
 
     `share` of the largest step; means over `runs` disturbed runs (undisturbed ones if `quiet`); a command every `period` s;
-    `fall`: what a fall costs, in m/s, of a course in m; `nominal`: start values of the walk's parameters, by name.
+    `fall`: what a fall costs, in m/s, of a course in m; `nominal`: start values of the walk's parameters, by name; `laps`:
+    how many lines lie behind one another, of the course 'line'.
     """
     from trueup.controllers.walk_engine.engine import sized
     from trueup.engines.mujoco.biped import biped_of
-    from trueup.tasks.walking import LineWalk, OmniWalk, WalkFront
+    from trueup.tasks.omni_walk import OmniWalk
+    from trueup.tasks.walking import LineWalk, WalkFront
 
     kinds: dict[str, type[Walk]] = {"front": WalkFront, "line": LineWalk, "around": OmniWalk}
     if course not in kinds:
         raise unknown_name("course", course, COURSES, "what the task 'walk' knows")
     own: dict[str, object] = {} if fall is None else {"fall": fall}
+    if laps != 1 and course != "line":
+        raise TrialError(f"laps = {laps}: only the course 'line' has laps, not '{course}'")
+    own |= {"laps": laps} if course == "line" else {}
     model = model_of(simulator)
     own["parameters"] = sized(float(biped_of(model, left, right).legs.longest.mean()))
     made = walking(

@@ -218,6 +218,8 @@ class CampaignView:
         return f"; at most about {duration_text(math.ceil(each * left))} left" if left and each > 1.0 else ""
 
     def _chosen_words(self, event: Chosen) -> str:
+        if event.numbers:
+            return f"{self.history.grade(event.numbers[0])}: {event.ended}"
         tried = self.history.rounds[-1].tried
         new = [p for k, p in enumerate(event.predicted) if k != event.incumbent]
         now = f", now {event.predicted[event.incumbent]:.4g}" if event.incumbent >= 0 else ""

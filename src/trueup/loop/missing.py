@@ -83,7 +83,13 @@ def _places_to_look_from(problem: Problem, found: Fit) -> list[tuple[Fit, Sequen
     nothing can be seen from where it is.
     """
     first = np.where(found.space.free, found.space.nominal, found.values)
-    begun = fit(problem, found.space, first, Watch(), stages=SHIPPED)
+    try:
+        begun = fit(problem, found.space, first, Watch(), stages=SHIPPED)
+    except (
+        SimulationFailedError,
+        CalibrationError,
+    ):  # nominal values beside what was set since
+        return [(found, REFINEMENT)]
     return [(found, REFINEMENT), *([(begun, DESCENT)] if found.loss > _ASTRAY * begun.loss else [])]
 
 

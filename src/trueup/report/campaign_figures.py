@@ -38,7 +38,8 @@ def score_figure(history: History) -> Markup:
             plot.dot((k, x), BEFORE if s.unit == first else AFTER, title=f"{significant(x, 4)} on the robot")
         if s.fell:
             plot.text((k, plot.y[1]), "fell", anchor="middle", above=-12)
-    plot.line(steps, INK, width=1.4)
+    if not history.on_robot:  # one run's luck is no best there
+        plot.line(steps, INK, width=1.4)
     return plot.svg("Scores of all candidates on the robot, by round")
 
 

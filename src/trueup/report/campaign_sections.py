@@ -11,6 +11,7 @@ from trueup.campaign.events import Scored
 from trueup.campaign.history import History, RoundStory, TrialStory, astray
 from trueup.campaign.plan import Plan
 from trueup.report.campaign_figures import gap_figure, parameter_figures, ranking_figure, score_figure, search_figure
+from trueup.report.campaign_grades import grades_shown
 from trueup.report.campaign_tracks import Track, track_figure
 from trueup.report.markup import Markup, join, tag
 from trueup.report.numbers import duration_text, fixed, ratio_text, significant, with_unit
@@ -35,14 +36,17 @@ def campaign_sections(
     history: History, plan: Plan, times: dict[int, float], plan_text: str, tracks: Sequence[Track]
 ) -> tuple[Section, ...]:
     """All sections."""
-    return (
-        Section("better", "Better?", "Is the robot better, and by how much?", _better(history, tracks)),
-        Section("rounds", "Round by round", "What was tried, and what did the robot do?", _rounds(history)),
+    simulated = (
         Section("gap", "The gap", "How did the gap between simulator and robot close?", _gap(history)),
         Section(
             "ranking", "Can it be trusted?", "Does the simulator rank candidates as the robot does?", _ranking(history)
         ),
         Section("search", "The search", "How did the search go?", _search(history)),
+    )
+    return (
+        Section("better", "Better?", "Is the robot better, and by how much?", _better(history, tracks)),
+        Section("rounds", "Round by round", "What was tried, and what did the robot do?", _rounds(history)),
+        *(() if history.on_robot else simulated),
         Section("trials", "Every run", "What became of every run on the robot?", _trials(history)),
         Section(
             "plan", "The plan", "What was planned, and when did it happen?", _plan(history, plan, times, plan_text)
@@ -63,8 +67,8 @@ def _better(history: History, tracks: Sequence[Track]) -> Markup:
         tag("h3", "The best settings"), facts((name, history.setting(name, value)) for name, value in settings.items()),
         tag("h3", "Every candidate on the robot"),
         key(("before", "settings at first" if before else "tried first"), ("after", "on the robot"),
-            ("ink", "best so far; hollow: what the simulator expected")),
-        score_figure(history),
+            ("ink", "hollow: what was expected" if history.on_robot else "best so far; hollow: what the simulator expected")),
+        score_figure(history), *([grades_shown(history)] if history.on_robot else []),
     ]  # fmt: skip
     if tracks:
         parts += [
@@ -88,6 +92,9 @@ def _better(history: History, tracks: Sequence[Track]) -> Markup:
 def _sentence(first: float, best: float) -> str:
     if not math.isfinite(first):
         return "The settings that the robot had at first were not run, so there is nothing to compare with."
+    if best < first <= 0.0:  # what is made good, with a minus: a share of it is no error that shrank
+        more = f": {fixed(100 * (best - first) / first, 1)} % more of what counts" if first else ""
+        return f"On the robot the score went from {significant(first)} to {significant(best)}{more}."
     if best < first:
         return f"On the robot the score fell to {ratio_text(best, first)}: {fixed(100 * (1 - best / first), 1)} % less."
     return "Nothing that was tried did better on the robot than what it had at first; these settings are kept."
@@ -101,9 +108,9 @@ def _round(history: History, story: RoundStory) -> Markup:
     whole = f"round-{story.begun.round}/calibration.html"
     link = tag("a", "The whole calibration.", href=whole) if story.calibrated is not None else None
     parts = [tag("h3", f"Round {story.begun.round}"), tag("p", _round_words(story), " ", link)]
-    rows = [_candidate(story, s) for s in story.scored]
+    rows = [_candidate(history, story, s) for s in story.scored]
     if rows:
-        names = sorted({k for t in story.trials for k in t.planned.settings})
+        names = _shown_settings(history)
         units = {n: f", {history.setting(n, 0.0)[2:]}".removesuffix(", ") for n in names}
         of = f", {history.begun.unit}" if history.begun and history.begun.unit else ""
         titles = ("tried", f"expected{of}", f"on the robot{of}", *(n + units[n] for n in names))
@@ -130,12 +137,19 @@ def _round_words(story: RoundStory) -> str:
         wider = "widened" if story.ended.radius > story.begun.radius else "narrowed"
         moved = "same" if story.ended.radius == story.begun.radius else wider
         verdict = "The robot improved" if story.ended.improved else "The robot did not improve"
-        parts.append(f"{verdict}; trust region {moved}.")
+        parts.append(f"{verdict}." if story.chosen and story.chosen.numbers else f"{verdict}; trust region {moved}.")
     return " ".join(parts) or "Under way."
 
 
-def _candidate(story: RoundStory, scored: Scored) -> Markup:
-    names = sorted({k for t in story.trials for k in t.planned.settings})
+def _shown_settings(history: History) -> list[str]:
+    """Names of settings that differ from run to run; all where none does."""
+    tried = [t.planned.settings for t in history.trials]
+    names = sorted({k for settings in tried for k in settings})
+    return [n for n in names if len({settings.get(n) for settings in tried}) > 1] or names
+
+
+def _candidate(history: History, story: RoundStory, scored: Scored) -> Markup:
+    names = _shown_settings(history)
     settings = next(
         (t.planned.settings for t in story.trials
          if (t.planned.step, t.planned.candidate) == (scored.step, scored.candidate)), {}
@@ -153,7 +167,8 @@ def _candidate(story: RoundStory, scored: Scored) -> Markup:
     elif scored.candidate == 0 and story.begun.round == 1:
         which = "as it was"
     done = {1.0: " (done)", 0.0: " (not done)"}.get(scored.done, "")
-    shown = "fell" if scored.fell else significant(measured, 4) + done
+    down = sum(sum(part[2:]) for part in scored.tally)
+    shown = "fell" if scored.fell else significant(measured, 4) + done + (" (fell or veered)" if down else "")
     best = story.ended is not None and scored.unit == story.ended.best
     numbers = [significant(settings.get(n, math.nan), 4) for n in names]
     return row(which, cells(significant(expected, 4), shown, *numbers), class_="best" if best else None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -88,6 +89,50 @@ class Doubts(Protocol):
         ...
 
 
+@dataclass(frozen=True, eq=False)
+class Grades:
+    """Settings that differ by few numbers, as how bold and how inclined, and what is believed of them before a robot has run.
+
+    A run is worth something, or it ends early in one of w ways. Log odds of these and the logarithm of that worth are linear
+    in c features; a priori their coefficients are normal, each by itself. The first grade is what the robot runs with today.
+    """
+
+    names: tuple[str, ...]
+    """Of the k numbers, as `str.format` shows one: '{:.3g} times as long'."""
+    numbers: Array
+    """(g, k), gentle ones first."""
+    settings: Array
+    """(g, m) of the task's parameters."""
+    features: Array
+    """(2, g, c) of runs that begin at rest, and of those that go on from one before."""
+    places: Array
+    """(g, k): a trial is no farther than 1 in any of these from one that was made."""
+    ways: tuple[str, ...]
+    risks: tuple[Array, Array]
+    """(w, c) means and deviations of the coefficients of log odds."""
+    worth: tuple[Array, Array]
+    """(c,) the same of the logarithm of what a run is worth that does not end early."""
+    scatter: float
+    """Deviation of that logarithm from run to run."""
+    cost: float
+    """What an early end costs, in the unit of the worth."""
+
+
+@runtime_checkable
+class Graded(Protocol):
+    """A task whose settings can be found on the robot itself, by how its runs end: bolder ones are worth more and riskier."""
+
+    def grades(self) -> Grades:
+        """Raises ParameterError where the task's parameters are others than it knows grades of."""
+        ...
+
+    def tally(self, rollouts: Sequence[Rollout]) -> Array:
+        """(2, 2 + w) of all rows: runs that begin at rest, and that went on: how many were worth something, the sum of
+        the logarithms of that, and how many ended in each way (half of one where two are as likely).
+        """
+        ...
+
+
 def unit_of(task: Task) -> str:
     """The unit of a task's score; '' where it has none."""
     return task.unit if isinstance(task, ScoredIn) else ""
@@ -164,6 +209,13 @@ def robot_done(task: Task, recordings: Sequence[Sequence[Recording]], candidate:
     if not isinstance(task, DoneOrNot):
         return float("nan")
     return float(np.mean(task.succeeded(_rollouts(task, recordings, candidate))))
+
+
+def robot_tally(task: Task, recordings: Sequence[Sequence[Recording]]) -> Array:
+    """What `Graded.tally` says of what the robot did, () of another task. See `robot_scores`."""
+    if not isinstance(task, Graded):
+        return np.zeros(0)
+    return task.tally(_rollouts(task, recordings, None))
 
 
 def robot_doubts(

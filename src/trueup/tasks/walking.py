@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Walking as tasks: straight ahead for a while, through a course of targets, or to a line; means over disturbed runs.
+"""Walking as tasks: straight ahead for a while, or to a line; means over disturbed runs.
 
-A. Farchy, S. Barrett, P. MacAlpine and P. Stone, "Humanoid robots learning to walk faster", AAMAS 2013, section 4.1; the
-course after goToTarget of P. MacAlpine et al., "Design and optimization of an omnidirectional humanoid walk", AAAI 2012.
+A. Farchy, S. Barrett, P. MacAlpine and P. Stone, "Humanoid robots learning to walk faster", AAMAS 2013, section 4.1.
 """
 
 from __future__ import annotations
@@ -13,14 +12,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from trueup.arrays import Array, Mask
+from trueup.arrays import Array, Integers, Mask
 from trueup.chance import Disturbance, Sensing
 from trueup.controllers.controller import Controller, ControllerFactory
 from trueup.controllers.walk_engine.requests import TARGETS, targets
 from trueup.ends import End, Fallen, Left
 from trueup.engines.simulator import Rollout
 from trueup.parameters import ParameterSpace
-from trueup.rounding import PRINTED, SAME_INSTANT
+from trueup.tasks.paces import SLOWEST, Paces, lap_speeds, tallied
+from trueup.tasks.sway import passing, sway
+from trueup.tasks.task import Grades
 from trueup.trial import Observed, Trial
 
 PLACE, ANGLES = "base_position", "base_orientation"
@@ -105,6 +106,10 @@ class Walk(ABC):
         """See Task."""
         return self.make(values)
 
+    def worth(self, rollout: Rollout) -> Array:
+        """(b,) what one run makes good, `fall` taken off if it fell."""
+        return self.made_good(rollout) - self.fall * self.risk(rollout)
+
     def made_anew(self, seed: int) -> Walk:
         """The same task with other disturbances: a generation's lucky ones are not lucky twice."""
         return replace(self, seed=seed)
@@ -121,18 +126,39 @@ class Walk(ABC):
 
     def score(self, rollouts: Sequence[Rollout]) -> Array:
         """(b,) minus what is made good on average, `fall` taken off for each fall; NaN where no run was measured."""
-        made = np.stack([self.made_good(r) - self.fall * self.risk(r) for r in rollouts])
+        made = np.stack([self.worth(r) for r in rollouts])
         failed = np.stack([np.isin(np.arange(made.shape[1]), list(r.failures)) for r in rollouts])
         return -np.where(failed.any(axis=0), np.nan, made.mean(axis=0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WalkFront(Walk):
+class AheadWalk(Walk):
+    """A walk ahead, which gets faster by pace and lean: its settings are `Graded`."""
+
+    fall: float = 0.7
+    """m/s: one fall in a hundred costs as much as 0.7 cm/s."""
+    paces: Paces = field(default_factory=Paces)
+    laps: int = field(init=False, default=1)
+
+    @abstractmethod
+    def speeds(self, rollout: Rollout) -> list[list[float]]:
+        """m/s of what each run came through, lap by lap: fewer than `laps` where it fell, veered or was too slow."""
+
+    def grades(self) -> Grades:
+        """See Graded."""
+        return self.paces.grades(self.parameters, self.fall)
+
+    def tally(self, rollouts: Sequence[Rollout]) -> Array:
+        """See Graded: falls forward and backward."""
+        every = [tallied(r, self.speeds(r), self.laps, fell(r), r.channels[ANGLES][:, :, 1]) for r in rollouts]
+        return np.asarray(np.sum(every, axis=0), dtype=np.float64)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WalkFront(AheadWalk):
     """Straight ahead for `seconds`: metres per second toward a far target. A fall ends what is made good."""
 
     seconds: float = 15.0
-    fall: float = 0.15
-    """m/s: some more than a walk is fast, so that a walk that falls every second time is no gain."""
 
     name: str = field(init=False, default="walk front")
 
@@ -151,9 +177,14 @@ class WalkFront(Walk):
         x = rollout.held().channels[PLACE][:, :, 0]
         return (x[:, -1] - x[:, 0]) / self.seconds
 
+    def speeds(self, rollout: Rollout) -> list[list[float]]:
+        """See AheadWalk."""
+        stood = ~fell(rollout) & (self.made_good(rollout) > SLOWEST)
+        return [[float(v)] if up else [] for v, up in zip(self.made_good(rollout), stood, strict=True)]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LineWalk(Walk):
+class LineWalk(AheadWalk):
     """To a line `line` m ahead, steering to a ball beyond it: the distance over the time it takes, as on the robot.
 
     A run that does not arrive counts as far as it came, over the whole time; one that leaves the lane of `lane` m to each
@@ -164,9 +195,8 @@ class LineWalk(Walk):
     laps: int = 1
     """How many lines lie behind one another: a trial that goes on tells as much as several."""
     lane: float = 0.75
-    slowest: float = 0.05
+    slowest: float = SLOWEST
     """m/s: who is slower does not arrive."""
-    fall: float = 0.15
 
     name: str = field(init=False, default="walk to the line")
 
@@ -195,93 +225,32 @@ class LineWalk(Walk):
         )  # fmt: skip
 
     def made_good(self, rollout: Rollout) -> Array:
-        """(b,) m/s."""
-        x = rollout.held().channels[PLACE][:, :, 0]
-        arrived = {row: end.at - rollout.trial.start for row, end in rollout.ends.items() if end.name == ARRIVED}
-        speed = np.clip(x[:, -1] - x[:, 0], 0.0, self.far) / self.duration
-        speed[list(arrived)] = self.far / np.array(list(arrived.values()))
-        return speed
+        """(b,) m/s, the mean of all laps that were begun."""
+        gone = np.clip(rollout.held().channels[PLACE][:, -1, 0] - rollout.channels[PLACE][:, 0, 0], 0.0, self.far)
+        every = self.speeds(rollout)
+        done = np.array([len(laps) for laps in every])
+        begun_last = np.clip(gone - done * self.line, 0.0, None) * self.laps / self.duration
+        made = np.array([sum(laps) for laps in every])
+        return np.where(done < self.laps, made + begun_last, made) / self._begun(done)
+
+    def worth(self, rollout: Rollout) -> Array:
+        """(b,) m/s, the mean of all laps that were begun, of which the last one may have ended in a fall."""
+        done = np.array([len(laps) for laps in self.speeds(rollout)])
+        return self.made_good(rollout) - self.fall * self.risk(rollout) / self._begun(done)
+
+    def _begun(self, done: Integers) -> Integers:
+        return np.minimum(done + 1, self.laps)
+
+    def speeds(self, rollout: Rollout) -> list[list[float]]:
+        """See AheadWalk."""
+        time, start = rollout.trial.observed[PLACE].time, rollout.trial.start
+        arrived = {row: end.at for row, end in rollout.ends.items() if end.name == ARRIVED}
+        places = rollout.channels[PLACE][:, :, 0]
+        return [lap_speeds(time, x, self.line, self.laps, start, arrived.get(k)) for k, x in enumerate(places)]
 
 
 ARRIVED, VEERED = "at the line", "veered"
 """Names of ends of a walk to the line."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class OmniWalk(Walk):
-    """Through a course of targets in all directions: metres made good toward each while it is the present one.
-
-    Where the robot is to step on the spot, metres that it drifts are taken off. `sideways` False: it turns to each target
-    and walks ahead, as where a real robot explores.
-    """
-
-    sideways: bool = True
-    stretch: float = 1.0
-    """Factor on all times of the course: longer for slower walks."""
-    fall: float = 5.0
-    """m, as in goToTarget."""
-
-    name: str = field(init=False, default="walk around")
-    unit: str = field(init=False, default="m")
-
-    @property
-    def duration(self) -> float:
-        """See Walk."""
-        return self.stretch * sum(leg[0] for leg in COURSE)
-
-    @property
-    def course(self) -> Array:
-        """See Walk."""
-        lasting, x, y = np.array(COURSE).T
-        begun = self.stretch * (np.cumsum(lasting) - lasting)
-        every = np.ones(len(x))
-        return np.stack([begun, x, y, self.share * every, float(self.sideways) * every], axis=1)
-
-    def made_good(self, rollout: Rollout) -> Array:
-        """(b,) m."""
-        place = rollout.held().channels[PLACE][:, :, :2]
-        time, begun = rollout.trial.observed[PLACE].time, [*self.course[:, 0], self.duration]
-        made = np.zeros(len(place))
-        for k, target in enumerate(self.course[:, 1:3]):
-            first, last = (place[:, np.searchsorted(time, begun[i] - SAME_INSTANT)] for i in (k, k + 1))
-            if np.isnan(target).any():
-                made -= np.linalg.norm(last - first, axis=1)
-            else:
-                made += np.linalg.norm(target - first, axis=1) - np.linalg.norm(target - last, axis=1)
-        return made
-
-
-_STOP = float("nan")
-COURSE = (
-    (8.0, 2.0, 0.0), (6.0, -1.0, 0.0), (5.0, 0.0, 1.0), (5.0, 0.0, -1.0), (2.0, _STOP, _STOP),  # the four directions
-    (6.0, 1.5, 1.5), (6.0, 1.5, -1.5), (2.0, _STOP, _STOP), (6.0, -2.0, 0.0),  # obliquely, and about turn
-    *((1.5, 0.6 * np.cos(a), 0.6 * np.sin(a)) for a in np.linspace(0.0, 2.0 * np.pi, 9)),  # a circle
-    *((0.5, 3.0, 3.0 * side) for side in (1.0, -1.0) * 5), (1.0, _STOP, _STOP),  # quick changes, and a stop
-)  # fmt: skip
-"""Targets in the field's frame: for how long (s), x and y (m)."""
-
-
-_SETTLED, _STEPS = 2.5, 30.0  # s until steps have grown; steps of 15 s, of which the logarithm counts
-
-
-def sway(time: Array, angles: Array, tips: tuple[float, float]) -> float:
-    """How far a run that stood swayed, squared, as a share of `tips`: roll and pitch (T, 2) at `time` (T,) since the start.
-
-    0 for runs without a second of walk.
-    """
-    walked = (time > _SETTLED) & np.isfinite(angles).all(axis=1)
-    if not walked.any() or np.ptp(time[walked]) < 1.0:
-        return 0.0
-    return float(np.square(angles[walked].std(axis=0) / tips).sum())
-
-
-def passing(shares: Array) -> Array:
-    """The chance of a fall in 15 s for shares of `sway`, of any shape.
-
-    Sway that wanders like normal noise passes `tips` with exp(-tip^2 / (2 deviation^2)) a step (S. O. Rice, Bell System
-    Technical Journal 24, 1945, section 3.3).
-    """
-    return -np.expm1(-_STEPS * np.exp(-0.5 / np.maximum(shares, PRINTED)))
 
 
 def fell(rollout: Rollout) -> Mask:

@@ -17,7 +17,7 @@ from trueup.controllers.walk_engine.requests import REQUESTS, requests
 from trueup.engines.simulator import Simulator
 from trueup.errors import SimulationFailedError
 from trueup.studies.walk import scenes
-from trueup.tasks.walking import OmniWalk
+from trueup.tasks.omni_walk import OmniWalk
 from trueup.trial import Trial
 
 

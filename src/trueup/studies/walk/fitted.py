@@ -16,7 +16,8 @@ from trueup.studies.walk import scenes
 from trueup.studies.walk.methods import WALKED, legs
 from trueup.studies.walk.search import Scene
 from trueup.studies.walk.study import FALL, Story
-from trueup.tasks.walking import WalkFront, passing
+from trueup.tasks.sway import passing
+from trueup.tasks.walking import WalkFront
 from trueup.trial import Trial
 
 JOINTS, TORSO = "position", "base_orientation"

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Settings found on the robot itself, trial by trial, by how all of its runs ended (`loop.dosing`)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from trueup.arrays import Array
+from trueup.campaign.events import Chosen, Scored
+from trueup.campaign.outcomes import problems
+from trueup.campaign.parts import Parts
+from trueup.campaign.plan import Plan
+from trueup.errors import PlanError, TrialError
+from trueup.loop.dosing import SURE, Ledger
+from trueup.rounding import NEGLIGIBLE
+from trueup.tasks.task import Graded, Task
+
+
+def on_robot(plan: Plan, parts: Parts) -> bool:
+    """Whether a plan tunes on the robot. Raises PlanError where its task cannot, or would begin with several settings."""
+    if plan.optimize.method != "on-robot":
+        return False
+    if not isinstance(parts.task, Graded):
+        raise PlanError(
+            f"[optimize], method = 'on-robot': task '{parts.task.name}' has no grades, as walks ahead have (course 'front' "
+            "or 'line'); 'simulator' tunes any task"
+        )
+    if plan.experiment.settings != 1 or plan.experiment.later:
+        raise PlanError(
+            "[experiment]: method = 'on-robot' begins with what the robot runs with today: settings = 1, later = 0"
+        )
+    return True
+
+
+class Doses:
+    """What is tried next on the robot and what is best, from the scores that a campaign has so far."""
+
+    def __init__(self, parts: Parts, task: Task, seed: int, trials: int) -> None:
+        """`trials` are what there will be in all, of which the last ones are spent on the best."""
+        assert isinstance(task, Graded)
+        self._parts, self._grades, self._seed = parts, task.grades(), seed
+        self._units = parts.task.parameters.to_unit(self._grades.settings)
+        self._learning = trials - round(SURE * trials)
+        self._unsafe: set[int] = set()
+
+    def chosen(self, number: int, scores: Sequence[Scored], runs: int) -> Chosen:
+        """The next trial, after so many runs. Raises TrialError where no grade near those tried stays within the limits."""
+        ledger, rng = self._ledger(scores), np.random.default_rng([self._seed, runs])
+        settled, before = runs >= self._learning, len(self._unsafe)
+        while True:
+            try:
+                grade = ledger.next(rng, settled=settled, barred=frozenset(self._unsafe))
+            except ValueError:
+                raise TrialError(
+                    "no grade of the settings near those that were tried stays within the limits"
+                ) from None
+            model = self._parts.simulator.parameters.nominal
+            if not problems(self._parts, self._units[grade], model):
+                break
+            self._unsafe.add(grade)
+        expected = -ledger.expected(np.array([grade]), rng)
+        why = "worth the most so far" if settled else "tells most of what may be the best"
+        return Chosen(
+            number, (tuple(self._units[grade].tolist()),), (float(expected.mean()),), (float(expected.std()),), -1,
+            len(self._unsafe) - before, why, (tuple(self._grades.numbers[grade].tolist()),),
+        )  # fmt: skip
+
+    def best(self, scores: Sequence[Scored]) -> tuple[Array, float]:
+        """Settings in the unit box that are worth the most by all runs, and the mean score of their own."""
+        ledger = self._ledger(scores)
+        grade, _ = ledger.best(np.random.default_rng([self._seed, len(scores)]))
+        own = [x for s in scores if self._grade(s) == grade for x in (s.scores or (np.nan,))]
+        known = [self._grades.cost if np.isnan(x) else x for x in own]
+        return self._units[grade], float(np.mean(known))
+
+    @property
+    def first(self) -> tuple[float, ...]:
+        """The grade that the robot runs with today."""
+        return tuple(self._grades.numbers[0].tolist())
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """See `Grades.names`."""
+        return self._grades.names
+
+    def _ledger(self, scores: Sequence[Scored]) -> Ledger:
+        ledger = Ledger(self._grades)
+        for s in scores:
+            grade = self._grade(s)
+            if grade >= 0 and (s.tally or s.fell):
+                ledger.add(grade, np.array(s.tally) if s.tally else self._fallen(len(s.scores)))
+        return ledger
+
+    def _grade(self, scored: Scored) -> int:
+        same = np.flatnonzero(np.abs(self._units - np.array(scored.unit)).max(axis=1) < NEGLIGIBLE)
+        return int(same[0]) if len(same) else -1
+
+    def _fallen(self, runs: int) -> Array:
+        """Runs of which nothing is known but that they ended early."""
+        ways = len(self._grades.ways)
+        tally = np.zeros((2, 2 + ways))
+        tally[0, 2:] = runs / ways
+        return tally
