@@ -116,6 +116,16 @@ def test_a_motion_is_searched_before_the_robot_moves_and_fitted_to_whole_runs_un
     assert (template.calibrate.choose, template.optimize.samples) == (plan.calibrate.choose, plan.optimize.samples)
 
 
+def test_a_plan_that_tunes_on_the_robot_has_trials_for_it_unless_it_says_otherwise() -> None:
+    template = read_plan(templates()["walk"] / "campaign.toml").plan
+    assert (template.experiment.repeats, template.transfer.candidates, template.stop.trials) == (2, 10, 60)
+    assert (template.calibrate.method.type, template.transfer.incumbent) == ("none", False)
+    assert template.task.options["runs"] == 1
+    text = (templates()["walk"] / "campaign.toml").read_text("utf-8").replace("# candidates = 10 ", "candidates = 4 ")
+    other = plan_in(text.replace('method = "on-robot"', 'method = "simulator"'), Path("plan.toml"))
+    assert (other.transfer.candidates, other.stop.trials, other.transfer.incumbent) == (4, 0, True)
+
+
 def test_a_motion_s_simulator_is_as_unsure_as_a_humanoid_s_model_may_be_wrong(tmp_path: Path) -> None:
     parts = parts_of(read_plan(templates()["motion"] / "campaign.toml"), tmp_path / "out", quiet)
     space = parts.simulator.parameters

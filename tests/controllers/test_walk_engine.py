@@ -251,6 +251,15 @@ def test_the_lean_is_felt_by_whatever_inertial_unit_there_is_however_it_is_mount
         assert getattr(lean[1], name) == pytest.approx(getattr(lean[0], name))
 
 
+def test_a_first_sample_that_is_far_off_is_one_among_many() -> None:
+    model, trial, attitude = load(NAO), going({}), Complementary(memory=1.0)
+    attitude.reset(seen(model, 0.0, trial))
+    for k in range(50):
+        shown = 9.81 * np.array([[0.0, np.sin(0.5 * (k == 0)), np.cos(0.5 * (k == 0))]])
+        lean = attitude.update(seen(model, 0.0, trial, accelerometer=shown), 0.01)
+        assert lean.roll[0] == pytest.approx(0.5 / (k + 1))
+
+
 def test_a_body_that_falls_freely_changes_nothing_for_those_beside_it() -> None:
     model, trial, dt = load(NAO), going({}), 0.01
     leaning = 9.81 * np.array([np.sin(0.2), 0.0, np.cos(0.2)])

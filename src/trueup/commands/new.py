@@ -19,6 +19,7 @@ Makes the folder NAME with a commented campaign.toml to edit, and the files that
   trueup new floor-tuning                    a blank plan; every key explained
   trueup new floor-tuning --from stanley     a wheeled robot that follows a path, driven by hand
   trueup new get-up --from motion            a humanoid that stands up: poses of your MJCF, searched, tried, calibrated
+  trueup new faster --from walk              a biped that walks faster: its pace and lean, found on the robot
   cd floor-tuning && trueup run
 """
 

@@ -38,7 +38,8 @@ class Attitude(Protocol):
 
 
 class Complementary:
-    """Gyros, followed, and led back to what the accelerometer shows as down, with a time constant of `memory` s.
+    """Gyros, followed, and led back to what the accelerometer shows as down, with a time constant of `memory` s; at first to
+    the mean of all that it has shown, since its first sample is noisy, and feet that settle shake it.
 
     Rates are smoothed with a time constant of `smooth` s. R. Mahony, T. Hamel and J.-M. Pflimlin, IEEE Trans. Automatic
     Control 53(5), 2008, in the small angles of a walk. Sensors are in the body's frame, x forward, y left, z up, or `mounted`
@@ -52,7 +53,7 @@ class Complementary:
         self._gyro, self._accelerometer, self._memory, self._smooth = gyro, accelerometer, memory, smooth
         self._mounted = mounted
         self._angles = self._rates = np.zeros((0, 2))
-        self._begun = np.zeros(0, dtype=bool)  # of each body, whether it was led to where down is
+        self._seen = np.zeros(0)  # of each body, how often its accelerometer has shown where down is
 
     def reset(self, observation: Observation) -> None:
         """See Attitude. Raises UnknownNameError where the robot has no such sensor."""
@@ -60,7 +61,7 @@ class Complementary:
             if name not in observation.sensors:
                 raise unknown_name("sensor", name, observation.sensors, "the robot (a walk needs to feel its lean)")
         self._angles, self._rates = np.zeros((2, len(observation.position), 2))
-        self._begun = np.zeros(len(observation.position), dtype=bool)
+        self._seen = np.zeros(len(observation.position))
 
     def update(self, observation: Observation, period: float) -> Lean:
         """See Attitude."""
@@ -71,7 +72,7 @@ class Complementary:
         shown = np.where(felt[:, None], np.stack([np.arctan2(ay, az), np.arctan2(-ax, np.hypot(ay, az))], axis=1), 0.0)
         self._rates = self._rates + period / (self._smooth + period) * (rates - self._rates)
         turned = self._angles + period * rates
-        pull = np.where(self._begun, period / (self._memory + period), 1.0)[:, None]
+        self._seen = self._seen + felt
+        pull = np.maximum(period / (self._memory + period), 1.0 / np.maximum(self._seen, 1.0))[:, None]
         self._angles = turned + np.where(felt[:, None], pull * (shown - turned), 0.0)
-        self._begun |= felt
         return Lean(self._angles[:, 0], self._angles[:, 1], self._rates[:, 0], self._rates[:, 1])
