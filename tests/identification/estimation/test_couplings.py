@@ -23,11 +23,21 @@ def coupled(**ratios: float) -> Drives:
     return replace(DIRECT, coupling=coupling)
 
 
-def truly_coupled(drives: Drives) -> Choice:
-    """A model that predicts well with the drive of c turning with b, and by chance a little better or worse with others."""
-    errors = np.random.default_rng(0).uniform(0.9, 1.1, (16, 3))
-    chance = np.random.default_rng(1).uniform(0.9, 1.1, (16, 3)) if drives.coupling[1, 0] else 1.0
-    return replace(PLAIN, errors=errors * chance * (0.2 if drives.coupling[2, 1] else 1.0))
+ERRORS = np.random.default_rng(0).uniform(0.9, 1.1, (16, 3))
+
+
+def truly_coupled(drives: Drives) -> tuple[Choice, Choice]:
+    """A model that predicts well with the drive of c turning with b, a little better or worse with b turning with a."""
+    well = ERRORS * (0.2 if drives.coupling[2, 1] else 1.0)
+    of_time, of_kinds = (1.02, 0.98) if drives.coupling[1, 0] else (1.0, 1.0)
+    return replace(PLAIN, errors=of_time * well), replace(PLAIN, errors=of_kinds * well)
+
+
+def in_a_narrow_log(drives: Drives) -> tuple[Choice, Choice]:
+    """A model that predicts half of the blocks better with a coupling, the others worse: no clear evidence."""
+    coupled_well = np.where(np.arange(16)[:, None] < 8, 0.6, 1.2) if drives.coupling[2, 1] else 1.0
+    choice = replace(PLAIN, errors=ERRORS * coupled_well)
+    return choice, choice
 
 
 def test_a_coupling_that_other_friction_explains_as_well_is_left_out() -> None:
@@ -37,7 +47,15 @@ def test_a_coupling_that_other_friction_explains_as_well_is_left_out() -> None:
     assert confirmed(coupled(ba=0.02), DIRECT, truly_coupled) is DIRECT
 
 
+def test_a_coupling_stays_where_friction_that_stands_in_for_it_predicts_a_little_worse() -> None:
+    with_it, without = (in_a_narrow_log(drives)[0] for drives in (coupled(cb=0.6), DIRECT))
+    assert not with_it.beats(without)
+    np.testing.assert_array_equal(
+        confirmed(coupled(cb=0.6), DIRECT, in_a_narrow_log).coupling, coupled(cb=0.6).coupling
+    )
+
+
 def test_drives_that_nothing_couples_are_fitted_once() -> None:
     asked: list[Drives] = []
-    assert confirmed(DIRECT, DIRECT, lambda drives: asked.append(drives) or PLAIN) is DIRECT
+    assert confirmed(DIRECT, DIRECT, lambda drives: asked.append(drives) or [PLAIN]) is DIRECT
     assert not asked

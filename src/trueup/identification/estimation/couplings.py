@@ -62,20 +62,27 @@ def coupled(motions: Sequence[Motion], tree: KinematicTree, drives: Drives, cuto
     return replace(drives, coupling=basic.coupling(ratios))
 
 
-def confirmed(coupling: Drives, drives: Drives, choice: Callable[[Drives], Choice]) -> Drives:
-    """The drives with those couplings alone without which the model of `choice` predicts clearly worse.
+def confirmed(coupling: Drives, drives: Drives, choices: Callable[[Drives], Sequence[Choice]]) -> Drives:
+    """The drives with those couplings alone without which the model of torque predicts worse what its fit did not see.
 
-    `coupling` was found beside basic friction, `drives` have none. Friction of another form (with load, or that falls with
-    speed) is explained in part by a drive that turns a little with another joint, until it is in the model itself.
+    `choices` are that model with its errors on left-out blocks of time, and on left-out kinds of motion. `coupling` was
+    found beside basic friction, by clear evidence; `drives` have none. Friction of another form (with load, or that falls
+    with speed) is explained in part by a drive that turns a little with another joint, until it is in the model itself. The
+    models that were selected with and without a coupling are alternatives, of which the better one is taken: in a narrow
+    log friction stands in for much of a coupling, and would win by default if that had to be clear a second time.
     """
+
+    def better(one: Drives, other: Drives) -> bool:
+        return all(a.loss < b.loss for a, b in zip(choices(one), choices(other), strict=True))
+
     pairs = [(int(d), int(j)) for d, j in np.argwhere(coupling.coupling != drives.coupling)]
-    if pairs and not choice(coupling).beats(choice(drives)):
+    if pairs and not better(coupling, drives):
         return drives
     for pair in pairs if len(pairs) > 1 else ():
         less = coupling.coupling.copy()
         less[pair] = 0.0
         without = replace(coupling, coupling=less)
-        if not choice(coupling).beats(choice(without)):
+        if not better(coupling, without):
             coupling = without
     return coupling
 

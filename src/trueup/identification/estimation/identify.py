@@ -42,7 +42,13 @@ from trueup.identification.estimation.pool import (
 )
 from trueup.identification.estimation.quick import basic_columns, doubts, measured_speed
 from trueup.identification.estimation.result import Alignment, Identification
-from trueup.identification.estimation.selection import TIME_BLOCKS, Choice, select_pull, select_shrinkage
+from trueup.identification.estimation.selection import (
+    TIME_BLOCKS,
+    Choice,
+    cross_validated,
+    select_pull,
+    select_shrinkage,
+)
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
 from trueup.recording import Recording
@@ -111,7 +117,7 @@ def identify(
     say("comparing clocks")
     warnings += doubts(logs, tree, coupling, prepared(coupling).pool, prepared(coupling).aligned)
     say("choosing the structure of friction")
-    coupling = confirmed(coupling, gears, lambda drives: model(drives)[-1][-1])
+    coupling = confirmed(coupling, gears, cache(lambda drives: _left_out(model(drives))))
     warnings += coupling_notes(coupling, gears)
     pool, nominal, alignment, (pieces, carried, moments, choice) = model(coupling)
     say("estimating")
@@ -124,6 +130,13 @@ def identify(
         nominal=nominal, units=logs[0].units, pull=bodies.pull if bodies else 0.0, cutoff=cutoff, warnings=warnings, rng=rng,
         started=started,
     )  # fmt: skip
+
+
+def _left_out(modelled: Modelled) -> tuple[Choice, ...]:
+    """The model with its errors on blocks of time that were left out, and on kinds of motion."""
+    pool, nominal, _, (pieces, _, _, choice) = modelled
+    kinds = moments_of(kinds_of(pool, pieces))
+    return choice, *cross_validated(kinds, _prior(pool, nominal) * kinds.scale, choice)
 
 
 @dataclass(frozen=True, eq=False)
