@@ -291,7 +291,8 @@ class Campaign:
 
 def _begun(checksum: str, seed: int, version: str, task: Task, doses: Doses | None) -> Begun:
     units = {p.name: "" if p.unit == "1" else p.unit for p in task.parameters.parameters}
-    return Begun(checksum, seed, version, unit_of(task), units, *((doses.names, doses.first) if doses else ()))
+    names, first = (doses.names, doses.first) if doses else ((), ())
+    return Begun(checksum, seed, version, unit_of(task), units, names, first)
 
 
 def _never() -> Generation:

@@ -162,7 +162,7 @@ class Hardware:
             fell = any(d.outcome == "fell" for d in done)
             return Scored(
                 round_, step, candidate, tuple(unit.tolist()), tuple(np.asarray(scores).tolist()), fell, share,
-                tuple(tuple(row) for row in tally.tolist()),
+                tuple([tuple([float(x) for x in row]) for row in np.atleast_2d(tally) if len(row)]),
             )  # fmt: skip
 
         return self._take(Scored, make)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from trueup.arrays import Array, Mask
+from trueup.arrays import Array, Integers, Mask
 from trueup.loop.risks import Prior, Risks
 from trueup.tasks.task import Grades
 
@@ -52,7 +52,7 @@ class Ledger:
         ended = rows[:, 2:]
         return Risks.of(self._features(), ended, rows[:, 0] + ended.sum(axis=1), Prior(*self.grades.risks))
 
-    def worths(self, grades: Array) -> Array:
+    def worths(self, grades: Integers) -> Array:
         """(b,) what a run of each is worth that begins at rest and does not end early."""
         x, rows = self._features(), self._rows()
         known = rows[:, 0] / self.grades.scatter**2
@@ -61,7 +61,7 @@ class Ledger:
         sums = x.T @ rows[:, 1] / self.grades.scatter**2 + mean / deviation**2
         return np.exp(self.grades.features[0, grades] @ np.linalg.solve(curve, sums))
 
-    def expected(self, grades: Array, rng: np.random.Generator) -> Array:
+    def expected(self, grades: Integers, rng: np.random.Generator) -> Array:
         """(draws, b) what runs of each are worth, early ends taken off, for risks drawn from the posterior."""
         shares = self.risks().drawn(self.grades.features[0, grades], _DRAWS, rng).sum(axis=2)
         return (1.0 - shares) * self.worths(grades) - self.grades.cost * shares
