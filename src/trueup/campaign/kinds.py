@@ -68,10 +68,12 @@ DRIVES = (
 def robot(
     engine: str, model: Path, say: Callable[[str], None], recordings: Sequence[Recording] = (),
     parameters: Path | None = None, refuse: tuple[str, ...] = (), whole_runs: bool = False,
+    as_it_is: bool = False,
 ) -> Preparation:  # fmt: skip
     """A robot model with the parameters of a file, or those proposed for the plan's recordings; says what was done to both.
     Without either they are proposed once the first experiment is recorded, or at once what `whole_runs` tell, if these are to
-    be fitted. `refuse` names what shall stay as it is though the recordings show it to be wrong or missing.
+    be fitted; where nothing is (`as_it_is`) there are none. `refuse` names what shall stay as it is though the recordings
+    show it to be wrong or missing.
 
     Raises PlanError where there is no model, ModelError, ParameterError, and MissingExtraError for DART without dartpy.
     """
@@ -87,6 +89,8 @@ def robot(
 
     if parameters is None and whole_runs:
         return told(prepare(model, recordings, propose=False, refuse=refuse, engine=engine).for_whole_runs())
+    if parameters is None and not recordings and as_it_is:
+        return told(prepare(model, (), propose=False, refuse=refuse, engine=engine))
     if parameters is None and not recordings:
         say(
             "what is to be calibrated is proposed after the first experiment; a parameters file in [simulator] says it now"

@@ -61,7 +61,7 @@ def parts_of(
     recordings, held_out = _recordings(plan.calibrate, base, str(file.path))
     given: dict[str, Any] = {
         "folder": folder, "folder_of_plan": base, "say": say, "seed": plan.seed, "recordings": (*recordings, *held_out),
-        "whole_runs": plan.calibrate.method.type == "whole-runs",
+        "whole_runs": plan.calibrate.method.type == "whole-runs", "as_it_is": plan.calibrate.method.type == "none",
     }  # fmt: skip
     ready = _prepared(plan, given, base)
     given["simulator"] = simulator = ready.simulator
