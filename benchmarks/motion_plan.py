@@ -20,6 +20,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 import numpy as np
+from changed_file import changed
 from results import result
 
 from trueup.articulated.declarations import Declaration, declare
@@ -30,7 +31,6 @@ from trueup.campaign.journal import Journal, read_journal
 from trueup.campaign.motions import transition
 from trueup.campaign.plan import read_plan, templates
 from trueup.campaign.resolve import parts_of
-from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.loop.confirm import hunt
 from trueup.recording import Recording
@@ -58,18 +58,13 @@ class Hidden:
 
     def __init__(self, wrong: Sequence[float], folder: Path) -> None:
         kp, damping, friction, rotor, force, mass, ground, com, delay = wrong
-        text = FILE.read_text("utf-8")
-        for old, new in (
+        model = changed(
+            FILE, folder,
             ('damping="0.6"', f'damping="{0.6 * damping}"'), ('frictionloss="0.05"', f'frictionloss="{0.05 * friction}"'),
             ('armature="0.004"', f'armature="{0.004 * rotor}"'), ('kp="25"', f'kp="{25 * kp}"'),
             ('forcerange="-5 5"', f'forcerange="{-5 * force} {5 * force}"'), ('friction="0.9"', f'friction="{0.9 * ground}"'),
             ('mass="1.4"', f'mass="{1.4 * mass}" pos="{com} 0 0"'),
-        ):  # fmt: skip
-            assert text.count(old) == 1, old
-            text = text.replace(old, new)
-        path = folder / "hidden.xml"
-        path.write_text(text, encoding="utf-8")
-        model = load(path)
+        )  # fmt: skip
         line = Declaration("delay", tie="all", nominal=delay)
         self._simulator = MujocoSimulator(model, *declare(model, [line]), step=0.001)
         self.words = (

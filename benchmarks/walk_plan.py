@@ -20,6 +20,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 import numpy as np
+from changed_file import changed
 from numpy.typing import NDArray
 from results import result
 
@@ -31,7 +32,6 @@ from trueup.campaign.journal import Journal, read_journal
 from trueup.campaign.parts import Parts
 from trueup.campaign.plan import read_plan, templates
 from trueup.campaign.resolve import parts_of
-from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.recording import Recording
 from trueup.tasks.task import robot_tally, robot_trials
@@ -54,18 +54,13 @@ class Hidden:
         rng = np.random.default_rng([47, number])
         kp, kv, friction, rotor, mass = np.exp(rng.normal(0.0, (0.25, 0.3, 0.4, 0.3, 0.1)))
         com, delay = 0.005 * rng.standard_normal(), rng.uniform(0.0, 0.02)
-        text = FILE.read_text("utf-8")
-        for old, new in (
+        model = changed(
+            FILE, folder,
             ('kp="110" kv="1.5"', f'kp="{110 * kp}" kv="{1.5 * kv}"'),
             ('frictionloss="0.06"', f'frictionloss="{0.06 * friction}"'), ('armature="0.008"', f'armature="{0.008 * rotor}"'),
             ('pos="0 0 -0.02" size="0.05 0.075 0.1" mass="1.9"',
              f'pos="{com} 0 -0.02" size="0.05 0.075 0.1" mass="{1.9 * mass}"'),
-        ):  # fmt: skip
-            assert text.count(old) == 1, old
-            text = text.replace(old, new)
-        path = folder / "hidden.xml"
-        path.write_text(text, encoding="utf-8")
-        model = load(path)
+        )  # fmt: skip
         lines = [Declaration("delay", tie="all", nominal=delay)]
         lines += [Declaration("zero", (j,), nominal=float(ZERO * rng.standard_normal())) for j in SIDES]
         self._simulator = MujocoSimulator(model, *declare(model, lines), step=0.005)

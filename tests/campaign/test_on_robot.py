@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from trueup.campaign.campaign import Campaign
+from trueup.campaign.doses import Doses
 from trueup.campaign.events import Chosen, Event, Scored
 from trueup.campaign.folder import Folder
 from trueup.campaign.history import History
@@ -22,6 +23,7 @@ from trueup.report.campaign_grades import grades_shown
 from trueup.report.campaign_sections import campaign_sections
 from trueup.studies.walk.scenes import LEFT, RIGHT, SIMSPARK
 from trueup.tasks.paces import Paces
+from trueup.tasks.task import Graded
 
 PLAN = f"""
 [robot]
@@ -73,12 +75,15 @@ def test_a_walk_gets_faster_and_leans_as_the_robot_needs_it(tmp_path: Path) -> N
     assert [len(r.scored) for r in history.rounds] == [11, 10, 10, 8]
     last = [s.unit for r in history.rounds for s in r.scored][-8:]
     assert len(set(last)) <= 2  # the last ones are of what is worth the most
-    assert "fell or veered" in history.falls_of_best
+    assert "ended early in" in history.falls_of_best
+    assert ("fell forward" in history.falls_of_best) == ("in 0 of" not in history.falls_of_best)
     shown = "".join(s.body for s in campaign_sections(history, read_plan(plan).plan, {}, "", ()))
     assert "more of what counts" in shown
     assert "trust region" not in shown
     assert shown.count("amp_swing 1 times, fwdOffset +0 m") >= 1
     assert str(grades_shown(history)) in shown
+    assert "(fell forward)" in shown
+    assert "(fell backward)" in shown
     out = tmp_path / "again"
     for count in (3, len(events) // 2):
         shutil.copytree(tmp_path / "out", out)
@@ -101,10 +106,13 @@ def test_settings_beyond_the_plans_limits_are_passed_over(tmp_path: Path, monkey
     monkeypatch.setattr(
         "trueup.campaign.doses.problems", lambda parts, unit, model: ("beyond",) * int(unit[1] > 0.45)
     )  # the swing's share of its range: steps 1.25 times as long
-    events = run(plan_in(tmp_path, ("trials = 40", "trials = 12")), tmp_path / "out")
+    plan = plan_in(tmp_path, ("trials = 40", "trials = 12"))
+    events = run(plan, tmp_path / "out")
     chosen = [e for e in events if isinstance(e, Chosen)]
     assert max(e.numbers[0][0] for e in chosen) == pytest.approx(1.2)
     assert sum(e.unsafe for e in chosen) > 0
+    set_back(tmp_path / "out", len(events) // 2)  # what was passed over before the interruption does not matter
+    assert run(plan, tmp_path / "out") == events
 
 
 @pytest.mark.parametrize(
@@ -135,3 +143,15 @@ def _walk() -> ParameterSpace:
     from trueup.controllers.walk_engine.engine import PARAMETERS
 
     return PARAMETERS
+
+
+def test_a_run_that_was_aborted_is_no_fall(tmp_path: Path) -> None:
+    parts = parts_of(read_plan(plan_in(tmp_path)), tmp_path / "out", lambda line: None)
+    assert isinstance(parts.task, Graded)
+    doses = Doses(parts, parts.task, 0, 40)
+    unit = tuple(parts.task.parameters.to_unit(parts.task.parameters.nominal).tolist())
+    done = Scored(1, "experiment", 0, unit, (-0.1, -0.1), fell=False, tally=((2.0, -4.6, 0.0, 0.0), (0.0,) * 4))
+    aborted, fell = (Scored(1, "transfer", 0, unit, (float("nan"),), fell=down) for down in (False, True))
+    assert doses.best([done, aborted])[1] == pytest.approx(-0.1)
+    assert doses.best([done, fell])[1] == pytest.approx((-0.2 + 0.7) / 3.0)
+    assert doses.chosen(1, [aborted], 1).numbers == ((1.0, 0.0),)

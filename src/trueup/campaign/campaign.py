@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.campaign.doses import Doses, on_robot
+from trueup.campaign.doses import Doses, doses_of
 from trueup.campaign.events import (
     Begun,
     Calibrated,
@@ -63,7 +63,7 @@ class Campaign:
         self._belief: Belief | None = None
         self._calibrated: Calibrated | None = None
         self._expected: list[tuple[float, float]] = []
-        self._doses = Doses(parts, parts.task, plan.seed, self._planned_runs()) if on_robot(plan, parts) else None
+        self._doses = doses_of(plan, parts)
         self._begun = _begun(checksum, plan.seed, version, parts.task, self._doses)
         if journal.past and not (isinstance(journal.past[0], Begun) and journal.past[0].plan == checksum):
             raise JournalError(
@@ -134,17 +134,12 @@ class Campaign:
     def _dosed(self, number: int, doses: Doses) -> None:
         """A round's trials one by one, each chosen by all runs before it."""
         plan = self._plan.transfer
-        for k in range(min(plan.candidates, self._room())):
+        for k in range(plan.candidates):
+            if self._room() < 1:  # runs that were aborted count
+                return
             picked = self._once(Chosen, lambda: doses.chosen(number, self._scores, self._hardware.runs))
             unit = np.array(picked.candidates)
             self._scores += self._hardware.test(number, "transfer", unit, plan.repeats, plan.again, first=k)
-
-    def _planned_runs(self) -> int:
-        """On the robot, in all rounds."""
-        plan, each = self._plan, len(self._parts.task.trials)
-        a_round = plan.experiment.later * plan.experiment.repeats + plan.transfer.candidates * plan.transfer.repeats
-        first = (plan.experiment.settings - plan.experiment.later) * plan.experiment.repeats
-        return min(plan.stop.trials or 10**9, each * (first + plan.stop.rounds * a_round))
 
     def _models(self, number: int, belief: Belief) -> Array:
         """(p, n) what the simulator's parameters may be, less what the robot's scores so far rule out."""
@@ -291,8 +286,8 @@ class Campaign:
 
 def _begun(checksum: str, seed: int, version: str, task: Task, doses: Doses | None) -> Begun:
     units = {p.name: "" if p.unit == "1" else p.unit for p in task.parameters.parameters}
-    names, first = (doses.names, doses.first) if doses else ((), ())
-    return Begun(checksum, seed, version, unit_of(task), units, names, first)
+    graded = (doses.names, doses.first, doses.ways) if doses else ((), (), ())
+    return Begun(checksum, seed, version, unit_of(task), units, *graded)
 
 
 def _never() -> Generation:

@@ -14,14 +14,17 @@ from trueup.campaign.parts import Parts
 from trueup.campaign.plan import Plan
 from trueup.errors import PlanError, TrialError
 from trueup.loop.dosing import SURE, Ledger
+from trueup.loop.transfer import mean_score
 from trueup.rounding import NEGLIGIBLE
-from trueup.tasks.task import Graded, Task
+from trueup.tasks.task import Graded
 
 
-def on_robot(plan: Plan, parts: Parts) -> bool:
-    """Whether a plan tunes on the robot. Raises PlanError where its task cannot, or would begin with several settings."""
+def doses_of(plan: Plan, parts: Parts) -> Doses | None:
+    """Of a plan that tunes on the robot, None of another. Raises PlanError where its task has no grades, or where it would
+    begin with several settings.
+    """
     if plan.optimize.method != "on-robot":
-        return False
+        return None
     if not isinstance(parts.task, Graded):
         raise PlanError(
             f"[optimize], method = 'on-robot': task '{parts.task.name}' has no grades, as walks ahead have (course 'front' "
@@ -31,49 +34,53 @@ def on_robot(plan: Plan, parts: Parts) -> bool:
         raise PlanError(
             "[experiment]: method = 'on-robot' begins with what the robot runs with today: settings = 1, later = 0"
         )
-    return True
+    a_round = plan.transfer.candidates * plan.transfer.repeats
+    runs = len(parts.task.trials) * (plan.experiment.repeats + plan.stop.rounds * a_round)
+    return Doses(parts, parts.task, plan.seed, min(plan.stop.trials or runs, runs))
 
 
 class Doses:
     """What is tried next on the robot and what is best, from the scores that a campaign has so far."""
 
-    def __init__(self, parts: Parts, task: Task, seed: int, trials: int) -> None:
-        """`trials` are what there will be in all, of which the last ones are spent on the best."""
-        assert isinstance(task, Graded)
+    def __init__(self, parts: Parts, task: Graded, seed: int, runs: int) -> None:
+        """`runs` are what there will be in all, of which the last ones are spent on the best."""
         self._parts, self._grades, self._seed = parts, task.grades(), seed
         self._units = parts.task.parameters.to_unit(self._grades.settings)
-        self._learning = trials - round(SURE * trials)
-        self._unsafe: set[int] = set()
+        self._learning = runs - round(SURE * runs)
+        self._problems: dict[
+            int, bool
+        ] = {}  # grades whose simulated runs were looked at: whether they go beyond limits
 
     def chosen(self, number: int, scores: Sequence[Scored], runs: int) -> Chosen:
         """The next trial, after so many runs. Raises TrialError where no grade near those tried stays within the limits."""
-        ledger, rng = self._ledger(scores), np.random.default_rng([self._seed, runs])
-        settled, before = runs >= self._learning, len(self._unsafe)
+        ledger, settled, barred = self._ledger(scores), runs >= self._learning, set[int]()
         while True:
-            try:
-                grade = ledger.next(rng, settled=settled, barred=frozenset(self._unsafe))
-            except ValueError:
-                raise TrialError(
-                    "no grade of the settings near those that were tried stays within the limits"
-                ) from None
-            model = self._parts.simulator.parameters.nominal
-            if not problems(self._parts, self._units[grade], model):
+            rng = np.random.default_rng([self._seed, runs])  # the same whatever was barred before an interruption
+            grade = ledger.next(rng, settled=settled, barred=frozenset(barred))
+            if grade is None:
+                raise TrialError("no grade of the settings near those that were tried stays within the limits")
+            if not self._beyond(grade):
                 break
-            self._unsafe.add(grade)
+            barred.add(grade)
         expected = -ledger.expected(np.array([grade]), rng)
         why = "worth the most so far" if settled else "tells most of what may be the best"
         return Chosen(
             number, (tuple(self._units[grade].tolist()),), (float(expected.mean()),), (float(expected.std()),), -1,
-            len(self._unsafe) - before, why, (tuple(self._grades.numbers[grade].tolist()),),
+            len(barred), why, (tuple(self._grades.numbers[grade].tolist()),),
         )  # fmt: skip
 
     def best(self, scores: Sequence[Scored]) -> tuple[Array, float]:
-        """Settings in the unit box that are worth the most by all runs, and the mean score of their own."""
+        """Settings in the unit box that are worth the most by all runs, and the mean score of their own.
+
+        A fall of which nothing else is known scores what it costs; a run that was not done says nothing.
+        """
         ledger = self._ledger(scores)
         grade, _ = ledger.best(np.random.default_rng([self._seed, len(scores)]))
-        own = [x for s in scores if self._grade(s) == grade for x in (s.scores or (np.nan,))]
-        known = [self._grades.cost if np.isnan(x) else x for x in own]
-        return self._units[grade], float(np.mean(known))
+        own = np.array([
+            self._grades.cost if s.fell and np.isnan(x) else x
+            for s in scores if self._grade(s) == grade for x in s.scores
+        ])  # fmt: skip
+        return self._units[grade], mean_score(own)
 
     @property
     def first(self) -> tuple[float, ...]:
@@ -84,6 +91,17 @@ class Doses:
     def names(self) -> tuple[str, ...]:
         """See `Grades.names`."""
         return self._grades.names
+
+    @property
+    def ways(self) -> tuple[str, ...]:
+        """See `Grades.ways`."""
+        return self._grades.ways
+
+    def _beyond(self, grade: int) -> bool:
+        if grade not in self._problems:
+            model = self._parts.simulator.parameters.nominal
+            self._problems[grade] = bool(problems(self._parts, self._units[grade], model))
+        return self._problems[grade]
 
     def _ledger(self, scores: Sequence[Scored]) -> Ledger:
         ledger = Ledger(self._grades)

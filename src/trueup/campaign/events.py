@@ -31,6 +31,8 @@ class Begun:
     which they differ are shown, as `Grades.names` has it."""
     first: Row = ()
     """These numbers of today's settings."""
+    ways: tuple[str, ...] = ()
+    """In which a run may end early, as a tally counts them."""
 
 
 @dataclass(frozen=True)

@@ -142,6 +142,17 @@ class History:
         """Of today's settings."""
         return self.begun.first if self.begun else ()
 
+    def early(self, tries: Iterable[Scored]) -> dict[str, float]:
+        """In how many runs of these tries each way to end early was taken; half of one where two are as likely."""
+        ways = self.begun.ways if self.begun else ()
+        even = dict.fromkeys(ways, 0.0)
+        for s in tries:
+            rows = s.tally or ((0.0, 0.0, *(s.fell * len(s.scores) / len(ways) for _ in ways)),)
+            for row in rows:
+                for way, n in zip(ways, row[2:], strict=True):
+                    even[way] += n
+        return even
+
     def grade(self, numbers: tuple[float, ...]) -> str:
         """A grade of the settings, for people."""
         return ", ".join(n.format(x) for n, x in zip(self.begun.grades if self.begun else (), numbers, strict=True))
@@ -170,9 +181,10 @@ class History:
     def falls_of_best(self) -> str:
         """'fell in 2 of 5 tries' where the robot fell with the best settings; '' elsewhere."""
         tries = self._tries_of_best
-        ended = sum(sum(row[2:]) for s in tries for row in s.tally)
-        if runs := sum(row[0] for s in tries for row in s.tally) + ended:
-            return f"fell or veered in {ended:.0f} of {runs:.0f} runs with them"
+        early, runs = self.early(tries), sum(row[0] for s in tries for row in s.tally)
+        if self.on_robot and (ended := sum(early.values())) + runs:
+            which = ", ".join(f"{way} {n:g}" for way, n in early.items()) if ended else ""
+            return f"ended early in {ended:g} of {runs + ended:g} runs with them" + (f" ({which})" if which else "")
         fell = sum(s.fell for s in tries)
         return f"fell in {fell} of {len(tries)} tries with them" if fell else ""
 

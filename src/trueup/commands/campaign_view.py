@@ -203,7 +203,10 @@ class CampaignView:
         known = [x for x in event.scores if math.isfinite(x)]
         if not known:
             return "fell" if event.fell else "no score"
+        early = [way for way, n in self.history.early([event]).items() if n]
         mean = self.history.score(sum(known) / len(known)) + (f" (mean of {len(known)})" if len(known) > 1 else "")
+        if early:
+            return f"{' or '.join(early)}, {mean}"
         if math.isnan(event.done):
             return mean
         return (

@@ -66,15 +66,14 @@ class Ledger:
         shares = self.risks().drawn(self.grades.features[0, grades], _DRAWS, rng).sum(axis=2)
         return (1.0 - shares) * self.worths(grades) - self.grades.cost * shares
 
-    def next(self, rng: np.random.Generator, *, settled: bool = False, barred: frozenset[int] = frozenset()) -> int:
-        """The grade to try now, none of `barred`: the best one where that is `settled`, else what tells most of it.
-
-        Raises ValueError where all that are near are barred.
-        """
+    def next(
+        self, rng: np.random.Generator, *, settled: bool = False, barred: frozenset[int] = frozenset()
+    ) -> int | None:
+        """The grade to try now: the best if that is `settled`, else what tells most of it; None if all near are `barred`."""
         near = np.flatnonzero(self.near())
         near = near[~np.isin(near, list(barred))]
         if not len(near):
-            raise ValueError("no grade is left near those that were tried")
+            return None
         expected = self.expected(near, rng)
         if settled:
             return int(near[expected.mean(axis=0).argmax()])
@@ -89,8 +88,10 @@ class Ledger:
 
     def _rows(self) -> Array:
         """(2 n, 2 + w): of all tried, from rest, then going on."""
-        return np.concatenate([np.array([t[k] for t in self.tallies]) for k in range(2)])
+        tallies = np.array(self.tallies).reshape(len(self.tallies), 2, 2 + len(self.grades.ways))
+        return np.concatenate([tallies[:, 0], tallies[:, 1]])
 
     def _features(self) -> Array:
         """(2 n, c), likewise."""
-        return self.grades.features[:, self.tried].reshape(2 * len(self.tried), -1)
+        known = self.grades.features[:, np.array(self.tried, dtype=np.int64)]
+        return known.reshape(-1, known.shape[2])

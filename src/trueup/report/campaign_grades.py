@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from trueup.campaign.events import Scored
 from trueup.campaign.history import History
 from trueup.report.markup import Markup, join, tag
 from trueup.report.parts import caption, cells, head, key, row, table
@@ -17,31 +18,37 @@ class _Grade:
     """All runs of one grade; a lap that was reached counts as one."""
 
     settings: tuple[float, ...]
-    arrived: float = 0.0
-    ended: float = 0.0
-    trials: int = 0
+    tries: list[Scored] = field(default_factory=list)
+    early: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def ended(self) -> float:
+        return sum(self.early.values())
 
     @property
     def runs(self) -> float:
-        return self.arrived + self.ended
+        return sum(row[0] for s in self.tries for row in s.tally) + self.ended
 
 
 def grades_shown(history: History) -> Markup:
     """A picture of the grades that were run, and a table."""
     grades = _grades(history)
     best = next((r.ended.best for r in reversed(history.rounds) if r.ended is not None), ())
-    marks = key(
-        ("after", "nothing fell"), ("before", "some fell or veered, so many"), ("ink", "best; larger: more runs")
-    )
+    marks = key(("after", "no run ended early"), ("before", "so many did"), ("ink", "best; larger: more runs"))
     rows = [
-        row(history.grade(numbers), cells(str(g.trials), f"{g.runs:.0f}", f"{g.ended:.0f}"),
+        row(history.grade(numbers), cells(str(sum(len(s.scores) for s in g.tries)), f"{g.runs:g}",
+                                          *(f"{n:g}" for n in g.early.values())),
             class_="best" if g.settings == best else None)
         for numbers, g in sorted(grades.items())
     ]  # fmt: skip
-    text = "A run that goes on after it has come through counts as one more. All runs together tell how risk grows."
+    ways = history.begun.ways if history.begun else ()
+    text = (
+        "A run that goes on after it has come through counts as one more; one that may have ended in either way, as one that "
+        "veered, as half of each. All runs together tell how risk grows."
+    )
     return join(
         tag("h3", "Which settings were run, and how runs ended"), marks, _figure(history, grades, best),
-        table(head("settings", "trials", "runs", "fell or veered", numbers=range(1, 4)), rows), caption(text),
+        table(head("settings", "trials", "runs", *ways, numbers=range(1, 3 + len(ways))), rows), caption(text),
     )  # fmt: skip
 
 
@@ -53,9 +60,9 @@ def _grades(history: History) -> dict[tuple[float, ...], _Grade]:
             chosen = story.chosen if s.step == "transfer" else None
             numbers = chosen.numbers[s.candidate] if chosen is not None else history.first_grade
             grade = grades.setdefault(numbers, _Grade(s.unit))
-            grade.trials += len(s.scores)
-            grade.arrived += sum(part[0] for part in s.tally)
-            grade.ended += sum(sum(part[2:]) for part in s.tally) if s.tally else len(s.scores) * s.fell
+            grade.tries.append(s)
+    for grade in grades.values():
+        grade.early = history.early(grade.tries)
     return grades
 
 
@@ -69,10 +76,10 @@ def _figure(history: History, grades: dict[tuple[float, ...], _Grade], best: tup
     )  # fmt: skip
     for numbers, g in grades.items():
         size, at = 3.0 + 1.2 * g.runs**0.5, points[numbers]
-        said = f"{history.grade(numbers)}: {g.ended:.0f} of {g.runs:.0f} fell or veered"
+        said = f"{history.grade(numbers)}: {g.ended:g} of {g.runs:g} ended early"
         if g.settings == best:
             plot.dot(at, INK, hollow=True, size=size + 2.5)
         plot.dot(at, BEFORE if g.ended else AFTER, size=size, title=said)
         if g.ended:
-            plot.text(at, f"{g.ended:.0f}", anchor="middle", above=size + 3.0)
+            plot.text(at, f"{g.ended:g}", anchor="middle", above=size + 3.0)
     return plot.svg("Grades of the settings that were run on the robot")

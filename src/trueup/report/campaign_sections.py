@@ -167,8 +167,8 @@ def _candidate(history: History, story: RoundStory, scored: Scored) -> Markup:
     elif scored.candidate == 0 and story.begun.round == 1:
         which = "as it was"
     done = {1.0: " (done)", 0.0: " (not done)"}.get(scored.done, "")
-    down = sum(sum(part[2:]) for part in scored.tally)
-    shown = "fell" if scored.fell else significant(measured, 4) + done + (" (fell or veered)" if down else "")
+    early = ", ".join(way for way, n in history.early([scored]).items() if n)
+    shown = "fell" if scored.fell else significant(measured, 4) + done + (f" ({early})" if early else "")
     best = story.ended is not None and scored.unit == story.ended.best
     numbers = [significant(settings.get(n, math.nan), 4) for n in names]
     return row(which, cells(significant(expected, 4), shown, *numbers), class_="best" if best else None)

@@ -101,10 +101,17 @@ def words(trial: Trial, inbox: Path) -> str:
         f"Name the log (or a folder with it) {trial.name}, for example {trial.name}.csv. If something went wrong, put a text",
         "file with a note in it there instead, or beside the log:", "",
         f"  {trial.name}-aborted.txt   you stopped it; it says nothing about the settings",
-        f"  {trial.name}-fell.txt      the robot fell, crashed or left the track: the settings are bad",
+        f"  {trial.name}-fell.txt      {_fallen(trial)}",
         f"  {trial.name}-repeat.txt    you will run it again; what was put there before does not count", "",
     ]  # fmt: skip
     return "\n".join(lines)
+
+
+def _fallen(trial: Trial) -> str:
+    """What a note of a fall is for: where a log shows it, the log says more."""
+    if any(isinstance(end, Fallen) for end in trial.ends):
+        return "the robot fell, and its log does not show how; a log that does says more, by itself"
+    return "the robot fell, crashed or left the track: the settings are bad"
 
 
 def _to_set(trial: Trial) -> list[str]:

@@ -42,6 +42,7 @@ def paced(
     count, last = budget.start, budget.trials - round(SURE * budget.trials)
     while not spent(list(runs.values()), budget):
         grade = ledger.next(rng, settled=count >= last)
+        assert grade is not None  # none is barred
         done = tried(grade, f" pace {seed} {count}")
         count += 1
         steps, lean = grades.numbers[grade]
