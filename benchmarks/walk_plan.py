@@ -125,9 +125,15 @@ def main() -> None:
                              (task.parameters.nominal.tolist(), list(history.best[0].values())))  # fmt: skip
         trials = sum(t.planned.repeats for t in history.trials)
         rows.append((after[0] / before[0] - 1.0, before[1], after[1], trials, spent))
-        print(f"robot {number} ({robot.words}): {100 * before[0]:.1f} -> {100 * after[0]:.1f} cm/s, "
-              f"falls in {fresh}: {fresh * before[1]:.0f} -> {fresh * after[1]:.0f}, {trials} trials, {spent:.0f} s CPU",
-              flush=True)  # fmt: skip
+        ended = history.rounds[-1].ended
+        assert ended is not None
+        share, low, high = (fresh * x for x in ended.early)
+        print(
+            f"robot {number} ({robot.words}): {100 * before[0]:.1f} -> {100 * after[0]:.1f} cm/s, falls in {fresh}: "
+            f"{fresh * before[1]:.0f} -> {fresh * after[1]:.0f} (the report expects {share:.1f}, {low:.1f} to {high:.1f}), "
+            f"{trials} trials, {spent:.0f} s CPU",
+            flush=True,
+        )
     gain, before_falls, falls, trials_each, cpu = np.array(rows).T
     result("own_biped_gain_percent", float(100 * np.median(gain)), "%", 26.7, at_most=False)
     result("own_biped_falls_in_100", float(100 * np.median(falls)), "", 3.0, peer="the walk it begins with",

@@ -76,6 +76,11 @@ def test_a_walk_gets_faster_and_leans_as_the_robot_needs_it(tmp_path: Path) -> N
     last = [s.unit for r in history.rounds for s in r.scored][-8:]
     assert len(set(last)) <= 2  # the last ones are of what is worth the most
     assert "ended early in" in history.falls_of_best
+    ended = history.rounds[-1].ended
+    assert ended is not None
+    share, low, high = ended.early
+    assert 0.0 < low < share < high < 0.3
+    assert f"together {100 * share:.2g} in 100 are expected to" in history.falls_of_best
     assert ("fell forward" in history.falls_of_best) == ("in 0 of" not in history.falls_of_best)
     shown = "".join(s.body for s in campaign_sections(history, read_plan(plan).plan, {}, "", ()))
     assert "more of what counts" in shown

@@ -233,7 +233,8 @@ class Campaign:
         best, score = self._best()
         improved = not score > before - self._plan.stop.improvement * abs(before)
         moved = region.moved(best, success=improved)
-        return RoundEnded(number, tuple(moved.centre.tolist()), score, improved, moved.radius)
+        early = self._doses.early(self._scores, best) if self._doses else ()
+        return RoundEnded(number, tuple(moved.centre.tolist()), score, improved, moved.radius, early)
 
     def _over(self, number: int, last: RoundEnded, stale: int) -> Ended | None:
         stop = self._plan.stop

@@ -69,6 +69,11 @@ class Doses:
             len(barred), why, (tuple(self._grades.numbers[grade].tolist()),),
         )  # fmt: skip
 
+    def early(self, scores: Sequence[Scored], unit: Array) -> tuple[float, ...]:
+        """Share of runs that is expected to end early with settings that were run, and its 95 % interval."""
+        rng = np.random.default_rng([self._seed, len(scores), 1])
+        return self._ledger(scores).early(self._at(unit), rng)
+
     def best(self, scores: Sequence[Scored]) -> tuple[Array, float]:
         """Settings in the unit box that are worth the most by all runs, and the mean score of their own.
 
@@ -112,7 +117,10 @@ class Doses:
         return ledger
 
     def _grade(self, scored: Scored) -> int:
-        same = np.flatnonzero(np.abs(self._units - np.array(scored.unit)).max(axis=1) < NEGLIGIBLE)
+        return self._at(np.array(scored.unit))
+
+    def _at(self, unit: Array) -> int:
+        same = np.flatnonzero(np.abs(self._units - unit).max(axis=1) < NEGLIGIBLE)
         return int(same[0]) if len(same) else -1
 
     def _fallen(self, runs: int) -> Array:

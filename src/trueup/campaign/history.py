@@ -184,7 +184,12 @@ class History:
         early, runs = self.early(tries), sum(row[0] for s in tries for row in s.tally)
         if self.on_robot and (ended := sum(early.values())) + runs:
             which = ", ".join(f"{way} {n:g}" for way, n in early.items()) if ended else ""
-            return f"ended early in {ended:g} of {runs + ended:g} runs with them" + (f" ({which})" if which else "")
+            said = f"ended early in {ended:g} of {runs + ended:g} runs with them" + (f" ({which})" if which else "")
+            known = [r.ended.early for r in self.rounds if r.ended is not None and r.ended.early]
+            if not known:
+                return said
+            share, low, high = (100.0 * x for x in known[-1])
+            return f"{said}; by all of its runs together {share:.2g} in 100 are expected to (95 %: {low:.2g} to {high:.2g})"
         fell = sum(s.fell for s in tries)
         return f"fell in {fell} of {len(tries)} tries with them" if fell else ""
 

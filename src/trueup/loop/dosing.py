@@ -19,7 +19,7 @@ from trueup.tasks.task import Grades
 SURE = 0.3
 """Share of the trials, the last ones, that are spent on the grade that is worth the most, and not to learn. Without them what
 is found is three times as far from the best; half or nearly twice as many do as well (`benchmarks/dosing.py`)."""
-_DRAWS = 200
+_DRAWS, _MANY = 200, 2000  # from the posterior: to choose by, and for an interval
 
 
 @dataclass(eq=False)
@@ -66,6 +66,12 @@ class Ledger:
         """(draws, b) what runs of each are worth, early ends taken off, for risks drawn from the posterior."""
         shares = self.risks().drawn(self.grades.features[0, grades], _DRAWS, rng).sum(axis=2)
         return (1.0 - shares) * self.worths(grades) - self.grades.cost * shares
+
+    def early(self, grade: int, rng: np.random.Generator) -> tuple[float, float, float]:
+        """Share of its runs from rest that is expected to end early, by all runs of all grades, and its 95 % interval."""
+        shares = self.risks().drawn(self.grades.features[0, [grade]], _MANY, rng).sum(axis=(1, 2))
+        low, high = np.quantile(shares, (0.025, 0.975))
+        return float(shares.mean()), float(low), float(high)
 
     def next(
         self, rng: np.random.Generator, *, settled: bool = False, barred: frozenset[int] = frozenset()
