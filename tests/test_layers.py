@@ -36,6 +36,7 @@ NOUNS = (
     "rounding",
     "instant",
     "trial",
+    "told",
     "ends",
     "typed_toml",
     "chance",

@@ -143,6 +143,20 @@ class End(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class Watched:
+    """That a run ahead can be judged by eyes and a stop watch, and what these are to look at (`told.Told`)."""
+
+    lines: tuple[float, ...] = ()
+    """m ahead of the start, where the time is taken; () where how far it comes in the trial's duration is measured."""
+    fastest: Callable[[Array], float] | None = None
+    """m/s beyond which a time is a slip of the pen, of a trial's settings (m,) in their order."""
+    arrived: str = ""
+    veered: str = ""
+    fallen: str = "fallen"
+    """Names of the trial's ends: at the last line, aside of its lane, and down; '' of one that it has not."""
+
+
+@dataclass(frozen=True, eq=False)
 class Trial:
     """One planned run. A recording gives the trial that would repeat it (`Trial.of`)."""
 
@@ -172,6 +186,8 @@ class Trial:
     """Makes this trial's own controller of b copies from controller parameters (b, m); None: the one of the call."""
     ends: tuple[End, ...] = ()
     """Conditions that end a run before `duration`; the first one that holds counts."""
+    watched: Watched | None = None
+    """Where what people see of a run will do in place of a log."""
     disturbances: tuple[Disturbance, ...] = ()
     """What happens to a run by chance, in the simulator; see `seeded`."""
     sensing: tuple[Sensing, ...] = ()

@@ -19,6 +19,7 @@ from trueup.campaign.plan import read_plan
 from trueup.campaign.resolve import parts_of
 from trueup.errors import ParameterError, PlanError
 from trueup.parameters import ParameterSpace
+from trueup.report.campaign import write_campaign_report
 from trueup.report.campaign_grades import grades_shown
 from trueup.report.campaign_sections import campaign_sections
 from trueup.studies.walk.scenes import LEFT, RIGHT, SIMSPARK
@@ -105,6 +106,23 @@ def test_a_fall_of_which_nothing_else_is_known_counts(tmp_path: Path) -> None:
     assert any(s.fell and not s.tally for s in scored)
     best, _ = History.of(events).best
     assert best["amp_swing"] < 2.0 * 0.148
+
+
+def test_a_stop_watch_and_eyes_find_what_poses_do(tmp_path: Path) -> None:
+    """The same robot, logged and watched: a fall's own distance aside, all that counts is known of both."""
+    found = []
+    for name, more in (("logged", ""), ("watched", '"\nwatched = true')):
+        (tmp_path / name).mkdir()
+        plan = plan_in(tmp_path / name, ('Walker"', f"Walker{more or chr(34)}"), ("trials = 40", "trials = 14"))
+        events = run(plan, tmp_path / name / "out")
+        found.append(([e.numbers for e in events if isinstance(e, Chosen)], History.of(events).best[0]))
+    assert found[0] == found[1]
+    out = tmp_path / "watched" / "out"
+    page = write_campaign_report(out, read_plan(plan).plan).read_text(encoding="utf-8")
+    assert "its runs were watched, not logged" in page
+    assert "What the robot did" not in page
+    set_back(out, len(events) // 2)
+    assert run(plan, out) == events
 
 
 def test_settings_beyond_the_plans_limits_are_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

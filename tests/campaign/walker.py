@@ -12,18 +12,21 @@ from trueup.ends import Ended, with_end
 from trueup.errors import RobotFellError
 from trueup.recording import Channel, Recording
 from trueup.tasks.paces import features
+from trueup.told import Told
 from trueup.trial import Trial
 
 _RISKS = np.array([[-4.0, 10.0, -1.2, 0.0, 0.0], [-4.0, 10.0, 1.2, 0.0, 0.0]])
 
 
 class Walker:
-    """A Robot that is safest where its feet are `best` m further ahead; `silent`: of a fall it says nothing else."""
+    """A Robot that is safest where its feet are `best` m further ahead; `silent`: of a fall it says nothing else; `watched`:
+    its runs are not logged, but people see how they end and take the time.
+    """
 
     repeatable = True
 
-    def __init__(self, best: float = 0.006, silent: bool = False) -> None:
-        self._best, self._silent = best, silent
+    def __init__(self, best: float = 0.006, silent: bool = False, watched: bool = False) -> None:
+        self._best, self._silent, self._watched = best, silent, watched
 
     def perform(self, trial: Trial) -> list[Recording]:
         rng, s = np.random.default_rng(zlib.crc32(trial.name.encode())), trial.settings
@@ -39,6 +42,9 @@ class Walker:
         if fate < 2 and self._silent:
             raise RobotFellError("it lies")
         far = 2.38 if fate == 2 else 1.0
+        if self._watched:
+            told = Told((far / speed,)) if fate == 2 else Told(fell=("forward", "backward")[fate])
+            return told.recording(trial)
         time = np.linspace(0.0, far / speed, 60)
         place = np.stack([speed * time * 1.0001, 0.0 * time, 0.0 * time + 0.36], axis=1)
         angles = np.stack([0.0 * time, np.where(time == time[-1], (0.8, -0.8, 0.0)[fate], 0.0), 0.0 * time], axis=1)

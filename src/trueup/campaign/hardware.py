@@ -24,6 +24,7 @@ from trueup.loop.transfer import prepared
 from trueup.recording import Recording
 from trueup.robots.robot import HandsOut
 from trueup.tasks.task import robot_done, robot_doubts, robot_scores, robot_tally, robot_trials
+from trueup.told import is_told
 from trueup.trial import Trial
 
 E = TypeVar("E")
@@ -52,8 +53,8 @@ class Hardware:
         """Runs asked of the robot so far, repeats counted."""
 
     def recordings(self) -> list[Recording]:
-        """Those of all trials that were done, in the order of the trials."""
-        return [self._recording(file, expected) for file, expected in self._files]
+        """Those of all trials that were done and logged, in the order of the trials."""
+        return [r for file, expected in self._files if not is_told(r := self._recording(file, expected))]
 
     def test(
         self, round_: int, step: str, units: Array, repeats: int, again: int = 0, first: int = 0
@@ -142,7 +143,7 @@ class Hardware:
             )
         if outcome == "done":
             _check_observed(trial, recordings)
-            for words in dict.fromkeys(w for r in recordings for w in unmeasured(trial, r)):
+            for words in dict.fromkeys(w for r in recordings if not is_told(r) for w in unmeasured(trial, r)):
                 self._listener.doubt(f"{trial.name}: in its recording {words}; its score may not be the robot's")
         return self._store.keep(trial, planned.of, outcome, recordings, note)
 
@@ -175,7 +176,7 @@ class Hardware:
 
 def _check_observed(trial: Trial, recordings: Sequence[Recording]) -> None:
     """Raises TrialError where a recording lacks what the trial observes: nothing could be scored by it, for ever."""
-    for recording in recordings:
+    for recording in (r for r in recordings if trial.watched is None or not is_told(r)):
         for name, o in trial.observed.items():
             has = recording.channel(name).labels if recording.has(name) else ()
             lost = [label for label in o.labels if label not in has]

@@ -121,9 +121,10 @@ def walking(
 ) -> AnyWalk:  # fmt: skip
     """A walking task of a model; `fields` are those of `kind` (`share`, `runs`, `seed`, ...)."""
     from trueup.controllers.walk_engine.attitude import Complementary
-    from trueup.controllers.walk_engine.engine import PARAMETERS, WalkEngine
+    from trueup.controllers.walk_engine.engine import PARAMETERS, WalkEngine, stepping_speed
     from trueup.engines.mujoco.base import free_joint
     from trueup.engines.mujoco.biped import biped_of, inertial
+    from trueup.tasks.walking import AheadWalk
 
     robot, m = biped_of(model, left, right), model.compiled
     (gyro, turned), (accelerometer, tilted) = inertial(model).values()
@@ -141,10 +142,12 @@ def walking(
         attitude = Complementary(gyro, accelerometer, mounted=(turned, tilted))
         return WalkEngine(robot, values, period=period, attitude=attitude)
 
+    longest = float(robot.legs.longest.mean())
+    steps = {"steps": lambda values: stepping_speed(values, longest)} if issubclass(kind, AheadWalk) else {}
     own: dict[str, object] = {
         "parameters": PARAMETERS, "make": make, "height": float(m.key_qpos[0, m.jnt_qposadr[joint] + 2]),
         "sensing": unrest.sensing(period, gyro, accelerometer),
-        "disturbances": () if unrest == STILL else unrest.disturbances(model, base, motors), **fields,
+        "disturbances": () if unrest == STILL else unrest.disturbances(model, base, motors), **steps, **fields,
     }  # fmt: skip
     return kind(**own)  # type: ignore[arg-type]
 

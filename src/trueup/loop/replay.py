@@ -37,8 +37,10 @@ def replay_error(
 ) -> ReplayError:  # fmt: skip
     """How well the simulator with `values` (n,) replays `recordings`, and how well as it came.
 
-    NaN where the recordings hold nothing that it reproduces: a simulator may be good for scores only.
+    NaN without any, and where they hold nothing that it reproduces: a simulator may be good for scores only.
     """
+    if not recordings:
+        return ReplayError(float("nan"), float("nan"), "")
     try:
         seen = sorted({c for r in recordings for c in simulator.observable(r)})
         measure = discrepancy or Weighted.estimated(recordings, seen)

@@ -103,10 +103,16 @@ def lap_speeds(time: Array, ahead: Array, lap: float, laps: int, start: float, a
     return [lap / float(lasted) for lasted in np.diff([start, *reached, *([] if arrived is None else [arrived])])]
 
 
+def told_speeds(seconds: Sequence[float], lap: float) -> list[float]:
+    """The same where only the times were taken."""
+    return [lap / float(lasted) for lasted in np.diff([0.0, *seconds])]
+
+
 def tallied(rollout: Rollout, speeds: Sequence[Sequence[float]], laps: int, fell: Mask, pitch: Array) -> Array:
     """(2, 4) as `Graded.tally` has it, from the speeds of laps that runs came through, which fell, and pitch (b, T) in rad.
 
-    A run that veered or was too slow counts as half a fall to either side, as does one whose pitch nobody measured.
+    A run that veered or was too slow counts as half a fall to either side, as does one of which nobody measured the pitch
+    or told to which side it fell.
     """
     tally = np.zeros((2, 2 + len(WAYS)))
     for row, done in enumerate(speeds):
@@ -116,6 +122,7 @@ def tallied(rollout: Rollout, speeds: Sequence[Sequence[float]], laps: int, fell
             tally[k, :2] += len(part), np.log(part).sum()
         if len(done) < laps:
             known = pitch[row][np.isfinite(pitch[row])]
-            forward = float(known[-1] > 0.0) if fell[row] and len(known) else 0.5
+            forward = rollout.told[row].forward if row in rollout.told else 0.5
+            forward = float(known[-1] > 0.0) if fell[row] and len(known) else forward
             tally[min(len(done), 1), 2:] += forward, 1.0 - forward
     return tally

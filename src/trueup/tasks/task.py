@@ -18,7 +18,8 @@ from trueup.errors import ParameterError, RecordingError
 from trueup.evaluation.evaluator import Evaluator, Here, Outcome, Work
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
-from trueup.trial import Trial
+from trueup.told import is_told, told
+from trueup.trial import Observed, Trial
 
 
 class Task(Protocol):
@@ -233,23 +234,27 @@ def as_rollout(trial: Trial, recordings: Sequence[Recording], candidate: Array |
     """Recordings of one trial in the shape of a rollout: one row a recording, read off at the trial's instants.
 
     Each recording's clock is moved so that it begins at the trial's start. Instants after its end are NaN; where that is an
-    end before its time (as the robot's driver says, or by the trial's own conditions), the rollout says so. `candidate`
+    end before its time (as the robot's driver says, or by the trial's own conditions), the rollout says so. Of a run that
+    people watched all are NaN, and the rollout has what they told. `candidate`
     (m,) are the controller's parameters with which they were made, where these are known.
     Raises RecordingError where there is none, UnknownNameError where a recording lacks an observed channel.
     """
     if not recordings:
         raise RecordingError(f"trial '{trial.name}' has no recording")
-    channels = {
-        name: np.stack([
-            r.channel(name).select(o.labels).at(o.time - trial.start + r.start, hold=name.startswith("command"))
-            for r in recordings
-        ])
-        for name, o in trial.observed.items()
-    }  # fmt: skip
+    channels = {name: np.stack([_read(r, trial, name, o) for r in recordings]) for name, o in trial.observed.items()}
     known = ((row, r, end_of(r, trial.ends)) for row, r in enumerate(recordings))
     ends = {row: Ended(e.at - r.start + trial.start, e.name) for row, r, e in known if e is not None}
     settings = None if candidate is None else np.tile(candidate, (len(recordings), 1))
-    rollout = Rollout(trial, channels, {}, ends, settings)
+    seen = {row: told(r, trial.watched) for row, r in enumerate(recordings) if trial.watched and is_told(r)}
+    rollout = Rollout(trial, channels, {}, ends, settings, seen)
     for name, values in channels.items():
         values[~rollout.lasted(name)] = np.nan
     return rollout
+
+
+def _read(recording: Recording, trial: Trial, name: str, o: Observed) -> Array:
+    """(T, k) one observed channel; NaN where people told what they saw in place of a log."""
+    if trial.watched is not None and is_told(recording):
+        return np.full((len(o.time), len(o.labels)), np.nan)
+    instants = o.time - trial.start + recording.start
+    return recording.channel(name).select(o.labels).at(instants, hold=name.startswith("command"))

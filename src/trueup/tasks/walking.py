@@ -7,7 +7,7 @@ A. Farchy, S. Barrett, P. MacAlpine and P. Stone, "Humanoid robots learning to w
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,16 +19,18 @@ from trueup.controllers.walk_engine.requests import TARGETS, targets
 from trueup.ends import End, Fallen, Left
 from trueup.engines.simulator import Rollout
 from trueup.parameters import ParameterSpace
-from trueup.tasks.paces import SLOWEST, Paces, lap_speeds, tallied
+from trueup.tasks.paces import SLOWEST, Paces, lap_speeds, tallied, told_speeds
 from trueup.tasks.sway import passing, sway
 from trueup.tasks.task import Grades
-from trueup.trial import Observed, Trial
+from trueup.trial import Observed, Trial, Watched
 
 PLACE, ANGLES = "base_position", "base_orientation"
 TILT = 0.8
 """rad from upright beyond which a robot counts as fallen."""
 LOW = 0.62
 """Of its standing height: below, it lies, or sits on its knees."""
+_FAST = 2.0  # times what its steps make: single laps of bipeds in benchmarks/walk_plan.py reach 1.5 times that
+_G = 9.81  # m/s2
 _BALL = 1.0  # m beyond the line, so that steering never becomes abrupt
 
 
@@ -70,7 +72,7 @@ class Walk(ABC):
                 PLACE: Observed(("x", "y", "z"), "m", time), ANGLES: Observed(("roll", "pitch", "yaw"), "rad", time),
             },
             references={TARGETS: targets(self.course)}, ends=self.ends, disturbances=self.disturbances,
-            sensing=self.sensing,
+            sensing=self.sensing, watched=self.watched,
         )  # fmt: skip
         seeds = (np.random.default_rng([self.seed, k]) for k in range(self.runs))
         runs = tuple(
@@ -96,6 +98,11 @@ class Walk(ABC):
     @abstractmethod
     def made_good(self, rollout: Rollout) -> Array:
         """(b,) of one run, falls not yet counted."""
+
+    @property
+    def watched(self) -> Watched | None:
+        """What eyes and a stop watch are to look at, where they will do."""
+        return None
 
     @property
     def ends(self) -> tuple[End, ...]:
@@ -138,11 +145,19 @@ class AheadWalk(Walk):
     fall: float = 0.7
     """m/s: one fall in a hundred costs as much as 0.7 cm/s."""
     paces: Paces = field(default_factory=Paces)
+    steps: Callable[[Array], Array] | None = None
+    """m/s that the engine's steps would make without slipping, with full ones, of values (b, m); None: nobody says."""
     laps: int = field(init=False, default=1)
 
     @abstractmethod
     def speeds(self, rollout: Rollout) -> list[list[float]]:
         """m/s of what each run came through, lap by lap: fewer than `laps` where it fell, veered or was too slow."""
+
+    def fastest(self, values: Array) -> float:
+        """m/s that no robot walks with settings (m,): beyond them a time is a slip of the pen."""
+        return (
+            _FAST * self.share * float(self.steps(values[None])[0]) if self.steps else float(np.sqrt(_G * self.height))
+        )
 
     def grades(self) -> Grades:
         """See Graded."""
@@ -172,10 +187,14 @@ class WalkFront(AheadWalk):
         """See Walk."""
         return np.array([[0.0, 100.0, 0.0, self.share, 0.0]])
 
+    @property
+    def watched(self) -> Watched:
+        """See Walk."""
+        return Watched(fastest=self.fastest)
+
     def made_good(self, rollout: Rollout) -> Array:
         """(b,) m/s."""
-        x = rollout.held().channels[PLACE][:, :, 0]
-        return (x[:, -1] - x[:, 0]) / self.seconds
+        return gone(rollout) / self.seconds
 
     def speeds(self, rollout: Rollout) -> list[list[float]]:
         """See AheadWalk."""
@@ -216,6 +235,12 @@ class LineWalk(AheadWalk):
         return np.array([[0.0, self.far + _BALL, 0.0, self.share, 0.0]])
 
     @property
+    def watched(self) -> Watched:
+        """See Walk."""
+        lines = tuple(self.line * k for k in range(1, self.laps + 1))
+        return Watched(lines, self.fastest, ARRIVED, VEERED)
+
+    @property
     def ends(self) -> tuple[End, ...]:
         """See Walk."""
         far = (-np.inf, np.inf)
@@ -226,10 +251,11 @@ class LineWalk(AheadWalk):
 
     def made_good(self, rollout: Rollout) -> Array:
         """(b,) m/s, the mean of all laps that were begun."""
-        gone = np.clip(rollout.held().channels[PLACE][:, -1, 0] - rollout.channels[PLACE][:, 0, 0], 0.0, self.far)
         every = self.speeds(rollout)
         done = np.array([len(laps) for laps in every])
-        begun_last = np.clip(gone - done * self.line, 0.0, None) * self.laps / self.duration
+        begun_last = (
+            np.clip(np.clip(gone(rollout), 0.0, self.far) - done * self.line, 0.0, None) * self.laps / self.duration
+        )
         made = np.array([sum(laps) for laps in every])
         return np.where(done < self.laps, made + begun_last, made) / self._begun(done)
 
@@ -245,12 +271,24 @@ class LineWalk(AheadWalk):
         """See AheadWalk."""
         time, start = rollout.trial.observed[PLACE].time, rollout.trial.start
         arrived = {row: end.at for row, end in rollout.ends.items() if end.name == ARRIVED}
-        places = rollout.channels[PLACE][:, :, 0]
-        return [lap_speeds(time, x, self.line, self.laps, start, arrived.get(k)) for k, x in enumerate(places)]
+        places, seen = rollout.channels[PLACE][:, :, 0], rollout.told
+        return [
+            told_speeds(seen[k].seconds, self.line) if k in seen
+            else lap_speeds(time, x, self.line, self.laps, start, arrived.get(k))
+            for k, x in enumerate(places)
+        ]  # fmt: skip
 
 
 ARRIVED, VEERED = "at the line", "veered"
 """Names of ends of a walk to the line."""
+
+
+def gone(rollout: Rollout) -> Array:
+    """(b,) m ahead at the end of each run."""
+    x = rollout.held().channels[PLACE][:, :, 0]
+    far = x[:, -1] - x[:, 0]
+    far[list(rollout.told)] = [seen.metres for seen in rollout.told.values()]
+    return far
 
 
 def fell(rollout: Rollout) -> Mask:

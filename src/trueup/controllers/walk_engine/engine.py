@@ -61,6 +61,13 @@ def sized(longest: float) -> ParameterSpace:
     )
 
 
+def stepping_speed(values: Array, longest: float) -> Array:
+    """(b,) m/s that full steps of walks with values (b, 17) make where feet do not slip: carrying legs swing back so fast."""
+    p = dict(zip(PARAMETERS.names, np.atleast_2d(values).T, strict=True))
+    length = longest * (1.0 - _SHORT * p["knee"])
+    return 2.0 * np.sin(p["amp_swing"]) * length / (p["stepPeriod"] * (1.0 - 0.5 / p["v_swing"]))
+
+
 @dataclass(frozen=True)
 class Gait:
     """What of the walk is not tuned."""

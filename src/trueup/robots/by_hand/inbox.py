@@ -6,9 +6,11 @@ from __future__ import annotations
 import re
 import time
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from trueup.robots.by_hand.eyes import GENERAL
 
 MAPPING, PROBLEMS, RESULT = "mapping.toml", "problems.txt", "result.toml"
 ANSWERS = ("aborted", "fell", "repeat")
@@ -29,20 +31,28 @@ class Item:
     @property
     def trial(self) -> str:
         """'trial-007' where its name, or its result.toml, says so; '' elsewhere."""
-        said = _TRIAL.search(self.path.name) or _TRIAL.search(self._result().get("trial", ""))
+        try:
+            said = _TRIAL.search(self.path.name) or _TRIAL.search(str(self._result().get("trial", "")))
+        except ValueError:  # unreadable: that is said where its answer is asked for
+            return ""
         return f"trial-{int(said.group(1)):03d}" if said else ""
 
     @property
     def answer(self) -> str:
-        """'aborted', 'fell' or 'repeat' where its name or its result.toml says so; '' for a log.
+        """'aborted', 'fell' or 'repeat' where its name or its result.toml says so; '' for a log, and for what was seen.
 
-        Raises ValueError for a result.toml that says something else.
+        Raises ValueError for a result.toml that says something else or cannot be read.
         """
-        outcome = self._result().get("outcome", "")
+        result = self._result()
+        outcome = str(result.get("outcome", ""))
+        if result.get("aborted") is True:
+            return "aborted"
         if outcome and outcome not in (*ANSWERS, "done"):
             raise ValueError(f"outcome = '{outcome}' is not one of: {', '.join((*ANSWERS, 'done'))}")
         if outcome:
             return "" if outcome == "done" else outcome
+        if self.seen is not None and set(result) - set(GENERAL):
+            return ""  # whatever its name says, as 'trial-004-fell.toml': it says more itself
         for file in [self.path] if self.path.is_file() else sorted(self.path.iterdir()):
             word = _ANSWER.search(file.name)
             said = _MEANS.get(word.group(1).lower(), word.group(1).lower()) if word else ""
@@ -52,6 +62,11 @@ class Item:
         return ""
 
     @property
+    def seen(self) -> Mapping[str, object] | None:
+        """What a TOML file that was dropped in place of a log says of the run; None of a log. Raises ValueError."""
+        return self._result() if _is_toml(self.path) and self.path.is_file() else None
+
+    @property
     def empty(self) -> bool:
         """Whether nothing stands in it, in none of its files: once something does, it is looked at anew."""
         return not any(size for _, size, _ in self.state)
@@ -59,7 +74,7 @@ class Item:
     @property
     def note(self) -> str:
         """What the operator wrote beside it."""
-        said = self._result().get("note", "")
+        said = str(self._result().get("note", ""))
         files = [self.path] if self.path.is_file() else [f for f in sorted(self.path.iterdir()) if f.is_file()]
         texts = [_text(f) for f in files if _is_note(f)]
         return " ".join(" ".join([said, *texts]).split())
@@ -81,14 +96,15 @@ class Item:
         data = [f for f in others if not _is_note(f)] or others
         return self.path if data == everything else data
 
-    def _result(self) -> dict[str, str]:
-        file = self.path if self.path.name.endswith(RESULT) else self.path / RESULT
+    def _result(self) -> dict[str, object]:
+        file = self.path if _is_toml(self.path) else self.path / RESULT
         if not file.is_file():
             return {}
         try:
-            return {k: str(v) for k, v in tomllib.loads(file.read_text(encoding="utf-8")).items()}
-        except (OSError, ValueError):
-            return {"outcome": "unreadable TOML"}
+            return tomllib.loads(file.read_text(encoding="utf-8-sig"))  # some editors begin with a mark
+        except (OSError, ValueError) as error:
+            hint = 'as in: seconds = 14.2, with a decimal point; fell = "forward", in quotes'
+            raise ValueError(f"{file.name} cannot be read as TOML ({error}); write {hint}") from None
 
 
 class Inbox:
@@ -142,9 +158,14 @@ def _state(path: Path) -> tuple[tuple[str, int, int], ...]:
     return tuple(found)
 
 
+def _is_toml(file: Path) -> bool:
+    """Some editors add .txt to every name."""
+    return file.name.lower().endswith((".toml", ".toml.txt"))
+
+
 def _is_note(file: Path) -> bool:
     ending = file.suffix.lower()
-    return file.is_file() and (ending in _NOTES or ending.lstrip(".") in (*ANSWERS, *_MEANS))
+    return file.is_file() and not _is_toml(file) and (ending in _NOTES or ending.lstrip(".") in (*ANSWERS, *_MEANS))
 
 
 def _text(file: Path) -> str:

@@ -16,6 +16,7 @@ from trueup.recording import Recording
 from trueup.robots.by_hand.accepted import Accepted, Run
 from trueup.robots.by_hand.begin import completed
 from trueup.robots.by_hand.check import mismatches, one_of
+from trueup.robots.by_hand.eyes import told_in
 from trueup.robots.by_hand.inbox import PROBLEMS, Inbox, Item
 from trueup.robots.by_hand.sheet import canonical_map, write_sheet
 from trueup.trial import Trial
@@ -63,8 +64,10 @@ class ByHand:
             if self._accepted.outcome(trial.name) is None:
                 waiting.append(write_sheet(trial, self._outbox, self._inbox).name)
         if waiting:
-            logs = "log" if len(waiting) == 1 else "logs"
-            self._say(f"run {self._outbox / _listed(waiting)} on the robot, then put the {logs} into {self._inbox}/")
+            logs = "the log" if len(waiting) == 1 else "the logs"
+            seen = [f"{name}.toml" for name in waiting if self._trials[name].watched]
+            logs += f", or {seen[0] if len(seen) == 1 else 'the .toml files'} with what you saw," if seen else ""
+            self._say(f"run {self._outbox / _listed(waiting)} on the robot, then put {logs} into {self._inbox}/")
             self._say("waiting ... (Ctrl-C is fine: `trueup resume` goes on from here, next week if need be)")
 
     def perform(self, trial: Trial) -> list[Recording]:
@@ -179,6 +182,9 @@ class ByHand:
         waiting = self._waiting()
         if not waiting:
             return "no trial is waited for"
+        if item.seen is not None:
+            trial = self._meant(item)
+            return trial, told_in(item.seen, trial).recording(trial), False
         likely = self._meant(item) if item.trial else waiting[0]
         recordings, named = self._read(item, mapping, likely)
         if len(recordings) != 1:
@@ -209,10 +215,14 @@ class ByHand:
                 for i, _, _ in found
             }  # fmt: skip
         for item, recording, named in found:
-            mapping = None if named else item.mapping(self._inbox) or self._mapping
+            seen = told_in(item.seen, trial).words(trial) if item.seen is not None else ""
+            mapping = None if named or seen else item.mapping(self._inbox) or self._mapping
             self._accepted.take(trial.name, item.path, mapping, named, _checksum(recording), item.note)
-            self._say(f"{trial.name}: {item.path.name} accepted, {recording.duration:.1f} s, matches the request")
-            self._tell_guesses(recording)
+            if seen:
+                self._say(f"{trial.name}: {seen}")
+            else:
+                self._say(f"{trial.name}: {item.path.name} accepted, {recording.duration:.1f} s, matches the request")
+                self._tell_guesses(recording)
             have += 1
         if have == trial.repeats:
             self._finish(trial)
@@ -252,12 +262,16 @@ class ByHand:
 
     def _read_again(self, trial: Trial, run: Run) -> Recording:
         """An accepted log as a recording of the trial."""
-        path = self._accepted.path(trial.name, run)
-        log = Item(path, ()).log()
+        item = Item(self._accepted.path(trial.name, run), ())
         mapping = self._accepted.mapping(trial.name, run)
-        (recording,) = read(log, canonical_map(trial) if run.mapping == "named" else mapping)
-        told = {"note": run.note} if run.note else {}
-        return completed(trial, recording.replace(provenance={**recording.provenance, "log": run.path, **told}))
+        note = run.note
+        if item.seen is not None:
+            told = told_in(item.seen, trial)
+            recording, note = told.recording(trial), "; ".join(filter(None, (told.words(trial), note)))
+        else:
+            (recording,) = read(item.log(), canonical_map(trial) if run.mapping == "named" else mapping)
+        said = {"note": note} if note else {}
+        return completed(trial, recording.replace(provenance={**recording.provenance, "log": run.path, **said}))
 
     def _tell(self, problems: dict[str, str], there: set[str]) -> None:
         """Says what is new, and keeps the list for whoever looks into the folder."""

@@ -16,6 +16,7 @@ from trueup.arrays import Array
 from trueup.ends import Fallen, Left
 from trueup.errors import OutputError
 from trueup.formats import ChannelColumns, ChannelMap, TimeColumn
+from trueup.robots.by_hand.eyes import explained, template
 from trueup.rounding import PRINTED, ROUNDED
 from trueup.trial import Trial
 
@@ -44,6 +45,8 @@ def write_sheet(trial: Trial, outbox: Path, inbox: Path) -> Path:
             head = tuple(f"{label} [{unit}]" for label, unit in zip(r.labels, r.units, strict=True))
             _csv(aside / f"{name}.csv", head, _numbers(r.values))
         _csv(aside / "log-header.csv", tuple(canonical(trial)), [])
+        if trial.watched:
+            (aside / f"{trial.name}.toml").write_text(template(trial), encoding="utf-8")
         (aside / "trial.json").write_text(json.dumps(_plain(trial), indent=1) + "\n", encoding="utf-8")
         (aside / "README.txt").write_text(words(trial, inbox), encoding="utf-8")
         os.replace(aside, folder)
@@ -82,15 +85,18 @@ def _reached(end: Fallen | Left) -> str:
 
 def words(trial: Trial, inbox: Path) -> str:
     """The sheet."""
-    lines = [f"{trial.name}: run this once, then put its log into {inbox}/", "=" * 72, ""]
+    seen = "what you saw, or its log," if trial.watched else "its log"
+    lines = [f"{trial.name}: run this once, then put {seen} into {inbox}/", "=" * 72, ""]
     if trial.repeats > 1:
-        lines[0] = f"{trial.name}: run this {trial.repeats} times, then put the {trial.repeats} logs into {inbox}/"
+        logs = f"{trial.repeats} " + ("files of what you saw, or logs," if trial.watched else "logs")
+        lines[0] = f"{trial.name}: run this {trial.repeats} times, then put the {logs} into {inbox}/"
     lines += _to_set(trial)
     over = [f"  {end.name}: {_reached(end)}" for end in trial.ends if isinstance(end, (Fallen, Left))]
     lines += [f"The run lasts {trial.duration:.4g} s. Start the log when it starts."]
     lines += ["It is over before where one of these is reached; let the log go on for a moment:", *over] if over else []
     lines += [*trial.notes, ""]
     lines += _limits(trial)
+    lines += explained(trial, str(inbox))
     lines += ["Record, with the time of each sample in s:"]
     for channel, o in trial.observed.items():
         rate = (len(o.time) - 1) / (o.time[-1] - o.time[0]) if len(o.time) > 1 else math.nan
@@ -108,7 +114,9 @@ def words(trial: Trial, inbox: Path) -> str:
 
 
 def _fallen(trial: Trial) -> str:
-    """What a note of a fall is for: where a log shows it, the log says more."""
+    """What a note of a fall is for: where something else shows it, that says more."""
+    if trial.watched:
+        return "the robot fell, and nobody saw how; fell = ... as above says more, and so does a log"
     if any(isinstance(end, Fallen) for end in trial.ends):
         return "the robot fell, and its log does not show how; a log that does says more, by itself"
     return "the robot fell, crashed or left the track: the settings are bad"
