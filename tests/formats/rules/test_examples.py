@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from trueup import formats
-from trueup.formats.rules import bases, families, joints, vehicles
+from trueup.formats.rules import bases, families, joints, vehicles, wheels
 from trueup.formats.rules.rule import Example, Rule
 
 RULES = {"joints": joints.RULES, "vehicles": vehicles.RULES, "bases": bases.RULES}
@@ -18,7 +18,11 @@ CASES = [
     for dialect, rules in RULES.items()
     for rule in rules
     for k, example in enumerate(rule.examples)
-] + [pytest.param(None, example, id=f"families-{k}") for k, example in enumerate(families.EXAMPLES)]
+] + [
+    pytest.param(None, example, id=f"{dialect}-{k}")
+    for dialect, examples in {"families": families.EXAMPLES, "wheels": wheels.EXAMPLES}.items()
+    for k, example in enumerate(examples)
+]
 
 
 def expected(text: str) -> dict[str, tuple[str, tuple[str, ...]]]:

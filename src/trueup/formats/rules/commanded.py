@@ -13,6 +13,7 @@ from trueup.formats.rules.leading import leading
 from trueup.formats.rules.names import COMMANDED
 from trueup.formats.rules.rule import Column
 from trueup.formats.rules.vehicles import Signal, best
+from trueup.formats.rules.wheels import Pair, measured
 
 _DRIVING = ("throttle", "brake", "steering", "angle", "curvature", "speed", "sideways", "erpm", "yaw_rate")
 """Kinds of signals that may drive a vehicle."""
@@ -24,14 +25,19 @@ def commanded(
     place: Sequence[Signal],
     heading: Sequence[Signal],
     time: TimeColumn,
+    paired: Sequence[Pair] = (),
 ) -> tuple[dict[str, Signal], tuple[str, ...]]:
-    """What drives it, by label, and what to say of that; nothing where this is no vehicle."""
+    """What drives it, by label, and what to say of that; nothing where this is no vehicle.
+
+    `paired`: what is there of two driven wheels, which tell where it is as a place does.
+    """
     kinds = {kind: [s for s in signals if s.kind == kind] for kind in _DRIVING}
     told = {kind: [s for s in each if s.commanded] for kind, each in kinds.items()}
     place = () if _has_joints(signals, columns) else place
     steering, throttle = _steering(kinds, told, alone=bool(place)), best(kinds["throttle"])
     speed, turn, said = best(told["speed"]) or best(told["erpm"]), best(told["yaw_rate"]), ()
-    if place and not throttle and not speed and not any(COMMANDED & set(c.parts.words) for c in columns):
+    asked = any(COMMANDED & set(c.parts.words) for c in columns) or any(p.commanded for p in paired)
+    if place and not throttle and not speed and not asked:
         led = leading(kinds["speed"], kinds["yaw_rate"], place, heading, time)
         speed, turn, late = led or (None, turn, 0.0)
         names = " and ".join(s.column.name for s in (speed, turn) if s is not None)
@@ -53,7 +59,7 @@ def commanded(
         brake = best(kinds["brake"]) if throttle else None
         label = "curvature" if steering.kind == "curvature" else "steering"
         return {**ahead, label: steering, **({"brake": brake} if brake else {})}, said
-    return ({"speed": speed, "turn": turn}, said) if speed and turn and place else ({}, ())
+    return ({"speed": speed, "turn": turn}, said) if speed and turn and (place or measured(paired)) else ({}, ())
 
 
 def _steering(kinds: Mapping[str, list[Signal]], told: Mapping[str, list[Signal]], *, alone: bool) -> Signal | None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trueup.formats.mapping import TimeColumn
-from trueup.formats.rules import joints, vehicles
+from trueup.formats.rules import joints, vehicles, wheels
 from trueup.formats.rules.bases import is_unit
 from trueup.formats.rules.commanded import commanded
 from trueup.formats.rules.names import listed
@@ -45,32 +45,65 @@ class Part:
     notes: tuple[str, ...]
     units: tuple[str, ...] = ()
     """One for each label where they differ."""
+    offset: tuple[float, ...] = (0.0,)
 
 
 def drive(columns: Sequence[Column], time: TimeColumn) -> list[Part]:
     """The channels of a vehicle (command, position, heading, speed, yaw_rate) in a log; none where it is of something else.
 
     A vehicle is what is commanded by throttle, or speed, and steering, or, where nothing else has a position, by speed and
-    turn rate; or nothing but where something is on the plane and heads, as a tracker alone logs it. Units that nobody says
+    turn rate, or by the speeds of a left and a right wheel; or nothing but where something is on the plane and heads, as a tracker alone logs it. Units that nobody says
     are those of which numbers speak, else SI.
     """
-    signals = [signal for column in columns if (signal := vehicles.read(column)) is not None]
-    command, said = commanded(signals, columns, list(_place(signals).values()), _heading(signals), time)
+    paired = wheels.pairs(columns)
+    of_wheels = {column for pair in paired for column in pair.columns}
+    others = [column for column in columns if column not in of_wheels]
+    signals = [signal for column in others if (signal := vehicles.read(column)) is not None]
+    place, heading, seen = list(_place(signals).values()), _heading(signals), wheels.measured(paired)
+    command, said = commanded(signals, others, place, heading, time, paired)
     if not command:
-        return _pose_alone(signals, columns, time)
+        told = wheels.commanded(paired, place, heading, time)
+        if told is None or (not place and any(_is_joints(c) for c in others)):
+            return _pose_alone(signals, columns, time)
+        seen = wheels.measured(paired, told.command)
+        parts = [_of_wheels("command", told.command, told.sign, told.notes)]
+        return parts + _measured(signals, parts, time) + [_of_wheels(n, pair) for n, pair in seen.items()]
     if len({_source_file(s) for s in command.values()}) == 1:
         parts = [_part("command", command, time, ())]
     else:  # topics of their own: each keeps its time
         parts = [_part(f"command_{label}", {label: signal}, time, ()) for label, signal in command.items()]
     parts[0] = replace(parts[0], notes=(*parts[0].notes, *said))
     rest = [s for s in signals if s not in command.values()]
-    place = _place(rest)
-    parts += [_part("position", place, time, ())] if place else []
-    parts += _direction(rest, next(iter(place.values())).source if place else frozenset(), time)
+    return parts + _measured(rest, parts, time) + [_of_wheels(n, pair) for n, pair in seen.items()]
+
+
+def _measured(signals: list[Signal], parts: Sequence[Part], time: TimeColumn) -> list[Part]:
+    """Position, heading, speed and turn rate among signals that drive nothing."""
+    place = _place(signals)
+    found = [_part("position", place, time, ())] if place else []
+    found += _direction(signals, next(iter(place.values())).source if place else frozenset(), time)
     for name in ("speed", "yaw_rate"):
-        one = best([s for s in rest if s.kind == name and not s.commanded and s not in place.values()])
-        parts += [_part(name, {name: one}, time, parts)] if one else []
-    return parts
+        one = best([s for s in signals if s.kind == name and not s.commanded and s not in place.values()])
+        found += [_part(name, {name: one}, time, [*parts, *found])] if one else []
+    return found
+
+
+def _of_wheels(channel: str, pair: wheels.Pair, sign: tuple[float, float] = (1.0, 1.0), said: tuple[str, ...] = ()) -> Part:
+    """The channel of a left and a right wheel, and what they were taken for."""
+    pulses = wheels.in_pulses(pair) and channel == "command"
+    scale = tuple(s * (1.0 / wheels.FULL if pulses else pair.scale) for s in sign)
+    offset = tuple(-s * wheels.MIDDLE / wheels.FULL for s in sign) if pulses else (0.0,)
+    names = " and ".join(c.name for c in pair.columns)
+    unit = f"in {pair.unit}" if pair.unit else "unit unknown"
+    more = {
+        "command": "shares, from the middle of a servo's pulse" if pulses else f"{unit}: the way driven will tell what they are"
+        if not pair.unit else unit,
+        "wheel_speed": unit if pair.unit else f"{unit}: counts a second, of a robot whose file has counts_per_turn",
+        "wheel_angle": unit if pair.unit else "counts, of a robot whose file has counts_per_turn",
+    }[channel]  # fmt: skip
+    note = f"{channel}: {names} taken as a left and a right driven wheel, {more}"
+    short = scale if len(set(scale)) > 1 else scale[:1]
+    return Part(channel, pair.columns, wheels.SIDES, pair.unit, short, (note, *said), (), offset)
 
 
 def _pose_alone(signals: list[Signal], columns: Sequence[Column], time: TimeColumn) -> list[Part]:
@@ -83,6 +116,12 @@ def _pose_alone(signals: list[Signal], columns: Sequence[Column], time: TimeColu
     if not turn or any(r.command or (r.joint and r.kind) for r in said) or any("z" in c.parts.bare for c in left):
         return []
     return [_part("position", place, time, ()), *turn]
+
+
+def _is_joints(column: Column) -> bool:
+    """Whether a column is the position of a joint."""
+    reading = joints.read(column.parts)
+    return reading.joint and reading.kind == "position" and not reading.command
 
 
 def _place(signals: list[Signal]) -> dict[str, Signal]:

@@ -230,7 +230,7 @@ def _with_vehicle(channels: dict[str, ChannelColumns], parts: Sequence[Part], cl
     """Adds the channels of a vehicle; returns what to say of them."""
     for part in parts:
         plain = _plain(part.columns, part.labels, part.unit, clocks, part.scale)
-        channels[part.channel] = replace(plain, units=part.units)
+        channels[part.channel] = replace(plain, units=part.units, offset=part.offset)
     ordered = sorted(channels.items(), key=lambda item: _order(item[0]))
     channels.clear()
     channels.update(ordered)

@@ -12,9 +12,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from trueup.arrays import Array
 from trueup.errors import RecordingError
 from trueup.formats.mapping import TimeColumn
 from trueup.formats.rules.names import PLAINLY_MEASURED, listed
+from trueup.formats.rules.rule import Column
 from trueup.formats.rules.sizes import instants_of, speed_of, usable
 from trueup.formats.rules.vehicles import Signal
 from trueup.inspection.alignment import averaged, lag
@@ -43,44 +45,51 @@ def leading(
 
     `place` are x and y, `heading` an angle, or z and w of a quaternion; empty where nothing tells it.
     """
-    moved, turned = _along(place, time), _turned(heading, time)
+    moved, turned = along(place, time), turning(heading, time)
     for speed in speeds:
         turn = next((w for w in turns if w.source == speed.source), None)
         if speed.source & _MEASURED or speed.column.clock or moved is None:
             continue
         behind = [
             late for signal, motion in ((speed, moved), (turn, turned))
-            if signal is not None and motion is not None and (late := _behind(signal, motion, time)) is not None
+            if signal is not None and motion is not None and (late := follows(signal, motion, time)) is not None
         ]  # fmt: skip
         if behind and max(behind) > 0.5 * usual_step(moved.time):
             return speed, turn, max(behind)
     return None
 
 
-def _behind(signal: Signal, motion: Channel, time: TimeColumn) -> float | None:
-    """How late a motion is, in s; None where that is not to be told."""
-    values, instants = signal.column.values, instants_of(signal.column, time)
+def follows(told: Signal, motion: Channel, time: TimeColumn) -> float | None:
+    """How late a motion is behind a signal, in s; None where that is not to be told."""
+    values = np.abs(told.column.values) if told.kind == "speed" else told.column.values
+    return lateness(told.column, values, motion, time)
+
+
+def lateness(column: Column, values: Array, motion: Channel, time: TimeColumn) -> float | None:
+    """How late a motion is behind values (T,) at the instants of a column, in s; None where that is not to be told."""
+    instants = instants_of(column, time)
     if not len(instants):
         return None
     good = usable(instants, values)
     if np.count_nonzero(good) < len(instants) // 2:
         return None
-    told = np.abs(values[good]) if signal.kind == "speed" else values[good]
     try:
-        return lag(averaged(instants[good], told), motion, longest=_LONGEST)
+        return lag(averaged(instants[good], values[good]), motion, longest=_LONGEST)
     except RecordingError:
         return None
 
 
-def _along(place: Sequence[Signal], time: TimeColumn) -> Channel | None:
-    """The speed along x and y."""
+def along(place: Sequence[Signal], time: TimeColumn) -> Channel | None:
+    """The speed along x and y; None where these do not tell it."""
+    if not place:
+        return None
     (when, one), (other_when, other) = (speed_of(s.column, time) for s in place)
     if not len(one) or not len(other):
         return None
     return averaged(when, np.hypot(one, np.interp(when, other_when, other)))
 
 
-def _turned(heading: Sequence[Signal], time: TimeColumn) -> Channel | None:
+def turning(heading: Sequence[Signal], time: TimeColumn) -> Channel | None:
     """How fast a heading turns, in whatever unit."""
     columns = [signal.column for signal in heading]
     instants = instants_of(columns[0], time) if columns else np.zeros(0)

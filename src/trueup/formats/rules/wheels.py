@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Signals of a left and a right driven wheel: pairs of columns whose names differ in the side alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from trueup.arrays import Array
+from trueup.formats.mapping import TimeColumn
+from trueup.formats.rules.leading import along, lateness, turning
+from trueup.formats.rules.names import COMMANDED, PLAINLY_MEASURED, listed, taken_apart
+from trueup.formats.rules.rule import Column, Example
+from trueup.formats.rules.sizes import instants_of, usable
+from trueup.formats.rules.vehicles import Signal
+from trueup.inspection.alignment import averaged
+from trueup.inspection.relations import factor, nearest
+from trueup.instant import usual_step
+from trueup.recording import Channel
+from trueup.units import canonical, to_si
+
+SIDES = ("left", "right")
+_SIDES: Mapping[str, str] = MappingProxyType(
+    {
+        **dict.fromkeys(("left", "l", "lft", "lhs", "links"), "left"),
+        **dict.fromkeys(("right", "r", "rgt", "rhs", "rechts"), "right"),
+    }
+)
+_WHEELS = listed("wheel wheels ticks tick counts enc encoder encoders rpm pwm motor motors")
+"""Words of which one makes a wheel's signal of whatever else stands beside the side."""
+_SPEEDS = listed(
+    "v vel velocity velocities vels speed speeds omega w rpm rps cps tps rate dot phidot thetadot dphi per sec hz "
+    "geschwindigkeit drehzahl"
+)
+_TURNING = listed("omega w phidot thetadot dphi phi theta joint rpm rps")
+"""Words of a speed that is the wheel's turning."""
+_TRAVELS = listed("pos position positions angle phi theta ticks tick counts count enc encoder encoders odometer distance dist")
+_SHARES = listed("pwm duty power throttle u motor motors voltage volts volt")
+_OTHERS = listed(
+    "current torque effort force temperature temp load error err gain kp ki kd slip drop status accel acceleration acc "
+    "steer steering brake hip knee ankle arm hand foot leg gripper amps overcurrent bumper cliff raw_error integral"
+)
+"""Words of what is no motion of a wheel."""
+PULSES, MIDDLE, FULL = (500.0, 2500.0), 1500.0, 500.0
+"""us: of a servo's signal, whose middle is at 1500 and whose end 500 beside it."""
+_CLEARLY = 0.5
+"""Sum of two correlations by which wheels that count to opposite sides must explain a drive better."""
+_BESIDE = listed("wheel wheels joint base robot drive diff controller front side of s m rad value data msg vel state states")
+_SENSED = listed("encoder enc ticks tick counts odom odometry sensor state states fb")
+
+EXAMPLES = (
+    Example("t,left_wheel_cmd,right_wheel_cmd,x,y,theta", "0 1 2 0 0 0|.1 2 2 .1 0 0|.2 2 1 .2 0 .1",
+            "command[] left right; position[m] x y; heading[rad] heading"),
+    Example("t,cmd_left_mps,cmd_right_mps,x,y,yaw", "0 1 2 0 0 0|.1 2 2 .1 0 0|.2 2 1 .2 0 .1",
+            "command[m/s] left right; position[m] x y; heading[rad] heading"),
+    Example("time,wheel_left_velocity_command,wheel_right_velocity_command,wheel_left_velocity,wheel_right_velocity",
+            "0 1 2 1 2|.1 2 2 2 2|.2 2 1 2 1", "command[] left right; wheel_speed[] left right"),
+    Example("millis,pwm_left,pwm_right,ticks_l,ticks_r", "0 90 99 0 0|20 90 99 5 6|40 80 99 9 13",
+            "command[] left right; wheel_angle[] left right"),
+    Example("t,rpm_left_target,rpm_right_target,rpmLeft,rpmRight", "0 9 9 1 2|.1 9 8 3 4|.2 7 8 5 6",
+            "command[rad/s] left right; wheel_speed[rad/s] left right"),
+    Example("t,v_l_ref,v_r_ref,enc_left,enc_right", "0 1 1 0 0|.1 1 2 5 6|.2 2 2 9 13",
+            "command[m/s] left right; wheel_angle[] left right"),
+    Example("t,wL_ref,wR_ref,phi_l_rad,phi_r_rad,x,y,th", "0 1 2 0 0 0 0 0|.1 2 2 1 1 .1 0 0|.2 2 1 2 2 .2 0 .1",
+            "command[rad/s] left right; wheel_angle[rad] left right; position[m] x y; heading[rad] heading"),
+    Example("t,left_knee_cmd,right_knee_cmd,left_knee_pos,right_knee_pos", "0 .1 .2 .1 .2|.1 .2 .2 .2 .2|.2 .1 .2 .1 .2",
+            "command[rad] left_knee right_knee; position[rad] left_knee right_knee"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """The same of both wheels."""
+
+    columns: tuple[Column, Column]
+    """Left, right."""
+    kind: str
+    """'speed', 'travel' (an angle, a way or counts that add up) or 'share' (of a motor's full command)."""
+    unit: str
+    """In SI, as the names say it: 'm/s', 'rad/s', 'm', 'rad'; '' where they do not."""
+    scale: float
+    """What one of its numbers is in that unit."""
+    commanded: bool
+    measured: bool
+    """Whether its words say so."""
+    of_wheels: bool
+    """Whether its words say that it is wheels' at all."""
+
+
+def pairs(columns: Sequence[Column]) -> list[Pair]:
+    """What is there of two wheels, commands with a unit first."""
+    found: dict[tuple[str, tuple[str, ...]], dict[str, Column]] = {}
+    for column in columns:
+        side, plain = _sided(column.parts.words)
+        if side and column.values.ndim == 1:
+            found.setdefault((column.clock, tuple(plain)), {}).setdefault(side, column)
+    read = [
+        pair
+        for (_, plain), both in found.items()
+        if len(both) == len(SIDES) and (pair := _read((both["left"], both["right"]), list(plain))) is not None
+    ]
+    return _units_alike(sorted(read, key=lambda p: (p.kind == "share", not p.unit)))
+
+
+def _sided(words: Sequence[str]) -> tuple[str, list[str]]:
+    """The side that a name says, '' for none or two, and its other words: "vl" is v of the left."""
+    sides, plain = [], []
+    for word in words:
+        side, rest = _split(word)
+        sides += [side] if side else []
+        plain += [rest] if rest else []
+    return (sides[0] if len(sides) == 1 else ""), plain
+
+
+def _split(word: str) -> tuple[str, str]:
+    if word in _SIDES:
+        return _SIDES[word], ""
+    known = _WHEELS | _SPEEDS | _TRAVELS | _SHARES | COMMANDED
+    for text, side in _SIDES.items():
+        for rest, there in ((word.removesuffix(text), word.endswith(text)), (word.removeprefix(text), word.startswith(text))):
+            if there and rest in known:
+                return side, rest
+    return "", word
+
+
+def _read(columns: tuple[Column, Column], plain: list[str]) -> Pair | None:
+    """What both columns say, by the words that they share."""
+    name = taken_apart(" ".join(["of", *plain]))  # a unit is the end of something
+    tail = "" if plain and plain[-1] in ("a", "c", "k", "n", "v") else {"ms": "m/s"}.get(name.tail, name.tail)
+    declared = columns[0].declared or canonical(tail) or ""
+    words = set(name.bare if tail else name.words) - {"of"}
+    everything = words | set(name.words)
+    unit, scale, _ = to_si(declared) if declared else ("", 1.0, 0.0)
+    wheels, commanded = bool(_WHEELS & everything), bool(COMMANDED & words)
+    known = _WHEELS | _SPEEDS | _TRAVELS | _SHARES | COMMANDED | _BESIDE
+    if _OTHERS & everything or not (wheels or words <= known) or not (words or declared):
+        return None
+    measured = bool((PLAINLY_MEASURED | _SENSED) & words)
+    if unit in ("rad", "m") or (_TRAVELS & words and not _SPEEDS & everything and unit not in ("m/s", "rad/s")):
+        kind, commanded = "travel", False
+        if COMMANDED & words or unit not in ("rad", "m", ""):
+            return None
+    elif unit in ("m/s", "rad/s") or (_SPEEDS & everything and not unit):
+        kind = "speed"
+        unit = unit or ("rad/s" if _TURNING & words else "m/s" if words - COMMANDED - _BESIDE == {"v"} else "")
+    elif unit in ("", "V") and (_SHARES & words or commanded):
+        kind, unit, commanded = "share", "", commanded or not measured
+        scale = scale if declared == "%" else 1.0
+    else:
+        return None
+    return Pair(columns, kind, unit, scale, commanded and not measured, measured, wheels)
+
+
+def _units_alike(found: list[Pair]) -> list[Pair]:
+    """Speeds without a unit that go with others as one to one have theirs."""
+    out = []
+    for pair in found:
+        beside = next((p for p in found if pair.kind == p.kind == "speed" and p.unit and not pair.unit), None)
+        if beside is not None:
+            times = [factor(c.values, o.values) for c, o in zip(pair.columns, beside.columns, strict=True)
+                     if len(c.values) == len(o.values)]  # fmt: skip
+            same = len(times) == len(SIDES) and all(t is not None and nearest(t, {"1": 1.0}) for t in times)
+            pair = replace(pair, unit=beside.unit, scale=beside.scale) if same else pair
+        out.append(pair)
+    return out
+
+
+@dataclass(frozen=True)
+class Driven:
+    """The pair that drives a robot and those that were measured, with what is to be said."""
+
+    command: Pair
+    sign: tuple[float, float]
+    """-1 for a wheel whose command counts backwards."""
+    notes: tuple[str, ...]
+
+
+def measured(found: Sequence[Pair], command: Pair | None = None) -> dict[str, Pair]:
+    """Channel to the first pair that was measured: `wheel_speed`, and `wheel_angle` for what adds up."""
+    channels = {"wheel_speed": "speed", "wheel_angle": "travel"}
+    return {
+        channel: pair for channel, kind in channels.items()
+        if (pair := next((p for p in found if p.kind == kind and not p.commanded and p is not command), None)) is not None
+    }  # fmt: skip
+
+
+def commanded(
+    found: Sequence[Pair], place: Sequence[Signal], heading: Sequence[Signal], time: TimeColumn
+) -> Driven | None:
+    """What drives two wheels; None where nothing does, or where neither a place nor a word says that they are wheels.
+
+    A pair that no word calls a command is one where the motion follows it.
+    """
+    moved, turned = along(place, time), turning(heading, time)
+    told = next((p for p in found if p.commanded and p.kind != "travel"), None)
+    said: tuple[str, ...] = ()
+    if told is None and moved is not None:
+        for pair in (p for p in found if p.kind == "speed" and not p.measured):
+            late = lateness(pair.columns[0], np.abs(_sum(pair, (1.0, 1.0))), moved, time)
+            if late is not None and late > 0.5 * usual_step(moved.time):
+                told = pair
+                said = (
+                    f"{_names(pair)}: taken for what was commanded, since the motion follows {1e3 * late:.0f} ms behind and "
+                    "nothing else says so; if this was measured, name in [channels.command] what was commanded",
+                )  # fmt: skip
+                break
+    if told is None or not (place or any(p.of_wheels for p in (told, *measured(found, told).values()))):
+        return None
+    sign = _signs(told, moved, turned, time)
+    back = [c.name for c, s in zip(told.columns, sign, strict=True) if s < 0.0]
+    said += tuple(f"{name}: counts backwards while the robot drives on, taken with sign -1" for name in back)
+    return Driven(told, sign, said)
+
+
+def _names(pair: Pair) -> str:
+    return " and ".join(c.name for c in pair.columns)
+
+
+def _sum(pair: Pair, sign: tuple[float, float]) -> Array:
+    """(T,) both wheels' numbers added up, pulses from their middle."""
+    middle = MIDDLE if in_pulses(pair) else 0.0
+    left, right = (s * (c.values - middle) for s, c in zip(sign, pair.columns, strict=True))
+    return left + right
+
+
+def _signs(pair: Pair, moved: Channel | None, turned: Channel | None, time: TimeColumn) -> tuple[float, float]:
+    """1 for wheels that count up while the robot drives on; -1 for one that is mounted the other way round."""
+    if moved is None or turned is None:
+        return 1.0, 1.0
+    ahead, turn = _sum(pair, (1.0, 1.0)), _sum(pair, (-1.0, 1.0))
+    plain = _together(pair, np.abs(ahead), moved, time) + abs(_together(pair, turn, turned, time))
+    mirrored = _together(pair, np.abs(turn), moved, time) + abs(_together(pair, ahead, turned, time))
+    if mirrored < plain + _CLEARLY:
+        return 1.0, 1.0
+    return (1.0, -1.0) if _together(pair, ahead, turned, time) < 0.0 else (-1.0, 1.0)
+
+
+def _together(pair: Pair, values: Array, motion: Channel, time: TimeColumn) -> float:
+    """Correlation of (T,) values with a motion that follows soon, both smoothed."""
+    instants = instants_of(pair.columns[0], time)
+    good = usable(instants, values) if len(instants) == len(values) else np.zeros(0, dtype=bool)
+    if np.count_nonzero(good) < 20:
+        return 0.0
+    told = averaged(instants[good], values[good])
+    shown = np.interp(told.time, motion.time, motion.values[:, 0])
+    both = np.std(told.values) * np.std(shown)
+    return float(np.mean((told.values[:, 0] - told.values.mean()) * (shown - shown.mean())) / both) if both > 0.0 else 0.0
+
+
+def in_pulses(pair: Pair) -> bool:
+    """Whether commands are the microseconds of a servo's pulse."""
+    known = np.concatenate([c.known[c.known != 0.0] for c in pair.columns])
+    return pair.kind == "share" and bool(len(known)) and PULSES[0] <= known.min() and known.max() <= PULSES[1]
