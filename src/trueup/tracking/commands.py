@@ -31,7 +31,7 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
     A commanded speed is a throttle too, and a turn rate beside it, or a curvature, the wheel angle (rad) with which a car of
     this wheelbase (m) would turn so, or itself with a wheelbase of 0. Raises RecordingError without them.
     """
-    found = _signals(recording)
+    found = signals(recording)
     drive = next((found[label] for label in _DRIVES if label in found), None)
     steer = next((found[label] for label in _STEERS if label in found), None)
     if drive is None or steer is None or (drive is not found.get("speed") and steer is found.get("turn")):
@@ -39,17 +39,22 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
         apart = (
             "" if found else f" among {', '.join(recording.channels)} (for commands in a file of their own: {TOGETHER})"
         )
+        if {"left", "right"} <= set(found):
+            raise RecordingError(
+                f"recording '{recording.name}': a left and a right wheel are commanded; the file of a robot with two driven "
+                "wheels says how far they are apart: [vehicle] track = 0.23 (m), and wheel_radius = 0.033 (m) where they "
+                "are told how fast to turn"
+            )
         raise RecordingError(
             f"recording '{recording.name}': a car's command needs the labels throttle (or speed) and steering (or turn, a "
             f"turn rate beside a speed); found: {listed}{apart}. Name their columns in the mapping: [channels.command] "
             'columns = ["...", "..."], labels = ["speed", "steering"], units = ["m/s", "rad"]; of a robot with two driven '
-            'wheels labels = ["speed", "turn"], units = ["m/s", "rad/s"]. Speeds of a left and a right '
-            "wheel are none: log their mean as speed and their difference over the track as turn"
+            'wheels labels = ["speed", "turn"], units = ["m/s", "rad/s"], or labels = ["left", "right"], unit = "m/s"'
         )
     parts = [drive, steer, *([found["brake"]] if "brake" in found else [])]
     same = all(p.time is drive.time or np.array_equal(p.time, drive.time) for p in parts)
     time = drive.time if same else np.unique(np.concatenate([p.time for p in parts]))
-    throttle, steering, *brake = (_held(p, time) for p in parts)
+    throttle, steering, *brake = (held(p, time) for p in parts)
     turned = steer in (found.get("turn"), found.get("curvature")) and wheelbase > 0.0
     if turned and steer is found.get("turn"):
         moving = np.abs(throttle) > _STANDS * np.nanmax(np.abs(throttle), initial=0.0)
@@ -62,7 +67,7 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
 
 def told_to_turn(recording: Recording) -> bool:
     """Whether a turn rate is commanded beside a speed, and no steering."""
-    found = set(_signals(recording))
+    found = set(signals(recording))
     return {"speed", "turn"} <= found and not {"steering", "throttle"} & found
 
 
@@ -70,14 +75,14 @@ def turned_on_the_spot(recording: Recording) -> float:
     """Share of the samples at which a robot commanded by speed and turn rate was told to turn without going on."""
     if not told_to_turn(recording):
         return 0.0
-    found = _signals(recording)
+    found = signals(recording)
     time = found["turn"].time
-    turns, speeds = (np.abs(_held(found[label], time)) for label in ("turn", "speed"))
+    turns, speeds = (np.abs(held(found[label], time)) for label in ("turn", "speed"))
     most = [max(float(np.nanmax(x, initial=0.0)), ROUNDED) for x in (turns, speeds)]
     return float(np.mean((turns > _STANDS * most[0]) & (speeds <= _STANDS * most[1])))
 
 
-def _signals(recording: Recording) -> dict[str, Channel]:
+def signals(recording: Recording) -> dict[str, Channel]:
     """What is commanded, by label: that of the command channel, else of channels that hold a part of it."""
     whole = command_of(recording)
     channels = [whole] if whole is not None else []
@@ -89,7 +94,7 @@ def _signals(recording: Recording) -> dict[str, Channel]:
     return found
 
 
-def _held(channel: Channel, time: Array) -> Array:
+def held(channel: Channel, time: Array) -> Array:
     """(T,) a signal at other times: each command stays in force until the next; before the first one it is zero."""
     if channel.time is time:
         return channel.values[:, 0]

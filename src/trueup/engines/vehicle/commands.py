@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,9 +16,20 @@ from trueup.recording import Channel, Recording
 from trueup.rounding import PRINTED, ROUNDED
 from trueup.tracking.cleaned import cleaned
 from trueup.tracking.commands import COMMAND, MOST, driven_by, told_to_turn, turned_on_the_spot
+from trueup.tracking.past import Past
+from trueup.tracking.wheels import Wheels, as_driven
+from trueup.trial import Trial
+from trueup.units import to_si
 
 _ASIDE = 0.25  # share of the full steering: a car that drives straight on so far from zero counts from elsewhere
 _PULSES = (500.0, 2500.0)  # us: of a servo's signal, whose middle is at 1500 and whose end 500 beside it
+_WHEEL_UNITS = {u: to_si(u)[:2] for u in ("m/s", "cm/s", "mm/s", "rad/s", "deg/s", "rpm", "rev/s")} | {
+    "counts a second": ("", 1.0)
+}
+"""In which wheels are told a speed: the unit in SI, and the factor to it."""
+_NEAR = float(np.log(1.25))
+"""Of a robot's way over what its wheels would roll: slip, worn tyres and a soft controller make no more."""
+_GRID = 0.01  # s
 
 
 def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicle, tuple[str, ...]]:
@@ -27,12 +38,18 @@ def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
     Steering that turns the car to the right as it grows gets a full command below zero. Raises RecordingError for
     recordings without pose or command.
     """
+    recordings = recordings if car.wheels is None else [as_driven(r, car.wheels) for r in recordings]
     if car.full is not None or not recordings:
         return car, ()
     car = _told_by(car, recordings)
     commands = [driven_by(r, car.steered_over) for r in recordings]
     spins = max(turned_on_the_spot(r) for r in recordings) if car.drive != TURNED else 0.0
     sized = [car.pursues and all(c.unit_of(label) for c in commands) for label in COMMAND]
+    if car.wheels is not None and not any(sized) and (unit := _unit_of_wheels(car.wheels, recordings)):
+        way = car.wheels.way(_WHEEL_UNITS[unit][0]) * _WHEEL_UNITS[unit][1]
+        full = (1.0 / way, car.wheels.track / way)
+        note = f"commands of the wheels: taken as {unit} by the way driven; say so in the mapping if they are anything else"
+        return replace(car, middle=(0.0, 0.0), full=full, in_si=True), (note,)
     found = [(0.0, 1.0) if si else _middle_and_full(commands, label) for si, label in zip(sized, COMMAND, strict=True)]
     middle, full = (found[0][0], found[1][0]), (found[0][1], found[1][1])
     notes = [
@@ -59,6 +76,32 @@ def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
         scaled = replace(scaled, full=(full[0], -(scaled.full or full)[1]))
         notes.append("steering: grows to the right, taken as its opposite")
     return (scaled, tuple(notes)) if notes or car.pursues else (car, ())
+
+
+def rolling(car: Vehicle, values: Mapping[str, float]) -> tuple[str, ...]:
+    """What calibrated gains of speed and turn rate mean for two wheels; nothing where their commands are no speeds."""
+    if car.wheels is None or not car.in_si:
+        return ()
+    further, turn = values["speed_scale"], 0.5 * (values["turn_left"] + values["turn_right"])
+    radius = f" (as with a radius of {further * car.wheels.radius:.4g} m)" if car.wheels.radius else ""
+    return (
+        f"two driven wheels: they roll {further:.3f} of the way that they are told{radius}, and turn the robot as "
+        f"if they were {car.wheels.track * further / turn:.4g} m apart (track in the file: {car.wheels.track:.4g} m)",
+    )
+
+
+def _unit_of_wheels(wheels: Wheels, recordings: Sequence[Recording]) -> str:
+    """The unit of wheels' commands that fits how far the robot went; '' for none."""
+    told = driven = 0.0
+    for recording in recordings:
+        clean = cleaned(recording, full=(1.0, 1.0), wheelbase=0.0)
+        past = Past.of(Trial.of(clean, ["position", "heading"]), _GRID, COMMAND, at_once=True)
+        told += float(np.abs(past.commands[past.known, 0]).sum())
+        driven += float(np.abs(past.seen[past.known, 3]).sum())
+    ways = {u: factor * wheels.way(si) for u, (si, factor) in _WHEEL_UNITS.items()}
+    off = {u: abs(np.log(driven / told / way)) for u, way in ways.items() if way > 0.0 and told > 0.0 < driven}
+    best = min(off, key=lambda u: off[u], default="")
+    return best if best and off[best] < _NEAR else ""
 
 
 def _told_by(car: Vehicle, recordings: Sequence[Recording]) -> Vehicle:

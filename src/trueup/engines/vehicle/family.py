@@ -13,7 +13,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.calibration import Calibration, Estimate, Prediction
 from trueup.engines.family import Family, Fit, Request
-from trueup.engines.vehicle.commands import with_commands
+from trueup.engines.vehicle.commands import rolling, with_commands
 from trueup.engines.vehicle.judging import Ahead
 from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.prediction import HORIZONS, horizons_for, moved, prediction_errors, spoken
@@ -27,6 +27,7 @@ from trueup.recording import Recording
 from trueup.tracking.heading import told_by
 from trueup.tracking.past import begun_at
 from trueup.tracking.place import tells_place
+from trueup.tracking.wheels import tells_way
 from trueup.trial import Trial
 
 LASTING = ("push_lasts", "trim_lasts", "speed_kept")
@@ -50,7 +51,7 @@ class Vehicles(Family):
     def reads(self, recording: Recording) -> Collection[str]:
         """See Family: what the heading is taken from has that name where it was recorded, a place may be on earth."""
         place = {c.name for n, c in recording.channels.items() if n == "position" and tells_place(c)}
-        return {"speed", "yaw_rate", *place, *(channel.name for channel in told_by(recording))}
+        return {"speed", "yaw_rate", *place, *tells_way(recording), *(channel.name for channel in told_by(recording))}
 
     def simulator(
         self,
@@ -102,7 +103,11 @@ class Vehicles(Family):
         shown = (
             spoken(simulator, found.values, rs, which, horizons) for which, rs in (("", drives), (" held out", others))
         )
-        notes = (*found.notes, *(sentence for each in shown for sentence in each))
+        notes = (
+            *found.notes,
+            *rolling(simulator.vehicle, {e.name: e.value for e in found.estimates}),
+            *(sentence for each in shown for sentence in each),
+        )
         return replace(
             found, estimates=slow_in_one_way(found.estimates), notes=notes, warnings=said_once(found.warnings)
         )

@@ -15,6 +15,7 @@ from trueup.engines.vehicle.kernels import COLUMNS, STEERING_LEFT, STEERING_RIGH
 from trueup.engines.vehicle.quantities import SPEED_DRIVEN, SPEED_PURSUED, THROTTLE_DRIVEN, TURN_PURSUED, Quantity
 from trueup.errors import ParameterError, unknown_name
 from trueup.parameters import Parameter, ParameterSpace
+from trueup.tracking.wheels import Wheels
 
 PURSUED, TURNED = "pursued speed", "pursued speed and turn rate"
 DRIVES: Mapping[str, tuple[Quantity, ...]] = MappingProxyType(
@@ -48,6 +49,8 @@ class Vehicle:
     full: tuple[float, float] | None = None
     """How far beyond `middle` they stand for one, below zero where they grow backwards or to the right; None: 1."""
 
+    wheels: Wheels | None = None
+    """Of a robot on two driven wheels: how commands of a left and a right wheel become a speed and a turn rate."""
     in_si: bool = False
     """Whether its commands are known to be m/s and rad, so that a car of which nothing else is known can drive them."""
     declared: bool = True

@@ -13,6 +13,7 @@ from trueup.engines.vehicle.vehicle import DRIVES, PURSUED, TURNED, Vehicle
 from trueup.errors import ModelError
 from trueup.formats.aside import write_aside
 from trueup.formats.keys import quoted
+from trueup.tracking.wheels import Wheels
 from trueup.typed_toml import build
 
 _DRIVES = {"throttle": "throttle", "speed": PURSUED, "turn": TURNED}
@@ -27,34 +28,46 @@ _EARLIER = {"steering_play": ("steering_slack", 2.0), "steering_rate": ("steerin
 
 @dataclass(frozen=True)
 class _VehicleFile:
-    wheelbase: float
+    wheelbase: float | None = None
     name: str | None = None
     drive: Literal["throttle", "speed", "turn"] | None = None
     enabled_by: str = ""
     middle: tuple[float, float] = (0.0, 0.0)
     full: tuple[float, float] | None = None
     values: Mapping[str, float] = field(default_factory=dict)
+    track: float | None = None
+    wheel_radius: float = 0.0
+    counts_per_turn: float = 0.0
 
 
 def read_vehicle(path: str | Path) -> Vehicle:
     """The vehicle in a TOML file: [vehicle] with wheelbase in m, and [vehicle.values] where some are known.
+
+    A robot on two driven wheels has their `track` in m in place of the wheelbase, and may have `wheel_radius` in m and an
+    encoder's `counts_per_turn` of a wheel.
 
     Raises ModelError, naming file and key, for what is missing, unknown or of the wrong kind.
     """
     where = Path(path)
     data = files.toml(where, ModelError)
     if not isinstance(data.get("vehicle"), Mapping):
-        raise ModelError(f"vehicle '{where}' has no table [vehicle]; it needs at least: [vehicle] wheelbase = 0.17")
+        raise ModelError(
+            f"vehicle '{where}' has no table [vehicle]; it needs at least: [vehicle] wheelbase = 0.17, or of a robot "
+            "on two driven wheels track = 0.23 (m between them)"
+        )
     given = build(_VehicleFile, data["vehicle"], f"vehicle '{where}', [vehicle]", ModelError)
     known = dict(_current(name, value) for name, value in given.values.items())
+    wheels = None if given.track is None else Wheels(given.track, given.wheel_radius, given.counts_per_turn)
+    wheelbase = _over(given, f"vehicle '{where}', [vehicle]")
     drive = (
-        _DRIVES[given.drive]
-        if given.drive is not None
+        _DRIVES[given.drive or "turn"]
+        if given.drive is not None or wheels is not None
         else next((d for d in _DRIVES.values() if set(known) <= {q.name for q in DRIVES[d]}), "throttle")
     )
     return Vehicle(
-        name=where.stem if given.name is None else given.name, wheelbase=given.wheelbase, values=known, drive=drive,
-        declared=given.drive is not None, enabled_by=given.enabled_by, middle=given.middle, full=given.full,
+        name=where.stem if given.name is None else given.name, wheelbase=wheelbase, values=known, drive=drive,
+        wheels=wheels, declared=given.drive is not None or wheels is not None, enabled_by=given.enabled_by,
+        middle=given.middle, full=given.full,
     )  # fmt: skip
 
 
@@ -64,7 +77,7 @@ def write_vehicle(vehicle: Vehicle, path: Path, notes: Mapping[str, str] | None 
     lines = [
         "[vehicle]",
         f"name = {quoted(vehicle.name)}",
-        f"wheelbase = {vehicle.wheelbase!r}  # m",
+        *_sizes(vehicle),
         f'drive = "{said}"  # commands: {_COMMANDS[said]}',
     ]
     if vehicle.enabled_by:
@@ -78,6 +91,36 @@ def write_vehicle(vehicle: Vehicle, path: Path, notes: Mapping[str, str] | None 
         about = f"{q.unit + ', ' if q.unit else ''}{q.about}"
         lines.append(f"{name} = {float(value)!r}  # {about}{'; ' + note if note else ''}")
     write_aside("\n".join(lines) + "\n", path)
+
+
+def _over(given: _VehicleFile, where: str) -> float:
+    """The length in m over which the vehicle turns. Raises ModelError where the file says none, or both."""
+    length = given.wheelbase if given.track is None else given.track
+    if length is None:
+        raise ModelError(
+            f"{where}: 'wheelbase' is missing (m between the axles), or 'track' (m between two driven wheels)"
+        )
+    if given.track is not None and (given.wheelbase is not None or given.drive not in (None, "turn")):
+        other = "'wheelbase'" if given.wheelbase is not None else f"drive = '{given.drive}'"
+        raise ModelError(
+            f"{where}: 'track' is of a robot that two driven wheels turn, {other} of a car; keep one of them"
+        )
+    if given.track is None and (given.wheel_radius or given.counts_per_turn):
+        raise ModelError(
+            f"{where}: 'wheel_radius' and 'counts_per_turn' are of two driven wheels; add their 'track' in m"
+        )
+    return length
+
+
+def _sizes(vehicle: Vehicle) -> list[str]:
+    if vehicle.wheels is None:
+        return [f"wheelbase = {vehicle.wheelbase!r}  # m"]
+    sizes = {
+        "track": (vehicle.wheels.track, "m, between the two driven wheels"),
+        "wheel_radius": (vehicle.wheels.radius, "m"),
+        "counts_per_turn": (vehicle.wheels.counts_per_turn, "of an encoder, for a turn of a wheel"),
+    }
+    return [f"{name} = {value!r}  # {about}" for name, (value, about) in sizes.items() if value]
 
 
 def _current(name: str, value: float) -> tuple[str, float]:

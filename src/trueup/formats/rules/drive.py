@@ -52,8 +52,8 @@ def drive(columns: Sequence[Column], time: TimeColumn) -> list[Part]:
     """The channels of a vehicle (command, position, heading, speed, yaw_rate) in a log; none where it is of something else.
 
     A vehicle is what is commanded by throttle, or speed, and steering, or, where nothing else has a position, by speed and
-    turn rate, or by the speeds of a left and a right wheel; or nothing but where something is on the plane and heads, as a tracker alone logs it. Units that nobody says
-    are those of which numbers speak, else SI.
+    turn rate, or by the speeds of a left and a right wheel; or nothing but where something is on the plane and heads, as a
+    tracker alone logs it. Units that nobody says are those of which numbers speak, else SI.
     """
     paired = wheels.pairs(columns)
     of_wheels = {column for pair in paired for column in pair.columns}
@@ -88,19 +88,22 @@ def _measured(signals: list[Signal], parts: Sequence[Part], time: TimeColumn) ->
     return found
 
 
-def _of_wheels(channel: str, pair: wheels.Pair, sign: tuple[float, float] = (1.0, 1.0), said: tuple[str, ...] = ()) -> Part:
+def _of_wheels(
+    channel: str, pair: wheels.Pair, sign: tuple[float, float] = (1.0, 1.0), said: tuple[str, ...] = ()
+) -> Part:
     """The channel of a left and a right wheel, and what they were taken for."""
     pulses = wheels.in_pulses(pair) and channel == "command"
     scale = tuple(s * (1.0 / wheels.FULL if pulses else pair.scale) for s in sign)
     offset = tuple(-s * wheels.MIDDLE / wheels.FULL for s in sign) if pulses else (0.0,)
-    names = " and ".join(c.name for c in pair.columns)
-    unit = f"in {pair.unit}" if pair.unit else "unit unknown"
-    more = {
-        "command": "shares, from the middle of a servo's pulse" if pulses else f"{unit}: the way driven will tell what they are"
-        if not pair.unit else unit,
-        "wheel_speed": unit if pair.unit else f"{unit}: counts a second, of a robot whose file has counts_per_turn",
-        "wheel_angle": unit if pair.unit else "counts, of a robot whose file has counts_per_turn",
-    }[channel]  # fmt: skip
+    names, unit = " and ".join(c.name for c in pair.columns), f"in {pair.unit}" if pair.unit else "unit unknown"
+    open_ = {
+        "command": "the middle of a servo's pulse counts as zero"
+        if pulses
+        else "the way driven will tell what they are",
+        "wheel_speed": "taken as counts a second where the robot's file has counts_per_turn",
+        "wheel_angle": "taken as counts where the robot's file has counts_per_turn",
+    }
+    more = unit if pair.unit else f"{unit}: {open_[channel]}"
     note = f"{channel}: {names} taken as a left and a right driven wheel, {more}"
     short = scale if len(set(scale)) > 1 else scale[:1]
     return Part(channel, pair.columns, wheels.SIDES, pair.unit, short, (note, *said), (), offset)

@@ -41,7 +41,8 @@ _TAILS: Mapping[tuple[str, ...], str] = MappingProxyType(
     {
         **{tuple(u.lower().split("/")): u for u in ("km/h", "m/s", "cm/s", "mm/s", "rad/s", "deg/s")},
         **{(w,): w for w in ("rpm", "mph", "m", "cm", "mm", "km", "rad", "mrad", "deg", "rev")},
-        **dict.fromkeys((("kmh",), ("kph",), ("kmph",)), "km/h"), ("mps",): "m/s", ("mmps",): "mm/s", ("cmps",): "cm/s", ("ms",): "ms",
+        **dict.fromkeys((("kmh",), ("kph",), ("kmph",)), "km/h"), ("mps",): "m/s", ("ms",): "ms",
+        ("mmps",): "mm/s", ("cmps",): "cm/s",
         **dict.fromkeys((("rads",), ("radps",)), "rad/s"), **dict.fromkeys((("dps",), ("degs",), ("degps",)), "deg/s"),
         **dict.fromkeys((("degrees",), ("degree",)), "deg"), **dict.fromkeys((("radians",), ("radian",)), "rad"),
         ("rev", "s"): "rev/s", ("rps",): "rev/s",

@@ -37,8 +37,10 @@ _SPEEDS = listed(
 )
 _TURNING = listed("omega w phidot thetadot dphi phi theta joint rpm rps")
 """Words of a speed that is the wheel's turning."""
-_TRAVELS = listed("pos position positions angle phi theta ticks tick counts count enc encoder encoders odometer distance dist")
-_SHARES = listed("pwm duty power throttle u motor motors voltage volts volt")
+_TRAVELS = listed(
+    "pos position positions angle phi theta ticks tick counts count enc encoder encoders odometer distance dist"
+)
+_SHARES = listed("pwm duty power throttle u motor motors servo esc voltage volts volt")
 _OTHERS = listed(
     "current torque effort force temperature temp load error err gain kp ki kd slip drop status accel acceleration acc "
     "steer steering brake hip knee ankle arm hand foot leg gripper amps overcurrent bumper cliff raw_error integral"
@@ -48,7 +50,11 @@ PULSES, MIDDLE, FULL = (500.0, 2500.0), 1500.0, 500.0
 """us: of a servo's signal, whose middle is at 1500 and whose end 500 beside it."""
 _CLEARLY = 0.5
 """Sum of two correlations by which wheels that count to opposite sides must explain a drive better."""
-_BESIDE = listed("wheel wheels joint base robot drive diff controller front side of s m rad value data msg vel state states")
+_UNITS = listed("rpm rps mps mmps cmps kmh rads radps dps degps")
+"""Words that are units wherever they stand."""
+_BESIDE = listed(
+    "wheel wheels joint base robot drive diff controller front side of s m rad value data msg vel state states"
+)
 _SENSED = listed("encoder enc ticks tick counts odom odometry sensor state states fb")
 
 EXAMPLES = (
@@ -120,7 +126,10 @@ def _split(word: str) -> tuple[str, str]:
         return _SIDES[word], ""
     known = _WHEELS | _SPEEDS | _TRAVELS | _SHARES | COMMANDED
     for text, side in _SIDES.items():
-        for rest, there in ((word.removesuffix(text), word.endswith(text)), (word.removeprefix(text), word.startswith(text))):
+        for rest, there in (
+            (word.removesuffix(text), word.endswith(text)),
+            (word.removeprefix(text), word.startswith(text)),
+        ):
             if there and rest in known:
                 return side, rest
     return "", word
@@ -128,7 +137,8 @@ def _split(word: str) -> tuple[str, str]:
 
 def _read(columns: tuple[Column, Column], plain: list[str]) -> Pair | None:
     """What both columns say, by the words that they share."""
-    name = taken_apart(" ".join(["of", *plain]))  # a unit is the end of something
+    last = [word for word in plain if word in _UNITS]  # rpm_left_target
+    name = taken_apart(" ".join(["of", *(word for word in plain if word not in _UNITS), *last]))
     tail = "" if plain and plain[-1] in ("a", "c", "k", "n", "v") else {"ms": "m/s"}.get(name.tail, name.tail)
     declared = columns[0].declared or canonical(tail) or ""
     words = set(name.bare if tail else name.words) - {"of"}
@@ -247,7 +257,9 @@ def _together(pair: Pair, values: Array, motion: Channel, time: TimeColumn) -> f
     told = averaged(instants[good], values[good])
     shown = np.interp(told.time, motion.time, motion.values[:, 0])
     both = np.std(told.values) * np.std(shown)
-    return float(np.mean((told.values[:, 0] - told.values.mean()) * (shown - shown.mean())) / both) if both > 0.0 else 0.0
+    return (
+        float(np.mean((told.values[:, 0] - told.values.mean()) * (shown - shown.mean())) / both) if both > 0.0 else 0.0
+    )
 
 
 def in_pulses(pair: Pair) -> bool:

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Robots whose log commands a left and a right wheel are calibrated as those commanded by speed and turn rate."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trueup import formats
+from trueup.cli import main
+from trueup.engines.vehicle import Vehicle, VehicleSimulator
+from trueup.engines.vehicle.commands import with_commands
+from trueup.engines.vehicle.prediction import prediction_errors
+from trueup.engines.vehicle.vehicle import TURNED
+from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
+from trueup.errors import ModelError, RecordingError
+from trueup.recording import Recording
+from trueup.tracking.commands import driven_by
+from trueup.tracking.wheels import Wheels, as_driven, unwrapped
+
+Array = NDArray[np.float64]
+TRACK, RADIUS, COUNTS = 0.2, 0.033, 1440.0
+TRUE_TRACK, TRUE_RADIUS = 0.22, 0.0335
+SIZES = Wheels(TRACK, RADIUS, COUNTS)
+SAID = f"[vehicle]\ntrack = {TRACK}\nwheel_radius = {RADIUS}\ncounts_per_turn = {COUNTS}\n"
+
+
+def drive(seconds: float, seed: int) -> Array:
+    """(T, 8) t, wheels as told (m/s of the declared radius), pose and angles of both wheels, each with a lag of its own."""
+    rng, step = np.random.default_rng(seed), 0.004
+    x = y = psi = 0.0
+    speed, angle, told, rows = np.zeros(2), np.zeros(2), np.zeros(2), []
+    for k in range(round(seconds / step)):
+        if k % 300 == 0:
+            told = rng.uniform(0.25, 0.6) + rng.uniform(-0.15, 0.15) * np.array([-1.0, 1.0])
+        if k % 5 == 0:
+            rows.append([k * step, *told, x, y, psi, *angle])
+        speed += step / np.array([0.12, 0.15]) * (told / RADIUS - speed)
+        angle = angle + step * speed
+        left, right = TRUE_RADIUS * speed
+        psi += step * (right - left) / TRUE_TRACK
+        x, y = (
+            x + step * 0.5 * (left + right) * math.cos(psi),
+            y + step * 0.5 * (left + right) * math.sin(psi),
+        )
+    log = np.array(rows)
+    log[:, 3:6] += rng.normal(0.0, 1e-3, (len(log), 3))
+    return log
+
+
+DIALECTS = {
+    "t,left_wheel_velocity_command,right_wheel_velocity_command,x,y,theta": 1.0 / RADIUS,
+    "t,cmd_left_mps,cmd_right_mps,x,y,theta": 1.0,
+    "t,rpm_left_target,rpm_right_target,x,y,theta": 60.0 / (2.0 * math.pi * RADIUS),
+    "t,left_wheel_cmd,right_wheel_cmd,x,y,theta": 1000.0,
+    "t,targetL,targetR,x,y,theta": COUNTS / (2.0 * math.pi * RADIUS),
+}
+
+
+def written(path: Path, names: str, log: Array, factor: float = 1.0) -> Path:
+    np.savetxt(path, log[:, :6] * [1, factor, factor, 1, 1, 1], delimiter=",", header=names, comments="", fmt="%.7f")
+    return path
+
+
+@pytest.mark.parametrize("names", DIALECTS)
+def test_wheels_drive_a_robot_in_whatever_unit_they_are_told(names: str, tmp_path: Path) -> None:
+    log = drive(20.0, 0)
+    (one,) = formats.read(written(tmp_path / "drive.csv", names, log, DIALECTS[names]))
+    car, _ = with_commands(Vehicle("robot", TRACK, drive=TURNED, wheels=SIZES), [one])
+    assert car.in_si
+    command = VehicleSimulator(car).prepared(one).channel("command")
+    assert command.column("throttle") == pytest.approx(log[:, 1:3].mean(axis=1), abs=1e-4)
+    assert command.column("steering") == pytest.approx((log[:, 2] - log[:, 1]) / TRACK, abs=1e-3)
+
+
+def test_shares_of_a_motors_full_command_keep_a_scale_that_calibration_finds(tmp_path: Path) -> None:
+    (one,) = formats.read(
+        written(tmp_path / "drive.csv", "t,pwm_left,pwm_right,x,y,theta", drive(20.0, 0), 255.0 / 0.77)
+    )
+    car, notes = with_commands(Vehicle("robot", TRACK, drive=TURNED, wheels=Wheels(TRACK)), [one])
+    assert not car.in_si
+    assert "counts as the full command" in " ".join(notes)
+    assert np.abs(VehicleSimulator(car).prepared(one).channel("command").values).max() <= 1.0
+
+
+def test_a_wheel_that_counts_backwards_is_turned_round(tmp_path: Path) -> None:
+    log = drive(20.0, 0)
+    for name, middle, full in (("servo_left_us,servo_right_us", 1500.0, 400.0), ("wheel_l_cmd,wheel_r_cmd", 0.0, 1.0)):
+        told = np.array(log)
+        told[:, 1:3] = middle + full * log[:, 1:3] * [1, -1]
+        (one,) = formats.read(written(tmp_path / "drive.csv", f"t,{name},x,y,theta", told))
+        assert "counts backwards" in one.provenance["guesses"]
+        command = one.channel("command").values
+        assert command[:, 1] / log[:, 2] == pytest.approx(command[:, 0] / log[:, 1], rel=1e-4)
+        assert np.all(command > 0.0)
+
+
+def test_counts_that_add_up_and_begin_anew_are_a_place(tmp_path: Path) -> None:
+    log = drive(20.0, 1)
+    counts = np.floor(log[:, 6:8] * COUNTS / (2.0 * math.pi) + 60000.0) % 65536.0
+    names = "time_ms,target_l_mps,target_r_mps,ticks_l,ticks_r"
+    table = np.column_stack([1e3 * log[:, 0], log[:, 1:3], counts])
+    np.savetxt(tmp_path / "drive.csv", table, delimiter=",", header=names, comments="", fmt="%.7f")
+    (one,) = formats.read(tmp_path / "drive.csv")
+    true = Wheels(TRUE_TRACK, TRUE_RADIUS, COUNTS)
+    place = VehicleSimulator(Vehicle("robot", TRACK, drive=TURNED, wheels=true)).prepared(one).channel("position")
+    assert place.values[-1] == pytest.approx(log[-1, 3:5], abs=0.02)
+    with pytest.raises(RecordingError, match=r"add wheel_radius \(m\) and counts_per_turn"):
+        as_driven(one, Wheels(TRACK))
+
+
+def test_a_counter_begins_anew_where_it_jumps_by_all_its_bits() -> None:
+    counted = np.arange(0.0, 2e5, 900.0)
+    assert unwrapped(counted % 65536.0) == pytest.approx(counted)
+    assert unwrapped((counted + 32768.0) % 65536.0 - 32768.0) == pytest.approx(counted)
+    assert unwrapped(counted) == pytest.approx(counted)
+
+
+def test_a_robots_file_is_found_from_its_wheels_and_replays_new_logs(tmp_path: Path) -> None:
+    (tmp_path / "robot.toml").write_text(SAID)
+    name = next(iter(DIALECTS))
+    logs = [str(written(tmp_path / f"d{k}.csv", name, drive(9.0, k), DIALECTS[name])) for k in range(3)]
+    fit = str(tmp_path / "fit")
+    assert main(["calibrate", str(tmp_path / "robot.toml"), *logs[:2], "--out", fit, "-q"]) == 0
+    assert "two driven wheels" in (tmp_path / "fit" / "report.html").read_text(encoding="utf-8")
+    robot = read_vehicle(f"{fit}/robot.toml")
+    assert robot.wheels == SIZES
+    assert robot.values["speed_scale"] == pytest.approx(TRUE_RADIUS / RADIUS, rel=0.02)
+    turn = 0.5 * (robot.values["turn_left"] + robot.values["turn_right"])
+    assert TRACK * robot.values["speed_scale"] / turn == pytest.approx(TRUE_TRACK, rel=0.03)
+    assert main(["replay", f"{fit}/robot.toml", logs[2], "-q"]) == 0
+    simulator, new = VehicleSimulator(robot), formats.read(logs[2])[0]
+    assert prediction_errors(simulator, np.zeros(0), simulator.prepared(new)).mean(axis=0)[1] < 0.04
+
+
+def test_what_a_robots_file_lacks_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "robot.toml"
+    (one,) = formats.read(written(tmp_path / "drive.csv", next(iter(DIALECTS)), drive(4.0, 0)))
+    with pytest.raises(RecordingError, match=r"\[vehicle\] track = 0.23"):
+        driven_by(one)
+    for text, wrong in (
+        ("", "'wheelbase' is missing .* or 'track'"),
+        ("track = 0.2\nwheelbase = 0.3", "keep one of them"),
+        ("track = 0.2\ndrive = 'throttle'", "keep one of them"),
+        ("wheelbase = 0.2\nwheel_radius = 0.03", "add their 'track'"),
+    ):
+        path.write_text("[vehicle]\n" + text)
+        with pytest.raises(ModelError, match=wrong):
+            read_vehicle(path)
+    turning: Recording = formats.read(
+        written(tmp_path / "told.csv", "t,left_wheel_rpm_cmd,right_wheel_rpm_cmd,x,y,theta", drive(4.0, 0))
+    )[0]
+    with pytest.raises(RecordingError, match=r"add wheel_radius \(m\) to \[vehicle\]"):
+        as_driven(turning, Wheels(TRACK))
+
+
+def test_a_written_file_says_what_was_read(tmp_path: Path) -> None:
+    (tmp_path / "robot.toml").write_text(SAID)
+    robot = read_vehicle(tmp_path / "robot.toml")
+    write_vehicle(robot, tmp_path / "again.toml")
+    again = read_vehicle(tmp_path / "again.toml")
+    assert (again.wheels, again.drive, again.wheelbase) == (SIZES, TURNED, TRACK)
