@@ -97,7 +97,8 @@ def test_the_sheet_has_a_file_to_fill_in_that_says_nothing_by_itself(tmp_path: P
         assert f"  {word} = " in read
         assert f"# {word} = " in template
     filled = template.replace("# seconds = [] ", "seconds = [14.0, 25.2] ")
-    assert "over line 1 after 14 s (0.17 m/s), over line 2 after 25.2 s (0.212 m/s)" in desk.drop(filled)
+    seen = desk.run(filled)
+    assert seen.provenance["note"] == "over line 1 after 14 s (0.17 m/s), over line 2 after 25.2 s (0.212 m/s)"
 
 
 @pytest.mark.parametrize(

@@ -170,9 +170,8 @@ class CampaignView:
             case TrialStarted():
                 return []
             case TrialDone():
-                return [
-                    _line(head, "robot", f"{event.trial} {event.outcome}" + (f": {event.note}" if event.note else ""))
-                ]
+                note = "; ".join(event.note.splitlines())  # one of each repeat
+                return [_line(head, "robot", ": ".join(filter(None, (f"{event.trial} {event.outcome}", note))))]
             case Scored(step="experiment"):
                 return [
                     _line(head, "experiment", f"settings {event.candidate + 1}: {self._scores(event)} on the robot")

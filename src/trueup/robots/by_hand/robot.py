@@ -19,6 +19,7 @@ from trueup.robots.by_hand.check import mismatches, one_of
 from trueup.robots.by_hand.eyes import told_in
 from trueup.robots.by_hand.inbox import PROBLEMS, Inbox, Item
 from trueup.robots.by_hand.sheet import canonical_map, write_sheet
+from trueup.told import is_told
 from trueup.trial import Trial
 
 
@@ -65,8 +66,11 @@ class ByHand:
                 waiting.append(write_sheet(trial, self._outbox, self._inbox).name)
         if waiting:
             logs = "the log" if len(waiting) == 1 else "the logs"
-            seen = [f"{name}.toml" for name in waiting if self._trials[name].watched]
-            logs += f", or {seen[0] if len(seen) == 1 else 'the .toml files'} with what you saw," if seen else ""
+            seen = [name for name in waiting if self._trials[name].watched]
+            if seen:
+                logs = (
+                    f"what you saw ({f'{seen[0]}.toml' if len(seen) == 1 else 'the .toml files'}, filled in) or {logs}"
+                )
             self._say(f"run {self._outbox / _listed(waiting)} on the robot, then put {logs} into {self._inbox}/")
             self._say("waiting ... (Ctrl-C is fine: `trueup resume` goes on from here, next week if need be)")
 
@@ -215,14 +219,11 @@ class ByHand:
                 for i, _, _ in found
             }  # fmt: skip
         for item, recording, named in found:
-            seen = told_in(item.seen, trial).words(trial) if item.seen is not None else ""
-            mapping = None if named or seen else item.mapping(self._inbox) or self._mapping
+            mapping = None if named or is_told(recording) else item.mapping(self._inbox) or self._mapping
             self._accepted.take(trial.name, item.path, mapping, named, _checksum(recording), item.note)
-            if seen:
-                self._say(f"{trial.name}: {seen}")
-            else:
-                self._say(f"{trial.name}: {item.path.name} accepted, {recording.duration:.1f} s, matches the request")
-                self._tell_guesses(recording)
+            fits = "" if is_told(recording) else f", {recording.duration:.1f} s, matches the request"
+            self._say(f"{trial.name}: {item.path.name} accepted{fits}")
+            self._tell_guesses(recording)
             have += 1
         if have == trial.repeats:
             self._finish(trial)
