@@ -153,6 +153,11 @@ def test_a_run_that_was_stopped_says_nothing(tmp_path: Path) -> None:
         desk.robot.perform(desk.trial)
 
 
+def test_what_is_neither_log_nor_filled_in_is_said_to_be_so(tmp_path: Path) -> None:
+    said = Desk(tmp_path, of(LineWalk)[1]).drop("seconds\n14.2\n", "trial-001.csv")
+    assert "A run without a log is told in trial-001.toml" in said
+
+
 def test_a_run_that_needs_a_log_is_not_judged_by_eye(tmp_path: Path) -> None:
     desk = Desk(tmp_path, replace(of(LineWalk)[1], watched=None))
     assert not (desk.sheet / "trial-001.toml").exists()

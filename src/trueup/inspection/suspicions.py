@@ -33,7 +33,9 @@ _RATIOS = {
     "{b} is in thousandths of the unit of {a}": 0.001,
     "{a} has the other sign than {b}": -1.0,
 }
-_VEHICLES = frozenset({"throttle", "speed", "steering", "turn", "x", "latitude", "left", "right"})  # commands and places are no angles
+_VEHICLES = frozenset(
+    {"throttle", "speed", "steering", "turn", "x", "latitude", "left", "right"}
+)  # commands and places are no angles
 
 
 def suspicions(recording: Recording) -> Iterator[str]:

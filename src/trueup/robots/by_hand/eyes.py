@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from trueup.errors import TrialError, unknown_name
 from trueup.told import SIDES, Told
@@ -46,6 +46,16 @@ def template(trial: Trial) -> str:
     ]
     width = 2 + max(len(entry) for entry, _, _ in rows)
     return "\n".join([*head, *(f"# {entry:{width}}# {means}" for entry, _, means in rows)]) + "\n"
+
+
+def hint(name: str, trials: Sequence[Trial]) -> str:
+    """What to do where a file of this name is no log that can be read, and one of what was seen would do; '' elsewhere."""
+    watched = [t.name for t in trials if t.watched]
+    return (
+        ""
+        if not watched or ".toml" in name.lower()
+        else f". A run without a log is told in {watched[0]}.toml, as its sheet says"
+    )
 
 
 def explained(trial: Trial, inbox: str) -> list[str]:

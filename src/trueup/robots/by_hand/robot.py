@@ -16,7 +16,7 @@ from trueup.recording import Recording
 from trueup.robots.by_hand.accepted import Accepted, Run
 from trueup.robots.by_hand.begin import completed
 from trueup.robots.by_hand.check import mismatches, one_of
-from trueup.robots.by_hand.eyes import told_in
+from trueup.robots.by_hand.eyes import hint, told_in
 from trueup.robots.by_hand.inbox import PROBLEMS, Inbox, Item
 from trueup.robots.by_hand.sheet import canonical_map, write_sheet
 from trueup.told import is_told
@@ -176,7 +176,7 @@ class ByHand:
         try:
             found = self._judge(item, mapping)
         except (TrueupError, ValueError, OSError) as error:
-            found = str(error)
+            found = f"{error}{hint(item.path.name, self._waiting())}"
         self._judged[item.path.name] = (state, found)
         return found
 
