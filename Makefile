@@ -18,10 +18,11 @@ help: ## show this list
 demo: $(RUN_READY) ## tune a simulated robot's path follower in a calibrated simulator; report in out/demo
 	@$(VENV)/bin/trueup demo --out out/demo
 
-# One BLAS thread a process: two pytest workers with two threads each would wait for one another.
+# One thread a process, for matrices and simulations: two pytest workers with two threads each would wait for one another.
 test: export OMP_NUM_THREADS = 1
 test: export OPENBLAS_NUM_THREADS = 1
 test: export MKL_NUM_THREADS = 1
+test: export TRUEUP_THREADS = 1
 test: $(DEV_READY) ## run all tests, on two cores
 	@$(MAKE) --no-print-directory rcss >/dev/null 2>&1 || true # a RoboCup server to talk to; its tests say what is missing
 	@# The report is opened in a real browser wherever one can be had; .ci/browser says why there is none, the tests pass it on.

@@ -56,10 +56,10 @@ def record(name: str, seed: int, table: float | None) -> Recording:
     model, rng = mujoco.MjModel.from_xml_string(xml), np.random.default_rng(seed)
     model.opt.timestep = STEP
     data = mujoco.MjData(model)
-    goals = np.stack([rng.uniform(-0.3, 0.35, 9), rng.uniform(-0.2, 0.5, 9)], axis=1)
-    goals[0], goals[4] = 0.0, (0.35, 0.45)
-    time = STEP * EVERY * np.arange(round(9.0 / (STEP * EVERY)), dtype=np.float64)
-    command = np.stack([np.interp(time, np.arange(9) + 0.3, g) for g in goals.T], axis=1)
+    goals = np.stack([rng.uniform(-0.3, 0.35, 7), rng.uniform(-0.2, 0.5, 7)], axis=1)
+    goals[0], goals[3] = 0.0, (0.35, 0.45)
+    time = STEP * EVERY * np.arange(round(7.0 / (STEP * EVERY)), dtype=np.float64)
+    command = np.stack([np.interp(time, np.arange(7) + 0.3, g) for g in goals.T], axis=1)
     angles = np.empty((len(time), 2))
     for _ in range(2000):
         mujoco.mj_step(model, data)
@@ -81,10 +81,14 @@ def arm(tmp_path: Path) -> Path:
 
 
 def test_a_table_is_noticed_found_and_written(arm: Path) -> None:
-    recordings = [record(f"r{i}", i, table=-0.08) for i in range(3)]
+    recordings = [record(f"r{i}", i, table=-0.08) for i in range(2)]
     simulator, notes = simulator_for(arm, recordings)
     assert any("stopped above where its commands" in n for n in notes)
-    found = calibrate(simulator, recordings[:2], recordings[2:], options=Options(cross_validate=False))
+    # Armatures, zeros and delays are those of the file.
+    asked = ("kp", "damping", "friction", "floor_height", "floor_roll", "floor_pitch", "floor_friction")
+    space = simulator.parameters
+    space = space.left_out([name for name in space.names if name.rpartition(".")[2] not in asked])
+    found = calibrate(simulator, recordings[:1], recordings[1:], options=Options(cross_validate=False), space=space)
     values = {e.name: e.value for e in found.estimates}
     # Height and pitch trade where all touches lie on one side of the origin: what counts is the height below the hand.
     touched = 0.36

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -25,7 +26,7 @@ PENDULUM = """<mujoco><option timestep="{step}" integrator="implicitfast"/><worl
 <actuator><position name="m" joint="j" kp="{kp}" forcerange="-1.2 1.2"/></actuator></mujoco>"""
 TRUTH, GUESS = {"step": "1e-3", "kp": "4"}, {"step": "2e-3", "kp": "10"}
 NOISE = 3e-4  # rad
-EVERY = 10  # steps of the truth between samples
+PERIOD = 0.01  # s between samples
 
 
 def chirp(time: Array, seed: int) -> Array:
@@ -40,20 +41,23 @@ def slow(time: Array, seed: int) -> Array:
     return 0.8 * np.sin((0.9 + 0.3 * seed) * time) + 0.15 * np.sin(3.1 * time) + steps
 
 
-def recorded(name: str, command: Array, time: Array, acceleration: float = np.inf, punch: float = 0.0) -> Recording:
+def recorded(
+    name: str, command: Array, time: Array, acceleration: float = np.inf, punch: float = 0.0, step: str = "1e-3"
+) -> Recording:
     """The truth, one `mj_step` after the other; its firmware profiles the command, and pushes at least with its punch."""
-    model = mujoco.MjModel.from_xml_string(PENDULUM.format(**TRUTH))
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(**{**TRUTH, "step": step}))
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
-    step, seen = model.opt.timestep, np.empty(len(time))
-    held = np.repeat(command, EVERY)[None, :, None]
+    dt, seen = model.opt.timestep, np.empty(len(time))
+    every = round(PERIOD / dt)
+    held = np.repeat(command, every)[None, :, None]
     place, pace, out = np.array([[command[0]]]), np.zeros((1, 1)), np.empty_like(held)
-    limited_commands(held, np.full((1, 1), np.inf), np.full((1, 1), acceleration), step, place, pace, out)
+    limited_commands(held, np.full((1, 1), np.inf), np.full((1, 1), acceleration), dt, place, pace, out)
     for _ in range(1000):
         data.ctrl[0] = command[0]
         mujoco.mj_step(model, data)
     for k, told in enumerate(out[0, :, 0]):
-        if k % EVERY == 0:
-            seen[k // EVERY] = data.qpos[0]
+        if k % every == 0:
+            seen[k // every] = data.qpos[0]
         error = told - data.qpos[0]
         data.ctrl[0] = told + np.clip(error / 1e-3, -1.0, 1.0) * punch / 4.0
         mujoco.mj_step(model, data)
@@ -62,9 +66,9 @@ def recorded(name: str, command: Array, time: Array, acceleration: float = np.in
     return Recording(name, {n: Channel(n, ("j",), "rad", time, v[:, None]) for n, v in parts.items()})
 
 
-def found(folder: Path, kind: str, **firmware: float) -> tuple[Preparation, Calibration, float]:
+def found(folder: Path, kind: str, seconds: float = 6.0, **firmware: Any) -> tuple[Preparation, Calibration, float]:
     """A calibration of what it proposes itself, and its error in rad on a motion that it has not seen."""
-    path, time = folder / "pendulum.xml", 0.01 * np.arange(600.0)
+    path, time = folder / "pendulum.xml", np.arange(0.0, seconds, 0.01)
     path.write_text(PENDULUM.format(**GUESS))
     logs = [recorded(f"{kind}{k}", {"chirp": chirp, "slow": slow}[kind](time, k), time, **firmware) for k in range(3)]
     ready = prepare(path, logs[:2], logs[2:])
@@ -109,9 +113,9 @@ def test_a_servo_that_follows_all_that_it_is_told_is_given_neither(tmp_path: Pat
 
 
 def test_a_steep_onset_of_force_is_found_and_written_as_a_second_actuator(tmp_path: Path) -> None:
-    ready, done, error = found(tmp_path, "slow", punch=0.12)
+    ready, done, error = found(tmp_path, "slow", seconds=5.0, punch=0.12, step=GUESS["step"])
     assert value(done, "punch") == pytest.approx(0.12, rel=0.15)
-    assert error < 8.0 * NOISE  # its onset is another one, and its step
+    assert error < 8.0 * NOISE  # its onset is another one
     out = tmp_path / "out.xml"
     said = " ".join(ready.write(done, out, tmp_path / "parameters.toml"))
     assert "punch" not in said

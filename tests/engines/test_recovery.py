@@ -21,8 +21,8 @@ from trueup.recording import Channel, Recording
 
 Array = NDArray[np.float64]
 
-STEP = 2.5e-4  # s
-EVERY = 20  # steps between samples: 200 Hz
+STEP = 5e-4  # s
+EVERY = 10  # steps between samples: 200 Hz
 SETTLE = 1.0  # s of holding the first command before the recording begins
 JOINTS = ("left_hip", "right_hip")
 NOISE = 2e-4  # rad
@@ -118,9 +118,9 @@ def found(
     return {e.name: e.value for e in result.estimates}, result
 
 
-def pair(seed: int = 0, **truth: object) -> list[Recording]:
+def pair(seed: int = 0, seconds: float = 3.0, **truth: object) -> list[Recording]:
     """Two recordings of different motions and lengths."""
-    return [record(f"r{i}", excitation(10 * seed + i, 4.0 - i), seed=i, **truth) for i in range(2)]  # type: ignore[arg-type]
+    return [record(f"r{i}", excitation(10 * seed + i, seconds - i), seed=i, **truth) for i in range(2)]  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("delay", [0.0035, 0.0291])
@@ -138,7 +138,7 @@ def test_a_sensor_delay_is_found_within_half_a_millisecond(tmp_path: Path) -> No
 
 
 def test_commands_stamped_by_another_clock_are_noticed_and_set_right(tmp_path: Path) -> None:
-    wrong, right = pair(delay=0.012, kp=22.0, damping=0.3)
+    wrong, right = pair(seconds=4.0, delay=0.012, kp=22.0, damping=0.3)
     command = wrong.channel("command")
     for late in (0.3, -0.6):
         mixed = [right, wrong.with_channel(command.replace(time=command.time + late))]
@@ -174,7 +174,7 @@ def test_dead_bands_are_found_within_a_tenth(tmp_path: Path) -> None:
         return position + np.sign(error) * np.maximum(np.abs(error) - bands / 2, 0.0)
 
     lines = [Declaration("dead_band"), Declaration("kp", tie="all")]
-    values, _ = found(tmp_path, lines, pair(law=law, kp=20.0))
+    values, _ = found(tmp_path, lines, pair(seconds=2.5, law=law, kp=20.0), step=STEP)
     assert [values[f"{side}_motor.dead_band"] for side in ("left", "right")] == pytest.approx(bands, rel=0.1)
     assert values["kp"] == pytest.approx(20.0, rel=0.02)
 
@@ -207,7 +207,7 @@ def test_mass_and_centre_of_mass_are_found(tmp_path: Path) -> None:
 
 
 def test_the_full_inertia_found_moves_like_the_truth_and_is_physical(tmp_path: Path) -> None:
-    recordings = pair(inertia="0.0045 0.0052 0.0011", mass=0.56)
+    recordings = pair(seconds=4.0, inertia="0.0045 0.0052 0.0011", mass=0.56)
     lines = [Declaration(f"inertia_{c}", ("left+right",)) for c in
              ("alpha", "d1", "d2", "d3", "s12", "s23", "s13", "t1", "t2", "t3")]  # fmt: skip
     _, result = found(tmp_path, lines, recordings, select=True, step=STEP)

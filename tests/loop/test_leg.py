@@ -3,20 +3,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from leg_problem import Truth, recordings, simulator
+from leg_problem import RUNS, Truth, recordings, simulator
 
 from trueup.loop.calibrate import Options, calibrate
 
 
 def test_friction_and_gains_of_a_leg_that_lands_and_balances_are_found(tmp_path: Path) -> None:
     truth = Truth(friction=0.45, kp=60.0, kd=2.0)
-    runs = recordings(truth, np.random.default_rng(7))
-    assert len({len(r.time) for r in runs}) == 3
-    slid = runs[1].channel("position").column("x")
+    brief = [replace(run, duration=0.5 * run.duration) for run in RUNS[1:]]
+    runs = recordings(truth, np.random.default_rng(7), brief)
+    assert len({len(r.time) for r in runs}) == 2
+    slid = runs[0].channel("position").column("x")
     assert slid[-1] - slid[0] > 0.02
     result = calibrate(simulator(tmp_path), runs, options=Options(seed=1, cross_validate=False))
     values = {e.name: e.value for e in result.estimates}
