@@ -18,7 +18,7 @@ from trueup.engines.vehicle.prediction import prediction_errors
 from trueup.engines.vehicle.vehicle import TURNED
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import ModelError, RecordingError
-from trueup.recording import Recording
+from trueup.recording import Channel, Recording
 from trueup.tracking.commands import driven_by
 from trueup.tracking.wheels import Wheels, as_driven, unwrapped
 
@@ -75,6 +75,46 @@ def test_wheels_drive_a_robot_in_whatever_unit_they_are_told(names: str, tmp_pat
     command = VehicleSimulator(car).prepared(one).channel("command")
     assert command.column("throttle") == pytest.approx(log[:, 1:3].mean(axis=1), abs=1e-4)
     assert command.column("steering") == pytest.approx((log[:, 2] - log[:, 1]) / TRACK, abs=1e-3)
+
+
+def test_a_calibrated_robot_refuses_wheels_that_are_told_in_another_unit(tmp_path: Path) -> None:
+    plain, sized, *_ = (
+        formats.read(written(tmp_path / f"drive_{k}.csv", names, drive(4.0, 0), factor))[0]
+        for k, (names, factor) in enumerate(DIALECTS.items())
+    )
+    for full, one in (((1.0, 1.0), plain), ((1.0 / RADIUS, TRACK / RADIUS), sized)):
+        with pytest.raises(RecordingError, match="say the unit"):
+            VehicleSimulator(Vehicle("robot", TRACK, drive=TURNED, wheels=SIZES, full=full)).prepared(one)
+
+
+def test_a_larger_wheel_turns_a_robot_with_the_way_it_drives() -> None:
+    """Half as fast and backwards too: the turn of a metre is the same, to the other side backwards."""
+    for speed in (0.2, 0.4, -0.4):
+        t = np.arange(0.0, 8.0, 0.02)
+        turned, still = 0.15 * speed * t, np.zeros((len(t), 1))
+        way = np.cumsum(0.02 * speed * np.stack([np.cos(turned), np.sin(turned)], axis=1), axis=0)
+        command = Channel("command", ("speed", "turn"), "", t, np.hstack([still + speed, still]), ("m/s", "rad/s"))
+        place, angle = (
+            Channel("position", ("x", "y"), "m", t, way),
+            Channel("heading", ("heading",), "rad", t, turned[:, None]),
+        )
+        log = Recording("log", {c.name: c for c in (command, place, angle)})
+        rolls = {"trim_lasts": 0.0, "push_lasts": 0.0}
+        errors = [
+            prediction_errors(robot, np.zeros(0), robot.prepared(log))[:, 1].max()
+            for veer in (0.0, 0.15)
+            if (robot := VehicleSimulator(Vehicle("robot", TRACK, values={"veer": veer, **rolls}, drive=TURNED)))
+        ]
+        assert errors[1] < 0.01
+        assert errors[1] < 0.3 * errors[0]
+
+
+def test_robots_that_are_never_fast_are_judged_while_they_drive(tmp_path: Path) -> None:
+    slow = drive(20.0, 2)
+    slow[:, 1:5] *= 0.2
+    (one,) = formats.read(written(tmp_path / "drive.csv", "t,cmd_left_mps,cmd_right_mps,x,y,theta", slow))
+    robot = VehicleSimulator(Vehicle("robot", TRACK, drive=TURNED, wheels=SIZES))
+    assert len(prediction_errors(robot, np.zeros(0), robot.prepared(one))) > 20
 
 
 def test_shares_of_a_motors_full_command_keep_a_scale_that_calibration_finds(tmp_path: Path) -> None:

@@ -47,6 +47,12 @@ A car that is driven by throttle and steering, and whose pose was tracked, is a 
   [vehicle]
   wheelbase = 0.1735          # m
 
+So is a robot on two driven wheels, commanded by these or by speed and turn rate (docs/vehicles.md):
+
+  [vehicle]
+  track = 0.23                # m, between the wheels
+  wheel_radius = 0.033        # m; and counts_per_turn, of an encoder
+
 A parameters file says what to calibrate, one table for each line; the result, fit/parameters.toml, is such a file too:
 
   [[parameter]]

@@ -21,6 +21,7 @@ POSE_WINDOW = 0.12  # s: a parabola through this much of the past gives the pose
 _COUNTS = (4, 5, 7, 9)  # samples at least in the shorter window: as many as foretell the next one best
 PAST = 2.0  # s of the past over which the model is compared with the car
 MOVES = 0.2  # m/s: slower, the direction of motion and the curvature of the way say nothing
+_SLOWEST = 0.05  # m/s: what goes no faster stands, as far as a tracker shows
 SETTLE = 1.0  # s of commands before that, for servo and motor to forget where they started
 
 
@@ -96,7 +97,7 @@ class Past:
 
 def first_state(drive: Past, least: float) -> Integers:
     """(1,) the first grid instant at which the car drives and all is known, if tracked for `least` s more; else (0,)."""
-    begun = np.flatnonzero(drive.known & (np.abs(drive.seen[:, 3]) > MOVES))[:1].astype(np.int64)
+    begun = np.flatnonzero(drive.known & (np.abs(drive.seen[:, 3]) > _drives(drive)))[:1].astype(np.int64)
     return begun[drive.begin + drive.step * begun + least <= last_known(drive) + 0.5 * drive.step]
 
 
@@ -112,7 +113,13 @@ def begun_at(drive: Past, longest: float, every: float) -> Integers:
     missing = np.concatenate([[0], np.cumsum(~drive.known)])
     candidates = np.arange(drive.earliest + back, len(drive.known) - ahead - 1, max(1, round(every / drive.step)))
     tracked = missing[candidates + ahead + 1] == missing[candidates]
-    return candidates[tracked & (np.abs(drive.seen[candidates, 3]) > MOVES)].astype(np.int64)
+    return candidates[tracked & (np.abs(drive.seen[candidates, 3]) > _drives(drive))].astype(np.int64)
+
+
+def _drives(drive: Past) -> float:
+    """The speed in m/s from which it drives: MOVES, of robots that are never fast half of what they often exceed."""
+    often = float(np.percentile(np.abs(drive.seen[drive.known, 3]), 85)) if drive.known.any() else 0.0
+    return min(MOVES, max(0.5 * often, _SLOWEST))
 
 
 def _grid(trial: Trial, step: float) -> tuple[float, Array]:

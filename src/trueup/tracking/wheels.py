@@ -10,7 +10,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.errors import ParameterError, RecordingError
 from trueup.recording import Channel, Recording
-from trueup.tracking.commands import held, signals
+from trueup.tracking.commands import MOST, held, signals
 
 _SIDES = ("left", "right")
 _WRAPS = (2.0**16, 2.0**32)
@@ -67,6 +67,29 @@ def as_driven(recording: Recording, wheels: Wheels) -> Recording:
     for channel in (c for c in rolled if not recording.has(c.name)):
         recording = recording.with_channel(channel)
     return recording
+
+
+def refuse_another_unit(recording: Recording, full: tuple[float, float] | None) -> None:
+    """Raises RecordingError where wheels are told in another unit than those with which a robot was calibrated.
+
+    `full` is what stands for one of each command in its file; None before a calibration. `recording` as `as_driven` gives it.
+    """
+    told = [c for label, c in signals(recording).items() if label in ("speed", "turn")]
+    in_si, largest = (
+        any(any(c.units) for c in told),
+        max((float(np.nanmax(np.abs(c.values))) for c in told), default=0.0),
+    )
+    if full is None or not told or (in_si or largest <= MOST if full == (1.0, 1.0) else not in_si):
+        return
+    said, known = (
+        ("have none", "m/s or shares")
+        if full == (1.0, 1.0)
+        else ("have one", f"numbers without one (full = {list(full)})")
+    )
+    raise RecordingError(
+        f"recording '{recording.name}': the robot's file was calibrated with commands of wheels in {known}, these {said}; "
+        "say the unit in the mapping's [channels.command], or calibrate with such logs"
+    )
 
 
 def tells_way(recording: Recording) -> list[str]:

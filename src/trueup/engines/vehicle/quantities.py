@@ -181,6 +181,7 @@ TURN_PURSUED = (
     _usual("turn_right", "rad/s", 1.0, 0.1, 10.0, "log", "turn rate for a command of one, to the right", _CURVES,
            "steering_right"),
     _usual("turn_offset", "rad/s", 0.0, -0.3, 0.3, "linear", "added to the commanded turn rate", _STRAIGHT, "command_offset"),
+    _usual("veer", "rad/m", 0.0, -1.0, 1.0, "linear", "turn with the way driven: one wheel is larger", _STRAIGHT, free=False),
     *(q for q in _IN_CURVES if q.name != "curve_loss"),
     _usual("turns", "", 1.0, 0.0, 1.0, "linear", "that it is turned by two driven wheels", "nothing", free=False),
 )  # fmt: skip

@@ -27,7 +27,7 @@ from trueup.tracking.cleaned import cleaned
 from trueup.tracking.commands import COMMAND
 from trueup.tracking.past import Past
 from trueup.tracking.start import start_state
-from trueup.tracking.wheels import as_driven
+from trueup.tracking.wheels import as_driven, refuse_another_unit
 from trueup.trial import Trial
 
 STEP = {"speed": 0.02, "throttle": 0.01, PURSUED: 0.01, TURNED: 0.01}
@@ -120,7 +120,9 @@ class VehicleSimulator:
         v = self.vehicle
         if v.drive == "speed":
             return recording
-        recording = recording if v.wheels is None else as_driven(recording, v.wheels)
+        if v.wheels is not None:
+            recording = as_driven(recording, v.wheels)
+            refuse_another_unit(recording, v.full)
         return cleaned(recording, v.enabled_by, v.middle, v.full, v.steered_over, backs=v.pursues)
 
     def rollout(

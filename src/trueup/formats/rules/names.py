@@ -36,7 +36,7 @@ _TIME = listed(
 _TIME_UNITS = listed("ms us ns")
 """Names of a clock by themselves."""
 _TICKS = listed("tick ticks")
-_NOT_TIME = listed("index frame episode step steps count counter id seq")
+_NOT_TIME = listed("per index frame episode step steps count counter id seq")
 _TAILS: Mapping[tuple[str, ...], str] = MappingProxyType(
     {
         **{tuple(u.lower().split("/")): u for u in ("km/h", "m/s", "cm/s", "mm/s", "rad/s", "deg/s")},

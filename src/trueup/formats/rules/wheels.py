@@ -29,7 +29,7 @@ _SIDES: Mapping[str, str] = MappingProxyType(
         **dict.fromkeys(("right", "r", "rgt", "rhs", "rechts"), "right"),
     }
 )
-_WHEELS = listed("wheel wheels ticks tick counts enc encoder encoders rpm pwm motor motors")
+_WHEELS = listed("wheel wheels track tracks ticks tick counts enc encoder encoders rpm pwm motor motors")
 """Words of which one makes a wheel's signal of whatever else stands beside the side."""
 _SPEEDS = listed(
     "v vel velocity velocities vels speed speeds omega w rpm rps cps tps rate dot phidot thetadot dphi per sec hz "
@@ -40,7 +40,7 @@ _TURNING = listed("omega w phidot thetadot dphi phi theta joint rpm rps")
 _TRAVELS = listed(
     "pos position positions angle phi theta ticks tick counts count enc encoder encoders odometer distance dist"
 )
-_SHARES = listed("pwm duty power throttle u motor motors servo esc voltage volts volt")
+_SHARES = listed("pwm duty power throttle drive u motor motors servo esc voltage volts volt")
 _OTHERS = listed(
     "current torque effort force temperature temp load error err gain kp ki kd slip drop status accel acceleration acc "
     "steer steering brake hip knee ankle arm hand foot leg gripper amps overcurrent bumper cliff raw_error integral"
@@ -145,7 +145,7 @@ def _read(columns: tuple[Column, Column], plain: list[str]) -> Pair | None:
     everything = words | set(name.words)
     unit, scale, _ = to_si(declared) if declared else ("", 1.0, 0.0)
     wheels, commanded = bool(_WHEELS & everything), bool(COMMANDED & words)
-    known = _WHEELS | _SPEEDS | _TRAVELS | _SHARES | COMMANDED | _BESIDE
+    known = _WHEELS | _SPEEDS | _TRAVELS | _SHARES | COMMANDED | PLAINLY_MEASURED | _SENSED | _BESIDE
     if _OTHERS & everything or not (wheels or words <= known) or not (words or declared):
         return None
     measured = bool((PLAINLY_MEASURED | _SENSED) & words)
@@ -153,6 +153,8 @@ def _read(columns: tuple[Column, Column], plain: list[str]) -> Pair | None:
         kind, commanded = "travel", False
         if COMMANDED & words or unit not in ("rad", "m", ""):
             return None
+        if not unit and not {"ticks", "tick", "counts", "count"} & words and not all(_whole(c) for c in columns):
+            unit = "m" if {"distance", "dist", "odometer"} & words else "rad"
     elif unit in ("m/s", "rad/s") or (_SPEEDS & everything and not unit):
         kind = "speed"
         unit = unit or ("rad/s" if _TURNING & words else "m/s" if words - COMMANDED - _BESIDE == {"v"} else "")
@@ -162,6 +164,10 @@ def _read(columns: tuple[Column, Column], plain: list[str]) -> Pair | None:
     else:
         return None
     return Pair(columns, kind, unit, scale, commanded and not measured, measured, wheels)
+
+
+def _whole(column: Column) -> bool:
+    return bool(np.all(column.known == np.round(column.known)))
 
 
 def _units_alike(found: list[Pair]) -> list[Pair]:
