@@ -32,7 +32,7 @@ def write_log(share: float) -> None:
     Path("geared.xml").write_text(GEARED)
     model = mujoco.MjModel.from_xml_string(GEARED)
     data, rng, lines = mujoco.MjData(model), np.random.default_rng(0), ["time,cmd_hinge,pos_hinge"]
-    for k in range(400):
+    for k in range(250):
         t = 0.01 * k
         data.ctrl[0] = 0.6 * np.sin(1.5 * t) + 0.2 * np.sin(4.1 * t)
         lines.append(f"{t:.6f},{data.ctrl[0]:.6f},{data.qpos[0] + NOISE * rng.standard_normal():.6f}")

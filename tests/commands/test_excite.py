@@ -72,7 +72,7 @@ def test_via_points_keep_the_tool_in_its_box(arm: Path) -> None:
     (arm.parent / "cell.toml").write_text(REGION)
     out = arm.parent / "out"
     args = ["excite", str(arm), "--region", str(arm.parent / "cell.toml"), "--via-points", "5", "--out", str(out), "-q"]
-    assert main([*args, "--duration", "6", "--budget", "3"]) == 0
+    assert main([*args, "--duration", "6", "--budget", "1"]) == 0
     (recording,) = read(out / "trajectory.csv")
     q = recording.channel("position").select(("turn", "lift", "bend")).values
     tool = Chain.of(load_tree(arm), tool=[0.35, 0.0, 0.0]).poses(q)[1]

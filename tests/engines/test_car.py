@@ -367,7 +367,9 @@ def test_a_car_is_calibrated_from_the_shell(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     model = logs[0].with_name("car.toml")
-    code = main(["calibrate", str(model), *map(str, logs), "--hold-out", "drive_2", "--out", "fit"])
+    for log in logs:  # 25 s are enough for the command
+        Path(log.name).write_text("".join(log.read_text().splitlines(keepends=True)[:2500]))
+    code = main(["calibrate", str(model), *(log.name for log in logs), "--hold-out", "drive_2", "--out", "fit"])
     said = capsys.readouterr()
     assert code == 0, said.err
     assert "position, held out" in said.out
@@ -381,7 +383,7 @@ def test_a_real_car_is_predicted_on_a_drive_that_was_not_fitted(real_data: Path,
     files = sorted((real_data / "jetracer").glob("[679]*/*.csv"))
     (tmp_path / "car.toml").write_text("[vehicle]\nwheelbase = 0.1735\n")
     recordings = [formats.read([file])[0] for file in files]
-    ready = prepare(tmp_path / "car.toml", recordings[1:])
+    ready = prepare(tmp_path / "car.toml", [r.slice(r.start, r.start + 45.0) for r in recordings[1:]])
     simulator, found = ready.simulator, ready.calibrate()
     assert isinstance(simulator, VehicleSimulator)
     errors = prediction_errors(simulator, found.values, simulator.prepared(recordings[0]))

@@ -40,12 +40,12 @@ def _way(distance: float, speed: float, acceleration: float, time: Array) -> Arr
 
 
 def _steps(name: str, targets: tuple[float, ...], speed: float, acceleration: float) -> Recording:
-    """An arm told to jump every 1.5 s, whose drive moves its set point in trapezoids instead."""
+    """An arm told to jump every 1.2 s, whose drive moves its set point in trapezoids instead."""
     model = mujoco.MjModel.from_xml_string(_ARM)
     data, rows = mujoco.MjData(model), []
     at = 0.0
     for target in targets:
-        for t in np.arange(0.0, 1.5, 0.01):
+        for t in np.arange(0.0, 1.2, 0.01):
             rows.append((target, float(data.qpos[0])))
             for k in range(20):
                 data.ctrl[0] = at + _way(target - at, speed, acceleration, np.array(t + 5e-4 * (k + 1)))
@@ -61,8 +61,8 @@ def _found(folder: Path, speed: float, acceleration: float) -> tuple[dict[str, f
     """What a calibration finds that proposes its own parameters, and its error in rad on steps of other sizes."""
     path = folder / "arm.xml"
     path.write_text(_ARM.replace('kp="60" kv="2"', 'kp="40" kv="1"').replace("5e-4", "2e-3"))
-    log = _steps("log", (0.0, 0.3, -0.2, 0.8, 0.0, 0.6, 0.5, -0.6), speed, acceleration)
-    other = _steps("other", (0.0, -0.4, 0.7, 0.6, -0.1), speed, acceleration)
+    log = _steps("log", (0.0, 0.3, -0.5, 0.4, 0.3), speed, acceleration)
+    other = _steps("other", (0.0, -0.4, 0.7, 0.6), speed, acceleration)
     done = prepare(path, [log], [other]).calibrate(Options(cross_validate=False))
     (replay,) = done.held_out()
     return {e.name: e.value for e in done.estimates if e.fitted}, float(np.std(replay.after - replay.measured))

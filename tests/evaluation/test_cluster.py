@@ -78,7 +78,7 @@ def dying_once(
     """A walk's scores, by a worker that is killed in the midst of its first chunk."""
     if not mark.exists():
         mark.touch()
-        threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGKILL)).start()
+        threading.Timer(0.1, lambda: os.kill(os.getpid(), signal.SIGKILL)).start()
     return judged(task, simulator, trials, rows, first)
 
 
@@ -158,9 +158,9 @@ def test_a_walk_scores_bit_by_bit_as_in_one_process_with_a_worker_killed_on_the_
     from trueup.studies.walk.scenes import simulator, task
     from trueup.tasks.walking import WalkFront
 
-    walk, engine = task(WalkFront, runs=2, seconds=2.0), simulator()
+    walk, engine = task(WalkFront, runs=1, seconds=1.0), simulator()
     start = walk.parameters.to_unit(walk.parameters.nominal)
-    unit = np.clip(start + 0.1 * np.random.default_rng(0).standard_normal((9, len(start))), 0.0, 1.0)
+    unit = np.clip(start + 0.1 * np.random.default_rng(0).standard_normal((6, len(start))), 0.0, 1.0)
     rows = walk.parameters.from_unit(unit)
     here = Here().evaluate(judgement(walk, engine), rows)
     work = judgement(walk, engine)

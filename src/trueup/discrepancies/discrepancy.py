@@ -72,6 +72,7 @@ def by_samples(
 
 def measured_at(real: Recording, channel: str, labels: tuple[str, ...], time: Array) -> Array:
     """(T, k) measured samples at instants that are a subset of the channel's own; no interpolation."""
-    selected = real.channel(channel).select(labels)
+    whole = real.channel(channel)
+    selected = whole if whole.labels == labels else whole.select(labels)  # which copies and checks a whole run
     where = np.searchsorted(selected.time, time - SAME_INSTANT)
     return selected.values[np.minimum(where, len(selected.time) - 1)]

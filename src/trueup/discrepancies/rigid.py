@@ -55,11 +55,12 @@ class RigidlyAligned:
 
     def _turn(self, moved: dict[str, Array], measured: dict[str, Array]) -> None:
         """One Gauss-Newton step of turn and shift, in place, all rows at once."""
-        good = np.isfinite(measured["position"]).all(axis=1)
+        seen = np.isfinite(measured["position"]).all(axis=1)
+        good = slice(None) if seen.all() else seen  # no copies where nothing is missing
         weight = 1.0 / float(np.mean(self.scale("position", ("x", "y")))) ** 2
         points = moved["position"]
         centre, shift = points[:, :1], np.zeros((1, 1, 2))
-        if good.any():  # else nobody saw where it was, and nothing says how far to shift it
+        if seen.any():  # else nobody saw where it was, and nothing says how far to shift it
             centre = points[:, good].mean(axis=1, keepdims=True)
             shift = (measured["position"][good][None] - points[:, good]).mean(axis=1, keepdims=True)
         arms = points[:, good] - centre

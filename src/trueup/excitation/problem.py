@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.cores import cores
 from trueup.errors import ModelError
 from trueup.excitation.cell import Cell, Settings
 from trueup.excitation.chain import Chain
@@ -109,9 +109,7 @@ def excitation_problem(
     feasibility = Feasibility(limits, distance, asked.margin, model, parameters, cell, 0.0)
     settings = Settings(speed=asked.speed, turn=2.0 * asked.speed)
     wish = Wish(asked.motion, asked.duration or Wish.duration, asked.via_points, settings, asked.rate)
-    options = Options(
-        samples=1000, seed=asked.seed, budget=asked.budget, candidates=12000, threads=min(4, os.cpu_count() or 1)
-    )
+    options = Options(samples=1000, seed=asked.seed, budget=asked.budget, candidates=12000, threads=min(4, cores()))
     more = (*(() if cell is None else cell.notes), *(() if distance is None else distance.notes))
     return ExcitationProblem(
         criterion, feasibility, wish, options, chain, (*notes, *tree.notes, *limits.notes, *said, *more)
