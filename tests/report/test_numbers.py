@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import pytest
 from hypothesis import example, given
@@ -19,6 +20,7 @@ from trueup.report.numbers import (
     significant,
     supported_decimals,
 )
+from trueup.report.plots import Plot
 
 
 @pytest.mark.parametrize(
@@ -91,3 +93,11 @@ def test_a_long_name_keeps_both_ends() -> None:
     assert len(short) == 10
     assert short.startswith("abc")
     assert short.endswith("nop")
+
+
+@pytest.mark.parametrize("width", [4.0, 14.0, 30.0])
+def test_the_numbers_beside_a_map_are_within_its_picture(width: float) -> None:
+    drawn = Plot((-0.5 * width, 0.5 * width), (-7.0, 1.0), width=215, height=190, equal=True).svg("a map")
+    beside = re.findall(r'<text x="([\d.]+)"[^>]*text-anchor="end"[^>]*>([^<]*)<', drawn)
+    assert beside
+    assert all(float(x) > 7.0 * len(words) for x, words in beside)  # 7 pixels a digit of 12 pixels' height

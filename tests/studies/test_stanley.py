@@ -113,7 +113,10 @@ def test_an_unknown_course_is_refused() -> None:
         chasi.task(("hairpins",))
 
 
-def test_the_whole_study_ends_with_a_table_and_a_report_of_all_its_parts(tmp_path: Path) -> None:
+def test_the_whole_study_ends_with_a_table_and_a_report_of_all_its_parts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("trueup.studies.stanley.courses.TRAINING", 2)
     told: list[tuple[str, int, int, float]] = []
     lines: list[str] = []
     study = run_study(

@@ -41,12 +41,16 @@ class Plot:
     def __post_init__(self) -> None:
         """Widens empty ranges, and the longer axis of a map; makes room for long numbers."""
         self.x, self.y = _wide(self.x), _wide(self.y)
-        longest = max((len(words) for words in mark_texts(nice_marks(*self.y, 5))), default=0)
-        self._left = max(self._left, 34 + 7 * longest) if self.y_title else 14 + 7 * longest
-        if self.equal:
-            inner, high = self.width - EDGE - self._left, self.height - EDGE - HEAD
-            scale = max((self.x[1] - self.x[0]) / inner, (self.y[1] - self.y[0]) / high)
-            self.x, self.y = _about(self.x, scale * inner), _about(self.y, scale * high)
+        least, drawn = self._left, (self.x, self.y)
+        for _ in range(
+            3 if self.equal else 1
+        ):  # the longer axis of a map may have longer numbers, which leave it less room
+            longest = max((len(words) for words in mark_texts(nice_marks(*self.y, 5))), default=0)
+            self._left = max(least, 34 + 7 * longest) if self.y_title else 14 + 7 * longest
+            if self.equal:
+                inner, high = self.width - EDGE - self._left, self.height - EDGE - HEAD
+                scale = max((a[1] - a[0]) / size for a, size in zip(drawn, (inner, high), strict=True))
+                self.x, self.y = _about(drawn[0], scale * inner), _about(drawn[1], scale * high)
 
     @property
     def _box(self) -> Box:
