@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A first look at how a car pursues a commanded speed and turns its wheels: limits and delays are scanned."""
+"""A first look at how a car pursues a commanded speed and turns its wheels: limits, lags and delays are scanned."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trueup.arrays import Array
 from trueup.rounding import NEGLIGIBLE
@@ -34,8 +35,8 @@ class Scan:
     """s."""
     scales: tuple[float, ...] = (0.94, 1.0, 1.06)
     """Around the usual speed for a command of one."""
-    rates: tuple[float, ...] = tuple(np.geomspace(0.2, 20.0, 9).tolist())
-    """Of the steering, in units of its command, 1/s."""
+    rates: tuple[float, ...] = tuple(np.geomspace(20.0, 0.2, 9).tolist())
+    """Of the steering, in units of its command, 1/s; of those that tell the same the first."""
     lags: tuple[float, ...] = (0.0, 0.05, 0.1, 0.2, 0.4)
     """s, of the steering."""
     waits: tuple[float, ...] = (0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3)
@@ -44,16 +45,24 @@ class Scan:
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """Commands (T, 2) and what was seen of speed and turn rate (T,), NaN where nothing was, every `step` s."""
+    """What was seen of speed and turn rate (T,), NaN where nothing was, every `step` s, and commands (before + T, 2)."""
 
     commands: Array
     speed: Array
     turning: Array
     step: float
+    before: int
+    """Steps of commands that led to where it begins."""
+
+    def command(self, k: int, late: NDArray[np.intp], column: int) -> Array:
+        """(n,) what was commanded `late` (n,) steps before step k."""
+        return self.commands[np.maximum(self.before + k - late, 0), column]
 
 
-def pursuit(drives: Sequence[Past], wheelbase: float, scan: Scan | None = None) -> dict[str, float]:
-    """Start values of speed and steering; nothing where the car never drives.
+def pursuit(
+    drives: Sequence[Past], wheelbase: float, scan: Scan | None = None, *, commanded: bool = True
+) -> dict[str, float]:
+    """Start values of speed (unless it is not what is `commanded`) and steering; nothing where the car never drives.
 
     Each combination is run under the recorded commands from what was seen when a piece began, all at once; the one that is
     nearest to what was seen counts, by the mean of absolute differences.
@@ -63,7 +72,7 @@ def pursuit(drives: Sequence[Past], wheelbase: float, scan: Scan | None = None) 
     if not pieces:
         return {}
     pieces = [pieces[k] for k in np.unique(np.linspace(0, len(pieces) - 1, scan.most).round().astype(int))]
-    return _speed(pieces, scan) | _steering(pieces, wheelbase, scan)
+    return (_speed(pieces, scan) if commanded else {}) | _steering(pieces, wheelbase, scan)
 
 
 def _pieces(past: Past, scan: Scan) -> list[_Piece]:
@@ -74,13 +83,17 @@ def _pieces(past: Past, scan: Scan) -> list[_Piece]:
         if not firsts or k >= firsts[-1] + per:
             firsts.append(k)
     seen = np.where(past.known[:, None], past.seen[:, 3:], np.nan)
-    cuts = [slice(k, k + per, scan.coarse) for k in firsts]
-    return [_Piece(past.commands[c], seen[c, 0], seen[c, 1], past.step * scan.coarse) for c in cuts]
+    pieces = []
+    for k in firsts:
+        cut, before = slice(k, k + per, scan.coarse), min(k, per) // scan.coarse
+        commands = past.commands[k - before * scan.coarse : k + per : scan.coarse]
+        pieces.append(_Piece(commands, seen[cut, 0], seen[cut, 1], past.step * scan.coarse, before))
+    return pieces
 
 
 def _speed(pieces: Sequence[_Piece], scan: Scan) -> dict[str, float]:
     """Acceleration = gain * (scale * speed commanded - speed), within its limits."""
-    told = np.concatenate([p.commands[:, 0] for p in pieces])
+    told = np.concatenate([p.commands[p.before :, 0] for p in pieces])
     seen = np.concatenate([p.speed for p in pieces])
     moved = (np.abs(told) > 0.0) & np.isfinite(seen)
     if not moved.any():
@@ -102,8 +115,8 @@ def _nearest(pieces: Sequence[_Piece], tried: Iterable[tuple[float, ...]]) -> li
     off = np.zeros(len(options))
     for p in pieces:
         late, v = np.round(delay / p.step).astype(int), np.full(len(options), p.speed[0])
-        for k in range(len(p.commands) - 1):
-            wanted = scale * p.commands[np.maximum(k - late, 0), 0]
+        for k in range(len(p.speed) - 1):
+            wanted = scale * p.command(k, late, 0)
             v = v + p.step * np.clip(gain * (wanted - v), -down, up)
             off += np.nan_to_num(np.abs(v - p.speed[k + 1]))
     return options[int(np.argmin(off))].tolist()
@@ -120,9 +133,11 @@ def _steering(pieces: Sequence[_Piece], wheelbase: float, scan: Scan) -> dict[st
     for p in pieces:
         late, share = np.round(delay / p.step).astype(int), 1.0 - np.exp(-p.step / np.maximum(lag, 1e-3))
         lagged = wheel = np.full(len(options), p.commands[0, 1])
-        for k in range(len(p.commands) - 1):
-            lagged = lagged + share * (p.commands[np.maximum(k - late, 0), 1] - lagged)
+        for k in range(-p.before, len(p.speed) - 1):
+            lagged = lagged + share * (p.command(k, late, 1) - lagged)
             wheel = wheel + np.clip(lagged - wheel, -rate * p.step, rate * p.step)
+            if k < 0:
+                continue
             if p.speed[k + 1] > MOVES or (wheelbase == 0.0 and np.isfinite(p.turning[k + 1])):
                 wheels.append(wheel)
                 turned.append(p.turning[k + 1])

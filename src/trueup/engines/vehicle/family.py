@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -82,8 +82,8 @@ class Vehicles(Family):
     def calibrate(
         self, simulator: VehicleSimulator, training: Sequence[Recording], held_out: Sequence[Recording], fit: Fit
     ) -> Calibration:
-        """Calibrated by how far predictions go astray, from each of `BEGUN` unless the file says these; what predicts its own
-        drives best stays.
+        """Calibrated by how far predictions go astray, from each of `BEGUN` unless the file says these, and from a wheel that
+        turns slowly where a look shows one; what predicts its own drives best stays.
 
         Raises what `fit` raises, and RecordingError for drives without pose or command.
         """
@@ -94,7 +94,10 @@ class Vehicles(Family):
         ):
             own, said = simulator.vehicle.values, set(LASTING) <= set(simulator.vehicle.values)
             begun = [own] if said else [dict(zip(LASTING, at, strict=True)) for at in BEGUN]
-            starts = [simulator.searching(space.freeze(LASTING, {n: at[n] for n in LASTING})) for at in begun]
+            spaces = [space.freeze(LASTING, {n: at[n] for n in LASTING}) for at in begun]
+            slow = Look.at(drives).slow_wheel(simulator.vehicle)
+            spaces += [_begun_at(spaces[0], slow)] if slow else []
+            starts = [simulator.searching(s) for s in spaces]
             every = [_in_turns(s, drives, others, fit, again=k > 0) for k, s in enumerate(starts)]
             found = min(every, key=lambda c: _astray(simulator, c.values, drives))
         else:
@@ -204,6 +207,13 @@ def _with_parameters(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Veh
     uneven = ("veer",) if car.wheels is not None else ()  # nobody evens out wheels that are told one by one
     free = [q.name for q in car.quantities if (q.free or q.name in uneven) and q.name not in calm]
     return VehicleSimulator(car, car.space(free, look.starts(car), steers)), (*taken, *calm.values())
+
+
+def _begun_at(space: ParameterSpace, values: Mapping[str, float]) -> ParameterSpace:
+    """The space, searched from other values where parameters are free."""
+    return ParameterSpace(
+        tuple(p.replace(nominal=values.get(p.name, p.nominal) if not p.frozen else p.nominal) for p in space.parameters)
+    )
 
 
 def _only(names: Sequence[str], space: ParameterSpace, values: Array) -> ParameterSpace:
