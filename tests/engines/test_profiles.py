@@ -61,7 +61,7 @@ def _found(folder: Path, speed: float, acceleration: float) -> tuple[dict[str, f
     """What a calibration finds that proposes its own parameters, and its error in rad on steps of other sizes."""
     path = folder / "arm.xml"
     path.write_text(_ARM.replace('kp="60" kv="2"', 'kp="40" kv="1"').replace("5e-4", "2e-3"))
-    log = _steps("log", (0.0, 0.3, -0.5, 0.4, 0.3), speed, acceleration)
+    log = _steps("log", (0.0, 0.3, -0.5, 0.6, 0.5), speed, acceleration)
     other = _steps("other", (0.0, -0.4, 0.7, 0.6), speed, acceleration)
     done = prepare(path, [log], [other]).calibrate(Options(cross_validate=False))
     (replay,) = done.held_out()
