@@ -57,10 +57,19 @@ def changes(assignments: Sequence[Assignment], values: Array) -> Changes:
     return made
 
 
+def acts_in_each_step(assignments: Sequence[Assignment], values: Array) -> bool:
+    """Whether any law acts with values (b, n)."""
+    return any(law is not None for law in _acting(assignments, values))
+
+
+def _acting(assignments: Sequence[Assignment], values: Array) -> set[LawFactory | None]:
+    return {a.quantity.law for a, column in zip(assignments, values.T, strict=True) if a.quantity.acts(column)}
+
+
 def laws(assignments: Sequence[Assignment], values: Array, model: Model, copies: Copies) -> list[Law]:
     """What acts in each step with values (b, n), once they are written: no law of which there is nothing."""
     terms: dict[LawFactory, list[Term]] = {}
-    acting = {a.quantity.law for a, column in zip(assignments, values.T, strict=True) if a.quantity.acts(column)}
+    acting = _acting(assignments, values)
     for a, column in zip(assignments, values.T, strict=True):
         if a.quantity.law is not None and a.quantity.law in acting:
             terms.setdefault(a.quantity.law, []).extend(Term(a.kind, t, v) for t, v in a.spread(column))

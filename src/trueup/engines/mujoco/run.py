@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
-from trueup.articulated.assignments import Assignment, laws, write
+from trueup.articulated.assignments import Assignment, acts_in_each_step, laws, write
 from trueup.articulated.closed_loop import ClosedLoop
 from trueup.articulated.gains import Gains
 from trueup.articulated.kernels import read_off
@@ -74,8 +74,9 @@ class Run:
         self.watch = Watch(simulator.model, self.compiled, trials, simulator.step)
         read = any(s.field == "sensordata" for per in self.sources for s in per.values())
         self.batch = simulator.batches.get(
-            len(trials) * self.candidates, contacts=contacts, sensors=any(own) or read or self.watch.any
-        )
+            len(trials) * self.candidates, contacts=contacts, sensors=any(own) or read or self.watch.any,
+            stepwise=acts_in_each_step(simulator.quantities, values[:, :count]),
+        )  # fmt: skip
         self.copies = MujocoCopies(self.compiled, self.batch)
         self._write_model(values)
         seeing = [factory is not None for factory in own]

@@ -184,6 +184,7 @@ class VehicleSimulator:
             ),
             len(rows),
             self._threads or cores(),
+            timed=True,
         )
         return out
 

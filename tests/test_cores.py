@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Work shared among threads: every row once, whatever the threads, and no more of them than pay."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import mujoco
+import numpy as np
+import pytest
+
+from trueup.cores import in_threads, worth
+from trueup.engines.mujoco.batches import Batches
+
+
+@pytest.mark.parametrize("timed", [False, True])
+@pytest.mark.parametrize("count", [0, 1, 2, 7])
+@pytest.mark.parametrize("threads", [1, 2, 16])
+def test_every_row_is_done_once(count: int, threads: int, timed: bool) -> None:
+    done = np.zeros(count)
+
+    def work(rows: slice) -> None:
+        done[rows] += 1.0
+
+    in_threads(work, count, threads, timed=timed)
+    assert (done == 1.0).all()
+
+
+def test_threads_are_taken_where_a_row_takes_long_and_not_where_it_is_quick() -> None:
+    def who(spent: float) -> set[int]:
+        seen = set()
+
+        def work(rows: slice) -> None:
+            seen.add(threading.get_ident())
+            time.sleep(spent * (rows.stop - rows.start))
+
+        in_threads(work, 9, 2, timed=True)
+        return seen
+
+    assert who(0.0) == {threading.get_ident()}
+    assert len(who(0.01)) > 1
+
+
+def test_each_thread_has_twice_as_much_to_do_as_it_costs() -> None:
+    assert [worth(spent, 1.0, 8) for spent in (0.1, 3.9, 4.0, 6.5, 100.0)] == [1, 1, 2, 3, 8]
+
+
+def test_a_small_batch_that_is_stepped_one_by_one_waits_for_no_other_thread() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><joint/><geom size='.1'/></body></worldbody></mujoco>"
+    )
+    batches = Batches(model, model, 4)
+    assert batches.get(12, contacts=False, sensors=False, stepwise=True).nthread == 1
+    assert batches.get(12, contacts=False, sensors=False).nthread == 4
