@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import threading
-import time
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -27,19 +27,23 @@ def test_every_row_is_done_once(count: int, threads: int, timed: bool) -> None:
     assert (done == 1.0).all()
 
 
-def test_threads_are_taken_where_a_row_takes_long_and_not_where_it_is_quick() -> None:
+def test_threads_are_taken_where_a_row_takes_long_and_not_where_it_is_quick(monkeypatch: pytest.MonkeyPatch) -> None:
     def who(spent: float) -> set[int]:
-        seen = set()
+        seen, clock = set(), iter((0.0, spent))
+        waiting = threading.Barrier(2, timeout=60.0)  # two threads meet there, or one alone never gets past it
 
         def work(rows: slice) -> None:
             seen.add(threading.get_ident())
-            time.sleep(spent * (rows.stop - rows.start))
+            if spent > 1.0 and rows.start:
+                waiting.wait()
 
-        in_threads(work, 9, 2, timed=True)
+        with monkeypatch.context() as patch:
+            patch.setattr("trueup.cores.time", SimpleNamespace(perf_counter=lambda: next(clock)))
+            in_threads(work, 9, 2, timed=True)
         return seen
 
-    assert who(0.0) == {threading.get_ident()}
-    assert len(who(0.01)) > 1
+    assert who(1e-6) == {threading.get_ident()}
+    assert len(who(10.0)) == 3
 
 
 def test_each_thread_has_twice_as_much_to_do_as_it_costs() -> None:

@@ -18,6 +18,7 @@ from trueup.engines.vehicle.prediction import prediction_errors
 from trueup.engines.vehicle.vehicle import TURNED
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import ModelError, RecordingError
+from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 from trueup.tracking.commands import driven_by
 from trueup.tracking.wheels import Wheels, as_driven, unwrapped
@@ -29,8 +30,11 @@ SIZES = Wheels(TRACK, RADIUS, COUNTS)
 SAID = f"[vehicle]\ntrack = {TRACK}\nwheel_radius = {RADIUS}\ncounts_per_turn = {COUNTS}\n"
 
 
-def drive(seconds: float, seed: int) -> Array:
-    """(T, 8) t, wheels as told (m/s of the declared radius), pose and angles of both wheels, each with a lag of its own."""
+def drive(seconds: float, seed: int, dead: float = 0.0) -> Array:
+    """(T, 8) t, wheels as told (m/s of the declared radius), pose and angles of both wheels, each with a lag of its own.
+
+    What they are told within +- `dead` does not move them, and beyond only what is more.
+    """
     rng, step = np.random.default_rng(seed), 0.004
     x = y = psi = 0.0
     speed, angle, told, rows = np.zeros(2), np.zeros(2), np.zeros(2), []
@@ -39,7 +43,7 @@ def drive(seconds: float, seed: int) -> Array:
             told = rng.uniform(0.25, 0.6) + rng.uniform(-0.15, 0.15) * np.array([-1.0, 1.0])
         if k % 5 == 0:
             rows.append([k * step, *told, x, y, psi, *angle])
-        speed += step / np.array([0.12, 0.15]) * (told / RADIUS - speed)
+        speed += step / np.array([0.12, 0.15]) * ((told - np.clip(told, -dead, dead)) / RADIUS - speed)
         angle = angle + step * speed
         left, right = TRUE_RADIUS * speed
         psi += step * (right - left) / TRUE_TRACK
@@ -204,3 +208,20 @@ def test_a_written_file_says_what_was_read(tmp_path: Path) -> None:
     write_vehicle(robot, tmp_path / "again.toml")
     again = read_vehicle(tmp_path / "again.toml")
     assert (again.wheels, again.drive, again.wheelbase) == (SIZES, TURNED, TRACK)
+
+
+def test_a_share_below_which_motors_stand_still_is_found(tmp_path: Path) -> None:
+    (tmp_path / "robot.toml").write_text(SAID)
+    logs = []
+    for seed in range(3):
+        table = drive(20.0, seed, dead=0.16)
+        table[:, 1:3] *= 255.0 / 0.8
+        path = tmp_path / f"run_{seed}.csv"
+        np.savetxt(path, table[:, :6], delimiter=",", header="t,pwm_left,pwm_right,x,y,theta", comments="")
+        logs.append(formats.read([path])[0])
+    ready = prepare(tmp_path / "robot.toml", logs)
+    assert isinstance(ready.simulator, VehicleSimulator)
+    full = ready.simulator.vehicle.full
+    assert full is not None
+    found = next(e for e in ready.calibrate().estimates if e.name == "wheel_dead")
+    assert found.value == pytest.approx(0.16 / 0.8 * 255.0 / full[0], rel=0.15)

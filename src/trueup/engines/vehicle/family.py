@@ -204,8 +204,9 @@ def _with_parameters(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Veh
     look = Look.at(drives, at_once=car.pursues)
     calm = {name: why for name, why in look.unseen().items() if name in car.names}
     steers = max((float(np.nanmax(np.abs(d.channel("command").column("steering")))) for d in drives), default=1.0)
-    uneven = ("veer",) if car.wheels is not None else ()  # nobody evens out wheels that are told one by one
-    free = [q.name for q in car.quantities if (q.free or q.name in uneven) and q.name not in calm]
+    # Nobody evens out wheels that are told one by one; what is told as a share is a motor's voltage.
+    own = () if car.wheels is None else ("veer",) if car.in_si else ("veer", "wheel_dead")
+    free = [q.name for q in car.quantities if (q.free or q.name in own) and q.name not in calm]
     return VehicleSimulator(car, car.space(free, look.starts(car), steers)), (*taken, *calm.values())
 
 

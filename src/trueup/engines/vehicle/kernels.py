@@ -68,8 +68,17 @@ def share_of(lag: float, dt: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def beyond(command: float, dead: float) -> float:
+    """What of a wheel's command moves it: nothing within its dead zone, beyond it what is more."""
+    return command - min(max(command, -dead), dead)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def step_actuators(p: Array, dt: float, drive: float, steering: float, shares: Array, s: Array) -> None:
     """Motor and steering follow their delayed commands; `shares` (2,) are `share_of` their lags."""
+    if p[TURNS] > 0.0 and p[THROTTLE_DEAD] > 0.0:
+        left, right = beyond(drive - 0.5 * steering, p[THROTTLE_DEAD]), beyond(drive + 0.5 * steering, p[THROTTLE_DEAD])
+        drive, steering = 0.5 * (left + right), right - left
     if p[DRIVE] > 0.0:
         s[MOTOR] += shares[0] * (drive - s[MOTOR])
     else:

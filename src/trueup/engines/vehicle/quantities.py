@@ -182,6 +182,8 @@ TURN_PURSUED = (
            "steering_right"),
     _usual("turn_offset", "rad/s", 0.0, -0.3, 0.3, "linear", "added to the commanded turn rate", _STRAIGHT, "command_offset"),
     _usual("veer", "rad/m", 0.0, -1.0, 1.0, "linear", "turn with the way driven: one wheel is larger", _STRAIGHT, free=False),
+    Quantity("wheel_dead", "", 0.0, 0.0, 0.0, 0.4, "linear", "share of a wheel's command below which it stands still",
+             _STARTS, "throttle_dead", free=False, optional="dead zone of the wheels"),
     *(q for q in _IN_CURVES if q.name != "curve_loss"),
     _usual("turns", "", 1.0, 0.0, 1.0, "linear", "that it is turned by two driven wheels", "nothing", free=False),
 )  # fmt: skip
