@@ -51,9 +51,10 @@ def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
         note = f"commands of the wheels: taken as {unit} by the way driven; say so in the mapping if they are anything else"
         return replace(car, middle=(0.0, 0.0), full=full, in_si=True), (note,)
     found = [(0.0, 1.0) if si else _middle_and_full(commands, label) for si, label in zip(sized, COMMAND, strict=True)]
-    if car.wheels is not None and not any(sized):  # both are made of the same two commands
-        found = [(m, max(f for _, f in found)) for m, _ in found]
     middle, full = (found[0][0], found[1][0]), (found[0][1], found[1][1])
+    full = (
+        (max(full), max(full)) if car.wheels is not None and not any(sized) else full
+    )  # both of the same two commands
     notes = [
         f"{label}: {f:g} {f'beside {m:g} ' if m else ''}counts as the full command"
         for label, m, f in zip(COMMAND, middle, full, strict=True)
