@@ -50,11 +50,7 @@ def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
         full = (1.0 / way, car.wheels.track / way)
         note = f"commands of the wheels: taken as {unit} by the way driven; say so in the mapping if they are anything else"
         return replace(car, middle=(0.0, 0.0), full=full, in_si=True), (note,)
-    found = [(0.0, 1.0) if si else _middle_and_full(commands, label) for si, label in zip(sized, COMMAND, strict=True)]
-    middle, full = (found[0][0], found[1][0]), (found[0][1], found[1][1])
-    full = (
-        (max(full), max(full)) if car.wheels is not None and not any(sized) else full
-    )  # both of the same two commands
+    middle, full = _middles_and_fulls(car, commands, sized)
     notes = [
         f"{label}: {f:g} {f'beside {m:g} ' if m else ''}counts as the full command"
         for label, m, f in zip(COMMAND, middle, full, strict=True)
@@ -113,6 +109,17 @@ def _told_by(car: Vehicle, recordings: Sequence[Recording]) -> Vehicle:
         return car
     drive = TURNED if all(told_to_turn(r) for r in recordings) else PURSUED
     return replace(car, drive=drive) if set(car.values) <= {q.name for q in DRIVES[drive]} else car
+
+
+def _middles_and_fulls(
+    car: Vehicle, commands: Sequence[Channel], sized: Sequence[bool]
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Of both commands; of two wheels, which both are made of, the full one is the same."""
+    drive, steering = (
+        (0.0, 1.0) if si else _middle_and_full(commands, label) for si, label in zip(sized, COMMAND, strict=True)
+    )
+    full = (drive[1], steering[1])
+    return (drive[0], steering[0]), (max(full), max(full)) if car.wheels is not None and not any(sized) else full
 
 
 def _middle_and_full(commands: Sequence[Channel], label: str) -> tuple[float, float]:
