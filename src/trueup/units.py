@@ -7,12 +7,16 @@ import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from trueup.arrays import Array
 from trueup.errors import unknown_name
 
 _DEGREE, _TURN = math.radians(1.0), math.tau
 
 GRAVITY = 9.81
 """m/s2, near the ground; what model files say counts before it."""
+
+PULSE_MIDDLE, PULSE_FULL = 1500.0, 500.0
+"""us, of the pulses that servos and motor controllers of models are told by: the middle, and how far its ends are from it."""
 
 FURTHEST_TURN = 2.0 * _TURN
 """rad. Joints of arms and legs stay within two turns of their zero, while 12.6 degrees are a small motion: angles that
@@ -172,3 +176,9 @@ def canonical(unit: str) -> str | None:
         return _SPELLINGS[text.lower()]
     # Prefixes make case matter in short units (mA, MA): only whole words are compared without it.
     return next((u for u in _UNITS if len(u) > 2 and u.lower() == text.lower()), None)
+
+
+def are_pulses(values: Array) -> bool:
+    """Whether finite numbers are the lengths in us of servos' pulses; zero is one that is not sent."""
+    sent = values[values != 0.0]
+    return len(sent) > 0 and bool((abs(sent - PULSE_MIDDLE) <= 2.0 * PULSE_FULL).all())

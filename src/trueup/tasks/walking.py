@@ -23,6 +23,7 @@ from trueup.tasks.paces import SLOWEST, Paces, lap_speeds, tallied, told_speeds
 from trueup.tasks.sway import passing, sway
 from trueup.tasks.task import Grades
 from trueup.trial import Observed, Trial, Watched
+from trueup.units import GRAVITY
 
 PLACE, ANGLES = "base_position", "base_orientation"
 TILT = 0.8
@@ -30,7 +31,6 @@ TILT = 0.8
 LOW = 0.62
 """Of its standing height: below, it lies, or sits on its knees."""
 _FAST = 2.0  # times what its steps make: single laps of bipeds in benchmarks/walk_plan.py reach 1.5 times that
-_G = 9.81  # m/s2
 _BALL = 1.0  # m beyond the line, so that steering never becomes abrupt
 
 
@@ -156,7 +156,9 @@ class AheadWalk(Walk):
     def fastest(self, values: Array) -> float:
         """m/s that no robot walks with settings (m,): beyond them a time is a slip of the pen."""
         return (
-            _FAST * self.share * float(self.steps(values[None])[0]) if self.steps else float(np.sqrt(_G * self.height))
+            _FAST * self.share * float(self.steps(values[None])[0])
+            if self.steps
+            else float(np.sqrt(GRAVITY * self.height))
         )
 
     def grades(self) -> Grades:

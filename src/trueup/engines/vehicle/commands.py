@@ -19,10 +19,9 @@ from trueup.tracking.commands import COMMAND, MOST, driven_by, told_to_turn, tur
 from trueup.tracking.past import Past
 from trueup.tracking.wheels import Wheels, as_driven
 from trueup.trial import Trial
-from trueup.units import to_si
+from trueup.units import PULSE_FULL, PULSE_MIDDLE, are_pulses, to_si
 
 _ASIDE = 0.25  # share of the full steering: a car that drives straight on so far from zero counts from elsewhere
-_PULSES = (500.0, 2500.0)  # us: of a servo's signal, whose middle is at 1500 and whose end 500 beside it
 _WHEEL_UNITS = {u: to_si(u)[:2] for u in ("m/s", "cm/s", "mm/s", "rad/s", "deg/s", "rpm", "rev/s")} | {
     "counts a second": ("", 1.0)
 }
@@ -131,9 +130,8 @@ def _middle_and_full(commands: Sequence[Channel], label: str) -> tuple[float, fl
     values = values[np.isfinite(values)]
     if not len(values):
         raise RecordingError(f"no recording holds a number for {label}")
-    moved = values[values != 0.0]  # zero: nothing sent yet
-    if len(moved) and _PULSES[0] <= moved.min() and moved.max() <= _PULSES[1]:
-        return float(np.mean(_PULSES)), 500.0
+    if are_pulses(values):
+        return PULSE_MIDDLE, PULSE_FULL
     return 0.0, _rounded(values) if float(np.abs(values).max()) > MOST else 1.0
 
 

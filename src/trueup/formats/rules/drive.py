@@ -18,7 +18,7 @@ from trueup.formats.rules.rule import Column
 from trueup.formats.rules.sizes import rate_factor, speed_of
 from trueup.formats.rules.vehicles import Signal, best
 from trueup.inspection.relations import nearest
-from trueup.units import canonical, hardly_radians, to_si
+from trueup.units import PULSE_FULL, PULSE_MIDDLE, canonical, hardly_radians, to_si
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _XY, _ON_EARTH = ("x", "y"), ("latitude", "longitude")
@@ -93,8 +93,8 @@ def _of_wheels(
 ) -> Part:
     """The channel of a left and a right wheel, and what they were taken for."""
     pulses = wheels.in_pulses(pair) and channel == "command"
-    scale = tuple(s * (1.0 / wheels.FULL if pulses else pair.scale) for s in sign)
-    offset = tuple(-s * wheels.MIDDLE / wheels.FULL for s in sign) if pulses else (0.0,)
+    scale = tuple(s * (1.0 / PULSE_FULL if pulses else pair.scale) for s in sign)
+    offset = tuple(-s * PULSE_MIDDLE / PULSE_FULL for s in sign) if pulses else (0.0,)
     names, unit = " and ".join(c.name for c in pair.columns), f"in {pair.unit}" if pair.unit else "unit unknown"
     open_ = {
         "command": "the middle of a servo's pulse counts as zero"

@@ -20,7 +20,7 @@ from trueup.inspection.alignment import averaged
 from trueup.inspection.relations import factor, nearest
 from trueup.instant import usual_step
 from trueup.recording import Channel
-from trueup.units import canonical, to_si
+from trueup.units import PULSE_MIDDLE, are_pulses, canonical, to_si
 
 SIDES = ("left", "right")
 _SIDES: Mapping[str, str] = MappingProxyType(
@@ -46,8 +46,6 @@ _OTHERS = listed(
     "steer steering brake hip knee ankle arm hand foot leg gripper amps overcurrent bumper cliff raw_error integral"
 )
 """Words of what is no motion of a wheel."""
-PULSES, MIDDLE, FULL = (500.0, 2500.0), 1500.0, 500.0
-"""us: of a servo's signal, whose middle is at 1500 and whose end 500 beside it."""
 _CLEARLY = 0.5
 """Sum of two correlations by which wheels that count to opposite sides must explain a drive better."""
 _UNITS = listed("rpm rps mps mmps cmps kmh rads radps dps degps")
@@ -237,7 +235,7 @@ def _names(pair: Pair) -> str:
 
 def _sum(pair: Pair, sign: tuple[float, float]) -> Array:
     """(T,) both wheels' numbers added up, pulses from their middle."""
-    middle = MIDDLE if in_pulses(pair) else 0.0
+    middle = PULSE_MIDDLE if in_pulses(pair) else 0.0
     left, right = (s * (c.values - middle) for s, c in zip(sign, pair.columns, strict=True))
     return left + right
 
@@ -270,5 +268,4 @@ def _together(pair: Pair, values: Array, motion: Channel, time: TimeColumn) -> f
 
 def in_pulses(pair: Pair) -> bool:
     """Whether commands are the microseconds of a servo's pulse."""
-    known = np.concatenate([c.known[c.known != 0.0] for c in pair.columns])
-    return pair.kind == "share" and bool(len(known)) and PULSES[0] <= known.min() and known.max() <= PULSES[1]
+    return pair.kind == "share" and are_pulses(np.concatenate([c.known for c in pair.columns]))
