@@ -17,7 +17,7 @@ from trueup.engines.vehicle.commands import with_commands
 from trueup.engines.vehicle.prediction import prediction_errors
 from trueup.engines.vehicle.vehicle import TURNED
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
-from trueup.errors import ModelError, RecordingError
+from trueup.errors import ModelError, ParameterError, RecordingError
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 from trueup.tracking.commands import driven_by
@@ -223,5 +223,20 @@ def test_a_share_below_which_motors_stand_still_is_found(tmp_path: Path) -> None
     assert isinstance(ready.simulator, VehicleSimulator)
     full = ready.simulator.vehicle.full
     assert full is not None
-    found = next(e for e in ready.calibrate().estimates if e.name == "wheel_dead")
-    assert found.value == pytest.approx(0.16 / 0.8 * 255.0 / full[0], rel=0.15)
+    found = ready.calibrate()
+    dead = next(e.value for e in found.estimates if e.name == "wheel_dead")
+    assert dead == pytest.approx(0.16 / 0.8 * 255.0 / full[0], rel=0.15)
+    ready.write(found, tmp_path / "found.toml", tmp_path / "parameters.toml")  # what is handed over predicts the same
+    unseen = ready.simulator.prepared(logs[0])
+    again = VehicleSimulator(read_vehicle(tmp_path / "found.toml"))
+    assert prediction_errors(again, np.zeros(0), again.prepared(logs[0])) == pytest.approx(
+        prediction_errors(ready.simulator, found.values, unseen)
+    )
+
+
+def test_a_dead_zone_is_refused_where_wheels_are_not_told_shares() -> None:
+    with pytest.raises(ParameterError, match="wheel_dead is a share of what a left and a right wheel are told"):
+        Vehicle("robot", TRACK, drive=TURNED, wheels=SIZES, values={"wheel_dead": 0.1})
+    assert Vehicle(
+        "robot", TRACK, drive=TURNED, wheels=SIZES, full=(500.0, -500.0), values={"wheel_dead": 0.1}
+    ).told_shares

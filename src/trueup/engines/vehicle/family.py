@@ -205,16 +205,14 @@ def _with_parameters(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Veh
     calm = {name: why for name, why in look.unseen().items() if name in car.names}
     steers = max((float(np.nanmax(np.abs(d.channel("command").column("steering")))) for d in drives), default=1.0)
     # Nobody evens out wheels that are told one by one; what is told as a share is a motor's voltage.
-    own = () if car.wheels is None else ("veer",) if car.in_si else ("veer", "wheel_dead")
+    own = () if car.wheels is None else ("veer", "wheel_dead") if car.told_shares else ("veer",)
     free = [q.name for q in car.quantities if (q.free or q.name in own) and q.name not in calm]
     return VehicleSimulator(car, car.space(free, look.starts(car), steers)), (*taken, *calm.values())
 
 
 def _begun_at(space: ParameterSpace, values: Mapping[str, float]) -> ParameterSpace:
     """The space, searched from other values where parameters are free."""
-    return ParameterSpace(
-        tuple(p.replace(nominal=values.get(p.name, p.nominal) if not p.frozen else p.nominal) for p in space.parameters)
-    )
+    return space.with_nominal([p.nominal if p.frozen else values.get(p.name, p.nominal) for p in space.parameters])
 
 
 def _only(names: Sequence[str], space: ParameterSpace, values: Array) -> ParameterSpace:

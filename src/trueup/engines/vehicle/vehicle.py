@@ -72,7 +72,17 @@ class Vehicle:
                 raise unknown_name("quantity", name, self.names, who)
             if not np.isfinite(value):
                 raise ParameterError(f"{who}: {name} is {value}; it must be a finite number")
+        if self.values.get("wheel_dead") and not self.told_shares:
+            raise ParameterError(
+                f"{who}: wheel_dead is a share of what a left and a right wheel are told; its commands are none: it needs a "
+                f"track, and the same full for both (full is {self.full})"
+            )
         object.__setattr__(self, "values", MappingProxyType(dict(self.values)))
+
+    @property
+    def told_shares(self) -> bool:
+        """Whether two wheels are told shares of one full command, so that mean and difference tell each wheel's own."""
+        return self.wheels is not None and self.full is not None and abs(self.full[0]) == abs(self.full[1])
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
