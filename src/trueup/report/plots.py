@@ -42,9 +42,8 @@ class Plot:
         """Widens empty ranges, and the longer axis of a map; makes room for long numbers."""
         self.x, self.y = _wide(self.x), _wide(self.y)
         least, drawn = self._left, (self.x, self.y)
-        for _ in range(
-            3 if self.equal else 1
-        ):  # the longer axis of a map may have longer numbers, which leave it less room
+        turns = 3 if self.equal else 1  # the longer axis of a map may have longer numbers, which leave it less room
+        for _ in range(turns):
             longest = max((len(words) for words in mark_texts(nice_marks(*self.y, 5))), default=0)
             self._left = max(least, 34 + 7 * longest) if self.y_title else 14 + 7 * longest
             if self.equal:

@@ -24,7 +24,7 @@ class Batches:
 
     def __init__(self, whole: mujoco.MjModel, bare: mujoco.MjModel, threads: int | None) -> None:
         self.whole, self._bare, self._threads = whole, bare, threads
-        self._kept: dict[tuple[int, bool, bool, bool], Batch] = {}
+        self._kept: dict[tuple[int, bool, bool, int], Batch] = {}
         self._costs: dict[tuple[bool, bool], float] = {}
 
     def __reduce__(self) -> tuple[type[Batches], tuple[object, ...]]:
@@ -42,13 +42,13 @@ class Batches:
         that it has no more threads than pay for a step.
         """
         kept = 3
-        key = (rows, contacts, sensors, stepwise)
+        threads = min(self._threads or cores(), rows)
+        if stepwise and threads > 1:
+            threads = worth(rows * self._cost(contacts, sensors), _HANDOVER, threads)
+        key = (rows, contacts, sensors, threads)
         if key not in self._kept:
             if len(self._kept) >= kept:
                 self._kept.pop(next(iter(self._kept)))
-            threads = min(self._threads or cores(), rows)
-            if stepwise and threads > 1:
-                threads = worth(rows * self._cost(contacts, sensors), _HANDOVER, threads)
             self._kept[key] = Batch(self._model(contacts, sensors), rows, threads)
         return self._kept[key]
 
