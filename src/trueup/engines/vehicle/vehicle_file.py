@@ -22,6 +22,7 @@ _COMMANDS = {
     "speed": "speed in m/s and steering in rad",
     "turn": "speed in m/s and turn rate in rad/s, of two driven wheels",
 }
+_SHARES = "mean and difference of what a left and a right wheel are told, as shares of the full command"
 _EARLIER = {"steering_play": ("steering_slack", 2.0), "steering_rate": ("steering_rate_limit", 1.0)}
 """Quantities as files named them before: the name that they have now, and the factor to its value."""
 
@@ -78,7 +79,7 @@ def write_vehicle(vehicle: Vehicle, path: Path, notes: Mapping[str, str] | None 
         "[vehicle]",
         f"name = {quoted(vehicle.name)}",
         *_sizes(vehicle),
-        f'drive = "{said}"  # commands: {_COMMANDS[said]}',
+        f'drive = "{said}"  # commands: {_SHARES if vehicle.told_shares else _COMMANDS[said]}',
     ]
     if vehicle.enabled_by:
         lines.append(f"enabled_by = {quoted(vehicle.enabled_by)}")
