@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from results import result
 
+from trueup.calibration import Estimate
 from trueup.engines.vehicle import VehicleSimulator
 from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.prediction import prediction_errors
@@ -59,14 +60,14 @@ def turned(steering: Array, rate: float, late: float, rng: np.random.Generator |
     })  # fmt: skip
 
 
-def _judged(car: Path, first: float, rate: float, late: float) -> tuple[float, Array]:
+def _judged(car: Path, first: float, rate: float, late: float) -> tuple[Estimate, Array]:
     """The limit that was found, and errors in m of predictions 1 s and 3 s ahead of a drive that was not fitted."""
     other = 45.0 if first < 30.0 else 0.0
     ready = prepare(car, [turned(asked(first, first + 25.0), rate, late, np.random.default_rng(int(50 * first)))])
     found = ready.calibrate()
     assert isinstance(ready.simulator, VehicleSimulator)
     unseen = ready.simulator.prepared(turned(asked(other, other + 30.0), rate, late, np.random.default_rng(7)))
-    limit = next(e.value for e in found.estimates if e.name == "steering_rate_limit")
+    limit = next(e for e in found.estimates if e.name == "steering_rate_limit")
     return limit, prediction_errors(ready.simulator, found.values, unseen).mean(axis=0)
 
 
@@ -76,7 +77,7 @@ def main() -> None:
     quick = parser.parse_args().quick
     cars = ((0.5, 0.0), (0.5, 0.1), (1.0, 0.1), (2.0, 0.1), (np.inf, 0.1), (np.inf, 0.25))
     print("drive from   rate    late   found   without   3 s ahead, mm   without")
-    every = []
+    every, held = [], []
     with tempfile.TemporaryDirectory() as folder:
         car = Path(folder) / "car.toml"
         car.write_text(f"[vehicle]\nwheelbase = {WHEELBASE}\n", encoding="utf-8")
@@ -86,13 +87,17 @@ def main() -> None:
                 with patch.object(Look, "slow_wheel", lambda *_: {}):
                     plain, without = _judged(car, first, rate, late)
                 every.append((errors[1], without[1]))
-                shown = f"{limit:7.2f} {plain:9.2f} {1e3 * errors[1]:15.1f} {1e3 * without[1]:9.1f}"
+                if limit.verdict == "identified":
+                    held.append(limit.low <= rate <= limit.high)
+                shown = f"{limit.value:7.2f} {plain.value:9.2f} {1e3 * errors[1]:15.1f} {1e3 * without[1]:9.1f}"
                 print(f"{first:8.0f} s {rate:6.2g} {late:7.2f} {shown}", flush=True)
     ours, theirs = np.exp(np.mean(np.log(every), axis=0)).tolist()
     said = "without the start from a slow wheel"
     result("slow_wheels_3s", ours, "m", 1.0, peer=said, peer_value=theirs, ratio_goal=True)
     worst, peers_worst = np.max(every, axis=0).tolist()
     result("slow_wheels_3s_at_worst", worst, "m", 1.0, peer=said, peer_value=peers_worst, ratio_goal=True)
+    share = float(np.mean(held)) if held else float("nan")
+    result("slow_wheels_coverage", share, f"of {len(held)} called identified", 0.9, at_most=False)
 
 
 if __name__ == "__main__":

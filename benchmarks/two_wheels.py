@@ -3,7 +3,8 @@
 
 Two simulated robots of another structure than trueup's: a lag of each motor, dead time, limited acceleration, wheels of two
 sizes, turns that scrub, a track that is declared a little wrong. Each is logged as several programs write it; four drives of
-30 s are fitted, three are not. The peer rolls by the file's track and radius from the same states.
+30 s are fitted, three are not. The peer rolls by the file's track and radius from the same states. Told by PWM, with motors
+that stand still below some share of it or none, the peer is the same calibration without such a dead zone.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import argparse
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -84,8 +85,11 @@ def _asked(robot: Robot, rng: np.random.Generator) -> Array:
     return np.clip(told, -robot.fastest, robot.fastest)
 
 
-def driven(robot: Robot, rng: np.random.Generator) -> Array:
-    """(n, 10) rows of a drive: t, left and right told (m/s), x, y, heading, rates (rad/s) and angles of the wheels (rad)."""
+def driven(robot: Robot, rng: np.random.Generator, still: float = 0.0) -> Array:
+    """(n, 10) rows of a drive: t, left and right told (m/s), x, y, heading, rates (rad/s) and angles of the wheels (rad).
+
+    Below `still`, a share of its greatest speed, a motor does not turn.
+    """
     told, every = _asked(robot, rng), round(_PERIOD / _STEP)
     late, rows = round(robot.dead / _STEP), []
     x = y = heading = turning = 0.0
@@ -93,7 +97,8 @@ def driven(robot: Robot, rng: np.random.Generator) -> Array:
     for k in range(every * len(told)):
         if k % every == 0:
             rows.append([_STEP * k, *told[k // every], x, y, heading, *rate, *angle])
-        wanted = told[max(k - late, 0) // every] / robot.nominal
+        wanted = told[max(k - late, 0) // every] / robot.fastest
+        wanted = (wanted - np.clip(wanted, -still, still)) / (1.0 - still) * robot.fastest / robot.nominal
         most = robot.quickest / robot.nominal
         rate = rate + _STEP * np.clip((wanted - rate) / np.array(robot.lag), -most, most)
         left, right = rate * robot.radius
@@ -140,6 +145,11 @@ def _turns(r: Robot, t: Array) -> dict[str, Array]:
     return {"t": t[:, 0], "cmd_left": left, "cmd_right": right, "x": t[:, 3], "y": t[:, 4], "yaw": t[:, 5]}
 
 
+def _pwm(r: Robot, t: Array) -> dict[str, Array]:
+    left, right = np.round(255.0 * t[:, 1:3] / r.fastest).T
+    return {"ms": 1e3 * t[:, 0], "pwm_left": left, "pwm_right": right, "x": t[:, 3], "y": t[:, 4], "yaw": t[:, 5]}
+
+
 LOGS: dict[str, Callable[[Robot, Array], dict[str, Array]]] = {
     "ROS, rad/s, no unit": _ros, "mm/s, counts": _millimetres, "v_l_ref": _references, "rpm, no unit": _turns,
 }  # fmt: skip
@@ -162,9 +172,14 @@ def _rolled(simulator: VehicleSimulator, recording: Recording) -> Array:
     return np.reshape(found, (-1, len(_HORIZONS)))
 
 
-def _judged(robot: Robot, style: str, folder: Path) -> tuple[Array, Array]:
-    """(2,) mean errors in m of the calibrated robot and of its file's numbers."""
-    rng = np.random.default_rng([ROBOTS.index(robot), list(LOGS).index(style)])
+def _logged(
+    robot: Robot,
+    style: Callable[[Robot, Array], dict[str, Array]],
+    still: float,
+    rng: np.random.Generator,
+    folder: Path,
+) -> tuple[Path, list[Recording]]:
+    """The robot's file, and its drives as they are read from theirs."""
     file = folder / "robot.toml"
     file.write_text(
         f"[vehicle]\ntrack = {robot.declared}\nwheel_radius = {robot.nominal}\ncounts_per_turn = {robot.counts}\n",
@@ -172,10 +187,17 @@ def _judged(robot: Robot, style: str, folder: Path) -> tuple[Array, Array]:
     )
     logs = []
     for k in range(_FITTED + _UNSEEN):
-        columns = LOGS[style](robot, driven(robot, rng))
+        columns = style(robot, driven(robot, rng, still))
         path = folder / f"drive_{k}.csv"
         np.savetxt(path, np.stack(list(columns.values()), axis=1), "%.6f", ",", header=",".join(columns), comments="")
         logs.append(read([path])[0])
+    return file, logs
+
+
+def _judged(robot: Robot, style: str, folder: Path) -> tuple[Array, Array]:
+    """(2,) mean errors in m of the calibrated robot and of its file's numbers."""
+    rng = np.random.default_rng([ROBOTS.index(robot), list(LOGS).index(style)])
+    file, logs = _logged(robot, LOGS[style], 0.0, rng, folder)
     ready = prepare(file, logs[:_FITTED])
     found = ready.calibrate()
     calibrated = ready.simulator
@@ -184,6 +206,24 @@ def _judged(robot: Robot, style: str, folder: Path) -> tuple[Array, Array]:
     ours = [prediction_errors(calibrated, found.values, calibrated.prepared(r)) for r in logs[_FITTED:]]
     theirs = [_rolled(plain, r) for r in logs[_FITTED:]]
     return np.concatenate(ours).mean(axis=0), np.concatenate(theirs).mean(axis=0)
+
+
+def _by_pwm(robot: Robot, still: float, folder: Path) -> tuple[float, Array, Array]:
+    """The dead zone that was found, as a share of the greatest PWM, and (2,) errors in m with it and without any."""
+    rng = np.random.default_rng([ROBOTS.index(robot), int(100 * still), 9])
+    file, logs = _logged(robot, _pwm, still, rng, folder)
+    ready, errors, dead = prepare(file, logs[:_FITTED]), [], 0.0
+    simulator = ready.simulator
+    assert isinstance(simulator, VehicleSimulator)
+    full = simulator.vehicle.full or (1.0, 1.0)
+    for space in (simulator.parameters, simulator.parameters.left_out(["wheel_dead"])):
+        tried = simulator.searching(space)
+        found = replace(ready, simulator=tried).calibrate()
+        dead = dead or next(e.value for e in found.estimates if e.name == "wheel_dead") * full[0] / 255.0
+        errors.append(
+            np.concatenate([prediction_errors(tried, found.values, tried.prepared(r)) for r in logs[_FITTED:]])
+        )
+    return dead, errors[0].mean(axis=0), errors[1].mean(axis=0)
 
 
 def main() -> None:
@@ -202,6 +242,16 @@ def main() -> None:
     said = "rolling by the file's track and radius"
     result("two_wheels_3s_over_rolling", float(np.exp(np.mean(np.log(ratios)))), "", 0.5, peer=said)
     result("two_wheels_3s_over_rolling_at_worst", float(max(ratios)), "", 1.0, peer=said)
+    print("\nby PWM   still below   found   3 s ahead, mm   without a dead zone")
+    every = []
+    for robot in ROBOTS[: 1 if quick else None]:
+        for still in (0.2,) if quick else (0.0, 0.08, 0.2):
+            with tempfile.TemporaryDirectory() as folder:
+                dead, ours, theirs = _by_pwm(robot, still, Path(folder))
+            every.append((ours[1], theirs[1]))
+            print(f"{robot.name:6} {still:13.2f} {dead:7.3f} {1e3 * ours[1]:15.1f} {1e3 * theirs[1]:17.1f}", flush=True)
+    ours, theirs = np.exp(np.mean(np.log(every), axis=0)).tolist()
+    result("two_wheels_pwm_3s", ours, "m", 1.0, peer="without a dead zone", peer_value=theirs, ratio_goal=True)
 
 
 if __name__ == "__main__":
