@@ -81,6 +81,54 @@ def test_wheels_drive_a_robot_in_whatever_unit_they_are_told(names: str, tmp_pat
     assert command.column("steering") == pytest.approx((log[:, 2] - log[:, 1]) / TRACK, abs=1e-3)
 
 
+WIRED = [(swapped, signs) for swapped in (False, True) for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1))]
+"""Whether the columns of left and right are mixed up, and which way each wheel counts."""
+
+
+@pytest.mark.parametrize(("swapped", "signs"), WIRED)
+@pytest.mark.parametrize("names", ["pwm_left,pwm_right", "m1,m2", "motorA_cmd,motorB_cmd"])
+def test_wheels_are_told_apart_by_how_the_robot_moves(
+    names: str, swapped: bool, signs: tuple[int, int], tmp_path: Path
+) -> None:
+    log = drive(20.0, 0)
+    mixed = log.copy()
+    mixed[:, 1:3] = log[:, [2, 1] if swapped else [1, 2]] * signs
+    (one,) = formats.read(written(tmp_path / "drive.csv", f"t,{names},x,y,theta", mixed, 100.0))
+    command = one.channel("command")
+    assert [label.removesuffix("_duty") for label in command.labels] == ["left", "right"]
+    assert command.values == pytest.approx(100.0 * log[:, 1:3], abs=1e-4)
+
+
+def test_two_motors_that_do_not_drive_where_they_turn_something_are_joints(tmp_path: Path) -> None:
+    """An arm of two joints whose hand is tracked, in place and direction."""
+    t = np.arange(0.0, 10.0, 0.02)
+    one, other = 0.8 * np.sin(1.7 * t), 1.1 * np.sin(2.9 * t + 1.0)
+    hand = np.stack([np.cos(one) + np.cos(one + other), np.sin(one) + np.sin(one + other), one + other], axis=1)
+    log = np.column_stack([t, one, other, hand])
+    (read,) = formats.read(written(tmp_path / "arm.csv", "t,motor1_cmd,motor2_cmd,x,y,theta", log))
+    assert read.channel("command").labels == ("motor1", "motor2")
+
+
+def test_encoders_that_count_down_while_their_wheels_are_told_to_go_on_are_turned_round(tmp_path: Path) -> None:
+    log = drive(20.0, 0)
+    table = np.column_stack([log[:, :3], log[:, 6], -log[:, 7]])
+    path = tmp_path / "drive.csv"
+    np.savetxt(path, table, delimiter=",", header="t,pwm_left,pwm_right,phi_left_rad,phi_right_rad", comments="")
+    (one,) = formats.read(path)
+    assert one.channel("wheel_angle").values == pytest.approx(log[:, 6:8], abs=1e-6)
+
+
+def test_a_share_of_what_motors_can_do_is_no_speed_whatever_its_numbers(tmp_path: Path) -> None:
+    """PWM that happens to be what mm/s would be keeps its own scale; numbers of which no name speaks are mm/s."""
+    log = drive(20.0, 0)
+    for names, in_si in (("left_wheel,right_wheel", True), ("pwm_left,pwm_right", False)):
+        (one,) = formats.read(
+            written(tmp_path / "drive.csv", f"t,{names.replace(',', '_cmd,')}_cmd,x,y,theta", log, 1e3)
+        )
+        car, _ = with_commands(Vehicle("robot", TRACK, drive=TURNED, wheels=SIZES), [one])
+        assert car.in_si is in_si
+
+
 def test_a_calibrated_robot_refuses_wheels_that_are_told_in_another_unit(tmp_path: Path) -> None:
     plain, sized, *_ = (
         formats.read(written(tmp_path / f"drive_{k}.csv", names, drive(4.0, 0), factor))[0]

@@ -34,7 +34,7 @@ _RATIOS = {
     "{a} has the other sign than {b}": -1.0,
 }
 _VEHICLES = frozenset(
-    {"throttle", "speed", "steering", "turn", "x", "latitude", "left", "right"}
+    {"throttle", "speed", "steering", "turn", "x", "latitude", "left", "right", "left_duty", "right_duty"}
 )  # commands and places are no angles
 
 

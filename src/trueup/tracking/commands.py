@@ -39,7 +39,7 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
         apart = (
             "" if found else f" among {', '.join(recording.channels)} (for commands in a file of their own: {TOGETHER})"
         )
-        if {"left", "right"} <= set(found):
+        if {"left", "right"} <= set(found) or {"left_duty", "right_duty"} <= set(found):
             raise RecordingError(
                 f"recording '{recording.name}': a left and a right wheel are commanded; the file of a robot with two driven "
                 "wheels says how far they are apart: [vehicle] track = 0.23 (m), and wheel_radius = 0.033 (m) where they "
@@ -49,7 +49,8 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
             f"recording '{recording.name}': a car's command needs the labels throttle (or speed) and steering (or turn, a "
             f"turn rate beside a speed); found: {listed}{apart}. Name their columns in the mapping: [channels.command] "
             'columns = ["...", "..."], labels = ["speed", "steering"], units = ["m/s", "rad"]; of a robot with two driven '
-            'wheels labels = ["speed", "turn"], units = ["m/s", "rad/s"], or labels = ["left", "right"], unit = "m/s"'
+            'wheels labels = ["speed", "turn"], units = ["m/s", "rad/s"], or labels = ["left", "right"], unit = "m/s" '
+            '(["left_duty", "right_duty"] of PWM)'
         )
     parts = [drive, steer, *([found["brake"]] if "brake" in found else [])]
     same = all(p.time is drive.time or np.array_equal(p.time, drive.time) for p in parts)

@@ -12,7 +12,9 @@ from trueup.errors import ParameterError, RecordingError
 from trueup.recording import Channel, Recording
 from trueup.tracking.commands import MOST, held, signals
 
-_SIDES = ("left", "right")
+SIDES = ("left", "right")
+DUTIES = ("left_duty", "right_duty")
+"""Labels of commands that are shares of what motors can do (PWM, power, voltage), in whatever numbers: never a speed."""
 _WRAPS = (2.0**16, 2.0**32)
 """Counts after which a counter begins anew."""
 
@@ -51,11 +53,13 @@ def as_driven(recording: Recording, wheels: Wheels) -> Recording:
     or an encoder's counts are needed and unknown.
     """
     found = signals(recording)
-    if set(_SIDES) <= set(found) and not {"speed", "throttle"} & set(found):
-        sides = [found[side] for side in _SIDES]
+    labels = DUTIES if told_duties(recording) else SIDES
+    if set(labels) <= set(found) and not {"speed", "throttle"} & set(found):
+        sides = [found[label] for label in labels]
         time = sides[0].time if sides[0].time is sides[1].time else np.unique(np.concatenate([s.time for s in sides]))
         units = {side.unit_of(side.labels[0]) for side in sides}
-        way = _known_way(wheels, units.pop(), recording, sides[0]) if len(units) == 1 and units != {""} else 0.0
+        sized = labels is SIDES and len(units) == 1 and units != {""}
+        way = _known_way(wheels, units.pop(), recording, sides[0]) if sized else 0.0
         left, right = ((way or 1.0) * held(side, time) for side in sides)
         values = np.stack([0.5 * (left + right), (right - left) / (wheels.track if way else 1.0)], axis=1)
         recording = recording.with_channel(
@@ -92,6 +96,11 @@ def refuse_another_unit(recording: Recording, full: tuple[float, float] | None) 
     )
 
 
+def told_duties(recording: Recording) -> bool:
+    """Whether its wheels are told shares of what motors can do, which are no speeds whatever numbers they are in."""
+    return set(DUTIES) <= set(signals(recording))
+
+
 def tells_way(recording: Recording) -> list[str]:
     """The channels of wheels that stand for a place where none was recorded."""
     return [name for name in ("wheel_speed", "wheel_angle") if recording.has(name)]
@@ -114,10 +123,10 @@ def _known_way(wheels: Wheels, unit: str, recording: Recording, channel: Channel
 def _rolled(recording: Recording, wheels: Wheels) -> tuple[Channel, ...]:
     """Speed (m/s) and turn rate (rad/s) of measured wheels; nothing where none were."""
     if recording.has("wheel_speed") and (recording.channel("wheel_speed").unit or not recording.has("wheel_angle")):
-        source = recording.channel("wheel_speed").select(_SIDES)
+        source = recording.channel("wheel_speed").select(SIDES)
         rates = source.values
     elif recording.has("wheel_angle"):
-        source = recording.channel("wheel_angle").select(_SIDES)
+        source = recording.channel("wheel_angle").select(SIDES)
         angles = source.values if source.unit else np.stack([unwrapped(v) for v in source.values.T], axis=1)
         rates = np.gradient(angles, source.time, axis=0) if len(source.time) > 1 else np.zeros_like(angles)
     else:

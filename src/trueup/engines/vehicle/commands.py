@@ -17,7 +17,7 @@ from trueup.rounding import PRINTED, ROUNDED
 from trueup.tracking.cleaned import cleaned
 from trueup.tracking.commands import COMMAND, MOST, driven_by, told_to_turn, turned_on_the_spot
 from trueup.tracking.past import Past
-from trueup.tracking.wheels import Wheels, as_driven
+from trueup.tracking.wheels import Wheels, as_driven, told_duties
 from trueup.trial import Trial
 from trueup.units import PULSE_FULL, PULSE_MIDDLE, are_pulses, to_si
 
@@ -37,6 +37,7 @@ def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
     Steering that turns the car to the right as it grows gets a full command below zero. Raises RecordingError for
     recordings without pose or command.
     """
+    duties = any(told_duties(r) for r in recordings)
     recordings = recordings if car.wheels is None else [as_driven(r, car.wheels) for r in recordings]
     if car.full is not None or not recordings:
         return car, ()
@@ -44,7 +45,7 @@ def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
     commands = [driven_by(r, car.steered_over) for r in recordings]
     spins = max(turned_on_the_spot(r) for r in recordings) if car.drive != TURNED else 0.0
     sized = [car.pursues and all(c.unit_of(label) for c in commands) for label in COMMAND]
-    if car.wheels is not None and not any(sized) and (unit := _unit_of_wheels(car.wheels, recordings)):
+    if car.wheels is not None and not any((*sized, duties)) and (unit := _unit_of_wheels(car.wheels, recordings)):
         way = car.wheels.way(_WHEEL_UNITS[unit][0]) * _WHEEL_UNITS[unit][1]
         full = (1.0 / way, car.wheels.track / way)
         note = f"commands of the wheels: taken as {unit} by the way driven; say so in the mapping if they are anything else"

@@ -13,7 +13,8 @@ from trueup.formats.rules.leading import leading
 from trueup.formats.rules.names import COMMANDED
 from trueup.formats.rules.rule import Column
 from trueup.formats.rules.vehicles import Signal, best
-from trueup.formats.rules.wheels import Pair, measured
+from trueup.formats.rules.wheels import Pair
+from trueup.formats.rules.wiring import measured
 
 _DRIVING = ("throttle", "brake", "steering", "angle", "curvature", "speed", "sideways", "erpm", "yaw_rate")
 """Kinds of signals that may drive a vehicle."""

@@ -5,20 +5,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from trueup.formats.mapping import TimeColumn
-from trueup.formats.rules import joints, vehicles, wheels
+from trueup.formats.rules import joints, vehicles, wheels, wiring
 from trueup.formats.rules.bases import is_unit
 from trueup.formats.rules.commanded import commanded
 from trueup.formats.rules.names import listed
-from trueup.formats.rules.rule import Column
+from trueup.formats.rules.rule import Column, Part
 from trueup.formats.rules.sizes import rate_factor, speed_of
 from trueup.formats.rules.vehicles import Signal, best
 from trueup.inspection.relations import nearest
-from trueup.units import PULSE_FULL, PULSE_MIDDLE, canonical, hardly_radians, to_si
+from trueup.units import canonical, hardly_radians, to_si
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _XY, _ON_EARTH = ("x", "y"), ("latitude", "longitude")
@@ -33,21 +33,6 @@ FULL_LOCK = math.pi / 2.0
 """rad: no wheel is steered further."""
 
 
-@dataclass(frozen=True, eq=False)
-class Part:
-    """One channel of a vehicle."""
-
-    channel: str
-    columns: tuple[Column, ...]
-    labels: tuple[str, ...]
-    unit: str
-    scale: tuple[float, ...]
-    notes: tuple[str, ...]
-    units: tuple[str, ...] = ()
-    """One for each label where they differ."""
-    offset: tuple[float, ...] = (0.0,)
-
-
 def drive(columns: Sequence[Column], time: TimeColumn) -> list[Part]:
     """The channels of a vehicle (command, position, heading, speed, yaw_rate) in a log; none where it is of something else.
 
@@ -59,22 +44,26 @@ def drive(columns: Sequence[Column], time: TimeColumn) -> list[Part]:
     of_wheels = {column for pair in paired for column in pair.columns}
     others = [column for column in columns if column not in of_wheels]
     signals = [signal for column in others if (signal := vehicles.read(column)) is not None]
-    place, heading, seen = list(_place(signals).values()), _heading(signals), wheels.measured(paired)
+    place, heading, seen = list(_place(signals).values()), _heading(signals), wiring.measured(paired)
     command, said = commanded(signals, others, place, heading, time, paired)
     if not command:
-        told = wheels.commanded(paired, place, heading, time)
+        told = wiring.commanded(paired, place, heading, time)
+        if told is None and place:
+            told = wiring.commanded(wheels.numbered(columns), place, heading, time)
         if told is None or (not place and any(_is_joints(c) for c in others)):
             return _pose_alone(signals, columns, time)
-        seen = wheels.measured(paired, told.command)
-        parts = [_of_wheels("command", told.command, told.sign, told.notes)]
-        return parts + _measured(signals, parts, time) + [_of_wheels(n, pair) for n, pair in seen.items()]
+        parts = [wiring.part("command", told.command, told.sign, told.notes)]
+        rest = [s for s in signals if s.column not in told.command.columns]
+        seen = wiring.measured(paired, told.command).items()
+        counted = [wiring.part(n, pair, wiring.turned_round(pair, told.command, told.sign, time)) for n, pair in seen]
+        return parts + _measured(rest, parts, time) + counted
     if len({_source_file(s) for s in command.values()}) == 1:
         parts = [_part("command", command, time, ())]
     else:  # topics of their own: each keeps its time
         parts = [_part(f"command_{label}", {label: signal}, time, ()) for label, signal in command.items()]
     parts[0] = replace(parts[0], notes=(*parts[0].notes, *said))
     rest = [s for s in signals if s not in command.values()]
-    return parts + _measured(rest, parts, time) + [_of_wheels(n, pair) for n, pair in seen.items()]
+    return parts + _measured(rest, parts, time) + [wiring.part(n, pair) for n, pair in seen.items()]
 
 
 def _measured(signals: list[Signal], parts: Sequence[Part], time: TimeColumn) -> list[Part]:
@@ -86,27 +75,6 @@ def _measured(signals: list[Signal], parts: Sequence[Part], time: TimeColumn) ->
         one = best([s for s in signals if s.kind == name and not s.commanded and s not in place.values()])
         found += [_part(name, {name: one}, time, [*parts, *found])] if one else []
     return found
-
-
-def _of_wheels(
-    channel: str, pair: wheels.Pair, sign: tuple[float, float] = (1.0, 1.0), said: tuple[str, ...] = ()
-) -> Part:
-    """The channel of a left and a right wheel, and what they were taken for."""
-    pulses = wheels.in_pulses(pair) and channel == "command"
-    scale = tuple(s * (1.0 / PULSE_FULL if pulses else pair.scale) for s in sign)
-    offset = tuple(-s * PULSE_MIDDLE / PULSE_FULL for s in sign) if pulses else (0.0,)
-    names, unit = " and ".join(c.name for c in pair.columns), f"in {pair.unit}" if pair.unit else "unit unknown"
-    open_ = {
-        "command": "the middle of a servo's pulse counts as zero"
-        if pulses
-        else "the way driven will tell what they are",
-        "wheel_speed": "taken as counts a second where the robot's file has counts_per_turn",
-        "wheel_angle": "taken as counts where the robot's file has counts_per_turn",
-    }
-    more = unit if pair.unit else f"{unit}: {open_[channel]}"
-    note = f"{channel}: {names} taken as a left and a right driven wheel, {more}"
-    short = scale if len(set(scale)) > 1 else scale[:1]
-    return Part(channel, pair.columns, wheels.SIDES, pair.unit, short, (note, *said), (), offset)
 
 
 def _pose_alone(signals: list[Signal], columns: Sequence[Column], time: TimeColumn) -> list[Part]:

@@ -23,13 +23,15 @@ from trueup.inspection.alignment import averaged, lag
 from trueup.inspection.relations import rate
 from trueup.instant import usual_step
 from trueup.recording import Channel
-from trueup.rounding import PRINTED
+from trueup.rounding import NEGLIGIBLE, PRINTED
 
 _MEASURED = PLAINLY_MEASURED | listed(
     "odom odometry encoder wheel wheels imu gyro sensor sensors vicon mocap optitrack gps gnss truth gt est estimated "
     "estimate state vesc slam amcl ekf ukf pf"
 )
 """Sources of what was measured."""
+_MOSTLY = 0.9
+"""Share of a robot's motion along its heading, by squares: from there on that is where it drives, not any other angle."""
 _LONGEST = 2.0  # s that a robot may take to follow
 
 
@@ -89,8 +91,35 @@ def along(place: Sequence[Signal], time: TimeColumn) -> Channel | None:
     return averaged(when, np.hypot(one, np.interp(when, other_when, other)))
 
 
+def ahead(place: Sequence[Signal], heading: Sequence[Signal], time: TimeColumn) -> Channel | None:
+    """The speed where a heading points, in rad or degrees, negative backwards; None where the robot does not drive there."""
+    angles = _angles(heading, time)
+    if not place or angles is None:
+        return None
+    instants, turned = angles
+    (when, x), (other_when, other) = (speed_of(s.column, time) for s in place)
+    if not len(x) or not len(other):
+        return None
+    y, shares = np.interp(when, other_when, other), {}
+    for unit in (1.0, math.radians(1.0)):
+        psi = unit * np.interp(when, instants, turned)
+        on, beside = (averaged(when, v) for v in (x * np.cos(psi) + y * np.sin(psi), y * np.cos(psi) - x * np.sin(psi)))
+        ways = np.sum(on.values**2), np.sum(beside.values**2)
+        shares[ways[0] / max(sum(ways), NEGLIGIBLE)] = on
+    return shares[max(shares)] if max(shares) > _MOSTLY else None
+
+
 def turning(heading: Sequence[Signal], time: TimeColumn) -> Channel | None:
     """How fast a heading turns, in whatever unit."""
+    angles = _angles(heading, time)
+    if angles is None:
+        return None
+    when, turned = rate(angles[1], angles[0])
+    return averaged(when, turned)
+
+
+def _angles(heading: Sequence[Signal], time: TimeColumn) -> tuple[Array, Array] | None:
+    """Instants and a heading that does not jump, in its unit; None where there is none at half of the instants."""
     columns = [signal.column for signal in heading]
     instants = instants_of(columns[0], time) if columns else np.zeros(0)
     if not len(instants) or any(len(instants_of(c, time)) != len(instants) for c in columns):
@@ -100,5 +129,4 @@ def turning(heading: Sequence[Signal], time: TimeColumn) -> Channel | None:
     if np.count_nonzero(good) < len(instants) // 2:
         return None
     turn = math.degrees(math.tau) if np.abs(angles[good]).max() > math.tau * (1.0 + PRINTED) else math.tau
-    when, turned = rate(np.unwrap(angles[good], period=turn), instants[good])
-    return averaged(when, turned)
+    return instants[good], np.unwrap(angles[good], period=turn)

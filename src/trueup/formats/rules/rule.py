@@ -94,3 +94,18 @@ class Column:
     def declared(self) -> str:
         """The unit that the file declares or the name has in brackets, as `units` writes it; '' for none."""
         return self.parts.bracketed or canonical(self.table.units.get(self.name, "")) or ""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One channel of a log as rules make it of columns."""
+
+    channel: str
+    columns: tuple[Column, ...]
+    labels: tuple[str, ...]
+    unit: str
+    scale: tuple[float, ...]
+    notes: tuple[str, ...]
+    units: tuple[str, ...] = ()
+    """One for each label where they differ."""
+    offset: tuple[float, ...] = (0.0,)

@@ -9,26 +9,20 @@ from types import MappingProxyType
 
 import numpy as np
 
-from trueup.arrays import Array
-from trueup.formats.mapping import TimeColumn
-from trueup.formats.rules.leading import along, lateness, turning
 from trueup.formats.rules.names import COMMANDED, PLAINLY_MEASURED, listed, taken_apart
 from trueup.formats.rules.rule import Column, Example
-from trueup.formats.rules.sizes import instants_of, usable
-from trueup.formats.rules.vehicles import Signal
-from trueup.inspection.alignment import averaged
 from trueup.inspection.relations import factor, nearest
-from trueup.instant import usual_step
-from trueup.recording import Channel
-from trueup.units import PULSE_MIDDLE, are_pulses, canonical, to_si
+from trueup.tracking.wheels import DUTIES, SIDES
+from trueup.units import are_pulses, canonical, to_si
 
-SIDES = ("left", "right")
 _SIDES: Mapping[str, str] = MappingProxyType(
     {
-        **dict.fromkeys(("left", "l", "lft", "lhs", "links"), "left"),
-        **dict.fromkeys(("right", "r", "rgt", "rhs", "rechts"), "right"),
+        **dict.fromkeys(("left", "l", "lft", "lhs", "links", "gauche", "izq", "izquierda", "sx", "sinistra"), "left"),
+        **dict.fromkeys(("right", "r", "rgt", "rhs", "rechts", "droite", "der", "derecha", "dx", "destra"), "right"),
     }
 )
+_NUMBERED = (("a", "b"), ("0", "1"), ("1", "2"))
+"""By what wheels are told apart where no side is said."""
 _WHEELS = listed("wheel wheels track tracks ticks tick counts enc encoder encoders rpm pwm motor motors")
 """Words of which one makes a wheel's signal of whatever else stands beside the side."""
 _SPEEDS = listed(
@@ -40,14 +34,14 @@ _TURNING = listed("omega w phidot thetadot dphi phi theta joint rpm rps")
 _TRAVELS = listed(
     "pos position positions angle phi theta ticks tick counts count enc encoder encoders odometer distance dist"
 )
-_SHARES = listed("pwm duty power throttle drive u motor motors servo esc voltage volts volt")
+_SHARES = listed("pwm duty power thrust throttle drive u motor motors servo esc voltage volts volt")
+_DUTIES = listed("pwm duty power thrust throttle voltage voltages volt volts")
+"""Words of shares of what motors can do, which are no speeds."""
 _OTHERS = listed(
     "current torque effort force temperature temp load error err gain kp ki kd slip drop status accel acceleration acc "
     "steer steering brake hip knee ankle arm hand foot leg gripper amps overcurrent bumper cliff raw_error integral"
 )
 """Words of what is no motion of a wheel."""
-_CLEARLY = 0.5
-"""Sum of two correlations by which wheels that count to opposite sides must explain a drive better."""
 _UNITS = listed("rpm rps mps mmps cmps kmh rads radps dps degps")
 """Words that are units wherever they stand."""
 _BESIDE = listed(
@@ -63,13 +57,15 @@ EXAMPLES = (
     Example("time,wheel_left_velocity_command,wheel_right_velocity_command,wheel_left_velocity,wheel_right_velocity",
             "0 1 2 1 2|.1 2 2 2 2|.2 2 1 2 1", "command[] left right; wheel_speed[] left right"),
     Example("millis,pwm_left,pwm_right,ticks_l,ticks_r", "0 90 99 0 0|20 90 99 5 6|40 80 99 9 13",
-            "command[] left right; wheel_angle[] left right"),
+            "command[] left_duty right_duty; wheel_angle[] left right"),
     Example("t,rpm_left_target,rpm_right_target,rpmLeft,rpmRight", "0 9 9 1 2|.1 9 8 3 4|.2 7 8 5 6",
             "command[rad/s] left right; wheel_speed[rad/s] left right"),
     Example("t,v_l_ref,v_r_ref,enc_left,enc_right", "0 1 1 0 0|.1 1 2 5 6|.2 2 2 9 13",
             "command[m/s] left right; wheel_angle[] left right"),
     Example("t,wL_ref,wR_ref,phi_l_rad,phi_r_rad,x,y,th", "0 1 2 0 0 0 0 0|.1 2 2 1 1 .1 0 0|.2 2 1 2 2 .2 0 .1",
             "command[rad/s] left right; wheel_angle[rad] left right; position[m] x y; heading[rad] heading"),
+    Example("t,ML,MR,x,y,theta", "0 9 9 0 0 0|.1 9 8 .1 0 0|.2 7 8 .2 0 .1",
+            "command[] left right; position[m] x y; heading[rad] heading"),
     Example("t,left_knee_cmd,right_knee_cmd,left_knee_pos,right_knee_pos", "0 .1 .2 .1 .2|.1 .2 .2 .2 .2|.2 .1 .2 .1 .2",
             "command[rad] left_knee right_knee; position[rad] left_knee right_knee"),
 )  # fmt: skip
@@ -92,6 +88,19 @@ class Pair:
     """Whether its words say so."""
     of_wheels: bool
     """Whether its words say that it is wheels' at all."""
+    sided: bool = True
+    """Whether its names say which is the left one."""
+
+    @property
+    def labels(self) -> tuple[str, str]:
+        """What both are called in a channel."""
+        return DUTIES if self.duty else SIDES
+
+    @property
+    def duty(self) -> bool:
+        """Whether its words call it a share of what motors can do (PWM, power, voltage), whatever numbers that is in."""
+        words = {_split(w)[1] or w for w in self.columns[0].parts.words}
+        return self.kind == "share" and (in_pulses(self) or self.scale != 1.0 or bool(_DUTIES & words))
 
 
 def pairs(columns: Sequence[Column]) -> list[Pair]:
@@ -109,6 +118,23 @@ def pairs(columns: Sequence[Column]) -> list[Pair]:
     return _units_alike(sorted(read, key=lambda p: (p.kind == "share", not p.unit)))
 
 
+def numbered(columns: Sequence[Column]) -> list[Pair]:
+    """Pairs that names number or call A and B, where there are two of a kind and no more: motors, wheels, commands."""
+    found: dict[tuple[str, tuple[str, ...]], dict[str, Column]] = {}
+    ends = {end for both in _NUMBERED for end in both} | {str(n) for n in range(10)}
+    for column in columns:
+        words = column.parts.words
+        numbers = [word for word in words if word in ends]
+        if len(numbers) == 1 and column.values.ndim == 1:
+            plain = tuple("motor" if word == "m" else word for word in words if word != numbers[0])
+            found.setdefault((column.clock, plain), {})[numbers[0]] = column
+    return [
+        replace(pair, sided=False) for (_, plain), both in found.items()
+        if tuple(sorted(both)) in _NUMBERED and (_WHEELS | COMMANDED) & set(plain)
+        and (pair := _read((both[min(both)], both[max(both)]), list(plain))) is not None
+    ]  # fmt: skip
+
+
 def _sided(words: Sequence[str]) -> tuple[str, list[str]]:
     """The side that a name says, '' for none or two, and its other words: "vl" is v of the left."""
     sides, plain = [], []
@@ -122,14 +148,14 @@ def _sided(words: Sequence[str]) -> tuple[str, list[str]]:
 def _split(word: str) -> tuple[str, str]:
     if word in _SIDES:
         return _SIDES[word], ""
-    known = _WHEELS | _SPEEDS | _TRAVELS | _SHARES | COMMANDED
+    known = _WHEELS | _SPEEDS | _TRAVELS | _SHARES | COMMANDED | {"m"}
     for text, side in _SIDES.items():
         for rest, there in (
             (word.removesuffix(text), word.endswith(text)),
             (word.removeprefix(text), word.startswith(text)),
         ):
             if there and rest in known:
-                return side, rest
+                return side, "motor" if rest == "m" else rest
     return "", word
 
 
@@ -144,7 +170,7 @@ def _read(columns: tuple[Column, Column], plain: list[str]) -> Pair | None:
     unit, scale, _ = to_si(declared) if declared else ("", 1.0, 0.0)
     wheels, commanded = bool(_WHEELS & everything), bool(COMMANDED & words)
     known = _WHEELS | _SPEEDS | _TRAVELS | _SHARES | COMMANDED | PLAINLY_MEASURED | _SENSED | _BESIDE
-    if _OTHERS & everything or not (wheels or words <= known) or not (words or declared):
+    if _OTHERS & everything or not (wheels or words <= known):
         return None
     measured = bool((PLAINLY_MEASURED | _SENSED) & words)
     if unit in ("rad", "m") or (_TRAVELS & words and not _SPEEDS & everything and unit not in ("m/s", "rad/s")):
@@ -153,10 +179,10 @@ def _read(columns: tuple[Column, Column], plain: list[str]) -> Pair | None:
             return None
         if not unit and not {"ticks", "tick", "counts", "count"} & words and not all(_whole(c) for c in columns):
             unit = "m" if {"distance", "dist", "odometer"} & words else "rad"
-    elif unit in ("m/s", "rad/s") or (_SPEEDS & everything and not unit):
+    elif unit in ("m/s", "rad/s") or ((_SPEEDS & everything or not words) and not unit):
         kind = "speed"
         unit = unit or ("rad/s" if _TURNING & words else "m/s" if words - COMMANDED - _BESIDE == {"v"} else "")
-    elif unit in ("", "V") and (_SHARES & words or commanded):
+    elif unit in ("", "V") and (_SHARES & words or commanded or declared == "%"):
         kind, unit, commanded = "share", "", commanded or not measured
         scale = scale if declared == "%" else 1.0
     else:
@@ -180,90 +206,6 @@ def _units_alike(found: list[Pair]) -> list[Pair]:
             pair = replace(pair, unit=beside.unit, scale=beside.scale) if same else pair
         out.append(pair)
     return out
-
-
-@dataclass(frozen=True)
-class Driven:
-    """The pair that drives a robot and those that were measured, with what is to be said."""
-
-    command: Pair
-    sign: tuple[float, float]
-    """-1 for a wheel whose command counts backwards."""
-    notes: tuple[str, ...]
-
-
-def measured(found: Sequence[Pair], command: Pair | None = None) -> dict[str, Pair]:
-    """Channel to the first pair that was measured: `wheel_speed`, and `wheel_angle` for what adds up."""
-    channels = {"wheel_speed": "speed", "wheel_angle": "travel"}
-    return {
-        channel: pair for channel, kind in channels.items()
-        if (pair := next((p for p in found if p.kind == kind and not p.commanded and p is not command), None)) is not None
-    }  # fmt: skip
-
-
-def commanded(
-    found: Sequence[Pair], place: Sequence[Signal], heading: Sequence[Signal], time: TimeColumn
-) -> Driven | None:
-    """What drives two wheels; None where nothing does, or where neither a place nor a word says that they are wheels.
-
-    A pair that no word calls a command is one where the motion follows it.
-    """
-    moved, turned = along(place, time), turning(heading, time)
-    told = next((p for p in found if p.commanded and p.kind != "travel"), None)
-    said: tuple[str, ...] = ()
-    if told is None and moved is not None:
-        for pair in (p for p in found if p.kind == "speed" and not p.measured):
-            late = lateness(pair.columns[0], np.abs(_sum(pair, (1.0, 1.0))), moved, time)
-            if late is not None and late > 0.5 * usual_step(moved.time):
-                told = pair
-                said = (
-                    f"{_names(pair)}: taken for what was commanded, since the motion follows {1e3 * late:.0f} ms behind and "
-                    "nothing else says so; if this was measured, name in [channels.command] what was commanded",
-                )  # fmt: skip
-                break
-    if told is None or not (place or any(p.of_wheels for p in (told, *measured(found, told).values()))):
-        return None
-    sign = _signs(told, moved, turned, time)
-    back = [c.name for c, s in zip(told.columns, sign, strict=True) if s < 0.0]
-    said += tuple(f"{name}: counts backwards while the robot drives on, taken with sign -1" for name in back)
-    return Driven(told, sign, said)
-
-
-def _names(pair: Pair) -> str:
-    return " and ".join(c.name for c in pair.columns)
-
-
-def _sum(pair: Pair, sign: tuple[float, float]) -> Array:
-    """(T,) both wheels' numbers added up, pulses from their middle."""
-    middle = PULSE_MIDDLE if in_pulses(pair) else 0.0
-    left, right = (s * (c.values - middle) for s, c in zip(sign, pair.columns, strict=True))
-    return left + right
-
-
-def _signs(pair: Pair, moved: Channel | None, turned: Channel | None, time: TimeColumn) -> tuple[float, float]:
-    """1 for wheels that count up while the robot drives on; -1 for one that is mounted the other way round."""
-    if moved is None or turned is None:
-        return 1.0, 1.0
-    ahead, turn = _sum(pair, (1.0, 1.0)), _sum(pair, (-1.0, 1.0))
-    plain = _together(pair, np.abs(ahead), moved, time) + abs(_together(pair, turn, turned, time))
-    mirrored = _together(pair, np.abs(turn), moved, time) + abs(_together(pair, ahead, turned, time))
-    if mirrored < plain + _CLEARLY:
-        return 1.0, 1.0
-    return (1.0, -1.0) if _together(pair, ahead, turned, time) < 0.0 else (-1.0, 1.0)
-
-
-def _together(pair: Pair, values: Array, motion: Channel, time: TimeColumn) -> float:
-    """Correlation of (T,) values with a motion that follows soon, both smoothed."""
-    instants = instants_of(pair.columns[0], time)
-    good = usable(instants, values) if len(instants) == len(values) else np.zeros(0, dtype=bool)
-    if np.count_nonzero(good) < 20:
-        return 0.0
-    told = averaged(instants[good], values[good])
-    shown = np.interp(told.time, motion.time, motion.values[:, 0])
-    both = np.std(told.values) * np.std(shown)
-    return (
-        float(np.mean((told.values[:, 0] - told.values.mean()) * (shown - shown.mean())) / both) if both > 0.0 else 0.0
-    )
 
 
 def in_pulses(pair: Pair) -> bool:
