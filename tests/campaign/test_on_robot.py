@@ -84,7 +84,7 @@ def test_a_walk_gets_faster_and_leans_as_the_robot_needs_it(tmp_path: Path) -> N
     assert f"together {100 * share:.2g} in 100 are expected to" in history.falls_of_best
     assert ("fell forward" in history.falls_of_best) == ("in 0 of" not in history.falls_of_best)
     shown = "".join(s.body for s in campaign_sections(history, read_plan(plan).plan, {}, "", ()))
-    assert "more of what counts" in shown
+    assert "On the robot the speed went from" in shown
     assert "trust region" not in shown
     assert shown.count("amp_swing 1 times, fwdOffset +0 m") >= 1
     assert str(grades_shown(history)) in shown
@@ -97,6 +97,18 @@ def test_a_walk_gets_faster_and_leans_as_the_robot_needs_it(tmp_path: Path) -> N
         run(plan, out)
         assert (out / JOURNAL).read_bytes() == (tmp_path / "out" / JOURNAL).read_bytes()
         shutil.rmtree(out)
+
+
+def test_a_walk_is_fast_enough_by_its_speed(tmp_path: Path) -> None:
+    plan = plan_in(tmp_path, ("trials = 40", "trials = 40\nsuccess = 0.1"))
+    history = History.of(run(plan, tmp_path / "out"))
+    assert history.ended is not None
+    assert history.ended.success
+    assert history.ended.reason.startswith(f"success: {-history.best[1]:.4g} m/s")
+    assert history.score(history.best[1]) == f"{-history.best[1]:.4g} m/s"
+    assert -history.best[1] > 0.1
+    with pytest.raises(PlanError, match=r"speak of the speed.* success = 0\.1"):
+        run(plan_in(tmp_path, ("trials = 40", "trials = 40\nsuccess = -0.1")), tmp_path / "negative")
 
 
 def test_a_fall_of_which_nothing_else_is_known_counts(tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ from trueup.loop.plausible import plausible
 from trueup.loop.transfer import best_known, mean_score
 from trueup.parameters import ParameterSpace
 from trueup.rounding import NEGLIGIBLE
-from trueup.tasks.task import Task, unit_of
+from trueup.tasks.task import Task, counted_by, unit_of
 
 E = TypeVar("E")
 
@@ -102,6 +102,10 @@ class Campaign:
     def _space(self) -> ParameterSpace:
         return self._parts.task.parameters
 
+    @property
+    def _counts(self) -> str:
+        return counted_by(self._parts.task)
+
     def _round(self, number: int, region: TrustRegion, score: float) -> RoundEnded:
         belief = self._prior()
         self._experiment(number, region, belief)
@@ -117,7 +121,7 @@ class Campaign:
             Chosen,
             lambda: chosen(number, self._plan.transfer, self._parts, optimum, region, models, self._room(), correction),
         )
-        far = unlike(picked.predicted[picked.incumbent], known) if picked.incumbent >= 0 else ""
+        far = unlike(picked.predicted[picked.incumbent], known, self._counts) if picked.incumbent >= 0 else ""
         if far and not self._journal.replaying:
             self._listener.doubt(far)
         fresh = len(self._hardware.recordings())
@@ -240,9 +244,8 @@ class Campaign:
         stop = self._plan.stop
         if self._scored() and self._succeeds():
             unit, done = unit_of(self._parts.task), " (done)" if self._done() > 0.5 else ""
-            return Ended(
-                f"success: {f'{last.score:.4g} {unit}'.rstrip()}{done} on the robot in round {number}", success=True
-            )
+            score = f"{-last.score if self._counts else last.score:.4g} {unit}".rstrip()
+            return Ended(f"success: {score}{done} on the robot in round {number}", success=True)
         if stale >= stop.patience:
             return Ended(f"no improvement on the robot in {stale} rounds in a row", success=False)
         if self._room() < 1 + self._plan.transfer.incumbent:
@@ -267,7 +270,7 @@ class Campaign:
 
     def _succeeds(self) -> bool:
         """Whether the best scores well enough for the plan, or does the task in most of its runs where that can be said."""
-        return self._best()[1] <= self._plan.stop.success or self._done() > 0.5
+        return self._plan.stop.reached(self._best()[1], self._counts) or self._done() > 0.5
 
     def _done(self) -> float:
         """Share of the best's runs in which the task was done; NaN where there is no such thing."""
@@ -288,7 +291,7 @@ class Campaign:
 def _begun(checksum: str, seed: int, version: str, task: Task, doses: Doses | None) -> Begun:
     units = {p.name: "" if p.unit == "1" else p.unit for p in task.parameters.parameters}
     graded = (doses.names, doses.first, doses.ways) if doses else ((), (), ())
-    return Begun(checksum, seed, version, unit_of(task), units, *graded)
+    return Begun(checksum, seed, version, unit_of(task), units, *graded, counted_by(task))
 
 
 def _never() -> Generation:

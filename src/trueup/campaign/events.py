@@ -33,6 +33,8 @@ class Begun:
     """These numbers of today's settings."""
     ways: tuple[str, ...] = ()
     """In which a run may end early, as a tally counts them."""
+    counts: str = ""
+    """What people count of the task's score, which is minus that; '' where it is an error or a cost as it stands."""
 
 
 @dataclass(frozen=True)

@@ -208,9 +208,23 @@ class History:
         best = self.best[0]
         return [s for r in self.rounds for s in r.scored if best and self.settings(s.unit) == best]
 
+    @property
+    def counts(self) -> str:
+        """What people count of the task's score, which is minus that; '' where it is an error or a cost as it stands."""
+        return self.begun.counts if self.begun else ""
+
+    def shown(self, score: float) -> float:
+        """A score as people read it: of a walk its speed."""
+        return -score + 0.0 if self.counts else score
+
     def score(self, value: float) -> str:
-        """A score with its unit."""
-        return f"{value:.4g} {self.begun.unit if self.begun else ''}".rstrip()
+        """A score as people read it, with its unit."""
+        return f"{self.shown(value):.4g} {self.begun.unit if self.begun else ''}".rstrip()
+
+    def change(self, score: float) -> float:
+        """By which share a score differs from the first, above zero for more; NaN where that says nothing."""
+        first, last = self.shown(self.first_score), self.shown(score)
+        return last / first - 1.0 if first > 0.0 and math.isfinite(last) else math.nan
 
     def setting(self, name: str, value: float) -> str:
         """A setting with its unit."""
@@ -251,7 +265,7 @@ def astray(event: Validated) -> str:
 
     A calibrated simulator may be wrong by some share; beyond `_FAR` it mostly does not do the same run.
     """
-    both = [(p, m) for p, m in zip(event.predicted, event.measured, strict=True) if p > 0.0 and m > 0.0]
+    both = [(p, m) for p, m in zip(event.predicted, event.measured, strict=True) if p * m > 0.0]
     if len(both) < 2:
         return ""
     ratio = statistics.median(m / p for p, m in both)
@@ -264,8 +278,10 @@ def astray(event: Validated) -> str:
     )
 
 
-def unlike(predicted: float, measured: float) -> str:
+def unlike(predicted: float, measured: float, counts: str = "") -> str:
     """A sentence where the calibrated simulator is far off the robot's score with settings that have been run already."""
+    if counts:
+        predicted, measured = -predicted, -measured
     if not (predicted > 0.0 and measured > 0.0) or 1.0 / _FAR <= measured / predicted <= _FAR:
         return ""
     return (

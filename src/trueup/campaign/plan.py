@@ -168,7 +168,7 @@ class Stop:
 
     rounds: int = 3
     success: float = -math.inf
-    """A score on the robot that is good enough."""
+    """A score on the robot that is good enough; of a task that counts something (a walk's speed) how much of that."""
     patience: int = 2
     """Rounds in a row without improvement."""
     improvement: float = 0.01
@@ -180,6 +180,10 @@ class Stop:
         """Raises ValueError for what cannot be."""
         _at_least(self, "rounds", 1)
         _at_least(self, "patience", 1)
+
+    def reached(self, score: float, counts: str) -> bool:
+        """Whether a score is good enough; it is minus what `counts` names, where it names something."""
+        return math.isfinite(self.success) and (-score >= self.success if counts else score <= self.success)
 
 
 @dataclass(frozen=True)

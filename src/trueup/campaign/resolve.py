@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import fnmatch
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -37,6 +38,7 @@ from trueup.loop.prepare import Preparation
 from trueup.loop.recalibrate import Earlier
 from trueup.recording import Recording
 from trueup.search.search import Search
+from trueup.tasks.task import counted_by
 from trueup.tracking.windows import LENGTH
 from trueup.typed_toml import Component
 
@@ -68,6 +70,11 @@ def parts_of(
     given["task"] = task = _with(plan.task, made(plan.task, "task", TASKS, given, base), "task")
     if not task.parameters.free.any():
         raise PlanError(f"{plan.task.where}: task '{task.name}' has no free parameter: nothing to tune")
+    if (counts := counted_by(task)) and -math.inf < plan.stop.success < 0.0:
+        raise PlanError(
+            f"{file.path}, [stop]: success is {plan.stop.success:g}: of task '{task.name}' plans and reports speak of "
+            f"the {counts}, which is more the better; write how much is enough, as in success = {-plan.stop.success:g}"
+        )
     robot = _with(plan.robot, made(plan.robot, "robot", ROBOTS, given, base), "robot")
     discrepancy = None
     if plan.calibrate.discrepancy is not None:

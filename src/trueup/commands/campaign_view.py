@@ -187,10 +187,8 @@ class CampaignView:
             case Validated():
                 return [_line(head, "validate", line) for line in validation_words(event)]
             case RoundEnded():
-                first = self.history.first_score
-                share = (
-                    f" ({100 * (event.score / first - 1):+.0f} %)" if first > 0 and math.isfinite(event.score) else ""
-                )
+                first, change = self.history.shown(self.history.first_score), self.history.change(event.score)
+                share = f" ({100 * change:+.0f} %)" if math.isfinite(change) else ""
                 before = f"{first:.4g} at first -> " if math.isfinite(first) else ""
                 words = f"{before}{self.history.score(event.score)} on the robot{share}{self._left()}"
                 return [_line(head, "best so far", words)]
@@ -224,14 +222,14 @@ class CampaignView:
             return f"{self.history.grade(event.numbers[0])}: {event.ended}"
         tried = self.history.rounds[-1].tried
         new = [p for k, p in enumerate(event.predicted) if k != event.incumbent]
-        now = f", now {event.predicted[event.incumbent]:.4g}" if event.incumbent >= 0 else ""
+        now = f", now {self.history.shown(event.predicted[event.incumbent]):.4g}" if event.incumbent >= 0 else ""
         unsafe = f"; {event.unsafe} were beyond the limits" if event.unsafe else ""
         best = f"best {self.history.score(min(new))}{now}; " if new else ""
         return f"{tried} candidates simulated: {best}{len(new)} distinct ones go to the robot{unsafe}"
 
     def _transfer_words(self, event: Scored) -> str:
         picked = self.history.rounds[-1].chosen
-        said = f"{picked.predicted[event.candidate]:.4g} expected, " if picked else ""
+        said = f"{self.history.shown(picked.predicted[event.candidate]):.4g} expected, " if picked else ""
         which = "as before" if picked and event.candidate == picked.incumbent else f"candidate {event.candidate}"
         return f"{which}: {said}{self._scores(event)} on the robot"
 

@@ -51,14 +51,16 @@ def show_status(history: History, plan: Plan, console: Console) -> None:
     for name in ("round", "runs", "replay error", "simulated", "on the robot", "same ranks"):
         table.add_column(name, justify="left" if name == "round" else "right", no_wrap=True)
     for story in history.rounds:
-        table.add_row(*_row(story))
+        table.add_row(*_row(story, history))
     console.print(table)
     settings, score = history.best
     if settings:
         first = history.first_score
-        share = f", {100 * (1 - score / first):.1f} % less" if first > 0 and score < first else ""
+        change = history.change(score) if score < first else math.nan
+        share = f", {100 * abs(change):.1f} % {'more' if change > 0.0 else 'less'}" if math.isfinite(change) else ""
         before = f" (at first {history.score(first)}{share})" if math.isfinite(first) else ""
-        console.print(f"best on the robot: {history.score(score)}{before}", highlight=False)
+        what = f"best {history.counts} on the robot" if history.counts else "best on the robot"
+        console.print(f"{what}: {history.score(score)}{before}", highlight=False)
         shown = ", ".join(f"{k} = {history.setting(k, v)}" for k, v in settings.items())
         console.print(f"  {escape(shown)}", highlight=False, soft_wrap=True)
         for words in filter(None, (history.done_by_best, history.falls_of_best)):
@@ -84,6 +86,7 @@ def as_json(history: History) -> str:
         "ended": None if history.ended is None else asdict(history.ended),
         "first_score": history.first_score,
         "best_score": score,
+        "score_is_minus": history.counts or None,
         "best_settings": dict(settings),
         "waiting": [t.planned.trial for t in history.waiting],
         "runs": len([t for t in history.trials if t.done is not None]),
@@ -107,13 +110,13 @@ def _plain(story: RoundStory) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _row(story: RoundStory) -> tuple[str, ...]:
+def _row(story: RoundStory, history: History) -> tuple[str, ...]:
     done, rank = story.calibrated, story.validated
     return (
         str(story.begun.round),
         str(sum(t.done is not None for t in story.trials)),
         f"{done.error_before:.3g} -> {done.error_after:.3g} {escape(done.unit)}" if done else "",
-        f"{story.best_simulated:.4g}" if story.tried else "",
-        f"{story.ended.score:.4g}" if story.ended else "",
+        f"{history.shown(story.best_simulated):.4g}" if story.tried else "",
+        f"{history.shown(story.ended.score):.4g}" if story.ended else "",
         f"{rank.tau:.2f} [{rank.low:.2f}, {rank.high:.2f}]" if rank and math.isfinite(rank.tau) else "",
     )

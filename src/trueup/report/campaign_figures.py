@@ -18,18 +18,20 @@ def score_figure(history: History) -> Markup:
     """Every candidate's scores on the robot, in the order in which they were run, and the best so far."""
     entries = [(r, s) for r in history.rounds for s in r.scored]
     expected = [
-        r.chosen.predicted[s.candidate] if s.step == "transfer" and r.chosen is not None else math.nan
+        history.shown(r.chosen.predicted[s.candidate]) if s.step == "transfer" and r.chosen is not None else math.nan
         for r, s in entries
     ]
-    values = [x for _, s in entries for x in s.scores]
+    scores = [[history.shown(x) for x in s.scores] for _, s in entries]
+    values, better = [x for each in scores for x in each], max if history.counts else min
+    marks = _round_marks([r.begun.round for r, _ in entries])
     plot = Plot((-0.6, len(entries) - 0.4), span([*values, *expected], zero=True), "candidates, as they were run",
-                "score on the robot", width=860, x_marks=_round_marks([r.begun.round for r, _ in entries]))  # fmt: skip
-    best, steps = math.inf, []
+                f"{history.counts or 'score'} on the robot", width=860, x_marks=marks)  # fmt: skip
+    best, steps = math.nan, []
     first = entries[0][1].unit if entries else ()
-    for k, ((_, s), hoped) in enumerate(zip(entries, expected, strict=True)):
-        known = [x for x in s.scores if math.isfinite(x)]
+    for k, ((_, s), made, hoped) in enumerate(zip(entries, scores, expected, strict=True)):
+        known = [x for x in made if math.isfinite(x)]
         mean = sum(known) / len(known) if known else math.nan
-        previous, best = best, min(best, mean) if known else best
+        previous, best = best, (better(best, mean) if math.isfinite(best) else mean) if known else best
         steps += (
             [(k - 0.5, previous), (k - 0.5, best), (k + 0.5, best)] if math.isfinite(previous) else [(k - 0.5, best)]
         )
@@ -81,7 +83,7 @@ def parameter_figures(history: History) -> Markup:
 def ranking_figure(history: History) -> Markup:
     """What the simulator expected of each candidate against what the robot did; the diagonal is agreement."""
     apart = 14  # Pixels between numbers that can be read
-    pairs = [(r.begun.round, p, m) for r in history.rounds if r.validated is not None
+    pairs = [(r.begun.round, history.shown(p), history.shown(m)) for r in history.rounds if r.validated is not None
              for p, m in zip(r.validated.predicted, r.validated.measured, strict=True) if math.isfinite(m)]  # fmt: skip
     both = span([x for _, p, m in pairs for x in (p, m)], margin=0.15)
     plot = Plot(both, both, "expected by the simulator", "on the robot", width=560, height=380)

@@ -56,14 +56,16 @@ def campaign_sections(
 
 
 def _better(history: History, tracks: Sequence[Track]) -> Markup:
-    first, (settings, best) = history.first_score, history.best
+    settings, best = history.best
+    first, best = history.shown(history.first_score), history.shown(best)
     if not settings:
         return join(callout("warn", "No run has a score yet.", "The robot's runs are listed below as they come."))
     unit, before = history.begun.unit if history.begun else "", significant(first) if math.isfinite(first) else ""
     said = [f" The robot {words}." for words in (history.done_by_best, history.falls_of_best) if words]
-    words = tag("p", "".join((_sentence(first, best), *said)), class_="verdict-sentence")
+    words = tag("p", "".join((_sentence(history, first, best), *said)), class_="verdict-sentence")
+    counts = f"{history.counts} on the robot" if history.counts else "the task's score on the robot (lower is better)"
     parts = [
-        hero("the task's score on the robot (lower is better)", change(before, significant(best), unit),
+        hero(counts, change(before, significant(best), unit),
              tag("div", words)),
         tag("h3", "The best settings"), facts((name, history.setting(name, value)) for name, value in settings.items()),
         tag("h3", "Every candidate on the robot"),
@@ -94,13 +96,15 @@ def _better(history: History, tracks: Sequence[Track]) -> Markup:
     return join(parts)
 
 
-def _sentence(first: float, best: float) -> str:
+def _sentence(history: History, first: float, best: float) -> str:
+    """What became of scores as people read them."""
     if not math.isfinite(first):
         return "The settings that the robot had at first were not run, so there is nothing to compare with."
-    if best < first <= 0.0:  # what is made good, with a minus: a share of it is no error that shrank
-        more = f": {fixed(100 * (best - first) / first, 1)} % more of what counts" if first else ""
-        return f"On the robot the score went from {significant(first)} to {significant(best)}{more}."
-    if best < first:
+    if (best > first) if history.counts else (best < first <= 0.0):  # of a negative error no share is left
+        what, change = history.counts or "score", history.change(history.best[1])
+        more = f": {fixed(100 * change, 1)} % more" if math.isfinite(change) else ""
+        return f"On the robot the {what} went from {significant(first)} to {significant(best)}{more}."
+    if best < first and not history.counts:
         return f"On the robot the score fell to {ratio_text(best, first)}: {fixed(100 * (1 - best / first), 1)} % less."
     return "Nothing that was tried did better on the robot than what it had at first; these settings are kept."
 
@@ -161,11 +165,11 @@ def _candidate(history: History, story: RoundStory, scored: Scored) -> Markup:
     )  # fmt: skip
     picked = story.chosen if scored.step == "transfer" else None
     known = [x for x in scored.scores if math.isfinite(x)]
-    measured = sum(known) / len(known) if known else math.nan
+    measured = history.shown(sum(known) / len(known)) if known else math.nan
     expected = math.nan
     which = "experiment"
     if picked is not None:
-        expected = picked.predicted[scored.candidate]
+        expected = history.shown(picked.predicted[scored.candidate])
         which = "best so far, again" if scored.candidate == picked.incumbent else f"candidate {scored.candidate}"
     elif scored.step == "confirm":
         which = "the best, once more"

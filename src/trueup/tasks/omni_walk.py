@@ -32,6 +32,7 @@ class OmniWalk(Walk):
 
     name: str = field(init=False, default="walk around")
     unit: str = field(init=False, default="m")
+    counts: str = field(init=False, default="way made good")
 
     @property
     def duration(self) -> float:

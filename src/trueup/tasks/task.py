@@ -64,6 +64,16 @@ class ScoredIn(Protocol):
 
 
 @runtime_checkable
+class Counts(Protocol):
+    """A task whose score is minus something that people count: a speed, a way made good. Reports and plans speak of that."""
+
+    @property
+    def counts(self) -> str:
+        """What that is, for reports: 'speed', 'way made good'."""
+        ...
+
+
+@runtime_checkable
 class Plans(Protocol):
     """A task whose candidates are motions: it says which commands a candidate means, for robots that play commands."""
 
@@ -137,6 +147,11 @@ class Graded(Protocol):
 def unit_of(task: Task) -> str:
     """The unit of a task's score; '' where it has none."""
     return task.unit if isinstance(task, ScoredIn) else ""
+
+
+def counted_by(task: Task) -> str:
+    """What people count of a task's score, which is minus that; '' where it is an error or a cost as it stands."""
+    return task.counts if isinstance(task, Counts) else ""
 
 
 def simulated_scores(

@@ -84,6 +84,8 @@ class Walk(ABC):
     """See Task."""
     unit: str = field(init=False, default="m/s")
     """Of the score."""
+    counts: str = field(init=False, default="speed")
+    """See Counts; falls are taken off."""
 
     @property
     @abstractmethod
