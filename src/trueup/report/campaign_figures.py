@@ -24,8 +24,14 @@ def score_figure(history: History) -> Markup:
     scores = [[history.shown(x) for x in s.scores] for _, s in entries]
     values, better = [x for each in scores for x in each], max if history.counts else min
     marks = _round_marks([r.begun.round for r, _ in entries])
-    plot = Plot((-0.6, len(entries) - 0.4), span([*values, *expected], zero=True), "candidates, as they were run",
-                f"{history.counts or 'score'} on the robot", width=860, x_marks=marks)  # fmt: skip
+    ends = history.begun is not None and any(history.early([s for _, s in entries]).values())
+    what = (
+        f"{history.counts} less what falls cost"
+        if history.counts and ends
+        else f"{history.counts or 'score'} on the robot"
+    )
+    plot = Plot((-0.6, len(entries) - 0.4), span([*values, *expected], zero=True), "candidates, as they were run", what,
+                width=860, x_marks=marks)  # fmt: skip
     best, steps = math.nan, []
     first = entries[0][1].unit if entries else ()
     for k, ((_, s), made, hoped) in enumerate(zip(entries, scores, expected, strict=True)):
