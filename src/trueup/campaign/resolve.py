@@ -38,7 +38,7 @@ from trueup.loop.prepare import Preparation
 from trueup.loop.recalibrate import Earlier
 from trueup.recording import Recording
 from trueup.search.search import Search
-from trueup.tasks.task import counted_by
+from trueup.tasks.task import Task, counted_by
 from trueup.tracking.windows import LENGTH
 from trueup.typed_toml import Component
 
@@ -70,11 +70,7 @@ def parts_of(
     given["task"] = task = _with(plan.task, made(plan.task, "task", TASKS, given, base), "task")
     if not task.parameters.free.any():
         raise PlanError(f"{plan.task.where}: task '{task.name}' has no free parameter: nothing to tune")
-    if (counts := counted_by(task)) and -math.inf < plan.stop.success < 0.0:
-        raise PlanError(
-            f"{file.path}, [stop]: success is {plan.stop.success:g}: of task '{task.name}' plans and reports speak of "
-            f"the {counts}, which is more the better; write how much is enough, as in success = {-plan.stop.success:g}"
-        )
+    _check_success(file, task)
     robot = _with(plan.robot, made(plan.robot, "robot", ROBOTS, given, base), "robot")
     discrepancy = None
     if plan.calibrate.discrepancy is not None:
@@ -139,6 +135,16 @@ def _with(component: Component, part: Any, role: str) -> Any:
             "checks whether a class keeps its contract)"
         )
     return part
+
+
+def _check_success(file: PlanFile, task: Task) -> None:
+    """Raises PlanError for how much is enough below zero where more is better: plans had the score's own sign once."""
+    enough = file.plan.stop.success
+    if (counts := counted_by(task)) and -math.inf < enough < 0.0:
+        raise PlanError(
+            f"{file.path}, [stop]: success is {enough:g}: of task '{task.name}' plans and reports speak of the {counts}, "
+            f"which is more the better; write how much is enough, as in success = {-enough:g}"
+        )
 
 
 def _recordings(plan: Calibrate, base: Path, where: str) -> tuple[list[Recording], list[Recording]]:

@@ -24,7 +24,7 @@ def score_figure(history: History) -> Markup:
     scores = [[history.shown(x) for x in s.scores] for _, s in entries]
     values, better = [x for each in scores for x in each], max if history.counts else min
     marks = _round_marks([r.begun.round for r, _ in entries])
-    ends = history.begun is not None and any(history.early([s for _, s in entries]).values())
+    ends = any(history.early([s for _, s in entries]).values())
     what = (
         f"{history.counts} less what falls cost"
         if history.counts and ends

@@ -83,9 +83,8 @@ class Walk(ABC):
     name: str = field(init=False)
     """See Task."""
     unit: str = field(init=False, default="m/s")
-    """Of the score."""
     counts: str = field(init=False, default="speed")
-    """See Counts; falls are taken off."""
+    """See ScoredIn and Counts; falls are taken off."""
 
     @property
     @abstractmethod
