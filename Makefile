@@ -63,7 +63,7 @@ LOCK := CUSTOM_COMPILE_COMMAND='make lock' $(VENV)/bin/pip-compile --quiet --gen
 lock: $(DEV_READY) ## pin the versions in requirements/ anew from pyproject.toml
 	@$(LOCK) $(ARGS) --output-file requirements/run.txt pyproject.toml
 	@$(LOCK) $(ARGS) --output-file requirements/rcss.txt requirements/rcss.in
-	@$(LOCK) $(ARGS) --extra ros,dart,grounding,cluster,bench,dev --constraint requirements/run.txt --output-file requirements/dev.txt pyproject.toml
+	@$(LOCK) $(ARGS) --extra ros,hdf5,dart,grounding,cluster,bench,dev --constraint requirements/run.txt --output-file requirements/dev.txt pyproject.toml
 
 clean: ## remove .venv, caches and the demo's results
 	rm -rf $(VENV) $(RCSS) out/demo build dist .pytest_cache .ruff_cache .hypothesis

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import h5py
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -16,6 +17,7 @@ import pytest
 from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
+from scipy.io import savemat
 
 from trueup import formats
 from trueup.recording import Channel, Recording
@@ -30,8 +32,8 @@ def small_files() -> SimpleNamespace:
     """The functions below, by name; test modules cannot import one another."""
     functions = (
         signals, recording, write_csv, write_lists, write_one_number_a_line, write_json, write_npz,
-        write_foreign_parquet, write_own_parquet, joint_state, float_array, trajectory, message, header, write_bag,
-        write_joint_bag,
+        write_mat, write_hdf5, write_foreign_parquet, write_own_parquet, joint_state, float_array, trajectory, message,
+        header, write_bag, write_joint_bag,
     )  # fmt: skip
     return SimpleNamespace(**{function.__name__: function for function in functions})
 
@@ -100,6 +102,27 @@ def write_npz(path: Path) -> Path:
     """Arrays by name, with the joints' names."""
     time, command, position = signals()
     np.savez(path, time=time, q=position, q_des=command.T, joint_names=np.array(JOINTS))
+    return path
+
+
+def write_mat(path: Path) -> Path:
+    """A struct with its signals beside their time, as MATLAB keeps it."""
+    time, command, position = signals()
+    savemat(
+        path, {"log": {"t": time, "q": position, "q_des": command.T, "joint_names": np.array(JOINTS, dtype=object)}}
+    )
+    return path
+
+
+def write_hdf5(path: Path) -> Path:
+    """Groups with clocks of their own, as a recorder of demonstrations keeps them."""
+    time, command, position = signals()
+    with h5py.File(path, "w") as file:
+        for name, values in (("state", position), ("command", command)):
+            group = file.create_group(name)
+            group["timestamp"] = time
+            group["position"] = values
+            group["position"].attrs["names"] = list(JOINTS)
     return path
 
 

@@ -64,8 +64,8 @@ def test_provenance_names_the_files_and_their_checksums(tmp_path: Path, small_fi
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("run.mat", r"end in '.mat' are not known; known are: .csv.*MATLAB"),
-        ("run.h5", r"h5py.*savez"),
+        ("run.xlsx", r"end in '.xlsx' are not known; known are: .csv.*spreadsheet"),
+        ("run.pkl", r"numpy\.savez"),
         ("empty", "no file here"),
     ],
 )

@@ -30,8 +30,8 @@ something needed is missing.
 """
 
 _NEEDED = ("mujoco", "numpy", "scipy", "numba", "pyarrow", "rich", "plotly", "cma", "optuna")
-_EXTRAS = {"rosbags": ("ros", "reads rosbag2, MCAP and ROS 1 bags"), "dartpy": ("dart", "a second engine"),
-           "distributed": ("cluster", "more than one machine")}  # fmt: skip
+_EXTRAS = {"rosbags": ("ros", "reads rosbag2, MCAP and ROS 1 bags"), "h5py": ("hdf5", "reads HDF5 and MATLAB 7.3 files"),
+           "dartpy": ("dart", "a second engine"), "distributed": ("cluster", "more than one machine")}  # fmt: skip
 _USUAL = 0.1  # s of processor time for the yardstick, on the machine of docs/benchmarks.md
 
 

@@ -41,7 +41,9 @@ Guesses which columns are what and writes that as mapping.toml, for you to edit;
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What this command takes."""
-    parser.add_argument("files", nargs="+", metavar="FILE", help="CSV, JSON, NPZ, Parquet, ROS bags, or folders")
+    parser.add_argument(
+        "files", nargs="+", metavar="FILE", help="CSV, JSON, NPZ, Parquet, MAT, HDF5, ROS bags, or folders"
+    )
     parser.add_argument("--mapping", metavar="FILE", help="read with this mapping instead of guessing")
     add_shared(parser, "rate", "json")
     parser.add_argument("--model", metavar="MODEL", help="compare joint names with this MJCF or URDF, propose renaming")

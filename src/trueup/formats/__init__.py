@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings from and to files. CSV, JSON, NPZ, Parquet and ROS bags come in; one Parquet file goes out."""
+"""Recordings from and to files. CSV, JSON, NPZ, Parquet, MAT, HDF5 and ROS bags come in; one Parquet file goes out."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from trueup import files
 from trueup.errors import FormatError
-from trueup.formats import csv, json, npz, parquet, rosbag
+from trueup.formats import csv, hdf5, json, matlab, npz, parquet, rosbag
 from trueup.formats.echoed import with_names
 from trueup.formats.episodes import described, episodes, is_description
 from trueup.formats.long import one_row_an_instant
@@ -27,14 +27,11 @@ _READERS = {
     **dict.fromkeys((".json", ".jsonl", ".ndjson"), json.read),
     **dict.fromkeys((".npz", ".npy"), npz.read),
     **dict.fromkeys((".parquet", ".pq"), parquet.read),
+    ".mat": matlab.read,
+    **dict.fromkeys((".h5", ".hdf5", ".hdf"), hdf5.read),
 }
 _ELSEWHERE = {
-    "from MATLAB, writetable(timetable2table(...)) or writematrix writes CSV; so does any spreadsheet": (
-        ".mat", ".xlsx", ".xls", ".ods",
-    ),
-    'in Python, h5py.File(...) opens it and numpy.savez("log.npz", t=..., q=..., q_des=...) writes what is read here': (
-        ".h5", ".hdf5",
-    ),
+    "any spreadsheet writes CSV": (".xlsx", ".xls", ".ods"),
     "a pickle may run anything when it is loaded: load it yourself, and write arrays by numpy.savez or a table as CSV": (
         ".pkl", ".pickle", ".pt", ".pth", ".joblib",
     ),
@@ -107,6 +104,8 @@ def _file(path: Path) -> list[Source]:
     kind = path.suffix.lower().lstrip(".")
     if isinstance(result, Recording):
         return [Source(path.stem, (path,), (), result, kind)]
+    if isinstance(result, list):
+        return [Source(name, (path,), tuple(tables), reader=kind) for name, tables in result]
     runs = episodes(described(with_names(result), path), path.stem)
     return [Source(name, (path,), (one_row_an_instant(table),), reader=kind) for name, table in runs]
 

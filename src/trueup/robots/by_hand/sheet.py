@@ -102,7 +102,7 @@ def words(trial: Trial, inbox: Path) -> str:
         rate = (len(o.time) - 1) / (o.time[-1] - o.time[0]) if len(o.time) > 1 else math.nan
         lines.append(f"  {channel:14} {', '.join(o.labels)}   in {_unit(o.unit)}, at {rate:.3g} Hz or faster")
     lines += [
-        "", "Any format that trueup reads is fine: CSV, JSON, NPZ, Parquet, rosbag2, MCAP. Columns named as in",
+        "", "Any format that trueup reads is fine: CSV, JSON, NPZ, Parquet, MAT, HDF5, MCAP. Columns named as in",
         f"log-header.csv need no mapping; for others put a mapping.toml into {inbox}/ (`trueup inspect LOG` writes one).", "",
         f"Name the log (or a folder with it) {trial.name}, for example {trial.name}.csv. If something went wrong, put a text",
         "file with a note in it there instead, or beside the log:", "",

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Reads MATLAB's .mat files: variables, structs and lists of them; files of version 7.3 are HDF5."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trueup.errors import FormatError
+from trueup.formats import hdf5
+from trueup.formats.table import Table
+from trueup.formats.tree import Leaf, Tree, runs
+
+_NEWER = b"MATLAB 7.3"
+_OBJECTS = (
+    "timetables, tables, timeseries and Simulink's datasets are objects that only MATLAB reads: save arrays, or a struct of "
+    "them (s.time = seconds(t.Time); s.q = t.q; of a dataset element e: s.time = e.Values.Time; s.q = e.Values.Data)"
+)
+
+
+def read(path: Path) -> list[tuple[str, list[Table]]]:
+    """(name, tables) of each run. Raises FormatError for a damaged file, and for one that holds objects alone."""
+    from scipy.io import loadmat  # takes long to import
+
+    with path.open("rb") as file:
+        if file.read(len(_NEWER)) == _NEWER:
+            return hdf5.read(path)
+    try:
+        loaded = loadmat(path, simplify_cells=True)
+    except Exception as error:  # damaged bytes surface as many kinds of error
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise FormatError(f"{path}: cannot be read as a MAT-file ({reason})") from error
+    tree = _tree({name: value for name, value in loaded.items() if not name.startswith("__")})
+    if not any(leaf.values.dtype.kind in "biuf" and leaf.values.size > 1 for _, leaf in tree.every()):
+        raise FormatError(
+            f"{path}: no array of numbers; variables are: {', '.join(_kinds(loaded)) or 'none'}. {_OBJECTS}"
+        )
+    return runs(tree, path)
+
+
+def _kinds(loaded: Mapping[str, Any]) -> list[str]:
+    return [f"{n} ({type(v).__name__})" for n, v in loaded.items() if not n.startswith("__")]
+
+
+def _tree(data: Mapping[str, Any]) -> Tree:
+    """Structs as branches; of an array of structs each by its label, its block or its number."""
+    tree = Tree()
+    for name, value in data.items():
+        if isinstance(value, dict):
+            tree.branches[name] = _tree(value)
+        elif isinstance(value, list | np.ndarray) and len(np.shape(value)) and all(isinstance(v, dict) for v in value):
+            parts = {_said(part) or str(k + 1): _tree(part) for k, part in enumerate(value)}
+            tree.branches.update({f"{name}{key}" if key.isdigit() else key: part for key, part in parts.items()})
+        elif (leaf := _leaf(value)) is not None:
+            tree.leaves[name] = leaf
+    return tree
+
+
+def _said(part: Mapping[str, Any]) -> str:
+    """How Simulink names a signal."""
+    return next((str(part[key]) for key in ("label", "blockName") if isinstance(part.get(key), str) and part[key]), "")
+
+
+def _leaf(value: Any) -> Leaf | None:
+    """Numbers, a text, or a list of texts; None for objects."""
+    if isinstance(value, list) and all(isinstance(v, str) for v in value):
+        value = np.array(value, dtype=np.str_)
+    array = np.asarray(value) if not isinstance(value, list) else np.zeros(0)
+    if array.dtype == object and array.size and all(isinstance(v, str) for v in array.flat):
+        array = array.astype(np.str_)
+    return Leaf(array) if array.dtype.kind in "biufUS" and array.size else None

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: Apache-2.0
+"""MATLAB's and HDF5 files: arrays below nested names are signals, each by the clock beside it, each run by itself."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.io import savemat
+
+from trueup import formats
+from trueup.errors import FormatError, MissingExtraError
+from trueup.recording import Recording
+
+Nested = Mapping[str, Any]
+T = np.arange(60) / 100.0
+Q = np.stack([np.sin(T), np.cos(2.0 * T), 0.3 * np.sin(3.0 * T)], axis=1)
+TOLD = np.roll(Q, -2, axis=0)
+
+
+def write_mat(path: Path, data: Nested) -> Path:
+    savemat(path.with_suffix(".mat"), dict(data))
+    return path.with_suffix(".mat")
+
+
+def write_h5(path: Path, data: Nested) -> Path:
+    def fill(group: Any, part: Nested) -> None:
+        for name, value in part.items():
+            if isinstance(value, Mapping):
+                fill(group.create_group(name), value)
+            else:
+                group[name] = value
+
+    with h5py.File(path.with_suffix(".h5"), "w") as file:
+        fill(file, data)
+    return path.with_suffix(".h5")
+
+
+BOTH = pytest.mark.parametrize("write", [write_mat, write_h5])
+Write = Callable[[Path, Nested], Path]
+
+
+def same(recording: Recording) -> None:
+    position, command = recording.channel("position"), recording.channel("command")
+    assert np.allclose(position.values, Q[: len(position.time)])
+    assert np.allclose(command.at(position.time, hold=True), TOLD, atol=1e-12)
+
+
+@BOTH
+@pytest.mark.parametrize(
+    "data",
+    [
+        {"t": T, "q": Q, "q_des": TOLD},
+        {"t": T[None], "q": Q.T, "q_des": TOLD.T},
+        {"log": {"time": T, "q_meas": Q, "q_ref": TOLD}},
+        {"q_meas": {"time": T, "signals": {"values": Q}}, "q_ref": {"time": T, "signals": {"values": TOLD}}},
+        {"arm": {"state": {"t": T, "position": Q}, "cmd": {"t": np.repeat(T, 1), "position": TOLD}}},
+        {"data": {"timestamps": T, "obs": {"joint_pos": Q}, "actions": TOLD}},
+    ],
+)
+def test_signals_are_found_wherever_they_stand(write: Write, data: Nested, tmp_path: Path) -> None:
+    (recording,) = formats.read(write(tmp_path / "run", data))
+    same(recording)
+
+
+@BOTH
+def test_groups_with_clocks_of_their_own_keep_them(write: Write, tmp_path: Path) -> None:
+    data = {"state": {"time": T, "q": Q}, "cmd": {"time": T[::3] + 0.002, "q_des": TOLD[::3]}}
+    (recording,) = formats.read(write(tmp_path / "run", data))
+    assert np.allclose(recording.channel("position").time, T)
+    command = recording.channel("command")
+    assert np.allclose(command.time, T[::3] + 0.002)
+    assert np.allclose(command.values, TOLD[::3])
+
+
+@BOTH
+def test_numbered_groups_that_hold_the_same_are_runs(write: Write, tmp_path: Path) -> None:
+    one = {"t": T, "q": Q, "q_des": TOLD}
+    found = formats.read(write(tmp_path / "log", {"kp": 12.0, "run1": one, "run2": one, "run3": one}))
+    assert [r.name for r in found] == ["log_run1", "log_run2", "log_run3"]
+    for recording in found:
+        same(recording)
+        assert recording.provenance["kp"] == "12.0"
+
+
+def test_numbered_joints_beside_one_clock_are_no_runs(tmp_path: Path) -> None:
+    joints = {f"joint{k + 1}": {"position": Q[:, k], "command": TOLD[:, k]} for k in range(3)}
+    (recording,) = formats.read(write_mat(tmp_path / "run", {"t": T, **joints}))
+    same(recording)
+
+
+def test_a_list_of_structs_holds_runs_and_cells_of_text_name_joints(tmp_path: Path) -> None:
+    names = np.array(["hip", "knee", "ankle"], dtype=object)
+    one = {"t": T, "q": Q, "q_des": TOLD, "joints": names}
+    first, second = formats.read(write_mat(tmp_path / "day", {"logs": [one, one]}))
+    for recording in (first, second):
+        same(recording)
+        assert recording.channel("position").labels == ("hip", "knee", "ankle")
+
+
+def test_units_and_names_that_hdf5_declares_are_kept_and_pictures_left_alone(tmp_path: Path) -> None:
+    path = write_h5(tmp_path / "run", {"time": 1e3 * T, "q": np.degrees(Q), "q_des": np.degrees(TOLD)})
+    with h5py.File(path, "a") as file:
+        file["camera"] = np.zeros((60, 4, 5, 3), dtype=np.uint8)
+        file["time"].attrs["units"] = "ms"
+        for name in ("q", "q_des"):
+            file[name].attrs["unit"] = "deg"
+        file["q"].attrs["names"] = ["hip", "knee", "ankle"]
+        file["elsewhere"] = h5py.ExternalLink("nothing.h5", "/q")
+    (recording,) = formats.read(path)
+    same(recording)
+    assert recording.channel("command").labels == ("hip", "knee", "ankle")
+
+
+def test_rows_with_named_fields_and_data_frames_are_columns(tmp_path: Path) -> None:
+    rows = np.zeros(60, dtype=[("t", "f8"), ("pos_hip", "f8"), ("cmd_hip", "f8")])
+    rows["t"], rows["pos_hip"], rows["cmd_hip"] = T, Q[:, 0], TOLD[:, 0]
+    frame = {"axis1": np.arange(60), "block0_items": np.array([b"t", b"pos_hip", b"cmd_hip"]),
+             "block0_values": np.column_stack([T, Q[:, 0], TOLD[:, 0]])}  # fmt: skip
+    for k, data in enumerate(({"log": rows}, {"frame": frame})):
+        (recording,) = formats.read(write_h5(tmp_path / f"run{k}", data))
+        assert np.allclose(recording.channel("position").values[:, 0], Q[:, 0])
+        assert np.allclose(recording.channel("command").values[:, 0], TOLD[:, 0])
+
+
+def test_a_matrix_alone_is_a_table_without_names(tmp_path: Path) -> None:
+    columns = {"position": {"columns": ["column_2", "column_3", "column_4"], "unit": "rad"}}
+    mapping = formats.ChannelMap.from_dict({"time": {"column": "column_1"}, "channels": columns})
+    (recording,) = formats.read(write_mat(tmp_path / "run", {"log": np.column_stack([T, Q])}), mapping)
+    assert np.array_equal(recording.channel("position").values, Q)
+
+
+def newer(path: Path) -> Path:
+    """As MATLAB 7.3 writes it: HDF5 behind 512 bytes of its own."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        log = file.create_group("log")
+        log["t"], log["q"], log["q_des"] = T[None], Q.T, TOLD.T
+        log["robot"] = np.array([[ord(c)] for c in "arm"], dtype=np.uint16)
+        log["robot"].attrs["MATLAB_class"] = np.bytes_("char")
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512))
+    return path
+
+
+def test_files_of_matlab_7_3_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = newer(tmp_path / "run.mat")
+    (recording,) = formats.read(path)
+    same(recording)
+    assert recording.provenance["robot"] == "arm"
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(MissingExtraError, match=r"trueup\[hdf5\]"):
+        formats.read(path)
+
+
+def test_what_only_matlab_reads_is_said(tmp_path: Path) -> None:
+    with pytest.raises(FormatError, match=r"variables are: note \(str\)\. timetables"):
+        formats.read(write_mat(tmp_path / "run", {"note": "a timetable was here"}))
+    damaged: NDArray[np.uint8] = np.frombuffer(write_mat(tmp_path / "run", {"q": Q}).read_bytes(), np.uint8)
+    (tmp_path / "cut.mat").write_bytes(damaged[:300].tobytes())
+    with pytest.raises(FormatError, match="cannot be read as a MAT-file"):
+        formats.read(tmp_path / "cut.mat")
