@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.io import savemat
 
 from trueup import formats
-from trueup.errors import FormatError, MissingExtraError
+from trueup.errors import FormatError, MappingError, MissingExtraError
 from trueup.recording import Recording
 
 Nested = Mapping[str, Any]
@@ -156,6 +156,20 @@ def test_files_of_matlab_7_3_are_read(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(MissingExtraError, match=r"trueup\[hdf5\]"):
         formats.read(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("fps", 50), ("control_freq", 50.0), ("dt", 0.02), ("sample_period_ms", 20.0)]
+)
+def test_a_rate_that_the_file_says_stands_for_a_clock(name: str, value: float, tmp_path: Path) -> None:
+    path = write_h5(tmp_path / "run", {"observations": {"qpos": Q}, "action": TOLD})
+    with pytest.raises(MappingError, match="no time"):
+        formats.read(path)
+    with h5py.File(path, "a") as file:
+        file.attrs[name] = value
+        file.attrs["camera_fps"] = 30
+    (recording,) = formats.read(path)
+    assert np.allclose(recording.channel("position").time, np.arange(60) / 50.0)
 
 
 def test_what_only_matlab_reads_is_said(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from trueup.instant import usual_step
 from trueup.units import canonical, to_si
 
 # Rates between these [Hz] are believed when the unit of a clock is guessed.
-_SLOWEST, _FASTEST = 2.0, 20_000.0
+SLOWEST, FASTEST = 2.0, 20_000.0
 # Repeated rows up to this share are put down to a hiccup of the logger.
 _FEW = 1e-2
 # What counters of 16 and 32 bits count until they begin anew [s].
@@ -55,7 +55,7 @@ def guess_unit(name: str, values: Array) -> str:
         if _EPOCH_SECONDS[0] < abs(float(finite[0])) * size < _EPOCH_SECONDS[1]:
             return unit
     step = float(np.median(steps))
-    return next((unit for unit, size in sizes.items() if _SLOWEST <= 1.0 / (step * size) <= _FASTEST), "s")
+    return next((unit for unit, size in sizes.items() if SLOWEST <= 1.0 / (step * size) <= FASTEST), "s")
 
 
 def seconds(values: Array, unit: str) -> Array:

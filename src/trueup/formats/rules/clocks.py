@@ -10,11 +10,16 @@ from typing import Any
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.formats.clock import guess_unit
+from trueup.formats.clock import FASTEST, SLOWEST, guess_unit
 from trueup.formats.mapping import TimeColumn
-from trueup.formats.rules.names import is_time, names_its_clock, stem, ticks, words
+from trueup.formats.rules.names import is_time, listed, names_its_clock, stem, ticks, words
 from trueup.formats.table import Table, listing
 from trueup.units import to_si
+
+_RATES, _PERIODS = listed("fps hz rate frequency freq fs"), listed("dt ts period timestep step")
+"""Words of how often samples were taken, and of how far they are apart, among facts beside the signals."""
+_NOT = listed("cutoff cut off filter simulation sim physics camera image baud bit data steps pwm learning natural")
+"""Words of other rates."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +71,13 @@ def find_clocks(tables: Sequence[Table]) -> Clocks:
         return _with_time_file(single, tables, found)
     timed = [table for table in tables if mains[table.name]]
     if not timed:
-        listed = "; ".join(f"{table.name}: {listing(table.columns)}" for table in tables)
-        note = f"no column of time found ({listed}): give rate = samples per second in [time]"
+        rates = _rates_said(tables)
+        if len(set(rates.values())) == 1:
+            said, rate = f"{' and '.join(rates)} of the file", next(iter(rates.values()))
+            note = f"no column of time found: {rate:.6g} samples per second, as {said} has it"
+            return Clocks(TimeColumn(rate=rate), found, mains, {}, (note,))
+        there = "; ".join(f"{table.name}: {listing(table.columns)}" for table in tables)
+        note = f"no column of time found ({there}): give rate = samples per second in [time]"
         return Clocks(TimeColumn(), found, mains, {}, (note,))
     names = [mains[table.name] for table in timed]
     table = timed[names.index(max(set(names), key=names.count))]
@@ -79,6 +89,24 @@ def find_clocks(tables: Sequence[Table]) -> Clocks:
     untimed = [t.name for t in tables if not mains[t.name] and t.columns]
     notes += [f"no column of time in {listing(untimed)}: give a rate there"] if untimed else []
     return Clocks(TimeColumn(column=column, nanoseconds=fraction, unit=unit), found, mains, {}, tuple(notes))
+
+
+def _rates_said(tables: Sequence[Table]) -> dict[str, float]:
+    """Samples per second that files say beside their signals (fps = 50, dt = 0.02), by the name that says so."""
+    found: dict[str, float] = {}
+    for name, text in (fact for table in tables for fact in table.metadata.items()):
+        plain = set(words(name.rpartition(".")[2]))
+        unit = next((u for u in ("ms", "us", "ns") if u in plain), "s")
+        try:
+            value = float(text) * (1.0 if plain & _RATES else to_si(unit)[1])
+        except ValueError:
+            continue
+        rate = (
+            value if plain & _RATES else 1.0 / value if value > 0.0 and plain & _PERIODS and not plain & _NOT else 0.0
+        )
+        if SLOWEST <= rate <= FASTEST and not plain & _NOT:
+            found[name] = float(f"{rate:.9g}")
+    return found
 
 
 def _clock_columns(table: Table) -> tuple[str, ...]:
