@@ -16,6 +16,9 @@ from trueup.articulated.starts import at_rest, measured_start
 from trueup.articulated.wiring import commanded, control_of, twins
 from trueup.trial import Trial
 
+_Held = tuple[Integers, Array, Array, Array]
+"""Columns of a held command, (n,) instants in s since the start, (n, k) values, and their running integral."""
+
 
 class Signals:
     """Commands, start states and read-off instants of trials (R) x candidates (b). Joints are those of `model.drives()`."""
@@ -34,7 +37,13 @@ class Signals:
         """Columns of the commands that repeat another one, and which."""
         self._limits = self._profile_limits()
         self._profile: dict[int, tuple[Array, Array]] = {}
-        self._commands = [self._command(t) for t in trials]
+        told: dict[
+            tuple[int, float], _Held | None
+        ] = {}  # trials that differ in their start states share their commands
+        for t in trials:
+            if (key := (id(t.command), t.start)) not in told:
+                told[key] = self._command(t)
+        self._commands = [told[id(t.command), t.start] for t in trials]
         rest = at_rest(model)
         self._measured_starts = [measured_start(rest, t, self._joints) for t in trials]
 
@@ -178,7 +187,7 @@ class Signals:
                 bias[:, labels.index(joint)] += value
         return bias
 
-    def _command(self, trial: Trial) -> tuple[Integers, Array, Array, Array] | None:
+    def _command(self, trial: Trial) -> _Held | None:
         if trial.command is None:
             return None
         actuators = commanded(self._model, trial.command)

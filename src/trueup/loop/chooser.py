@@ -49,7 +49,7 @@ class Chooser:
             nothing = len(late.freeze) == int(found.space.free.sum())
             space = found.space.left_open(late.freeze[:-1] if nothing else late.freeze)
             values = np.where(space.free, found.values, space.nominal)
-            told = {**how, "stages": SHIPPED if nothing else REFINEMENT}
+            told = {**how, "stages": SHIPPED} if nothing else {**how, "stages": REFINEMENT, "begun": found}
             again = fit(problem, space, space.nominal if nothing else values, watch, **told)
             found = replace(again, notes=tuple(dict.fromkeys((*found.notes, *again.notes))))
             if nothing:

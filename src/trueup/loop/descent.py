@@ -14,6 +14,7 @@ from trueup.arrays import Array
 from trueup.calibration import TracePoint
 from trueup.errors import CalibrationError
 from trueup.loop.problem import Problem
+from trueup.loop.shoot import Starts
 from trueup.parameters import ParameterSpace
 from trueup.rounding import NEGLIGIBLE
 from trueup.search.bounded_step import careful_difference
@@ -50,6 +51,8 @@ class Fit:
     to, from one side of the optimum to the other (see `probe.py`), and with other noise at the starts (`starts.py`)."""
     near: Problem | None = None
     """A cheaper problem at the level of the real one, if the fit was made with one."""
+    starts: Starts | None = None
+    """Corrections of the measured starts, if those matter."""
     notes: tuple[str, ...] = ()
     """What was decided on the way, in words."""
 
@@ -149,13 +152,13 @@ class Descent:
         impatient: bool = False,
     ) -> LeastSquares:  # fmt: skip
         """Least squares on one look, to its end; the last one takes slopes there, to `confirm`."""
-        search, self.near = self._begun(look, nudge, confirm), None
+        slopes = self._at_hand(look)
+        search, self.near, self._slopes = self._begun(look, nudge, confirm), None, None
         search.impatient = impatient
         if saved is not None:
             search.resume(saved)
-        elif self._slopes is not None:
-            search.adopt(self._slopes, self._residual(look.problem))
-        self._slopes = None
+        elif slopes is not None:
+            search.adopt(slopes, self._residual(look.problem))
         while not search.done:
             candidates = search.ask()
             if search.jacobian is None:
@@ -221,6 +224,17 @@ class Descent:
         if not np.isfinite(self._residual(real.problem)).all():
             return False  # where the coarser step led, the real one fails
         return explained(replace(self).polish(real).residual)
+
+    def take_up(self, slopes: Array) -> None:
+        """Begins the next look with `slopes` (m, n_free) of its residuals here, known from elsewhere."""
+        self._slopes = slopes
+
+    def _at_hand(self, look: Look) -> Array | None:
+        """(m, n_free) slopes to begin a look with: those taken for it, or those of the last look if it ended here."""
+        last = self.search
+        if self._slopes is not None or last is None or last.jacobian is None or len(last.jacobian) != look.problem.size:
+            return self._slopes
+        return last.jacobian if np.array_equal(last.point, self.point) else None
 
     def _residual(self, problem: Problem) -> Array:
         return problem.residuals(self.space.from_unit(self.point[None]))[0]

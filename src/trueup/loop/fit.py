@@ -95,13 +95,14 @@ SEARCHES = {
 def fit(
     problem: Problem, space: ParameterSpace, start: Array, watch: Watch, *, stages: Sequence[Stage] = STAGES,
     robust: float = 3.0, seed: int = 0, resume: dict[str, Any] | None = None, select: Select | None = None,
-    solver: Callable[..., LeastSquares] = LeastSquares, later: Sequence[str] = (),
+    solver: Callable[..., LeastSquares] = LeastSquares, later: Sequence[str] = (), begun: Fit | None = None,
 ) -> Fit:  # fmt: skip
     """Values of the free parameters that minimise the robust discrepancy, starting from values (n,).
 
     `stages` are gone through in their order (see `STAGES`, and `SEARCHES` for others), with `solver` for the least squares.
     `select` is asked which parameters to keep as soon as all recordings were looked at. Optional structures in `later` are
-    absent until then (see `growth.py`).
+    absent until then (see `growth.py`). `begun`: an earlier fit of the same recordings, from which a cheaper problem and
+    corrections of starts are taken over.
     """
     watch.waiting = tuple((resume or {}).get("waiting", later))
     watch.entered, watch.bare = (resume or {}).get("entered", {}), (resume or {}).get("bare", ())
@@ -113,7 +114,7 @@ def fit(
         waiting = {}
     waiting = {structure: declared for structure, declared in waiting.items() if declared}
     point = np.clip(space.to_unit(start), 0.0, 1.0)
-    coarse = _coarse(problem, space, point)
+    coarse = _coarse(problem, space, point, begun)
     descent = Descent(space, point, watch, robust, solver=solver)
     run = Run(
         problem,
@@ -125,7 +126,10 @@ def fit(
         seed,
         _first(coarse),
         later=waiting,
+        starts=None if begun is None else begun.starts,
     )
+    if begun is not None:
+        descent.take_up(begun.jacobian[:, [not space[p.name].frozen for p in begun.space.parameters if not p.frozen]])
     for stage in stages[_begin(run, stages, resume) :]:
         stage.act(run)
     return replace(run.found, notes=(*run.notes, *_approximated(run.found.near or run.coarse)))
@@ -135,7 +139,8 @@ def _approximated(problem: Problem) -> tuple[str, ...]:
     """A note where recordings were searched in an approximation of the simulator."""
     if not isinstance(problem.simulator, Mixed):
         return ()
-    but = f" but {', '.join(sorted(problem.simulator.exact))}, where it is off" if problem.simulator.exact else ""
+    off = [f"{', '.join(sorted(labels))} in {trial}" for trial, labels in sorted(problem.simulator.exact.items())]
+    but = f" but for {'; '.join(off)}, where it is off" if off else ""
     return (f"searched with an approximation of the simulator in all recordings{but}; the simulator had the last word",)
 
 
@@ -163,8 +168,12 @@ def _first(coarse: Problem) -> Problem:
     return coarse.shortened(first) if long > 2.0 * first else coarse
 
 
-def _coarse(problem: Problem, space: ParameterSpace, point: Array) -> Problem:
-    """The problem at the coarsest step that tells nearly the same residuals at the start, approximated where that does."""
+def _coarse(problem: Problem, space: ParameterSpace, point: Array, begun: Fit | None) -> Problem:
+    """The problem at the coarsest step that tells nearly the same residuals at the start, approximated where that does; as an
+    earlier fit has had it.
+    """
+    if begun is not None and begun.near is not None:
+        return begun.near.with_starts(problem.trials, ())
     values = space.from_unit(np.clip(point, 0.05, 0.95))
     fine = problem.start_residual(values)
     for factor in _COARSE:

@@ -68,7 +68,7 @@ def limits_seen(problem: Problem, fit: Fit) -> Mapping[str, Seen]:
 def _without(parameter: int, fit: Fit, residual: Array) -> float:
     """The loss of residuals (m,) once all other parameters than one have settled."""
     others = np.delete(np.arange(len(fit.unit)), parameter)
-    return settled_loss(fit, np.arange(len(residual)), others, residual)
+    return settled_loss(fit, others, residual)
 
 
 class _Side:

@@ -61,8 +61,8 @@ def _promises(run: Run, k: int) -> bool:
     places = np.clip(found.unit[k] + np.concatenate([-steps, steps]), 0.0, 1.0)
     rows = np.repeat(found.unit[None], len(places), axis=0)
     rows[:, k] = places
-    every, others = np.arange(len(found.residual)), np.delete(np.arange(len(found.unit)), k)
-    losses = [settled_loss(found, every, others, r) for r in problem.residuals(found.space.from_unit(rows))]
+    others = np.delete(np.arange(len(found.unit)), k)
+    losses = [settled_loss(found, others, r) for r in problem.residuals(found.space.from_unit(rows))]
     return min(losses) < found.loss - problem.chance(found.residual)
 
 

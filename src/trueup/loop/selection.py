@@ -104,10 +104,8 @@ def not_missed(problem: Problem, fit: Fit, parameters: Sequence[Parameter]) -> l
     points = np.repeat(fit.unit[None], len(places), axis=0)
     points[np.arange(len(places)), places] = nominal[places]
     residuals = problem.residuals(fit.space.from_unit(points))
-    most, rows = fit.loss + problem.chance(fit.residual) * len(free), np.arange(len(fit.residual))
-    settled = [
-        settled_loss(fit, rows, np.delete(np.arange(len(free)), k), r) for k, r in zip(places, residuals, strict=True)
-    ]
+    most = fit.loss + problem.chance(fit.residual) * len(free)
+    settled = [settled_loss(fit, np.delete(np.arange(len(free)), k), r) for k, r in zip(places, residuals, strict=True)]
     return [p for p, loss in zip(parameters, settled, strict=True) if loss < most]
 
 

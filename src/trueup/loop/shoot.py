@@ -22,6 +22,24 @@ _DAMPINGS = (0.0, 0.1, 1.0, 10.0)  # of the corrections that are tried side by s
 
 
 @dataclass(frozen=True, eq=False)
+class Ahead:
+    """Replays from corrected starts, and beside them to one side."""
+
+    begun: list[Trial]
+    residual: Array
+    """(m,)"""
+    more: Array
+    """(K, m) by how much one standard deviation more of each correction changes them."""
+
+    def known(self, less: Array | None = None, side: float = -1.0) -> Array:
+        """(K, m) half the changes and their negative (`side` -1), or their sum, where to the other side they are `less`
+        (None: all turned round). What cannot be simulated is not corrected: 0.
+        """
+        change = 0.5 * (self.more + side * (-self.more if less is None else less))
+        return np.where(np.isfinite(change).all(axis=1, keepdims=True), change, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
 class Starts:
     """Corrections of measured starts, as numbers in standard deviations: value and speed of each label that has an effect."""
 
@@ -49,37 +67,43 @@ class Starts:
         """No corrections, of whatever changes the first samples at values (n,)."""
         every = cls.every(problem)
         begun = problem.replayed_by([cut(t, t.start, _GLANCE) for t in problem.trials], problem.owners)
-        _, _, slopes, _ = replace(every, measured=begun.trials).changes(begun, values, bent=False)
-        seen = np.flatnonzero(slopes.any(axis=1))
+        ahead = replace(every, measured=begun.trials).ahead(begun, values)
+        seen = np.flatnonzero(ahead.known().any(axis=1))
         sizes = every.sizes[:, seen]
         return cls(problem.trials, tuple(every.handles[k] for k in seen), sizes, np.zeros_like(sizes))
 
-    def changes(self, problem: Problem, values: Array, *, bent: bool = True) -> tuple[list[Trial], Array, Array, Array]:
-        """The corrected trials, their residuals (m,), and (K, m) how one standard deviation more of each changes them: the
-        part that turns its sign with the correction's, and the part that does not (0 where it is not asked for).
-        """
-        k = len(self.handles)
-        steps = np.concatenate([np.zeros((1, k)), np.eye(k), -np.eye(k if bent else 0, k)])
-        begun = [replace(self, amounts=self.amounts + step).trials() for step in steps]
-        several = problem.replayed_by([t for own in begun for t in own], problem.owners * len(begun))
-        residuals = several.plain_residuals(values[None]).reshape(len(begun), -1)
-        more = residuals[1 : k + 1] - residuals[0]
-        less = residuals[k + 1 :] - residuals[0] if bent else -more
-        known = np.isfinite(more + less).all(axis=1, keepdims=True)  # what cannot be simulated is not corrected
-        slopes, bends = (np.where(known, 0.5 * (more + side * less), 0.0) for side in (-1.0, 1.0))
-        return begun[0], residuals[0], slopes, bends
+    def ahead(self, problem: Problem, values: Array) -> Ahead:
+        """The corrected trials, and how one standard deviation more of each correction changes their residuals."""
+        begun = self.trials()
+        residual, *moved = self._moved(problem, values, [begun], 1.0)
+        return Ahead(begun, residual, np.array(moved).reshape(len(self.handles), len(residual)) - residual)
 
-    def eliminated_from(self, problem: Problem, values: Array, *, bent: bool = True) -> Problem:
-        """The problem begun with these corrections and with further ones eliminated, as seen at values (n,)."""
+    def eliminated_from(
+        self, problem: Problem, values: Array, *, bent: bool = True, ahead: Ahead | None = None
+    ) -> Problem:
+        """The problem begun with these corrections and with further ones eliminated, as seen at values (n,) to both sides, or
+        to one if they are not to be `bent`. `ahead`: what was seen there to that side.
+        """
         if not self.handles:
             return problem
-        begun, residual, slopes, bends = self.changes(problem, values, bent=bent)
-        size = max(1.0, float(spread(residual)))
+        ahead = ahead or self.ahead(problem, values)
+        less = None
+        if bent:  # the part that turns its sign with the correction's, and the part that does not
+            less = np.array(self._moved(problem, values, [], -1.0)) - ahead.residual
+        slopes, bends = (ahead.known(less, side) for side in (-1.0, 1.0))
+        size = max(1.0, float(spread(ahead.residual)))
         parts = [problem.columns(r) for r in range(len(self.measured))]
         gone = [
             Eliminated.of(p, slopes[:, p].T, bends[:, p].T, a, size) for p, a in zip(parts, self.amounts, strict=True)
         ]
-        return problem.with_starts(begun, gone)
+        return problem.with_starts(ahead.begun, gone)
+
+    def _moved(self, problem: Problem, values: Array, begun: list[list[Trial]], side: float) -> list[Array]:
+        """(m,) residuals of trials, and of those with each correction a standard deviation further to one side."""
+        k = len(self.handles)
+        begun = [*begun, *(replace(self, amounts=self.amounts + step).trials() for step in side * np.eye(k))]
+        several = problem.replayed_by([t for own in begun for t in own], problem.owners * len(begun))
+        return list(several.plain_residuals(values[None]).reshape(len(begun), -1))
 
     def corrected(self, problem: Problem, values: Array) -> tuple[Starts, float]:
         """Corrections that replay better with values (n,), and by how much more or less than slopes foretell.

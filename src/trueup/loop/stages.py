@@ -48,6 +48,8 @@ class Run:
     """The last of them."""
     later: Mapping[str, Mapping[str, Parameter]] = field(default_factory=dict)
     """Structures that are frozen at zero and wait for the fit without them: their parameters as declared, by name."""
+    starts: Starts | None = None
+    """Corrections of measured starts, where an earlier fit has made some."""
     early: Array | None = None
     """(n,) values to which the first look led."""
     notes: list[str] = field(default_factory=list)
@@ -153,9 +155,12 @@ def coarse_step(run: Run) -> None:
 
 
 def refinement(run: Run) -> None:
-    """All recordings as they are, from where an earlier fit ended, until steps gain no more than chance would."""
+    """All recordings as they are, from where an earlier fit ended, until steps gain no more than chance would; not where that
+    has corrected starts, from which `multiple_shooting` goes on.
+    """
     run.resumed = True  # nothing is to be moved off its bound
-    run.go(Look("refinement", run.problem, run.seen, 1.0, 20, last=True))
+    if run.starts is None:
+        run.go(Look("refinement", run.problem, run.seen, 1.0, 20, last=True))
 
 
 def as_it_came(run: Run) -> None:
@@ -187,19 +192,19 @@ def multiple_shooting(run: Run) -> None:
     Where noise at the starts moves the estimates by less than all else leaves them unsure, it is added to that.
     """
     rounds = 4  # of corrections of the starts, each of which halves what slopes do not foretell
-    before, values = run.found, run.descent.space.from_unit(run.descent.point)
-    starts = Starts.as_measured(run.seen, values)
-    shot = _shot(run, starts, values, bent=False)
-    if not shot.eliminated:
-        return
-    scatter, own = start_scatter(shot, before), unit_covariance(run.problem, before)
-    if np.all(np.diag(scatter) < np.diag(own)):
-        run.ended = replace(before, scatter=scatter)
-        return
+    values, ahead, slopes = run.descent.space.from_unit(run.descent.point), None, None
+    starts = run.starts
+    if starts is None:
+        starts, slopes = Starts.as_measured(run.seen, values), run.found.jacobian
+        ahead = starts.ahead(run.seen, values)
+        if not _matter(run, starts.eliminated_from(run.seen, values, bent=False, ahead=ahead)):
+            return
     for _ in range(rounds):
-        shot = _shot(run, starts, values, bent=True)
-        coarse = run.coarse.with_starts(shot.trials, shot.eliminated)
+        begun, ahead = starts.eliminated_from(run.seen, values, ahead=ahead), None
+        coarse, shot = (p.with_starts(begun.trials, begun.eliminated) for p in (run.coarse, run.problem))
         run.problem, run.coarse, run.ended = shot, shot if run.coarse is run.problem else coarse, None
+        if slopes is not None:
+            run.descent.take_up(_of_what_is_left(slopes, shot))
         run.go(last_look(run.problem, run.coarse))
         values = run.descent.space.from_unit(run.descent.point)
         starts, surprise = starts.corrected(run.seen, values)
@@ -207,12 +212,30 @@ def multiple_shooting(run: Run) -> None:
             break
     # Starts moved further than their noise: it is not all that is wrong there (R. T. Birge, Phys. Rev. 40, 1932).
     ratio = max(1.0, float(np.mean(starts.amounts**2)))
-    run.ended = replace(run.found, scatter=(ratio - 1.0) * unit_covariance(run.problem, run.found))
+    scatter = (ratio - 1.0) * unit_covariance(run.problem, run.found)
+    run.ended = replace(run.found, scatter=scatter, starts=starts)
 
 
-def _shot(run: Run, starts: Starts, values: Array, *, bent: bool) -> Problem:
-    begun = starts.eliminated_from(run.seen, values, bent=bent)
-    return run.problem.with_starts(begun.trials, begun.eliminated)
+def _matter(run: Run, begun: Problem) -> bool:
+    """Whether starts, of which first corrections are eliminated, leave estimates as unsure as all else does; a scatter of the
+    fit where they do not.
+    """
+    if not begun.eliminated:
+        return False
+    fit = run.found
+    scatter = start_scatter(run.problem.with_starts(begun.trials, begun.eliminated), fit)
+    matter = not np.all(np.diag(scatter) < np.diag(unit_covariance(run.problem, fit)))
+    if not matter:
+        run.ended = replace(fit, scatter=scatter)
+    return matter
+
+
+def _of_what_is_left(slopes: Array, problem: Problem) -> Array:
+    """Slopes (m, n_free) of plain residuals as those of residuals from which a problem's start corrections are eliminated."""
+    columns = np.array(slopes.T)
+    for start in problem.eliminated:
+        start.shrink_slopes(columns)
+    return columns.T
 
 
 def lines(run: Run) -> None:

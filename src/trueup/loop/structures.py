@@ -110,13 +110,12 @@ def _closer(descent: Descent, look: Look, declared: Mapping[str, Parameter], set
     switch from speeding up to slowing down, and the loss has cracks at which slopes end.
     """
     found = descent.finished(look)
-    rows = np.arange(len(found.residual))
     for _ in range(_CLOSER):
         entering = np.array([p.name in declared for p in found.space.parameters if not p.frozen])
         places = np.repeat(found.unit[None], len(_AROUND), axis=0)
         places[:, entering] = np.clip(places[:, entering] + _AROUND[:, None], 0.0, 1.0)
         residuals = look.cheap.residuals(found.space.from_unit(places))
-        losses = [settled_loss(found, rows, np.flatnonzero(~entering), residual) for residual in residuals]
+        losses = [settled_loss(found, np.flatnonzero(~entering), residual) for residual in residuals]
         if not min(losses) < losses[len(losses) // 2] - look.problem.chance(found.residual):
             break
         descent.restart(places[int(np.argmin(losses))])
@@ -142,7 +141,7 @@ def _parts(look: Look, space: ParameterSpace, point: Array, alone: bool) -> list
     """Signals with parameters of their own, if they are `alone`; else all as one."""
     if alone:
         return parts_of(look.cheap, space, [point])
-    return [Part(np.arange(look.problem.segments[-1].columns.stop), np.arange(len(point)))]
+    return [Part(np.arange(look.problem.size), np.arange(len(point)))]
 
 
 def _compared(without: Array, with_it: Array) -> Evidence:
@@ -180,7 +179,7 @@ def _entered(
 
     def near(part: Part, residual: Array) -> float:
         return settled_loss(
-            without, part.residuals, old[part.columns[~entering[part.columns]]], residual[part.residuals]
+            without, old[part.columns[~entering[part.columns]]], residual[part.residuals], part.residuals
         )
 
     def far(part: Part, residual: Array) -> float:

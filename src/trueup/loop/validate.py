@@ -155,14 +155,15 @@ def _lower(residual: Array, begun: Array, block: Block, bend: float) -> bool:
     return bool(after < before)
 
 
-def settled_loss(fit: Fit, rows: NDArray[np.intp], others: NDArray[np.intp], residual: Array) -> float:
-    """The loss of residuals (r,) in some rows once other parameters have settled, by the slopes of a fit."""
+def settled_loss(fit: Fit, others: NDArray[np.intp], residual: Array, rows: NDArray[np.intp] | None = None) -> float:
+    """The loss of residuals (r,), all or in some rows, once other parameters have settled, by the slopes of a fit."""
     if not np.isfinite(residual).all():
         return float("inf")
     loss = float(robust_losses(residual[None], fit.bend)[0])
-    jacobian = fit.jacobian[np.ix_(rows, others)]
-    weighted = jacobian * robust_weights(residual, fit.bend)[:, None]
-    curvature, slope = jacobian.T @ weighted, weighted.T @ residual
+    jacobian = fit.jacobian[:, others] if rows is None else fit.jacobian[np.ix_(rows, others)]
+    root = np.sqrt(robust_weights(residual, fit.bend))
+    jacobian *= root[:, None]  # a copy, as its columns were picked
+    curvature, slope = jacobian.T @ jacobian, jacobian.T @ (root * residual)
     step = damped_step(curvature, slope, _IMAGINED, fit.unit[others]) if len(others) else np.zeros(0)
     return loss - gain(curvature, slope, step)
 

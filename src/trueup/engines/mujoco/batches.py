@@ -23,17 +23,17 @@ class Batches:
     """
 
     def __init__(self, whole: mujoco.MjModel, bare: mujoco.MjModel, threads: int | None) -> None:
-        self.whole, self._bare, self._threads = whole, bare, threads
+        self.whole, self.bare, self._threads = whole, bare, threads
         self._kept: dict[tuple[int, bool, bool, int], Batch] = {}
         self._costs: dict[tuple[bool, bool], float] = {}
 
     def __reduce__(self) -> tuple[type[Batches], tuple[object, ...]]:
         """In another process, with as many threads as that one has."""
-        return Batches, (self.whole, self._bare, None)
+        return Batches, (self.whole, self.bare, None)
 
     def at_step(self, step: float) -> Batches:
         """The same with another step, in s."""
-        whole, bare = self.whole.__copy__(), self._bare.__copy__()
+        whole, bare = self.whole.__copy__(), self.bare.__copy__()
         whole.opt.timestep = bare.opt.timestep = step
         return Batches(whole, bare, self._threads)
 
@@ -66,7 +66,7 @@ class Batches:
         return self._costs[key]
 
     def _model(self, contacts: bool, sensors: bool) -> mujoco.MjModel:
-        model, off = (self.whole if contacts else self._bare).__copy__(), mujoco.mjtDisableBit
+        model, off = (self.whole if contacts else self.bare).__copy__(), mujoco.mjtDisableBit
         model.opt.disableflags |= 0 if contacts else int(off.mjDSBL_CONTACT)
         model.opt.disableflags |= 0 if sensors else int(off.mjDSBL_SENSOR)
         # One tree is one island: to look for more costs a tenth of a step and changes nothing.

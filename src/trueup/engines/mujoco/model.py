@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import mujoco
@@ -66,12 +67,13 @@ class Model:
 
     def names(self, kind: str) -> tuple[str, ...]:
         """All names of one kind ('joint', 'actuator', 'body', 'geom', 'sensor'), '' where one has none; () of any other."""
-        if kind not in _OBJECTS:
-            return ()
-        model = self.compiled
-        count = {"joint": model.njnt, "actuator": model.nactuator, "body": model.nbody, "geom": model.ngeom}
-        total = count.get(kind, model.nsensor)
-        return tuple(mujoco.mj_id2name(model, _OBJECTS[kind], i) or "" for i in range(total))
+        return self._named.get(kind, ())
+
+    @cached_property
+    def _named(self) -> dict[str, tuple[str, ...]]:
+        m = self.compiled
+        count = {"joint": m.njnt, "actuator": m.nactuator, "body": m.nbody, "geom": m.ngeom, "sensor": m.nsensor}
+        return {k: tuple(mujoco.mj_id2name(m, _OBJECTS[k], i) or "" for i in range(n)) for k, n in count.items()}
 
     def index(self, kind: str, name: str) -> int:
         """The id of a named element. Raises UnknownNameError, which lists the names of that kind."""
@@ -82,6 +84,10 @@ class Model:
 
     def scalar_joints(self) -> tuple[str, ...]:
         """Names of the hinge and slide joints that move in simulations, in the model's order."""
+        return self._scalar
+
+    @cached_property
+    def _scalar(self) -> tuple[str, ...]:
         kinds = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
         names = self.names("joint")
         return tuple(

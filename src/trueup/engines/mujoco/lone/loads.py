@@ -49,7 +49,7 @@ class InverseDynamics:
     """A model whose joints, all hinges or slides, are moved as they were measured. What was computed is kept."""
 
     def __init__(self, compiled: mujoco.MjModel, quantities: Sequence[Assignment]) -> None:
-        self._compiled = compiled
+        self._rigid = rigid(compiled)
         self._columns = [i for i, q in enumerate(quantities) if carried(q)]
         self._quantities = [quantities[i] for i in self._columns]
         self._motions: dict[int, tuple[Channel, Motion, Array]] = {}
@@ -72,10 +72,9 @@ class InverseDynamics:
         joint grows with its own position.
         """
         if id(measured) not in self._motions:
-            motion = measured_motion(self._compiled, measured, rest)
-            model = rigid(self._compiled)
+            motion = measured_motion(self._rigid, measured, rest)
             # the channel is kept with it, so that its id stays its own
-            self._motions[id(measured)] = measured, motion, _stiffness(model, motion)
+            self._motions[id(measured)] = measured, motion, _stiffness(self._rigid, motion)
         return self._motions[id(measured)][1:]
 
     def loads(self, measured: Channel, own: Array) -> Loads:
@@ -99,16 +98,18 @@ class InverseDynamics:
         return self._references[own.tobytes()]
 
     def _written(self, own: Array) -> mujoco.MjModel:
-        model = self._compiled.__copy__()
-        if self._quantities:
-            write(self._quantities, own[None], MujocoAttributes(model, SingleModel(model)))
-        return rigid(model)
+        if not self._quantities:
+            return self._rigid
+        model = self._rigid.__copy__()
+        write(self._quantities, own[None], MujocoAttributes(model, SingleModel(model)))
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        return model
 
     def _errors(self, own: Array) -> Array:
         """(nv,) by how much each joint is measured too far."""
-        errors = np.zeros(self._compiled.nv)
+        errors = np.zeros(self._rigid.nv)
         for joint, (error,) in changes(self._quantities, own[None]).of("sensor").items():
-            errors[joint_id(self._compiled, joint)] = error
+            errors[joint_id(self._rigid, joint)] = error
         return errors
 
 
