@@ -239,7 +239,7 @@ def test_only_the_recording_that_touches_something_is_simulated_by_the_engine(tm
     free, stopped = recorded(simulator, 3.0, name="free", gain=0.3), recorded(simulator, 3.0, name="stopped", gain=2.5)
     _, approximated = problem_of(simulator, [free, stopped])
     assert isinstance(approximated.simulator, Mixed)
-    assert set(approximated.simulator.exact) == {"stopped"}
+    assert approximated.simulator.exact == {"stopped"}
 
 
 def test_joints_alone_that_end_in_another_valley_are_left_alone(

@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from trueup.arrays import Array, Integers, Mask
+from trueup.arrays import Array, Mask
 from trueup.controllers.controller import ControllerFactory
 from trueup.ends import Ended, with_end
 from trueup.errors import ModelError
@@ -202,15 +202,6 @@ class Approximated(Protocol):
 
     def approximation(self, trials: Sequence[Trial]) -> Simulator | None:
         """A Simulator with the same parameters, for these trials; None where there is none."""
-        ...
-
-
-@runtime_checkable
-class Separable(Protocol):
-    """A Simulator that knows which of its parameters act on which labels."""
-
-    def alike(self, trials: Sequence[Trial], labels: Collection[str], values: Array) -> Integers:
-        """(b,) a number for each row of values (b, n), the same for rows that do the same to labels of trials."""
         ...
 
 

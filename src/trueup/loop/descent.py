@@ -231,8 +231,8 @@ class Descent:
 
     def _at_hand(self, look: Look) -> Array | None:
         """(m, n_free) slopes to begin a look with: those taken for it, or those of the last look if it ended here."""
-        last = self.search
-        if self._slopes is not None or last is None or last.jacobian is None or len(last.jacobian) != look.problem.size:
+        last, size = self.search, look.problem.segments[-1].columns.stop
+        if self._slopes is not None or last is None or last.jacobian is None or len(last.jacobian) != size:
             return self._slopes
         return last.jacobian if np.array_equal(last.point, self.point) else None
 

@@ -139,8 +139,7 @@ def _approximated(problem: Problem) -> tuple[str, ...]:
     """A note where recordings were searched in an approximation of the simulator."""
     if not isinstance(problem.simulator, Mixed):
         return ()
-    off = [f"{', '.join(sorted(labels))} in {trial}" for trial, labels in sorted(problem.simulator.exact.items())]
-    but = f" but for {'; '.join(off)}, where it is off" if off else ""
+    but = f" but {', '.join(sorted(problem.simulator.exact))}, where it is off" if problem.simulator.exact else ""
     return (f"searched with an approximation of the simulator in all recordings{but}; the simulator had the last word",)
 
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -90,21 +90,24 @@ class Problem:
         return twin
 
     def approximated(self, values: Array, fine: Array) -> Problem:
-        """The same problem left to an approximation of the simulator, if it offers one, but for those labels of trials whose
-        residuals this does not give at `values` (n,) within `FAITHFUL` of the residuals `fine` (m,), or within the noise.
-        What an earlier look has found to be missed stays with the simulator.
+        """The same problem with trials left to an approximation of the simulator, if it offers one: all whose residuals
+        this gives at `values` (n,) within `FAITHFUL` of the residuals `fine` (m,), or within the noise, of every label.
+        Trials that an earlier look has found to be missed stay with the simulator.
         """
         mixed = self.simulator if isinstance(self.simulator, Mixed) else self._mixed()
         if mixed is None:
             return self
         twin = self._twin()
         twin.simulator = mixed
-        exact = dict(mixed.exact)
-        for trial, labels in self._missed(twin.residuals(values[None])[0] - fine, fine):
-            exact[trial.name] = exact.get(trial.name, frozenset()) | labels
+        apart = twin.residuals(values[None])[0] - fine
+        left = [k for k, trial in enumerate(self.trials) if trial.name not in mixed.exact]
+        missed = {self.trials[k].name for k in left if not self._faithful(k, apart, fine)}
+        if not missed:
+            return twin
+        exact = mixed.exact | missed
         twin = self._twin()
-        none_wholly = exact.keys() >= {trial.name for trial in self.trials}
-        twin.simulator = mixed.whole if none_wholly else replace(mixed, exact=exact)
+        all_missed = exact >= {trial.name for trial in self.trials}
+        twin.simulator = mixed.whole if all_missed else replace(mixed, exact=exact)
         return twin
 
     def exactly(self) -> Problem:
@@ -123,17 +126,18 @@ class Problem:
         other = self._finest.approximation(self.trials)
         return None if other is None else Mixed(self.simulator, other)
 
-    def _missed(self, apart: Array, fine: Array) -> Iterator[tuple[Trial, frozenset[str]]]:
-        """Labels of trials in which residuals that are `apart` (m,) from others are not nearly the same."""
-        for s in self.segments:
-            distance, size = (np.linalg.norm(s.shaped(r), axis=0) for r in (apart, fine))
-            near = distance <= np.maximum(FAITHFUL * size, np.sqrt(s.mask.sum(axis=0)))
-            if not near.all():
-                yield self.trials[s.trial], frozenset(np.array(s.labels)[~near].tolist())
+    def _faithful(self, trial: int, apart: Array, fine: Array) -> bool:
+        """Whether residuals that are `apart` (m,) from others are nearly the same in all labels of a trial."""
+        for segment in self.segments:
+            if segment.trial == trial:
+                distance, size = (np.linalg.norm(segment.shaped(r), axis=0) for r in (apart, fine))
+                if not np.all(distance <= np.maximum(FAITHFUL * size, np.sqrt(segment.mask.sum(axis=0)))):
+                    return False
+        return True
 
     @property
     def approximate_part(self) -> Problem | None:
-        """The trials that are wholly left to an approximation, in it alone; None where there are none."""
+        """The trials that are left to an approximation, in it alone; None where there are none."""
         if not isinstance(self.simulator, Mixed):
             return None
         left = [(t, k) for t, k in zip(self.trials, self.owners, strict=True) if t.name not in self.simulator.exact]
@@ -219,11 +223,6 @@ class Problem:
             part, mask = self.discrepancy.residual(self.recordings[self.owners[k]], rollout.held()), self._masks[k]
             parts.append(part if mask.all() else part[:, mask])
         return np.concatenate(parts, axis=1)
-
-    @property
-    def size(self) -> int:
-        """The number m of residuals."""
-        return self.segments[-1].columns.stop
 
     def columns(self, trial: int) -> slice:
         """The part of the residual vector that a trial has."""

@@ -141,7 +141,7 @@ def _parts(look: Look, space: ParameterSpace, point: Array, alone: bool) -> list
     """Signals with parameters of their own, if they are `alone`; else all as one."""
     if alone:
         return parts_of(look.cheap, space, [point])
-    return [Part(np.arange(look.problem.size), np.arange(len(point)))]
+    return [Part(np.arange(look.problem.segments[-1].columns.stop), np.arange(len(point)))]
 
 
 def _compared(without: Array, with_it: Array) -> Evidence:

@@ -186,7 +186,7 @@ def losses(problem: Problem, values: Array) -> Array:
 
 def weights(problem: Problem) -> Array:
     """(m,) such that each channel of each trial counts alike, however many samples it has."""
-    found = np.empty(problem.size)
+    found = np.empty(problem.segments[-1].columns.stop)
     for segment in problem.segments:
         found[segment.columns] = 1.0 / np.sqrt(max(segment.count, 1))
     return found

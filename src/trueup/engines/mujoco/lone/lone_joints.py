@@ -8,7 +8,7 @@ engine where it is used.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -97,22 +97,13 @@ class LoneJoints:
         refuse_unsupported(self.name, trials, "ends", "disturbances", "sensing")
         values = np.atleast_2d(np.asarray(values, dtype=np.float64))
         signals = Signals(self.whole.model, self.whole.quantities, trials, values)
-        sets, driven = self._driven(signals, len(trials), values)
-        return [self._replayed(signals, d, k, t, sets) for k, (d, t) in enumerate(zip(driven, trials, strict=True))]
-
-    def alike(self, trials: Sequence[Trial], labels: Collection[str], values: Array) -> Integers:
-        """See Separable."""
-        signals = Signals(self.whole.model, self.whole.quantities, trials, values)
-        joints = [joint_id(self.whole.compiled, label) for label in labels]
-        _, driven = self._driven(signals, len(trials), values)
-        felt = np.stack([d.alike(joint)[1] for d in driven for joint in joints], axis=1)
-        return np.unique(felt, axis=0, return_inverse=True)[1].reshape(-1)
-
-    def _driven(self, signals: Signals, trials: int, values: Array) -> tuple[Array, Iterator[Driven]]:
-        """Values (g, k) that load the joints differently, and the drives of each trial in turn."""
         sets, which = self._dynamics.sets(values)
         rigid = np.stack([self._dynamics.reference(own) for own in sets])
-        return sets, (Driven(self.whole, signals, k, values, which, rigid, self.step) for k in range(trials))
+        done = []
+        for k, trial in enumerate(trials):
+            driven = Driven(self.whole, signals, k, values, which, rigid, self.step)
+            done.append(self._replayed(signals, driven, k, trial, sets))
+        return done
 
     def _replayed(self, signals: Signals, driven: Driven, k: int, trial: Trial, sets: Array) -> Rollout:
         """One trial, joint by joint; rows that agree in all that a joint feels are replayed once."""
