@@ -108,6 +108,22 @@ def test_missing_pictures_and_meshes_cost_pictures_and_contacts_only(tmp_path: P
     assert model.compiled.body("upper").mass[0] == 1.0
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            '<robot name="a" xmlns:xacro="x"><xacro:arm/></robot>',
+            r"is xacro, from which.*`xacro robot\.xml > robot\.urdf`",
+        ),
+        ('<sdf version="1.6"><model name="a"/></sdf>', "SDF is not read: give the URDF"),
+        ("#usda 1.0", "USD is not read"),
+    ],
+)
+def test_what_a_model_is_yet_to_be_made_of_is_said(text: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match=said):
+        load(written(tmp_path, text))
+
+
 def test_a_part_of_a_model_is_told_from_a_model(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match="a part that a whole model includes"):
         load(written(tmp_path, "<mujocoinclude><body/></mujocoinclude>"))

@@ -57,8 +57,12 @@ def _declared(content: bytes) -> bytes:
 
 
 def root_tag(path: str | Path) -> str:
-    """The name of a file's outermost element, "nothing" where there is none. Raises ModelError for what is no XML."""
+    """The name of a file's outermost element, "nothing" where there is none.
+
+    Raises ModelError for what is no XML, or what a model is yet to be made of (xacro).
+    """
     found: list[str] = []
+    content = files.content(Path(path), ModelError)
 
     def opened(tag: str, _: dict[str, str]) -> None:
         found.append(tag)
@@ -66,9 +70,16 @@ def root_tag(path: str | Path) -> str:
     parser = expat.ParserCreate()
     parser.StartElementHandler = opened
     try:
-        parser.Parse(files.content(Path(path), ModelError), True)
+        parser.Parse(content, True)
     except expat.ExpatError as error:
-        raise ModelError(f"model file '{path}' is not XML: {error}") from None
+        is_usd = content.startswith((b"#usda", b"PXR-USDC", b"PK"))
+        how = "; USD is not read: the tool that made it exports URDF or MJCF, too" if is_usd else ""
+        raise ModelError(f"model file '{path}' is not XML: {error}{how}") from None
+    if b"<xacro:" in content or (Path(path).suffix == ".xacro" and b"${" in content):
+        raise ModelError(
+            f"model file '{path}' is xacro, from which a URDF is made: `xacro {Path(path).name} > robot.urdf` (of ROS, or "
+            "`pip install xacro`), then give robot.urdf"
+        )
     return found[0] if found else "nothing"
 
 

@@ -160,6 +160,9 @@ def load(path: str | Path) -> Model:
     tag = root_tag(file)
     if tag not in ("mujoco", "robot"):
         part = "; this is a part that a whole model includes: give that one" if tag == "mujocoinclude" else ""
+        part = (
+            "; SDF is not read: give the URDF that it was made of, or an MJCF of this robot" if tag == "sdf" else part
+        )
         raise ModelError(f"model file '{file}' starts with <{tag}>; expected <mujoco> (MJCF) or <robot> (URDF){part}")
     if tag == "mujoco":
         spec, compiled, notes = mjcf_spec(file)
