@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -34,8 +35,12 @@ _OF_A_LOG = frozenset(["sample", "sampling", "frame", "update", "data", "loop", 
 """Whose rate is no speed."""
 _CONTROL = listed("control controls ctrl")
 """Words of a command, but for what is said to be measured within a controller."""
+_WITHIN = (["data"], ["state"], ["command"], ["cmd"])
+"""What follows such a word where it names the controller, and says nothing of its own."""
 _ITSELF = frozenset(["throttle", "steering"])  # words that are a command and its name at once
-_NEUTRAL = listed("controller controllers trajectory lowstate lowcmd group forward")
+_NEUTRAL = listed(
+    "controller controllers trajectory lowstate lowcmd group forward value values device sub list electric"
+)
 _FORCES = listed("force forces")
 """Words of what slides push with, where they are commanded: what was measured is more often a tool's."""
 _NOT_PUSHED = listed("grip gripper grasp finger fingers limit limits max min")
@@ -43,6 +48,7 @@ _NOT_PUSHED = listed("grip gripper grasp finger fingers limit limits max min")
 VARIANTS = ("raw", "unfiltered", "filtered", "filt", "external", "ext", "predicted", "pred", "simulated", "sim")
 """Words of a signal that stands beside a plainer one of the same joint."""
 _PARTS = listed("joint joints motor motors")
+_NUMBERED_ID = re.compile(r"(?<![A-Za-z])id_?\d", re.IGNORECASE)
 _LOW = frozenset(["low"])
 _NOT_JOINT = listed(
     "tcp ee pose imu mode status enable enabled flag index frame episode id seq count counter error err errors done "
@@ -94,6 +100,8 @@ def read(name: Name) -> Reading:
         kind, kinds, implied = _by_letter(plain, kinds, current=told or amperes, position=told and not any(commands))
         unit, where = _unit(name, kind)
     keep = _kept_words(name, kinds, commands, where)
+    numbered = bool(kind) or _NUMBERED_ID.search(name.text) is not None  # id1_position is a drive's
+    others = _NOT_JOINT - gain - ({"id"} if numbered else set()) - (_FORCES if pushes else set())
     return Reading(
         kind=kind,
         command=any(commands),
@@ -102,8 +110,7 @@ def read(name: Name) -> Reading:
         unit=unit,
         label=name.cut_out(keep),
         implied=implied,
-        # A drive with a number, id1_position, is one.
-        joint=not (_NOT_JOINT - gain - ({"id"} if kind else set()) - (_FORCES if pushes else set())) & set(plain),
+        joint=not others & set(plain),
     )
 
 
@@ -146,7 +153,7 @@ def _gain(plain: Sequence[str], kinds: Sequence[str]) -> tuple[str, list[str], f
 
 def _is_command(i: int, plain: Sequence[str]) -> bool:
     word = plain[i]
-    if word in _CONTROL and PLAINLY_MEASURED & set(plain):
+    if word in _CONTROL and (PLAINLY_MEASURED & set(plain) or plain[i + 1 : i + 2] in _WITHIN):
         return False
     if word in COMMANDED or word in _ITSELF:
         return True
@@ -186,12 +193,13 @@ def _kind_by_unit(name: Name, *, told: bool) -> tuple[str, str, range]:
 def _by_letter(
     plain: Sequence[str], kinds: Sequence[str], *, current: bool, position: bool
 ) -> tuple[str, list[str], bool]:
-    """Kinds of last resort: i for a current, a rate, an encoder for a position, or what is plainly measured, which alone is
-    no more than implied.
+    """Kinds of last resort: i for a current, a rate or v for a speed, an encoder for a position, or what is plainly measured,
+    which alone is no more than implied.
     """
+    rates = frozenset(["rate", "v"] if position and plain[:1] == ["v"] else ["rate"])  # v_mes_1
     telling = {
         "current": _AMPERES if current and len(plain) > 1 else frozenset(),
-        "velocity": frozenset(["rate"]) if len(plain) > 1 and not _OF_A_LOG & set(plain) else frozenset(),
+        "velocity": rates if len(plain) > 1 and not _OF_A_LOG & set(plain) else frozenset(),
         "position": ENCODERS | _SHORT,
     }
     for kind, said in telling.items():

@@ -18,11 +18,12 @@ def listed(text: str) -> frozenset[str]:
 
 COMMANDED = listed(
     "command commands commanded cmd cmds goal goals target targets tgt desired des setpoint setpoints sp control controls "
-    "ctrl action actions act ref reference references requested request req demand set u soll ff feedforward"
+    "ctrl action actions act ref reference references requested request req demand set u soll ff feedforward "
+    "consigne consigna referencia riferimento"
 )
 """Words that make a command of what stands beside them."""
 SENT = listed("sent written applied")
-PLAINLY_MEASURED = listed("measured meas msr msd actual present feedback fb fbk ist")
+PLAINLY_MEASURED = listed("measured meas msr msd mes actual present feedback fb fbk ist mesure medida misura")
 """Words that mean a position where nothing says of what."""
 MEASURED = PLAINLY_MEASURED | listed(
     "observation observed obs state states read sensor sensed data motor motors joint joints field est estimate "
@@ -52,14 +53,21 @@ _TAILS: Mapping[tuple[str, ...], str] = MappingProxyType(
 )  # fmt: skip
 """Words at the end of a name: the unit; "1" for the microseconds of a pulse, which is a number as good as any."""
 
+_BRACKETS = frozenset("[]()")
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _PIECE = re.compile(r"[^_\s./\-]+")
 _BRACKETED_UNIT = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 _LED = tuple(
     tuple(re.compile(rf"(?<![A-Za-z]){word}(?![A-Za-z])", re.IGNORECASE) for word in pair)
-    for pair in (("leader", "follower"), ("master", "puppet"), ("master", "slave"), ("stiffness", "damping"))
+    for pair in (
+        ("leader", "follower"),
+        ("master", "puppet"),
+        ("master", "slave"),
+        ("actuator", "sensor"),
+        ("stiffness", "damping"),
+    )
 )
-_LED_AS = (("command", "actual"),) * 3 + (("kp", "kd"),)
+_LED_AS = (("command", "actual"),) * 4 + (("kp", "kd"),)
 """Words that mean something only where both stand beside the same: of a robot that is led by hand and one that follows it, of
 the gains of a drive (a joint has damping, too). And what they mean then.
 """
@@ -100,6 +108,7 @@ class Name:
             if keep[i]:
                 joined = bool(pieces) and i > 0 and keep[i - 1]
                 between = self.text[self.spans[i - 1][2] : start] if joined else ("_" if pieces else "")
+                between = between if not set(between) & _BRACKETS else "_"
                 pieces.append(between + self.text[start:end])
         return "".join(pieces)
 
@@ -154,10 +163,13 @@ def _acted(names: Sequence[str]) -> dict[str, str]:
 
 
 def _in_pairs(read: dict[str, str], pair: Sequence[re.Pattern[str]], meant: Sequence[str]) -> dict[str, str]:
-    """Names with what the words of a pair mean, where every name that has one has its like with the other."""
+    """Names with what the words of a pair mean, where every name that has one has its like with the other.
+
+    More may be measured than is commanded; both gains are of the same drives.
+    """
     one, other = pair
     beside = [{word.sub("", name) for name in read.values() if word.search(name)} for word in pair]
-    if not beside[0] or beside[0] != beside[1]:
+    if not beside[0] or not (beside[0] <= beside[1] if "actual" in meant else beside[0] == beside[1]):
         return read
     return {name: other.sub(meant[1], one.sub(meant[0], as_read)) for name, as_read in read.items()}
 

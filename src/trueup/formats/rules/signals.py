@@ -11,7 +11,8 @@ from trueup.formats.rules.rule import Example, Rule
 RULES = (
     Rule(
         "position",
-        "position, positions, pos, q, qpos, angle, angles, theta, ang, jointangle, jointpos, jp, jpos, winkel",
+        "position, positions, pos, q, qpos, angle, angles, theta, ang, jointangle, jointpos, jp, jpos, winkel, "
+        "posicion, posizione",
         (
             Example("t,q1,q2,q_ref1,q_ref2", "0 .1 .2 .1 .2|.01 .2 .3 .2 .3|.02 .3 .4 .3 .4",
                     "command[rad] joint_1 joint_2; position[rad] joint_1 joint_2"),
@@ -48,6 +49,14 @@ RULES = (
             Example("t,theta_1,theta_ref_1,u_1", "0 .1 .1 1|.01 .2 .1 1|.02 .3 .2 2",
                     "command[rad] joint_1; position[rad] joint_1; u[] 1"),
             Example("t,hip.q.sp,hip.q.pv", "0 .1 .1|.01 .2 .1|.02 .3 .2", "command[rad] hip; position[rad] hip"),
+            Example("t,Device/SubDeviceList/LKneePitch/Position/Sensor/Value,Device/SubDeviceList/LKneePitch/Position/Actuator/Value",
+                    "0 .1 .1|.01 .2 .1|.02 .3 .2", "command[rad] LKneePitch; position[rad] LKneePitch"),
+            Example("t,leg_control_data.q[0],leg_control_command.q_des[0]", "0 .1 .1|.01 .2 .1|.02 .3 .2",
+                    "command[rad] leg_0; position[rad] leg_0"),
+            Example("temps,position_axe_1,consigne_axe_1,couple_axe_1", "0 .1 .1 1|.01 .2 .1 2|.02 .3 .2 1",
+                    "command[rad] axe_1; position[rad] axe_1; torque[N m] axe_1"),
+            Example("t,pos_id1,goal_id1,q_mes2", "0 .1 .1 .1|.01 .2 .1 .1|.02 .3 .2 .1",
+                    "command[rad] id1; position[rad] id1 joint_2"),
             Example("t,pos_cmd_j1,pos_fbk_j1", "0 .1 .1|.01 .2 .1|.02 .3 .2", "command[rad] j1; position[rad] j1"),
         ),
         unit="rad", also=("m",),
@@ -55,7 +64,7 @@ RULES = (
     Rule(
         "velocity",
         "velocity, velocities, vel, vels, speed, speeds, qd, dq, qdot, qvel, dth, omega, jointvel, jv, jvel, dot, "
-        "geschwindigkeit, drehzahl",
+        "geschwindigkeit, drehzahl, vitesse, velocidad, velocita",
         (
             Example("t,q_1,q_dot_1", "0 .1 1|.01 .2 2|.02 .3 1", "position[rad] joint_1; velocity[rad/s] joint_1"),
             Example("t,hip_angle,hip_rate", "0 .1 1|.01 .2 2|.02 .3 1", "position[rad] hip; velocity[rad/s] hip"),
@@ -73,7 +82,7 @@ RULES = (
     Rule(
         "torque",
         "torque, torques, tau, taus, effort, efforts, eff, moment, trq, tq, torq, tor, qfrc, jt, jtau, jtrq, "
-        "drehmoment",
+        "drehmoment, couple, coppia",
         (
             Example("t,q[0],tau_J[0],tau_J_d[0]", "0 .1 1 2|.01 .2 2 3|.02 .3 1 2",
                     "command_torque[N m] joint_0; position[rad] joint_0; torque[N m] joint_0"),
