@@ -109,6 +109,16 @@ def test_two_motors_that_do_not_drive_where_they_turn_something_are_joints(tmp_p
     assert read.channel("command").labels == ("motor1", "motor2")
 
 
+def test_a_speed_and_a_steering_without_names_are_no_two_wheels(tmp_path: Path) -> None:
+    t = np.arange(0.0, 30.0, 0.05)
+    speed, steered = 1.0 + 0.5 * np.sin(0.5 * t), 0.3 * np.sin(0.8 * t)
+    psi = np.cumsum(0.05 * speed * np.tan(steered) / 0.3)
+    place = np.cumsum(0.05 * speed[:, None] * np.stack([np.cos(psi), np.sin(psi)], axis=1), axis=0)
+    log = np.column_stack([t, speed, steered, place, psi])
+    (one,) = formats.read(written(tmp_path / "car.csv", "t,action_0,action_1,x,y,yaw", log))
+    assert not one.has("command") or "left" not in one.channel("command").labels
+
+
 def test_encoders_that_count_down_while_their_wheels_are_told_to_go_on_are_turned_round(tmp_path: Path) -> None:
     log = drive(20.0, 0)
     table = np.column_stack([log[:, :3], log[:, 6], -log[:, 7]])

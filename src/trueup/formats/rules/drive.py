@@ -18,7 +18,7 @@ from trueup.formats.rules.rule import Column, Part
 from trueup.formats.rules.sizes import rate_factor, speed_of
 from trueup.formats.rules.vehicles import Signal, best
 from trueup.inspection.relations import nearest
-from trueup.units import canonical, hardly_radians, to_si
+from trueup.units import are_pulses, canonical, hardly_radians, to_si
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _XY, _ON_EARTH = ("x", "y"), ("latitude", "longitude")
@@ -203,7 +203,8 @@ def _commanded_in(signals: Mapping[str, Signal], degrees: Sequence[str]) -> tupl
         )
         usual = {"speed": "m/s", "turn": "rad/s", "curvature": "1/m", "steering": "rad" if said else ""}
         wanted = usual.get(label, "")
-        share = s.factor == to_si("%")[1] or s.kind == "erpm"
+        pulses = s.column.parts.tail == "1" or (label == "steering" and are_pulses(s.column.known))  # steer_us
+        share = pulses or s.factor == to_si("%")[1] or s.kind == "erpm"
         return "" if share else wanted
 
     return tuple(unit(label, s) for label, s in signals.items())

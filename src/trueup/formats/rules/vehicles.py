@@ -30,7 +30,7 @@ def _quaternion(axis: str) -> str:
 RULES = (
     Rule(
         "throttle",
-        "throttle, gas, accelerator, esc, drive, duty, duty cycle, accel pedal, accelerator pedal, gas pedal, "
+        "throttle, thr, gas, accelerator, esc, drive, duty, duty cycle, accel pedal, accelerator pedal, gas pedal, "
         "throttle pedal, pedal",
         (
             Example("t,actuator_controls.throttle,actuator_controls.steering,vehicle_local_position.x,vehicle_local_position.y",
@@ -43,13 +43,15 @@ RULES = (
                  "command[] throttle steering; position[m] x y; heading[rad] heading; speed[m/s] speed"),
          Example("t,x,y,drive.steering_angle,drive.speed,drive.acceleration", "0 1 2 .1 1 0|.1 1.1 2 .1 2 0|.2 1.2 2 .2 1 0",
                  "command[] speed steering; position[m] x y"),
+         Example("t,thr_us,str_us,x,y,theta", "0 1500 1500 1 2 .1|.1 1550 1600 1.1 2 .1|.2 1550 1500 1.2 2 .1",
+                 "command[] throttle steering; position[m] x y; heading[rad] heading"),
          Example("t,servo_us,motor_us,x,y,theta", "0 1500 1500 1 2 .1|.1 1600 1550 1.1 2 .1|.2 1500 1550 1.2 2 .1",
                  "command[] throttle steering; position[m] x y; heading[rad] heading"),
         ),
     ),
     Rule("brake", "brake, braking, brake pedal",
          (Example("t,throttle,brake,steering", "0 .1 0 .1|.1 .2 0 .1|.2 0 1 .2", "command[] throttle steering brake"),)),
-    Rule("steering", "steer, steering, delta, swa, servo, lenkwinkel",
+    Rule("steering", "steer, steering, str, delta, swa, servo, lenkwinkel",
          (Example("t,v_cmd,delta_cmd_deg", "0 1 20|.1 2 21|.2 1 22", "command[] speed steering"),
           Example("t,longitudinal.velocity,lateral.steering_tire_angle,drive.speed,x,y",
                   "0 1 .1 1 0 0|.1 2 .2 1 1 0|.2 1 .1 2 2 0", "command[] speed steering; position[m] x y"),), also=("rad",)),

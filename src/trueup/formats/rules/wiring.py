@@ -23,6 +23,8 @@ from trueup.units import PULSE_FULL, PULSE_MIDDLE
 
 _CLEARLY = 0.5
 """Sum of two correlations by which wheels that are mixed up or count backwards must explain a drive better."""
+_ABOUT = 0.5
+"""What one wheel moves a robot, of what the other does: less is something else than a wheel."""
 _BOTH = (1.0, 1.0)
 _SIGNS = (_BOTH, (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0))
 
@@ -104,10 +106,10 @@ def _wired(
     """
     if moved is None or turned is None:
         return (pair, _BOTH) if pair.sided else None
+    if not pair.sided and (forward is None or not _as_much(pair, forward, turned, time)):
+        return None
     both, difference = _sum(pair, _BOTH), _sum(pair, (-1.0, 1.0))
     if forward is None:
-        if not pair.sided:
-            return None
         plain = _together(pair, np.abs(both), moved, time) + abs(_together(pair, difference, turned, time))
         mirrored = _together(pair, np.abs(difference), moved, time) + abs(_together(pair, both, turned, time))
         if mirrored < plain + _CLEARLY:
@@ -124,6 +126,25 @@ def _wired(
     if scores[best] < least + _CLEARLY:
         return (pair, _BOTH) if pair.sided else None
     return (swapped if best[0] else pair), best[1]
+
+
+def _as_much(pair: Pair, forward: Channel, turned: Channel, time: TimeColumn) -> bool:
+    """Whether both columns (T,) move the robot about as much as one another, on and round: a speed and a steering do not."""
+    instants = instants_of(pair.columns[0], time)
+    one, other = (c.values for c in pair.columns)
+    if len(instants) != len(one) or len(instants) != len(other):
+        return False
+    good = usable(instants, one, other)
+    if np.count_nonzero(good) < 20:
+        return False
+    told = [averaged(instants[good], values[good]) for values in (one, other)]
+    columns = np.concatenate([c.values - c.values.mean() for c in told], axis=1)
+    for motion in (forward, turned):
+        shown = np.interp(told[0].time, motion.time, motion.values[:, 0])
+        shares = np.abs(np.linalg.lstsq(columns, shown - shown.mean(), rcond=None)[0])
+        if shares.min() < _ABOUT * shares.max():
+            return False
+    return True
 
 
 def _together(pair: Pair, values: Array, motion: Channel, time: TimeColumn) -> float:
