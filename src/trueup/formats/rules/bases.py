@@ -36,6 +36,9 @@ RULES = (
             Example(_JOINT + "base_x,base_y,base_z,base_qw,base_qx,base_qy,base_qz",
                     "0 .1 .1 1 2 .5 1 0 0 0|.1 .2 .1 1 2 .5 .8 .6 0 0|.2 .1 .2 1 2 .5 1 0 0 0",
                     "position[rad] hip; base_position[m] x y z; base_orientation[] w x y z"),
+            Example(_JOINT + "root_pos_x,root_pos_y,root_pos_z,root_quat_x,root_quat_y,root_quat_z,root_quat_w",
+                    "0 .1 .1 1 2 .5 0 0 0 1|.1 .2 .1 1 2 .5 .8 .6 0 0|.2 .1 .2 1 2 .5 0 0 0 1",
+                    "position[rad] hip; base_position[m] x y z; base_orientation[] w x y z"),
             Example(_JOINT + "vicon_x,vicon_y,vicon_z,vicon_roll,vicon_pitch,vicon_yaw",
                     "0 .1 .1 900 200 500 0 0 0|.1 .2 .1 900 200 500 .1 0 0|.2 .1 .2 900 210 500 0 0 0",
                     "base_position[mm] x y z; base_orientation[rad] roll pitch yaw"),
@@ -69,7 +72,7 @@ _TURNS, _EULER = (frozenset(rule.names.split(", ")) for rule in RULES[1:])
 _SOURCES = tuple(
     frozenset(group.split())
     for group in (
-        "mocap vicon optitrack qualisys vrpn motive motion capture",
+        "mocap vicon optitrack qualisys vrpn motive motion capture rigid",
         "ground truth",
         "base trunk torso body root pelvis floating pose robot world",
         "odom odometry",
@@ -109,6 +112,12 @@ class Pose:
     channels: Mapping[str, _Found]
     groups: frozenset[str]
     notes: tuple[str, ...]
+
+
+def of_place(names: Sequence[str]) -> bool:
+    """Whether names (without their axis) are those of a base, trunk or motion capture."""
+    plain = {word for name in names for word in words(name)}
+    return any(plain & source for source in _SOURCES) and not plain & _OTHERS
 
 
 def pose(groups: Mapping[str, Sequence[Column]]) -> Pose:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trueup.formats.rules import joints
+from trueup.formats.rules.bases import of_place
 from trueup.formats.rules.names import AXES, words
 from trueup.formats.rules.rule import Column
 from trueup.formats.table import listing
@@ -76,6 +77,27 @@ def without_sensors(proposals: Sequence[Proposal]) -> list[Proposal]:
         heads = p.role == "position" and p.column.name.lower() == "theta" and {"x", "y"} <= names
         found.append(own(p.column) if sensor or heads else p)
     return found
+
+
+def without_places(proposals: Sequence[Proposal]) -> list[Proposal]:
+    """Positions along x, y and z of one base, trunk or tracked body are a place, where nothing drives them as joints."""
+    driven = {p.label for p in proposals if p.role.startswith("command") or p.role in ("torque", "current")}
+    axes: dict[str, set[str]] = {}
+    for p in proposals:
+        if (
+            p.role == "position"
+            and p.label not in driven
+            and (plain := words(p.label))
+            and plain[-1] in ("x", "y", "z")
+        ):
+            axes.setdefault(" ".join(plain[:-1]), set()).add(plain[-1])
+    places = {name for name, found in axes.items() if len(found) == 3 and of_place([name])}
+    return [
+        own(p.column)
+        if p.role == "position" and " ".join(words(p.label)[:-1]) in places and p.label not in driven
+        else p
+        for p in proposals
+    ]
 
 
 def with_twins(proposals: Sequence[Proposal]) -> list[Proposal]:

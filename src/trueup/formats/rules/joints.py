@@ -41,6 +41,8 @@ _ITSELF = frozenset(["throttle", "steering"])  # words that are a command and it
 _NEUTRAL = listed(
     "controller controllers trajectory lowstate lowcmd group forward value values device sub list electric"
 )
+_TOPICS = listed("state states controller controllers trajectory group")
+"""What follows a word for any joint where it names a topic: joint_states, joint_group_position_controller."""
 _FORCES = listed("force forces")
 """Words of what slides push with, where they are commanded: what was measured is more often a tool's."""
 _NOT_PUSHED = listed("grip gripper grasp finger fingers limit limits max min")
@@ -224,6 +226,10 @@ def _kept_words(name: Name, kinds: Sequence[str], commands: Sequence[bool], unit
     for i, word in enumerate(plain):
         if word in dropped:
             following = plain[i + 1] if i + 1 < len(plain) else ""
-            topic = following in ("state", "states") or (following == "cmd" and (low or "lowcmd" in plain))
+            topic = (
+                following in ("state", "states")
+                or following in _CONTROLLERS
+                or (following == "cmd" and (low or "lowcmd" in plain))
+            )
             keep[i] = keep[i] and word in _PARTS and named and not topic
     return keep

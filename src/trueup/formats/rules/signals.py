@@ -57,6 +57,8 @@ RULES = (
                     "command[rad] axe_1; position[rad] axe_1; torque[N m] axe_1"),
             Example("t,pos_id1,goal_id1,q_mes2", "0 .1 .1 .1|.01 .2 .1 .1|.02 .3 .2 .1",
                     "command[rad] id1; position[rad] id1 joint_2"),
+            Example("t,joint_states.position.hip,joint_group_controller.command.hip", "0 .1 .1|.01 .2 .1|.02 .3 .2",
+                    "command[rad] hip; position[rad] hip"),
             Example("t,pos_cmd_j1,pos_fbk_j1", "0 .1 .1|.01 .2 .1|.02 .3 .2", "command[rad] j1; position[rad] j1"),
         ),
         unit="rad", also=("m",),
