@@ -226,10 +226,6 @@ def _kept_words(name: Name, kinds: Sequence[str], commands: Sequence[bool], unit
     for i, word in enumerate(plain):
         if word in dropped:
             following = plain[i + 1] if i + 1 < len(plain) else ""
-            topic = (
-                following in ("state", "states")
-                or following in _CONTROLLERS
-                or (following == "cmd" and (low or "lowcmd" in plain))
-            )
+            topic = following in _TOPICS or (following == "cmd" and (low or "lowcmd" in plain))
             keep[i] = keep[i] and word in _PARTS and named and not topic
     return keep
