@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import mujoco
@@ -24,6 +25,7 @@ from trueup.engines.mujoco.gears import SECOND
 from trueup.engines.mujoco.model import Model, needs_shapes, prepared
 from trueup.engines.mujoco.run import Run
 from trueup.engines.mujoco.stepping import unclocked
+from trueup.engines.mujoco.trees import Trees
 from trueup.engines.mujoco.wiring import actuators_of, source_of
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import ModelError
@@ -54,6 +56,7 @@ class MujocoSimulator:
         self.parameters = concatenate([own, controller_parameters]) if controller_parameters is not None else own
         self._threads = threads
         self.batches = self._prepare()
+        self._trees = Trees.of(self.compiled, self.quantities, len(self.parameters))
         # None until a run with contacts has shown whether anything touches anything.
         self._touching: bool | None = None if self._can_touch() else False
         self._learning = True
@@ -166,9 +169,28 @@ class MujocoSimulator:
         values = np.atleast_2d(np.asarray(values, dtype=np.float64))
         verifying = len(values) == 1
         contacts = self._touching is not False or self._has_floor or (verifying and self._can_touch())
+        controllers = controllers or self.controller
+        trees = None if contacts or verifying or controllers is not None else self._trees
+        if trees is None or not all(map(trees.alone, trials)):
+            return self._run(trials, values, controllers, contacts)
+        rows, where = trees.packed(values)
+        done = [trees.unpacked(r, where) for r in self._run(trials, rows, None, contacts)]
+        return [self._by_themselves(rollout, values) if rollout.failures else rollout for rollout in done]
+
+    def _by_themselves(self, rollout: Rollout, values: Array) -> Rollout:
+        """With those rows anew that may have failed for what another row does."""
+        rows = sorted(rollout.failures)
+        (again,) = self._run([rollout.trial], values[rows], None, False)
+        for name, seen in again.channels.items():
+            rollout.channels[name][rows] = seen
+        return replace(rollout, failures={rows[k]: reason for k, reason in again.failures.items()})
+
+    def _run(
+        self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None, contacts: bool
+    ) -> list[Rollout]:
         order = sorted(range(len(trials)), key=lambda k: -trials[k].duration)
         with unclocked(), unlogged():
-            run = Run(self, [trials[k] for k in order], values, controllers or self.controller, contacts)
+            run = Run(self, [trials[k] for k in order], values, controllers, contacts)
             touched = run.simulate()
         if contacts and self._learning:
             self._touching = touched
