@@ -143,6 +143,8 @@ def _scanned(problem: Problem, found: Fit, own: int, name: str) -> _Look:
     for k in np.argsort([np.min(after) for after in losses], kind="stable"):
         # what does nothing by itself (where a spring rests that has no stiffness) belongs to what was taken
         beside = np.all(losses[k] == before)
+        if not beside and not np.min(losses[k]) < before - worth:
+            continue  # what gains nothing alone is not simulated again beside what was taken
         tried = places[k] if beside else places[k][[np.argmin(losses[k])]]
         rows = np.repeat(taken[None], len(tried), axis=0)
         rows[:, own + k] = tried
