@@ -125,14 +125,14 @@ def test_a_resumed_calibration_ends_where_an_uninterrupted_one_does(
     assert np.allclose(again.values, whole.values, rtol=1e-2)
 
 
-def test_later_recordings_cost_a_quarter_of_a_search_anew_and_are_fitted_as_well(
+def test_later_recordings_cost_a_third_of_a_search_anew_and_are_fitted_as_well(
     simulator: Callable[..., MujocoSimulator], recordings: list[Recording]
 ) -> None:
     options = Options(cross_validate=False)
     first, every = calibrate(simulator(), recordings[1:2], options=options), recordings[1:]
     again = recalibrate(simulator(), every, (), Earlier.of(first), options)
     anew = calibrate(simulator(), every, options=options)
-    assert again.evaluations <= 0.25 * anew.evaluations
+    assert again.evaluations <= anew.evaluations / 3.0
     for mine, cold in zip(again.estimates, anew.estimates, strict=True):
         assert mine.value == pytest.approx(cold.value, abs=0.5 * (cold.high - cold.low)), mine.name
         assert mine.high - mine.low == pytest.approx(cold.high - cold.low, rel=0.3), mine.name

@@ -66,6 +66,7 @@ RELATED = ("kv", "damping", "armature")
 LACKING = {
     "play and twist of gears": ("gear_backlash", "gear_compliance"),
     "backlash": ("backlash",),
+    "a dead band of the servos": ("dead_band",),
     "friction that grows with the load": ("friction_load",),
     "friction that is larger at rest": ("friction_static",),
     "springs at the joints": ("spring", "spring_rest"),
@@ -80,13 +81,26 @@ def lacking(model: Model, assignments: Sequence[Assignment]) -> dict[str, tuple[
     """
     there = {a.quantity.group or a.kind for a in assignments}
     joints = tuple(dict.fromkeys(t for a in assignments if a.kind in ("friction", "armature") for t in a.targets))
+    drives, stiff = model.drives(), servos(model)
+    moved = tuple(dict.fromkeys(drives[j] for j in joints if drives.get(j) in stiff))
     heavy = tuple(b for b in quantity("mass").choices(model, {}) if model.get("body.mass", b)[0] > 0.0)
-    targets = {"joint": joints, "body": () if "inertia" in there else heavy}
+    targets = {"joint": joints, "actuator": moved, "body": () if "inertia" in there else heavy}
     return {
         name: tuple(Declaration(q, targets[q.family], nominal=0.0 if q.start else None) for q in map(quantity, kinds))
         for name, kinds in LACKING.items()
         if joints and not there & set(kinds) and targets[quantity(kinds[0]).family]
     }
+
+
+def alike(model: Model, structures: Mapping[str, tuple[Declaration, ...]]) -> list[dict[str, tuple[Declaration, ...]]]:
+    """Those of some structures that cannot be less than none, in groups for which a model is prepared alike."""
+    groups: dict[str, dict[str, tuple[Declaration, ...]]] = {}
+    for name, lines in structures.items():
+        space, assignments = declare(model, lines)
+        if any(p.nominal <= p.lower for p in space.parameters):
+            kinds = {a.quantity.needs for a in assignments}
+            groups.setdefault(" ".join(sorted(kinds)), {})[name] = lines
+    return list(groups.values())
 
 
 def undeclared(model: Model, assignments: Sequence[Assignment]) -> tuple[Declaration, ...]:

@@ -195,6 +195,23 @@ class Related(Protocol):
         """
         ...
 
+    def rivals(self) -> Sequence[tuple[Simulator, Mapping[str, tuple[str, ...]]]]:
+        """The same simulator with those of these that begin at none as further parameters behind its own, several in one
+        where the same model will do; with each structure's name and the names of its parameters.
+        """
+        ...
+
+
+def related_of(simulator: Simulator) -> Related | None:
+    """The simulator itself, not an approximation or a restricted view of it, with what it knows to be related; None where it
+    knows nothing.
+    """
+    while not isinstance(simulator, Related):
+        simulator = getattr(simulator, "whole", None)  # type: ignore[assignment]
+        if simulator is None:
+            return None
+    return simulator
+
 
 @runtime_checkable
 class Approximated(Protocol):

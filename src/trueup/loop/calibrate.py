@@ -27,6 +27,7 @@ from trueup.loop.limits import Seen, is_limit, limits_seen
 from trueup.loop.missing import Missing, missing
 from trueup.loop.problem import Problem
 from trueup.loop.replay import replays
+from trueup.loop.rivals import doubted, rivals, widened
 from trueup.loop.selection import Choice
 from trueup.loop.ties import STEP, Considered, considered
 from trueup.loop.uncertainty import intervals, unit_covariance
@@ -156,9 +157,11 @@ def _findings(problem: Problem, found: Fit, choices: Sequence[Choice], cut: Sequ
     notes = (*found.notes, *(n for c in choices[1:] for n in c.notes))
     limits = limits_seen(problem, found)
     estimates = _estimates(found, covariance, choices, problem.simulator.parameters, limits, notes)
+    others = rivals(problem, found)
+    wide = widened(_with_structure(estimates, lacking), others)
     return {
         "model_name": problem.simulator.name,
-        "estimates": _tied(_with_structure(estimates, lacking), considered(problem, found, covariance), limits),
+        "estimates": doubted(_tied(wide, considered(problem, found, covariance), limits), others),
         "covariance": _in_units(found, covariance),
         "unidentified": (*unseen_directions(found, covariance, limits), *(n for c in choices[:1] for n in c.notes)),
         "notes": (*cut, found.ended, *notes),

@@ -53,6 +53,7 @@ class Fit:
     """A cheaper problem at the level of the real one, if the fit was made with one."""
     starts: Starts | None = None
     """Corrections of the measured starts, if those matter."""
+    shot: Problem | None = None  # the problem with these, which was solved
     notes: tuple[str, ...] = ()
     """What was decided on the way, in words."""
 
@@ -271,10 +272,8 @@ class Descent:
             search.tell(candidates, look.columns(self.space, candidates))
         if search.jacobian is None or search.residual is None:
             raise CalibrationError("the search ended without slopes")
-        return Fit(
-            self.space, search.point, search.residual, search.jacobian, search.weights(), search.done, search.loss,
-            search.delta, near=self.near,
-        )  # fmt: skip
+        point, last = search.point, (search.weights(), search.done, search.loss, search.delta)
+        return Fit(self.space, point, search.residual, search.jacobian, *last, near=self.near)
 
 
 def descended(problem: Problem, fit: Fit, start: Array, robust: float) -> Fit:

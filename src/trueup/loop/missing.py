@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.engines.simulator import Related, Simulator
+from trueup.engines.simulator import related_of
 from trueup.errors import CalibrationError, SimulationFailedError
 from trueup.evidence import Evidence
 from trueup.loop.descent import Fit, Watch, explained
@@ -95,7 +95,8 @@ def _places_to_look_from(problem: Problem, found: Fit) -> list[tuple[Fit, Sequen
 
 def _tried(problem: Problem, place: Fit, stages: Sequence[Stage], without: Array) -> list[Missing]:
     """The structures that a score test at a place favours most, fitted from there, up to one that the evidence holds for."""
-    others, tried = _structures(problem.simulator), list[Missing]()
+    related, tried = related_of(problem.simulator), list[Missing]()
+    others = {} if related is None else dict(related.structures())
     looks = [_scanned(problem.by(other), place, len(place.space), name) for name, other in others.items()]
     worth = problem.chance(place.residual)
     for look in sorted(looks, key=lambda look: -look.gain)[:2]:  # each costs about as much as a quarter of the fit
@@ -175,11 +176,3 @@ def _fitted(problem: Problem, found: Fit, look: _Look, stages: Sequence[Stage], 
     low, high = intervals(grown, unit_covariance(problem, grown))
     free = space.free
     return Missing(look.name, tuple(p for p in more if p.name in look.sizes), grown.values[free], low, high, shown)
-
-
-def _structures(simulator: Simulator) -> dict[str, Simulator]:
-    while not isinstance(simulator, Related):
-        simulator = getattr(simulator, "whole", None)  # type: ignore[assignment]
-        if simulator is None:
-            return {}
-    return dict(simulator.structures())

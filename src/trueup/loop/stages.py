@@ -213,7 +213,7 @@ def multiple_shooting(run: Run) -> None:
     # Starts moved further than their noise: it is not all that is wrong there (R. T. Birge, Phys. Rev. 40, 1932).
     ratio = max(1.0, float(np.mean(starts.amounts**2)))
     scatter = (ratio - 1.0) * unit_covariance(run.problem, run.found)
-    run.ended = replace(run.found, scatter=scatter, starts=starts)
+    run.ended = replace(run.found, scatter=scatter, starts=starts, shot=run.problem)
 
 
 def _matter(run: Run, begun: Problem) -> bool:

@@ -17,7 +17,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.calibration import NORMAL_95, Estimate
-from trueup.engines.simulator import Related, Simulator
+from trueup.engines.simulator import related_of
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR, vague
@@ -75,7 +75,8 @@ def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considere
     """What the estimates owe to the simulation's step, to each related quantity that is not calibrated, and to those that are
     and yet stay open by their `covariance` in the unit box (n_free, n_free), from slopes along a part of the motion.
     """
-    other = _related(problem.simulator)
+    related = related_of(problem.simulator)
+    other = None if related is None else related.related()
     more = () if other is None else other.parameters.parameters[len(fit.values) :]
     free = np.flatnonzero(fit.space.free)
     parameters = [*(fit.space.parameters[i] for i in free), *more]
@@ -149,15 +150,6 @@ def _traded(own: Array, slope: Array, weights: Array) -> tuple[Array, float]:
     trade[np.abs(trade) < np.abs(inverse @ (boxed @ (weights * error)))] = 0.0  # no more than slopes are unsure
     left, error = moved + trade @ boxed, doubt + trade @ unsure
     return trade, max(float(weights @ (left**2 - error**2)), 0.0)
-
-
-def _related(simulator: Simulator) -> Simulator | None:
-    """The simulator itself, not an approximation or a restricted view of it, with what it knows to be related."""
-    while not isinstance(simulator, Related):
-        simulator = getattr(simulator, "whole", None)  # type: ignore[assignment]
-        if simulator is None:
-            return None
-    return simulator.related()
 
 
 def _excerpt(problem: Problem) -> Problem:

@@ -12,7 +12,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.articulated.assignments import Assignment, needs
-from trueup.articulated.declarations import Declaration, declare, lacking, undeclared
+from trueup.articulated.declarations import Declaration, alike, declare, lacking, undeclared
 from trueup.articulated.gains import Gains
 from trueup.articulated.signals import Signals
 from trueup.articulated.starts import measured_base
@@ -126,6 +126,16 @@ class MujocoSimulator:
         """See `engines.simulator.Related`."""
         known = {name: self._with(lines) for name, lines in lacking(self.model, self.quantities).items()}
         return {name: simulator for name, simulator in known.items() if simulator is not None}
+
+    def rivals(self) -> list[tuple[MujocoSimulator, dict[str, tuple[str, ...]]]]:
+        """See `engines.simulator.Related`."""
+        found = []
+        for group in alike(self.model, lacking(self.model, self.quantities)):
+            simulator = self._with([line for lines in group.values() for line in lines])
+            if simulator is not None:
+                names = {name: declare(self.model, lines)[0].names for name, lines in group.items()}
+                found.append((simulator, names))
+        return found
 
     def _with(self, lines: Sequence[Declaration]) -> MujocoSimulator | None:
         """The same with further parameters behind its own, where it can have any."""
