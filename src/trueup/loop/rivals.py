@@ -205,8 +205,10 @@ def _wide(e: Estimate, by: Mapping[str, Array]) -> Estimate:
 
 
 def _in_words(e: Estimate, rivals: Sequence[Rival], by: Mapping[str, Array]) -> Estimate:
+    """What is moved by less than it is unsure of by itself holds with a rival as it is."""
     name = max(by, key=lambda n: float(by[n].max()))
-    if e.verdict not in ("identified", "tied") or by[name].max() <= _SAME * abs(e.value):
+    much = np.maximum(_SAME * abs(e.value), np.sqrt(0.5) * np.array([e.value - e.low, e.high - e.value]))
+    if e.verdict not in ("identified", "tied") or not np.any(by[name] > much):
         return e
     shown = next((r.parameter.shown_by for r in rivals if r.name == name and r.parameter.shown_by), "")
     note = f"hangs on whether the robot has {name}, which these recordings do not tell"
