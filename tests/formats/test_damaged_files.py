@@ -20,7 +20,7 @@ from trueup.inspection import inspect
 Damage = Callable[[bytes], bytes]
 
 TEXT = ("columns.csv", "blanks.txt", "semicolons.csv", "lists", "numbers", "entries.json", "lines.jsonl")
-BINARY = ("arrays.npz", "structs.mat", "groups.h5", "own.parquet", "foreign.parquet")
+BINARY = ("arrays.npz", "own.parquet", "foreign.parquet")
 BAGS = ("bag_sqlite", "bag_mcap")
 
 pytestmark = pytest.mark.filterwarnings("error")
@@ -128,8 +128,6 @@ def sound_files(tmp_path_factory: pytest.TempPathFactory, small_files: Any) -> P
     small_files.write_json(folder / "entries.json")
     small_files.write_json(folder / "lines.jsonl")
     small_files.write_npz(folder / "arrays.npz")
-    small_files.write_mat(folder / "structs.mat")
-    small_files.write_hdf5(folder / "groups.h5")
     small_files.write_own_parquet(folder / "own.parquet")
     small_files.write_foreign_parquet(folder / "foreign.parquet")
     small_files.write_joint_bag(folder / "bag_sqlite")

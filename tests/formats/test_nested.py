@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
@@ -15,7 +17,8 @@ from numpy.typing import NDArray
 from scipy.io import savemat
 
 from trueup import formats
-from trueup.errors import FormatError, MappingError, MissingExtraError
+from trueup.errors import FormatError, MappingError, MissingExtraError, TrueupError
+from trueup.formats.guarded import guarded
 from trueup.recording import Recording
 
 Nested = Mapping[str, Any]
@@ -172,8 +175,32 @@ def test_a_rate_that_the_file_says_stands_for_a_clock(name: str, value: float, t
     assert np.allclose(recording.channel("position").time, np.arange(60) / 50.0)
 
 
+@BOTH
+def test_a_reader_that_crashes_or_never_ends_on_a_damaged_file_costs_a_sentence(write: Write, tmp_path: Path) -> None:
+    sound = write(tmp_path / "run", {"log": {"t": T, "q": Q, "q_des": TOLD}})
+    content, rng = sound.read_bytes(), np.random.default_rng(2)
+    for _ in range(8):
+        damaged = bytearray(content)
+        for at in rng.integers(len(content), size=20):
+            damaged[at : at + 4] = rng.bytes(4)
+        sound.write_bytes(bytes(damaged))
+        with contextlib.suppress(TrueupError):
+            formats.read(sound)
+
+
+def test_a_crash_of_a_reader_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "crashing.py").write_text(
+        "import os, signal\ndef read(path):\n    os.kill(os.getpid(), signal.SIGSEGV)\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    (tmp_path / "run.mat").write_bytes(b"")
+    reader = SimpleNamespace(__module__="crashing", __name__="read")
+    with pytest.raises(FormatError, match="its reader crashed, so it is damaged"):
+        guarded(reader, tmp_path / "run.mat", "a MAT-file")  # type: ignore[arg-type]
+
+
 def test_what_only_matlab_reads_is_said(tmp_path: Path) -> None:
-    with pytest.raises(FormatError, match=r"variables are: note \(str\)\. timetables"):
+    with pytest.raises(FormatError, match=r"variables are: note\. timetables"):
         formats.read(write_mat(tmp_path / "run", {"note": "a timetable was here"}))
     damaged: NDArray[np.uint8] = np.frombuffer(write_mat(tmp_path / "run", {"q": Q}).read_bytes(), np.uint8)
     (tmp_path / "cut.mat").write_bytes(damaged[:300].tobytes())

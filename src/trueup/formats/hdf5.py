@@ -6,13 +6,15 @@ Links to other files are not followed.
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trueup.errors import FormatError, MissingExtraError
+from trueup.errors import MissingExtraError
+from trueup.formats.guarded import guarded
 from trueup.formats.table import Table
 from trueup.formats.tree import Leaf, Tree, runs
 
@@ -23,17 +25,17 @@ _AXES = 2
 
 def read(path: Path) -> list[tuple[str, list[Table]]]:
     """(name, tables) of each run. Raises FormatError for a damaged file, MissingExtraError without h5py."""
-    try:
-        import h5py
-    except ImportError:
-        raise MissingExtraError("reading HDF5 files (MATLAB 7.3 ones are)", "h5py", "hdf5") from None
-    try:
-        with h5py.File(path, "r") as file:
-            tree = _tree(file, h5py)
-    except Exception as error:  # damaged bytes surface as many kinds of error
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise FormatError(f"{path}: cannot be read as HDF5 ({reason})") from error
-    return runs(tree, path)
+    if find_spec("h5py") is None:
+        raise MissingExtraError("reading HDF5 files (MATLAB 7.3 ones are)", "h5py", "hdf5")
+    return runs(guarded(groups, path, "HDF5"), path)
+
+
+def groups(path: Path) -> Tree:
+    """A file's groups. Raises whatever h5py does."""
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        return _tree(file, h5py)
 
 
 def _tree(group: Any, h5py: Any) -> Tree:

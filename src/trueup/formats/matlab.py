@@ -11,6 +11,7 @@ import numpy as np
 
 from trueup.errors import FormatError
 from trueup.formats import hdf5
+from trueup.formats.guarded import guarded
 from trueup.formats.table import Table
 from trueup.formats.tree import Leaf, Tree, runs
 
@@ -23,26 +24,22 @@ _OBJECTS = (
 
 def read(path: Path) -> list[tuple[str, list[Table]]]:
     """(name, tables) of each run. Raises FormatError for a damaged file, and for one that holds objects alone."""
-    from scipy.io import loadmat  # takes long to import
-
     with path.open("rb") as file:
         if file.read(len(_NEWER)) == _NEWER:
             return hdf5.read(path)
-    try:
-        loaded = loadmat(path, simplify_cells=True)
-    except Exception as error:  # damaged bytes surface as many kinds of error
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise FormatError(f"{path}: cannot be read as a MAT-file ({reason})") from error
-    tree = _tree({name: value for name, value in loaded.items() if not name.startswith("__")})
+    tree = guarded(variables, path, "a MAT-file")
     if not any(leaf.values.dtype.kind in "biuf" and leaf.values.size > 1 for _, leaf in tree.every()):
-        raise FormatError(
-            f"{path}: no array of numbers; variables are: {', '.join(_kinds(loaded)) or 'none'}. {_OBJECTS}"
-        )
+        there = ", ".join(".".join(where) for where, _ in tree.every())
+        raise FormatError(f"{path}: no array of numbers; variables are: {there or 'none'}. {_OBJECTS}")
     return runs(tree, path)
 
 
-def _kinds(loaded: Mapping[str, Any]) -> list[str]:
-    return [f"{n} ({type(v).__name__})" for n, v in loaded.items() if not n.startswith("__")]
+def variables(path: Path) -> Tree:
+    """A file's variables. Raises whatever `loadmat` does."""
+    from scipy.io import loadmat  # takes long to import
+
+    loaded = loadmat(path, simplify_cells=True)
+    return _tree({name: value for name, value in loaded.items() if not name.startswith("__")})
 
 
 def _tree(data: Mapping[str, Any]) -> Tree:
