@@ -31,6 +31,7 @@ from trueup.loop.rivals import doubted, rivals, widened
 from trueup.loop.selection import Choice
 from trueup.loop.ties import STEP, Considered, considered
 from trueup.loop.uncertainty import intervals, unit_covariance
+from trueup.loop.untold import as_open, open_covariance
 from trueup.loop.validate import by_recording, left_out_errors
 from trueup.loop.windows import in_windows, window_length, words
 from trueup.parameters import Parameter, ParameterSpace
@@ -156,7 +157,11 @@ def _findings(problem: Problem, found: Fit, choices: Sequence[Choice], cut: Sequ
     lacking = missing(problem, found)
     notes = (*found.notes, *(n for c in choices[1:] for n in c.notes))
     limits = limits_seen(problem, found)
-    estimates = _estimates(found, covariance, choices, problem.simulator.parameters, limits, notes)
+    declared = problem.simulator.parameters
+    untold = [declared[n] for n in (choices[0].freeze if choices else ()) if found.space[n].frozen]
+    open_, shared = open_covariance(problem, found, untold)
+    estimates = _estimates(found, open_, choices, declared, limits, notes)
+    estimates = as_open(estimates, verdicts(found, covariance), shared, [p.name for p in untold])
     others = rivals(problem, found)
     wide = widened(_with_structure(estimates, lacking), others)
     return {

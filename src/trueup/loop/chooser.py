@@ -40,6 +40,7 @@ class Chooser:
         what the search was told (`fit`).
         """
         self.choices = self.choices or (Choice((), ()), Choice((), ()))
+        self._still(found.space)
         while True:
             late = untold(found.near or problem, found, unit_covariance(problem, found), self.choices[0].vague)
             first, *rest = self.choices
@@ -54,6 +55,12 @@ class Chooser:
             found = replace(again, notes=tuple(dict.fromkeys((*found.notes, *again.notes))))
             if nothing:
                 return replace(found, ended="the recordings tell nothing of what was to be found: all is as it came")
+
+    def _still(self, space: ParameterSpace) -> None:
+        """Forgets what was said of those that were freed since."""
+        first, *rest = self.choices
+        pairs = [(n, note) for n, note in zip(first.freeze, first.notes, strict=True) if space[n].frozen]
+        self.choices = (replace(first, freeze=tuple(n for n, _ in pairs), notes=tuple(n for _, n in pairs)), *rest)
 
 
 def _parts(choice: Choice) -> tuple[tuple[str, ...], ...]:

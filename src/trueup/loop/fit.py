@@ -22,6 +22,7 @@ from trueup.loop.stages import (
     Run,
     Stage,
     as_it_came,
+    asked_again,
     coarse_step,
     each_apart,
     evolution,
@@ -59,6 +60,7 @@ _SHORT = (GLANCE, 15.0)  # s: the first stage looks at the first quarter of the 
 _COARSE = (2.5, 2.0, 1.5)  # factors on the integration step while far from the optimum; the first that is faithful
 
 _LINES, _EVOLUTION, _SELECTION = Stage("lines", lines), Stage("evolution", evolution), Stage("selection", selection)
+_AGAIN = Stage("asked again", asked_again)
 _APART, _GLANCE = Stage("joint by joint", each_apart), Stage("glance", glance)
 _GROWTH_APART = Stage("growth joint by joint", growth_apart)
 _FIRST = Stage("first seconds", first_seconds)
@@ -72,10 +74,10 @@ _ELSEWHERE = (_LINES, _EVOLUTION)
 
 STAGES = (
     _APART, _GLANCE, _GROWTH_APART, _FIRST, *_ELSEWHERE, _COARSE_STEP, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH,
-    _FULL, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH, Stage("off bounds", off_bounds), *_AROUND,
+    _FULL, *_ELSEWHERE, _PROFILES, _SELECTION, _GROWTH, _AGAIN, Stage("off bounds", off_bounds), *_AROUND,
 )  # fmt: skip
 """What a search does unless told otherwise."""
-DESCENT = (_APART, _GROWTH_APART, _FIRST, _COARSE_STEP, _SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH)
+DESCENT = (_APART, _GROWTH_APART, _FIRST, _COARSE_STEP, _SELECTION, _GROWTH, _FULL, _SELECTION, _GROWTH, _AGAIN)
 """Nothing but where slopes lead."""
 REFINEMENT = (Stage("refinement", refinement), _SHOOTING, _AROUND[-1])
 """From an earlier fit of most of the recordings."""

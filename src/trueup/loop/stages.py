@@ -17,6 +17,7 @@ from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
 from trueup.loop.uncertainty import start_scatter, unit_covariance
+from trueup.loop.untold import thawed
 from trueup.loop.wide import widened
 from trueup.parameters import Parameter
 from trueup.search.least_squares import LeastSquares
@@ -52,6 +53,8 @@ class Run:
     """Corrections of measured starts, where an earlier fit has made some."""
     early: Array | None = None
     """(n,) values to which the first look led."""
+    untold: Mapping[str, Parameter] = field(default_factory=dict)
+    """What was frozen because the recordings did not tell it, as declared, by name."""
     notes: list[str] = field(default_factory=list)
     ended: Fit | None = None
 
@@ -182,8 +185,23 @@ def selection(run: Run) -> None:
     found = run.descent.search
     if found is not None and found.residual is not None:  # this may take longer than what was before
         run.descent.watch.saw("structures in turn", run.look.problem, found.loss, run.look.problem.rmse(found.residual))
-    if run.descent.choose(run.look, select) and run.look.problem is run.problem:
-        run.descent.descend(run.look)
+    searched = run.descent.space
+    if run.descent.choose(run.look, select):
+        kept = run.descent.space
+        run.untold = {p.name: p for p in searched.parameters if not (p.frozen or p.optional) and kept[p.name].frozen}
+        if run.look.problem is run.problem:
+            run.descent.descend(run.look)
+
+
+def asked_again(run: Run) -> None:
+    """Frees what was frozen, where the recordings tell it now that all else has come further, and searches on."""
+    while run.untold and run.looks and not run.look.problem.duration < run.problem.duration:
+        descent = thawed(run.descent, run.look, run.untold)
+        if descent is None:
+            break
+        run.descent = descent
+        run._searched(run.look)
+        run.untold = {n: p for n, p in run.untold.items() if descent.space[n].frozen}
 
 
 def multiple_shooting(run: Run) -> None:

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What was frozen since the recordings did not tell it: asked again where the fit has come to, and counted as open.
+
+What is held at a start value is not known by that. What of it others would make up for is part of their intervals, which
+are those that they would have were it free, with nothing known of it but its bounds (nuisance parameters with a prior:
+Tapley, Schutz and Born, Statistical Orbit Determination, 2004, 6.4).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from trueup.arrays import Array
+from trueup.calibration import Estimate
+from trueup.loop.descent import Descent, Fit, Look
+from trueup.loop.identifiability import NO_EFFECT, Verdict
+from trueup.loop.problem import Problem
+from trueup.loop.uncertainty import unit_covariance, vague
+from trueup.parameters import Parameter, ParameterSpace
+
+_ASIDE = 0.05  # share of the box over which slopes are taken: beyond the stairs of delays, and open that far anyway
+
+
+def thawed(descent: Descent, look: Look, untold: Mapping[str, Parameter]) -> Descent | None:
+    """The search with those of the frozen parameters `untold` free again that the recordings tell where it has come to by
+    now; None where these are none.
+    """
+    found = descent.finished(look)
+    wider = _Wider.of(look.cheap, found, list(untold.values()))
+    told = wider.told(look.problem)
+    if not told:
+        return None
+    space = ParameterSpace(tuple(untold[p.name] if p.name in told else p for p in descent.space.parameters))
+    again = replace(descent, space=space, search=None)
+    again.restart(np.clip(space.to_unit(found.values), 0.0, 1.0))
+    return again
+
+
+def open_covariance(problem: Problem, fit: Fit, untold: Sequence[Parameter]) -> tuple[Array, Array]:
+    """(n_free, n_free) covariance in the unit box with the frozen parameters `untold` (as declared) open, and (n_free, k) the
+    variance that each estimate shares with each of them.
+    """
+    wider = _Wider.of(fit.near or problem, fit, untold)
+    covariance, n = wider.covariance(problem, range(len(untold))), len(fit.unit)
+    between, own = covariance[:n, n:], np.diag(covariance)[n:]
+    return covariance[:n, :n], between**2 / own
+
+
+def as_open(
+    estimates: Sequence[Estimate], known: Sequence[Verdict], shared: Array, untold: Sequence[str]
+) -> tuple[Estimate, ...]:
+    """Estimates with words where what would be identified is not, as others stay open: `known` has verdicts that take the
+    frozen ones `untold` as known, `shared` is that of `open_covariance`.
+    """
+    free, rows = iter(zip(known, shared, strict=True)), []
+    for e in estimates:
+        if e.fitted:
+            verdict, common = next(free)
+            if verdict.word == "identified" and e.verdict in ("weak", "not identified"):
+                share = f"to {50 * (e.high - e.low) / abs(e.value):.0f} % only, " if e.value else ""
+                note = f"known {share}as these recordings do not tell {untold[int(np.argmax(common))]}"
+                e = replace(e, verdict="weak", note=note)
+        rows.append(e)
+    return tuple(rows)
+
+
+@dataclass(frozen=True, eq=False)
+class _Wider:
+    """A fit, and the slopes of what is frozen in it."""
+
+    fit: Fit
+    names: tuple[str, ...]
+    columns: Array
+    """(m, k) d residual / d unit."""
+
+    @classmethod
+    def of(cls, problem: Problem, fit: Fit, untold: Sequence[Parameter]) -> _Wider:
+        """With slopes by `problem`, towards the middle of the box."""
+        rows, steps = np.repeat(fit.values[None], 1 + len(untold), axis=0), np.zeros(len(untold))
+        for k, p in enumerate(untold):
+            alone, i = ParameterSpace((p,)), fit.space.index(p.name)
+            here = float(np.clip(alone.to_unit(fit.values[i : i + 1])[0], 0.0, 1.0))
+            steps[k] = _ASIDE if here < 0.5 else -_ASIDE
+            rows[1 + k, i] = float(alone.from_unit(np.array([here + steps[k]]))[0])
+        residuals = problem.residuals(rows) if untold else fit.residual[None]
+        columns = (residuals[1:] - residuals[0]) / steps[:, None]
+        columns[~np.isfinite(columns).all(axis=1)] = 0.0
+        return cls(fit, tuple(p.name for p in untold), columns.T)
+
+    def covariance(self, problem: Problem, some: Sequence[int]) -> Array:
+        """(n_free + k, n_free + k) in the unit box, with `some` of the frozen ones free."""
+        n, jacobian = len(self.fit.unit), np.hstack([self.fit.jacobian, self.columns[:, list(some)]])
+        scatter = None if self.fit.scatter is None else np.pad(self.fit.scatter, (0, jacobian.shape[1] - n))
+        return unit_covariance(problem, replace(self.fit, jacobian=jacobian, scatter=scatter))
+
+    def told(self, problem: Problem) -> set[str]:
+        """Names of those that the recordings tell with all else free; of several that stand for one another those with the
+        strongest effects.
+        """
+        effect = np.sqrt(np.mean(self.columns**2, axis=0))
+        n, kept = len(self.fit.unit), [k for k in range(len(self.names)) if effect[k] >= NO_EFFECT]
+        while kept:
+            spread = np.sqrt(np.maximum(np.diag(self.covariance(problem, kept))[n:], 0.0))
+            loose = [k for k, s in zip(kept, spread, strict=True) if vague(s)]
+            if not loose:
+                break
+            kept.remove(min(loose, key=lambda k: effect[k]))
+        return {self.names[k] for k in kept}

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What recordings do not tell is asked about again once more is known, and does not count as known meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trueup.calibration import Calibration
+from trueup.engines.simulator import Simulator
+from trueup.loop.calibrate import Options, calibrate
+from trueup.parameters import Parameter, ParameterSpace
+from trueup.recording import Channel, Recording
+
+Array = NDArray[np.float64]
+Formula = Callable[[Callable[[Array, Array, float], Array], ParameterSpace], Simulator]
+Positions = Callable[[Array, Array], Array]
+NOISE = 0.01  # rad
+
+
+def _found(
+    formula: Formula, positions: Callable[[Array, Array], Array], space: ParameterSpace, hidden: list[float]
+) -> Calibration:
+    rng, recordings, t = np.random.default_rng(5), [], np.arange(0.0, 20.0, 0.02)
+    for name in ("one", "two"):
+        values = positions(t, np.array(hidden)) + NOISE * rng.standard_normal(len(t))
+        recordings.append(Recording(name, {"position": Channel("position", ("joint",), "rad", t, values[:, None])}))
+    simulator = formula(lambda t, v, _: positions(t, v if len(v) else space.nominal), space)
+    return calibrate(simulator, recordings, options=Options(cross_validate=False))
+
+
+def test_what_only_a_structure_shows_is_found_with_it_though_it_was_frozen_before(formula: Formula) -> None:
+    def positions(t: Array, v: Array) -> Array:
+        return v[0] * np.sin(t) + (v[1] + 1e-3) * np.cos(3.0 * t + v[2])
+
+    space = ParameterSpace((
+        Parameter("size", "", 0.5, 0.0, 2.0),
+        Parameter("push", "rad", 1.0, 0.0, 4.0, optional="push", absent=0.0),
+        Parameter("phase", "rad", 0.0, -1.5, 1.5),
+    ))  # fmt: skip
+    found = _found(formula, positions, space, [1.0, 2.0, 0.7])
+    phase = next(e for e in found.estimates if e.name == "phase")
+    assert phase.verdict == "identified"
+    assert abs(phase.value - 0.7) < 0.01
+    assert not any("phase" in said for said in found.unidentified)
+
+
+@pytest.mark.parametrize("hidden", [0.0, 0.4, 0.5])
+def test_an_interval_holds_though_another_is_held_where_nobody_knows_it_to_be(formula: Formula, hidden: float) -> None:
+    def positions(t: Array, v: Array) -> Array:
+        return (v[0] + 0.05 * v[1]) * np.sin(t) + 1e-5 * v[1] * np.cos(t)
+
+    space = ParameterSpace((Parameter("size", "", 0.5, 0.0, 2.0), Parameter("other", "", 0.0, 0.0, 1.0)))
+    size, other = _found(formula, positions, space, [1.0, hidden]).estimates
+    assert not other.fitted
+    assert size.verdict == "identified"
+    assert size.low <= 1.0 <= size.high
+    assert size.high - size.low < 0.1
