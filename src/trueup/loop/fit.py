@@ -22,7 +22,6 @@ from trueup.loop.stages import (
     Run,
     Stage,
     as_it_came,
-    asked_again,
     coarse_step,
     each_apart,
     evolution,
@@ -38,6 +37,7 @@ from trueup.loop.stages import (
     refinement,
     selection,
 )
+from trueup.loop.untold import asked_again
 from trueup.parameters import ParameterSpace
 from trueup.search.least_squares import LeastSquares
 

@@ -17,7 +17,6 @@ from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
 from trueup.loop.uncertainty import start_scatter, unit_covariance
-from trueup.loop.untold import thawed
 from trueup.loop.wide import widened
 from trueup.parameters import Parameter
 from trueup.search.least_squares import LeastSquares
@@ -191,17 +190,6 @@ def selection(run: Run) -> None:
         run.untold = {p.name: p for p in searched.parameters if not (p.frozen or p.optional) and kept[p.name].frozen}
         if run.look.problem is run.problem:
             run.descent.descend(run.look)
-
-
-def asked_again(run: Run) -> None:
-    """Frees what was frozen, where the recordings tell it now that all else has come further, and searches on."""
-    while run.untold and run.looks and not run.look.problem.duration < run.problem.duration:
-        descent = thawed(run.descent, run.look, run.untold)
-        if descent is None:
-            break
-        run.descent = descent
-        run._searched(run.look)
-        run.untold = {n: p for n, p in run.untold.items() if descent.space[n].frozen}
 
 
 def multiple_shooting(run: Run) -> None:

@@ -18,13 +18,25 @@ from trueup.calibration import Estimate
 from trueup.loop.descent import Descent, Fit, Look
 from trueup.loop.identifiability import NO_EFFECT, Verdict
 from trueup.loop.problem import Problem
+from trueup.loop.stages import Run
 from trueup.loop.uncertainty import unit_covariance, vague
 from trueup.parameters import Parameter, ParameterSpace
 
 _ASIDE = 0.05  # share of the box over which slopes are taken: beyond the stairs of delays, and open that far anyway
 
 
-def thawed(descent: Descent, look: Look, untold: Mapping[str, Parameter]) -> Descent | None:
+def asked_again(run: Run) -> None:
+    """Frees what was frozen, where the recordings tell it now that all else has come further, and searches on."""
+    while run.untold and run.looks and not run.look.problem.duration < run.problem.duration:
+        descent = _thawed(run.descent, run.look, run.untold)
+        if descent is None:
+            break
+        run.descent = descent
+        run.from_there(descent.point)
+        run.untold = {n: p for n, p in run.untold.items() if descent.space[n].frozen}
+
+
+def _thawed(descent: Descent, look: Look, untold: Mapping[str, Parameter]) -> Descent | None:
     """The search with those of the frozen parameters `untold` free again that the recordings tell where it has come to by
     now; None where these are none.
     """
@@ -43,7 +55,7 @@ def open_covariance(problem: Problem, fit: Fit, untold: Sequence[Parameter]) -> 
     """(n_free, n_free) covariance in the unit box with the frozen parameters `untold` (as declared) open, and (n_free, k) the
     variance that each estimate shares with each of them.
     """
-    wider = _Wider.of(fit.near or problem, fit, untold)
+    wider = _Wider.of(fit.near or fit.shot or problem, fit, untold)
     covariance, n = wider.covariance(problem, range(len(untold))), len(fit.unit)
     between, own = covariance[:n, n:], np.diag(covariance)[n:]
     return covariance[:n, :n], between**2 / own
