@@ -16,6 +16,7 @@ from trueup.engines.mujoco.setup.proposal import propose
 from trueup.engines.mujoco.writing.write import write_model
 from trueup.errors import ModelError
 from trueup.identification.urdf import tree_from_urdf
+from trueup.model_files.urdf import root_tag
 
 NAMELESS = """<mujoco>
   <worldbody>
@@ -113,7 +114,7 @@ def test_missing_pictures_and_meshes_cost_pictures_and_contacts_only(tmp_path: P
     [
         (
             '<robot name="a" xmlns:xacro="x"><xacro:arm/></robot>',
-            r"is xacro, from which.*`xacro robot\.xml > robot\.urdf`",
+            r"is xacro \(<xacro:arm>\), from which.*`xacro robot\.xml > robot\.urdf`",
         ),
         ('<sdf version="1.6"><model name="a"/></sdf>', "SDF is not read: give the URDF"),
         ("#usda 1.0", "USD is not read"),
@@ -122,6 +123,11 @@ def test_missing_pictures_and_meshes_cost_pictures_and_contacts_only(tmp_path: P
 def test_what_a_model_is_yet_to_be_made_of_is_said(text: str, said: str, tmp_path: Path) -> None:
     with pytest.raises(ModelError, match=said):
         load(written(tmp_path, text))
+
+
+def test_a_urdf_that_xacro_made_says_so_in_a_comment_only(tmp_path: Path) -> None:
+    text = '<robot name="a" xmlns:xacro="x"><!-- <xacro:arm/> --><link name="base"/></robot>'
+    assert root_tag(written(tmp_path, text)) == "robot"
 
 
 def test_a_part_of_a_model_is_told_from_a_model(tmp_path: Path) -> None:

@@ -62,10 +62,13 @@ def root_tag(path: str | Path) -> str:
     Raises ModelError for what is no XML, or what a model is yet to be made of (xacro).
     """
     found: list[str] = []
+    unmade: list[str] = []
     content = files.content(Path(path), ModelError)
 
-    def opened(tag: str, _: dict[str, str]) -> None:
+    def opened(tag: str, attributes: dict[str, str]) -> None:
         found.append(tag)
+        if tag.startswith("xacro:") or any("${" in value for value in attributes.values()):
+            unmade.append(tag)
 
     parser = expat.ParserCreate()
     parser.StartElementHandler = opened
@@ -75,10 +78,10 @@ def root_tag(path: str | Path) -> str:
         is_usd = content.startswith((b"#usda", b"PXR-USDC", b"PK"))
         how = "; USD is not read: the tool that made it exports URDF or MJCF, too" if is_usd else ""
         raise ModelError(f"model file '{path}' is not XML: {error}{how}") from None
-    if b"<xacro:" in content or (Path(path).suffix == ".xacro" and b"${" in content):
+    if found[:1] == ["robot"] and unmade:
         raise ModelError(
-            f"model file '{path}' is xacro, from which a URDF is made: `xacro {Path(path).name} > robot.urdf` (of ROS, or "
-            "`pip install xacro`), then give robot.urdf"
+            f"model file '{path}' is xacro (<{unmade[0]}>), from which a URDF is made: `xacro {Path(path).name} > "
+            "robot.urdf` (of ROS, or `pip install xacro`), then give robot.urdf"
         )
     return found[0] if found else "nothing"
 
