@@ -334,7 +334,7 @@ def test_a_car_that_brakes_by_a_throttle_below_zero_is_not_judged_where_it_backs
     way = np.where(back, -1.0, 1.0)[:, None] * np.diff(one.channel("position").values, axis=0, prepend=0.0)
     drive = with_values(one, "position", np.cumsum(way, axis=0))
     kept = VehicleSimulator(Vehicle("car", 0.3, drive="throttle")).prepared(drive)
-    shown = np.isfinite(kept.channel("position").values).all(axis=1)
+    shown = np.atleast_1d(np.isfinite(kept.channel("position").values).all(axis=1))
     assert not shown[(one.time > 30.3) & (one.time < 35.7)].any()
     assert shown[(one.time < 29.7) | (one.time > 36.3)].all()
     assert "driving backwards" in kept.provenance["warnings"]

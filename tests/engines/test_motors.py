@@ -114,7 +114,7 @@ def _seen_of_one(folder: Path, true: str, command: Callable[[Array], Array], kno
     <actuator><motor name="m" joint="j" {}/></actuator></mujoco>"""
     (folder / "arm.xml").write_text(arm.format(known, motor))
     model = mujoco.MjModel.from_xml_string(arm.format(f"{known} {true}", motor))
-    data, rng, time = mujoco.MjData(model), np.random.default_rng(0), 0.01 * np.arange(300)
+    data, rng, time = mujoco.MjData(model), np.random.default_rng(0), 0.01 * np.arange(300, dtype=np.float64)
     told, seen = command(time)[:, None], np.zeros((300, 1))
     for k in range(300):
         seen[k], data.ctrl[:] = data.qpos + rng.normal(0.0, 1e-5, 1), told[k] / model.actuator_gear[0, 0]

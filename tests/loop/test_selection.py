@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,6 +31,6 @@ def test_what_the_recordings_miss_does_not_go_back_and_what_others_make_up_for_d
     def residuals(values: Array) -> Array:
         return (values - FOUND) @ slopes.T + errors
 
-    problem = SimpleNamespace(residuals=residuals, chance=lambda r: 0.5 * float(np.mean(r**2)))
+    problem: Any = SimpleNamespace(residuals=residuals, chance=lambda r: 0.5 * float(np.mean(r**2)))
     fit = Fit(SPACE, FOUND, errors, slopes, np.ones(400), "", loss=0.5 * float(errors @ errors))
     assert [p.name for p in not_missed(problem, fit, SPACE.parameters)] == ["one", "other", "without effect"]

@@ -58,12 +58,13 @@ def test_what_a_window_got_wrong_at_its_start_widens_intervals() -> None:
     size, drift = samples * len(LABELS), np.repeat(np.linspace(0.0, 1.0, samples), len(LABELS))
     parts = (Segment(k, 0, "position", LABELS, "rad", k * size, samples, np.ones(2)) for k in range(windows))
     problem: Any = SimpleNamespace(segments=tuple(parts))
-    jacobian = 50.0 * np.concatenate([np.outer(drift, row) for row in rng.standard_normal((windows, 2))])
+    rows = [np.outer(drift, row) for row in rng.standard_normal((windows, 2))]
+    jacobian = np.asarray(50.0 * np.concatenate(rows), np.float64)
     space = ParameterSpace(tuple(Parameter(n, "", 0.5, 0.0, 1.0) for n in "wx"))
     inside = []
     for _ in range(150):
         noise = 0.1 * rng.standard_normal(windows * size) + np.outer(rng.standard_normal(windows), drift).ravel()
-        moved = np.linalg.lstsq(jacobian, noise, rcond=None)[0]
+        moved = np.asarray(np.linalg.lstsq(jacobian, noise, rcond=None)[0], np.float64)
         fit = Fit(space, 0.5 + moved, jacobian @ moved - noise, jacobian, np.ones(len(noise)), "")
         low, high = intervals(fit, unit_covariance(problem, fit))
         inside.append((low <= 0.5) & (high >= 0.5))

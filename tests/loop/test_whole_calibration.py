@@ -39,6 +39,7 @@ def fallen(tmp_path_factory: pytest.TempPathFactory) -> tuple[Preparation, Recor
     recording = run.recording()
     ready = prepare(SMALL, (recording,), propose=False, step=0.004).for_whole_runs()
     space = ready.simulator.parameters
+    assert isinstance(ready.simulator, MujocoSimulator)
     few = ready.simulator.with_parameters(space.freeze([n for n in space.names if n not in FEW]))
     return replace(ready, simulator=few), recording
 

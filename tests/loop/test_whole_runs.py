@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -57,7 +58,7 @@ def test_what_a_run_shows_is_recovered_and_what_it_does_not_tell_differs_between
 def test_what_several_motions_tell_adds_against_the_prior(falling: tuple[Problem, Array]) -> None:
     problem, _ = falling
     space = problem.simulator.parameters
-    effort = {"seed": 0, "population": 8, "generations": 2, "members": 2, "descents": 2}
+    effort: dict[str, Any] = {"seed": 0, "population": 8, "generations": 2, "members": 2, "descents": 2}
     once = whole_runs([problem], space, prior=1e-2, **effort)
     twice = whole_runs([problem, problem], space, prior=2e-2, **effort)
     assert twice.losses == pytest.approx(2.0 * once.losses)

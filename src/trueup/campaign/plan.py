@@ -271,7 +271,8 @@ def _with_usual(table: Mapping[str, Any]) -> Mapping[str, Any]:
     task, optimize = table["task"], table.get("optimize")
     usual = dict(USUAL.get(str(task.get("type")), {})) if isinstance(task, Mapping) else {}
     if isinstance(optimize, Mapping) and optimize.get("method") == "on-robot":
-        usual |= ON_ROBOT | ({"task": {"runs": 1}} if isinstance(task, Mapping) and task.get("type") == "walk" else {})
+        one_run = isinstance(task, Mapping) and task.get("type") == "walk"
+        usual = {**usual, **ON_ROBOT, **({"task": {"runs": 1}} if one_run else {})}
     own = {name: table.get(name, {}) for name in usual}
     return {**table, **{n: {**usual[n], **t} for n, t in own.items() if isinstance(t, Mapping)}}
 
