@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.io import savemat
 
 from trueup import formats
-from trueup.errors import FormatError, MappingError, MissingExtraError, TrueupError
+from trueup.errors import FormatError, MappingError, MissingExtraError
 from trueup.formats.guarded import guarded
 from trueup.recording import Recording
 
@@ -175,17 +175,14 @@ def test_a_rate_that_the_file_says_stands_for_a_clock(name: str, value: float, t
     assert np.allclose(recording.channel("position").time, np.arange(60) / 50.0)
 
 
-@BOTH
-def test_a_reader_that_crashes_or_never_ends_on_a_damaged_file_costs_a_sentence(write: Write, tmp_path: Path) -> None:
-    sound = write(tmp_path / "run", {"log": {"t": T, "q": Q, "q_des": TOLD}})
-    content, rng = sound.read_bytes(), np.random.default_rng(2)
-    for _ in range(8):
-        damaged = bytearray(content)
-        for at in rng.integers(len(content), size=20):
-            damaged[at : at + 4] = rng.bytes(4)
-        sound.write_bytes(bytes(damaged))
-        with contextlib.suppress(TrueupError):
-            formats.read(sound)
+def test_a_file_on_which_its_reader_crashes_costs_no_more_than_a_sentence(tmp_path: Path) -> None:
+    """An array of a class that there is none of: scipy 1.17 ends the process that reads it, and that is not ours."""
+    path = write_mat(tmp_path / "run", {"log": {"t": T, "q": Q, "q_des": TOLD}})
+    damaged = bytearray(path.read_bytes())
+    damaged[233] = 0xFF
+    path.write_bytes(bytes(damaged))
+    with contextlib.suppress(FormatError):
+        formats.read(path)
 
 
 def test_a_crash_of_a_reader_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
