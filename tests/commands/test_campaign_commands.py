@@ -20,6 +20,7 @@ from trueup.campaign.events import TrialDone
 from trueup.campaign.journal import JOURNAL, read_journal
 from trueup.campaign.plan import read_plan
 from trueup.campaign.resolve import parts_of
+from trueup.campaign.retract import retract
 from trueup.cli import main
 
 CAMPAIGN = Path(__file__).parents[1] / "campaign"
@@ -220,6 +221,16 @@ def test_a_campaign_by_hand_goes_on_the_next_day(here: Path, capsys: pytest.Capt
     assert [e.outcome for e in done] == ["done"] * 5
     assert len(list((here / "accepted").glob("*/trial-*.csv"))) == 5  # the operator's own files are all there
     assert "best on the robot" in capsys.readouterr().out
+    retract(here, "trial-002")  # the wrong log was dropped
+    third, asked = Operator(here, most=9), len(done)
+    third.start()
+    assert main(["resume"]) == 0
+    third.stop.set()
+    again = [e for e in read_journal(here) if isinstance(e, TrialDone)]
+    assert [e.outcome for e in again] == ["done"] * asked
+    aside = sorted((here / "retracted-1" / "accepted").glob("*/trial-*.csv"))
+    assert [p.parent.name for p in aside] == ["trial-002", "trial-005"]
+    assert len(list((here / "accepted").glob("*/trial-*.csv"))) == asked
 
 
 @pytest.mark.parametrize("template", ["blank", "stanley"])
