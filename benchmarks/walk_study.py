@@ -31,6 +31,7 @@ def main() -> None:
     parser.add_argument("--robots", type=int, default=8)
     parser.add_argument("--first", type=int, default=0, help="number of the first robot")
     parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--first-seed", type=int, default=0, help="number of the first search")
     parser.add_argument(
         "--ways", nargs="*", default=[CHALLENGER, CONTROL], help="names as in the study; the first is judged"
     )
@@ -40,8 +41,9 @@ def main() -> None:
     scale = QUICK if asked.quick else FULL
     kept = Parts.at(asked.keep, scale).text if asked.keep else lambda _, compute: compute()
     numbers = range(asked.first, asked.first + robots)
+    searches = range(asked.first_seed, asked.first_seed + seeds)
     results = []
-    for r in performed(ways(asked.ways), scale, numbers, range(seeds), print, kept):
+    for r in performed(ways(asked.ways), scale, numbers, searches, print, kept):
         results.append(r)
         print(
             f"  {r.way}: {100 * r.speed:.1f} cm/s, {100 * r.falls:.0f} falls in 100, {r.trials} trials, {r.cpu:.0f} CPU s",
