@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trueup.calibration import Calibration
+from trueup.calibration import Calibration, Estimate
 from trueup.engines.simulator import Simulator
 from trueup.loop.calibrate import Options, calibrate
+from trueup.loop.identifiability import Verdict
+from trueup.loop.untold import as_open
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
 
@@ -59,3 +61,13 @@ def test_an_interval_holds_though_another_is_held_where_nobody_knows_it_to_be(fo
     assert size.verdict == "identified"
     assert size.low <= 1.0 <= size.high
     assert size.high - size.low < 0.1
+
+
+@pytest.mark.parametrize("untold", [(), ("other",)])
+def test_a_limit_that_its_profile_calls_weak_owes_that_to_nothing_that_is_untold(untold: tuple[str, ...]) -> None:
+    limit = Estimate("limit", "N m", 5.0, 6.0, 3.0, 9.0, 1.0, 20.0, True, "weak", "met now and then only")
+    surely = [Verdict("identified", "")]
+    assert as_open([limit], surely, surely, np.zeros((1, len(untold))), untold) == (limit,)
+    loose = [Verdict("weak", "known roughly only")]
+    told = as_open([limit], surely, loose, np.ones((1, 1)), ["other"])
+    assert "do not tell other" in told[0].note

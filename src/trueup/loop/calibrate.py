@@ -161,7 +161,8 @@ def _findings(problem: Problem, found: Fit, choices: Sequence[Choice], cut: Sequ
     untold = [declared[n] for n in (choices[0].freeze if choices else ()) if found.space[n].frozen]
     open_, shared = open_covariance(problem, found, untold)
     estimates = _estimates(found, open_, choices, declared, limits, notes)
-    estimates = as_open(estimates, verdicts(found, covariance), shared, [p.name for p in untold])
+    known, opened = (verdicts(found, c) for c in (covariance, open_))
+    estimates = as_open(estimates, known, opened, shared, [p.name for p in untold])
     others = rivals(problem, found)
     wide = widened(_with_structure(estimates, lacking), others)
     return {

@@ -62,16 +62,21 @@ def open_covariance(problem: Problem, fit: Fit, untold: Sequence[Parameter]) -> 
 
 
 def as_open(
-    estimates: Sequence[Estimate], known: Sequence[Verdict], shared: Array, untold: Sequence[str]
+    estimates: Sequence[Estimate],
+    known: Sequence[Verdict],
+    opened: Sequence[Verdict],
+    shared: Array,
+    untold: Sequence[str],
 ) -> tuple[Estimate, ...]:
-    """Estimates with words where what would be identified is not, as others stay open: `known` has verdicts that take the
-    frozen ones `untold` as known, `shared` is that of `open_covariance`.
+    """Estimates with words where what would be identified is not, as others stay open: verdicts `known` take the frozen ones
+    `untold` as known, `opened` do not, `shared` is that of `open_covariance`. Limits have their own (`limits.py`).
     """
-    free, rows = iter(zip(known, shared, strict=True)), []
+    free, rows = iter(zip(known, opened, shared, strict=True)), []
     for e in estimates:
         if e.fitted:
-            verdict, common = next(free)
-            if verdict.word == "identified" and e.verdict in ("weak", "not identified"):
+            verdict, as_untold, common = next(free)
+            hidden = verdict.word == "identified" and as_untold.word in ("weak", "not identified")
+            if hidden and e.verdict in ("weak", "not identified"):
                 share = f"to {50 * (e.high - e.low) / abs(e.value):.0f} % only, " if e.value else ""
                 note = f"known {share}as these recordings do not tell {untold[int(np.argmax(common))]}"
                 e = replace(e, verdict="weak", note=note)
