@@ -112,16 +112,6 @@ def test_where_a_start_is_at_an_edge_estimates_are_as_unsure_as_what_lies_beyond
     assert np.sqrt(np.mean(np.square(off[True]))) < 1.5 < np.sqrt(np.mean(np.square(off[False])))
 
 
-def test_slopes_of_what_elimination_leaves_follow_from_those_of_all() -> None:
-    problem = run(np.random.default_rng(0), Stumbler())
-    shot = Starts.as_measured(problem, SPACE.nominal).eliminated_from(problem, SPACE.nominal)
-    plain, left = (p.residuals(np.array([[0.5], [1.5]])) for p in (problem, shot))
-    slopes = plain[1:] - plain[:1]
-    shot.eliminated[0].shrink_slopes(slopes)
-    np.testing.assert_allclose(slopes, left[1:] - left[:1], atol=1e-9)
-    assert np.linalg.norm(slopes) < 0.9 * np.linalg.norm(plain[1] - plain[0])
-
-
 def test_a_start_that_was_measured_badly_is_corrected() -> None:
     problem = run(np.random.default_rng(0))
     first = problem.trials[0].initial["position"]

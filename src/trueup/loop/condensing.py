@@ -50,11 +50,7 @@ class Eliminated:
     def apply(self, residuals: Array) -> None:
         """Changes residuals (b, M) in place."""
         residuals[:, self.columns] -= self.size * (self.changes @ self.begun)
-        self.shrink_slopes(residuals)
-
-    def shrink_slopes(self, slopes: Array) -> None:
-        """Changes slopes of residuals, (n, M), in place to those of what is left of these."""
-        part = slopes[:, self.columns]
+        part = residuals[:, self.columns]
         part -= ((part @ self.directions) * self.shrink) @ self.directions.T
 
     def solved(self, residuals: Array, damping: float) -> Array:

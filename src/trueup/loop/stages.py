@@ -198,10 +198,10 @@ def multiple_shooting(run: Run) -> None:
     Where noise at the starts moves the estimates by less than all else leaves them unsure, it is added to that.
     """
     rounds = 4  # of corrections of the starts, each of which halves what slopes do not foretell
-    values, ahead, slopes = run.descent.space.from_unit(run.descent.point), None, None
+    values, ahead = run.descent.space.from_unit(run.descent.point), None
     starts = run.starts
     if starts is None:
-        starts, slopes = Starts.as_measured(run.seen, values), run.found.jacobian
+        starts = Starts.as_measured(run.seen, values)
         ahead = starts.ahead(run.seen, values)
         if not _matter(run, starts.eliminated_from(run.seen, values, bent=False, ahead=ahead)):
             return
@@ -209,8 +209,6 @@ def multiple_shooting(run: Run) -> None:
         begun, ahead = starts.eliminated_from(run.seen, values, ahead=ahead), None
         coarse, shot = (p.with_starts(begun.trials, begun.eliminated) for p in (run.coarse, run.problem))
         run.problem, run.coarse, run.ended = shot, shot if run.coarse is run.problem else coarse, None
-        if slopes is not None:
-            run.descent.take_up(_of_what_is_left(slopes, shot))
         run.go(last_look(run.problem, run.coarse))
         values = run.descent.space.from_unit(run.descent.point)
         starts, surprise = starts.corrected(run.seen, values)
@@ -234,14 +232,6 @@ def _matter(run: Run, begun: Problem) -> bool:
     if not matter:
         run.ended = replace(fit, scatter=scatter)
     return matter
-
-
-def _of_what_is_left(slopes: Array, problem: Problem) -> Array:
-    """Slopes (m, n_free) of plain residuals as those of residuals from which a problem's start corrections are eliminated."""
-    columns = np.array(slopes.T)
-    for start in problem.eliminated:
-        start.shrink_slopes(columns)
-    return columns.T
 
 
 def lines(run: Run) -> None:
