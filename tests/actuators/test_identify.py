@@ -208,3 +208,14 @@ def test_the_page_shows_what_works(found: Actuator, tmp_path: Path, monkeypatch:
     data: object = names["data"]
     assert abs(data.qpos[0] - 0.8) < 0.4  # type: ignore[attr-defined]
     assert trueup.identify_actuator is identify_actuator
+
+
+def test_where_a_horn_that_sits_askew_lets_the_load_hang_is_found() -> None:
+    askew = replace(BENCH, hangs_at=-0.07)
+    law = Law(1.5, 2e-3, 0.05, 0.02)
+    logs = recordings(law, ("steps", "sines", "drop"), askew)
+    found = identify_actuator(logs, bench=BENCH, ask=("load askew",))
+    straight = identify_actuator(logs, bench=BENCH, ask=())
+    assert "load askew" in found.structures
+    assert found.bench.hangs_at == pytest.approx(-0.07, abs=5e-3)
+    assert found.error(held_out=False) < 0.5 * straight.error(held_out=False)

@@ -131,6 +131,10 @@ class Run:
     output: Array
     """(T,) what a channel shows of the servo's output, in a unit of its own; empty where none does."""
 
+    def hung(self, hangs_at: float | None) -> Run:
+        """The same with its load hanging at `hangs_at` rad; None: as it is said to hang."""
+        return self if hangs_at is None else replace(self, bench=replace(self.bench, hangs_at=hangs_at))
+
     def states(self, time: Array) -> Array:
         """(k, 2) position and speed as measured at `time` (k,)."""
         return np.stack([np.interp(time, self.time, column) for column in self.smooth.T], axis=1)

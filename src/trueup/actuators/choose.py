@@ -10,7 +10,7 @@ import numpy as np
 
 from trueup.actuators.anywhere import anywhere
 from trueup.actuators.fit import WINDOWS, Found, Problem, fit, left_out, widening
-from trueup.actuators.structures import BASE, BY_NAME, LOAD, STRUCTURES, Structure
+from trueup.actuators.structures import ASKEW, BASE, BY_NAME, LOAD, STRUCTURES, Structure
 from trueup.arrays import Array
 from trueup.evidence import Evidence, evidence
 from trueup.parameters import Parameter
@@ -160,13 +160,15 @@ def choose(chooser: Chooser, offered: Sequence[str], told: Callable[[str, float]
     one that helps more at first may be the wrong one), from the plainest servo or, where that is better, from what was left
     of all structures at once; then each is asked again whether the others have made it needless. Friction under load, which
     four of four servos had that were studied for it (Duclusaud et al. 2025), stays unless left-out errors are as low
-    without it.
+    without it. Where the load hangs is searched from the beginning, as no horn sits straight: a load that is askew by some
+    degrees hides all else.
     """
     ways = 3  # models that are followed side by side
     told("all at once", np.nan)
-    every = (LOAD, *(n for n in offered if n != LOAD and BY_NAME[n].requires in ("", LOAD, *offered)))
-    plain = chooser.plain((LOAD,))
-    rich = chooser.trimmed(every) if len(every) > 1 else plain
+    first = (LOAD, *(n for n in offered if n == ASKEW))
+    plain = chooser.plain(first)
+    every = (*first, *(n for n in offered if n not in first and BY_NAME[n].requires in ("", LOAD, *offered)))
+    rich = chooser.trimmed(every) if len(every) > len(first) else plain
     best = rich if Asked.of("", plain, rich).wanted else plain
     beam, asked, seen = [best], {}, {frozenset(best.structures): best}
     while beam:

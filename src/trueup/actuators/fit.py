@@ -62,18 +62,18 @@ class Problem:
         """(b, m) of b sets of values; without a block its samples are missing. `window` as `replay` has it."""
         done = []
         for values in rows:
-            law, parts = law_of(values), []
+            parts = []
             for k, run in enumerate(self.runs):
                 out = without.samples if without is not None and without.run == k else slice(0, 0)
                 if out.stop - out.start < len(run.time):
-                    misses = (replay(law, run, self.step, window, file=self.file) - run.position) / run.noise
-                    parts.append(np.delete(misses, out))
+                    parts.append(np.delete(self.misses(values, run, window) / run.noise, out))
             done.append(np.concatenate(parts))
         return np.stack(done)
 
-    def misses(self, values: Mapping[str, float], run: Run) -> Array:
+    def misses(self, values: Mapping[str, float], run: Run, window: float = np.inf) -> Array:
         """(T,) rad by which a replay of one run with these values is off."""
-        return replay(law_of(values), run, self.step, file=self.file) - run.position
+        hung = run.hung(values.get("hangs_at"))
+        return replay(law_of(values), hung, self.step, window, file=self.file) - run.position
 
     def losses(self, rows: Sequence[Mapping[str, float]], bend: float, window: float = np.inf) -> Array:
         """(b,) robust loss of sets of values; inf where a replay fails."""

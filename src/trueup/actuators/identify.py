@@ -15,7 +15,19 @@ from trueup.actuators.choose import Chooser, Model, choose
 from trueup.actuators.experiment import Value, experiment
 from trueup.actuators.fit import Problem, Slopes, coarseness, spread
 from trueup.actuators.output import output_of
-from trueup.actuators.structures import BY_NAME, LIMIT, LIMITS, LOAD, PUNCH, RATIO, VISCOUS, Scales, declared, law_of
+from trueup.actuators.structures import (
+    ASKEW,
+    BY_NAME,
+    LIMIT,
+    LIMITS,
+    LOAD,
+    PUNCH,
+    RATIO,
+    VISCOUS,
+    Scales,
+    declared,
+    law_of,
+)
 from trueup.errors import CalibrationError, unknown_name
 from trueup.evidence import evidence, half_interval, jackknife
 from trueup.parameters import ParameterSpace
@@ -63,11 +75,18 @@ def identify_actuator(
     chooser = Chooser(problem, declared(Scales.of(fitted)), fixed)
     never = () if shown is None else (LIMIT,) if fixed else LIMITS
     never += () if len({run.gain for run in fitted}) > 1 else (RATIO,)  # which at one setting is what back-EMF does
+    never += () if any(run.bench.moment > 0.0 for run in fitted) else (ASKEW,)
     model, asked = choose(chooser, [n for n in (BY_NAME if ask is None else ask) if n not in never], told)
+    hangs = {n: x for n, x in model.found.values.items() if n == "hangs_at"}
+    if hangs:
+        runs, fitted, kept = ([r.hung(**hangs) for r in part] for part in (runs, fitted, kept))
+        seen = experiment(fitted, full)
+        common["bench"] = fitted[0].bench
+        notes.append(f"the load hangs straight down at {hangs['hangs_at']:.3g} rad, by the recordings themselves")
     if LOAD in model.structures and seen.gains:
         seen = replace(seen, cannot=(*seen.cannot, _SOFTER))
     told("what a file can hold", model.error)
-    held = Chooser(Problem(fitted, step, file=True), chooser.declared, {**fixed, "back_emf": 0.0})
+    held = Chooser(Problem(fitted, step, file=True), chooser.declared, {**fixed, **hangs, "back_emf": 0.0})
     file, said = _held_by_a_file(held, ask is None or PUNCH in ask)
     notes += said
     both = ((problem, model), (held.problem, file))

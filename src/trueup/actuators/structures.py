@@ -23,7 +23,7 @@ class Structure:
 
     name: str
     parameters: tuple[str, ...]
-    """Its law's; the first is tried at several sizes."""
+    """Its law's, or its bench's; the first is tried at several sizes."""
     source: str
     """Where it comes from."""
     requires: str = ""
@@ -31,10 +31,11 @@ class Structure:
 
 
 LIMIT, FORCE, LOAD = "voltage limit", "force limit", "friction under load"
-PUNCH, VISCOUS, RATIO = "punch", "viscous friction", "damping ratio"
+PUNCH, VISCOUS, RATIO, ASKEW = "punch", "viscous friction", "damping ratio", "load askew"
 LIMITS = (LIMIT, "supply sag", FORCE)
 STRUCTURES = (
     Structure(LOAD, ("load_motor", "load_external"), "Duclusaud et al. 2025, M5"),
+    Structure(ASKEW, ("hangs_at",), "horn mounted askew: where the load hangs is no zero of the sensor"),
     Structure("Stribeck friction", ("static", "stribeck_speed"), "Armstrong-Helouvry et al. 1994"),
     Structure("load sticks", ("load_static", "stribeck_speed"), "Duclusaud et al. 2025, M4", LOAD),
     Structure(VISCOUS, ("viscous",), "beside back-EMF, which acts while the motor is on"),
@@ -48,7 +49,7 @@ STRUCTURES = (
     Structure("derivative gain", ("derivative",), "PD firmware"),
     Structure(RATIO, ("rate_gain",), "firmware whose damping follows the root of its gain"),
     Structure("integral gain", ("integral",), "PI firmware"),
-    Structure("zero error", ("zero",), "horn mounted askew"),
+    Structure("zero error", ("zero",), "goals cut to whole counts; a position that another sensor measures"),
     Structure("profile speed", ("speed_limit",), "profile velocity of the firmware"),
     Structure("profile acceleration", ("acceleration_limit",), "profile acceleration of the firmware"),
 )
@@ -71,6 +72,8 @@ class Scales:
     """kg m2."""
     most: float
     """rad, the largest error times the servo's setting."""
+    hangs_at: float
+    """rad, where the load is said to hang."""
 
     @classmethod
     def of(cls, runs: Sequence[Run]) -> Scales:
@@ -89,11 +92,12 @@ class Scales:
             rates.append(a)
         top = (float(np.quantile(np.abs(np.concatenate(x)), 0.95)) for x in (torques, asked, speeds, rates))
         torque, error, speed, rate = (max(x, ROUNDED) for x in top)
-        return cls(torque, error, speed, rate, max(r.bench.about_axis for r in runs), most)
+        return cls(torque, error, speed, rate, max(r.bench.about_axis for r in runs), most,
+                   runs[0].bench.hangs_at)  # fmt: skip
 
 
 def declared(scales: Scales) -> dict[str, Parameter]:
-    """All parameters, with generous bounds: those of a law, but for `full_error` in place of its voltage limit."""
+    """All parameters of law and bench, with generous bounds; `full_error` in place of the voltage limit."""
     t, e, v, a, i = scales.torque, scales.error, scales.speed, scales.acceleration, max(scales.inertia, NEGLIGIBLE)
     rows = (
         # name, unit, nominal, lower, upper, log
@@ -118,6 +122,7 @@ def declared(scales: Scales) -> dict[str, Parameter]:
         ("rate_gain", "N m s/rad", 0.1 * t / v, 1e-4 * t / v, 30.0 * t / v, 1),
         ("integral", "N m/(rad s)", 0.5 * t / e, 1e-2 * t / e, 100.0 * t / e, 1),
         ("zero", "rad", 0.0, -0.2, 0.2, 0),
+        ("hangs_at", "rad", scales.hangs_at, scales.hangs_at - 0.5, scales.hangs_at + 0.5, 0),
         ("delay", "s", 0.005, 0.0, 0.1, 0),
         ("speed_limit", "rad/s", v, 0.2 * v, 20.0 * v, 1),
         ("acceleration_limit", "rad/s2", a, 0.1 * a, 100.0 * a, 1),
@@ -126,8 +131,8 @@ def declared(scales: Scales) -> dict[str, Parameter]:
 
 
 def law_of(values: Mapping[str, float]) -> Law:
-    """The law with these numbers."""
-    given = dict(values)
+    """The law with these numbers, of which those of the bench are no part."""
+    given = {n: x for n, x in values.items() if n != "hangs_at"}
     if "full_error" in given:
         given["voltage_limit"] = given.pop("full_error") * given["stiffness"]
     return Law(**given)
