@@ -10,7 +10,7 @@ import numpy as np
 
 from trueup.actuators.anywhere import anywhere
 from trueup.actuators.fit import WINDOWS, Found, Problem, fit, left_out, widening
-from trueup.actuators.structures import ASKEW, BASE, BY_NAME, LOAD, STRUCTURES, Structure
+from trueup.actuators.structures import ASKEW, BASE, BY_NAME, LOAD, STRUCTURES, USUAL, Structure
 from trueup.arrays import Array
 from trueup.evidence import Evidence, evidence
 from trueup.parameters import Parameter
@@ -157,20 +157,22 @@ def choose(chooser: Chooser, offered: Sequence[str], told: Callable[[str, float]
     """The model whose structures left-out data want, and what was asked.
 
     Structures go in one by one, along several ways at once (a beam: of rivals such as limits of voltage and of force, the
-    one that helps more at first may be the wrong one), from the plainest servo or, where that is better, from what was left
-    of all structures at once; then each is asked again whether the others have made it needless. Friction under load, which
-    four of four servos had that were studied for it (Duclusaud et al. 2025), stays unless left-out errors are as low
-    without it. Where the load hangs is searched from the beginning, as no horn sits straight: a load that is askew by some
-    degrees hides all else.
+    one that helps more at first may be the wrong one): from what was left of all structures at once on a load that hangs as
+    it is said to, and of the `USUAL` ones on a load that is askew, which by some degrees hides all else; from the plainest
+    servo where neither is better. Then each is asked again whether the others have made it needless. Friction under load,
+    which four of four servos had that were studied for it (Duclusaud et al. 2025), stays unless left-out errors are as low
+    without it.
     """
     ways = 3  # models that are followed side by side
     told("all at once", np.nan)
-    first = (LOAD, *(n for n in offered if n == ASKEW))
-    plain = chooser.plain(first)
-    every = (*first, *(n for n in offered if n not in first and BY_NAME[n].requires in ("", LOAD, *offered)))
-    rich = chooser.trimmed(every) if len(every) > len(first) else plain
-    best = rich if Asked.of("", plain, rich).wanted else plain
-    beam, asked, seen = [best], {}, {frozenset(best.structures): best}
+    plain = chooser.plain((LOAD,))
+    every = (LOAD, *(n for n in offered if n != LOAD and BY_NAME[n].requires in ("", LOAD, *offered)))
+    beam = []
+    for names in (tuple(n for n in every if n != ASKEW), tuple(n for n in every if n in USUAL)):
+        if len(names) > 1 and Asked.of("", plain, rich := chooser.trimmed(names)).wanted:
+            beam.append(rich)
+    beam = beam or [plain]
+    best, asked, seen = min(beam, key=lambda m: m.error), {}, {frozenset(m.structures): m for m in beam}
     while beam:
         grown: dict[frozenset[str], Model] = {}
         for parent in beam:

@@ -54,6 +54,8 @@ STRUCTURES = (
     Structure("profile acceleration", ("acceleration_limit",), "profile acceleration of the firmware"),
 )
 BY_NAME = {s.name: s for s in STRUCTURES}
+USUAL = (LOAD, ASKEW, "Stribeck friction", "load sticks", VISCOUS, LIMIT, "delay", RATIO, "profile speed")
+"""What most servos have: fewer at once, which a search finds more surely where no others are needed."""
 
 
 @dataclass(frozen=True)
