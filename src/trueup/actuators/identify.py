@@ -52,17 +52,14 @@ def identify_actuator(
     Raises RecordingError, ParameterError, CalibrationError, UnknownNameError.
     """
     began = time.perf_counter()
-    for name in ask or ():
-        if name not in BY_NAME:
-            raise unknown_name("structure", name, list(BY_NAME), "those of a servo")
+    ask = _structures(ask)
     runs, gains, notes = runs_of([*recordings, *hold_out], bench or Bench(), joint)
     fitted, kept = runs[: len(recordings)], runs[len(recordings) :]
     if not fitted:
         raise CalibrationError("no recordings to identify a servo from: all are held out")
     shown = output_of(fitted)
-    full = shown.full_error if shown is not None else np.inf
-    seen = experiment(fitted, full)
-    notes += [shown.sentence] if shown is not None else []
+    full = np.inf if shown is None else shown.full_error
+    seen, notes = experiment(fitted, full), [*notes, *(() if shown is None else (shown.sentence,))]
     common = {"bench": fitted[0].bench, "setting": gains.given_for.get("kp", 0.0), "step": step}
     if not all(run.bench.known for run in runs):
         notes.append(
@@ -73,27 +70,40 @@ def identify_actuator(
     problem = Problem(fitted, step)
     fixed = {"full_error": full} if np.isfinite(full) else {}
     chooser = Chooser(problem, declared(Scales.of(fitted)), fixed)
-    never = () if shown is None else (LIMIT,) if fixed else LIMITS
-    never += () if len({run.gain for run in fitted}) > 1 else (RATIO,)  # which at one setting is what back-EMF does
-    never += () if any(run.bench.moment > 0.0 for run in fitted) else (ASKEW,)
-    model, asked = choose(chooser, [n for n in (BY_NAME if ask is None else ask) if n not in never], told)
+    never = (*(() if shown is None else (LIMIT,) if fixed else LIMITS), *_untellable(fitted))
+    model, asked = choose(chooser, [n for n in ask if n not in never], told)
     hangs = {n: x for n, x in model.found.values.items() if n == "hangs_at"}
     if hangs:
-        runs, fitted, kept = ([r.hung(**hangs) for r in part] for part in (runs, fitted, kept))
-        seen = experiment(fitted, full)
-        common["bench"] = fitted[0].bench
+        runs = [r.hung(**hangs) for r in runs]
+        fitted, kept = runs[: len(recordings)], runs[len(recordings) :]
+        seen, common["bench"] = experiment(fitted, full), fitted[0].bench
         notes.append(f"the load hangs straight down at {hangs['hangs_at']:.3g} rad, by the recordings themselves")
     if LOAD in model.structures and seen.gains:
         seen = replace(seen, cannot=(*seen.cannot, _SOFTER))
     told("what a file can hold", model.error)
     held = Chooser(Problem(fitted, step, file=True), chooser.declared, {**fixed, **hangs, "back_emf": 0.0})
-    file, said = _held_by_a_file(held, ask is None or PUNCH in ask)
-    notes += said
+    file, said = _held_by_a_file(held, PUNCH in ask)
     both = ((problem, model), (held.problem, file))
-    judged = [*_left_out(both), *(_held_out(r, both) for r in kept)]
     return Actuator(law_of(model.found.values), law_of(file.found.values), tuple(_values(problem, model)),
-                    (*([LIMIT] if fixed else []), *model.structures), tuple(asked), experiment=seen, judged=tuple(judged),
-                    runs=tuple(runs), notes=tuple(notes), seconds=time.perf_counter() - began, **common)  # fmt: skip
+                    (*([LIMIT] if fixed else []), *model.structures), tuple(asked), experiment=seen,
+                    judged=(*_left_out(both), *(_held_out(r, both) for r in kept)), runs=tuple(runs), notes=(*notes, *said), seconds=time.perf_counter() - began, **common)  # fmt: skip
+
+
+def _structures(ask: Sequence[str] | None) -> Sequence[str]:
+    """Those that are asked about by name. Raises UnknownNameError."""
+    for name in ask or ():
+        if name not in BY_NAME:
+            raise unknown_name("structure", name, list(BY_NAME), "those of a servo")
+    return tuple(BY_NAME) if ask is None else ask
+
+
+def _untellable(runs: Sequence[Run]) -> tuple[str, ...]:
+    """Structures that these runs cannot tell: firmware whose damping follows its gain is back-EMF at one setting, and where a
+    load without a moment hangs is nowhere.
+    """
+    one_setting = len({run.gain for run in runs}) == 1
+    hanging = any(run.bench.moment > 0.0 for run in runs)
+    return (*((RATIO,) if one_setting else ()), *(() if hanging else (ASKEW,)))
 
 
 def _held_by_a_file(held: Chooser, onset: bool) -> tuple[Model, list[str]]:
