@@ -57,9 +57,8 @@ def identify_actuator(
     fitted, kept = runs[: len(recordings)], runs[len(recordings) :]
     if not fitted:
         raise CalibrationError("no recordings to identify a servo from: all are held out")
-    shown = output_of(fitted)
-    full = np.inf if shown is None else shown.full_error
-    seen, notes = experiment(fitted, full), [*notes, *(() if shown is None else (shown.sentence,))]
+    full, sentences = (np.inf, []) if (shown := output_of(fitted)) is None else (shown.full_error, [shown.sentence])
+    seen, notes = experiment(fitted, full), [*notes, *sentences]
     common = {"bench": fitted[0].bench, "setting": gains.given_for.get("kp", 0.0), "step": step}
     if not all(run.bench.known for run in runs):
         notes.append(
@@ -70,14 +69,14 @@ def identify_actuator(
     problem = Problem(fitted, step)
     fixed = {"full_error": full} if np.isfinite(full) else {}
     chooser = Chooser(problem, declared(Scales.of(fitted)), fixed)
-    never = (*(() if shown is None else (LIMIT,) if fixed else LIMITS), *_untellable(fitted))
+    never = {*(() if shown is None else (LIMIT,) if fixed else LIMITS), *_untellable(fitted)}
     model, asked = choose(chooser, [n for n in ask if n not in never], told)
     hangs = {n: x for n, x in model.found.values.items() if n == "hangs_at"}
     if hangs:
         runs = [r.hung(**hangs) for r in runs]
         fitted, kept = runs[: len(recordings)], runs[len(recordings) :]
         seen, common["bench"] = experiment(fitted, full), fitted[0].bench
-        notes.append(f"the load hangs straight down at {hangs['hangs_at']:.3g} rad, by the recordings themselves")
+        notes += [f"the load hangs straight down at {hangs['hangs_at']:.3g} rad, by the recordings themselves"]
     if LOAD in model.structures and seen.gains:
         seen = replace(seen, cannot=(*seen.cannot, _SOFTER))
     told("what a file can hold", model.error)
@@ -86,7 +85,8 @@ def identify_actuator(
     both = ((problem, model), (held.problem, file))
     return Actuator(law_of(model.found.values), law_of(file.found.values), tuple(_values(problem, model)),
                     (*([LIMIT] if fixed else []), *model.structures), tuple(asked), experiment=seen,
-                    judged=(*_left_out(both), *(_held_out(r, both) for r in kept)), runs=tuple(runs), notes=(*notes, *said), seconds=time.perf_counter() - began, **common)  # fmt: skip
+                    judged=(*_left_out(both), *(_held_out(r, both) for r in kept)), runs=tuple(runs),
+                    notes=(*notes, *said), seconds=time.perf_counter() - began, **common)  # fmt: skip
 
 
 def _structures(ask: Sequence[str] | None) -> Sequence[str]:
