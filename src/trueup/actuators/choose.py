@@ -168,7 +168,7 @@ def choose(chooser: Chooser, offered: Sequence[str], told: Callable[[str, float]
     plain = chooser.plain((LOAD,))
     every = (LOAD, *(n for n in offered if n != LOAD and BY_NAME[n].requires in ("", LOAD, *offered)))
     beam = []
-    for names in (tuple(n for n in every if n != ASKEW), tuple(n for n in every if n in USUAL)):
+    for names in dict.fromkeys((tuple(n for n in every if n != ASKEW), tuple(n for n in every if n in USUAL))):
         if len(names) > 1 and Asked.of("", plain, rich := chooser.trimmed(names)).wanted:
             beam.append(rich)
     beam = beam or [plain]

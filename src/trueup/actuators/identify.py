@@ -57,8 +57,9 @@ def identify_actuator(
     fitted, kept = runs[: len(recordings)], runs[len(recordings) :]
     if not fitted:
         raise CalibrationError("no recordings to identify a servo from: all are held out")
-    full, sentences = (np.inf, []) if (shown := output_of(fitted)) is None else (shown.full_error, [shown.sentence])
-    seen, notes = experiment(fitted, full), [*notes, *sentences]
+    shown = output_of(fitted)
+    full = np.inf if shown is None else shown.full_error
+    seen, notes = experiment(fitted, full), [*notes, *([] if shown is None else [shown.sentence])]
     common = {"bench": fitted[0].bench, "setting": gains.given_for.get("kp", 0.0), "step": step}
     if not all(run.bench.known for run in runs):
         notes.append(
@@ -74,8 +75,7 @@ def identify_actuator(
     hangs = {n: x for n, x in model.found.values.items() if n == "hangs_at"}
     if hangs:
         runs = [r.hung(**hangs) for r in runs]
-        fitted, kept = runs[: len(recordings)], runs[len(recordings) :]
-        seen, common["bench"] = experiment(fitted, full), fitted[0].bench
+        seen, common["bench"] = experiment(runs[: len(fitted)], full), runs[0].bench
         notes += [f"the load hangs straight down at {hangs['hangs_at']:.3g} rad, by the recordings themselves"]
     if LOAD in model.structures and seen.gains:
         seen = replace(seen, cannot=(*seen.cannot, _SOFTER))

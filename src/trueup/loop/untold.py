@@ -74,8 +74,8 @@ def as_open(
     free, rows = iter(zip(known, opened, shared, strict=True)), []
     for e in estimates:
         if e.fitted:
-            verdict, as_untold, common = next(free)
-            hidden = verdict.word == "identified" and as_untold.word in ("weak", "not identified")
+            verdict, when_open, common = next(free)
+            hidden = verdict.word == "identified" and when_open.word in ("weak", "not identified")
             if hidden and e.verdict in ("weak", "not identified"):
                 share = f"to {50 * (e.high - e.low) / abs(e.value):.0f} % only, " if e.value else ""
                 note = f"known {share}as these recordings do not tell {untold[int(np.argmax(common))]}"
