@@ -19,7 +19,7 @@ from trueup.parameters import ParameterSpace
 from trueup.rounding import NEGLIGIBLE
 from trueup.search.bounded_step import careful_difference
 from trueup.search.least_squares import LeastSquares
-from trueup.search.robust import robust_losses, robust_weights
+from trueup.search.robust import robust_losses
 
 Progress = Callable[[TracePoint], None]
 Checkpoint = Callable[[dict[str, Any]], None]
@@ -150,12 +150,12 @@ class Descent:
 
     def descend(
         self, look: Look, nudge: float = 0.0, saved: dict[str, Any] | None = None, *, confirm: bool = True,
-        impatient: bool = False,
+        impatient: bool = False, goal: float = np.inf,
     ) -> LeastSquares:  # fmt: skip
-        """Least squares on one look, to its end; the last one takes slopes there, to `confirm`."""
+        """Least squares on one look, to its end; the last one takes slopes there, to `confirm`. `goal`: see LeastSquares."""
         slopes = self._at_hand(look)
         search, self.near, self._slopes = self._begun(look, nudge, confirm), None, None
-        search.impatient = impatient
+        search.impatient, search.goal = impatient, goal
         if saved is not None:
             search.resume(saved)
         elif slopes is not None:
@@ -185,21 +185,22 @@ class Descent:
         """Goes on from another `point` (n_free,), where slopes that were taken for the next look do not hold."""
         self.point, self._slopes = point, None
 
-    def polish(self, look: Look) -> LeastSquares:
+    def polish(self, look: Look, confirm: bool = True) -> LeastSquares:
         """The last look where slopes come from a cheaper problem. The cheaper one is solved at the level of the real one,
-        which is looked at again where that ends: one simulation of the real problem each time round.
+        which is looked at again where that ends: one simulation of the real problem each time round. Slopes are taken where
+        the first ends, to `confirm`.
         """
         rounds = 3  # approximations at most; then the real problem is searched, unless no such model explains the robot
         begun, fine = self.point, self._residual(look.problem)
         for left in reversed(range(rounds)):
-            confirm = left == rounds - 1
+            first = left == rounds - 1
             near = look.cheap.at_level(self.space.from_unit(self.point), fine)
             if near is None:
                 return self.descend(replace(look, cheap=look.problem))
-            search = self.descend(replace(look, problem=near, cheap=near), confirm=confirm, impatient=True)
+            search = self.descend(replace(look, problem=near, cheap=near), confirm=confirm and first, impatient=True)
             before, fine = fine, self._residual(look.problem)
             old, new = robust_losses(np.stack([before, fine]), search.delta)
-            if not new < old and confirm:
+            if not new < old and first:
                 break
             if not new < old:
                 search.point, search.residual, search.loss = begun, before, float(old)
@@ -209,13 +210,13 @@ class Descent:
             self.near = look.cheap.at_level(self.space.from_unit(self.point), fine)
             if search.stuck and explained(fine):
                 # A crack in the cheaper problem need not be one in the real one: its slopes lead on there.
-                return self.descend(look)
+                return self.descend(look, confirm=False)
             if old - new < _SETTLED * old or (left == 0 and not explained(fine)):
                 self._slopes = None
                 return search
             begun = self.point
         self.point, self._slopes = begun, None
-        return self.descend(look)
+        return self.descend(look, confirm=confirm)
 
     def leads_on(self, look: Look) -> bool:
         """Whether slopes lead from here to where the recordings are explained at the real step; stays here."""
@@ -225,6 +226,11 @@ class Descent:
         if not np.isfinite(self._residual(real.problem)).all():
             return False  # where the coarser step led, the real one fails
         return explained(replace(self).polish(real).residual)
+
+    @property
+    def informed(self) -> bool:
+        """Whether slopes for the next look are at hand."""
+        return self._slopes is not None
 
     def take_up(self, slopes: Array) -> None:
         """Begins the next look with `slopes` (m, n_free) of its residuals here, known from elsewhere."""
@@ -274,15 +280,6 @@ class Descent:
             raise CalibrationError("the search ended without slopes")
         point, last = search.point, (search.weights(), search.done, search.loss, search.delta)
         return Fit(self.space, point, search.residual, search.jacobian, *last, near=self.near)
-
-
-def descended(problem: Problem, fit: Fit, start: Array, robust: float) -> Fit:
-    """Where slopes lead from `start` (n_free,), judged by the same measure as `fit`: its loss may be higher."""
-    run, look = Descent(fit.space, np.clip(start, 0.0, 1.0), Watch(), robust), last_look(problem, problem)
-    run.descend(look)
-    found = run.finished(look)
-    loss = float(robust_losses(found.residual[None], fit.bend)[0])
-    return replace(found, bend=fit.bend, loss=loss, weights=robust_weights(found.residual, fit.bend), near=None)
 
 
 def explained(residual: Array | None) -> bool:

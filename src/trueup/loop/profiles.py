@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.loop.descent import Descent, Look, explained, last_look
+from trueup.loop.carried import carry
+from trueup.loop.descent import Descent, Fit, Look, explained, last_look
 from trueup.loop.elsewhere import EDGE, LOOKED_AT
 from trueup.loop.limits import is_limit
 from trueup.loop.probe import ROUGH, unexplained
@@ -69,12 +70,13 @@ def _promises(run: Run, k: int) -> bool:
 def _along_profile(run: Run, k: int, reach: float, width: float) -> None:
     descent, problem = run.descent, run.look.problem
     look = replace(last_look(problem, problem), tolerance=1.0, last=False)
-    worth = problem.chance(descent.finished(run.look).residual)
-    begun, best = descent.point[k], _held(descent, look, k, float(descent.point[k]))
+    found = descent.finished(run.look)
+    worth = problem.chance(found.residual)
+    begun, best = descent.point[k], _held(descent, look, k, float(descent.point[k]), found)
     while reach >= 0.5 * width:
         places = np.clip(best.place + np.array([-reach, reach]), 0.0, 1.0)
         tried = [
-            _held(replace(descent, point=best.point), look, k, place)
+            _held(replace(descent, point=best.point), look, k, place, found, best.loss)
             for place in places.tolist()
             if place != best.place
         ]
@@ -97,8 +99,10 @@ class _Held:
     loss: float
 
 
-def _held(descent: Descent, look: Look, k: int, place: float) -> _Held:
-    """Where the other parameters settle with parameter `k` of the free ones held at `place` in the unit box."""
+def _held(descent: Descent, look: Look, k: int, place: float, known: Fit, goal: float = np.inf) -> _Held:
+    """Where the other parameters settle with parameter `k` of the free ones held at `place` in the unit box, begun with
+    the slopes of a fit; given up where slopes promise no loss below `goal`.
+    """
     free = [p.name for p in descent.space.parameters if not p.frozen]
     if len(free) == 1:
         return _Held(place, np.array([place]), np.inf)
@@ -106,7 +110,8 @@ def _held(descent: Descent, look: Look, k: int, place: float) -> _Held:
     space = descent.space.freeze([free[k]], {free[k]: there[descent.space.index(free[k])]})
     others = replace(descent, space=space, search=None)
     others.move(np.delete(descent.point, k))
-    found = others.descend(look, confirm=False)
+    carry(others, look, known)
+    found = others.descend(look, confirm=False, goal=goal)
     return _Held(place, np.insert(others.point, k, place), found.loss)
 
 
@@ -128,7 +133,8 @@ def off_bounds(run: Run) -> None:
     for k in np.flatnonzero((low & ~none) | high)[:LOOKED_AT]:
         before = descent.point, descent.search, descent.near
         # First the others settle around the new place: all at once would slide back the way it came.
-        descent.move(_held(descent, replace(look, tolerance=1.0, last=False), int(k), 0.5).point)
+        held = replace(look, tolerance=1.0, last=False)
+        descent.move(_held(descent, held, int(k), 0.5, descent.finished(look)).point)
         if descent.descend(look).loss < found.loss - worth:
             return
         descent.point, descent.search, descent.near = before

@@ -17,14 +17,15 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.evidence import Evidence, evidence
 from trueup.loop.apart import Part, parts_of
+from trueup.loop.carried import carry
 from trueup.loop.descent import Descent, Fit, Look, Watch
 from trueup.loop.selection import compared, elsewhere, told
 from trueup.loop.validate import foretold, settled_loss
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.search.robust import robust_losses
 
-Settle = Callable[[Descent], None]
-"""Where slopes lead from a descent's point."""
+Settle = Callable[[Descent, float], None]
+"""Where slopes lead from a descent's point; given up where they promise no loss below the number."""
 
 _PLACES = np.linspace(0.04, 0.96, 16)
 """Shares of the range in which a structure is looked for."""
@@ -54,16 +55,18 @@ def grown(
     for structure, declared in later.items():
         note = f"{structure} left out: nowhere are the recordings replayed better with it"
         for entered in _entered(descent, look, without, declared, early, alone):
-            settle(entered)
+            settle(entered, without.loss)
             with_it = entered.finished(look)
+            if not robust_losses(with_it.residual[None], without.bend)[0] < without.loss:
+                continue
             lower = foretold(look.problem, with_it)
             shown = _compared(errors, lower)
             if shown.holds:  # and not because the search has gone on, which may have led lower by itself
                 if not alone:  # alone, the first scan is each joint's own
                     with_it = _closer(entered, look, declared, settle)
                     lower = foretold(look.problem, with_it)
-                again = _taken_out(descent, with_it, declared)
-                settle(again)
+                again = _taken_out(descent, look, with_it, declared)
+                settle(again, without.loss)
                 left = again.finished(look)
                 if left.loss < without.loss:
                     descent, without, errors = replace(again, watch=descent.watch), left, foretold(look.problem, left)
@@ -91,6 +94,8 @@ def still_needed(descent: Descent, look: Look, structure: str, names: Sequence[s
     for point in (with_it.unit[kept], np.clip(space.to_unit(descent.watch.bare), 0.0, 1.0)):
         without = replace(descent, space=space, watch=Watch(), search=None)
         without.restart(point)
+        if not tried:
+            carry(without, look, with_it)
         without.descend(look)
         tried.append((without, without.finished(look)))
     without, left = min(tried, key=lambda t: t[1].loss)
@@ -119,7 +124,8 @@ def _closer(descent: Descent, look: Look, declared: Mapping[str, Parameter], set
         if not min(losses) < losses[len(losses) // 2] - look.problem.chance(found.residual):
             break
         descent.restart(places[int(np.argmin(losses))])
-        settle(descent)
+        carry(descent, look, found)
+        settle(descent, found.loss)
         before, found = found, descent.finished(look)
         if not found.loss < before.loss:
             descent.restart(before.unit)
@@ -151,11 +157,12 @@ def _compared(without: Array, with_it: Array) -> Evidence:
     return evidence(without, with_it, 0.5 * (without**2 + with_it**2))
 
 
-def _taken_out(descent: Descent, with_it: Fit, declared: Mapping[str, Parameter]) -> Descent:
+def _taken_out(descent: Descent, look: Look, with_it: Fit, declared: Mapping[str, Parameter]) -> Descent:
     """The search without a structure, from where it has led with it."""
     free = [p.name for p in with_it.space.parameters if not p.frozen]
     again = replace(descent, watch=Watch(), search=None)
     again.restart(with_it.unit[[name not in declared for name in free]])
+    carry(again, look, with_it)
     return again
 
 
@@ -172,9 +179,7 @@ def _entered(
     point = np.full(len(free), 0.5)
     point[~entering] = without.unit
     parts = _parts(look, space, point, alone)
-    offset = np.zeros(len(without.residual))
-    if look.cheap.simulator is not look.problem.simulator:
-        offset = without.residual - look.cheap.residuals(without.values[None])[0]
+    offset = without.residual - look.cheap.residuals(without.values[None])[0]
     old = np.cumsum(~entering) - 1  # places of the other parameters among those of the fit without it
 
     def near(part: Part, residual: Array) -> float:
@@ -185,8 +190,7 @@ def _entered(
     def far(part: Part, residual: Array) -> float:
         return float(np.nan_to_num(robust_losses(residual[None, part.residuals], without.bend)[0], nan=np.inf))
 
-    begun = [np.clip(space.to_unit(values), 0.0, 1.0) for values in early]
-    bases = ((point, near), *((np.where(entering, point, unit), far) for unit in begun))
+    bases = ((point, near), *((np.where(entering, point, np.clip(space.to_unit(v), 0.0, 1.0)), far) for v in early))
     places, worth, found = _places(1 if alone else int(entering.sum())), look.problem.chance(without.residual), []
     for k, (base, loss) in enumerate(bases):
         if found and (alone or k > 1):
@@ -201,7 +205,10 @@ def _entered(
             if len(own) and min(losses) < loss(part, absent) - worth * len(own):
                 place[own], gained[own] = rows[int(np.argmin(losses)), own], True
         if gained.any():
-            found.append(_thawed(descent, space, declared, place, {n for n, g in zip(free, gained, strict=True) if g}))
+            names = {n for n, g in zip(free, gained, strict=True) if g}
+            found.append(_thawed(descent, space, declared, place, names))
+            if loss is near and not alone:
+                carry(found[-1], look, without)
     return found
 
 
