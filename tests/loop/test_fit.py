@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Simulator
-from trueup.loop.descent import Descent, Look, Watch, last_look
+from trueup.loop.descent import Descent, Look, Watch, explained, last_look
 from trueup.loop.fit import DESCENT, SEARCHES, fit
 from trueup.loop.problem import Problem
 from trueup.loop.profiles import _held
@@ -149,9 +149,11 @@ def test_slopes_do_not_lead_on_from_where_the_real_step_fails(formula: Make) -> 
     problem = problem_of(formula(unstable, space), np.array([2.0]))
     coarse = problem.at_step(0.025)
     run = Descent(space, np.clip(space.to_unit([3.0]), 0, 1), Watch(), 3.0)
-    assert not run.leads_on(Look("all", coarse, coarse, 0.05, 20, real=problem))
+    assert run.led(Look("all", coarse, coarse, 0.05, 20, real=problem)) is None
     run = Descent(space, np.clip(space.to_unit([2.2]), 0, 1), Watch(), 3.0)
-    assert run.leads_on(Look("all", coarse, coarse, 0.05, 20, real=problem))
+    led = run.led(Look("all", coarse, coarse, 0.05, 20, real=problem))
+    assert led is not None
+    assert explained(led.residual)
 
 
 def test_a_search_stopped_while_it_evolved_after_slopes_begins_again(formula: Make) -> None:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import Rollout
 from trueup.instant import at_instant
-from trueup.loop.descent import Fit
+from trueup.loop.descent import Fit, Watch
+from trueup.loop.fit import fit
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
 from trueup.loop.uncertainty import unit_covariance
@@ -191,3 +192,31 @@ def test_windows_end_where_torques_lead_further_astray_than_standing_still() -> 
     assert skilled("N m", 2.2) < 0.2
     assert skilled("m", 2.2) == np.inf  # servos are pulled back
     assert 0.1 < skilled("N m", 1.0, turn=5.0) < 0.3  # of a swing of 1.3 s
+
+
+class Ball(Runner):
+    """Gets ever faster between two walls at -1 and 1 m: noise at its start is two ways between them at the end."""
+
+    def at_step(self, step: float) -> Ball:
+        return self
+
+    def rollout(self, trials: list[Trial], values: Array, controllers: object = None) -> list[Rollout]:
+        return [
+            Rollout(t, {"position": self.path(t.observed["position"].time, start_of(t), values)[..., None]}, {})
+            for t in trials
+        ]
+
+    @staticmethod
+    def path(time: Array, start: float, speed: Array) -> Array:
+        """(b, T) m, as light would go between mirrors."""
+        unfolded = start * np.exp(1.4 * time) + speed * time
+        return np.abs((unfolded - 1.0) % 4.0 - 2.0) - 1.0
+
+
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_what_walls_make_rugged_is_found_where_short_parts_lead_to_longer_ones(seed: int) -> None:
+    path = Ball.path(TIME, 0.3, np.ones((1, 1)))[0]
+    noise = SIGMA * np.random.default_rng(seed).standard_normal(len(TIME))
+    recording = Recording("run", {"position": Channel("position", ("x",), "m", TIME, (path + noise)[:, None])})
+    found = fit(Problem(Ball(), [recording], ByNoise()), SPACE, np.array([1.2]), Watch())  # type: ignore[arg-type]
+    assert found.values[0] == pytest.approx(1.0, abs=2e-3)

@@ -218,14 +218,14 @@ class Descent:
         self.point, self._slopes = begun, None
         return self.descend(look, confirm=confirm)
 
-    def leads_on(self, look: Look) -> bool:
-        """Whether slopes lead from here to where the recordings are explained at the real step; stays here."""
+    def led(self, look: Look) -> LeastSquares | None:
+        """Where slopes lead from here at the real step; stays here. None where that fails, or is what was looked at."""
         if look.real is None:
-            return False
+            return None
         real = replace(last_look(look.real, look.problem), name=look.name)
         if not np.isfinite(self._residual(real.problem)).all():
-            return False  # where the coarser step led, the real one fails
-        return explained(replace(self).polish(real).residual)
+            return None  # where the coarser step led, the real one fails
+        return replace(self).polish(real)
 
     @property
     def informed(self) -> bool:

@@ -17,7 +17,7 @@ from trueup.loop.problem import Problem
 from trueup.noise import spread
 from trueup.trial import Trial
 
-_GLANCE = 0.1  # s: by then a start has shown whether it has an effect
+GLANCE = 0.1  # s: by then a start has shown whether it has an effect
 _DAMPINGS = (0.0, 0.1, 1.0, 10.0)  # of the corrections that are tried side by side
 
 
@@ -50,6 +50,9 @@ class Starts:
     """(R, K) standard deviation of each, in the channel's unit (per second)."""
     amounts: Array
     """(R, K) corrections, in these."""
+    roots: Array | None = None
+    """(R, K, K) square roots of the covariances that replays have left of the corrections: over so much slopes are taken.
+    None: 1 each."""
 
     @classmethod
     def every(cls, problem: Problem) -> Starts:
@@ -66,7 +69,7 @@ class Starts:
     def as_measured(cls, problem: Problem, values: Array) -> Starts:
         """No corrections, of whatever changes the first samples at values (n,)."""
         every = cls.every(problem)
-        begun = problem.replayed_by([cut(t, t.start, _GLANCE) for t in problem.trials], problem.owners)
+        begun = problem.replayed_by([cut(t, t.start, GLANCE) for t in problem.trials], problem.owners)
         ahead = replace(every, measured=begun.trials).ahead(begun, values)
         seen = np.flatnonzero(ahead.known().any(axis=1))
         sizes = every.sizes[:, seen]
@@ -93,15 +96,19 @@ class Starts:
         slopes, bends = (ahead.known(less, side) for side in (-1.0, 1.0))
         size = max(1.0, float(spread(ahead.residual)))
         parts = [problem.columns(r) for r in range(len(self.measured))]
-        gone = [
-            Eliminated.of(p, slopes[:, p].T, bends[:, p].T, a, size) for p, a in zip(parts, self.amounts, strict=True)
-        ]
+        gone = []
+        for r, p in enumerate(parts):
+            changes = slopes[:, p].T
+            if self.roots is not None:
+                changes = np.linalg.solve(self.roots[r].T, changes.T).T
+            gone.append(Eliminated.of(p, changes, bends[:, p].T, self.amounts[r], size))
         return problem.with_starts(ahead.begun, gone)
 
     def _moved(self, problem: Problem, values: Array, begun: list[list[Trial]], side: float) -> list[Array]:
         """(m,) residuals of trials, and of those with each correction a standard deviation further to one side."""
         k = len(self.handles)
-        begun = [*begun, *(replace(self, amounts=self.amounts + step).trials() for step in side * np.eye(k))]
+        steps = side * np.eye(k) if self.roots is None else side * np.moveaxis(self.roots, 2, 0)
+        begun = [*begun, *(replace(self, amounts=self.amounts + step).trials() for step in steps)]
         several = problem.replayed_by([t for own in begun for t in own], problem.owners * len(begun))
         return list(several.plain_residuals(values[None]).reshape(len(begun), -1))
 
@@ -125,7 +132,16 @@ class Starts:
             losses = np.nan_to_num(s.loss(residuals, amounts[:, r]), nan=np.inf)
             chosen[r] = amounts[losses.argmin(), r]
             surprise += s.size**2 * abs(float(losses.min()) - float(s.loss(begun, np.zeros((1, 1)))[0]))
-        return replace(self, amounts=chosen), surprise
+        return replace(self, amounts=chosen, roots=np.array([s.root() for s in problem.eliminated])), surprise
+
+    def first(self, problem: Problem, longest: float) -> tuple[Problem, Starts]:
+        """The problem on the first `longest` s of its trials as they were measured, and these for it."""
+        part = problem.replayed_by([cut(t, t.start, longest) for t in self.measured], problem.owners)
+        return part, replace(self, measured=part.trials)
+
+    def as_wide(self) -> Starts:
+        """These, of which nothing but what was measured is known."""
+        return replace(self, roots=None)
 
     def trials(self) -> list[Trial]:
         """The trials with these corrections."""

@@ -12,10 +12,10 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.loop.apart import apart, confirmed
 from trueup.loop.descent import Descent, Fit, Look, Select, explained, last_look
-from trueup.loop.elsewhere import FEW, along_axes, anywhere, evolved
+from trueup.loop.elsewhere import FEW, along_axes, anywhere, evolved, losses_at
 from trueup.loop.probe import probed
 from trueup.loop.problem import Problem
-from trueup.loop.shoot import Starts
+from trueup.loop.shoot import GLANCE, Starts
 from trueup.loop.uncertainty import start_scatter, unit_covariance
 from trueup.loop.wide import widened
 from trueup.parameters import Parameter
@@ -212,7 +212,7 @@ def multiple_shooting(run: Run) -> None:
         ahead = starts.ahead(run.seen, values)
         if not _matter(run, starts.eliminated_from(run.seen, values, bent=False, ahead=ahead)):
             return
-    for _ in range(rounds):
+    for left in reversed(range(rounds)):
         begun, ahead = starts.eliminated_from(run.seen, values, ahead=ahead), None
         coarse, shot = (p.with_starts(begun.trials, begun.eliminated) for p in (run.coarse, run.problem))
         run.problem, run.coarse, run.ended = shot, shot if run.coarse is run.problem else coarse, None
@@ -221,10 +221,34 @@ def multiple_shooting(run: Run) -> None:
         starts, surprise = starts.corrected(run.seen, values)
         if surprise < run.problem.chance(run.found.residual) * len(run.descent.point):
             break
+        if left == rounds - 1:  # elimination takes replays to be smooth in their starts, and they are not
+            starts, values = _by_horizon(run, starts)
     # Starts moved further than their noise: it is not all that is wrong there (R. T. Birge, Phys. Rev. 40, 1932).
     ratio = max(1.0, float(np.mean(starts.amounts**2)))
     scatter = (ratio - 1.0) * unit_covariance(run.problem, run.found)
     run.ended = replace(run.found, scatter=scatter, starts=starts, shot=run.problem)
+
+
+def _by_horizon(run: Run, starts: Starts) -> tuple[Starts, Array]:
+    """Starts and values (n,) searched on the first part of the replays, which little but the starts decides, then on longer
+    parts, to the end: what one part has told is near to where the next is smooth, where contacts make all at once rugged.
+    """
+    longer = 1.4  # times the part before: doubled parts led one of four legs astray
+    descent, longest, length = run.descent, max(t.duration for t in run.problem.trials), GLANCE
+    starts = replace(starts, amounts=np.zeros_like(starts.amounts))
+    while True:
+        part, own = starts.first(run.seen, length)
+        for wide in (True, False):  # slopes over what measurements leave open of starts, then over what replays do
+            own = own.as_wide() if wide else own
+            begun = own.eliminated_from(part, descent.space.from_unit(descent.point), bent=False)
+            descent.move(descent.point)
+            descent.descend(replace(last_look(begun, begun), tolerance=5.0, most=15, last=False))
+            values = descent.space.from_unit(descent.point)
+            own, _ = own.corrected(begun, values)
+        starts = replace(own, measured=starts.measured)
+        if length >= longest:
+            return starts, values
+        length *= longer
 
 
 def _matter(run: Run, begun: Problem) -> bool:
@@ -255,9 +279,15 @@ def evolution(run: Run) -> None:
     run_, found = run.descent, run.descent.search
     if run.looks != 1 or found is None or (len(run_.point) > FEW and (found.iteration > 0 or run.resumed)):
         return
-    if explained(found.residual) or run_.leads_on(run.look):
+    led = None if explained(found.residual) else run_.led(run.look)
+    if explained(found.residual if led is None else led.residual):
         return
     run.from_there(anywhere(run.look.problem, run_.space, found, run_.watch, run.seed))
+    if led is not None and run.look.real is not None:
+        there, here = losses_at(run.look.real, run_.space, np.stack([led.point, run_.point]))
+        if there < here:
+            run_.move(led.point)
+            run_.stay(run.look)
 
 
 def evolve_first(run: Run, short: bool = True) -> None:
