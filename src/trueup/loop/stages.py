@@ -221,7 +221,8 @@ def multiple_shooting(run: Run) -> None:
         starts, surprise = starts.corrected(run.seen, values)
         if surprise < run.problem.chance(run.found.residual) * len(run.descent.point):
             break
-        if left == rounds - 1:  # elimination takes replays to be smooth in their starts, and they are not
+        # Elimination takes replays to be smooth in their starts, and they are not; windows are short for that reason.
+        if left == rounds - 1 and len(starts.measured) == len(run.problem.recordings):
             starts, values = _by_horizon(run, starts)
     # Starts moved further than their noise: it is not all that is wrong there (R. T. Birge, Phys. Rev. 40, 1932).
     ratio = max(1.0, float(np.mean(starts.amounts**2)))
