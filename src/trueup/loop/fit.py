@@ -18,6 +18,7 @@ from trueup.loop.elsewhere import EVOLVING
 from trueup.loop.growth import growth, growth_apart
 from trueup.loop.problem import FAITHFUL, Problem
 from trueup.loop.profiles import off_bounds, profiles
+from trueup.loop.shooting import multiple_shooting
 from trueup.loop.stages import (
     Run,
     Stage,
@@ -32,7 +33,6 @@ from trueup.loop.stages import (
     glance,
     implicit_filtering,
     lines,
-    multiple_shooting,
     probing,
     refinement,
     selection,

@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The stage of a search in which start states and all else are searched in turns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from trueup.arrays import Array
+from trueup.loop.descent import last_look
+from trueup.loop.problem import Problem
+from trueup.loop.shoot import GLANCE, Starts
+from trueup.loop.stages import Run
+from trueup.loop.uncertainty import start_scatter, unit_covariance
+
+
+def multiple_shooting(run: Run) -> None:
+    """Start states become parameters with their measured noise, in turns with all else, where they matter.
+
+    Where noise at the starts moves the estimates by less than all else leaves them unsure, it is added to that.
+    """
+    rounds = 4  # of corrections of the starts, each of which halves what slopes do not foretell
+    values, ahead = run.descent.space.from_unit(run.descent.point), None
+    starts = run.starts
+    if starts is None:
+        starts = Starts.as_measured(run.seen, values)
+        ahead = starts.ahead(run.seen, values)
+        if not _matter(run, starts.eliminated_from(run.seen, values, bent=False, ahead=ahead)):
+            return
+    for left in reversed(range(rounds)):
+        begun, ahead = starts.eliminated_from(run.seen, values, ahead=ahead), None
+        coarse, shot = (p.with_starts(begun.trials, begun.eliminated) for p in (run.coarse, run.problem))
+        run.problem, run.coarse, run.ended = shot, shot if run.coarse is run.problem else coarse, None
+        run.go(last_look(run.problem, run.coarse))
+        values = run.descent.space.from_unit(run.descent.point)
+        starts, surprise = starts.corrected(run.seen, values)
+        if surprise < run.problem.chance(run.found.residual) * len(run.descent.point):
+            break
+        # Elimination takes replays to be smooth in their starts, and they are not; windows are short for that reason.
+        if left == rounds - 1 and len(starts.measured) == len(run.problem.recordings):
+            starts, values = _by_horizon(run, starts)
+    # Starts moved further than their noise: it is not all that is wrong there (R. T. Birge, Phys. Rev. 40, 1932).
+    ratio = max(1.0, float(np.mean(starts.amounts**2)))
+    scatter = (ratio - 1.0) * unit_covariance(run.problem, run.found)
+    run.ended = replace(run.found, scatter=scatter, starts=starts, shot=run.problem)
+
+
+def _by_horizon(run: Run, starts: Starts) -> tuple[Starts, Array]:
+    """Starts and values (n,) searched on the first part of the replays, which little but the starts decides, then on longer
+    parts, to the end: what one part has told is near to where the next is smooth, where contacts make all at once rugged.
+    """
+    longer = 1.4  # times the part before: doubled parts led one of four legs astray
+    descent, longest, length = run.descent, max(t.duration for t in run.problem.trials), GLANCE
+    starts = replace(starts, amounts=np.zeros_like(starts.amounts))
+    while True:
+        part, own = starts.first(run.seen, length)
+        for wide in (True, False):  # slopes over what measurements leave open of starts, then over what replays do
+            own = own.as_wide() if wide else own
+            begun = own.eliminated_from(part, descent.space.from_unit(descent.point), bent=False)
+            descent.move(descent.point)
+            descent.descend(replace(last_look(begun, begun), tolerance=5.0, most=15, last=False))
+            values = descent.space.from_unit(descent.point)
+            own, _ = own.corrected(begun, values)
+        starts = replace(own, measured=starts.measured)
+        if length >= longest:
+            return starts, values
+        length *= longer
+
+
+def _matter(run: Run, begun: Problem) -> bool:
+    """Whether starts, of which first corrections are eliminated, leave estimates as unsure as all else does; a scatter of the
+    fit where they do not.
+    """
+    if not begun.eliminated:
+        return False
+    fit = run.found
+    scatter = start_scatter(run.problem.with_starts(begun.trials, begun.eliminated), fit)
+    matter = not np.all(np.diag(scatter) < np.diag(unit_covariance(run.problem, fit)))
+    if not matter:
+        run.ended = replace(fit, scatter=scatter)
+    return matter
