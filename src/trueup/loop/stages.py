@@ -216,8 +216,9 @@ def evolution(run: Run) -> None:
     if explained(found.residual if led is None else led.residual):
         return
     run.from_there(anywhere(run.look.problem, run_.space, found, run_.watch, run.seed))
-    if led is not None and run.look.real is not None:
-        there, here = losses_at(run.look.real, run_.space, np.stack([led.point, run_.point]))
+    again = None if led is None else run_.led(run.look)
+    if led is not None and again is not None and run.look.real is not None:
+        there, here = losses_at(run.look.real, run_.space, np.stack([led.point, again.point]))
         if there < here:
             run_.move(led.point)
             run_.stay(run.look)
