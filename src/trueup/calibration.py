@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.evidence import Evidence
 from trueup.recording import Recording
 
 NORMAL_95 = 1.959964
@@ -136,6 +137,15 @@ class CrossValidation:
 
 
 @dataclass(frozen=True)
+class Lacked:
+    """The fit with a structure that the model lacks, for calibrations to come."""
+
+    intervals: Mapping[str, tuple[float, float, float]]
+    """Value, low and high of each parameter that was fitted with it, those of the structure last."""
+    shown: Evidence
+
+
+@dataclass(frozen=True)
 class Calibration:
     """The whole outcome of `calibrate`; everything that the report and the files are made from."""
 
@@ -154,6 +164,8 @@ class Calibration:
     evaluations: int = 0
     lacking: str = ""
     """A sentence on the structure that the recordings show or favour and the model lacks; '' for none."""
+    lacked: Lacked | None = None
+    """The same, for calibrations that go on from here."""
     notes: tuple[str, ...] = ()
     """Choices made automatically and why (structure selected, search picked, recordings aligned)."""
 

@@ -71,6 +71,13 @@ def evidence(without: Array, with_it: Array, weights: Array | None = None) -> Ev
     return Evidence(gain, float(np.sqrt(B / (B - 1) * np.sum((share * (ratio - gain)) ** 2))))
 
 
+def together(first: Evidence, parts: int, second: Evidence, more: int) -> Evidence:
+    """The evidence of several recordings and of some more, which count alike."""
+    gain = (parts * first.gain + more * second.gain) / (parts + more)
+    error = np.hypot(parts * first.standard_error, more * second.standard_error) / (parts + more)
+    return Evidence(float(gain), float(error))
+
+
 def jackknife(each: Array) -> Array:
     """(...) standard deviations of estimates, from those (K, ...) made without one block of data each.
 

@@ -121,6 +121,10 @@ class Calibrated:
     """Replay error of the recordings by the shipped and by the calibrated simulator, in `unit`."""
     unit: str
     recordings: tuple[str, ...]
+    lacked: Mapping[str, Row] = field(default_factory=dict)
+    """With a structure that the model lacks: value, low and high of each parameter, those of the structure last."""
+    lacked_evidence: Row = ()
+    """Gain of that structure and its standard error."""
 
 
 @dataclass(frozen=True)

@@ -8,16 +8,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.calibration import Calibration, pooled_rmse
+from trueup.calibration import Calibration, Lacked, pooled_rmse
 from trueup.campaign.events import Calibrated, Chosen, Generation, Row, Scored, Validated
 from trueup.campaign.parts import Listener, Parts
 from trueup.campaign.plan import Transfer
 from trueup.errors import CalibrationError, TrialError
+from trueup.evidence import Evidence
 from trueup.loop.belief import Belief
 from trueup.loop.correction import Correction
+from trueup.loop.earlier import Earlier
 from trueup.loop.optimize import Optimum, Tried, TrustRegion
 from trueup.loop.ranking import agreement
-from trueup.loop.recalibrate import Earlier
 from trueup.loop.replay import replay_error
 from trueup.loop.safety import exceeded, predicted
 from trueup.loop.transfer import Shortlist, mean_score, prepared, shortlist
@@ -34,7 +35,7 @@ def calibrated(
     """
     if parts.calibrator is None:
         raise CalibrationError("the plan calibrates nothing")
-    earlier = None if last is None else Earlier.estimated(last.names, last.values, last.verdicts, last.recordings)
+    earlier = None if last is None else _earlier(last)
     found = parts.calibrator(fitted, parts.held_out, listener.fitting, earlier)
     if parts.write is not None:
         parts.write(number, found, fitted)
@@ -48,7 +49,15 @@ def calibrated(
         tuple(_row(r) for r in np.atleast_2d(found.covariance)) if np.size(found.covariance) else (),
         pooled_rmse(shown, after=False), pooled_rmse(shown, after=True), shown[0].unit if shown else "",
         tuple(r.name for r in fitted),
+        {} if found.lacked is None else {name: _row(r) for name, r in found.lacked.intervals.items()},
+        () if found.lacked is None else (found.lacked.shown.gain, found.lacked.shown.standard_error),
     )  # fmt: skip
+
+
+def _earlier(last: Calibrated) -> Earlier:
+    intervals = {name: (value, low, high) for name, (value, low, high) in last.lacked.items()}
+    lacked = Lacked(intervals, Evidence(*last.lacked_evidence)) if intervals else None
+    return Earlier.estimated(last.names, last.values, last.verdicts, last.recordings, lacked)
 
 
 def belief_of(event: Calibrated, space: ParameterSpace) -> Belief:

@@ -13,7 +13,7 @@ from trueup.campaign.events import Event
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.engines.simulator import Simulator
 from trueup.evaluation.evaluator import Evaluator, Here
-from trueup.loop.recalibrate import Earlier
+from trueup.loop.earlier import Earlier
 from trueup.recording import Recording
 from trueup.robots.robot import Robot
 from trueup.search.search import Search

@@ -34,8 +34,8 @@ from trueup.errors import ModelError, PlanError
 from trueup.evaluation.evaluator import Evaluator, Here
 from trueup.formats import read
 from trueup.loop.calibrate import Options
+from trueup.loop.earlier import Earlier
 from trueup.loop.prepare import Preparation
-from trueup.loop.recalibrate import Earlier
 from trueup.recording import Recording
 from trueup.search.search import Search
 from trueup.tasks.task import Task, counted_by

@@ -21,6 +21,7 @@ from trueup.engines.simulator import Simulator
 from trueup.errors import CalibrationError
 from trueup.loop.checks import check
 from trueup.loop.chooser import Chooser
+from trueup.loop.earlier import Earlier
 from trueup.loop.fit import Checkpoint, Fit, Progress, Stage, Watch, fit, searched_by
 from trueup.loop.identifiability import unseen_directions, verdicts
 from trueup.loop.limits import Seen, is_limit, limits_seen
@@ -75,11 +76,12 @@ def calibrate(
     simulator: Simulator, recordings: Sequence[Recording], hold_out: Sequence[Recording] = (), *,
     options: Options | None = None, discrepancy: Discrepancy | None = None, controllers: ControllerFactory | None = None,
     progress: Progress | None = None, checkpoint: Checkpoint | None = None, resume: dict[str, Any] | None = None,
-    space: ParameterSpace | None = None, start: Array | None = None,
+    space: ParameterSpace | None = None, start: Array | None = None, earlier: Earlier | None = None,
 ) -> Calibration:  # fmt: skip
     """Fits the simulator's free parameters to `recordings`, and judges the result on `hold_out` too.
 
-    `space` may freeze more of them, `start` (n,) are values to search from (None: the nominal ones).
+    `space` may freeze more of them, `start` (n,) are values to search from (None: the nominal ones);
+    `earlier` knew some of the recordings, and what its model lacks is not asked as if it had not.
 
     Raises CalibrationError where nothing can be fitted and SimulationFailedError where the start values already fail.
     """
@@ -102,7 +104,10 @@ def calibrate(
     if chosen.select:
         found = chooser.ended(problem, found, watch, {**_how(chosen), "later": ()})
     watch.saw("what the model lacks", problem, found.loss, problem.rmse(found.residual))
-    findings = _findings(problem, found, chooser.choices, words(problem, measured=free))  # before the seconds are taken
+    lacking = missing(problem, found, earlier)
+    findings = _findings(
+        problem, found, chooser.choices, words(problem, measured=free), lacking
+    )  # before the seconds are taken
     watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
     shown = replays(simulator, found.values, recordings, hold_out, measure, channels=fitted, controllers=controllers,
                     windows=windows)  # fmt: skip
@@ -151,10 +156,11 @@ def usual(channels: Sequence[str]) -> tuple[str, ...]:
     return tuple(c for c in channels if c not in ("velocity", "torque")) or tuple(channels)
 
 
-def _findings(problem: Problem, found: Fit, choices: Sequence[Choice], cut: Sequence[str]) -> dict[str, Any]:
+def _findings(
+    problem: Problem, found: Fit, choices: Sequence[Choice], cut: Sequence[str], lacking: Missing | None
+) -> dict[str, Any]:
     """The fields of a Calibration that follow from the fit alone; `cut`: what is said of windows."""
     covariance = unit_covariance(problem, found)
-    lacking = missing(problem, found)
     notes = (*found.notes, *(n for c in choices[1:] for n in c.notes))
     limits = limits_seen(problem, found)
     declared = problem.simulator.parameters
@@ -172,6 +178,7 @@ def _findings(problem: Problem, found: Fit, choices: Sequence[Choice], cut: Sequ
         "unidentified": (*unseen_directions(found, covariance, limits), *(n for c in choices[:1] for n in c.notes)),
         "notes": (*cut, found.ended, *notes),
         "lacking": lacking.words() if lacking else "",
+        "lacked": lacking.lacked(p.name for p in found.space.parameters if not p.frozen) if lacking else None,
     }  # fmt: skip
 
 

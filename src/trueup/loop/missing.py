@@ -9,28 +9,31 @@ else has made up for it?), the best of them by a fit, and kept by the rule of ev
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.engines.simulator import related_of
+from trueup.calibration import Lacked
+from trueup.engines.simulator import Simulator, related_of
 from trueup.errors import CalibrationError, SimulationFailedError
 from trueup.evidence import Evidence
 from trueup.loop.descent import Fit, Watch, explained
+from trueup.loop.earlier import Earlier
 from trueup.loop.fit import DESCENT, REFINEMENT, SHIPPED, Stage, fit
 from trueup.loop.problem import WORTH, Problem
+from trueup.loop.scans import Look, Scan
+from trueup.loop.segment import places
 from trueup.loop.selection import compared
+from trueup.loop.since import Known, since
 from trueup.loop.ties import EXCERPT
-from trueup.loop.uncertainty import PRIOR, intervals, unit_covariance
+from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.validate import by_stretch, cautious_errors
 from trueup.parameters import Parameter, ParameterSpace
+from trueup.search.robust import robust_losses
 
-# Shares of the way to a bound at which parameters are looked at: what cannot be less than none has no slope there.
-_SIZES = 10.0 ** np.arange(-3.75, 0.0, 0.75)
 _ASTRAY = 0.25  # share of the loss of where a fit began: errors half as large
-_SIGNED = 10.0 ** np.array([-1.5, -0.75])  # to either side of what a model has
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +47,16 @@ class Missing:
     low: Array
     high: Array
     shown: Evidence
+    stands: bool = False
+    """Whether an earlier calibration found it, and it was not fitted anew."""
+
+    def lacked(self, fitted: Iterable[str]) -> Lacked:
+        """The same for calibrations to come; `fitted` are the names of the simulator's free parameters."""
+        names = (*fitted, *(p.name for p in self.parameters))
+        rows = np.stack([self.values, self.low, self.high], axis=1).tolist()
+        return Lacked(
+            {name: (value, low, high) for name, (value, low, high) in zip(names, rows, strict=True)}, self.shown
+        )
 
     def words(self) -> str:
         """What it is and what it would gain, for the user."""
@@ -53,6 +66,7 @@ class Missing:
         undecided = f"the recordings leave it open whether the robot has {self.name}, which the model lacks: {sizes}"
         if not self.shown.holds:
             return undecided
+        sizes += " (fitted before the latest recordings came)" if self.stands else ""
         return (
             f"the recordings are replayed better with {self.name}, which the model lacks: {sizes}. With it left-out errors "
             f"are {100 * np.exp(-self.shown.gain):.0f} % of what they are. It may stand for something else that is wrong (a "
@@ -60,22 +74,37 @@ class Missing:
         )
 
 
-def missing(problem: Problem, found: Fit) -> Missing | None:
+def missing(problem: Problem, found: Fit, earlier: Earlier | None = None) -> Missing | None:
     """The structure that the simulator lacks by the recordings' evidence, or else the one that they favour most; None where
-    it explains them, or none of those that are known is favoured.
+    it explains them, or none of those that are known is favoured. Where an `earlier` calibration knew some of the
+    recordings, its answer stands while the others do not speak against it, nor more for another (`since.py`).
     """
     # Long recordings are searched joint by joint, which knows no gears: trying them there would double the time.
     if explained(found.residual) or problem.eliminated or problem.duration > WORTH:
         return None
-    part = problem
-    if problem.duration > EXCERPT:
-        part = problem.shortened(EXCERPT / len(problem.trials))
-        found = fit(part, found.space, found.values, Watch(), stages=REFINEMENT)
+    related = related_of(problem.simulator)
+    structures = {} if related is None else dict(related.structures())
+    came = None if earlier is None else since(problem, found, earlier, structures)
+    if came is not None and came.stands:
+        return None if came.known is None else _still(came.known, found.space, structures)
+    part = problem if problem.duration <= EXCERPT else problem.shortened(EXCERPT / len(problem.trials))
+    if part is not problem:
+        found = _on_part(problem, found, part)
     without, tried = cautious_errors(part, found, by_stretch(part)), []
     for place, stages in _places_to_look_from(part, found):
-        tried += _tried(part, place, stages, without)
+        looks = came.looks if came is not None and place is found else Scan.of(part, place).favoured(structures)
+        tried += _tried(part, place, looks, structures, stages, without)
     holding = [m for m in tried if m.shown.holds]
     return max(holding or tried, key=lambda m: m.shown.gain, default=None)
+
+
+def _on_part(problem: Problem, found: Fit, part: Problem) -> Fit:
+    """The fit of the beginnings of all trials, from that of all recordings and with its slopes."""
+    begun = None
+    if found.starts is None:
+        rows = places(problem.segments, part.segments, range(len(problem.trials)))
+        begun = replace(found, jacobian=found.jacobian[rows], near=None)
+    return fit(part, found.space, found.values, Watch(), stages=REFINEMENT, begun=begun)
 
 
 def _places_to_look_from(problem: Problem, found: Fit) -> list[tuple[Fit, Sequence[Stage]]]:
@@ -83,6 +112,9 @@ def _places_to_look_from(problem: Problem, found: Fit) -> list[tuple[Fit, Sequen
     nothing can be seen from where it is.
     """
     first = np.where(found.space.free, found.space.nominal, found.values)
+    least = robust_losses(problem.residuals(first[None]), found.bend)[0]  # by a bend of its own it is no lower
+    if not found.loss > _ASTRAY * least:
+        return [(found, REFINEMENT)]
     try:
         begun = fit(problem, found.space, first, Watch(), stages=SHIPPED)
     except (
@@ -93,86 +125,44 @@ def _places_to_look_from(problem: Problem, found: Fit) -> list[tuple[Fit, Sequen
     return [(found, REFINEMENT), *([(begun, DESCENT)] if found.loss > _ASTRAY * begun.loss else [])]
 
 
-def _tried(problem: Problem, place: Fit, stages: Sequence[Stage], without: Array) -> list[Missing]:
+def _tried(
+    problem: Problem, place: Fit, looks: Sequence[Look], structures: Mapping[str, Simulator], stages: Sequence[Stage],
+    without: Array,
+) -> list[Missing]:  # fmt: skip
     """The structures that a score test at a place favours most, fitted from there, up to one that the evidence holds for."""
-    related, tried = related_of(problem.simulator), list[Missing]()
-    others = {} if related is None else dict(related.structures())
-    looks = [_scanned(problem.by(other), place, len(place.space), name) for name, other in others.items()]
-    worth = problem.chance(place.residual)
-    for look in sorted(looks, key=lambda look: -look.gain)[:2]:  # each costs about as much as a quarter of the fit
-        if look.gain > worth * max(len(look.sizes), 1):
-            fitted = _fitted(problem.by(others[look.name]), place, look, stages, without)
-            tried += [fitted] if fitted is not None and fitted.shown.gain > 0.0 else []
-            if tried and tried[-1].shown.holds:
-                break
+    tried: list[Missing] = []
+    for look in looks[:2]:  # each costs about as much as a quarter of the fit
+        wider = problem.by(structures[look.name])
+        grown = _grown(wider, place, look, stages)
+        if grown is not None:
+            shown = compared(without, cautious_errors(wider, grown, by_stretch(wider)))
+            tried += [_missing(wider, look, grown, shown)] if shown.gain > 0.0 else []
+        if tried and tried[-1].shown.holds:
+            break
     return tried
 
 
-@dataclass(frozen=True)
-class _Look:
-    """How large the parameters of a structure are by the score test, by name, and how much lower the loss would be."""
-
-    name: str
-    sizes: dict[str, float]
-    gain: float
-
-
-def _scanned(problem: Problem, found: Fit, own: int, name: str) -> _Look:
-    """The sizes of a structure's parameters, behind the simulator's `own`: each alone, then added, the best first."""
-    more = problem.simulator.parameters.parameters[own:]
-    base = np.concatenate([found.values, [p.nominal for p in more]])
-    places = [_places(p) for p in more]
-    rows = np.repeat(base[None], 1 + sum(map(len, places)), axis=0)
-    rows[np.arange(1, len(rows)), np.repeat(np.arange(own, len(base)), [len(at) for at in places])] = np.concatenate(
-        places
-    )
-    residuals = problem.residuals(rows)
-    root = np.sqrt(found.weights)
-    slopes = found.jacobian * root[:, None]
-    curvature = slopes.T @ slopes + PRIOR * np.eye(slopes.shape[1])
-    inverse = np.linalg.inv(curvature)
-
-    def left(residual: Array) -> float:
-        error = residual * root
-        slope = slopes.T @ error
-        loss = 0.5 * float(error @ error - slope @ inverse @ slope)
-        return loss if np.isfinite(loss) else np.inf
-
-    lowest = before = left(residuals[0])
-    losses = np.split([left(r) for r in residuals[1:]], np.cumsum([len(at) for at in places])[:-1])
-    worth, taken = problem.chance(found.residual), base
-    for k in np.argsort([np.min(after) for after in losses], kind="stable"):
-        # what does nothing by itself (where a spring rests that has no stiffness) belongs to what was taken
-        beside = np.all(losses[k] == before)
-        if not beside and not np.min(losses[k]) < before - worth:
-            continue  # what gains nothing alone is not simulated again beside what was taken
-        tried = places[k] if beside else places[k][[np.argmin(losses[k])]]
-        rows = np.repeat(taken[None], len(tried), axis=0)
-        rows[:, own + k] = tried
-        after = [left(r) for r in problem.residuals(rows)]
-        if min(after) < (lowest if beside else lowest - worth):
-            lowest, taken = min(after), rows[int(np.argmin(after))]
-    sizes = {p.name: float(v) for p, v in zip(more, taken[own:], strict=True) if v != p.nominal}
-    return _Look(name, sizes, before - lowest)
-
-
-def _places(p: Parameter) -> Array:
-    """(P,) values at which a parameter is looked at."""
-    if p.nominal <= p.lower:
-        return p.nominal + _SIZES * (p.upper - p.nominal)
-    return np.concatenate([p.nominal - _SIGNED * (p.nominal - p.lower), p.nominal + _SIGNED * (p.upper - p.nominal)])
-
-
-def _fitted(problem: Problem, found: Fit, look: _Look, stages: Sequence[Stage], without: Array) -> Missing | None:
+def _grown(problem: Problem, found: Fit, look: Look, stages: Sequence[Stage]) -> Fit | None:
     """The fit with a structure, from where the score test has it; None where the simulation fails with it."""
     more = problem.simulator.parameters.parameters[len(found.space) :]
     space = ParameterSpace((*found.space.parameters, *more)).freeze([p.name for p in more if p.name not in look.sizes])
-    start = np.concatenate([found.values, [look.sizes.get(p.name, p.nominal) for p in more]])
+    start = np.concatenate([look.own, [look.sizes.get(p.name, p.nominal) for p in more]])
     try:
-        grown = fit(problem, space, start, Watch(), stages=stages)
+        return fit(problem, space, start, Watch(), stages=stages)
     except (CalibrationError, SimulationFailedError):
         return None
-    shown = compared(without, cautious_errors(problem, grown, by_stretch(problem)))
+
+
+def _still(known: Known, space: ParameterSpace, structures: Mapping[str, Simulator]) -> Missing:
+    """What an earlier calibration found to be lacking, as it was fitted then."""
+    look, intervals = known.look, known.lacked.intervals
+    parameters = tuple(p for p in structures[look.name].parameters.parameters if p.name in look.sizes)
+    names = [p.name for p in (*space.parameters, *parameters) if not p.frozen]
+    values, low, high = np.array([intervals[name] for name in names]).T
+    return Missing(look.name, parameters, values, low, high, known.lacked.shown, stands=True)
+
+
+def _missing(problem: Problem, look: Look, grown: Fit, shown: Evidence) -> Missing:
     low, high = intervals(grown, unit_covariance(problem, grown))
-    free = space.free
-    return Missing(look.name, tuple(p for p in more if p.name in look.sizes), grown.values[free], low, high, shown)
+    parameters = tuple(p for p in grown.space.parameters if p.name in look.sizes)
+    return Missing(look.name, parameters, grown.values[grown.space.free], low, high, shown)

@@ -23,9 +23,10 @@ from trueup.inspection.alignment import clock_errors
 from trueup.inspection.diagnosis import Diagnosis, check_refused
 from trueup.loop.ahead import predicted_ahead
 from trueup.loop.calibrate import Options, calibrate, usual
+from trueup.loop.earlier import Earlier
 from trueup.loop.fit import Checkpoint, Progress, searched_by
 from trueup.loop.problem import Problem
-from trueup.loop.recalibrate import Earlier, recalibrate
+from trueup.loop.recalibrate import recalibrate
 from trueup.loop.replay import replays
 from trueup.loop.whole_calibration import calibrate_whole
 from trueup.loop.worth import Choice, worth_calibrating

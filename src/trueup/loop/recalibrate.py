@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,38 +14,10 @@ from trueup.engines.simulator import Simulator
 from trueup.evidence import evidence
 from trueup.loop.calibrate import Options, calibrate
 from trueup.loop.descent import explained
+from trueup.loop.earlier import Earlier
 from trueup.loop.fit import REFINEMENT
 from trueup.parameters import ParameterSpace
-from trueup.recording import PART_OF, Recording
-
-_LEFT_OUT = "not supported"
-
-
-@dataclass(frozen=True)
-class Earlier:
-    """What an earlier calibration of the same simulator leaves for the next one."""
-
-    values: Mapping[str, float]
-    """By parameter."""
-    left_out: tuple[str, ...]
-    """Parameters of structures that it did without."""
-    recordings: tuple[str, ...]
-    """Names of those it was fitted to."""
-
-    @classmethod
-    def of(cls, calibration: Calibration) -> Earlier:
-        """What a calibration leaves."""
-        e = calibration.estimates
-        recordings = tuple(dict.fromkeys(r.recording for r in calibration.training()))
-        return cls.estimated([x.name for x in e], [x.value for x in e], [x.verdict for x in e], recordings)
-
-    @classmethod
-    def estimated(
-        cls, names: Sequence[str], values: Sequence[float], verdicts: Sequence[str], recordings: Sequence[str]
-    ) -> Earlier:
-        """The same from its parts, (n,) each but for the recordings."""
-        left_out = tuple(name for name, verdict in zip(names, verdicts, strict=True) if verdict == _LEFT_OUT)
-        return cls(dict(zip(names, values, strict=True)), left_out, tuple(recordings))
+from trueup.recording import Recording
 
 
 def recalibrate(
@@ -62,15 +34,17 @@ def recalibrate(
     left_out = [name for name in earlier.left_out if name in space.names and not space[name].frozen]
     if len(left_out) == int(space.free.sum()):
         return calibrate(simulator, recordings, hold_out, options=options, **how)
-    start = np.array([earlier.values.get(p.name, p.nominal) for p in space.parameters])
+    start = earlier.values_in(space)
     start = np.where(start == space.unidentified, space.nominal, start)  # a limit that was not met then may be met now
     again = replace(options, stages=REFINEMENT, select=False, later=())
     asked = [p for p in space.parameters if p.absent is not None]  # what was kept of these is no longer asked about
     space = space.freeze(left_out).without([p.name for p in asked if p.name in left_out])
     kept = {p.name for p in asked if p.name not in left_out}
     space = ParameterSpace(tuple(p.replace(optional="") if p.name in kept else p for p in space.parameters))
-    refined = calibrate(simulator, recordings, hold_out, options=again, space=space, start=start, **how)
-    old = {r.name for r in recordings if r.provenance.get(PART_OF, r.name) in earlier.recordings}
+    refined = calibrate(
+        simulator, recordings, hold_out, options=again, space=space, start=start, earlier=earlier, **how
+    )
+    old = {r.name for r in recordings if earlier.knew(r)}
     if _explains(refined, old):
         return replace(refined, notes=(*refined.notes, "searched from the last calibration, which leads on"))
     searched = calibrate(simulator, recordings, hold_out, options=options, **how)

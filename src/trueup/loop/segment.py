@@ -64,3 +64,11 @@ class Segment:
         out = np.zeros((*part.shape[:-1], *shape))
         out[..., self.compared] = part
         return out
+
+
+def places(whole: Sequence[Segment], part: Sequence[Segment], trials: Sequence[int]) -> NDArray[np.intp]:
+    """Where the residuals of the beginnings of some trials lie among those of all: `trials` numbers, among all, those of the
+    part.
+    """
+    of = {(s.trial, s.channel): s.first for s in whole}
+    return np.concatenate([of[trials[s.trial], s.channel] + np.arange(s.count) for s in part])
