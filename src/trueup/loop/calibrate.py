@@ -104,10 +104,7 @@ def calibrate(
     if chosen.select:
         found = chooser.ended(problem, found, watch, {**_how(chosen), "later": ()})
     watch.saw("what the model lacks", problem, found.loss, problem.rmse(found.residual))
-    lacking = missing(problem, found, earlier)
-    findings = _findings(
-        problem, found, chooser.choices, words(problem, measured=free), lacking
-    )  # before the seconds are taken
+    findings = _findings(problem, found, chooser.choices, words(problem, measured=free), earlier)  # before the seconds
     watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
     shown = replays(simulator, found.values, recordings, hold_out, measure, channels=fitted, controllers=controllers,
                     windows=windows)  # fmt: skip
@@ -157,10 +154,11 @@ def usual(channels: Sequence[str]) -> tuple[str, ...]:
 
 
 def _findings(
-    problem: Problem, found: Fit, choices: Sequence[Choice], cut: Sequence[str], lacking: Missing | None
+    problem: Problem, found: Fit, choices: Sequence[Choice], cut: Sequence[str], earlier: Earlier | None
 ) -> dict[str, Any]:
     """The fields of a Calibration that follow from the fit alone; `cut`: what is said of windows."""
     covariance = unit_covariance(problem, found)
+    lacking = missing(problem, found, earlier)
     notes = (*found.notes, *(n for c in choices[1:] for n in c.notes))
     limits = limits_seen(problem, found)
     declared = problem.simulator.parameters
