@@ -2,8 +2,8 @@
 """What recordings that came since the last calibration say of what the model lacks: the answer of then, and others.
 
 Neither the last fit nor the one with the structure that it was found to lack has seen these recordings: how well each
-foretells them is evidence, without a new fit. Another structure, which those before did not ask for, can be asked for now
-only if these do: it is looked at on them alone.
+foretells them is evidence, without a new fit. Where that leaves it open, another structure, which those before did not ask
+for, can be asked for now only if these do: it is looked at on them alone.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from trueup.arrays import Array
 from trueup.calibration import Lacked
 from trueup.engines.simulator import Simulator
 from trueup.evidence import together
@@ -36,8 +35,8 @@ class Known:
     """As it was fitted then, and how much lower its errors on the new recordings are than those of the fit of then."""
     lacked: Lacked
     """The fit of then, and what all recordings say of it by now."""
-    residual: Array
-    """(m,) of the new recordings with it."""
+    foretells: bool
+    """Whether the new recordings alone hold for it, or are foretold to about their noise: they ask for nothing else."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +50,7 @@ class Since:
 
     @property
     def stands(self) -> bool:
-        """Whether the answer of then holds for all recordings, and foretells the new ones better than another structure would
-        replay them.
-        """
+        """Whether the answer of then holds for all recordings, and errs less on the new ones than another structure would."""
         if self.known is None:
             return not self.others
         most = max((look.lower for look in self.others), default=-np.inf)
@@ -76,14 +73,15 @@ def since(problem: Problem, found: Fit, earlier: Earlier, structures: Mapping[st
     part = problem.replayed_by([problem.trials[k] for k in new], [problem.owners[k] for k in new])
     part = part.shortened(EXCERPT / len(new)) if part.duration > EXCERPT else part
     rows = places(problem.segments, part.segments, new)
-    known, residual = None, found.residual[rows]
+    known = None
     if earlier.lacked is not None:
         known = _known(part, found.space, earlier, earlier.lacked, structures)
         if known is None:
             return None
-        residual = known.residual
+    if explained(found.residual[rows]) if known is None else known.foretells:
+        return Since(known, [])
     others = {name: s for name, s in structures.items() if known is None or name != known.look.name}
-    return Since(known, [] if explained(residual) else Scan.of(problem, found, part, rows).favoured(others))
+    return Since(known, Scan.of(problem, found, part, rows).favoured(others))
 
 
 def _known(
@@ -107,4 +105,5 @@ def _known(
     ))  # fmt: skip
     shown = together(lacked.shown, len(earlier.recordings), came, len(set(part.owners)))
     look = Look(name, sizes, np.nan, came.gain, own)
-    return Known(look, replace(lacked, shown=shown), wider.residuals(values[None])[0])
+    foretells = came.holds or explained(wider.residuals(values[None])[0])
+    return Known(look, replace(lacked, shown=shown), foretells)
