@@ -10,7 +10,7 @@ else has made up for it?), the best of them by a fit, and kept by the rule of ev
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,7 +24,6 @@ from trueup.loop.earlier import Earlier
 from trueup.loop.fit import DESCENT, REFINEMENT, SHIPPED, Stage, fit
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.scans import Look, Scan
-from trueup.loop.segment import places
 from trueup.loop.selection import compared
 from trueup.loop.since import Known, since
 from trueup.loop.ties import EXCERPT
@@ -89,22 +88,13 @@ def missing(problem: Problem, found: Fit, earlier: Earlier | None = None) -> Mis
         return None if came.known is None else _still(came.known, found.space, structures)
     part = problem if problem.duration <= EXCERPT else problem.shortened(EXCERPT / len(problem.trials))
     if part is not problem:
-        found = _on_part(problem, found, part)
+        found = fit(part, found.space, found.values, Watch(), stages=REFINEMENT)
     without, tried = cautious_errors(part, found, by_stretch(part)), []
     for place, stages in _places_to_look_from(part, found):
         looks = came.looks if came is not None and place is found else Scan.of(part, place).favoured(structures)
         tried += _tried(part, place, looks, structures, stages, without)
     holding = [m for m in tried if m.shown.holds]
     return max(holding or tried, key=lambda m: m.shown.gain, default=None)
-
-
-def _on_part(problem: Problem, found: Fit, part: Problem) -> Fit:
-    """The fit of the beginnings of all trials, from that of all recordings and with its slopes."""
-    begun = None
-    if found.starts is None:
-        rows = places(problem.segments, part.segments, range(len(problem.trials)))
-        begun = replace(found, jacobian=found.jacobian[rows], near=None)
-    return fit(part, found.space, found.values, Watch(), stages=REFINEMENT, begun=begun)
 
 
 def _places_to_look_from(problem: Problem, found: Fit) -> list[tuple[Fit, Sequence[Stage]]]:
