@@ -98,8 +98,10 @@ class Run:
             self._searched(self.look)
 
     def on(self) -> None:
-        """Goes through the last look once more, with the slopes at hand as long as they serve."""
-        self._searched(self.look, confirm=False)
+        """Goes through the last look once more, with the slopes at hand as long as they serve, until steps gain no more than
+        chance would.
+        """
+        self._searched(replace(self.look, tolerance=max(self.look.tolerance, 1.0)), confirm=False)
 
     @property
     def found(self) -> Fit:
