@@ -17,12 +17,10 @@ from trueup import formats
 from trueup.calibration import Estimate
 from trueup.cli import main
 from trueup.engines.vehicle import Vehicle, VehicleSimulator
-from trueup.engines.vehicle.actuators import weigh
 from trueup.engines.vehicle.family import BEGUN, LASTING, Vehicles
 from trueup.engines.vehicle.kernels import ANGLE, SPEED, STATE, WHEEL, motor_push, on_tyres, steered
 from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.prediction import horizons_for, prediction_errors
-from trueup.engines.vehicle.vehicle import TURNED
 from trueup.engines.vehicle.vehicle_file import read_vehicle, write_vehicle
 from trueup.errors import CalibrationError, ModelError, RecordingError, UnknownNameError
 from trueup.loop.prepare import prepare
@@ -400,24 +398,6 @@ def test_a_slow_wheel_is_where_all_commands_of_the_drive_have_brought_it() -> No
     drives = driven(5, 30.0, truth=SLOW_WHEEL)
     way = float(np.median(drives.channel("speed").values))  # m within a second
     assert prediction_errors(VehicleSimulator(SLOW_WHEEL), np.zeros(0), drives, (1.0,)).mean() < 0.02 * way
-
-
-def test_a_slow_wheel_whose_commands_were_not_recorded_is_where_the_car_turns() -> None:
-    drives, car = driven(5, 30.0, truth=SLOW_WHEEL), VehicleSimulator(SLOW_WHEEL)
-    way = float(np.median(drives.channel("speed").values))
-    logs = [cleaned(drives.slice(drives.start + k, drives.start + k + 2.0)) for k in range(4, 27)]
-    assert np.median([prediction_errors(car, np.zeros(0), log, (1.0,)).mean() for log in logs]) < 0.15 * way
-
-
-def test_what_commands_and_turn_rate_tell_of_a_wheel_is_weighed_by_their_noises() -> None:
-    """The product of two normal distributions, of a robot whose commanded turn rate is its turn rate."""
-    row = Vehicle("robot", 0.4, drive=TURNED, values={"turn_left": 1.0, "turn_right": 1.0}).row
-    for told, seen in ((0.3, 0.1), (0.1, 0.3), (0.01, 1.0)):
-        low, high = np.full(STATE, 0.5 - told), np.full(STATE, 0.5 + told)
-        weigh(row, 0.0, 0.8, seen**2, 10.0, low, high)
-        share = told**2 / (told**2 + seen**2)
-        assert 0.5 * (low + high)[WHEEL] == pytest.approx(0.5 + share * 0.3)
-        assert 0.5 * (high - low)[WHEEL] == pytest.approx(seen * np.sqrt(share))
 
 
 def test_a_noisy_tracker_tells_the_speed_better_by_the_last_seconds_than_by_the_last_samples() -> None:

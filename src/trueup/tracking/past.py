@@ -41,9 +41,6 @@ class Past:
     """(G,) for how many steps back it is known without a gap, at most PAST."""
     told: int
     """The first instant at which what is commanded is known."""
-    turn_noise: Array
-    """(G,) variance of the yaw rates in `seen`, rad^2/s^2, as all samples until then show it; infinite where nothing is known
-    and where its samples have told another one before."""
 
     @classmethod
     def of(cls, trial: Trial, step: float, labels: tuple[str, str], *, at_once: bool = False) -> Past:
@@ -58,10 +55,9 @@ class Past:
             )
         begin, grid = _grid(trial, step)
         commands = trial.command.select(labels).at(grid, hold=labels[0] != "speed")
-        seen, known, noise = _seen(trial.initial["position"], trial.initial["heading"], grid, step, at_once)
+        seen, known = _seen(trial.initial["position"], trial.initial["heading"], grid, step, at_once)
         lengths = np.clip(_run_lengths(known) - 1, 0, round(PAST / step)).astype(np.int64)
-        told = _first_of(trial.command, grid)
-        return cls(begin, step, np.ascontiguousarray(commands), seen, known, lengths, told, noise)
+        return cls(begin, step, np.ascontiguousarray(commands), seen, known, lengths, _first_of(trial.command, grid))
 
     @classmethod
     def at_start(cls, trial: Trial, step: float, labels: tuple[str, str]) -> Past:
@@ -79,8 +75,7 @@ class Past:
         seen, known = np.zeros((len(grid), READ)), np.zeros(len(grid), dtype=bool)
         first = round((PAST + SETTLE) / step)
         seen[first], known[first] = state, True
-        return cls(begin, step, commands, seen, known, np.zeros(len(grid), dtype=np.int64), _first_of(command, grid),
-                   np.full(len(grid), np.inf))  # fmt: skip
+        return cls(begin, step, commands, seen, known, np.zeros(len(grid), dtype=np.int64), _first_of(command, grid))
 
     def index(self, time: float) -> int:
         """The last grid instant at or before a time."""
@@ -141,12 +136,11 @@ def _first_of(command: Channel, grid: Array) -> int:
     return min(int(np.searchsorted(grid, command.time[0] - SAME_INSTANT)), len(grid) - 1)
 
 
-def _seen(position: Channel, heading: Channel, grid: Array, step: float, at_once: bool) -> tuple[Array, Mask, Array]:
-    """(G, READ) what was seen, (G,) where it is known, and (G,) the noise of its turn rates."""
+def _seen(position: Channel, heading: Channel, grid: Array, step: float, at_once: bool) -> tuple[Array, Mask]:
     good = np.isfinite(position.values).all(axis=1) & np.isfinite(heading.values[:, 0])
     seen, known = np.zeros((len(grid), READ)), np.zeros(len(grid), dtype=bool)
     if good.sum() < 3:
-        return seen, known, np.full(len(grid), np.inf)
+        return seen, known
     time = position.time[good]
     near = max(0.06, 2.5 * usual_step(time))
     after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
@@ -158,9 +152,9 @@ def _seen(position: Channel, heading: Channel, grid: Array, step: float, at_once
         for p in (np.stack(signals[:2], axis=1), signals[2][:, None])
     )
     long = max(short, turn, round(SPEED_WINDOW / step) + 1)
-    value = _at_the_end(short, step, 2)[0]
+    value, _ = _at_the_end(short, step, 2)
     seen[:, :2] = np.stack([_past_only(p, value) for p in (x, y)], axis=1)
-    value, slope, bend = _at_the_end(turn, step, 2)
+    value, slope = _at_the_end(turn, step, 2)
     seen[:, 2], seen[:, 4] = _past_only(angle, value), _past_only(angle, slope)
     # Along the car, step by step: a car that turns quickly bends its path within the window, not its speed.
     middle = angle - 0.5 * np.diff(angle, prepend=angle[0])
@@ -171,28 +165,7 @@ def _seen(position: Channel, heading: Channel, grid: Array, step: float, at_once
     value, slope = _at_the_end(long, step, 1)
     # Differences belong to the middle of a step.
     seen[:, 3] = _past_only(np.cos(middle) * dx + np.sin(middle) * dy, value + 0.5 * step * slope)
-    known = _run_lengths(measured) >= long
-    anew = known & (_run_lengths(known) % turn == 1)
-    # While it begins to turn, a car is late behind its wheels, and a parabola behind the car: by about half a window.
-    late = 0.5 * turn * step * _past_only(angle, 2.0 * bend)
-    noise = _slope_noise(grid, time, signals[2], turn * step) + late**2
-    return seen, known, np.where(anew, noise, np.inf)
-
-
-def _slope_noise(grid: Array, time: Array, values: Array, length: float) -> Array:
-    """(G,) variance of slopes at the end of a parabola through the last `length` s of samples (T,), until each instant.
-
-    Their noise is what third differences tell, of which motion is a small part; infinite where there are too few.
-    """
-    period = usual_step(time)
-    whole = time[3:] - time[:-3] < 6.0 * period  # without gaps
-    until = np.clip(np.searchsorted(time, grid, side="right") - 3, 0, None)
-    squares, count = (
-        np.concatenate([[0.0], np.cumsum(np.where(whole, each, 0.0))])[until]
-        for each in (np.diff(values, 3) ** 2 / 20.0, 1.0)
-    )
-    slope = _at_the_end(max(round(length / period), 3), period, 2)[1]
-    return np.where(count > 0.0, squares / np.maximum(count, 1.0), np.inf) * float(slope @ slope)
+    return seen, _run_lengths(measured) >= long
 
 
 def _samples(points: Array) -> int:
@@ -217,10 +190,11 @@ def _squares(off: Array) -> tuple[Array, Array]:
     return squares, np.full(len(squares), 20.0 * float(np.median(squares)))
 
 
-def _at_the_end(width: int, step: float, degree: int) -> Array:
-    """(degree + 1, width) weights that give value, slope and half the bend of a polynomial at the last of `width` samples."""
+def _at_the_end(width: int, step: float, degree: int) -> tuple[Array, Array]:
+    """(width,) weights that give value and slope of a fitted polynomial at the last of `width` samples."""
     t = step * np.arange(1 - width, 1, dtype=np.float64)
-    return np.asarray(np.linalg.pinv(np.stack([t**k for k in range(degree + 1)], axis=1)), dtype=np.float64)
+    weights = np.linalg.pinv(np.stack([t**k for k in range(degree + 1)], axis=1))
+    return weights[0], weights[1]
 
 
 def _past_only(path: Array, weights: Array) -> Array:

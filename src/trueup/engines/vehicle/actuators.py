@@ -1,38 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Where steering and motor are along a drive: run under all of its commands, and until these tell the wheel, as it turns."""
+"""Where steering and motor are along a drive: run under all of its commands."""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 
 from trueup.arrays import Array
 from trueup.compiled import njit
 from trueup.engines.vehicle.kernels import (
-    ANGLE,
     DRIVE_DELAY,
     LAGGED,
     MAX_STEERING,
     MOTOR,
-    RELAXATION,
     SLACK,
-    SLOW,
     STATE,
     STEERING_DELAY,
     WHEEL,
     moves_wheels,
-    share_of,
-    steady_turn,
-    steered,
     step_actuators,
     step_steering,
 )
-from trueup.rounding import ROUNDED, TINY
 
 ACTUATORS = (LAGGED, SLACK, WHEEL, MOTOR)
-"""Columns of a way (G, 4): what of the state actuators are, at each instant of a grid; the steering in the first three."""
-STEERING = 3
+"""Columns of a way (G, 4): what of the state actuators are, at each instant of a grid."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -77,69 +67,18 @@ def wheels_told(p: Array, dt: float, commands: Array, k: int) -> tuple[float, fl
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def run_actuators(p: Array, dt: float, commands: Array, told: int, end: int, shares: Array, way: Array) -> float:
-    """Writes way (n, 4) under all commands since grid instant `told`, the first that is known.
+def run_actuators(p: Array, dt: float, commands: Array, told: int, shares: Array, way: Array) -> None:
+    """Writes way (n, 4) under all commands (G, 2) since grid instant `told`, the first that is known.
 
-    Until then everything stands where that command has it. Returns how far the wheel is from where it is told to be, as a
-    root mean square until instant `end`, in units of the command.
+    Until then everything stands where that command has it.
     """
-    s, behind = np.zeros(STATE), 0.0
+    s = np.zeros(STATE)
     s[MOTOR], s[WHEEL] = wheels_told(p, dt, commands, told)
     s[LAGGED] = s[SLACK] = s[WHEEL]
-    for k in range(max(end, len(way))):
-        if k < len(way):
-            for c in range(len(ACTUATORS)):
-                way[k, c] = s[ACTUATORS[c]]
+    for k in range(len(way)):
+        for c in range(len(ACTUATORS)):
+            way[k, c] = s[ACTUATORS[c]]
         if k >= told:
             drive, steering = wheels_told(p, dt, commands, k)
-            behind += (s[WHEEL] - steering) ** 2
             s[MOTOR] += shares[0] * (drive - s[MOTOR])
             step_steering(p, dt, steering, shares[1], s)
-    return math.sqrt(behind / max(end - told, 1))
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def tell_wheel(
-    p: Array, dt: float, commands: Array, seen: Array, noise: Array, spread: float, told: int, share: float, way: Array
-) -> None:  # fmt: skip
-    """Steering of a way (n, 4) while it has not forgotten what came before the commands: a slow wheel may be anywhere.
-
-    Two states a standard deviation to either side of the wheel, `spread` (units of the command) when the commands begin, run
-    under these (sigma points: S. J. Julier, J. K. Uhlmann, Unscented filtering and nonlinear estimation, Proc. IEEE 92(3),
-    2004) and draw near. Until they meet, turn rates that are seen, of variances `noise` (G,), move them by what these tell.
-    """
-    first = told + math.ceil(max(p[STEERING_DELAY], 0.0) / dt)
-    low, high, reach = np.zeros(STATE), np.zeros(STATE), np.abs(commands[:, 1]).max()
-    middle = wheels_told(p, dt, commands, first)[1]
-    low[LAGGED] = low[SLACK] = low[WHEEL] = middle - spread
-    high[LAGGED] = high[SLACK] = high[WHEEL] = middle + spread
-    low[ANGLE], high[ANGLE] = steered(p, low[WHEEL]), steered(p, high[WHEEL])
-    for k in range(first, len(way)):
-        if noise[k] < np.inf:
-            weigh(p, seen[k, 3], seen[k, 4], noise[k], reach, low, high)
-        apart = 0.0
-        for c in range(STEERING):
-            n = ACTUATORS[c]
-            apart += high[n] - low[n] + abs(0.5 * (low[n] + high[n]) - way[k, c])
-            way[k, c] = 0.5 * (low[n] + high[n])
-        if apart < ROUNDED:
-            return
-        steering, rolled = wheels_told(p, dt, commands, k)[1], share_of(p[RELAXATION], dt * max(abs(seen[k, 3]), SLOW))
-        for s in (low, high):
-            step_steering(p, dt, steering, share, s)
-            s[ANGLE] += rolled * (steered(p, s[WHEEL]) - s[ANGLE])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def weigh(p: Array, speed: float, turn: float, noise: float, reach: float, low: Array, high: Array) -> None:
-    """A turn rate that is seen at a speed, of variance `noise`, moves two states a standard deviation from their mean."""
-    below, above = steady_turn(p, speed, low[ANGLE]), steady_turn(p, speed, high[ANGLE])
-    half = 0.5 * (above - below)
-    doubt = half * half + max(noise, TINY)
-    shift, left = half * (turn - 0.5 * (below + above)) / doubt, math.sqrt(noise / doubt)
-    for c in (LAGGED, SLACK, WHEEL, ANGLE):
-        middle, apart = 0.5 * (low[c] + high[c]), 0.5 * (high[c] - low[c])
-        middle += shift * apart
-        if c != ANGLE:
-            middle = min(max(middle, -reach), reach)
-        low[c], high[c] = middle - left * apart, middle + left * apart

@@ -95,7 +95,7 @@ def step_actuators(p: Array, dt: float, drive: float, steering: float, shares: A
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def step_steering(p: Array, dt: float, steering: float, share: float, s: Array) -> None:
-    """Lag, slack and rate limit of the steering: of two states of it one stays beyond the other, and they draw near."""
+    """Lag, slack and rate limit of the steering."""
     s[LAGGED] += share * (min(max(steering, -p[MAX_STEERING]), p[MAX_STEERING]) - s[LAGGED])
     gap = 0.5 * p[STEERING_SLACK]
     s[SLACK] = min(max(s[SLACK], s[LAGGED] - gap), s[LAGGED] + gap)
@@ -224,19 +224,6 @@ def in_steady_curve(p: Array, s: Array) -> None:
     s[ANGLE], s[TURNING] = angle, v * math.tan(angle) / (front + rear + (ahead - behind) * v * v)
     s[FRONT_SLIP], s[REAR_SLIP] = ahead * v * s[TURNING], behind * v * s[TURNING]
     s[SIDEWAYS] = rear * s[TURNING] - v * s[REAR_SLIP]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def steady_turn(p: Array, speed: float, angle: float) -> float:
-    """The turn rate in rad/s at a speed with the wheels long at an angle (`steered`), if nothing slides."""
-    v = p[WHEEL_SCALE] * speed
-    if p[TURNS] > 0.0:
-        return angle + p[VEER] * v
-    bends = p[UNDERSTEER]
-    if p[GRIP] > 0.0 or p[REAR_COMPLIANCE] > 0.0:
-        front_grip, rear_grip, _, _ = tyres(p)
-        bends = (p[WEIGHT_IN_FRONT] / front_grip - (1.0 - p[WEIGHT_IN_FRONT]) / rear_grip) / p[WHEELBASE]
-    return v * math.tan(angle) / (p[WHEELBASE] * (1.0 + bends * v * v))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

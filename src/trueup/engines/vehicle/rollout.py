@@ -48,7 +48,7 @@ class VehicleSimulator:
     `step` (s) is that of STEP unless told otherwise. Under recorded commands each trial is predicted in stretches of
     `horizon` s (None: as HORIZON has it). An endless one starts from what was measured around the trial's start. Any
     other starts from the pose and velocity measured until then, with steering and motor where all past commands brought
-    them (a slow wheel that these do not tell yet: as the car turns), and with what the last seconds showed beyond the
+    them, and with what the last seconds showed beyond the
     model: a push (battery, slope), a wheel angle, a turn of the tracked heading.
 
     Localisation noise is the same for all candidates (drawn from `seed`) and acts in closed loop only: under recorded
@@ -180,8 +180,7 @@ class VehicleSimulator:
         lengths = past.lengths[starts]
         in_threads(
             lambda i: replay_rows(
-                rows[i], past.step, past.commands, past.told, past.seen, past.turn_noise, starts, lengths, past.settle, first,
-                since, out[i],
+                rows[i], past.step, past.commands, past.told, past.seen, starts, lengths, past.settle, first, since, out[i],
             ),
             len(rows), self._threads or cores(), timed=True,
         )  # fmt: skip
