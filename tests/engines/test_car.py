@@ -390,16 +390,6 @@ def test_a_real_car_is_predicted_on_a_drive_that_was_not_fitted(real_data: Path,
     assert (errors.mean(axis=0) < [0.08, 0.25]).all()
 
 
-SLOW_WHEEL = replace(TRUTH, values={**HIDDEN, "steering_rate_limit": 0.3, "push_lasts": 0.0, "trim_lasts": 0.0})
-"""From one end of its range to the other its wheel takes 6 s, longer than the car is looked at before a prediction."""
-
-
-def test_a_slow_wheel_is_where_all_commands_of_the_drive_have_brought_it() -> None:
-    drives = driven(5, 30.0, truth=SLOW_WHEEL)
-    way = float(np.median(drives.channel("speed").values))  # m within a second
-    assert prediction_errors(VehicleSimulator(SLOW_WHEEL), np.zeros(0), drives, (1.0,)).mean() < 0.02 * way
-
-
 def test_a_noisy_tracker_tells_the_speed_better_by_the_last_seconds_than_by_the_last_samples() -> None:
     drive = driven(6, noise=0.01)
     at_once, kept = (

@@ -18,9 +18,7 @@ def growth_apart(run: Run) -> None:
         return
     look = Look("growth", part, part, 2.0, 10)
 
-    def settle(
-        descent: Descent, _: float
-    ) -> None:  # what signals share stays: without contact it holds the scale of torque
+    def settle(descent: Descent) -> None:  # what signals share stays: without contact it holds the scale of torque
         descent.point = apart(part, descent.space, [descent.point], descent.robust, _SETTLED)
         descent.stay(look)
 
@@ -40,7 +38,7 @@ def growth(run: Run) -> None:
     if run.later:
         if run.descent.search is None or len(run.descent.search.point) != len(run.descent.point):
             run.descent.descend(look)  # something was left out since
-        _grow(run, look, lambda descent, goal: descent.descend(look, goal=goal) and None)
+        _grow(run, look, lambda descent: descent.descend(look) and None)
     elif run.descent.watch.entered and look.problem is run.problem:
         entered, run.descent.watch.entered = run.descent.watch.entered, {}
         for structure, names in entered.items():

@@ -17,15 +17,14 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.evidence import Evidence, evidence
 from trueup.loop.apart import Part, parts_of
-from trueup.loop.carried import carry
 from trueup.loop.descent import Descent, Fit, Look, Watch
 from trueup.loop.selection import compared, elsewhere, told
 from trueup.loop.validate import foretold, settled_loss
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.search.robust import robust_losses
 
-Settle = Callable[[Descent, float], None]
-"""Where slopes lead from a descent's point; given up where they promise no loss below the number."""
+Settle = Callable[[Descent], None]
+"""Where slopes lead from a descent's point."""
 
 _PLACES = np.linspace(0.04, 0.96, 16)
 """Shares of the range in which a structure is looked for."""
@@ -55,7 +54,7 @@ def grown(
     for structure, declared in later.items():
         note = f"{structure} left out: nowhere are the recordings replayed better with it"
         for entered in _entered(descent, look, without, declared, early, alone):
-            settle(entered, without.loss)
+            settle(entered)
             with_it = entered.finished(look)
             if not robust_losses(with_it.residual[None], without.bend)[0] < without.loss:
                 continue
@@ -65,8 +64,8 @@ def grown(
                 if not alone:  # alone, the first scan is each joint's own
                     with_it = _closer(entered, look, declared, settle)
                     lower = foretold(look.problem, with_it)
-                again = _taken_out(descent, look, with_it, declared)
-                settle(again, without.loss)
+                again = _taken_out(descent, with_it, declared)
+                settle(again)
                 left = again.finished(look)
                 if left.loss < without.loss:
                     descent, without, errors = replace(again, watch=descent.watch), left, foretold(look.problem, left)
@@ -94,8 +93,6 @@ def still_needed(descent: Descent, look: Look, structure: str, names: Sequence[s
     for point in (with_it.unit[kept], np.clip(space.to_unit(descent.watch.bare), 0.0, 1.0)):
         without = replace(descent, space=space, watch=Watch(), search=None)
         without.restart(point)
-        if not tried:
-            carry(without, look, with_it)
         without.descend(look)
         tried.append((without, without.finished(look)))
     without, left = min(tried, key=lambda t: t[1].loss)
@@ -124,8 +121,7 @@ def _closer(descent: Descent, look: Look, declared: Mapping[str, Parameter], set
         if not min(losses) < losses[len(losses) // 2] - look.problem.chance(found.residual):
             break
         descent.restart(places[int(np.argmin(losses))])
-        carry(descent, look, found)
-        settle(descent, found.loss)
+        settle(descent)
         before, found = found, descent.finished(look)
         if not found.loss < before.loss:
             descent.restart(before.unit)
@@ -157,12 +153,11 @@ def _compared(without: Array, with_it: Array) -> Evidence:
     return evidence(without, with_it, 0.5 * (without**2 + with_it**2))
 
 
-def _taken_out(descent: Descent, look: Look, with_it: Fit, declared: Mapping[str, Parameter]) -> Descent:
+def _taken_out(descent: Descent, with_it: Fit, declared: Mapping[str, Parameter]) -> Descent:
     """The search without a structure, from where it has led with it."""
     free = [p.name for p in with_it.space.parameters if not p.frozen]
     again = replace(descent, watch=Watch(), search=None)
     again.restart(with_it.unit[[name not in declared for name in free]])
-    carry(again, look, with_it)
     return again
 
 
@@ -179,7 +174,9 @@ def _entered(
     point = np.full(len(free), 0.5)
     point[~entering] = without.unit
     parts = _parts(look, space, point, alone)
-    offset = without.residual - look.cheap.residuals(without.values[None])[0]
+    offset = np.zeros(len(without.residual))
+    if look.cheap.simulator is not look.problem.simulator:
+        offset = without.residual - look.cheap.residuals(without.values[None])[0]
     old = np.cumsum(~entering) - 1  # places of the other parameters among those of the fit without it
 
     def near(part: Part, residual: Array) -> float:
@@ -190,7 +187,8 @@ def _entered(
     def far(part: Part, residual: Array) -> float:
         return float(np.nan_to_num(robust_losses(residual[None, part.residuals], without.bend)[0], nan=np.inf))
 
-    bases = ((point, near), *((np.where(entering, point, np.clip(space.to_unit(v), 0.0, 1.0)), far) for v in early))
+    begun = [np.clip(space.to_unit(values), 0.0, 1.0) for values in early]
+    bases = ((point, near), *((np.where(entering, point, unit), far) for unit in begun))
     places, worth, found = _places(1 if alone else int(entering.sum())), look.problem.chance(without.residual), []
     for k, (base, loss) in enumerate(bases):
         if found and (alone or k > 1):
@@ -205,10 +203,7 @@ def _entered(
             if len(own) and min(losses) < loss(part, absent) - worth * len(own):
                 place[own], gained[own] = rows[int(np.argmin(losses)), own], True
         if gained.any():
-            names = {n for n, g in zip(free, gained, strict=True) if g}
-            found.append(_thawed(descent, space, declared, place, names))
-            if loss is near and not alone:
-                carry(found[-1], look, without)
+            found.append(_thawed(descent, space, declared, place, {n for n, g in zip(free, gained, strict=True) if g}))
     return found
 
 

@@ -39,8 +39,6 @@ class Past:
     """(G,) where `seen` is known."""
     lengths: Integers
     """(G,) for how many steps back it is known without a gap, at most PAST."""
-    told: int
-    """The first instant at which what is commanded is known."""
 
     @classmethod
     def of(cls, trial: Trial, step: float, labels: tuple[str, str], *, at_once: bool = False) -> Past:
@@ -57,7 +55,7 @@ class Past:
         commands = trial.command.select(labels).at(grid, hold=labels[0] != "speed")
         seen, known = _seen(trial.initial["position"], trial.initial["heading"], grid, step, at_once)
         lengths = np.clip(_run_lengths(known) - 1, 0, round(PAST / step)).astype(np.int64)
-        return cls(begin, step, np.ascontiguousarray(commands), seen, known, lengths, _first_of(trial.command, grid))
+        return cls(begin, step, np.ascontiguousarray(commands), seen, known, lengths)
 
     @classmethod
     def at_start(cls, trial: Trial, step: float, labels: tuple[str, str]) -> Past:
@@ -75,7 +73,7 @@ class Past:
         seen, known = np.zeros((len(grid), READ)), np.zeros(len(grid), dtype=bool)
         first = round((PAST + SETTLE) / step)
         seen[first], known[first] = state, True
-        return cls(begin, step, commands, seen, known, np.zeros(len(grid), dtype=np.int64), _first_of(command, grid))
+        return cls(begin, step, commands, seen, known, np.zeros(len(grid), dtype=np.int64))
 
     def index(self, time: float) -> int:
         """The last grid instant at or before a time."""
@@ -130,10 +128,6 @@ def _grid(trial: Trial, step: float) -> tuple[float, Array]:
     count = lead + int(np.ceil(trial.duration / step)) + 3
     begin = trial.start - lead * step
     return begin, begin + step * np.arange(count, dtype=np.float64)
-
-
-def _first_of(command: Channel, grid: Array) -> int:
-    return min(int(np.searchsorted(grid, command.time[0] - SAME_INSTANT)), len(grid) - 1)
 
 
 def _seen(position: Channel, heading: Channel, grid: Array, step: float, at_once: bool) -> tuple[Array, Mask]:

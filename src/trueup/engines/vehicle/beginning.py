@@ -9,12 +9,13 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.compiled import njit
-from trueup.engines.vehicle.actuators import advance, take
 from trueup.engines.vehicle.kernels import (
     ANGLE,
     DRIVE,
+    DRIVE_DELAY,
     GRIP,
     HEADING,
+    LAGGED,
     LASTS,
     POSE_AHEAD,
     POSE_TURN,
@@ -22,8 +23,10 @@ from trueup.engines.vehicle.kernels import (
     PUSH_LASTS,
     REAR_COMPLIANCE,
     SIDEWAYS,
+    SLACK,
     SPEED,
     SPEED_KEPT,
+    STEERING_DELAY,
     TRIM,
     TRIM_LASTS,
     TURNING,
@@ -38,10 +41,31 @@ from trueup.engines.vehicle.kernels import (
     resistance,
     share_of,
     steered,
+    step_actuators,
     step_chassis,
 )  # fmt: skip
 from trueup.rounding import NEGLIGIBLE
 from trueup.tracking.past import MOVES
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def delayed(values: Array, column: int, last: int, at: float, before: float) -> float:
+    """A signal given at each instant of a grid up to `last`, at a fraction of an instant; `before` until the first."""
+    if at >= last:
+        return values[last, column]
+    if at < 0.0:
+        return values[0, column] + min(-at, 1.0) * (before - values[0, column])
+    i = int(at)
+    return values[i, column] + (at - i) * (values[i + 1, column] - values[i, column])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance(p: Array, dt: float, commands: Array, k: int, shares: Array, s: Array) -> None:
+    """The actuators one step on from grid instant k, under commands (G, 2): throttle or speed, and steering."""
+    last = len(commands) - 1
+    drive = delayed(commands, 0, last, k - p[DRIVE_DELAY] / dt, commands[0, 0])
+    steering = delayed(commands, 1, last, k - p[STEERING_DELAY] / dt, commands[0, 1])
+    step_actuators(p, dt, drive, steering, shares, s)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -81,28 +105,28 @@ def out_of_steady_curve(p: Array, dt: float, commands: Array, k0: int, k1: int, 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def begin(
-    p: Array, dt: float, commands: Array, seen: Array, way: Array, k0: int, past: int, settle: int, shares: Array, s: Array
-) -> None:  # fmt: skip
+    p: Array, dt: float, commands: Array, seen: Array, k0: int, past: int, settle: int, shares: Array, s: Array
+) -> None:
     """The state at grid instant k0 from what was commanded and seen until then.
 
-    seen (G, 5) x, y, heading, forward speed of the tracked point, yaw rate; way (G, 4) the actuators. The model is run over
-    the last `past` steps: how much slower or faster the car was tells PUSH (and, as far as SPEED_KEPT says, the speed now:
-    with less noise than the last samples, but later), and how much more it turned tells TRIM. Where no past is seen, tyres
-    that slip are where the commands of the last `settle` steps have brought them from a steady curve.
+    seen (G, 5) x, y, heading, forward speed of the tracked point, yaw rate. The model is run over the last `past` steps: how
+    much slower or faster the car was tells PUSH (and, as far as SPEED_KEPT says, the speed now: with less noise than the
+    last samples, but later), and how much more it turned tells TRIM. `settle` steps of commands come before. Where no past is
+    seen, tyres that slip are where these commands have brought them from a steady curve.
     """
     first = k0 - past
     s[:] = 0.0
+    s[LAGGED] = s[SLACK] = s[WHEEL] = commands[max(first - settle, 0), 1]
     slips = past == 0 and p[GRIP] == 0.0 and p[REAR_COMPLIANCE] > 0.0
     if slips:
-        take(way, max(first - settle, 0), s)
         out_of_steady_curve(p, dt, commands, max(first - settle, 0), k0, shares, s)
     bent, driven, share, forward = 0.0, 0.0, share_of(LASTS / 3.0, dt), seen[k0, 3]
     moments = np.zeros(7)
     moments[1] = moments[4] = 1.0
-    for k in range(first, k0):
-        if not p[DRIVE] > 0.0:
-            advance(p, dt, commands, k, shares, s)
-        take(way, k + 1, s)
+    for k in range(k0 if slips else max(first - settle, 0), k0):
+        advance(p, dt, commands, k, shares, s)
+        if k < first:
+            continue
         if k == first:
             s[SPEED], s[TURNING], s[ANGLE] = seen[k, 3], seen[k, 4], steered(p, s[WHEEL])
         step_chassis(p, dt, s)
@@ -119,7 +143,6 @@ def begin(
         s[PUSH] = p[PUSH_LASTS] * (at_once + p[SPEED_KEPT] * (push - at_once))
         s[TRIM] = p[TRIM_LASTS] * bent
         forward += p[SPEED_KEPT] * (s[SPEED] + faster - forward)
-    take(way, k0, s)
     if past == 0:
         s[SIDEWAYS] += p[WHEELBASE] * p[WEIGHT_IN_FRONT] * (seen[k0, 4] - s[TURNING]) if slips else 0.0
         s[TURNING], s[ANGLE] = seen[k0, 4], steered(p, s[WHEEL])

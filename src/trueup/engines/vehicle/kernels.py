@@ -74,29 +74,16 @@ def beyond(command: float, dead: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def moves_wheels(p: Array, drive: float, steering: float) -> tuple[float, float]:
-    """What of both commands moves two driven wheels, each of which stands still within its dead zone; others all."""
-    if p[TURNS] > 0.0 and p[THROTTLE_DEAD] > 0.0:
-        left, right = beyond(drive - 0.5 * steering, p[THROTTLE_DEAD]), beyond(drive + 0.5 * steering, p[THROTTLE_DEAD])
-        return 0.5 * (left + right), right - left
-    return drive, steering
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def step_actuators(p: Array, dt: float, drive: float, steering: float, shares: Array, s: Array) -> None:
     """Motor and steering follow their delayed commands; `shares` (2,) are `share_of` their lags."""
-    drive, steering = moves_wheels(p, drive, steering)
+    if p[TURNS] > 0.0 and p[THROTTLE_DEAD] > 0.0:
+        left, right = beyond(drive - 0.5 * steering, p[THROTTLE_DEAD]), beyond(drive + 0.5 * steering, p[THROTTLE_DEAD])
+        drive, steering = 0.5 * (left + right), right - left
     if p[DRIVE] > 0.0:
         s[MOTOR] += shares[0] * (drive - s[MOTOR])
     else:
         s[SPEED] = toward(s[SPEED], s[SPEED] + shares[0] * (drive - s[SPEED]), p[ACCELERATION_LIMIT] * dt)
-    step_steering(p, dt, steering, shares[1], s)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def step_steering(p: Array, dt: float, steering: float, share: float, s: Array) -> None:
-    """Lag, slack and rate limit of the steering."""
-    s[LAGGED] += share * (min(max(steering, -p[MAX_STEERING]), p[MAX_STEERING]) - s[LAGGED])
+    s[LAGGED] += shares[1] * (min(max(steering, -p[MAX_STEERING]), p[MAX_STEERING]) - s[LAGGED])
     gap = 0.5 * p[STEERING_SLACK]
     s[SLACK] = min(max(s[SLACK], s[LAGGED] - gap), s[LAGGED] + gap)
     s[WHEEL] = toward(s[WHEEL], s[SLACK], p[STEERING_RATE] * dt)

@@ -10,8 +10,7 @@ import numpy as np
 from trueup.arrays import Array, Integers, Mask
 from trueup.compiled import njit
 from trueup.controllers.stanley.kernel import MEMORY, stanley
-from trueup.engines.vehicle.actuators import ACTUATORS, advance, delayed, run_actuators
-from trueup.engines.vehicle.beginning import begin
+from trueup.engines.vehicle.beginning import advance, begin, delayed
 from trueup.engines.vehicle.kernels import (
     DRIVE,
     DRIVE_DELAY,
@@ -83,14 +82,13 @@ def read_off(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def replay_rows(
-    rows: Array, dt: float, commands: Array, told: int, seen: Array, starts: Integers, pasts: Integers,
-    settle: int, first: Integers, times: Array, out: Array,
+    rows: Array, dt: float, commands: Array, seen: Array, starts: Integers, pasts: Integers, settle: int, first: Integers,
+    times: Array, out: Array,
 ) -> None:  # fmt: skip
     """Open loop for all rows (b, n): stretch j begins at grid instant starts[j], is read at times[first[j]:first[j+1]].
 
-    commands (G, 2), known from grid instant `told` on, seen (G, 5) on the grid; pasts (S,) how many steps of the past are
-    known; times since the start of their stretch, ascending; out (b, len(times), READ). Commands count at any time, what was
-    seen only until the start.
+    commands (G, 2), seen (G, 5) on the grid; pasts (S,) how many steps of the past are known; times since the start of
+    their stretch, ascending; out (b, len(times), READ). Commands count at any time, what was seen only until the start.
     Nobody reacts to noise here, so there is none.
     """
     s, shares, silence = np.empty(STATE), np.empty(2), np.zeros((1, 3))
@@ -98,15 +96,13 @@ def replay_rows(
     for j in range(len(times)):
         longest = max(longest, times[j])
     history = np.empty((math.ceil(longest / dt - SAME_INSTANT) + 2, READ))
-    way = np.empty((starts.max() + 1 if len(starts) else 0, len(ACTUATORS)))
     for i in range(rows.shape[0]):
         p = rows[i]
         shares[0], shares[1] = share_of(p[DRIVE_LAG], dt), share_of(p[STEERING_LAG], dt)
-        run_actuators(p, dt, commands, told, shares, way)
         for j in range(len(starts)):
             if first[j] == first[j + 1]:
                 continue
-            begin(p, dt, commands, seen, way, starts[j], pasts[j], settle, shares, s)
+            begin(p, dt, commands, seen, starts[j], pasts[j], settle, shares, s)
             keep(p, s, history[0])
             steps = math.ceil(times[first[j + 1] - 1] / dt - SAME_INSTANT)
             for k in range(steps):

@@ -47,9 +47,9 @@ class VehicleSimulator:
 
     `step` (s) is that of STEP unless told otherwise. Under recorded commands each trial is predicted in stretches of
     `horizon` s (None: as HORIZON has it). An endless one starts from what was measured around the trial's start. Any
-    other starts from the pose and velocity measured until then, with steering and motor where all past commands brought
-    them, and with what the last seconds showed beyond the
-    model: a push (battery, slope), a wheel angle, a turn of the tracked heading.
+    other starts from the pose and velocity measured until then, with steering and motor where the past commands brought
+    them, and with what the last seconds showed beyond the model: a push (battery, slope), a wheel angle, a turn of the
+    tracked heading.
 
     Localisation noise is the same for all candidates (drawn from `seed`) and acts in closed loop only: under recorded
     commands nobody reacts to it. `compiled=False` runs the Stanley controller in plain numpy, as any other one.
@@ -180,10 +180,12 @@ class VehicleSimulator:
         lengths = past.lengths[starts]
         in_threads(
             lambda i: replay_rows(
-                rows[i], past.step, past.commands, past.told, past.seen, starts, lengths, past.settle, first, since, out[i],
+                rows[i], past.step, past.commands, past.seen, starts, lengths, past.settle, first, since, out[i]
             ),
-            len(rows), self._threads or cores(), timed=True,
-        )  # fmt: skip
+            len(rows),
+            self._threads or cores(),
+            timed=True,
+        )
         return out
 
     def _stretches(self, trial: Trial, times: Array) -> tuple[Array, Integers, Integers]:
