@@ -64,7 +64,7 @@ def test_slopes_taken_for_the_next_look_are_no_slopes_of_a_search_with_one_param
     look = last_look(problem, problem)
     run.descend(look)
     assert not run.choose(look, lambda problem, found: SPACE)  # nothing is frozen; slopes wait for the next look
-    held = _held(run, look, 1, 0.5, run.finished(look))
+    held = _held(run, look, 1, 0.5)
     assert held.point[1] == 0.5
     assert held.loss > run.descend(look).loss
 

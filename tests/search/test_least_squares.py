@@ -110,24 +110,3 @@ def test_a_place_that_differs_by_rounding_when_seen_again_is_the_end_not_a_circl
         again = 1e-12 if search.jacobian is None else 0.0
         search.tell(candidates, np.array([residual(c) for c in candidates]) + again)
     assert search.done
-
-
-def test_a_search_whose_slopes_promise_less_than_is_known_from_elsewhere_is_given_up() -> None:
-    matrix = np.random.default_rng(0).standard_normal((300, 6))
-
-    def residual(unit: Array) -> Array:
-        return 20.0 + matrix @ (np.exp(unit) - 1.3)
-
-    def searched(goal: float) -> tuple[LeastSquares, int]:
-        search, asked = LeastSquares(np.full(6, 0.9), np.zeros(6), robust=np.inf, tolerance=1e-9, goal=goal), 0
-        while not search.done:
-            candidates = search.ask()
-            asked += len(candidates)
-            search.tell(candidates, np.array([residual(c) for c in candidates]))
-        return search, asked
-
-    best, all_ = searched(np.inf)
-    reached, _ = searched(1.01 * best.loss)
-    _, few = searched(0.9 * best.loss)
-    assert reached.loss == pytest.approx(best.loss, rel=1e-6)
-    assert few == 7 < all_

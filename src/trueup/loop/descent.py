@@ -19,7 +19,7 @@ from trueup.parameters import ParameterSpace
 from trueup.rounding import NEGLIGIBLE
 from trueup.search.bounded_step import careful_difference
 from trueup.search.least_squares import LeastSquares
-from trueup.search.robust import robust_losses
+from trueup.search.robust import robust_losses, robust_weights
 
 Progress = Callable[[TracePoint], None]
 Checkpoint = Callable[[dict[str, Any]], None]
@@ -150,12 +150,12 @@ class Descent:
 
     def descend(
         self, look: Look, nudge: float = 0.0, saved: dict[str, Any] | None = None, *, confirm: bool = True,
-        impatient: bool = False, goal: float = np.inf,
+        impatient: bool = False,
     ) -> LeastSquares:  # fmt: skip
-        """Least squares on one look, to its end; the last one takes slopes there, to `confirm`. `goal`: see LeastSquares."""
+        """Least squares on one look, to its end; the last one takes slopes there, to `confirm`."""
         slopes = self._at_hand(look)
         search, self.near, self._slopes = self._begun(look, nudge, confirm), None, None
-        search.impatient, search.goal = impatient, goal
+        search.impatient = impatient
         if saved is not None:
             search.resume(saved)
         elif slopes is not None:
@@ -185,22 +185,21 @@ class Descent:
         """Goes on from another `point` (n_free,), where slopes that were taken for the next look do not hold."""
         self.point, self._slopes = point, None
 
-    def polish(self, look: Look, confirm: bool = True) -> LeastSquares:
+    def polish(self, look: Look) -> LeastSquares:
         """The last look where slopes come from a cheaper problem. The cheaper one is solved at the level of the real one,
-        which is looked at again where that ends: one simulation of the real problem each time round. Slopes are taken where
-        the first ends, to `confirm`.
+        which is looked at again where that ends: one simulation of the real problem each time round.
         """
         rounds = 3  # approximations at most; then the real problem is searched, unless no such model explains the robot
         begun, fine = self.point, self._residual(look.problem)
         for left in reversed(range(rounds)):
-            first = left == rounds - 1
+            confirm = left == rounds - 1
             near = look.cheap.at_level(self.space.from_unit(self.point), fine)
             if near is None:
                 return self.descend(replace(look, cheap=look.problem))
-            search = self.descend(replace(look, problem=near, cheap=near), confirm=confirm and first, impatient=True)
+            search = self.descend(replace(look, problem=near, cheap=near), confirm=confirm, impatient=True)
             before, fine = fine, self._residual(look.problem)
             old, new = robust_losses(np.stack([before, fine]), search.delta)
-            if not new < old and first:
+            if not new < old and confirm:
                 break
             if not new < old:
                 search.point, search.residual, search.loss = begun, before, float(old)
@@ -210,13 +209,13 @@ class Descent:
             self.near = look.cheap.at_level(self.space.from_unit(self.point), fine)
             if search.stuck and explained(fine):
                 # A crack in the cheaper problem need not be one in the real one: its slopes lead on there.
-                return self.descend(look, confirm=False)
+                return self.descend(look)
             if old - new < _SETTLED * old or (left == 0 and not explained(fine)):
                 self._slopes = None
                 return search
             begun = self.point
         self.point, self._slopes = begun, None
-        return self.descend(look, confirm=confirm)
+        return self.descend(look)
 
     def led(self, look: Look) -> LeastSquares | None:
         """Where slopes lead from here at the real step; stays here. None where that fails, or is what was looked at."""
@@ -226,11 +225,6 @@ class Descent:
         if not np.isfinite(self._residual(real.problem)).all():
             return None  # where the coarser step led, the real one fails
         return replace(self).polish(real)
-
-    @property
-    def informed(self) -> bool:
-        """Whether slopes for the next look are at hand."""
-        return self._slopes is not None
 
     def take_up(self, slopes: Array) -> None:
         """Begins the next look with `slopes` (m, n_free) of its residuals here, known from elsewhere."""
@@ -280,6 +274,15 @@ class Descent:
             raise CalibrationError("the search ended without slopes")
         point, last = search.point, (search.weights(), search.done, search.loss, search.delta)
         return Fit(self.space, point, search.residual, search.jacobian, *last, near=self.near)
+
+
+def descended(problem: Problem, fit: Fit, start: Array, robust: float) -> Fit:
+    """Where slopes lead from `start` (n_free,), judged by the same measure as `fit`: its loss may be higher."""
+    run, look = Descent(fit.space, np.clip(start, 0.0, 1.0), Watch(), robust), last_look(problem, problem)
+    run.descend(look)
+    found = run.finished(look)
+    loss = float(robust_losses(found.residual[None], fit.bend)[0])
+    return replace(found, bend=fit.bend, loss=loss, weights=robust_weights(found.residual, fit.bend), near=None)
 
 
 def explained(residual: Array | None) -> bool:

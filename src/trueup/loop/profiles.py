@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.loop.carried import carry
-from trueup.loop.descent import Descent, Fit, Look, explained, last_look
+from trueup.loop.descent import Descent, Look, explained, last_look
 from trueup.loop.elsewhere import EDGE, LOOKED_AT
 from trueup.loop.limits import is_limit
 from trueup.loop.probe import ROUGH, unexplained
@@ -70,13 +69,12 @@ def _promises(run: Run, k: int) -> bool:
 def _along_profile(run: Run, k: int, reach: float, width: float) -> None:
     descent, problem = run.descent, run.look.problem
     look = replace(last_look(problem, problem), tolerance=1.0, last=False)
-    found = descent.finished(run.look)
-    worth = problem.chance(found.residual)
-    begun, best = descent.point[k], _held(descent, look, k, float(descent.point[k]), found)
+    worth = problem.chance(descent.finished(run.look).residual)
+    begun, best = descent.point[k], _held(descent, look, k, float(descent.point[k]))
     while reach >= 0.5 * width:
         places = np.clip(best.place + np.array([-reach, reach]), 0.0, 1.0)
         tried = [
-            _held(replace(descent, point=best.point), look, k, place, found, best.loss)
+            _held(replace(descent, point=best.point), look, k, place)
             for place in places.tolist()
             if place != best.place
         ]
@@ -99,10 +97,8 @@ class _Held:
     loss: float
 
 
-def _held(descent: Descent, look: Look, k: int, place: float, known: Fit, goal: float = np.inf) -> _Held:
-    """Where the other parameters settle with parameter `k` of the free ones held at `place` in the unit box, begun with
-    the slopes of a fit; given up where slopes promise no loss below `goal`.
-    """
+def _held(descent: Descent, look: Look, k: int, place: float) -> _Held:
+    """Where the other parameters settle with parameter `k` of the free ones held at `place` in the unit box."""
     free = [p.name for p in descent.space.parameters if not p.frozen]
     if len(free) == 1:
         return _Held(place, np.array([place]), np.inf)
@@ -110,8 +106,7 @@ def _held(descent: Descent, look: Look, k: int, place: float, known: Fit, goal: 
     space = descent.space.freeze([free[k]], {free[k]: there[descent.space.index(free[k])]})
     others = replace(descent, space=space, search=None)
     others.move(np.delete(descent.point, k))
-    carry(others, look, known)
-    found = others.descend(look, confirm=False, goal=goal)
+    found = others.descend(look, confirm=False)
     return _Held(place, np.insert(others.point, k, place), found.loss)
 
 
@@ -133,8 +128,7 @@ def off_bounds(run: Run) -> None:
     for k in np.flatnonzero((low & ~none) | high)[:LOOKED_AT]:
         before = descent.point, descent.search, descent.near
         # First the others settle around the new place: all at once would slide back the way it came.
-        held = replace(look, tolerance=1.0, last=False)
-        descent.move(_held(descent, held, int(k), 0.5, descent.finished(look)).point)
+        descent.move(_held(descent, replace(look, tolerance=1.0, last=False), int(k), 0.5).point)
         if descent.descend(look).loss < found.loss - worth:
             return
         descent.point, descent.search, descent.near = before

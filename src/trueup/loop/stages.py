@@ -72,8 +72,8 @@ class Run:
         """Where small differences are seen: in an approximation at the same step, where there is one."""
         return self.problem if self.coarse.approximate_part is None else self.coarse
 
-    def go(self, look: Look, confirm: bool = True) -> LeastSquares:
-        """Least squares on one look, as the next; slopes are taken where the last one ends, to `confirm`."""
+    def go(self, look: Look) -> LeastSquares:
+        """Least squares on one look, as the next."""
         run = self.descent
         if self.looks and not np.isfinite(look.problem.residuals(run.space.from_unit(run.point[None]))).all():
             # What replays with a coarser step may blow up with the real one: back to the start, without the coarser one.
@@ -82,26 +82,18 @@ class Run:
         self.look, self.looks = look, self.looks + 1
         saved, self.saved = self.saved, None
         begins = self.looks == 1 and not (self.resumed or self.begun)
-        return self._searched(look, nudge=0.05 if begins else 0.0, saved=saved, confirm=confirm)
+        return self._searched(look, nudge=0.05 if begins else 0.0, saved=saved)
 
-    def _searched(
-        self, look: Look, nudge: float = 0.0, saved: dict[str, Any] | None = None, confirm: bool = True
-    ) -> LeastSquares:
+    def _searched(self, look: Look, nudge: float = 0.0, saved: dict[str, Any] | None = None) -> LeastSquares:
         if saved is None and look.cheap.simulator is not look.problem.simulator:
-            return self.descent.polish(look, confirm)
-        return self.descent.descend(look, nudge=nudge, saved=saved, confirm=confirm)
+            return self.descent.polish(look)
+        return self.descent.descend(look, nudge=nudge, saved=saved)
 
     def from_there(self, point: Array | None) -> None:
         """Goes through the last look once more, from another place."""
         if point is not None:
             self.descent.move(point)
             self._searched(self.look)
-
-    def on(self) -> None:
-        """Goes through the last look once more, with the slopes at hand as long as they serve, until steps gain no more than
-        chance would.
-        """
-        self._searched(replace(self.look, tolerance=max(self.look.tolerance, 1.0)), confirm=False)
 
     @property
     def found(self) -> Fit:
@@ -169,8 +161,7 @@ def refinement(run: Run) -> None:
     """
     run.resumed = True  # nothing is to be moved off its bound
     if run.starts is None:
-        look = Look("refinement", run.problem, run.seen, 1.0, 20, last=True)
-        run.go(look, confirm=not run.descent.informed)  # slopes of the earlier fit hold as long as they serve
+        run.go(Look("refinement", run.problem, run.seen, 1.0, 20, last=True))
 
 
 def as_it_came(run: Run) -> None:

@@ -56,8 +56,6 @@ def grown(
         for entered in _entered(descent, look, without, declared, early, alone):
             settle(entered)
             with_it = entered.finished(look)
-            if not robust_losses(with_it.residual[None], without.bend)[0] < without.loss:
-                continue
             lower = foretold(look.problem, with_it)
             shown = _compared(errors, lower)
             if shown.holds:  # and not because the search has gone on, which may have led lower by itself

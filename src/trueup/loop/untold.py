@@ -15,7 +15,6 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.calibration import Estimate
-from trueup.loop.carried import carry
 from trueup.loop.descent import Descent, Fit, Look
 from trueup.loop.identifiability import NO_EFFECT, Verdict
 from trueup.loop.problem import Problem
@@ -33,7 +32,7 @@ def asked_again(run: Run) -> None:
         if descent is None:
             break
         run.descent = descent
-        run.on()
+        run.from_there(descent.point)
         run.untold = {n: p for n, p in run.untold.items() if descent.space[n].frozen}
 
 
@@ -49,7 +48,6 @@ def _thawed(descent: Descent, look: Look, untold: Mapping[str, Parameter]) -> De
     space = ParameterSpace(tuple(untold[p.name] if p.name in told else p for p in descent.space.parameters))
     again = replace(descent, space=space, search=None)
     again.restart(np.clip(space.to_unit(found.values), 0.0, 1.0))
-    carry(again, look, found)
     return again
 
 

@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from trueup.arrays import Array
-from trueup.loop.descent import Descent, Fit, Watch, last_look
+from trueup.loop.descent import Fit, descended
 from trueup.loop.probe import ROUGH, unexplained
 from trueup.loop.problem import Problem
 from trueup.search.filtering import ImplicitFiltering
-from trueup.search.robust import robust_losses, robust_weights
+from trueup.search.robust import robust_weights
 
 
 @dataclass(frozen=True)
@@ -44,18 +43,9 @@ def widened(problem: Problem, fit: Fit, seed: int = 0, robust: float = 3.0, how:
         if wider.loss > (1.0 - how.gain) * fit.loss:
             return wider
         # Past a crack the way down is often smooth again for a while.
-        smoother = _descended(problem, wider, wider.unit, robust)
+        smoother = descended(problem, wider, wider.unit, robust)
         fit = smoother if smoother.loss < wider.loss else wider
     return _wider(problem, fit, seed, how)
-
-
-def _descended(problem: Problem, fit: Fit, start: Array, robust: float) -> Fit:
-    """Where slopes lead from `start` (n_free,), judged by the same measure as `fit`: its loss may be higher."""
-    run, look = Descent(fit.space, np.clip(start, 0.0, 1.0), Watch(), robust), last_look(problem, problem)
-    run.descend(look)
-    found = run.finished(look)
-    loss = float(robust_losses(found.residual[None], fit.bend)[0])
-    return replace(found, bend=fit.bend, loss=loss, weights=robust_weights(found.residual, fit.bend), near=None)
 
 
 def _wider(problem: Problem, fit: Fit, seed: int, how: Wide) -> Fit:

@@ -18,8 +18,6 @@ from trueup.search.bounded_step import careful_difference, corrected, damped_ste
 from trueup.search.robust import robust_losses, robust_weights
 from trueup.search.search import SearchState, saved_point
 
-_HOPELESS = "stopped: no step promises as low a loss as is known from elsewhere"
-
 
 @dataclass
 class LeastSquares:
@@ -50,7 +48,6 @@ class LeastSquares:
     """Damping never goes below: it holds combinations that are weakly seen where they are."""
     confirm: bool = True
     """Take new slopes where the search ends; a first look can do without."""
-    goal: float = np.inf  # ends where not even what slopes promise leads below this loss
     nudge: float = 0.05
     """How far a start on a bound is moved inside: there a logarithmic parameter has almost no slope."""
 
@@ -149,8 +146,11 @@ class LeastSquares:
 
     def resume(self, state: SearchState) -> None:
         """Goes on from `state`. Raises CalibrationError where it belongs to another number of parameters."""
-        self.point, self.loss = saved_point(state, self.point), float(state["loss"])
-        self.iteration = int(state["iteration"])
+        self.point, self.loss, self.iteration = (
+            saved_point(state, self.point),
+            float(state["loss"]),
+            int(state["iteration"]),
+        )
         self._damping, self._stale = float(state["damping"]), int(state["stale"])
         self._short, self._done = int(state["short"]), str(state["done"])
 
@@ -169,8 +169,6 @@ class LeastSquares:
             self._done = "converged: no step promises a gain that noise would not give"
         elif self.impatient and self.best[1] > self._enough:
             self._done = "stopped creeping along a crack in the loss"
-        elif self.best[1] - promise > self.goal:
-            self._done = _HOPELESS
         self._enough = self.best[1] - self.creep * promise
 
     def _bend_and_lowest(self, base: Array) -> None:
@@ -274,8 +272,6 @@ class LeastSquares:
             self._done = "converged: the last steps changed almost nothing"
         elif left < negligible and not self.confirm and loss <= self.best[1]:
             self._done = "converged: no step promises a gain that noise would not give"
-        elif fallen > 0.5 * promised and self.best[1] - left > self.goal:  # slopes that foretold this step well
-            self._done = _HOPELESS
         serve = negligible < left < promised or loss > self.best[1]
         self._fresh = False
         if self._done:
@@ -288,7 +284,9 @@ class LeastSquares:
 
     def weights(self) -> Array:
         """(m,) how much each residual counts at the point: 1 for small ones, less for outliers."""
-        return robust_weights(self._known()[1], self.delta)
+        if self.residual is None:
+            raise CalibrationError("no residuals told yet")
+        return robust_weights(self.residual, self.delta)
 
     def _trial_points(self) -> Array:
         """Steps of several lengths that differ; the factor on the damping that made each is kept beside it."""
