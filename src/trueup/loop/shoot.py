@@ -17,7 +17,7 @@ from trueup.loop.problem import Problem
 from trueup.noise import spread
 from trueup.trial import Trial
 
-GLANCE = 0.1  # s: by then a start has shown whether it has an effect
+SHORTEST = 0.1  # s: the shortest part of a replay; by then a start has shown whether it has an effect
 _DAMPINGS = (0.0, 0.1, 1.0, 10.0)  # of the corrections that are tried side by side
 
 
@@ -69,7 +69,7 @@ class Starts:
     def as_measured(cls, problem: Problem, values: Array) -> Starts:
         """No corrections, of whatever changes the first samples at values (n,)."""
         every = cls.every(problem)
-        begun = problem.replayed_by([cut(t, t.start, GLANCE) for t in problem.trials], problem.owners)
+        begun = problem.replayed_by([cut(t, t.start, SHORTEST) for t in problem.trials], problem.owners)
         ahead = replace(every, measured=begun.trials).ahead(begun, values)
         seen = np.flatnonzero(ahead.known().any(axis=1))
         sizes = every.sizes[:, seen]

@@ -10,7 +10,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.loop.descent import last_look
 from trueup.loop.problem import Problem
-from trueup.loop.shoot import GLANCE, Starts
+from trueup.loop.shoot import SHORTEST, Starts
 from trueup.loop.stages import Run
 from trueup.loop.uncertainty import start_scatter, unit_covariance
 
@@ -51,7 +51,7 @@ def _by_horizon(run: Run, starts: Starts) -> tuple[Starts, Array]:
     parts, to the end: what one part has told is near to where the next is smooth, where contacts make all at once rugged.
     """
     longer = 1.4  # times the part before: doubled parts led one of four legs astray
-    descent, longest, length = run.descent, max(t.duration for t in run.problem.trials), GLANCE
+    descent, longest, length = run.descent, max(t.duration for t in run.problem.trials), SHORTEST
     starts = replace(starts, amounts=np.zeros_like(starts.amounts))
     while True:
         part, own = starts.first(run.seen, length)
