@@ -51,6 +51,8 @@ class Fit:
     to, from one side of the optimum to the other (see `probe.py`), and with other noise at the starts (`starts.py`)."""
     near: Problem | None = None
     """A cheaper problem at the level of the real one, if the fit was made with one."""
+    coarse_step: float | None = None
+    """s: a coarser step that simulates nearly the same, if there is one; small changes may be looked at with it."""
     starts: Starts | None = None
     """Corrections of the measured starts, if those matter."""
     shot: Problem | None = None  # the problem with these, which was solved
@@ -185,14 +187,15 @@ class Descent:
         """Goes on from another `point` (n_free,), where slopes that were taken for the next look do not hold."""
         self.point, self._slopes = point, None
 
-    def polish(self, look: Look) -> LeastSquares:
+    def polish(self, look: Look, again: bool = False) -> LeastSquares:
         """The last look where slopes come from a cheaper problem. The cheaper one is solved at the level of the real one,
-        which is looked at again where that ends: one simulation of the real problem each time round.
+        which is looked at again where that ends: one simulation of the real problem each time round. Done `again` from where
+        it has ended, it stays there unless the cheaper one leads lower.
         """
         rounds = 3  # approximations at most; then the real problem is searched, unless no such model explains the robot
         begun, fine = self.point, self._residual(look.problem)
         for left in reversed(range(rounds)):
-            confirm = left == rounds - 1
+            confirm = left == rounds - 1 and not again
             near = look.cheap.at_level(self.space.from_unit(self.point), fine)
             if near is None:
                 return self.descend(replace(look, cheap=look.problem))

@@ -134,7 +134,8 @@ def fit(
         descent.take_up(begun.jacobian[:, [not space[p.name].frozen for p in begun.space.parameters if not p.frozen]])
     for stage in stages[_begin(run, stages, resume) :]:
         stage.act(run)
-    return replace(run.found, notes=(*run.notes, *_approximated(run.found.near or run.coarse)))
+    step = None if run.coarse is run.problem else run.coarse.simulator.step
+    return replace(run.found, notes=(*run.notes, *_approximated(run.found.near or run.coarse)), coarse_step=step)
 
 
 def _approximated(problem: Problem) -> tuple[str, ...]:

@@ -51,6 +51,7 @@ def rivals(problem: Problem, found: Fit) -> tuple[Rival, ...]:
     if problem.duration > WORTH:
         return ()
     begun = found.shot or problem
+    begun = begun if found.coarse_step is None else begun.at_step(found.coarse_step)
     look = _Look(found, NORMAL_95**2 * begun.chance(found.residual))
     return tuple(rival for several in _candidates(begun, found) for rival in look.along(several))
 
@@ -82,7 +83,8 @@ def _candidates(problem: Problem, found: Fit) -> list[_Candidates]:
         of = {own: name for name, several in names.items() for own in several}
         more = simulator.parameters.parameters[len(declared) :]
         some = [(of[p.name], len(declared) + k, p) for k, p in enumerate(more) if p.nominal <= p.lower]
-        groups.append((problem.by(simulator), np.concatenate([found.values, [p.nominal for p in more]]), some))
+        by = problem.by(simulator).at_step(problem.simulator.step)
+        groups.append((by, np.concatenate([found.values, [p.nominal for p in more]]), some))
     groups = groups or [(problem, found.values, [])]
     groups[-1][-1].extend(left)  # beside others: a call costs more than some rows
     return [_Candidates(p, values, *zip(*some, strict=True)) for p, values, some in groups if some]

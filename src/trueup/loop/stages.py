@@ -84,9 +84,15 @@ class Run:
         begins = self.looks == 1 and not (self.resumed or self.begun)
         return self._searched(look, nudge=0.05 if begins else 0.0, saved=saved)
 
-    def _searched(self, look: Look, nudge: float = 0.0, saved: dict[str, Any] | None = None) -> LeastSquares:
+    def again(self) -> None:
+        """Goes through the last look once more from where it has ended, with other parameters free."""
+        self._searched(self.look, again=True)
+
+    def _searched(
+        self, look: Look, nudge: float = 0.0, saved: dict[str, Any] | None = None, *, again: bool = False
+    ) -> LeastSquares:
         if saved is None and look.cheap.simulator is not look.problem.simulator:
-            return self.descent.polish(look)
+            return self.descent.polish(look, again=again)
         return self.descent.descend(look, nudge=nudge, saved=saved)
 
     def from_there(self, point: Array | None) -> None:

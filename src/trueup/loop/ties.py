@@ -86,7 +86,7 @@ def considered(problem: Problem, fit: Fit, covariance: Array) -> tuple[Considere
     asked = [*undecided, *range(len(free), len(parameters))]
     part, units = _excerpt(problem), fit.space.unit_slope(fit.values)
     wider = part if other is None else part.by(other)
-    slopes, residual = _slopes(wider if fit.near is None else wider.at_step(fit.near.simulator.step), fit, more)
+    slopes, residual = _slopes(wider if fit.coarse_step is None else wider.at_step(fit.coarse_step), fit, more)
     slopes[:, : len(free)] *= units[:, None]
     seen = _Slopes(slopes, residual, robust_weights(residual, fit.bend), units)
     if not np.isfinite(seen.boxed[:, : len(free)]).all():

@@ -8,7 +8,7 @@ Tapley, Schutz and Born, Statistical Orbit Determination, 2004, 6.4).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,29 +21,45 @@ from trueup.loop.problem import Problem
 from trueup.loop.stages import Run
 from trueup.loop.uncertainty import unit_covariance, vague
 from trueup.parameters import Parameter, ParameterSpace
+from trueup.search.bounded_step import damped_step, gain
+from trueup.search.robust import robust_losses
 
 _ASIDE = 0.05  # share of the box over which slopes are taken: beyond the stairs of delays, and open that far anyway
 
 
 def asked_again(run: Run) -> None:
-    """Frees what was frozen, where the recordings tell it now that all else has come further, and searches on."""
+    """Frees what was frozen, where the recordings tell it now that all else has come further and speak against the value at
+    which it is held, and searches on; it stays frozen where that gains no more than chance.
+    """
     while run.untold and run.looks and not run.look.problem.duration < run.problem.duration:
-        descent = _thawed(run.descent, run.look, run.untold)
+        before, descent = run.descent, _thawed(run.descent, run.look, run.untold)
         if descent is None:
             break
         run.descent = descent
-        run.from_there(descent.point)
+        run.again()
+        if not _gained(run, descent, before):
+            run.descent = before
+            break
+        descent.finished(run.look, again=True)  # what was freed must be told by slopes there, or is frozen at the end
         run.untold = {n: p for n, p in run.untold.items() if descent.space[n].frozen}
+
+
+def _gained(run: Run, descent: Descent, before: Descent) -> bool:
+    """Whether a search has ended lower than the one before it, by more than what chance gives for all that was freed."""
+    found, fit = descent.finished(run.look), before.finished(run.look)
+    freed = len(found.unit) - len(fit.unit)
+    new, old = robust_losses(np.stack([found.residual, fit.residual]), found.bend)
+    return bool(new < old - freed * run.look.problem.chance(found.residual))
 
 
 def _thawed(descent: Descent, look: Look, untold: Mapping[str, Parameter]) -> Descent | None:
     """The search with those of the frozen parameters `untold` free again that the recordings tell where it has come to by
-    now; None where these are none.
+    now; None where these are none, or promise no more than chance.
     """
     found = descent.finished(look)
     wider = _Wider.of(look.cheap, found, list(untold.values()))
     told = wider.told(look.problem)
-    if not told:
+    if not told or wider.promise(told) < look.problem.chance(found.residual) * len(told):
         return None
     space = ParameterSpace(tuple(untold[p.name] if p.name in told else p for p in descent.space.parameters))
     again = replace(descent, space=space, search=None)
@@ -106,6 +122,20 @@ class _Wider:
         columns = (residuals[1:] - residuals[0]) / steps[:, None]
         columns[~np.isfinite(columns).all(axis=1)] = 0.0
         return cls(fit, tuple(p.name for p in untold), columns.T)
+
+    def promise(self, some: Collection[str]) -> float:
+        """By how much the loss would fall with `some` of the frozen ones free, as slopes foretell it: a score test (C. R. Rao,
+        Proc. Cambridge Phil. Soc. 44, 1948).
+        """
+        fit, free = self.fit, [k for k, name in enumerate(self.names) if name in some]
+        jacobian = np.hstack([fit.jacobian, self.columns[:, free]])
+        weighted, inside = jacobian * fit.weights[:, None], np.concatenate([fit.unit, np.full(len(free), 0.5)])
+        curvature, slope = jacobian.T @ weighted, weighted.T @ fit.residual
+        n, gains = len(fit.unit), []
+        for k in (len(inside), n):
+            step = damped_step(curvature[:k, :k], slope[:k], 1e-6, inside[:k])
+            gains.append(gain(curvature[:k, :k], slope[:k], step))
+        return gains[0] - gains[1]
 
     def covariance(self, problem: Problem, some: Sequence[int]) -> Array:
         """(n_free + k, n_free + k) in the unit box, with `some` of the frozen ones free."""
