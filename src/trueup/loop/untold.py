@@ -124,8 +124,8 @@ class _Wider:
         return cls(fit, tuple(p.name for p in untold), columns.T)
 
     def promise(self, some: Collection[str]) -> float:
-        """By how much the loss would fall with `some` of the frozen ones free, as slopes foretell it: a score test (C. R. Rao,
-        Proc. Cambridge Phil. Soc. 44, 1948).
+        """By how much the loss would fall with `some` of the frozen ones free, as slopes foretell it: a score test
+        (C. R. Rao, Proc. Cambridge Phil. Soc. 44, 1948).
         """
         fit, free = self.fit, [k for k, name in enumerate(self.names) if name in some]
         jacobian = np.hstack([fit.jacobian, self.columns[:, free]])
