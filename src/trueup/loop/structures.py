@@ -17,7 +17,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.evidence import Evidence, evidence
 from trueup.loop.apart import Part, parts_of
-from trueup.loop.descent import Descent, Fit, Look, Watch
+from trueup.loop.descent import Descent, Fit, Look, Watch, explained
 from trueup.loop.selection import compared, elsewhere, told
 from trueup.loop.validate import foretold, settled_loss
 from trueup.parameters import Parameter, ParameterSpace
@@ -186,7 +186,11 @@ def _entered(
         return float(np.nan_to_num(robust_losses(residual[None, part.residuals], without.bend)[0], nan=np.inf))
 
     begun = [np.clip(space.to_unit(values), 0.0, 1.0) for values in early]
-    bases = ((point, near), *((np.where(entering, point, unit), far) for unit in begun))
+    # What is replayed to about its noise without the structure was not led away for want of it.
+    bases = (
+        (point, near),
+        *((np.where(entering, point, unit), far) for unit in begun if not explained(without.residual)),
+    )
     places, worth, found = _places(1 if alone else int(entering.sum())), look.problem.chance(without.residual), []
     for k, (base, loss) in enumerate(bases):
         if found and (alone or k > 1):
