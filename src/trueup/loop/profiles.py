@@ -14,10 +14,9 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.loop.descent import Descent, Look, explained, last_look
-from trueup.loop.elsewhere import EDGE, LOOKED_AT, losses_at
+from trueup.loop.elsewhere import EDGE, LOOKED_AT
 from trueup.loop.limits import is_limit
 from trueup.loop.probe import ROUGH, unexplained
-from trueup.loop.problem import Problem
 from trueup.loop.stages import Run
 from trueup.loop.validate import settled_loss
 
@@ -38,13 +37,11 @@ def profiles(run: Run) -> None:
     free = [p for p in run.descent.space.parameters if not p.frozen]
     for k, p in enumerate(free if len(free) > 1 else ()):
         if p.unit == "s" and p.scale != "log":
-            width, coarse = (x.simulator.step / (p.upper - p.lower) for x in (run.look.problem, run.look.cheap))
+            width = run.look.problem.simulator.step / (p.upper - p.lower)
             if _rough(run, k, width):
-                # The profile by a coarser step, which came before, told it to a stair.
-                reach = max(0.5 * run.descent.point[k], width) if coarse == width else coarse
-                _along_profile(run, run.look.problem, k, reach, width)
+                _along_profile(run, k, max(0.5 * run.descent.point[k], width), width)
         elif is_limit(p) and not explained(run.descent.finished(run.look).residual) and _promises(run, k):
-            _along_profile(run, _cheaper(run), k, _REACH, _LEAST)
+            _along_profile(run, k, _REACH, _LEAST)
 
 
 def _rough(run: Run, k: int, width: float) -> bool:
@@ -69,16 +66,8 @@ def _promises(run: Run, k: int) -> bool:
     return min(losses) < found.loss - problem.chance(found.residual)
 
 
-def _cheaper(run: Run) -> Problem:
-    """What the look takes slopes from, at the level of its problem."""
-    look, found = run.look, run.descent.finished(run.look)
-    near = None if look.cheap is look.problem else look.cheap.at_level(found.values, found.residual)
-    return near or look.problem
-
-
-def _along_profile(run: Run, problem: Problem, k: int, reach: float, width: float) -> None:
-    """Goes to the lowest place along the profile of parameter `k` by `problem`, where the look's own has it lower, too."""
-    descent = run.descent
+def _along_profile(run: Run, k: int, reach: float, width: float) -> None:
+    descent, problem = run.descent, run.look.problem
     look = replace(last_look(problem, problem), tolerance=1.0, last=False)
     worth = problem.chance(descent.finished(run.look).residual)
     begun, best = descent.point[k], _held(descent, look, k, float(descent.point[k]))
@@ -94,10 +83,7 @@ def _along_profile(run: Run, problem: Problem, k: int, reach: float, width: floa
             best = lowest
         else:
             reach *= 0.5
-    if best.place == begun:
-        return
-    here, there = losses_at(run.look.problem, descent.space, np.stack([descent.point, best.point]))
-    if there < here:
+    if best.place != begun:
         run.from_there(best.point)
 
 
