@@ -51,8 +51,7 @@ class Fit:
     to, from one side of the optimum to the other (see `probe.py`), and with other noise at the starts (`starts.py`)."""
     near: Problem | None = None
     """A cheaper problem at the level of the real one, if the fit was made with one."""
-    coarse_step: float | None = None
-    """s: a coarser step that simulates nearly the same, if there is one; small changes may be looked at with it."""
+    coarse_step: float | None = None  # s, that simulates nearly the same: changes may be looked at with it
     starts: Starts | None = None
     """Corrections of the measured starts, if those matter."""
     shot: Problem | None = None  # the problem with these, which was solved
@@ -189,8 +188,7 @@ class Descent:
 
     def polish(self, look: Look, again: bool = False) -> LeastSquares:
         """The last look where slopes come from a cheaper problem. The cheaper one is solved at the level of the real one,
-        which is looked at again where that ends: one simulation of the real problem each time round. Done `again` from where
-        it has ended, it stays there unless the cheaper one leads lower.
+        which is looked at again where that ends: one simulation of it each time round. `again`: stays unless that is lower.
         """
         rounds = 3  # approximations at most; then the real problem is searched, unless no such model explains the robot
         begun, fine = self.point, self._residual(look.problem)
