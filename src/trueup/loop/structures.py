@@ -53,7 +53,9 @@ def grown(
     errors = foretold(look.problem, without)
     for structure, declared in later.items():
         note = f"{structure} left out: nowhere are the recordings replayed better with it"
-        for entered in _entered(descent, look, without, declared, early, alone):
+        # What is replayed to about its noise without it was not led away for want of it.
+        begun = () if explained(without.residual) else early
+        for entered in _entered(descent, look, without, declared, begun, alone):
             settle(entered)
             with_it = entered.finished(look)
             lower = foretold(look.problem, with_it)
@@ -186,11 +188,7 @@ def _entered(
         return float(np.nan_to_num(robust_losses(residual[None, part.residuals], without.bend)[0], nan=np.inf))
 
     begun = [np.clip(space.to_unit(values), 0.0, 1.0) for values in early]
-    # What is replayed to about its noise without the structure was not led away for want of it.
-    bases = (
-        (point, near),
-        *((np.where(entering, point, unit), far) for unit in begun if not explained(without.residual)),
-    )
+    bases = ((point, near), *((np.where(entering, point, unit), far) for unit in begun))
     places, worth, found = _places(1 if alone else int(entering.sum())), look.problem.chance(without.residual), []
     for k, (base, loss) in enumerate(bases):
         if found and (alone or k > 1):
