@@ -9,6 +9,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.loop.descent import last_look
+from trueup.loop.elsewhere import along_axes
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import SHORTEST, Starts
 from trueup.loop.stages import Run
@@ -59,7 +60,12 @@ def _by_horizon(run: Run, starts: Starts) -> tuple[Starts, Array]:
             own = own.as_wide() if wide else own
             begun = own.eliminated_from(part, descent.space.from_unit(descent.point), bent=False)
             descent.move(descent.point)
-            descent.descend(replace(last_look(begun, begun), tolerance=5.0, most=15, last=False))
+            found = descent.descend(replace(last_look(begun, begun), tolerance=5.0, most=15, last=False))
+            # The first instants of a contact tell so little of friction that a step may leave it where a foot sticks, from
+            # where no slope leads back when a longer part shows that it slides.
+            lower = along_axes(begun, descent.space, found, begun) if wide else None
+            if lower is not None:
+                descent.move(lower)
             values = descent.space.from_unit(descent.point)
             own, _ = own.corrected(begun, values)
         starts = replace(own, measured=starts.measured)

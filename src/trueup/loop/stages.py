@@ -198,10 +198,16 @@ def selection(run: Run) -> None:
 
 
 def lines(run: Run) -> None:
-    """Looks along the axes of single parameters, as long as more of the recordings are still to come."""
-    found = run.descent.search
-    if run.looks and found is not None and (run.looks == 1 or not run.look.last):
-        run.from_there(along_axes(run.look.problem, run.descent.space, found, run.first))
+    """Looks along the axes of single parameters, as long as more of the recordings are still to come; and again from where
+    that has led: while gains are far off, no friction is better than that of a foot that sticks.
+    """
+    rounds = 3  # of looks; the first mends one parameter, and slopes the others
+    for _ in range(rounds if run.looks and (run.looks == 1 or not run.look.last) else 0):
+        found = run.descent.search
+        point = None if found is None else along_axes(run.look.problem, run.descent.space, found, run.first)
+        if point is None:
+            return
+        run.from_there(point)
 
 
 def evolution(run: Run) -> None:
@@ -214,7 +220,10 @@ def evolution(run: Run) -> None:
     led = None if explained(found.residual) else run_.led(run.look)
     if explained(found.residual if led is None else led.residual):
         return
-    run.from_there(anywhere(run.look.problem, run_.space, found, run_.watch, run.seed))
+    point = anywhere(run.look.problem, run_.space, found, run_.watch, run.seed)
+    if point is not None:
+        run.from_there(point)
+        lines(run)  # which other parameters, far off until now, may have led astray
     again = None if led is None else run_.led(run.look)
     if led is not None and again is not None and run.look.real is not None:
         there, here = losses_at(run.look.real, run_.space, np.stack([led.point, again.point]))
