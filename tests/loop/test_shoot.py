@@ -17,7 +17,7 @@ from trueup.loop.fit import fit
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
 from trueup.loop.uncertainty import unit_covariance
-from trueup.loop.windows import in_windows, window_length
+from trueup.loop.windows import in_windows, smooth_length, window_length
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
@@ -65,9 +65,9 @@ class ByNoise:
         return np.full(len(labels), SIGMA)
 
     def residual(self, real: Recording, simulated: Rollout) -> Array:
-        time = simulated.trial.observed["position"].time
-        seen = simulated.channels["position"]
-        return ((seen - measured_at(real, "position", ("x",), time)) / SIGMA).reshape(len(seen), -1)
+        ((channel, seen),) = simulated.channels.items()
+        time = simulated.trial.observed[channel].time
+        return ((seen - measured_at(real, channel, ("x",), time)) / SIGMA).reshape(len(seen), -1)
 
 
 def run(rng: np.random.Generator, runner: Runner | None = None) -> Problem:
@@ -192,6 +192,39 @@ def test_windows_end_where_torques_lead_further_astray_than_standing_still() -> 
     assert skilled("N m", 2.2) < 0.2
     assert skilled("m", 2.2) == np.inf  # servos are pulled back
     assert 0.1 < skilled("N m", 1.0, turn=5.0) < 0.3  # of a swing of 1.3 s
+
+
+@dataclass
+class Bending(Runner):
+    """Goes away the further the more its speed is: replays bend with that the more the longer they are."""
+
+    rate: float = 10.0
+    channel: str = "base_position"
+
+    def observable(self, recording: Recording) -> tuple[str, ...]:
+        return (self.channel,)
+
+    def rollout(self, trials: list[Trial], values: Array, controllers: object = None) -> list[Rollout]:
+        times = [t.observed[self.channel].time - t.start for t in trials]
+        return [
+            Rollout(t, {self.channel: np.exp(self.rate * values * time)[..., None]}, {})
+            for t, time in zip(trials, times, strict=True)
+        ]
+
+
+def smooth(robot: Bending) -> float:
+    """How long windows of 4 s of it may be for slopes to lead."""
+    away = Channel(robot.channel, ("x",), "m", TIME, np.exp(robot.rate * TIME)[:, None])
+    command = Channel("command", ("x",), "m", TIME, np.zeros((len(TIME), 1)))
+    problem = Problem(robot, [Recording("goes", {robot.channel: away, "command": command})], ByNoise())  # type: ignore[arg-type]
+    return smooth_length(problem, SPACE.nominal, SPACE, seed=0)
+
+
+def test_windows_of_a_free_base_end_where_replays_bend_with_parameters() -> None:
+    bent = 2.0 * np.arctanh(0.5) / (10.0 * 0.06)  # s: then what stays is half of what turns, 0.06 m/s to either side
+    assert bent / 3.0 < smooth(Bending()) < 1.1 * bent / 3.0
+    assert smooth(Bending(rate=1.0)) == np.inf
+    assert smooth(Bending(channel="position")) == np.inf  # a base that is not free
 
 
 class Ball(Runner):

@@ -34,7 +34,7 @@ from trueup.loop.ties import STEP, Considered, considered
 from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.untold import as_open, open_covariance
 from trueup.loop.validate import by_recording, left_out_errors
-from trueup.loop.windows import in_windows, window_length, words
+from trueup.loop.windows import in_windows, smooth_length, window_length, words
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import PART_OF, Recording
 from trueup.search.least_squares import LeastSquares
@@ -97,7 +97,9 @@ def calibrate(
     waiting = [p.name for p in space.parameters if p.optional in chosen.later and not p.frozen]
     begin = space.without(waiting).nominal if start is None else start
     free = chosen.windows is None and discrepancy is None and controllers is None
-    problem = in_windows(problem, windows := window_length(problem, begin) if free else (chosen.windows or np.inf))
+    lasting = window_length(problem, begin) if free else (chosen.windows or np.inf)
+    smooth = smooth_length(problem, begin, space.without(waiting), chosen.seed) if free else np.inf
+    problem = in_windows(problem, min(lasting, smooth))
     watch, chooser = Watch(progress, checkpoint), Chooser()
     select = chooser if chosen.select and not chosen_before else None
     found = fit(problem, space, begin, watch, resume=resume, select=select, **_how(chosen))
@@ -107,7 +109,7 @@ def calibrate(
     findings = _findings(problem, found, chooser.choices, words(problem, measured=free), earlier)  # before the seconds
     watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
     shown = replays(simulator, found.values, recordings, hold_out, measure, channels=fitted, controllers=controllers,
-                    windows=windows)  # fmt: skip
+                    windows=lasting)  # fmt: skip
     crossing = chosen.cross_validate and len(recordings) > 1
     return Calibration(
         replays=shown,

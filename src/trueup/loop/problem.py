@@ -177,6 +177,11 @@ class Problem:
         """What one candidate simulates, in s."""
         return sum(t.duration for t in self.trials)
 
+    @property
+    def windowed(self) -> bool:
+        """Whether recordings are replayed in parts, each from where the robot was measured to be then."""
+        return len(self.trials) > len(self.recordings)
+
     def rollouts(self, values: Array, only: Sequence[int] | None = None) -> list[Rollout]:
         """The simulated trials, all or `only` some."""
         self._counted[0] += len(values)
@@ -239,12 +244,9 @@ class Problem:
     def rmse(self, residual: Array, recording: int | None = None) -> float:
         """Pooled replay error of the main channel in its unit, over all recordings or one."""
         name, _ = self.main
-        squares, count = 0.0, 0
-        for segment in self.segments:
-            if segment.channel == name and recording in (None, segment.recording):
-                squares += float(np.sum((residual[segment.columns] * segment.units) ** 2))
-                count += segment.count
-        return float(np.sqrt(squares / max(count, 1)))
+        own = [s for s in self.segments if s.channel == name and recording in (None, s.recording)]
+        squares = sum(float(np.sum((residual[s.columns] * s.units) ** 2)) for s in own)
+        return float(np.sqrt(squares / max(sum(s.count for s in own), 1)))
 
     def chance(self, residual: Array) -> float:
         """By how much fitting one more parameter to chance alone would lower the loss: the residuals' variance / 2,

@@ -31,8 +31,9 @@ def profiles(run: Run) -> None:
     Slopes along a delay are those of a stair's tread, and rates, limits and damping make up for the one at which a search
     over a coarser step or a part of the recordings has ended; a limit has none where it is not met, and ends elsewhere while
     gains are wrong. Not where so much was recorded that joints are searched alone: every place would cost the engine minutes.
+    Nor in windows: what is not replayed there is mostly noise at their starts, and replays that short are smooth.
     """
-    if not run.looks or run.descent.search is None or run.coarse.approximate_part is not None:
+    if not run.looks or run.descent.search is None or run.coarse.approximate_part is not None or run.problem.windowed:
         return
     free = [p for p in run.descent.space.parameters if not p.frozen]
     for k, p in enumerate(free if len(free) > 1 else ()):

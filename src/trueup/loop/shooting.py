@@ -33,14 +33,17 @@ def multiple_shooting(run: Run) -> None:
         begun, ahead = starts.eliminated_from(run.seen, values, ahead=ahead), None
         coarse, shot = (p.with_starts(begun.trials, begun.eliminated) for p in (run.coarse, run.problem))
         run.problem, run.coarse, run.ended = shot, shot if run.coarse is run.problem else coarse, None
-        run.go(last_look(run.problem, run.coarse))
+        look = last_look(run.problem, run.coarse)
+        run.go(replace(look, tolerance=1.0))  # no further than chance leads: corrections of starts will move it on
         values = run.descent.space.from_unit(run.descent.point)
         starts, surprise = starts.corrected(run.seen, values)
         if surprise < run.problem.chance(run.found.residual) * len(run.descent.point):
             break
         # Elimination takes replays to be smooth in their starts, and they are not; windows are short for that reason.
-        if left == rounds - 1 and len(starts.measured) == len(run.problem.recordings):
+        if left == rounds - 1 and not run.problem.windowed:
             starts, values = _by_horizon(run, starts)
+    run.ended = None
+    run.go(last_look(run.problem, run.coarse))
     # Starts moved further than their noise: it is not all that is wrong there (R. T. Birge, Phys. Rev. 40, 1932).
     ratio = max(1.0, float(np.mean(starts.amounts**2)))
     scatter = (ratio - 1.0) * unit_covariance(run.problem, run.found)

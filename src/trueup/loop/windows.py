@@ -11,9 +11,11 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.discrepancies.discrepancy import measured_at
 from trueup.engines.simulator import placed
+from trueup.inspection.repeats import BASE
 from trueup.loop.condensing import cut
 from trueup.loop.problem import WORTH, Problem
 from trueup.loop.shoot import Starts
+from trueup.parameters import ParameterSpace
 from trueup.rounding import SAME_INSTANT, TINY
 from trueup.trial import Trial
 
@@ -28,6 +30,13 @@ _SKILLED = 1.0 / 3.0
 """Of the time for which replays have skill. A UR10 that begins with 3.4 s of it is 60 mrad off in what was left out, half a
 second at a time; calibrated in windows of 1, 1.1, 1.8 s: 52, 52, 99; in 2.4, 3.2, 4.8 s, by slopes: 64, 160, 248.
 """
+
+_BENT = 0.5
+"""Of what changes with parameters: a part that does not turn round with them. Beyond it slopes at one end of the change lead
+the other way.
+"""
+_OFF = 0.03
+"""Of their boxes, by which parameters are changed for that: gains by a quarter, as files are often off."""
 
 
 def window_length(problem: Problem, values: Array) -> float:
@@ -58,6 +67,47 @@ def window_length(problem: Problem, values: Array) -> float:
     return min(ends[0], _SKILLED * ends[1])
 
 
+def smooth_length(problem: Problem, values: Array, space: ParameterSpace, seed: int) -> float:
+    """How long trials of a free base may be in s for slopes along the free parameters of `space` to lead at values (n,): a
+    third of the time from which on replays bend too far. Inf where they never do.
+
+    Where feet touch and let go, replays bend more and more the longer they are, and a search along slopes ends wherever it is
+    (A. H. Ribeiro et al., On the smoothness of nonlinear system identification, Automatica 121, 2020). How much is the
+    relative curvature of D. M. Bates and D. G. Watts (J. R. Statist. Soc. B 42(1), 1980), along directions drawn at random.
+    """
+    pairs, parts = 4, 4  # as in `window_length`, the parts of long recordings show enough
+    if any(t.command is None or not set(BASE) & set(t.observed) for t in problem.trials):
+        return np.inf
+    middle = np.clip(space.to_unit(values), _OFF, 1.0 - _OFF)
+    off = _OFF * np.random.default_rng(seed).choice([-1.0, 1.0], (pairs, len(middle)))
+    around = space.from_unit(np.concatenate([middle[None], middle + off, middle - off]))
+    longest, end = max(t.duration for t in problem.trials), np.inf
+    for length in (longest / parts, longest) if problem.duration <= WORTH else (longest / parts,):
+        begun = in_windows(problem, length)
+        residuals = begun.residuals(around)
+        level, more, less = residuals[0], residuals[1 : pairs + 1], residuals[pairs + 1 :]
+        turns, stays = 0.5 * (more - less), 0.5 * (more + less) - level
+        end = min(end, _lasting([_bending(begun, k, turns, stays) for k in range(len(begun.trials))]))
+    return _SKILLED * end
+
+
+def _bending(problem: Problem, trial: int, turns: Array, stays: Array) -> tuple[Array, Array]:
+    """(T,) s since its start and ln of how many times more than allowed a trial bends until then: what stays (K, m) of its
+    changes when parameters turn round, against what turns with them; both empty where nothing changes.
+    """
+    time, both = np.zeros(0), []
+    for changes in (stays, turns):
+        seen = []
+        for change in changes:
+            time, series = _series(problem, trial, change)
+            seen.append(np.cumsum(np.sum(series**2, axis=1)))
+        both.append(np.sum(seen, axis=0))
+    if not len(time) or not np.isfinite(both).all() or not np.any(both[1]):
+        return np.zeros(0), np.zeros(0)
+    bent = 0.5 * np.log(np.maximum(both[0], TINY) / np.maximum(_BENT**2 * both[1], TINY))
+    return time - problem.trials[trial].start, bent
+
+
 def _by_torque(problem: Problem) -> bool:
     return all(t.command is not None and t.command.unit in ("N m", "N") for t in problem.trials)
 
@@ -80,7 +130,7 @@ def words(problem: Problem, *, measured: bool) -> list[str]:
     """A sentence on the windows that recordings are replayed in, with the reason where `window_length` chose them; none
     where they are replayed whole.
     """
-    if len(problem.trials) == len(problem.recordings):
+    if not problem.windowed:
         return []
     longest = max(t.duration for t in problem.trials)
     reason = f": in that time errors at their start grow {_GROWN:g} times, or to {_LOUD:g} times the noise"

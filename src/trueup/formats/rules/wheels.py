@@ -68,6 +68,8 @@ EXAMPLES = (
             "command[] left right; position[m] x y; heading[rad] heading"),
     Example("t,left_knee_cmd,right_knee_cmd,left_knee_pos,right_knee_pos", "0 .1 .2 .1 .2|.1 .2 .2 .2 .2|.2 .1 .2 .1 .2",
             "command[rad] left_knee right_knee; position[rad] left_knee right_knee"),
+    Example("t,q_lf_coxa,q_rf_coxa,q_lm_coxa,q_rm_coxa,q_lh_coxa,q_rh_coxa", "0 .1 .2 .1 .2 .1 .2|.1 .2 .3 .1 .2 .2 .2",
+            "position[rad] lf_coxa rf_coxa lm_coxa rm_coxa lh_coxa rh_coxa"),
 )  # fmt: skip
 
 
@@ -113,9 +115,25 @@ def pairs(columns: Sequence[Column]) -> list[Pair]:
     read = [
         pair
         for (_, plain), both in found.items()
-        if len(both) == len(SIDES) and (pair := _read((both["left"], both["right"]), list(plain))) is not None
+        if len(both) == len(SIDES)
+        and _as_many_as_wheels(both["left"], both["right"], columns)
+        and (pair := _read((both["left"], both["right"]), list(plain))) is not None
     ]
     return _units_alike(sorted(read, key=lambda p: (p.kind == "share", not p.unit)))
+
+
+def _as_many_as_wheels(left: Column, right: Column, columns: Sequence[Column]) -> bool:
+    """Whether no more than four columns are named like both but for the side: a robot has more legs than that."""
+    most, own, other = 4, left.parts.words, right.parts.words
+    sides = {k for k, (word, beside) in enumerate(zip(own, other, strict=False)) if word != beside}
+    if len(own) != len(other) or len(own) == len(sides):  # nothing but a side is told
+        return True
+    like = {
+        words
+        for words in (tuple(c.parts.words) for c in columns)
+        if len(words) == len(own) and all(k in sides or word == own[k] for k, word in enumerate(words))
+    }
+    return len(like) <= most
 
 
 def numbered(columns: Sequence[Column]) -> list[Pair]:
