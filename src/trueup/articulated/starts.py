@@ -20,7 +20,8 @@ def measured_base(trial: Trial) -> BasePose | None:
     if position is None or orientation is None or orientation.labels != ANGLES:
         return None
     states = []
-    for channel in (position.select(AXES), orientation):
+    ordered = position if position.labels == AXES else position.select(AXES)  # the same channel is not looked at again
+    for channel in (ordered, orientation):
         begun = at_instant(channel, None, trial.start)
         state = np.array([begun.value, begun.speed])
         if channel.name in trial.corrections:

@@ -34,7 +34,7 @@ from trueup.loop.ties import STEP, Considered, considered
 from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.untold import as_open, open_covariance
 from trueup.loop.validate import by_recording, left_out_errors
-from trueup.loop.windows import in_windows, smooth_length, window_length, words
+from trueup.loop.windows import begun_anew, words
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import PART_OF, Recording
 from trueup.search.least_squares import LeastSquares
@@ -63,7 +63,7 @@ class Options:
     like to be `Parameter.absent`."""
     windows: float | None = None
     """Recordings are replayed in windows of so many s, each from where the robot was measured to be then; inf: whole. None:
-    as short as an unstable robot needs (`trueup.loop.shoot.window_length`), whole with a discrepancy or controllers."""
+    as short as an unstable robot needs, or one that walks (`loop.windows`), whole with a discrepancy or controllers."""
     stages: tuple[Stage, ...] | None = None
     """What the search does, one thing after the other (`trueup.loop.fit.STAGES`), in place of `search`."""
     ends: tuple[End, ...] = ()
@@ -85,8 +85,7 @@ def calibrate(
 
     Raises CalibrationError where nothing can be fitted and SimulationFailedError where the start values already fail.
     """
-    began, cpu = time.perf_counter(), time.process_time()
-    warnings = check(recordings, hold_out)
+    began, cpu, warnings = time.perf_counter(), time.process_time(), check(recordings, hold_out)
     space = simulator.parameters if space is None else space
     chosen = _with_entering(options or Options(), space)
     space, chosen_before = _searched(space, chosen.later, resume)
@@ -97,9 +96,8 @@ def calibrate(
     waiting = [p.name for p in space.parameters if p.optional in chosen.later and not p.frozen]
     begin = space.without(waiting).nominal if start is None else start
     free = chosen.windows is None and discrepancy is None and controllers is None
-    lasting = window_length(problem, begin) if free else (chosen.windows or np.inf)
-    smooth = smooth_length(problem, begin, space.without(waiting), chosen.seed) if free else np.inf
-    problem = in_windows(problem, min(lasting, smooth))
+    smooth = space.without(waiting) if free else None
+    problem, lasting = begun_anew(problem, begin, smooth, chosen.windows or np.inf, chosen.seed)
     watch, chooser = Watch(progress, checkpoint), Chooser()
     select = chooser if chosen.select and not chosen_before else None
     found = fit(problem, space, begin, watch, resume=resume, select=select, **_how(chosen))

@@ -39,6 +39,17 @@ _OFF = 0.03
 """Of their boxes, by which parameters are changed for that: gains by a quarter, as files are often off."""
 
 
+def begun_anew(
+    problem: Problem, values: Array, space: ParameterSpace | None, wanted: float, seed: int
+) -> tuple[Problem, float]:
+    """The problem in windows of `wanted` s, or with a `space` in such as a search along its free parameters takes at values
+    (n,); and how long they may be for replays from measured starts to last.
+    """
+    lasting = wanted if space is None else window_length(problem, values)
+    smooth = np.inf if space is None else smooth_length(problem, values, space, seed)
+    return in_windows(problem, min(lasting, smooth)), lasting
+
+
 def window_length(problem: Problem, values: Array) -> float:
     """How long trials may be in s, so that an error at their start grows fivefold at most, and comes to `_LOUD` times the
     noise of what is measured at most, and a third of the time in which torques lead less astray than standing still.
