@@ -87,7 +87,7 @@ def smooth_length(problem: Problem, values: Array, space: ParameterSpace, seed: 
     relative curvature of D. M. Bates and D. G. Watts (J. R. Statist. Soc. B 42(1), 1980), along directions drawn at random.
     """
     pairs, parts = 4, 4  # as in `window_length`, the parts of long recordings show enough
-    if any(t.command is None or not set(BASE) & set(t.observed) for t in problem.trials):
+    if not _free(problem) or any(t.command is None for t in problem.trials):
         return np.inf
     middle = np.clip(space.to_unit(values), _OFF, 1.0 - _OFF)
     off = _OFF * np.random.default_rng(seed).choice([-1.0, 1.0], (pairs, len(middle)))
@@ -117,6 +117,10 @@ def _bending(problem: Problem, trial: int, turns: Array, stays: Array) -> tuple[
         return np.zeros(0), np.zeros(0)
     bent = 0.5 * np.log(np.maximum(both[0], TINY) / np.maximum(_BENT**2 * both[1], TINY))
     return time - problem.trials[trial].start, bent
+
+
+def _free(problem: Problem) -> bool:
+    return all(set(BASE) & set(t.observed) for t in problem.trials)
 
 
 def _by_torque(problem: Problem) -> bool:
@@ -149,6 +153,8 @@ def words(problem: Problem, *, measured: bool) -> list[str]:
         reason += (
             f", or they take {_SKILLED:.2g} of the time in which replays from the start values beat standing still"
         )
+    if _free(problem):
+        reason += f", or they take {_SKILLED:.2g} of the time after which replays bend too much with what is searched"
     return [
         f"recordings are replayed in windows of {longest:.2g} s, {len(problem.trials)} in all, each from where the robot was "
         f"then{reason if measured else ''}"
