@@ -5,12 +5,17 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import mujoco
 import numpy as np
 import pytest
 
+from trueup.calibration import Calibration
 from trueup.cli import main
+from trueup.engines.mujoco.rollout import MujocoSimulator
+from trueup.engines.mujoco.writing.notes import about_load
 
 GEARED = """<mujoco model="geared"><option integrator="implicitfast" timestep="0.001"/>
   <default><joint solimpfriction="0.999 0.999 0.001"/></default>
@@ -66,6 +71,16 @@ def test_friction_that_grows_with_the_load_is_hinted_at_and_found_when_asked_for
         replay = ("replay", "geared.xml", "log.csv", "--parameters", "loaded/parameters.toml", "--json", "-q")
         errors.append(json.loads(said(capsys, *replay, "--step", step))[0]["rmse"][0])
     assert errors[0] < 3 * NOISE < errors[1]
+
+
+@pytest.mark.parametrize(("astray", "hinted"), [(0.3, False), (1.0, True)])
+def test_only_what_is_usually_far_off_hints_at_friction_with_load(astray: float, hinted: bool) -> None:
+    off = np.random.default_rng(0).standard_normal((200, 2))
+    off[: round(astray * len(off))] += 30.0
+    replay = SimpleNamespace(channel="position", after=off, measured=np.zeros_like(off), noise=np.ones(2))
+    servo = cast(MujocoSimulator, SimpleNamespace(quantities=(SimpleNamespace(kind="kp"),)))
+    calibration = cast(Calibration, SimpleNamespace(lacking="", training=lambda: [replay]))
+    assert bool(about_load(servo, calibration)) == hinted
 
 
 @pytest.mark.usefixtures("geared")

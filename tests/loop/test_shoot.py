@@ -17,7 +17,7 @@ from trueup.loop.fit import fit
 from trueup.loop.problem import Problem
 from trueup.loop.shoot import Starts
 from trueup.loop.uncertainty import unit_covariance
-from trueup.loop.windows import in_windows, smooth_length, window_length
+from trueup.loop.windows import cut_for_search, in_windows, smooth_length, window_length
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
@@ -212,12 +212,16 @@ class Bending(Runner):
         ]
 
 
-def smooth(robot: Bending) -> float:
-    """How long windows of 4 s of it may be for slopes to lead."""
+def bending(robot: Bending) -> Problem:
+    """Four seconds of it."""
     away = Channel(robot.channel, ("x",), "m", TIME, np.exp(robot.rate * TIME)[:, None])
     command = Channel("command", ("x",), "m", TIME, np.zeros((len(TIME), 1)))
-    problem = Problem(robot, [Recording("goes", {robot.channel: away, "command": command})], ByNoise())  # type: ignore[arg-type]
-    return smooth_length(problem, SPACE.nominal, SPACE, seed=0)
+    return Problem(robot, [Recording("goes", {robot.channel: away, "command": command})], ByNoise())  # type: ignore[arg-type]
+
+
+def smooth(robot: Bending) -> float:
+    """How long windows of it may be for slopes to lead."""
+    return smooth_length(bending(robot), SPACE.nominal, SPACE, seed=0)
 
 
 def test_windows_of_a_free_base_end_where_replays_bend_with_parameters() -> None:
@@ -225,6 +229,10 @@ def test_windows_of_a_free_base_end_where_replays_bend_with_parameters() -> None
     assert bent / 3.0 < smooth(Bending()) < 1.1 * bent / 3.0
     assert smooth(Bending(rate=1.0)) == np.inf
     assert smooth(Bending(channel="position")) == np.inf  # a base that is not free
+    cut, lasting, (said,) = cut_for_search(bending(Bending()), SPACE.nominal, SPACE, np.inf, seed=0)
+    assert cut.windowed
+    assert lasting == np.inf
+    assert said.endswith("shown whole")
 
 
 class Ball(Runner):

@@ -34,7 +34,7 @@ from trueup.loop.ties import STEP, Considered, considered
 from trueup.loop.uncertainty import intervals, unit_covariance
 from trueup.loop.untold import as_open, open_covariance
 from trueup.loop.validate import by_recording, left_out_errors
-from trueup.loop.windows import begun_anew, words
+from trueup.loop.windows import cut_for_search
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import PART_OF, Recording
 from trueup.search.least_squares import LeastSquares
@@ -97,14 +97,14 @@ def calibrate(
     begin = space.without(waiting).nominal if start is None else start
     free = chosen.windows is None and discrepancy is None and controllers is None
     smooth = space.without(waiting) if free else None
-    problem, lasting = begun_anew(problem, begin, smooth, chosen.windows or np.inf, chosen.seed)
+    problem, lasting, cut = cut_for_search(problem, begin, smooth, chosen.windows or np.inf, chosen.seed)
     watch, chooser = Watch(progress, checkpoint), Chooser()
     select = chooser if chosen.select and not chosen_before else None
     found = fit(problem, space, begin, watch, resume=resume, select=select, **_how(chosen))
     if chosen.select:
         found = chooser.ended(problem, found, watch, {**_how(chosen), "later": ()})
     watch.saw("what the model lacks", problem, found.loss, problem.rmse(found.residual))
-    findings = _findings(problem, found, chooser.choices, words(problem, measured=free), earlier)  # before the seconds
+    findings = _findings(problem, found, chooser.choices, cut, earlier)  # before the seconds
     watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
     shown = replays(simulator, found.values, recordings, hold_out, measure, channels=fitted, controllers=controllers,
                     windows=lasting)  # fmt: skip

@@ -39,15 +39,19 @@ _OFF = 0.03
 """Of their boxes, by which parameters are changed for that: gains by a quarter, as files are often off."""
 
 
-def begun_anew(
+def cut_for_search(
     problem: Problem, values: Array, space: ParameterSpace | None, wanted: float, seed: int
-) -> tuple[Problem, float]:
+) -> tuple[Problem, float, list[str]]:
     """The problem in windows of `wanted` s, or with a `space` in such as a search along its free parameters takes at values
-    (n,); and how long they may be for replays from measured starts to last.
+    (n,); how long they may be for replays from measured starts to last, which is how they are shown; and both in words.
     """
     lasting = wanted if space is None else window_length(problem, values)
     smooth = np.inf if space is None else smooth_length(problem, values, space, seed)
-    return in_windows(problem, min(lasting, smooth)), lasting
+    begun = in_windows(problem, min(lasting, smooth))
+    shown = (
+        "" if lasting <= smooth else "; shown whole" if np.isinf(lasting) else f"; shown in windows of {lasting:.2g} s"
+    )
+    return begun, lasting, _words(begun, measured=space is not None, shown=shown)
 
 
 def window_length(problem: Problem, values: Array) -> float:
@@ -141,9 +145,9 @@ def in_windows(problem: Problem, length: float) -> Problem:
     return problem.replayed_by([part for part, _ in parts], [owner for _, owner in parts])
 
 
-def words(problem: Problem, *, measured: bool) -> list[str]:
-    """A sentence on the windows that recordings are replayed in, with the reason where `window_length` chose them; none
-    where they are replayed whole.
+def _words(problem: Problem, *, measured: bool, shown: str) -> list[str]:
+    """A sentence on the windows that recordings are replayed in, with the reason where they were `measured`, and how they are
+    `shown` if otherwise; none where they are replayed whole.
     """
     if not problem.windowed:
         return []
@@ -157,7 +161,7 @@ def words(problem: Problem, *, measured: bool) -> list[str]:
         reason += f", or they take {_SKILLED:.2g} of the time after which replays bend too much with what is searched"
     return [
         f"recordings are replayed in windows of {longest:.2g} s, {len(problem.trials)} in all, each from where the robot was "
-        f"then{reason if measured else ''}"
+        f"then{reason if measured else ''}{shown}"
     ]
 
 
