@@ -210,6 +210,30 @@ def test_a_car_is_also_searched_as_if_nothing_were_unexplained_and_the_better_on
     assert {tuple(at) for at in begun} == {tuple(own.values())}
 
 
+def test_a_log_that_begins_while_slow_wheels_turn_is_predicted_from_its_beginning() -> None:
+    """No command of the log tells where its wheels are: how the car turns does."""
+    slow = Vehicle("slow", 0.2, drive="throttle", values=HIDDEN | {"steering_rate_limit": 0.5, "steering_delay": 0.1})
+    whole, simulator, errors = driven(3, truth=slow), VehicleSimulator(slow), []
+    for begin in np.arange(8.0, 44.0, 3.0):
+        log = whole.slice(begin, begin + 1.7)
+        trial = Trial.of(log, ["position", "heading"])
+        turned = simulator.past(trial)
+        for past in (turned, replace(turned, told=0)):  # or as if wheels were where the first command wants them
+            simulator._pasts[trial] = past
+            seen = simulator.rollout([trial], np.zeros((1, 0)))[0].channels["position"][0]
+            errors.append(np.linalg.norm(seen - log.channel("position").values, axis=1).max())
+    told, held = np.reshape(errors, (-1, 2)).T
+    assert np.median(told) < 0.1 * np.median(held)
+    assert told.max() < 0.15
+
+
+def test_the_speed_at_the_beginning_of_a_log_is_not_that_of_a_car_that_stood_before(drive: Recording) -> None:
+    log = drive.slice(20.0, 24.0)
+    past = VehicleSimulator(TRUTH).past(Trial.of(log, ["position", "heading"]))
+    first = int(np.argmax(past.known))
+    assert past.seen[first, 3] == pytest.approx(past.seen[first + 10, 3], rel=0.03)
+
+
 def test_a_gap_in_the_tracking_changes_no_prediction_that_began_before_it(drive: Recording) -> None:
     car, trial = VehicleSimulator(TRUTH), Trial.of(drive, ["position"])
     time = trial.observed["position"].time

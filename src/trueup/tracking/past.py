@@ -39,13 +39,14 @@ class Past:
     """(G,) where `seen` is known."""
     lengths: Integers
     """(G,) for how many steps back it is known without a gap, at most PAST."""
+    told: int = 0
+    """The first instant at which the car is seen and its command is known: before it the first command is held."""
 
     @classmethod
-    def of(cls, trial: Trial, step: float, labels: tuple[str, str], *, at_once: bool = False) -> Past:
+    def of(cls, trial: Trial, step: float, labels: tuple[str, str]) -> Past:
         """From a trial's command (throttle, held between its samples, and steering) and measured 'position' and 'heading'.
 
-        `at_once`: speeds are right from the first known instant on, for drives of seconds. Raises RecordingError without
-        them.
+        Raises RecordingError without them.
         """
         if trial.command is None or "position" not in trial.initial or "heading" not in trial.initial:
             raise RecordingError(
@@ -53,9 +54,10 @@ class Past:
             )
         begin, grid = _grid(trial, step)
         commands = trial.command.select(labels).at(grid, hold=labels[0] != "speed")
-        seen, known = _seen(trial.initial["position"], trial.initial["heading"], grid, step, at_once)
+        seen, known = _seen(trial.initial["position"], trial.initial["heading"], grid, step)
         lengths = np.clip(_run_lengths(known) - 1, 0, round(PAST / step)).astype(np.int64)
-        return cls(begin, step, np.ascontiguousarray(commands), seen, known, lengths)
+        told = max(int(np.searchsorted(grid, trial.command.time[0] - SAME_INSTANT)), int(np.argmax(known)))
+        return cls(begin, step, np.ascontiguousarray(commands), seen, known, lengths, told)
 
     @classmethod
     def at_start(cls, trial: Trial, step: float, labels: tuple[str, str]) -> Past:
@@ -130,7 +132,7 @@ def _grid(trial: Trial, step: float) -> tuple[float, Array]:
     return begin, begin + step * np.arange(count, dtype=np.float64)
 
 
-def _seen(position: Channel, heading: Channel, grid: Array, step: float, at_once: bool) -> tuple[Array, Mask]:
+def _seen(position: Channel, heading: Channel, grid: Array, step: float) -> tuple[Array, Mask]:
     good = np.isfinite(position.values).all(axis=1) & np.isfinite(heading.values[:, 0])
     seen, known = np.zeros((len(grid), READ)), np.zeros(len(grid), dtype=bool)
     if good.sum() < 3:
@@ -153,9 +155,8 @@ def _seen(position: Channel, heading: Channel, grid: Array, step: float, at_once
     # Along the car, step by step: a car that turns quickly bends its path within the window, not its speed.
     middle = angle - 0.5 * np.diff(angle, prepend=angle[0])
     dx, dy = (np.diff(p, prepend=p[0]) / step for p in (x, y))
-    if at_once:  # no way led to the first sample: the next step stands for it
-        begins = np.flatnonzero(measured[1:-1] & ~measured[:-2]) + 1
-        dx[begins], dy[begins] = dx[begins + 1], dy[begins + 1]
+    begins = np.flatnonzero(measured[1:-1] & ~measured[:-2]) + 1  # no way led there: the next step stands for it
+    dx[begins], dy[begins] = dx[begins + 1], dy[begins + 1]
     value, slope = _at_the_end(long, step, 1)
     # Differences belong to the middle of a step.
     seen[:, 3] = _past_only(np.cos(middle) * dx + np.sin(middle) * dy, value + 0.5 * step * slope)

@@ -11,28 +11,40 @@ from trueup.arrays import Array
 from trueup.compiled import njit
 from trueup.engines.vehicle.kernels import (
     ANGLE,
+    ANGLE_OFFSET,
+    COMMAND_OFFSET,
     DRIVE,
     DRIVE_DELAY,
+    FRONT_COMPLIANCE,
     GRIP,
     HEADING,
     LAGGED,
     LASTS,
+    MAX_STEERING,
     POSE_AHEAD,
     POSE_TURN,
     PUSH,
     PUSH_LASTS,
     REAR_COMPLIANCE,
+    RELAXATION,
     SIDEWAYS,
     SLACK,
     SPEED,
     SPEED_KEPT,
+    STEERING_BEND,
     STEERING_DELAY,
+    STEERING_LEFT,
+    STEERING_RATE,
+    STEERING_RIGHT,
+    STEERING_SCALE,
     TRIM,
     TRIM_LASTS,
     TURNING,
     TURNS,
+    UNDERSTEER,
     WEIGHT_IN_FRONT,
     WHEEL,
+    WHEEL_SCALE,
     WHEELBASE,
     X,
     Y,
@@ -43,9 +55,12 @@ from trueup.engines.vehicle.kernels import (
     steered,
     step_actuators,
     step_chassis,
+    toward,
 )  # fmt: skip
 from trueup.rounding import NEGLIGIBLE
 from trueup.tracking.past import MOVES
+
+_ROUNDS, _MOST_BENT = 3, 0.5  # of solving for a bent steering, whose share of the angle stays above this
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -104,31 +119,76 @@ def out_of_steady_curve(p: Array, dt: float, commands: Array, k0: int, k1: int, 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def wheel_for(p: Array, angle: float) -> float:
+    """The command after lag, slack and rate limit that turns the wheels to `angle` (rad): `steered` the other way round."""
+    straight = (angle - p[ANGLE_OFFSET]) / p[STEERING_SCALE]
+    share = straight / (p[STEERING_LEFT] if straight > 0.0 else p[STEERING_RIGHT])
+    found = share
+    for _ in range(_ROUNDS):
+        found = share / max(1.0 - p[STEERING_BEND] * found * found, _MOST_BENT)
+    return min(max(found, -p[MAX_STEERING]), p[MAX_STEERING]) - p[COMMAND_OFFSET]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def as_it_turns(p: Array, speed: float, turn: float, s: Array) -> None:
+    """Wheels of which no command tells are where the car turns at `turn` (rad/s), driving at `speed` (m/s); tyres that take
+    up an angle with the way rolled are behind those that still turn.
+    """
+    v, behind = p[WHEEL_SCALE] * speed, 0.0
+    if p[GRIP] > 0.0 or p[REAR_COMPLIANCE] > 0.0:
+        angle = math.atan(p[WHEELBASE] * turn / v) + (p[FRONT_COMPLIANCE] + p[WHEELBASE] * p[UNDERSTEER]) * v * turn
+        behind = p[RELAXATION] / v
+    else:
+        angle = math.atan(p[WHEELBASE] * turn * (1.0 + p[UNDERSTEER] * v * v) / v)
+    wheel = wheel_for(p, angle)
+    s[WHEEL] = toward(wheel, s[SLACK], p[STEERING_RATE] * behind)
+    s[ANGLE] = steered(
+        p, s[WHEEL] if s[WHEEL] == s[SLACK] else wheel
+    )  # what had the time to be where it should is there
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def begin(
-    p: Array, dt: float, commands: Array, seen: Array, k0: int, past: int, settle: int, shares: Array, s: Array
+    p: Array,
+    dt: float,
+    commands: Array,
+    seen: Array,
+    k0: int,
+    past: int,
+    settle: int,
+    told: int,
+    shares: Array,
+    s: Array,
 ) -> None:
     """The state at grid instant k0 from what was commanded and seen until then.
 
     seen (G, 5) x, y, heading, forward speed of the tracked point, yaw rate. The model is run over the last `past` steps: how
     much slower or faster the car was tells PUSH (and, as far as SPEED_KEPT says, the speed now: with less noise than the
-    last samples, but later), and how much more it turned tells TRIM. `settle` steps of commands come before. Where no past is
-    seen, tyres that slip are where these commands have brought them from a steady curve.
+    last samples, but later), and how much more it turned tells TRIM. `settle` steps of commands come before, or as many as
+    slow wheels take from one side to the other; where the log begins within these, its first turn rate (at `told`) says where
+    they were. Where no past is seen, tyres that slip are where these commands have brought them from a steady curve.
     """
     first = k0 - past
     s[:] = 0.0
-    s[LAGGED] = s[SLACK] = s[WHEEL] = commands[max(first - settle, 0), 1]
+    back = max(first - max(settle, math.ceil(2.0 / (p[STEERING_RATE] * dt))), 0)
+    s[LAGGED] = s[SLACK] = s[WHEEL] = commands[back, 1]
     slips = past == 0 and p[GRIP] == 0.0 and p[REAR_COMPLIANCE] > 0.0
     if slips:
         out_of_steady_curve(p, dt, commands, max(first - settle, 0), k0, shares, s)
+    unknown = back < told and seen[told, 3] > MOVES and p[TURNS] == 0.0 and not slips
     bent, driven, share, forward = 0.0, 0.0, share_of(LASTS / 3.0, dt), seen[k0, 3]
     moments = np.zeros(7)
     moments[1] = moments[4] = 1.0
-    for k in range(k0 if slips else max(first - settle, 0), k0):
+    for k in range(k0 if slips else back, k0):
+        if k == told and unknown:
+            as_it_turns(p, seen[k, 3], seen[k, 4], s)
         advance(p, dt, commands, k, shares, s)
         if k < first:
             continue
         if k == first:
-            s[SPEED], s[TURNING], s[ANGLE] = seen[k, 3], seen[k, 4], steered(p, s[WHEEL])
+            s[SPEED], s[TURNING] = seen[k, 3], seen[k, 4]
+            if k != told or not unknown:
+                s[ANGLE] = steered(p, s[WHEEL])
         step_chassis(p, dt, s)
         compare_speed(moments, dt, resistance(p, s), seen[k + 1, 3] - s[SPEED])
         if p[TURNS] > 0.0:
@@ -146,6 +206,8 @@ def begin(
     if past == 0:
         s[SIDEWAYS] += p[WHEELBASE] * p[WEIGHT_IN_FRONT] * (seen[k0, 4] - s[TURNING]) if slips else 0.0
         s[TURNING], s[ANGLE] = seen[k0, 4], steered(p, s[WHEEL])
+        if k0 == told and unknown:
+            as_it_turns(p, seen[k0, 3], seen[k0, 4], s)
     s[SPEED] = ahead_or_back(p, forward) if p[DRIVE] > 0.0 else forward
     s[HEADING] = seen[k0, 2] + p[POSE_TURN]
     s[X] = seen[k0, 0] - p[POSE_AHEAD] * math.cos(s[HEADING])

@@ -94,7 +94,7 @@ def _unit_of_wheels(wheels: Wheels, recordings: Sequence[Recording]) -> str:
     told = driven = 0.0
     for recording in recordings:
         clean = cleaned(recording, full=(1.0, 1.0), wheelbase=0.0)
-        past = Past.of(Trial.of(clean, ["position", "heading"]), _GRID, COMMAND, at_once=True)
+        past = Past.of(Trial.of(clean, ["position", "heading"]), _GRID, COMMAND)
         told += float(np.abs(past.commands[past.known, 0]).sum())
         driven += float(np.abs(past.seen[past.known, 3]).sum())
     ways = {u: factor * wheels.way(si) for u, (si, factor) in _WHEEL_UNITS.items()}

@@ -42,13 +42,11 @@ class Look:
     drives: tuple[Past, ...] = ()
 
     @classmethod
-    def at(cls, recordings: Sequence[Recording], *, at_once: bool = False) -> Look:
+    def at(cls, recordings: Sequence[Recording]) -> Look:
         """At prepared recordings, see `Past.of`. Raises RecordingError for one without pose or command."""
         steps = 12  # of the grid within LATE
         parts = [np.zeros((5, 0))]
-        pasts = [
-            Past.of(Trial.of(r, ["position", "heading"]), LATE / steps, COMMAND, at_once=at_once) for r in recordings
-        ]
+        pasts = [Past.of(Trial.of(r, ["position", "heading"]), LATE / steps, COMMAND) for r in recordings]
         for past in pasts:
             k = np.arange(past.earliest, len(past.known) - 1, steps)
             k = k[past.known[k] & (past.lengths[k] > steps) & (past.seen[k, 3] > MOVES)]

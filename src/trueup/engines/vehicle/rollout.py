@@ -163,9 +163,7 @@ class VehicleSimulator:
         if trial not in self._pasts:
             labels = ("speed", "steering") if self.vehicle.drive == "speed" else COMMAND
             self._pasts[trial] = (
-                Past.at_start(trial, self.step, labels)
-                if np.isinf(self.horizon)
-                else Past.of(trial, self.step, labels, at_once=self.vehicle.pursues)
+                Past.at_start(trial, self.step, labels) if np.isinf(self.horizon) else Past.of(trial, self.step, labels)
             )
         return self._pasts[trial]
 
@@ -177,15 +175,8 @@ class VehicleSimulator:
     def predict(self, past: Past, rows: Array, starts: Integers, first: Integers, since: Array) -> Array:
         """(b, len(since), 5) x, y, heading, speed, yaw rate of stretches; see `replay_rows`."""
         out = np.empty((len(rows), len(since), READ))
-        lengths = past.lengths[starts]
-        in_threads(
-            lambda i: replay_rows(
-                rows[i], past.step, past.commands, past.seen, starts, lengths, past.settle, first, since, out[i]
-            ),
-            len(rows),
-            self._threads or cores(),
-            timed=True,
-        )
+        how = past.step, past.commands, past.seen, starts, past.lengths[starts], past.settle, past.told, first, since
+        in_threads(lambda i: replay_rows(rows[i], *how, out[i]), len(rows), self._threads or cores(), timed=True)
         return out
 
     def _stretches(self, trial: Trial, times: Array) -> tuple[Array, Integers, Integers]:
