@@ -38,3 +38,15 @@ def test_one_slide_of_a_leg_tells_its_friction_where_slopes_lead_to_a_foot_that_
     values = {e.name: e.value for e in result.estimates}
     assert values["floor.contact_friction"] == pytest.approx(truth.friction, rel=0.01)
     assert values["controller.kd"] == pytest.approx(truth.kd, rel=0.02)
+
+
+@pytest.mark.parametrize("robot", [8, 12])
+def test_friction_of_a_foot_that_only_lands_stays_as_it_was(robot: int, tmp_path: Path) -> None:
+    """All friction with which it sticks is alike. For 8 a foot that slips a little is no worse, less than half the truth."""
+    rng = np.random.default_rng([robot, 2026])
+    truth = Truth.drawn(rng)
+    result = calibrate(simulator(tmp_path), recordings(truth, rng, RUNS[:1]), options=Options(seed=1))
+    friction, stiffness, _ = result.estimates
+    assert (friction.value, friction.verdict) == (1.0, "not identified")
+    assert stiffness.low <= truth.kp <= stiffness.high
+    assert stiffness.verdict == "identified"

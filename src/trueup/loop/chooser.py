@@ -12,9 +12,10 @@ import numpy as np
 from trueup.loop.descent import Fit
 from trueup.loop.fit import REFINEMENT, SHIPPED, Watch, fit
 from trueup.loop.problem import Problem
-from trueup.loop.selection import Choice, choose, untold
+from trueup.loop.selection import Choice, choose, kept_notes, proof, shallow, untold
 from trueup.loop.uncertainty import unit_covariance
 from trueup.parameters import ParameterSpace
+from trueup.search.robust import robust_losses
 
 
 class Chooser:
@@ -42,11 +43,12 @@ class Chooser:
         self.choices = self.choices or (Choice((), ()), Choice((), ()))
         self._still(found.space)
         while True:
-            late = untold(found.near or problem, found, unit_covariance(problem, found), self.choices[0].vague)
-            first, *rest = self.choices
-            self.choices = (Choice(*(a + b for a, b in zip(_parts(first), _parts(late), strict=True))), *rest)
+            late = untold(
+                found.shot or found.near or problem, found, unit_covariance(problem, found), self.choices[0].vague
+            )
+            self._take(late)
             if not late.freeze:
-                return found
+                return self._begun_anew(problem, found, watch, how)
             nothing = len(late.freeze) == int(found.space.free.sum())
             space = found.space.left_open(late.freeze[:-1] if nothing else late.freeze)
             values = np.where(space.free, found.values, space.nominal)
@@ -55,6 +57,24 @@ class Chooser:
             found = replace(again, notes=tuple(dict.fromkeys((*found.notes, *again.notes))))
             if nothing:
                 return replace(found, ended="the recordings tell nothing of what was to be found: all is as it came")
+
+    def _begun_anew(self, problem: Problem, found: Fit, watch: Watch, how: Mapping[str, Any]) -> Fit:
+        """The fit, or one with the start values of what it needs no other value of: of two that explain the recordings
+        alike the one that was known before.
+        """
+        for p in shallow(found.shot or found.near or problem, found)[: int(found.space.free.sum()) - 1]:
+            space = found.space.left_open([p.name])
+            values = np.where(space.free, found.values, space.nominal)
+            again = fit(problem, space, values, watch, **{**how, "stages": REFINEMENT, "begun": found})
+            (loss,) = robust_losses(again.residual[None], found.bend)
+            if loss < found.loss + proof(problem, found):
+                self._take(Choice((p.name,), kept_notes([p])))
+                found = replace(again, notes=tuple(dict.fromkeys((*found.notes, *again.notes))))
+        return found
+
+    def _take(self, late: Choice) -> None:
+        first, *rest = self.choices
+        self.choices = (Choice(*(a + b for a, b in zip(_parts(first), _parts(late), strict=True))), *rest)
 
     def _still(self, space: ParameterSpace) -> None:
         """Forgets what was said of those that were freed since."""

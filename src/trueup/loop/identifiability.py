@@ -18,7 +18,8 @@ from trueup.rounding import TINY
 # Share of the box: a direction with an interval this wide is named.
 _LOOSE = 0.12
 NO_EFFECT = 1e-3
-UNTOLD = ("no effect", "not identified")
+UNSEEN = "no effect"
+UNTOLD = (UNSEEN, "not identified")
 """Verdicts on what the recordings do not see, or hardly."""
 
 
@@ -52,7 +53,7 @@ def _verdict(
     p: Parameter, unit: float, spread: float, strength: float, value: float, low: float, high: float
 ) -> Verdict:
     if strength < NO_EFFECT:
-        return Verdict("no effect", f"changing it changes nothing in these recordings{_advice(p)}")
+        return Verdict(UNSEEN, f"changing it changes nothing in these recordings{_advice(p)}")
     return judged(p, unit, spread, value, low, high)
 
 

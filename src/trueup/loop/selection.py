@@ -11,11 +11,15 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.evidence import Evidence, evidence
 from trueup.loop.descent import Fit
-from trueup.loop.identifiability import NO_EFFECT, UNTOLD, effects, verdicts
+from trueup.loop.identifiability import NO_EFFECT, UNSEEN, UNTOLD, effects, verdicts
 from trueup.loop.problem import Problem
 from trueup.loop.uncertainty import PRIOR, vague
 from trueup.loop.validate import Block, by_setting, by_stretch, cautious_errors, left_out_errors, settled_loss
 from trueup.parameters import Parameter
+from trueup.rounding import TINY
+
+_PLAINLY = 10.0
+"""Of what proves one parameter: where slopes leave no doubt, and what settling by slopes may leave of less than a tenth."""
 
 
 @dataclass(frozen=True)
@@ -43,14 +47,15 @@ def choose(problem: Problem, fit: Fit, covariance: Array) -> tuple[Choice, Choic
     structures = tuple(judge.frozen)
     unseen = [p for p in wide if p.name not in structures and not judge.tried([p.name]).holds]
     kept = tuple(p.name for p in wide if p.name not in judge.frozen)
-    return Choice(tuple(p.name for p in unseen), _untold(unseen), kept), Choice(structures, notes)
+    return Choice(tuple(p.name for p in unseen), kept_notes(unseen), kept), Choice(structures, notes)
 
 
 def untold(problem: Problem, fit: Fit, covariance: Array, kept: Sequence[str]) -> Choice:
     """What ended away from its nominal value where the recordings do not tell it, or do not see it, and are replayed as well
     with it there, by the same rule.
 
-    `kept` are names of those that have been asked about; structures and limits have, too.
+    `kept` are names of those that have been asked about, and are again where nothing is seen of them since; structures and
+    limits have been, too.
     """
     free = [p for p in fit.space.parameters if not p.frozen]
     moved = dict(zip((p.name for p in free), ~np.isclose(fit.values, fit.space.nominal)[fit.space.free], strict=True))
@@ -58,7 +63,7 @@ def untold(problem: Problem, fit: Fit, covariance: Array, kept: Sequence[str]) -
     asked = [
         p for p, verdict in zip(free, seen, strict=True)
         if verdict.word in UNTOLD and (moved[p.name] or p.unidentified is not None)
-        and p.name not in kept and not p.optional and p.absent is None
+        and (p.name not in kept or verdict.word == UNSEEN) and not p.optional and p.absent is None
     ]  # fmt: skip
     if not asked:
         return Choice((), ())
@@ -67,10 +72,30 @@ def untold(problem: Problem, fit: Fit, covariance: Array, kept: Sequence[str]) -
         asked = not_missed(problem, fit, asked)
     unseen = [p for p in asked if not judge.tried([p.name]).holds]
     stay = tuple(p.name for p in asked if p not in unseen)
-    return Choice(tuple(p.name for p in unseen), _untold(unseen), stay)
+    return Choice(tuple(p.name for p in unseen), kept_notes(unseen), stay)
 
 
-def _untold(parameters: Sequence[Parameter]) -> tuple[str, ...]:
+def shallow(problem: Problem, fit: Fit) -> list[Parameter]:
+    """What slopes place far from its start value, though it costs hardly anything to be there: beside a place where a foot
+    slips a little and all else makes up for it lies the plateau of all friction with which it sticks.
+    """
+    curvature = fit.jacobian.T @ (fit.jacobian * fit.weights[:, None])
+    inverse = np.linalg.inv(curvature + PRIOR * np.eye(len(curvature)))
+    foretold = 0.5 * (_elsewhere(fit) - fit.unit) ** 2 / np.diag(inverse)
+    free, much = [p for p in fit.space.parameters if not p.frozen], _PLAINLY * proof(problem, fit)
+    some = [k for k, p in enumerate(free) if foretold[k] > much and not p.optional and p.absent is None]
+    return _settled_below(problem, fit, some, fit.loss + much)
+
+
+def proof(problem: Problem, fit: Fit) -> float:
+    """By how much one more parameter must lower the loss to be there (G. Schwarz, Annals of Statistics 6, 1978)."""
+    chance = problem.chance(fit.residual)
+    alike = max(2.0 * chance / max(float(np.mean(fit.residual**2)), TINY), 1.0)
+    return chance * float(np.log(max(len(fit.residual) / alike, np.e)))
+
+
+def kept_notes(parameters: Sequence[Parameter]) -> tuple[str, ...]:
+    """What is said of parameters that stay as they were, a sentence each."""
     said = {p.name: f"kept at {p.nominal:.4g} {p.unit}" if p.unidentified is None else "left out" for p in parameters}
     return tuple(f"{name} {how}: these recordings cannot tell it" for name, how in said.items())
 
@@ -100,13 +125,17 @@ def not_missed(problem: Problem, fit: Fit, parameters: Sequence[Parameter]) -> l
     """Those without which, each as if nobody told it, recordings are replayed as well once all others have settled."""
     free = [p for p in fit.space.parameters if not p.frozen]
     places = [free.index(p) for p in parameters]
-    nominal = _elsewhere(fit)
+    return _settled_below(problem, fit, places, fit.loss + problem.chance(fit.residual) * len(free))
+
+
+def _settled_below(problem: Problem, fit: Fit, places: Sequence[int], most: float) -> list[Parameter]:
+    """The free parameters with numbers `places` without which the loss stays below `most` once all others have settled."""
+    free, nominal = [p for p in fit.space.parameters if not p.frozen], _elsewhere(fit)
     points = np.repeat(fit.unit[None], len(places), axis=0)
     points[np.arange(len(places)), places] = nominal[places]
-    residuals = problem.residuals(fit.space.from_unit(points))
-    most = fit.loss + problem.chance(fit.residual) * len(free)
+    residuals = problem.residuals(fit.space.from_unit(points)) if len(places) else ()
     settled = [settled_loss(fit, np.delete(np.arange(len(free)), k), r) for k, r in zip(places, residuals, strict=True)]
-    return [p for p, loss in zip(parameters, settled, strict=True) if loss < most]
+    return [free[k] for k, loss in zip(places, settled, strict=True) if loss < most]
 
 
 def _elsewhere(fit: Fit) -> Array:
