@@ -23,10 +23,15 @@ test: export OMP_NUM_THREADS = 1
 test: export OPENBLAS_NUM_THREADS = 1
 test: export MKL_NUM_THREADS = 1
 test: export TRUEUP_THREADS = 1
-test: $(DEV_READY) ## run all tests, on two cores
+test: $(DEV_READY) $(VENV)/.compiled ## run all tests, on two cores
 	@$(MAKE) --no-print-directory rcss >/dev/null 2>&1 || true # a RoboCup server to talk to; its tests say what is missing
 	@# The report is opened in a real browser wherever one can be had; .ci/browser says why there is none, the tests pass it on.
 	@TRUEUP_NO_BROWSER="$$(.ci/browser)" $(PYTEST) -n 2 --dist worksteal --durations=15 -rs $(ARGS)
+
+# A loop that was compiled before knows the loops of other files, which it calls, as they were then.
+$(VENV)/.compiled: $(shell grep -rl "compiled import njit" src --include=*.py) | $(DEV_READY)
+	@find src -name '*.nb[ci]' -delete
+	@touch $@
 
 check: $(DEV_READY) ## lint, formatting, types, layers, addresses and paths
 	@$(VENV)/bin/ruff check .

@@ -148,67 +148,90 @@ def as_it_turns(p: Array, speed: float, turn: float, s: Array) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def beyond_model(p: Array, moments: Array, bent: float, forward: float, s: Array) -> float:
+    """What the car showed beyond the model goes on as the model says: PUSH, TRIM, and the speed (m/s) that is returned."""
+    push, faster = explained_speed(moments)
+    at_once = (forward - s[SPEED]) / moments[0]
+    s[PUSH] = p[PUSH_LASTS] * (at_once + p[SPEED_KEPT] * (push - at_once))
+    s[TRIM] = p[TRIM_LASTS] * bent
+    return forward + p[SPEED_KEPT] * (s[SPEED] + faster - forward)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def place(p: Array, pose: Array, s: Array) -> None:
+    """The pose of the model where that of the tracked point is `pose` (x, y, heading, ...)."""
+    s[HEADING] = pose[2] + p[POSE_TURN]
+    s[X] = pose[0] - p[POSE_AHEAD] * math.cos(s[HEADING])
+    s[Y] = pose[1] - p[POSE_AHEAD] * math.sin(s[HEADING])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def more_bent(p: Array, turn: float, speed: float, s: Array) -> float:
+    """By how much more than the model (rad; rad/s on two wheels) the car turns at `turn` (rad/s); nan for one that stands."""
+    if p[TURNS] > 0.0:
+        return turn - s[TURNING]
+    if min(speed, s[SPEED]) > MOVES:
+        return p[WHEELBASE] * (turn / speed - s[TURNING] / s[SPEED])
+    return math.nan
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def under_commands(
+    p: Array, dt: float, commands: Array, seen: Array, first: int, settle: int, told: int, shares: Array, s: Array
+) -> bool:
+    """Motor and wheels at grid instant `first`, after `settle` steps of commands, or as many as slow wheels take from side to
+    side. Where the log begins within these, at `told`, wheels are where its first turn rate says; whether that is now is
+    returned.
+    """
+    back = max(first - max(settle, math.ceil(2.0 / (p[STEERING_RATE] * dt))), 0)
+    unknown = back < told and seen[told, 3] > MOVES and p[TURNS] == 0.0
+    s[LAGGED] = s[SLACK] = s[WHEEL] = commands[back, 1]
+    for k in range(back, first):
+        if unknown and k == told:
+            as_it_turns(p, seen[k, 3], seen[k, 4], s)
+        advance(p, dt, commands, k, shares, s)
+    if unknown and first == told:
+        as_it_turns(p, seen[first, 3], seen[first, 4], s)
+    return unknown and first == told
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def begin(
-    p: Array,
-    dt: float,
-    commands: Array,
-    seen: Array,
-    k0: int,
-    past: int,
-    settle: int,
-    told: int,
-    shares: Array,
-    s: Array,
-) -> None:
+    p: Array, dt: float, commands: Array, seen: Array, k0: int, past: int, settle: int, told: int, shares: Array, s: Array
+) -> None:  # fmt: skip
     """The state at grid instant k0 from what was commanded and seen until then.
 
     seen (G, 5) x, y, heading, forward speed of the tracked point, yaw rate. The model is run over the last `past` steps: how
     much slower or faster the car was tells PUSH (and, as far as SPEED_KEPT says, the speed now: with less noise than the
-    last samples, but later), and how much more it turned tells TRIM. `settle` steps of commands come before, or as many as
-    slow wheels take from one side to the other; where the log begins within these, its first turn rate (at `told`) says where
-    they were. Where no past is seen, tyres that slip are where these commands have brought them from a steady curve.
+    last samples, but later), and how much more it turned tells TRIM. `settle` steps of commands come before, of a log that
+    begins at `told` (see `under_commands`). Where no past is seen, tyres that slip are where these commands have brought them
+    from a steady curve.
     """
-    first = k0 - past
+    first, turned = k0 - past, False
     s[:] = 0.0
-    back = max(first - max(settle, math.ceil(2.0 / (p[STEERING_RATE] * dt))), 0)
-    s[LAGGED] = s[SLACK] = s[WHEEL] = commands[back, 1]
     slips = past == 0 and p[GRIP] == 0.0 and p[REAR_COMPLIANCE] > 0.0
     if slips:
+        s[LAGGED] = s[SLACK] = s[WHEEL] = commands[max(first - settle, 0), 1]
         out_of_steady_curve(p, dt, commands, max(first - settle, 0), k0, shares, s)
-    unknown = back < told and seen[told, 3] > MOVES and p[TURNS] == 0.0 and not slips
+    else:
+        turned = under_commands(p, dt, commands, seen, first, settle, told, shares, s)
     bent, driven, share, forward = 0.0, 0.0, share_of(LASTS / 3.0, dt), seen[k0, 3]
-    moments = np.zeros(7)
-    moments[1] = moments[4] = 1.0
-    for k in range(k0 if slips else back, k0):
-        if k == told and unknown:
-            as_it_turns(p, seen[k, 3], seen[k, 4], s)
+    moments = np.array([0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0])
+    for k in range(first, k0):
         advance(p, dt, commands, k, shares, s)
-        if k < first:
-            continue
         if k == first:
             s[SPEED], s[TURNING] = seen[k, 3], seen[k, 4]
-            if k != told or not unknown:
-                s[ANGLE] = steered(p, s[WHEEL])
+            s[ANGLE] = s[ANGLE] if turned else steered(p, s[WHEEL])
         step_chassis(p, dt, s)
         compare_speed(moments, dt, resistance(p, s), seen[k + 1, 3] - s[SPEED])
-        if p[TURNS] > 0.0:
-            bent += share * (seen[k + 1, 4] - s[TURNING] - bent)
-            driven += dt
-        elif min(seen[k + 1, 3], s[SPEED]) > MOVES:
-            bent += share * (p[WHEELBASE] * (seen[k + 1, 4] / seen[k + 1, 3] - s[TURNING] / s[SPEED]) - bent)
+        more = more_bent(p, seen[k + 1, 4], seen[k + 1, 3], s)
+        if not math.isnan(more):
+            bent += share * (more - bent)
             driven += dt
     if driven > max(LASTS / 2.0, past * dt / 2.0):  # a car that stands shows nothing
-        push, faster = explained_speed(moments)
-        at_once = (forward - s[SPEED]) / moments[0]
-        s[PUSH] = p[PUSH_LASTS] * (at_once + p[SPEED_KEPT] * (push - at_once))
-        s[TRIM] = p[TRIM_LASTS] * bent
-        forward += p[SPEED_KEPT] * (s[SPEED] + faster - forward)
+        forward = beyond_model(p, moments, bent, forward, s)
     if past == 0:
         s[SIDEWAYS] += p[WHEELBASE] * p[WEIGHT_IN_FRONT] * (seen[k0, 4] - s[TURNING]) if slips else 0.0
-        s[TURNING], s[ANGLE] = seen[k0, 4], steered(p, s[WHEEL])
-        if k0 == told and unknown:
-            as_it_turns(p, seen[k0, 3], seen[k0, 4], s)
+        s[TURNING], s[ANGLE] = seen[k0, 4], s[ANGLE] if turned else steered(p, s[WHEEL])
     s[SPEED] = ahead_or_back(p, forward) if p[DRIVE] > 0.0 else forward
-    s[HEADING] = seen[k0, 2] + p[POSE_TURN]
-    s[X] = seen[k0, 0] - p[POSE_AHEAD] * math.cos(s[HEADING])
-    s[Y] = seen[k0, 1] - p[POSE_AHEAD] * math.sin(s[HEADING])
+    place(p, seen[k0], s)
