@@ -222,7 +222,8 @@ def test_pedals_topics_of_their_own_and_turn_rates_drive_a_car_too() -> None:
 
 def test_a_slow_servo_is_told_from_a_late_one(tmp_path: Path) -> None:
     """A wheel that turns no faster than it can is not the same as one that turns late: only the former has a limit."""
-    (tmp_path / "car.toml").write_text("[vehicle]\nwheelbase = 0.2\n")
+    lasting = "push_lasts = 0.0\ntrim_lasts = 0.0\nspeed_kept = 0.0\n"  # told, and so searched from once
+    (tmp_path / "car.toml").write_text(f"[vehicle]\nwheelbase = 0.2\n[vehicle.values]\n{lasting}")
     for rate, late in ((0.5, 0.0), (np.inf, 0.3)):
         given = turned(asked(0.0, 30.0), rate, late)
         found = {e.name: e.value for e in prepare(tmp_path / "car.toml", [given]).calibrate().estimates}

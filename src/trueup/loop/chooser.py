@@ -60,16 +60,22 @@ class Chooser:
 
     def _begun_anew(self, problem: Problem, found: Fit, watch: Watch, how: Mapping[str, Any]) -> Fit:
         """The fit, or one with the start values of what it needs no other value of: of two that explain the recordings
-        alike the one that was known before.
+        alike the one that was known before. Where slopes lead lower from there, it is told after all.
         """
+        how = {**how, "stages": REFINEMENT}
         for p in shallow(found.shot or found.near or problem, found)[: int(found.space.free.sum()) - 1]:
-            space = found.space.left_open([p.name])
+            need, space = proof(problem, found), found.space.left_open([p.name])
             values = np.where(space.free, found.values, space.nominal)
-            again = fit(problem, space, values, watch, **{**how, "stages": REFINEMENT, "begun": found})
-            (loss,) = robust_losses(again.residual[None], found.bend)
-            if loss < found.loss + proof(problem, found):
+            held = fit(problem, space, values, watch, **how, begun=found)
+            loss = _loss(held, found)
+            if not loss < found.loss + need:
+                continue
+            free = fit(problem, found.space, held.values, watch, **how, begun=replace(found, starts=held.starts))
+            told = _loss(free, found) < loss - need
+            if not told:
                 self._take(Choice((p.name,), kept_notes([p])))
-                found = replace(again, notes=tuple(dict.fromkeys((*found.notes, *again.notes))))
+            again = free if told else held
+            found = replace(again, notes=tuple(dict.fromkeys((*found.notes, *again.notes))))
         return found
 
     def _take(self, late: Choice) -> None:
@@ -81,6 +87,11 @@ class Chooser:
         first, *rest = self.choices
         pairs = [(n, note) for n, note in zip(first.freeze, first.notes, strict=True) if space[n].frozen]
         self.choices = (replace(first, freeze=tuple(n for n, _ in pairs), notes=tuple(n for _, n in pairs)), *rest)
+
+
+def _loss(fit: Fit, like: Fit) -> float:
+    """The loss of a fit by the measure of another."""
+    return float(robust_losses(fit.residual[None], like.bend)[0])
 
 
 def _parts(choice: Choice) -> tuple[tuple[str, ...], ...]:
