@@ -218,7 +218,10 @@ def test_a_log_that_begins_while_slow_wheels_turn_is_predicted_from_its_beginnin
         log = whole.slice(begin, begin + 1.7)
         trial = Trial.of(log, ["position", "heading"])
         turned = simulator.past(trial)
-        for past in (turned, replace(turned, told=0)):  # or as if wheels were where the first command wants them
+        for past in (
+            turned,
+            replace(turned, log_begin=0 * turned.log_begin),
+        ):  # or as if wheels were where the first command wants them
             simulator._pasts[trial] = past
             seen = simulator.rollout([trial], np.zeros((1, 0)))[0].channels["position"][0]
             errors.append(np.linalg.norm(seen - log.channel("position").values, axis=1).max())
@@ -228,10 +231,33 @@ def test_a_log_that_begins_while_slow_wheels_turn_is_predicted_from_its_beginnin
 
 
 def test_the_speed_at_the_beginning_of_a_log_is_not_that_of_a_car_that_stood_before(drive: Recording) -> None:
-    log = drive.slice(20.0, 24.0)
-    past = VehicleSimulator(TRUTH).past(Trial.of(log, ["position", "heading"]))
-    first = int(np.argmax(past.known))
-    assert past.seen[first, 3] == pytest.approx(past.seen[first + 10, 3], rel=0.03)
+    for begin in np.arange(6.0, 26.0, 2.0):
+        log = drive.slice(begin, begin + 3.0)
+        past = VehicleSimulator(TRUTH).past(Trial.of(log, ["position", "heading"]))
+        first, speed = int(np.argmax(past.known)), log.channel("speed")
+        measured = np.interp(past.begin + past.step * first, speed.time, speed.values[:, 0])
+        assert past.seen[first, 3] == pytest.approx(measured, rel=0.03)
+
+
+def test_wheels_are_where_commands_that_came_before_the_car_was_seen_have_them() -> None:
+    slow = Vehicle("slow", 0.2, drive="throttle", values=HIDDEN | {"steering_rate_limit": 0.5})
+    log, simulator = driven(3, 30.0, truth=slow).slice(4.0, 14.0), VehicleSimulator(slow)
+    position = log.channel("position")
+    unseen = position.replace(values=np.where(position.time[:, None] < 10.0, np.nan, position.values))
+    trial = Trial.of(log.with_channel(unseen), ["position", "heading"])
+    past, errors = simulator.past(trial), []
+    assert past.log_begin[1] - past.log_begin[0] > 5.0 / past.step
+    for begin in (
+        past.log_begin,
+        0 * past.log_begin,
+        past.log_begin[[1, 1]],
+    ):  # as it is, commanded ever since, not before
+        simulator._pasts[trial] = replace(past, log_begin=begin)
+        seen = simulator.rollout([trial], np.zeros((1, 0)))[0].channels["position"][0]
+        first = (position.time > 10.0) & (position.time < 11.5)
+        errors.append(np.linalg.norm(seen - position.values, axis=1)[first].max())
+    assert errors[0] == errors[1] != errors[2]
+    assert errors[0] < 0.1
 
 
 def test_a_gap_in_the_tracking_changes_no_prediction_that_began_before_it(drive: Recording) -> None:

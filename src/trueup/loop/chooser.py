@@ -48,7 +48,7 @@ class Chooser:
             )
             self._take(late)
             if not late.freeze:
-                return self._begun_anew(problem, found, watch, how)
+                return self._at_start_values(problem, found, watch, how)
             nothing = len(late.freeze) == int(found.space.free.sum())
             space = found.space.left_open(late.freeze[:-1] if nothing else late.freeze)
             values = np.where(space.free, found.values, space.nominal)
@@ -58,7 +58,7 @@ class Chooser:
             if nothing:
                 return replace(found, ended="the recordings tell nothing of what was to be found: all is as it came")
 
-    def _begun_anew(self, problem: Problem, found: Fit, watch: Watch, how: Mapping[str, Any]) -> Fit:
+    def _at_start_values(self, problem: Problem, found: Fit, watch: Watch, how: Mapping[str, Any]) -> Fit:
         """The fit, or one with the start values of what it needs no other value of: of two that explain the recordings
         alike the one that was known before. Where slopes lead lower from there, it is told after all.
         """
@@ -71,10 +71,10 @@ class Chooser:
             if not loss < found.loss + need:
                 continue
             free = fit(problem, found.space, held.values, watch, **how, begun=replace(found, starts=held.starts))
-            told = _loss(free, found) < loss - need
-            if not told:
+            lower = _loss(free, found) < loss - need
+            if not lower:
                 self._take(Choice((p.name,), kept_notes([p])))
-            again = free if told else held
+            again = free if lower else held
             found = replace(again, notes=tuple(dict.fromkeys((*found.notes, *again.notes))))
         return found
 

@@ -39,8 +39,8 @@ class Past:
     """(G,) where `seen` is known."""
     lengths: Integers
     """(G,) for how many steps back it is known without a gap, at most PAST."""
-    told: int = 0
-    """The first instant at which the car is seen and its command is known: before it the first command is held."""
+    log_begin: Integers
+    """(2,) the first instants with a command, before which that one is held, and with a command of a car that is seen."""
 
     @classmethod
     def of(cls, trial: Trial, step: float, labels: tuple[str, str]) -> Past:
@@ -56,8 +56,9 @@ class Past:
         commands = trial.command.select(labels).at(grid, hold=labels[0] != "speed")
         seen, known = _seen(trial.initial["position"], trial.initial["heading"], grid, step)
         lengths = np.clip(_run_lengths(known) - 1, 0, round(PAST / step)).astype(np.int64)
-        told = max(int(np.searchsorted(grid, trial.command.time[0] - SAME_INSTANT)), int(np.argmax(known)))
-        return cls(begin, step, np.ascontiguousarray(commands), seen, known, lengths, told)
+        commanded = int(np.searchsorted(grid, trial.command.time[0] - SAME_INSTANT))
+        log_begin = np.array([commanded, max(commanded, int(np.argmax(known)))])
+        return cls(begin, step, np.ascontiguousarray(commands), seen, known, lengths, log_begin)
 
     @classmethod
     def at_start(cls, trial: Trial, step: float, labels: tuple[str, str]) -> Past:
@@ -75,7 +76,7 @@ class Past:
         seen, known = np.zeros((len(grid), READ)), np.zeros(len(grid), dtype=bool)
         first = round((PAST + SETTLE) / step)
         seen[first], known[first] = state, True
-        return cls(begin, step, commands, seen, known, np.zeros(len(grid), dtype=np.int64))
+        return cls(begin, step, commands, seen, known, np.zeros(len(grid), dtype=np.int64), np.zeros(2, dtype=np.int64))
 
     def index(self, time: float) -> int:
         """The last grid instant at or before a time."""

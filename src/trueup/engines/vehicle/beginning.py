@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from trueup.arrays import Array
+from trueup.arrays import Array, Integers
 from trueup.compiled import njit
 from trueup.engines.vehicle.kernels import (
     ANGLE,
@@ -142,9 +142,9 @@ def as_it_turns(p: Array, speed: float, turn: float, s: Array) -> None:
         angle = math.atan(p[WHEELBASE] * turn * (1.0 + p[UNDERSTEER] * v * v) / v)
     wheel = wheel_for(p, angle)
     s[WHEEL] = toward(wheel, s[SLACK], p[STEERING_RATE] * behind)
-    s[ANGLE] = steered(
-        p, s[WHEEL] if s[WHEEL] == s[SLACK] else wheel
-    )  # what had the time to be where it should is there
+    if s[WHEEL] == s[SLACK]:  # it had the time to be where its command has it
+        wheel = s[WHEEL]
+    s[ANGLE] = steered(p, wheel)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -177,34 +177,37 @@ def more_bent(p: Array, turn: float, speed: float, s: Array) -> float:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def under_commands(
-    p: Array, dt: float, commands: Array, seen: Array, first: int, settle: int, told: int, shares: Array, s: Array
-) -> bool:
+    p: Array, dt: float, commands: Array, seen: Array, first: int, settle: int, log_begin: Integers, shares: Array,
+    s: Array,
+) -> bool:  # fmt: skip
     """Motor and wheels at grid instant `first`, after `settle` steps of commands, or as many as slow wheels take from side to
-    side. Where the log begins within these, at `told`, wheels are where its first turn rate says; whether that is now is
-    returned.
+    side. Where the log begins within these (log_begin (2,), see Past), wheels are where its first turn rate says; whether
+    that is now is returned.
     """
     back = max(first - max(settle, math.ceil(2.0 / (p[STEERING_RATE] * dt))), 0)
-    unknown = back < told and seen[told, 3] > MOVES and p[TURNS] == 0.0
+    commanded, tracked = log_begin
+    unknown = back < commanded and seen[tracked, 3] > MOVES and p[TURNS] == 0.0
     s[LAGGED] = s[SLACK] = s[WHEEL] = commands[back, 1]
     for k in range(back, first):
-        if unknown and k == told:
+        if unknown and k == tracked:
             as_it_turns(p, seen[k, 3], seen[k, 4], s)
         advance(p, dt, commands, k, shares, s)
-    if unknown and first == told:
+    if unknown and first == tracked:
         as_it_turns(p, seen[first, 3], seen[first, 4], s)
-    return unknown and first == told
+    return unknown and first == tracked
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def begin(
-    p: Array, dt: float, commands: Array, seen: Array, k0: int, past: int, settle: int, told: int, shares: Array, s: Array
+    p: Array, dt: float, commands: Array, seen: Array, k0: int, past: int, settle: int, log_begin: Integers, shares: Array,
+    s: Array,
 ) -> None:  # fmt: skip
     """The state at grid instant k0 from what was commanded and seen until then.
 
     seen (G, 5) x, y, heading, forward speed of the tracked point, yaw rate. The model is run over the last `past` steps: how
     much slower or faster the car was tells PUSH (and, as far as SPEED_KEPT says, the speed now: with less noise than the
-    last samples, but later), and how much more it turned tells TRIM. `settle` steps of commands come before, of a log that
-    begins at `told` (see `under_commands`). Where no past is seen, tyres that slip are where these commands have brought them
+    last samples, but later), and how much more it turned tells TRIM. `settle` steps of commands come before, or what the log
+    holds of them (see `under_commands`). Where no past is seen, tyres that slip are where these commands have brought them
     from a steady curve.
     """
     first, turned = k0 - past, False
@@ -214,7 +217,7 @@ def begin(
         s[LAGGED] = s[SLACK] = s[WHEEL] = commands[max(first - settle, 0), 1]
         out_of_steady_curve(p, dt, commands, max(first - settle, 0), k0, shares, s)
     else:
-        turned = under_commands(p, dt, commands, seen, first, settle, told, shares, s)
+        turned = under_commands(p, dt, commands, seen, first, settle, log_begin, shares, s)
     bent, driven, share, forward = 0.0, 0.0, share_of(LASTS / 3.0, dt), seen[k0, 3]
     moments = np.array([0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0])
     for k in range(first, k0):

@@ -175,7 +175,17 @@ class VehicleSimulator:
     def predict(self, past: Past, rows: Array, starts: Integers, first: Integers, since: Array) -> Array:
         """(b, len(since), 5) x, y, heading, speed, yaw rate of stretches; see `replay_rows`."""
         out = np.empty((len(rows), len(since), READ))
-        how = past.step, past.commands, past.seen, starts, past.lengths[starts], past.settle, past.told, first, since
+        how = (
+            past.step,
+            past.commands,
+            past.seen,
+            starts,
+            past.lengths[starts],
+            past.settle,
+            past.log_begin,
+            first,
+            since,
+        )
         in_threads(lambda i: replay_rows(rows[i], *how, out[i]), len(rows), self._threads or cores(), timed=True)
         return out
 
