@@ -12,15 +12,18 @@ import numpy as np
 import pytest
 
 from trueup import formats
+from trueup.arrays import Array
 from trueup.calibration import Estimate
 from trueup.cli import main
 from trueup.engines.vehicle import Vehicle, VehicleSimulator
 from trueup.engines.vehicle.family import slow_in_one_way
+from trueup.engines.vehicle.look import Look
 from trueup.engines.vehicle.prediction import prediction_errors
-from trueup.engines.vehicle.vehicle import PURSUED
+from trueup.engines.vehicle.vehicle import PURSUED, TURNED
 from trueup.engines.vehicle.vehicle_file import read_vehicle
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
+from trueup.trial import Trial
 
 BASE, GAIN, UP, DOWN, RATE, TURN = 0.32, 4.0, 2.5, 4.0, 1.5, 1.1
 """Wheelbase in m; the speed controller's gain in 1/s and limits in m/s^2; the steering's limit in rad/s and gain."""
@@ -114,22 +117,37 @@ def test_the_command_judges_short_drives_from_their_first_state(
     assert mine < 0.4 * declared
 
 
+def _on_two_wheels(rng: np.random.Generator, up: float, down: float) -> Array:
+    """(300, 6) six seconds of time, speed and turn rate commanded as ROS does, x, y and heading, of a robot that stands at
+    first: its speed changes by `up` and `down` (m/s^2) at most, its turn rate is 0.9 of what is asked for, 0.1 s late.
+    """
+    x = y = psi = v = w = 0.0
+    rows, told = [], (0.0, 0.0)
+    for k in range(3000):
+        if k % 600 == 0:
+            told = ((0.0, -0.4, rng.uniform(0.3, 1.0))[k // 600 % 3], rng.uniform(-1.2, 1.2))
+        if k % 10 == 0:
+            rows.append([0.002 * k, *told, x, y, psi])
+        v += min(max(told[0] - v, -0.002 * down), 0.002 * up)
+        w += 0.002 / 0.1 * (0.9 * told[1] - w)
+        x, y, psi = x + 0.002 * v * math.cos(psi), y + 0.002 * v * math.sin(psi), psi + 0.002 * w
+    return np.array(rows)
+
+
+def _seen(rows: Array) -> Recording:
+    """The recording of such rows."""
+    command = Channel("command", ("throttle", "steering"), "", rows[:, 0], rows[:, 1:3], ("m/s", "rad/s"))
+    place = Channel("position", ("x", "y"), "m", rows[:, 0], rows[:, 3:5])
+    turned = Channel("heading", ("heading",), "rad", rows[:, 0], rows[:, 5:])
+    return Recording("run", {c.name: c for c in (command, place, turned)})
+
+
 def test_a_robot_with_two_driven_wheels_turns_on_the_spot_and_backs_off(tmp_path: Path) -> None:
-    """Commanded as ROS does; its turn rate is 0.9 of what is asked for, its speed changes by 1 m/s^2 at most."""
+    """By limits of 1 m/s^2, which are met: from a soft controller with others, slopes do not lead to them."""
     (tmp_path / "base.toml").write_text("[vehicle]\nwheelbase = 0.4\n")
     rng, logs = np.random.default_rng(2), []
     for n in range(6):
-        x = y = psi = v = w = 0.0
-        rows, told = [], (0.0, 0.0)
-        for k in range(3000):
-            if k % 600 == 0:
-                told = ((0.0, -0.4, rng.uniform(0.3, 1.0))[k // 600 % 3], rng.uniform(-1.2, 1.2))
-            if k % 10 == 0:
-                rows.append([0.002 * k, *told, x, y, psi])
-            v += min(max(told[0] - v, -0.002), 0.002)
-            w += 0.002 / 0.1 * (0.9 * told[1] - w)
-            x, y, psi = x + 0.002 * v * math.cos(psi), y + 0.002 * v * math.sin(psi), psi + 0.002 * w
-        table = np.array(rows) + rng.normal(0.0, 1e-3, (300, 6)) * [0, 0, 0, 1, 1, 1]
+        table = _on_two_wheels(rng, 1.0, 1.0) + rng.normal(0.0, 1e-3, (300, 6)) * [0, 0, 0, 1, 1, 1]
         logs.append(tmp_path / f"run_{n}.csv")
         np.savetxt(logs[-1], table, delimiter=",", header="t,cmd_vel.linear.x,cmd_vel.angular.z,x,y,theta", comments="")
     read = [formats.read(log)[0] for log in logs]
@@ -137,14 +155,49 @@ def test_a_robot_with_two_driven_wheels_turns_on_the_spot_and_backs_off(tmp_path
     assert isinstance(ready.simulator, VehicleSimulator)
     calibration = ready.calibrate()
     found = {e.name: e.value for e in calibration.estimates}
-    assert found["turn_left"] == pytest.approx(0.9, rel=0.05)
-    assert found["turn_right"] == pytest.approx(0.9, rel=0.05)
-    assert found["turn_delay"] + found["turn_lag"] == pytest.approx(0.1, abs=0.03)
+    assert found["turn_left"] == pytest.approx(0.9, rel=0.02)
+    assert found["turn_right"] == pytest.approx(0.9, rel=0.02)
+    assert found["turn_delay"] + found["turn_lag"] == pytest.approx(0.1, abs=0.01)
+    assert found["acceleration_limit"] == pytest.approx(1.0, rel=0.05)
+    assert found["braking_limit"] == pytest.approx(1.0, rel=0.05)
     end = [
         prediction_errors(ready.simulator, calibration.values, ready.simulator.prepared(log), (1.0, 2.9))
         for log in read
     ]
-    assert np.nanmean(np.concatenate(end)[:, 1]) < 0.06
+    assert np.nanmean(np.concatenate(end)[:, 1]) < 0.012
+
+
+@pytest.mark.parametrize("down", [0.7, 1.24, 3.0])
+def test_a_first_look_finds_both_limits_of_a_stiff_controller(down: float) -> None:
+    rng = np.random.default_rng(3)
+    drives = [_seen(_on_two_wheels(rng, 0.6, down)) for _ in range(6)]
+    starts = Look.at(drives).starts(Vehicle("base", 0.4, drive=TURNED))
+    assert starts["acceleration_limit"] == pytest.approx(0.6, rel=0.1)
+    assert starts["braking_limit"] == pytest.approx(down, rel=0.25)
+    assert starts["speed_gain"] > 15.0
+
+
+def test_a_robot_that_begins_to_turn_with_its_log_is_not_taken_to_have_turned_before() -> None:
+    values = {
+        "turn_lag": 0.1,
+        "turn_left": 0.9,
+        "turn_right": 0.9,
+        "turn_delay": 0.0,
+        "push_lasts": 0.0,
+        "trim_lasts": 0.0,
+    }
+    simulator, rng, off = (
+        VehicleSimulator(Vehicle("base", 0.4, drive=TURNED, values=values)),
+        np.random.default_rng(4),
+        [],
+    )
+    for _ in range(6):
+        log = _seen(_on_two_wheels(rng, 1.0, 1.0))
+        trial = Trial.of(log, ["position", "heading"])
+        turned = simulator.rollout([trial], np.zeros((1, 0)))[0].channels["heading"][0, :, 0]
+        first = (log.time > 0.4) & (log.time < 1.2)
+        off.append(np.abs(turned - log.channel("heading").values[:, 0])[first].max())
+    assert max(off) < 0.012
 
 
 def _backing(angle: float, seconds: float) -> Recording:

@@ -42,19 +42,26 @@ class Chooser:
         """
         self.choices = self.choices or (Choice((), ()), Choice((), ()))
         self._still(found.space)
+        first, lowest = found, found.loss
         while True:
             late = untold(
                 found.shot or found.near or problem, found, unit_covariance(problem, found), self.choices[0].vague
             )
-            self._take(late)
             if not late.freeze:
+                self._take(late)
                 return self._at_start_values(problem, found, watch, how)
             nothing = len(late.freeze) == int(found.space.free.sum())
             space = found.space.left_open(late.freeze[:-1] if nothing else late.freeze)
             values = np.where(space.free, found.values, space.nominal)
             told = {**how, "stages": SHIPPED} if nothing else {**how, "stages": REFINEMENT, "begun": found}
             again = fit(problem, space, space.nominal if nothing else values, watch, **told)
-            found = replace(again, notes=tuple(dict.fromkeys((*found.notes, *again.notes))))
+            if (loss := _loss(again, first)) < lowest - proof(problem, found):  # it was no optimum where it was asked
+                lowest = loss
+                told = {**how, "stages": REFINEMENT, "begun": replace(found, starts=again.starts)}
+                found = _with_notes(fit(problem, found.space, again.values, watch, **told), found)
+                continue
+            self._take(late)
+            found = _with_notes(again, found)
             if nothing:
                 return replace(found, ended="the recordings tell nothing of what was to be found: all is as it came")
 
@@ -75,7 +82,7 @@ class Chooser:
             if not lower:
                 self._take(Choice((p.name,), kept_notes([p])))
             again = free if lower else held
-            found = replace(again, notes=tuple(dict.fromkeys((*found.notes, *again.notes))))
+            found = _with_notes(again, found)
         return found
 
     def _take(self, late: Choice) -> None:
@@ -87,6 +94,11 @@ class Chooser:
         first, *rest = self.choices
         pairs = [(n, note) for n, note in zip(first.freeze, first.notes, strict=True) if space[n].frozen]
         self.choices = (replace(first, freeze=tuple(n for n, _ in pairs), notes=tuple(n for _, n in pairs)), *rest)
+
+
+def _with_notes(fit: Fit, before: Fit) -> Fit:
+    """The fit with what was said of the one before it, too."""
+    return replace(fit, notes=tuple(dict.fromkeys((*before.notes, *fit.notes))))
 
 
 def _loss(fit: Fit, like: Fit) -> float:

@@ -102,8 +102,12 @@ def _speed(pieces: Sequence[_Piece], scan: Scan) -> dict[str, float]:
     best = _nearest(
         pieces, product(scan.gains, scan.limits, scan.limits, scan.delays, [usual * s for s in scan.scales])
     )
-    around = [[x * f for f in scan.finer] for x in best[:3]] + [[max(best[3] - 0.04, 0.0), best[3], best[3] + 0.04]]
-    best = _nearest(pieces, product(*around, [best[4] * s for s in (0.98, 1.0, 1.02)]))
+    before: list[float] = []
+    while best != before:  # each round is no worse than the one before it
+        before = best
+        around = [[x * f for f in scan.finer] for x in best[:3]]
+        delays = [max(best[3] + d, 0.0) for d in (-0.04, 0.0, 0.04)]
+        best = _nearest(pieces, product(*around, delays, [best[4] * s for s in (0.98, 1.0, 1.02)]))
     names = ("speed_gain", "acceleration_limit", "braking_limit", "speed_delay", "speed_scale")
     return dict(zip(names, best, strict=True))
 

@@ -42,6 +42,7 @@ from trueup.engines.vehicle.kernels import (
     TURNING,
     TURNS,
     UNDERSTEER,
+    VEER,
     WEIGHT_IN_FRONT,
     WHEEL,
     WHEEL_SCALE,
@@ -132,8 +133,12 @@ def wheel_for(p: Array, angle: float) -> float:
 @njit(cache=True, nogil=True, error_model="numpy")
 def as_it_turns(p: Array, speed: float, turn: float, s: Array) -> None:
     """Wheels of which no command tells are where the car turns at `turn` (rad/s), driving at `speed` (m/s); tyres that take
-    up an angle with the way rolled are behind those that still turn.
+    up an angle with the way rolled are behind those that still turn. On two driven wheels what was commanded has become this.
     """
+    if p[TURNS] > 0.0:
+        s[LAGGED] = s[SLACK] = s[WHEEL] = wheel_for(p, turn - p[VEER] * p[WHEEL_SCALE] * speed)
+        s[ANGLE] = steered(p, s[WHEEL])
+        return
     v, behind = p[WHEEL_SCALE] * speed, 0.0
     if p[GRIP] > 0.0 or p[REAR_COMPLIANCE] > 0.0:
         angle = math.atan(p[WHEELBASE] * turn / v) + (p[FRONT_COMPLIANCE] + p[WHEELBASE] * p[UNDERSTEER]) * v * turn
@@ -186,7 +191,7 @@ def under_commands(
     """
     back = max(first - max(settle, math.ceil(2.0 / (p[STEERING_RATE] * dt))), 0)
     commanded, tracked = log_begin
-    unknown = back < commanded and seen[tracked, 3] > MOVES and p[TURNS] == 0.0
+    unknown = back < commanded and (seen[tracked, 3] > MOVES or p[TURNS] > 0.0)
     s[LAGGED] = s[SLACK] = s[WHEEL] = commands[back, 1]
     for k in range(back, first):
         if unknown and k == tracked:

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What is put back to its start value is untold only where a search had come to its end without that."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trueup.loop import chooser
+from trueup.loop.chooser import Chooser
+from trueup.loop.descent import Fit, Watch
+from trueup.loop.selection import Choice
+from trueup.parameters import Parameter, ParameterSpace
+
+SPACE = ParameterSpace((Parameter("gain", "", 1.0, 0.0, 10.0), Parameter("limit", "", 1.0, 0.0, 10.0)))
+
+
+def _fit(space: ParameterSpace, loss: float) -> Fit:
+    """Ten residuals of that loss, whatever the values."""
+    free = int(space.free.sum())
+    residual = np.full(10, np.sqrt(2.0 * loss / 10.0))
+    return Fit(space, np.full(free, 0.5), residual, np.ones((10, free)), np.ones(10), "", loss)
+
+
+@pytest.mark.parametrize(("held", "kept"), [(20.0, ["limit"]), (105.0, [])])
+def test_what_leads_lower_by_its_start_value_is_searched_from_there(
+    monkeypatch: pytest.MonkeyPatch, held: float, kept: list[str]
+) -> None:
+    """A limit that was not met where the search was stuck, at a loss of 100, and is met at its start value."""
+    asked: list[float] = []
+
+    def untold(problem: object, found: Fit, *_: object) -> Choice:
+        asked.append(found.loss)
+        first = len(asked) == 1
+        return Choice(("limit",), ("limit kept at 1: these recordings cannot tell it",)) if first else Choice((), ())
+
+    def fit(problem: object, space: ParameterSpace, *_: object, **__: Any) -> Fit:
+        return _fit(space, held if space["limit"].frozen else 5.0)
+
+    for name, stub in (
+        ("untold", untold),
+        ("fit", fit),
+        ("unit_covariance", lambda *_: np.eye(2)),
+        ("shallow", lambda *_: []),
+    ):
+        monkeypatch.setattr(chooser, name, stub)
+    problem: Any = SimpleNamespace(chance=lambda residual: 1.0)
+    select = Chooser()
+    found = select.ended(problem, _fit(SPACE, 100.0), Watch(), {})
+    assert [p.name for p in found.space.parameters if not p.frozen] == ["gain", *kept]
+    assert found.loss == (5.0 if kept else held)
+    assert list(select.choices[0].freeze) == ([] if kept else ["limit"])
