@@ -119,7 +119,7 @@ def test_the_command_judges_short_drives_from_their_first_state(
 
 def _on_two_wheels(rng: np.random.Generator, up: float, down: float, late: float = 0.1) -> Array:
     """(300, 6) six seconds of time, speed and turn rate commanded as ROS does, x, y and heading, of a robot that stands at
-    first: its speed changes by `up` and `down` (m/s^2) at most, its turn rate is 0.9 of what is asked for, by a lag of `late` (s).
+    first: its speed changes by `up` and `down` (m/s^2) at most, its turn rate is 0.9 of what is asked for, later by `late`.
     """
     x = y = psi = v = w = 0.0
     rows, told = [], (0.0, 0.0)
@@ -178,19 +178,9 @@ def test_a_first_look_finds_both_limits_of_a_stiff_controller(down: float) -> No
 
 
 def test_a_robot_that_begins_to_turn_with_its_log_is_not_taken_to_have_turned_before() -> None:
-    values = {
-        "turn_lag": 0.1,
-        "turn_left": 0.9,
-        "turn_right": 0.9,
-        "turn_delay": 0.0,
-        "push_lasts": 0.0,
-        "trim_lasts": 0.0,
-    }
-    simulator, rng, off = (
-        VehicleSimulator(Vehicle("base", 0.4, drive=TURNED, values=values)),
-        np.random.default_rng(4),
-        [],
-    )
+    values = {"turn_lag": 0.3, "turn_left": 0.9, "turn_right": 0.9, "turn_delay": 0.0, "trim_lasts": 0.0}
+    simulator = VehicleSimulator(Vehicle("base", 0.4, drive=TURNED, values=values))
+    rng, off = np.random.default_rng(4), []
     for _ in range(6):
         log = _seen(_on_two_wheels(rng, 1.0, 1.0, 0.3))
         trial = Trial.of(log, ["position", "heading"])
