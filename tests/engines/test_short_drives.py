@@ -190,6 +190,15 @@ def test_a_robot_that_begins_to_turn_with_its_log_is_not_taken_to_have_turned_be
     assert max(off) < 0.01
 
 
+@pytest.mark.parametrize("seed", [61, 118, 272])
+def test_a_heading_is_not_turned_over_where_a_robot_backs_off_and_drives_on_while_it_turns(seed: int) -> None:
+    """Of 400 such drives in these three a mirrored heading agrees with the way driven by chance, one way or the other."""
+    log = _seen(_on_two_wheels(np.random.default_rng(seed), 1.0, 1.0))
+    prepared = VehicleSimulator(Vehicle("base", 0.4, drive=TURNED)).prepared(log)
+    assert prepared.channel("heading").values == pytest.approx(log.channel("heading").values)
+    assert "warnings" not in prepared.provenance
+
+
 def _backing(angle: float, seconds: float) -> Recording:
     """A kinematic car commanded by speed and wheel angle (rad) that drives on and back, as it is logged."""
     rng, step, x, y, psi, v = np.random.default_rng(3), 0.002, 0.0, 0.0, 0.0, 0.0

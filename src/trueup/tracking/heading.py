@@ -125,12 +125,15 @@ def aligned(position: Channel, heading: Channel, good: Mask) -> tuple[Channel, l
     if sure.sum() < 50:
         return heading, []
     way = np.arctan2(moved[sure, 1], moved[sure, 0])
+    axis = complex(np.mean(np.exp(2j * (way - angle[sure]))))
+    if abs(axis) >= _SURE and abs(np.angle(axis)) < 2.0 * _WITHIN:  # as it should be, driven to and fro
+        return heading, []
     plain, mirrored = (complex(np.mean(np.exp(1j * (way - sign * angle[sure])))) for sign in (1.0, -1.0))
     if abs(plain) >= _SURE or abs(mirrored) < _SURE:
         sign, off = 1.0, float(np.angle(plain)) if abs(plain) >= _SURE else 0.0
     else:
         sign, off = -1.0, float(np.angle(mirrored))
-    if sign > 0.0 and (abs(off) < _WITHIN or abs(off) > np.pi - _WITHIN):  # as it should be, or driven backwards
+    if sign > 0.0 and (abs(off) < _WITHIN or abs(off) > np.pi - _WITHIN):
         return heading, []
     quarters = round(off / (0.5 * np.pi)) * 0.5 * np.pi
     off = quarters if abs(off - quarters) < _WITHIN else off

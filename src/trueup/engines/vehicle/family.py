@@ -33,8 +33,9 @@ from trueup.trial import Trial
 LASTING = ("push_lasts", "trim_lasts", "speed_kept")
 """How much of what a car showed beyond its model just before a prediction goes on: told by its own drives."""
 BEGUN = ((0.5, 0.6, 0.0), (0.0, 0.0, 1.0))
-"""Values of these from which a car is searched: as cars on a floor mostly are, and one that does what its model does. Where
-a drive holds nothing unexplained but the tracker's noise, dynamics that are searched with the first are bent to that."""
+"""Values of these from which a car is searched: as cars on a floor mostly are, and one that does what its model does, at the
+speed that this carries on. Where a drive holds nothing unexplained but the tracker's noise, dynamics that are searched with
+the first are bent to that, and to the lag of the last samples where the speed changes."""
 
 
 class Vehicles(Family):
