@@ -177,6 +177,17 @@ def test_a_first_look_finds_both_limits_of_a_stiff_controller(down: float) -> No
     assert starts["speed_gain"] > 15.0
 
 
+def test_a_limit_that_is_never_met_does_not_shrink_without_end() -> None:
+    time = np.arange(0.0, 3.0, 0.02)
+    drives = []
+    for speed in (0.3, 0.5, 0.7):
+        way = np.cumsum(0.02 * np.minimum(0.5 * time, speed))
+        drives.append(_seen(np.column_stack([time, 0 * time + speed, 0 * time, way, 0 * time, 0 * time])))
+    starts = Look.at(drives).starts(Vehicle("base", 0.4, drive=TURNED))
+    assert starts["braking_limit"] >= 0.03
+    assert starts["acceleration_limit"] == pytest.approx(0.5, rel=0.1)
+
+
 def test_a_robot_that_begins_to_turn_with_its_log_is_not_taken_to_have_turned_before() -> None:
     values = {"turn_lag": 0.3, "turn_left": 0.9, "turn_right": 0.9, "turn_delay": 0.0, "trim_lasts": 0.0}
     simulator = VehicleSimulator(Vehicle("base", 0.4, drive=TURNED, values=values))

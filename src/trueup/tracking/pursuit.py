@@ -14,6 +14,8 @@ from trueup.arrays import Array
 from trueup.rounding import NEGLIGIBLE
 from trueup.tracking.past import MOVES, Past
 
+_BEYOND = 10.0  # times what is scanned, limits and gains end: one that is never met may come nearer without end
+
 
 @dataclass(frozen=True)
 class Scan:
@@ -99,21 +101,25 @@ def _speed(pieces: Sequence[_Piece], scan: Scan) -> dict[str, float]:
     if not moved.any():
         return {}
     usual = float(np.median(seen[moved] / told[moved]))
-    best = _nearest(
+    off, best = _nearest(
         pieces, product(scan.gains, scan.limits, scan.limits, scan.delays, [usual * s for s in scan.scales])
     )
-    before: list[float] = []
-    while best != before:  # each round is no worse than the one before it
-        before = best
-        around = [[x * f for f in scan.finer] for x in best[:3]]
+    ranges = [(min(x) / _BEYOND, max(x) * _BEYOND) for x in (scan.gains, scan.limits, scan.limits)]
+    while True:  # until a round comes no nearer
+        around = [np.clip(np.multiply(x, scan.finer), *r).tolist() for x, r in zip(best[:3], ranges, strict=True)]
         delays = [max(best[3] + d, 0.0) for d in (-0.04, 0.0, 0.04)]
-        best = _nearest(pieces, product(*around, delays, [best[4] * s for s in (0.98, 1.0, 1.02)]))
+        nearer, found = _nearest(pieces, product(*around, delays, [best[4] * s for s in (0.98, 1.0, 1.02)]))
+        if not nearer < off:
+            break
+        off, best = nearer, found
     names = ("speed_gain", "acceleration_limit", "braking_limit", "speed_delay", "speed_scale")
     return dict(zip(names, best, strict=True))
 
 
-def _nearest(pieces: Sequence[_Piece], tried: Iterable[tuple[float, ...]]) -> list[float]:
-    """Of (gain, greatest acceleration and deceleration, delay, scale) those whose speeds are nearest to what was seen."""
+def _nearest(pieces: Sequence[_Piece], tried: Iterable[tuple[float, ...]]) -> tuple[float, list[float]]:
+    """Of (gain, greatest acceleration and deceleration, delay, scale) those whose speeds are nearest to what was seen, after
+    the sum by which they are off.
+    """
     options = np.array(list(tried))
     gain, up, down, delay, scale = options.T
     off = np.zeros(len(options))
@@ -123,7 +129,8 @@ def _nearest(pieces: Sequence[_Piece], tried: Iterable[tuple[float, ...]]) -> li
             wanted = scale * p.command(k, late, 0)
             v = v + p.step * np.clip(gain * (wanted - v), -down, up)
             off += np.nan_to_num(np.abs(v - p.speed[k + 1]))
-    return options[int(np.argmin(off))].tolist()
+    best = int(np.argmin(off))
+    return float(off[best]), options[best].tolist()
 
 
 def _steering(pieces: Sequence[_Piece], wheelbase: float, scan: Scan) -> dict[str, float]:
