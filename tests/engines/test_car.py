@@ -251,7 +251,7 @@ def test_wheels_are_where_commands_that_came_before_the_car_was_seen_have_them()
     for begin in (
         past.log_begin,
         0 * past.log_begin,
-        past.log_begin[[1, 1]],
+        past.log_begin[[1, 1, 2]],
     ):  # as it is, commanded ever since, not before
         simulator._pasts[trial] = replace(past, log_begin=begin)
         seen = simulator.rollout([trial], np.zeros((1, 0)))[0].channels["position"][0]

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
+from trueup.arrays import Array
 from trueup.calibration import Calibration, Prediction, Replay, by_unit
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.engines.simulator import Simulator
@@ -37,10 +38,10 @@ class Fit(Protocol):
     def __call__(
         self, simulator: Simulator, recordings: Sequence[Recording], hold_out: Sequence[Recording] = (), *,
         discrepancy: Discrepancy | None = None, cross_validate: bool = True, again: bool = False,
-        without: Collection[str] = (),
+        without: Collection[str] = (), start: Array | None = None,
     ) -> Calibration:  # fmt: skip
         """See `calibrate`. `again`: a fit after the first, which is neither kept for an interruption nor resumed;
-        `without` these stages of the search, by name.
+        `without` these stages of the search, by name; from values `start` (n,), unless an earlier calibration has some.
         """
         ...
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from trueup.arrays import Array
 from trueup.calibration import Ahead, Calibration, Prediction, Replay
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.discrepancies.weighted import Weighted
@@ -91,7 +92,7 @@ class Preparation:
         def fit(
             simulator: Simulator, recordings: Sequence[Recording], hold_out: Sequence[Recording] = (), *,
             discrepancy: Discrepancy | None = None, cross_validate: bool = True, again: bool = False,
-            without: Collection[str] = (),
+            without: Collection[str] = (), start: Array | None = None,
         ) -> Calibration:  # fmt: skip
             stages = tuple(s for s in chosen.stages or searched_by(chosen.search) if s.name not in without)
             asked = replace(chosen, cross_validate=chosen.cross_validate and cross_validate, stages=stages)
@@ -100,7 +101,7 @@ class Preparation:
                 "checkpoint": None if again else checkpoint, "resume": None if again else resume,
             }  # fmt: skip
             if before is None or how["resume"] is not None:
-                return calibrate(simulator, recordings, hold_out, options=asked, **how)
+                return calibrate(simulator, recordings, hold_out, options=asked, start=start, **how)
             return recalibrate(simulator, recordings, hold_out, before, asked, **how)
 
         return self._as_recorded(self.family.calibrate(self.simulator, self.recordings, self.hold_out, fit))

@@ -13,6 +13,7 @@ from trueup.instant import usual_step
 from trueup.recording import Channel
 from trueup.rounding import PRINTED, SAME_INSTANT
 from trueup.tracking.channels import PLACE, READ
+from trueup.tracking.rest import stood
 from trueup.tracking.start import start_state
 from trueup.trial import Trial
 
@@ -40,11 +41,19 @@ class Past:
     lengths: Integers
     """(G,) for how many steps back it is known without a gap, at most PAST."""
     log_begin: Integers
-    """(2,) the first instants with a command, before which that one is held, and with a command of a car that is seen."""
+    """(3,) the first instants with a command, before which that one is held, and with a command of a car that is seen; and
+    whether it stood at the first: then nothing drove it before."""
+
+    lag: int
+    """Steps over which the forward speed is taken, by a line through their means."""
+
+    doubt: Array
+    """(3,) standard deviations of x, y (m) and heading (rad) as they are seen at an instant."""
 
     @classmethod
-    def of(cls, trial: Trial, step: float, labels: tuple[str, str]) -> Past:
+    def of(cls, trial: Trial, step: float, labels: tuple[str, str], *, turned: bool = False) -> Past:
         """From a trial's command (throttle, held between its samples, and steering) and measured 'position' and 'heading'.
+        What is `turned` by its second command stands only where that was none.
 
         Raises RecordingError without them.
         """
@@ -54,11 +63,15 @@ class Past:
             )
         begin, grid = _grid(trial, step)
         commands = trial.command.select(labels).at(grid, hold=labels[0] != "speed")
-        seen, known = _seen(trial.initial["position"], trial.initial["heading"], grid, step)
+        time, pose = _tracked(trial.initial["position"], trial.initial["heading"])
+        seen, known, lag, doubt = _seen(time, pose, grid, step)
         lengths = np.clip(_run_lengths(known) - 1, 0, round(PAST / step)).astype(np.int64)
         commanded = int(np.searchsorted(grid, trial.command.time[0] - SAME_INSTANT))
-        log_begin = np.array([commanded, max(commanded, int(np.argmax(known)))])
-        return cls(begin, step, np.ascontiguousarray(commands), seen, known, lengths, log_begin)
+        rested = known.any() and stood(time, pose, float(trial.command.time[0]))
+        if rested:
+            commands[:commanded, : 1 + turned] = 0.0  # where wheels of a car that stands point no speed tells
+        log_begin = np.array([commanded, max(commanded, int(np.argmax(known))), int(rested)])
+        return cls(begin, step, np.ascontiguousarray(commands), seen, known, lengths, log_begin, lag, doubt)
 
     @classmethod
     def at_start(cls, trial: Trial, step: float, labels: tuple[str, str]) -> Past:
@@ -76,7 +89,8 @@ class Past:
         seen, known = np.zeros((len(grid), READ)), np.zeros(len(grid), dtype=bool)
         first = round((PAST + SETTLE) / step)
         seen[first], known[first] = state, True
-        return cls(begin, step, commands, seen, known, np.zeros(len(grid), dtype=np.int64), np.zeros(2, dtype=np.int64))
+        return cls(begin, step, commands, seen, known, np.zeros(len(grid), dtype=np.int64), np.zeros(3, dtype=np.int64), 2,
+                   np.zeros(3))  # fmt: skip
 
     def index(self, time: float) -> int:
         """The last grid instant at or before a time."""
@@ -133,20 +147,24 @@ def _grid(trial: Trial, step: float) -> tuple[float, Array]:
     return begin, begin + step * np.arange(count, dtype=np.float64)
 
 
-def _seen(position: Channel, heading: Channel, grid: Array, step: float) -> tuple[Array, Mask]:
+def _tracked(position: Channel, heading: Channel) -> tuple[Array, Array]:
+    """(T,) instants at which both were tracked, and (T, 3) x, y and heading without jumps."""
     good = np.isfinite(position.values).all(axis=1) & np.isfinite(heading.values[:, 0])
+    angle = np.unwrap(heading.values[good, 0])
+    return position.time[good], np.stack([position.column("x")[good], position.column("y")[good], angle], axis=1)
+
+
+def _seen(time: Array, pose: Array, grid: Array, step: float) -> tuple[Array, Mask, int, Array]:
     seen, known = np.zeros((len(grid), READ)), np.zeros(len(grid), dtype=bool)
-    if good.sum() < 3:
-        return seen, known
-    time = position.time[good]
+    if len(time) < 3:
+        return seen, known, 2, np.zeros(3)
     near = max(0.06, 2.5 * usual_step(time))
     after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
     measured = (time[after] - time[after - 1] < near) & (grid >= time[0]) & (grid <= time[-1])
-    signals = [position.column("x")[good], position.column("y")[good], np.unwrap(heading.values[good, 0])]
-    x, y, angle = (np.interp(grid, time, s) for s in signals)
+    x, y, angle = (np.interp(grid, time, s) for s in pose.T)
     short, turn = (
         max(_COUNTS[0], round(max(POSE_WINDOW, _samples(p) * usual_step(time)) / step) + 1)
-        for p in (np.stack(signals[:2], axis=1), signals[2][:, None])
+        for p in (pose[:, :2], pose[:, 2:])
     )
     long = max(short, turn, round(SPEED_WINDOW / step) + 1)
     value, _ = _at_the_end(short, step, 2)
@@ -161,7 +179,19 @@ def _seen(position: Channel, heading: Channel, grid: Array, step: float) -> tupl
     value, slope = _at_the_end(long, step, 1)
     # Differences belong to the middle of a step.
     seen[:, 3] = _past_only(np.cos(middle) * dx + np.sin(middle) * dy, value + 0.5 * step * slope)
-    return seen, _run_lengths(measured) >= long
+    known = _run_lengths(measured) >= long
+    doubt = [_apart(s, p, known, w) for s, p, w in zip(seen.T[:3], (x, y, angle), (short, short, turn), strict=True)]
+    return seen, known, long, np.array(doubt)
+
+
+def _apart(seen: Array, path: Array, known: Mask, width: int) -> float:
+    """Standard deviation, whatever outliers there are, of what is `seen` from the past `width` instants from a parabola
+    through as many to both sides.
+    """
+    around, _ = _weights(np.arange(-width, width + 1, dtype=np.float64), 2)
+    inner = np.convolve(path, around[::-1], mode="same") - seen
+    inner = inner[width:-width][known[width:-width] & known[2 * width :]]
+    return float(1.4826 * np.median(np.abs(inner))) if len(inner) else 0.0
 
 
 def _samples(points: Array) -> int:
@@ -188,8 +218,12 @@ def _squares(off: Array) -> tuple[Array, Array]:
 
 def _at_the_end(width: int, step: float, degree: int) -> tuple[Array, Array]:
     """(width,) weights that give value and slope of a fitted polynomial at the last of `width` samples."""
-    t = step * np.arange(1 - width, 1, dtype=np.float64)
-    weights = np.linalg.pinv(np.stack([t**k for k in range(degree + 1)], axis=1))
+    return _weights(step * np.arange(1 - width, 1, dtype=np.float64), degree)
+
+
+def _weights(time: Array, degree: int) -> tuple[Array, Array]:
+    """(T,) weights that give value and slope, at 0, of a polynomial that is fitted to samples at `time` (T,)."""
+    weights = np.linalg.pinv(np.stack([time**k for k in range(degree + 1)], axis=1))
     return weights[0], weights[1]
 
 

@@ -102,6 +102,21 @@ def compare_speed(m: Array, dt: float, slows: float, faster: float) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def as_tracked(k: int, speed: float, ring: Array, sums: Array) -> float:
+    """The model's speed at the end of step k, as the car's is tracked: by a line through the means of the last steps.
+
+    ring (n,) these means, one written over the oldest by now; sums (2,) theirs, and with their places 0 to n - 1. A tracked
+    speed lags where it changes (`Past.lag`), and as much by how the model's is taken here.
+    """
+    n = len(ring)
+    oldest, ring[k % n] = ring[k % n], speed
+    sums[0] -= oldest
+    sums[1] += (n - 1) * speed - sums[0]
+    sums[0] += speed
+    return sums[0] / n + 6.0 * (sums[1] - 0.5 * (n - 1) * sums[0]) / (n * n - 1.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def explained_speed(m: Array) -> tuple[float, float]:
     """The push (m/s^2) that the moments of `compare_speed` tell, and by how much (m/s) the car is faster by now."""
     determinant = max(m[2] * m[4] - m[3] * m[3], NEGLIGIBLE)
@@ -190,8 +205,8 @@ def under_commands(
     that is now is returned.
     """
     back = max(first - max(settle, math.ceil(2.0 / (p[STEERING_RATE] * dt))), 0)
-    commanded, tracked = log_begin
-    unknown = back < commanded and (seen[tracked, 3] > MOVES or p[TURNS] > 0.0)
+    commanded, tracked, rested = log_begin
+    unknown = back < commanded and not rested and (seen[tracked, 3] > MOVES or p[TURNS] > 0.0)
     s[LAGGED] = s[SLACK] = s[WHEEL] = commands[back, 1]
     for k in range(back, first):
         if unknown and k == tracked:
@@ -203,9 +218,33 @@ def under_commands(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def over_the_past(
+    p: Array, dt: float, commands: Array, seen: Array, first: int, k0: int, compared: int, lag: int, shares: Array,
+    moments: Array, s: Array,
+) -> tuple[float, float]:  # fmt: skip
+    """The model from grid instant `first` to k0, beside the car from `compared` on: `moments` of their speeds (see
+    `compare_speed`), by how much more the car turned (see `more_bent`), and for how long that was seen, in s.
+    """
+    bent, seconds, share, ring, sums = 0.0, 0.0, share_of(LASTS / 3.0, dt), np.zeros(lag), np.zeros(2)
+    for k in range(first, k0):
+        advance(p, dt, commands, k, shares, s)
+        speed = s[SPEED]
+        step_chassis(p, dt, s)
+        speed = as_tracked(k, 0.5 * (speed + s[SPEED]), ring, sums)
+        if k + 1 >= max(compared, first + lag):
+            compare_speed(moments, dt, resistance(p, s), seen[k + 1, 3] - speed)
+        if k + 1 >= compared:
+            more = more_bent(p, seen[k + 1, 4], seen[k + 1, 3], s)
+            if not math.isnan(more):
+                bent += share * (more - bent)
+                seconds += dt
+    return bent, seconds
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def begin(
-    p: Array, dt: float, commands: Array, seen: Array, k0: int, past: int, settle: int, log_begin: Integers, shares: Array,
-    s: Array,
+    p: Array, dt: float, commands: Array, seen: Array, k0: int, past: int, settle: int, lag: int, log_begin: Integers,
+    shares: Array, s: Array,
 ) -> None:  # fmt: skip
     """The state at grid instant k0 from what was commanded and seen until then.
 
@@ -216,6 +255,9 @@ def begin(
     from a steady curve.
     """
     first, turned = k0 - past, False
+    rested = log_begin[2] > 0 and first <= log_begin[1]
+    if rested:
+        first, past = log_begin[0], k0 - log_begin[0]
     s[:] = 0.0
     slips = past == 0 and p[GRIP] == 0.0 and p[REAR_COMPLIANCE] > 0.0
     if slips:
@@ -223,21 +265,17 @@ def begin(
         out_of_steady_curve(p, dt, commands, max(first - settle, 0), k0, shares, s)
     else:
         turned = under_commands(p, dt, commands, seen, first, settle, log_begin, shares, s)
-    bent, driven, share, forward = 0.0, 0.0, share_of(LASTS / 3.0, dt), seen[k0, 3]
-    moments = np.array([0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0])
-    for k in range(first, k0):
-        advance(p, dt, commands, k, shares, s)
-        if k == first:
-            s[SPEED], s[TURNING] = seen[k, 3], seen[k, 4]
-            s[ANGLE] = s[ANGLE] if turned else steered(p, s[WHEEL])
-        step_chassis(p, dt, s)
-        compare_speed(moments, dt, resistance(p, s), seen[k + 1, 3] - s[SPEED])
-        more = more_bent(p, seen[k + 1, 4], seen[k + 1, 3], s)
-        if not math.isnan(more):
-            bent += share * (more - bent)
-            driven += dt
+    moments, forward = np.array([0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0]), seen[k0, 3]
+    if past > 0 and not turned:
+        s[ANGLE] = steered(p, s[WHEEL])
+    if past > 0 and not rested:
+        s[SPEED], s[TURNING] = seen[first, 3], seen[first, 4]
+    compared = log_begin[1] if rested else first
+    bent, driven = over_the_past(p, dt, commands, seen, first, k0, compared, lag, shares, moments, s)
     if driven > max(LASTS / 2.0, past * dt / 2.0):  # a car that stands shows nothing
         forward = beyond_model(p, moments, bent, forward, s)
+    elif rested:
+        forward += p[SPEED_KEPT] * (s[SPEED] - forward)
     if past == 0:
         s[SIDEWAYS] += p[WHEELBASE] * p[WEIGHT_IN_FRONT] * (seen[k0, 4] - s[TURNING]) if slips else 0.0
         s[TURNING], s[ANGLE] = seen[k0, 4], s[ANGLE] if turned else steered(p, s[WHEEL])

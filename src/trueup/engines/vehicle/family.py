@@ -38,6 +38,10 @@ speed that this carries on. Where a drive holds nothing unexplained but the trac
 the first are bent to that, and to the lag of the last samples where the speed changes."""
 
 
+STARTS_MATTER = 0.1
+"""Share of what samples of one prediction have in common from which noise of its start is eliminated."""
+
+
 class Vehicles(Family):
     """Cars driven by throttle and steering, whose pose was tracked; a model is a TOML file (`read_vehicle`)."""
 
@@ -103,6 +107,7 @@ class Vehicles(Family):
             found = min(every, key=lambda c: _astray(simulator, c.values, drives))
         else:
             found = fit(simulator, drives, others, discrepancy=Ahead(simulator, drives), cross_validate=False)
+        found = _begun_with_noise(simulator, found, drives, others, fit)
         horizons = horizons_for(simulator, [*drives, *others], HORIZONS)
         shown = (
             spoken(simulator, found.values, rs, which, horizons) for which, rs in (("", drives), (" held out", others))
@@ -233,6 +238,30 @@ def _in_turns(
         return found
     frozen = space.freeze(LASTING, dict(zip(space.names, shares, strict=True)))
     return search(simulator.searching(frozen), drives, others, again=True)
+
+
+def _begun_with_noise(
+    simulator: VehicleSimulator, found: Calibration, drives: Sequence[Recording], others: Sequence[Recording], fit: Fit
+) -> Calibration:
+    """The calibration, searched on from there with noise of the poses at which predictions begin eliminated, where that is
+    much of what is left: all samples of a stretch share it, so that it moves estimates more than all other noise.
+    """
+    space, residuals = simulator.parameters, Ahead(simulator, drives).residuals(found.values, drives)
+    each = np.concatenate(residuals)
+    measure = Ahead(simulator, drives, level=float(np.sqrt(np.mean(each[each != 0.0] ** 2))))
+    if measure.noise_of_starts(residuals, drives) < STARTS_MATTER:
+        return found
+    lasting = [n for n in LASTING if n in space.names]
+    held = space.freeze(lasting, dict(zip(space.names, found.values, strict=True)))
+    return fit(
+        simulator.searching(held),
+        drives,
+        others,
+        discrepancy=measure,
+        cross_validate=False,
+        again=True,
+        start=found.values,
+    )
 
 
 def _astray(simulator: VehicleSimulator, values: Array, drives: Sequence[Recording]) -> float:

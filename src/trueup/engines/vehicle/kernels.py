@@ -116,6 +116,7 @@ def rolling(p: Array, dt: float, s: Array) -> None:
 
     The pose moves on a circle, exactly, while speed and yaw rate last a step.
     """
+    speed, turned = s[SPEED], s[TURNING]
     s[ANGLE] = steered(p, s[WHEEL])
     if p[DRIVE] > 0.0:
         s[SPEED] = ahead_or_back(p, s[SPEED] + dt * pull(p, s))
@@ -123,7 +124,11 @@ def rolling(p: Array, dt: float, s: Array) -> None:
     turn = v * math.tan(s[ANGLE]) / (p[WHEELBASE] * (1.0 + p[UNDERSTEER] * v * v))
     wanted = min(max(turn, -p[YAW_RATE_LIMIT]), p[YAW_RATE_LIMIT])
     s[TURNING] = toward(s[TURNING], wanted, p[YAW_ACCELERATION_LIMIT] * dt)
-    along_circle(v, dt, s)
+    if p[DRIVE] > 0.0:
+        v, turn = p[WHEEL_SCALE] * 0.5 * (speed + s[SPEED]), 0.5 * (turned + s[TURNING])
+    else:
+        turn = s[TURNING]
+    along_circle(v, turn, dt, s)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -131,21 +136,22 @@ def spinning(p: Array, dt: float, s: Array) -> None:
     """Two driven wheels: the turn rate is what the commanded one has become, at any speed, also at rest or backwards; wheels
     of which one is larger turn it with the way driven besides.
     """
+    speed, turn = s[SPEED], s[TURNING]
     s[ANGLE] = steered(p, s[WHEEL])
     s[TURNING] = s[ANGLE] + p[VEER] * p[WHEEL_SCALE] * s[SPEED] + s[TRIM]
     s[TRIM] *= 1.0 - dt / LASTS
     s[SPEED] += dt * (pull(p, s) + s[PUSH])
-    along_circle(p[WHEEL_SCALE] * s[SPEED], dt, s)
+    along_circle(p[WHEEL_SCALE] * 0.5 * (speed + s[SPEED]), 0.5 * (turn + s[TURNING]), dt, s)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def along_circle(v: float, dt: float, s: Array) -> None:
-    """The pose one step on at speed v (m/s) and the state's turn rate."""
-    half = 0.5 * s[TURNING] * dt
+def along_circle(v: float, turn: float, dt: float, s: Array) -> None:
+    """The pose one step on at speed v (m/s) and turn rate (rad/s)."""
+    half = 0.5 * turn * dt
     chord = v * dt * (1.0 - half * half / 6.0 if abs(half) < 1e-4 else math.sin(half) / half)
     s[X] += chord * math.cos(s[HEADING] + half)
     s[Y] += chord * math.sin(s[HEADING] + half)
-    s[HEADING] += s[TURNING] * dt
+    s[HEADING] += turn * dt
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -194,7 +200,7 @@ def on_tyres(p: Array, dt: float, s: Array) -> None:
     if p[DRIVE] > 0.0:
         held = s[PUSH] - cf * s[FRONT_SLIP] * math.sin(angle) + s[TURNING] * s[SIDEWAYS]
         s[SPEED] = ahead_or_back(p, s[SPEED] + dt * (pull(p, s) + held))
-        v, rear = p[WHEEL_SCALE] * s[SPEED], 0.0
+        v, rear = 0.5 * (v + p[WHEEL_SCALE] * s[SPEED]), 0.0
     middle_r = 0.5 * (r + s[TURNING])
     middle, sideways = s[HEADING] + 0.5 * dt * middle_r, 0.5 * (u + s[SIDEWAYS]) - rear * middle_r
     s[X] += dt * (v * math.cos(middle) - sideways * math.sin(middle))

@@ -29,6 +29,8 @@ class Quantity:
     """Bounds of vehicles with a wheelbase above a metre grow with this power of it."""
     per_command: bool = False
     """Whether its upper bound is that of a full command."""
+    unidentified: float | None = None
+    """The value where drives do not identify it (see `Parameter.unidentified`); a limit that was not met is absent."""
     optional: str = ""
     """Structure that a vehicle may do without: kept where left-out drives are foretold clearly better with it."""
 
@@ -153,12 +155,14 @@ THROTTLE_DRIVEN = (
 _PURSUIT = (
     _usual("speed_delay", "s", 0.03, -0.1, 1.0, "linear",
            "pure delay of the speed command; below zero where its clock runs late", _STARTS, "drive_delay"),
-    _usual("speed_lag", "s", 0.05, 0.0, 1.0, "linear", "first-order lag of the speed command", _STARTS, "drive_lag"),
+    Quantity("speed_lag", "s", 0.05, 0.05, 0.0, 1.0, "linear", "first-order lag of the speed command", _STARTS, "drive_lag",
+             unidentified=0.0),  # the controller is one, too
     _usual("speed_scale", "m/s", 1.0, 0.01, 100.0, "log", "speed over ground that a command of one leads to",
            "steady driving", "drive"),
     _usual("speed_gain", "1/s", 5.0, 0.2, 50.0, "log", "acceleration for each m/s that is missing", _STARTS),
-    _usual("acceleration_limit", "m/s^2", 10.0, 0.2, 50.0, "log", "greatest acceleration", "large steps of speed"),
-    _usual("braking_limit", "m/s^2", 10.0, 0.2, 50.0, "log", "greatest deceleration", "large steps of speed downwards"),
+    Quantity("acceleration_limit", "m/s^2", 1e3, 10.0, 0.2, 50.0, "log", "greatest acceleration", "large steps of speed"),
+    Quantity("braking_limit", "m/s^2", 1e3, 10.0, 0.2, 50.0, "log", "greatest deceleration",
+             "large steps of speed downwards"),
 )  # fmt: skip
 """How a controller of the vehicle's own pursues a commanded speed."""
 
@@ -174,8 +178,8 @@ TURN_PURSUED = (
     _usual("turn_delay", "s", 0.03, -0.1, 1.0, "linear",
            "pure delay of the commanded turn rate; below zero where its clock runs late", _QUICK, "steering_delay"),
     _usual("turn_lag", "s", 0.05, 0.0, 1.0, "linear", "first-order lag of the turn rate", _QUICK, "steering_lag"),
-    _usual("turn_change_limit", "rad/s^2", 50.0, 0.05, 50.0, "log", "greatest change of the turn rate", _QUICK,
-           "steering_rate_limit"),
+    Quantity("turn_change_limit", "rad/s^2", 1e3, 50.0, 0.05, 50.0, "log", "greatest change of the turn rate", _QUICK,
+             "steering_rate_limit"),
     _usual("turn_left", "rad/s", 1.0, 0.1, 10.0, "log", "turn rate for a command of one, to the left", _CURVES,
            "steering_left"),
     _usual("turn_right", "rad/s", 1.0, 0.1, 10.0, "log", "turn rate for a command of one, to the right", _CURVES,

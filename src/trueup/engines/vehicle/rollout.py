@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -163,7 +163,9 @@ class VehicleSimulator:
         if trial not in self._pasts:
             labels = ("speed", "steering") if self.vehicle.drive == "speed" else COMMAND
             self._pasts[trial] = (
-                Past.at_start(trial, self.step, labels) if np.isinf(self.horizon) else Past.of(trial, self.step, labels)
+                Past.at_start(trial, self.step, labels)
+                if np.isinf(self.horizon)
+                else Past.of(trial, self.step, labels, turned=self.vehicle.drive == TURNED)
             )
         return self._pasts[trial]
 
@@ -171,6 +173,10 @@ class VehicleSimulator:
         """(T,) how long before each instant its prediction began, in s; NaN where nothing is predicted."""
         since, _, _ = self._stretches(trial, times)
         return since
+
+    def stretches(self, trial: Trial) -> Callable[[Array], tuple[Array, Integers]]:
+        """Of instants (T,): how long before each its prediction began, as `ahead` has it, and the number of that."""
+        return lambda times: self._stretches(trial, times)[:2]
 
     def predict(self, past: Past, rows: Array, starts: Integers, first: Integers, since: Array) -> Array:
         """(b, len(since), 5) x, y, heading, speed, yaw rate of stretches; see `replay_rows`."""
@@ -182,6 +188,7 @@ class VehicleSimulator:
             starts,
             past.lengths[starts],
             past.settle,
+            past.lag,
             past.log_begin,
             first,
             since,
