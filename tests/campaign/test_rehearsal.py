@@ -129,6 +129,41 @@ def test_a_robot_that_fails_is_named_and_its_trial_is_not_lost(write_plan: Write
     assert "trial-003" in done
 
 
+@pytest.mark.parametrize(
+    ("changed", "returned"),
+    [
+        (lambda done: None, "None"),
+        (lambda done: [None], "a list of 1 (None)"),
+        (lambda done: [], "a list of 0"),
+        (lambda done: [done[0], done[0]], "a list of 2 (Recording)"),
+        (lambda done: {"position": done[0]}, "a dict with the keys 'position'"),
+        (lambda done: "done", "a str of 4"),
+    ],
+    ids=["nothing", "a list of nothing", "an empty list", "two for one", "a dict", "a word"],
+)
+def test_what_a_driver_returns_wrongly_is_shown_with_what_is_wanted(
+    write_plan: Write, tmp_path: Path, changed: Callable, returned: str
+) -> None:
+    plan, out = write_plan(("rounds = 2", "rounds = 1")), tmp_path / "out"
+
+    def driver(robot: Any) -> Callable:
+        return lambda trial: changed(robot.perform(trial)) if trial.name == "trial-002" else robot.perform(trial)
+
+    with pytest.raises(TrialError) as error:
+        go(plan, out, lambda p: replace(p, robot=Wrapped(p.robot, perform=driver(p.robot))))
+    assert f"trial-002: Wrapped.perform(trial) returned {returned}, where a list of one Recording" in str(error.value)
+    assert "`def perform(self, trial: Trial) -> list[Recording]`" in str(error.value)
+    go(plan, out, lambda p: p)  # mended
+    assert "trial-002" in [e.trial for e in read_journal(out) if isinstance(e, TrialDone)]
+
+
+def test_a_driver_may_return_the_one_recording_of_a_trial_by_itself(write_plan: Write, tmp_path: Path) -> None:
+    plan, outs = write_plan(("rounds = 2", "rounds = 1")), (tmp_path / "listed", tmp_path / "bare")
+    go(plan, outs[0], lambda p: p)
+    go(plan, outs[1], lambda p: replace(p, robot=Wrapped(p.robot, perform=lambda t: p.robot.perform(t)[0])))
+    assert read_journal(outs[0]) == read_journal(outs[1])
+
+
 def test_what_a_robot_did_not_measure_is_said(write_plan: Write, tmp_path: Path) -> None:
     def blind(robot: Any) -> Callable:
         def perform(trial: Trial) -> list[Recording]:

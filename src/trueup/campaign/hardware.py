@@ -16,8 +16,9 @@ from trueup.campaign.events import Scored, TrialDone, TrialPlanned, TrialStarted
 from trueup.campaign.journal import Journal
 from trueup.campaign.parts import Listener, Parts
 from trueup.campaign.rehearsal import blamed
+from trueup.campaign.returned import outcome_of, recordings_of
 from trueup.campaign.store import Kept, Store
-from trueup.errors import JournalError, RobotFellError, TrialAbortedError, TrialError
+from trueup.errors import RobotFellError, TrialAbortedError, TrialError
 from trueup.inspection.unmeasured import unmeasured
 from trueup.loop.safety import require_safe
 from trueup.loop.transfer import prepared
@@ -130,17 +131,14 @@ class Hardware:
         outcome, note, recordings = "done", "", []
         try:
             with blamed(f"{trial.name}: the robot failed, and `trueup resume` goes on from here", TrialError):
-                recordings = self._parts.robot.perform(trial)
-            outcome = _worst(recordings)
+                returned = self._parts.robot.perform(trial)
+            recordings = recordings_of(self._parts.robot, trial, returned)
+            outcome = outcome_of(recordings)
             note = "\n".join(dict.fromkeys(r.provenance["note"] for r in recordings if "note" in r.provenance))
         except RobotFellError as error:
             outcome, note = "fell", str(error)
         except TrialAbortedError as error:
             outcome, note = "aborted", str(error)
-        if outcome == "done" and len(recordings) != trial.repeats:
-            raise JournalError(
-                f"'{trial.name}': the robot gave {len(recordings)} recordings for {trial.repeats} repeats"
-            )
         if outcome == "done":
             _check_observed(trial, recordings)
             for words in dict.fromkeys(w for r in recordings if not is_told(r) for w in unmeasured(trial, r)):
@@ -186,12 +184,6 @@ def _check_observed(trial: Trial, recordings: Sequence[Recording]) -> None:
                     f"{trial.name}: the robot's recording lacks {', '.join(lost)} of channel '{name}', which is observed; it "
                     f"holds {there}. Mend the driver; `trueup resume` goes on from here"
                 )
-
-
-def _worst(recordings: Sequence[Recording]) -> str:
-    """'done', unless a robot says of a recording that it fell or was aborted."""
-    said = {r.provenance.get("outcome", "") for r in recordings}
-    return next((word for word in ("fell", "aborted") if word in said), "done")
 
 
 def _words(trial: Trial) -> str:
