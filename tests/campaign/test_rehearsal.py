@@ -21,7 +21,7 @@ from trueup.campaign.plan import read_plan
 from trueup.campaign.resolve import parts_of
 from trueup.errors import PlanError, RobotFellError, TrialError
 from trueup.recording import Recording
-from trueup.trial import Trial
+from trueup.trial import Reference, Trial
 
 Write = Callable[..., Path]
 
@@ -162,6 +162,31 @@ def test_a_driver_may_return_the_one_recording_of_a_trial_by_itself(write_plan: 
     go(plan, outs[0], lambda p: p)
     go(plan, outs[1], lambda p: replace(p, robot=Wrapped(p.robot, perform=lambda t: p.robot.perform(t)[0])))
     assert read_journal(outs[0]) == read_journal(outs[1])
+
+
+def test_a_run_in_which_the_robot_stood_on_its_path_is_not_taken(write_plan: Write, tmp_path: Path) -> None:
+    plan, out = write_plan(("rounds = 2", "rounds = 1")), tmp_path / "out"
+    path = Reference(("x", "y"), ("m", "m"), np.stack([np.linspace(0.0, 3.0, 50), np.zeros(50)], axis=1))
+
+    def led(parts: Parts) -> Parts:
+        trials = tuple(replace(t, references={**t.references, "path": path}) for t in parts.task.trials)
+        return replace(parts, task=Wrapped(parts.task, trials=trials))
+
+    def unpowered(parts: Parts) -> Parts:
+        def perform(trial: Trial) -> list[Recording]:
+            (done,) = parts.robot.perform(trial)
+            x = done.channel("position")
+            return [done.with_channel(x.replace(labels=("x", "y"), values=np.zeros((len(x.time), 2))))]
+
+        return replace(led(parts), robot=Wrapped(parts.robot, perform=perform))
+
+    with pytest.raises(
+        TrialError, match=r"trial-001: the robot stood all along: its position stays within 0 m, .* 3 m"
+    ):
+        go(plan, out, unpowered)
+    assert isinstance(read_journal(out)[-1], TrialStarted)  # it has no outcome and no score
+    go(plan, out, led)
+    assert "trial-001" in [e.trial for e in read_journal(out) if isinstance(e, TrialDone)]
 
 
 def test_what_a_robot_did_not_measure_is_said(write_plan: Write, tmp_path: Path) -> None:

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from trueup.calibration import Calibration
 from trueup.campaign.campaign import Campaign
 from trueup.campaign.events import TrialDone, TrialPlanned
 from trueup.campaign.folder import Folder
@@ -17,7 +18,7 @@ from trueup.campaign.plan import read_plan
 from trueup.campaign.resolve import parts_of
 from trueup.campaign.retract import retract
 from trueup.cli import main
-from trueup.errors import JournalError
+from trueup.errors import JournalError, RecordingError
 from trueup.recording import Recording
 from trueup.trial import Trial
 
@@ -79,3 +80,17 @@ def test_what_has_no_outcome_is_refused_and_the_command_says_what_it_did(
     assert "trial-002 is taken back" in capsys.readouterr().err
     assert (out / "retracted-1" / "journal-1.jsonl").read_bytes() == before
     assert [e.trial for e in read_journal(out) if isinstance(e, TrialDone)].count("trial-002") == 1
+
+
+def test_a_recording_that_no_calibration_can_use_is_said_with_the_command_that_takes_it_back(
+    write_plan: Write, tmp_path: Path
+) -> None:
+    def picky(recordings: Sequence[Recording], *rest: object) -> Calibration:
+        raise RecordingError(f"recording '{recordings[1].name}' has no stretch in which the vehicle moves")
+
+    folder = Folder.begin(read_plan(write_plan()), tmp_path / "out", None)
+    parts = replace(parts_of(folder.file, folder.path, lambda line: None), calibrator=picky)
+    with Journal(folder.path) as journal, pytest.raises(RecordingError) as error:
+        Campaign(folder.file.plan, folder.checksum, "0", parts, journal).run()
+    assert f"in which the vehicle moves. `trueup resume {folder.path} --retract trial-002` takes" in str(error.value)
+    assert "trial-001" not in str(error.value)

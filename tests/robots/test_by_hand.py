@@ -345,6 +345,18 @@ def test_positions_far_from_the_path_are_another_run(bench: Bench) -> None:
     assert "in mm?" in "\n".join(bench.said)
 
 
+def test_a_robot_that_stood_at_the_start_of_its_path_is_another_run(bench: Bench) -> None:
+    bench.robot.hand_out([drive("trial-001", 1.0)])
+    bench.drop(
+        "trial-001.csv",
+        "time,position/x,position/y\n" + "".join(f"{t:.3f},0.001,{1e-3 * np.sin(t):.5f}\n" for t in TIME),
+    )
+    assert (
+        "the robot stood all along: its position stays within 0.002 m, where the path extends over 8.2" in bench.look()
+    )
+    assert not bench.outcome()
+
+
 def test_waiting_goes_on_the_next_day(bench: Bench) -> None:
     bench.robot.hand_out([trial(), trial("trial-002")])
     bench.drop("trial-001.csv", log_text(seed=1))

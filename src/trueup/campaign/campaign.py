@@ -33,6 +33,7 @@ from trueup.campaign.outcomes import belief_of, calibrated, chosen, generation, 
 from trueup.campaign.parts import Listener, Parts, Silent
 from trueup.campaign.plan import Plan
 from trueup.campaign.rehearsal import rehearse
+from trueup.campaign.retract import retractable
 from trueup.errors import JournalError
 from trueup.loop.belief import Belief
 from trueup.loop.correction import Correction
@@ -210,7 +211,8 @@ class Campaign:
         if self._parts.later is not None:
             self._parts = self._parts.later(fitted)
         last = self._calibrated
-        event = self._once(Calibrated, lambda: calibrated(number, self._parts, fitted, self._listener, last))
+        with retractable(self._journal.folder, fitted):
+            event = self._once(Calibrated, lambda: calibrated(number, self._parts, fitted, self._listener, last))
         self._calibrated = event
         self._belief = belief_of(event, self._parts.simulator.parameters)
         return self._belief

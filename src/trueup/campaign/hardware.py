@@ -19,6 +19,7 @@ from trueup.campaign.rehearsal import blamed
 from trueup.campaign.returned import outcome_of, recordings_of
 from trueup.campaign.store import Kept, Store
 from trueup.errors import RobotFellError, TrialAbortedError, TrialError
+from trueup.inspection.standing import standing
 from trueup.inspection.unmeasured import unmeasured
 from trueup.loop.safety import require_safe
 from trueup.loop.transfer import prepared
@@ -141,6 +142,7 @@ class Hardware:
             outcome, note = "aborted", str(error)
         if outcome == "done":
             _check_observed(trial, recordings)
+            _check_moved(trial, recordings)
             for words in dict.fromkeys(w for r in recordings if not is_told(r) for w in unmeasured(trial, r)):
                 self._listener.doubt(f"{trial.name}: in its recording {words}; its score may not be the robot's")
         return self._store.keep(trial, planned.of, outcome, recordings, note)
@@ -184,6 +186,15 @@ def _check_observed(trial: Trial, recordings: Sequence[Recording]) -> None:
                     f"{trial.name}: the robot's recording lacks {', '.join(lost)} of channel '{name}', which is observed; it "
                     f"holds {there}. Mend the driver; `trueup resume` goes on from here"
                 )
+
+
+def _check_moved(trial: Trial, recordings: Sequence[Recording]) -> None:
+    """Raises TrialError where the robot stood: such a run has a score, but no calibration could go on from it."""
+    for words in (w for r in recordings if not is_told(r) and (w := standing(trial, r))):
+        raise TrialError(
+            f"{trial.name}: {words}, so that the run is not taken. Were its motors off, or the wrong log handed in? "
+            "`trueup resume` goes on from here"
+        )
 
 
 def _words(trial: Trial) -> str:

@@ -4,15 +4,34 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from trueup.campaign.events import TrialDone, TrialPlanned, TrialStarted
 from trueup.campaign.journal import read_journal, set_back
-from trueup.errors import JournalError, OutputError
+from trueup.errors import JournalError, OutputError, RecordingError
 from trueup.formats.aside import sync_folder
+from trueup.recording import Recording
 
 _OUTCOMES = ("recordings/{}.*", "recordings/{}-*.parquet", "accepted/{}")
 _SHEETS = ("outbox/{}*",)
+
+
+@contextmanager
+def retractable(folder: Path, recordings: Sequence[Recording]) -> Iterator[None]:
+    """Adds to a RecordingError which of the campaign's trials can be taken back, where it is about their recordings."""
+    try:
+        yield
+    except RecordingError as error:
+        trials = dict.fromkeys(r.provenance["trial"] for r in recordings if "trial" in r.provenance)
+        named = [t for t in trials if t in str(error)] or list(trials)
+        if not named:
+            raise
+        more = f" ({', '.join(named[1:])}: likewise)" if named[1:] else ""
+        raise RecordingError(
+            f"{error}. `trueup resume {folder} --retract {named[0]}` takes that run back and asks for it again{more}"
+        ) from error
 
 
 def retract(folder: Path, trial: str) -> tuple[Path, tuple[str, ...]]:

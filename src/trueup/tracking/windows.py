@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from trueup.arrays import Array
 from trueup.errors import RecordingError
 from trueup.noise import estimate_noise
 from trueup.recording import Channel, Recording, is_command, part_of
@@ -32,7 +33,7 @@ def windows(recording: Recording, length: float = LENGTH) -> list[Recording]:
             n: _cut(c, start - PAST if is_command(n) else start, start + length) for n, c in recording.channels.items()
         }
         channels = {name: cut for name, cut in cuts.items() if cut is not None}
-        if "position" in channels and _moves(channels["position"]):
+        if "position" in channels and moves(channels["position"].values):
             pieces.append(Recording(f"{recording.name} {start:.0f} s", channels, part_of(recording)))
     if not pieces:
         raise RecordingError(f"recording '{recording.name}' has no stretch of {length:g} s in which the vehicle moves")
@@ -46,8 +47,9 @@ def _cut(channel: Channel, start: float, stop: float) -> Channel | None:
     return channel.replace(time=channel.time[inside], values=channel.values[inside])
 
 
-def _moves(position: Channel) -> bool:
-    return bool(np.linalg.norm(np.nanmax(position.values, axis=0) - np.nanmin(position.values, axis=0)) > _MOVES)
+def moves(points: Array) -> bool:
+    """Whether points (N, 2) in m reach over more than a stretch in which a vehicle counts as standing."""
+    return bool(np.linalg.norm(np.nanmax(points, axis=0) - np.nanmin(points, axis=0)) > _MOVES)
 
 
 def noise_of(recordings: Sequence[Recording]) -> tuple[float, float]:

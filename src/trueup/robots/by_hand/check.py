@@ -10,6 +10,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.ends import end_of
 from trueup.formats.rules.drive import FULL_LOCK
+from trueup.inspection.standing import standing
 from trueup.inspection.unmeasured import unmeasured
 from trueup.recording import Channel, Recording
 from trueup.robots.by_hand.begin import completed, side_by_side
@@ -35,7 +36,7 @@ def mismatches(trial: Trial, recording: Recording) -> list[str]:
     found = _channels(trial, recording)
     if found:
         return found
-    found = _lasts(trial, recording) or _missing(trial, recording)
+    found = _lasts(trial, recording) or _missing(trial, recording) or _stood(trial, recording)
     if found:
         return found
     return _commands(trial, recording) + _follows(trial, recording) + _steers(trial, recording)
@@ -98,6 +99,11 @@ def _missing(trial: Trial, recording: Recording) -> list[str]:
         f"{words}, so nobody can say what the robot did there: run it again, or put {trial.name}-aborted.txt beside it"
         for words in unmeasured(trial, completed(trial, recording))
     ]
+
+
+def _stood(trial: Trial, recording: Recording) -> list[str]:
+    words = standing(trial, recording)
+    return [f"{words}: run it again, or put {trial.name}-aborted.txt beside it"] if words else []
 
 
 def _commands(trial: Trial, recording: Recording) -> list[str]:
