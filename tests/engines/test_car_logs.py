@@ -161,6 +161,29 @@ def test_commands_in_degrees_pulses_or_to_the_right_count_as_shares() -> None:
     assert with_commands(Vehicle("car", 0.2, drive="throttle"), [plain]) == (Vehicle("car", 0.2, drive="throttle"), ())
 
 
+def test_a_calibrated_car_refuses_commands_in_another_unit_and_shows_both_ranges() -> None:
+    plain = winding(1.2, 0.2, 0.3, 50.0, 0.001)
+    throttle, steering = plain.channel("command").values.T
+    pulses, percent, shares = (
+        with_values(plain, "command", np.stack([middle + full * throttle, middle - full * steering], axis=1))
+        for middle, full in ((1500.0, 500.0), (0.0, 100.0), (0.0, 1.0))
+    )
+    cars = {name: Vehicle("car", 0.2, drive="throttle", middle=(m, m), full=(f, -f))
+            for name, m, f in (("pulses", 1500.0, 500.0), ("percent", 0.0, 100.0), ("shares", 0.0, 1.0))}  # fmt: skip
+    logs = {"pulses": pulses, "percent": percent, "shares": shares}
+    for calibrated, car in cars.items():
+        for name, log in logs.items():
+            if name == calibrated:
+                VehicleSimulator(car).prepared(log)
+                continue
+            with pytest.raises(RecordingError, match="commands are in another unit than those that"):
+                VehicleSimulator(car).prepared(log)
+    with pytest.raises(RecordingError, match=r"throttle goes from 0\.2 to 0\.4 \(1000 to 2000 in the file\)"):
+        VehicleSimulator(cars["pulses"]).prepared(shares)
+    rests = with_values(plain, "command", np.zeros((len(throttle), 2)))
+    VehicleSimulator(cars["percent"]).prepared(rests)  # nothing commanded: no number to tell a unit by
+
+
 def test_a_car_file_says_what_its_commands_mean(tmp_path: Path) -> None:
     car = Vehicle("car", 0.2, drive="throttle", middle=(1500.0, 1500.0), full=(500.0, -500.0))
     write_vehicle(car, tmp_path / "car.toml")

@@ -22,6 +22,8 @@ TOGETHER = (
 """How files that hold a part of one drive each become one recording."""
 _SWITCHES = ("safety", "enable", "enabled", "deadman", "armed")
 _DRIVES, _STEERS = ("throttle", "speed"), ("steering", "curvature", "turn")
+_IDLE = 0.02
+"""Share of the full command below which neither motor nor steering answers (dead bands, play): a car is not driven so."""
 _STANDS = 0.05  # share of the greatest commanded speed: below, a turn rate says no wheel angle
 
 
@@ -64,6 +66,35 @@ def driven_by(recording: Recording, wheelbase: float = 1.0) -> Channel:
     throttle = throttle - brake[0] if brake else throttle
     units = (drive.unit_of(drive.labels[0]), "rad" if turned else steer.unit_of(steer.labels[0]))
     return Channel("command", COMMAND, "", time, np.stack([throttle, steering], axis=1), units if any(units) else ())
+
+
+def refuse_another_range(
+    recording: Recording, middle: tuple[float, float], full: tuple[float, float] | None, wheelbase: float = 1.0
+) -> None:
+    """Raises RecordingError where commands without a unit cannot be those that stand for zero at `middle`, for one at `full`
+    beyond: they go far past one, or are shares of which a car would not move. `full` is None before a calibration.
+    """
+    if full is None:
+        return
+    command = driven_by(recording, wheelbase)
+    if command.units or not np.isfinite(command.values).any():
+        return
+    sent = np.where((command.values == 0.0) & (np.abs(middle) > np.abs(full)), np.nan, command.values)
+    largest = np.nanmax(np.abs(sent - middle) / np.abs(full), axis=0, initial=0.0)
+    shares = 0.0 < float(np.nanmax(np.abs(command.values))) <= MOST
+    if not (largest > MOST).any() and not (shares and (largest <= _IDLE).all()):
+        return
+    reach = " and ".join(
+        f"{label} goes from {low:.4g} to {high:.4g} ({m - abs(f):.4g} to {m + abs(f):.4g} in the file)"
+        for label, low, high, m, f in zip(
+            COMMAND, np.nanmin(command.values, axis=0), np.nanmax(command.values, axis=0), middle, full, strict=True
+        )
+    )
+    raise RecordingError(
+        f"recording '{recording.name}': its commands are in another unit than those that the car's file was calibrated with; "
+        f"{reach}. Say in the mapping's [channels.command] the scale and offset that bring them there (and sign, where "
+        "steering grows to the other side), or calibrate with such logs"
+    )
 
 
 def told_to_turn(recording: Recording) -> bool:

@@ -24,7 +24,7 @@ from trueup.recording import Recording
 from trueup.rounding import PRINTED, SAME_INSTANT, first_step
 from trueup.tracking.channels import CHANNELS, READ
 from trueup.tracking.cleaned import cleaned
-from trueup.tracking.commands import COMMAND
+from trueup.tracking.commands import COMMAND, refuse_another_range
 from trueup.tracking.past import Past
 from trueup.tracking.start import start_state
 from trueup.tracking.wheels import as_driven, refuse_another_unit
@@ -123,6 +123,8 @@ class VehicleSimulator:
         if v.wheels is not None:
             recording = as_driven(recording, v.wheels)
             refuse_another_unit(recording, v.full)
+        elif v.drive == "throttle":
+            refuse_another_range(recording, v.middle, v.full, v.steered_over)
         return cleaned(recording, v.enabled_by, v.middle, v.full, v.steered_over, backs=v.pursues)
 
     def rollout(
