@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Is a log what was asked for? Channels, joints and their order, duration, clock, the command, the path."""
+"""Is a log what was asked for? Channels, joints and their order, duration, clock, the command; of a vehicle the drive."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trueup.arrays import Array
 from trueup.ends import end_of
-from trueup.formats.rules.drive import FULL_LOCK
 from trueup.inspection.standing import standing
 from trueup.inspection.unmeasured import unmeasured
 from trueup.recording import Channel, Recording
 from trueup.robots.by_hand.begin import completed, side_by_side
+from trueup.robots.by_hand.drive import correlation, unlike_a_vehicle, unlike_its_path
 from trueup.rounding import ROUNDED
 from trueup.trial import Trial
 from trueup.units import to_si
@@ -26,9 +25,6 @@ _COMPLETE, _ARRIVED = (
 )  # share of the duration that must be there: of a command; of a run that ends by arriving
 _TOO_LONG = 1.6
 _SAME_COMMAND = 0.15  # root mean square difference from what was asked, as a share of its spread
-_ASTRAY = 0.25  # median distance from the path, as a share of its extent
-_PLAINLY = 0.5  # correlation of turns with steering, below zero where one of the two has the wrong sign
-_AWRY = 0.7  # rad, median angle between where a vehicle points and where it goes
 
 
 def mismatches(trial: Trial, recording: Recording) -> list[str]:
@@ -39,7 +35,7 @@ def mismatches(trial: Trial, recording: Recording) -> list[str]:
     found = _lasts(trial, recording) or _missing(trial, recording) or _stood(trial, recording)
     if found:
         return found
-    return _commands(trial, recording) + _follows(trial, recording) + _steers(trial, recording)
+    return _commands(trial, recording) + unlike_its_path(trial, recording) + unlike_a_vehicle(trial, recording)
 
 
 def _channels(trial: Trial, recording: Recording) -> list[str]:
@@ -159,7 +155,7 @@ def _swapped(asked: Channel, recording: Recording) -> list[str]:
     for k, label in enumerate(labels):
         if not moving[k] or moved[:, k].std() < 1e-3:
             continue
-        alike = [_correlation(moved[:, k], request[:, j]) if moving[j] else 0.0 for j in range(len(labels))]
+        alike = [correlation(moved[:, k], request[:, j]) if moving[j] else 0.0 for j in range(len(labels))]
         best = int(np.argmax(alike))
         if best != k and alike[best] > 0.8 and alike[k] < 0.5:
             return [
@@ -167,110 +163,6 @@ def _swapped(asked: Channel, recording: Recording) -> list[str]:
                 "give the columns their right labels in mapping.toml"
             ]
     return []
-
-
-def _follows(trial: Trial, recording: Recording) -> list[str]:
-    """Positions lie near the path that was to be followed."""
-    path = trial.references.get("path")
-    if path is None or not recording.has("position"):
-        return []
-    position = recording.channel("position")
-    if not {"x", "y"} <= set(path.labels) or not {"x", "y"} <= set(position.labels):
-        return []
-    wanted = path.values[:, [path.labels.index("x"), path.labels.index("y")]]
-    driven = position.select(("x", "y")).values
-    driven = driven[np.isfinite(driven).all(axis=1)]
-    if not len(driven):
-        return ["its positions are all missing"]
-    few, dense = _thin(driven, 200), _thin(wanted, 2000)
-    away = np.sqrt(((few[:, None, :] - dense[None, :, :]) ** 2).sum(axis=2)).min(axis=1)
-    extent = float(np.ptp(wanted, axis=0).max())
-    if np.median(away) <= max(_ASTRAY * extent, 0.5):
-        return []
-    ratio = float(np.ptp(driven, axis=0).max()) / max(extent, ROUNDED)
-    unit = " (its extent is about a thousand times the path's: in mm?)" if 300 < ratio < 3000 else ""
-    return [f"its positions lie {np.median(away):.3g} m from the path{unit}: another run, frame or unit?"]
-
-
-def _steers(trial: Trial, recording: Recording) -> list[str]:
-    """Angles of a vehicle are in rad, and it goes where it points: a heading in degrees still has the right shape."""
-    asked = trial.observed.get("command")
-    if asked is None or "steering" not in asked.labels:
-        return []
-    found = []
-    largest = float(np.nanmax(np.abs(recording.channel("command").column("steering"))))
-    if largest > FULL_LOCK:
-        found.append(
-            f"its steering reaches {largest:.3g} rad: in degrees? say in mapping.toml, [channels.command], what one of its "
-            "numbers is (scale, one for each label; a degree is 0.01745)"
-        )
-    if {"position", "heading"} <= set(trial.observed):
-        found += _points(recording) or _turns(recording)
-    return found
-
-
-def _legs(recording: Recording) -> tuple[Array, Array]:
-    """(41,) when each fortieth of the way begins and ends, in s, and (41, 2) where; none for what does not move."""
-    position = recording.channel("position")
-    place = position.select(("x", "y")).values
-    known = np.isfinite(place).all(axis=1)
-    time, place = position.time[known], place[known]
-    gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
-    if len(time) < 2 or gone[-1] <= 0.0:
-        return np.zeros(0), np.zeros((0, 2))
-    legs = np.interp(np.linspace(0.0, gone[-1], 41), gone + ROUNDED * np.arange(len(gone)), time)
-    return legs, np.stack([np.interp(legs, time, column) for column in place.T], axis=1)
-
-
-def _turns(recording: Recording) -> list[str]:
-    """A vehicle that is steered to the left turns to the left."""
-    legs, _ = _legs(recording)
-    if not len(legs):
-        return []
-    command, heading = recording.channel("command"), recording.channel("heading")
-    within = np.linspace(legs[:-1], legs[1:], 9)
-    steered = command.select(("steering",)).at(within.ravel())[:, 0].reshape(within.shape).mean(axis=0)
-    turned = np.angle(np.exp(1j * np.diff(heading.at(legs)[:, 0])))
-    known = np.isfinite(steered + turned)
-    if known.sum() < 0.5 * len(known) or _correlation(steered[known], turned[known]) > -_PLAINLY:
-        return []
-    return [
-        "it turns to the right where its steering is to the left: does its steering grow to the right? say it in "
-        "mapping.toml, [channels.command], sign = [1, -1] (one for each label; its steering second)"
-    ]
-
-
-def _points(recording: Recording) -> list[str]:
-    heading = recording.channel("heading")
-    legs, ends = _legs(recording)
-    if not len(legs):
-        return []
-    way = np.arctan2(*np.diff(ends, axis=0).T[::-1])
-    shown = heading.at(0.5 * (legs[1:] + legs[:-1]))[:, 0]
-    if _off(shown - way) <= _AWRY:
-        return []
-    others = {"in degrees (unit)": np.radians(shown), "growing to the right (sign = -1)": -shown,
-              "counted from north (sign = -1, offset = -1.5708)": np.pi / 2 - shown}  # fmt: skip
-    better = [words for words, angle in others.items() if _off(angle - way) < 0.5 * _AWRY]
-    mend = better[0] if better else "in degrees (unit), growing to the right (sign = -1) or from another zero (offset)"
-    return [
-        f"it does not go where its heading points ({_off(shown - way):.2g} rad off in the median): is the heading {mend}? "
-        "say it in mapping.toml, [channels.heading]"
-    ]
-
-
-def _off(angles: Array) -> float:
-    """Median size of angles, whole turns aside; 0 without any."""
-    known = angles[np.isfinite(angles)]
-    return float(np.median(np.abs(np.angle(np.exp(1j * known))))) if len(known) else 0.0
-
-
-def _correlation(a: Array, b: Array) -> float:
-    return float(np.corrcoef(a, b)[0, 1]) if a.std() > 0 and b.std() > 0 else 0.0
-
-
-def _thin(points: Array, most: int) -> Array:
-    return points[:: max(1, len(points) // most)]
 
 
 def one_of(trials: Sequence[Trial], recording: Recording) -> list[Trial]:
