@@ -190,7 +190,7 @@ def _timed(
     if not time.column and not time.file:
         raise MappingError(
             f"channel '{role}': no time for {table.path}: name a column in [time] (columns are: "
-            f"{listing(table.columns)}), or give rate = samples per second"
+            f"{listing((*table.columns, *table.text))}), or give rate = samples per second"
         )
     clock = _clock(time.column or next(iter(source.columns)), time.unit, source)
     if time.nanoseconds:
@@ -238,6 +238,12 @@ def _time_table(time: TimeColumn, table: Table, tables: Sequence[Table]) -> Tabl
 
 
 def _raw_clock(column: str, table: Table) -> Array:
+    if column in table.text:
+        word = shown(next((cell for cell in table.text[column] if cell), ""))
+        raise MappingError(
+            f"{table.path}: column '{column}' cannot be the time, as it holds words such as {word}; times are numbers, or "
+            "read as 12:30:05.25, 2024-03-31 12:30:05.25 or 31.03.2024 12:30:05.25"
+        )
     if column not in table.columns:
         raise MappingError(f"{table.path} has no column '{column}' for the time; columns are: {listing(table.columns)}")
     values = table.columns[column]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Cells that hold more than a plain number: lists of numbers, times of day. Parsed strictly, never evaluated."""
+"""Cells that hold more than a plain number: lists of numbers, lists of names. Parsed strictly, never evaluated."""
 
 from __future__ import annotations
 
@@ -13,11 +13,9 @@ from trueup.arrays import Array
 from trueup.errors import FormatError
 from trueup.formats.dialect import is_empty
 from trueup.formats.table import shown
-from trueup.units import to_si
 
 Place = Callable[[int], str]
 
-_CLOCK = re.compile(r"(?:\d{4}[-/]\d\d[-/](\d\d)[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?:Z|[+-]\d\d:?\d\d)?")
 _NAME = re.compile(r"'([^']+)'|\"+([^\"]+)\"+")
 _NAMED = re.compile(r"(?:array|tensor|list|tuple)\((?:'d', ?)?(.*)\)$", re.DOTALL)
 
@@ -35,22 +33,6 @@ def parse_lists(cells: Sequence[str], place: Place) -> Array:
     except (ValueError, TypeError, OverflowError, RecursionError):
         pass  # something is unusual: read cell by cell, which finds out what and where
     return _one_by_one(cells, place)
-
-
-def parse_clock(cells: Sequence[str]) -> Array | None:
-    """(T,) in s from times of day such as "12:30:05.250" (with or without date and zone); None where a cell is none.
-
-    A time of day that falls back after midnight is carried on into the next day.
-    """
-    result = np.empty(len(cells))
-    for i, cell in enumerate(cells):
-        match = _CLOCK.fullmatch(cell.strip())
-        if match is None:
-            return None
-        hours, minutes, seconds = int(match[2]), int(match[3]), float(match[4].replace(",", "."))
-        result[i] = hours * to_si("h")[1] + minutes * to_si("min")[1] + seconds
-    day = 24 * to_si("h")[1]
-    return result + day * np.cumsum(np.diff(result, prepend=result[:1]) < -day / 2)
 
 
 def names_in(cell: str) -> tuple[str, ...]:

@@ -16,7 +16,8 @@ import pyarrow.csv as pacsv
 from trueup import files
 from trueup.arrays import Array, Integers
 from trueup.errors import FormatError
-from trueup.formats.cells import names_in, parse_clock, parse_lists
+from trueup.formats.cells import names_in, parse_lists
+from trueup.formats.dates import parse_clock
 from trueup.formats.dialect import Dialect, is_empty, is_number, sniff, split
 from trueup.formats.table import Table, listing, shown
 from trueup.units import to_si
@@ -59,7 +60,7 @@ def read(path: Path) -> Table:
     columns: dict[str, Array] = {}
     text: dict[str, list[str]] = {}
     for name in dialect.names:
-        values = _column(arrow[name], name, body, dialect, path)
+        values = _column(arrow[name], name, body, dialect, path, warnings)
         if isinstance(values, list):
             text[name] = values
         elif values is not None:
@@ -193,8 +194,10 @@ def _raise_for_lines(body: _Body, dialect: Dialect, path: Path) -> None:
             )
 
 
-def _column(column: pa.ChunkedArray, name: str, body: _Body, dialect: Dialect, path: Path) -> Array | list[str] | None:
-    """Numbers, words, or None where every cell is empty."""
+def _column(
+    column: pa.ChunkedArray, name: str, body: _Body, dialect: Dialect, path: Path, warnings: list[str]
+) -> Array | list[str] | None:
+    """Numbers, words, or None where every cell is empty; what was assumed to read them is added to `warnings`."""
     kind = column.type
     if pa.types.is_null(kind):
         return None
@@ -205,10 +208,12 @@ def _column(column: pa.ChunkedArray, name: str, body: _Body, dialect: Dialect, p
     if pa.types.is_time(kind):
         return _floats(column.cast(pa.time64("ns")).cast(pa.int64())) * to_si("ns")[1]
     cells = ["" if cell is None else str(cell) for cell in column.to_pylist()]
-    return _from_words(cells, name, body, dialect, path)
+    return _from_words(cells, name, body, dialect, path, warnings)
 
 
-def _from_words(cells: list[str], name: str, body: _Body, dialect: Dialect, path: Path) -> Array | list[str]:
+def _from_words(
+    cells: list[str], name: str, body: _Body, dialect: Dialect, path: Path, warnings: list[str]
+) -> Array | list[str]:
     def place(row: int) -> str:
         return f"{path}, line {body.number(row)}, column '{name}'"
 
@@ -222,7 +227,8 @@ def _from_words(cells: list[str], name: str, body: _Body, dialect: Dialect, path
         return parse_lists(cells, place)
     clock = parse_clock(cells)
     if clock is not None:
-        return clock
+        warnings += [f"{path.name}, column '{name}': {clock.note}"] if clock.note else []
+        return clock.time
     good = sum(is_number(cell, dialect.decimal) for cell in filled)
     if good * 2 <= len(filled):
         return cells

@@ -11,7 +11,7 @@ from typing import Any
 from trueup import files
 from trueup.arrays import Array
 from trueup.errors import FormatError
-from trueup.formats.cells import parse_clock
+from trueup.formats.dates import parse_clock
 from trueup.formats.rules.names import words as split_words
 from trueup.formats.table import Table, numbers, shown
 
@@ -26,7 +26,7 @@ def read(path: Path) -> Table:
         raise FormatError(f"{path} is empty")
     data, warnings = _parse(text, path)
     found = _find(data, path)
-    columns, words = _columns(found, str(path))
+    columns, words = _columns(found, str(path), warnings)
     if not columns:
         raise FormatError(f"{path}: no numbers found in its {len(found)} {'keys' if found else 'entries'}")
     metadata = _facts(data) if isinstance(data, dict) else {}
@@ -109,14 +109,18 @@ def _from_entries(entries: Sequence[Any], path: Path, key: str) -> dict[str, lis
     return columns
 
 
-def _columns(found: Mapping[str, list[Any]], where: str) -> tuple[dict[str, Array], dict[str, list[str]]]:
+def _columns(
+    found: Mapping[str, list[Any]], where: str, warnings: list[str]
+) -> tuple[dict[str, Array], dict[str, list[str]]]:
+    """Columns of numbers, and of words; what was assumed to read them is added to `warnings`."""
     columns: dict[str, Array] = {}
     words: dict[str, list[str]] = {}
     for name, cells in found.items():
         values = numbers(cells, f"{where}, key '{name}'", "entry")
         if isinstance(values, list):
             clock = parse_clock(values)
-            values = values if clock is None else clock
+            values = values if clock is None else clock.time
+            warnings += [f"{where}, key '{name}': {clock.note}"] if clock is not None and clock.note else []
         if isinstance(values, list):
             words[name] = values
         elif values.size:

@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from trueup.arrays import Array
 from trueup.errors import FormatError, OutputError
 from trueup.formats.aside import written_aside
-from trueup.formats.cells import parse_clock
+from trueup.formats.dates import parse_clock
 from trueup.formats.table import Table, listing, numbers
 from trueup.recording import Channel, Recording
 from trueup.units import to_si
@@ -116,18 +116,19 @@ def _foreign(table: pa.Table, path: Path) -> Table:
         table = table.flatten()
     columns: dict[str, Array] = {}
     words: dict[str, list[str]] = {}
+    notes: list[str] = []
     for name in dict.fromkeys(table.column_names):
-        values = _values(table.column(table.column_names.index(name)), f"{path}, column '{name}'")
+        values = _values(table.column(table.column_names.index(name)), f"{path}, column '{name}'", notes)
         if isinstance(values, list):
             words[name] = values
         elif values is not None and values.size:
             columns[name] = values
     if not columns:
         raise FormatError(f"{path}: no column of numbers; columns are: {listing(table.column_names)}")
-    return Table(path.name, str(path), columns, words)
+    return Table(path.name, str(path), columns, words, warnings=tuple(notes))
 
 
-def _values(column: pa.ChunkedArray, where: str) -> Array | list[str] | None:
+def _values(column: pa.ChunkedArray, where: str, notes: list[str]) -> Array | list[str] | None:
     kind = column.type
     if pa.types.is_dictionary(kind):
         column = column.cast(kind.value_type)
@@ -147,7 +148,9 @@ def _values(column: pa.ChunkedArray, where: str) -> Array | list[str] | None:
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):
         cells = ["" if cell is None else cell for cell in column.to_pylist()]
         clock = parse_clock(cells)
-        return cells if clock is None else clock
+        if clock is not None and clock.note:
+            notes.append(f"{where}: {clock.note}")
+        return cells if clock is None else clock.time
     return None
 
 
