@@ -15,6 +15,9 @@ _DEGREE, _TURN = math.radians(1.0), math.tau
 GRAVITY = 9.81
 """m/s2, near the ground; what model files say counts before it."""
 
+FULL_LOCK = math.pi / 2.0
+"""rad: no wheel is steered further."""
+
 PULSE_MIDDLE, PULSE_FULL = 1500.0, 500.0
 """us, of the pulses that servos and motor controllers of models are told by: the middle, and how far its ends are from it."""
 

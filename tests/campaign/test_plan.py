@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -61,6 +62,33 @@ def test_a_wrong_plan_is_explained(write_plan: Write, old: str, new: str, words:
     assert said.startswith(str(path))
     for word in words:
         assert word in said
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("max_steering = 0.698", "max_steering = 40", ("[simulator]", "max_steering is 40", "40 degrees are 0.6981 rad")),
+        ("max_speed = 1.0", "max_speed = -1", ("[task]", "max_speed is -1", "must be positive, in m/s")),
+        ("edges = [0.5, 0.8]", "edges = [0.8, 0.5]", ("[task]", "edges is [0.8, 0.5]", "the lower one first")),
+        ("# period = 0.02", "period = 20", ("[task]", "period is 20", "is it in ms?")),
+        ('"k3", "lead"', '"k9", "lead"', ("[task]", "parameter 'k9' is not in the path follower", "k1, k2, k3, lead")),
+        ("# nominal = { k1", "nominal = { k9", ("[task]", "nominal parameter 'k9' is not in what is tuned")),
+        ('method = "drives"', 'parameters = ["wheel"]\nmethod = "drives"', ("[calibrate], parameters", "'wheel'")),
+    ],
+)  # fmt: skip
+def test_numbers_and_names_that_cannot_be_are_said_before_the_robot_moves(
+    tmp_path: Path, old: str, new: str, words: tuple[str, ...]
+) -> None:
+    path = tmp_path / "campaign.toml"
+    text = (templates()["stanley"] / "campaign.toml").read_text("utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    shutil.copy(templates()["stanley"] / "path.csv", tmp_path)
+    with pytest.raises(ParameterError) as error:
+        parts_of(read_plan(path), tmp_path / "out", quiet)
+    assert words[0].startswith("[calibrate]") or str(error.value).startswith(str(path))
+    for word in words:
+        assert word in str(error.value)
 
 
 def test_a_parameter_that_the_simulator_lacks_is_named(write_plan: Write) -> None:

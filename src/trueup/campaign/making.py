@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from trueup.errors import PlanError, TrueupError, unknown_name
+from trueup.errors import ParameterError, PlanError, TrueupError, unknown_name
 from trueup.extensions import addressed, registered
 from trueup.typed_toml import Component, check_keys, converted
 
@@ -42,9 +42,14 @@ def found(component: Component, kind: str, known: Mapping[str, str], base: Path)
 
 
 def called(component: Component, target: Callable[..., Any], given: Mapping[str, Any], base: Path) -> Any:
-    """`target` called with the component's options and what it asks for out of `given`. Raises PlanError."""
+    """`target` called with the component's options and what it asks for out of `given`.
+
+    Raises PlanError, and what `target` raises; a ParameterError names file and table too.
+    """
     try:
         return target(**arguments(component, target, given, base))
+    except ParameterError as error:  # of a name or a value among its options: such an error does not know the plan
+        raise type(error)(f"{component.where}: {error}") from error
     except TrueupError:
         raise
     except (TypeError, ValueError) as error:

@@ -30,7 +30,7 @@ from trueup.campaign.parts import Calibrator, Parts
 from trueup.campaign.plan import Calibrate, Plan, PlanFile
 from trueup.discrepancies.discrepancy import Discrepancy
 from trueup.engines.family import Family
-from trueup.errors import ModelError, PlanError
+from trueup.errors import ModelError, ParameterError, PlanError
 from trueup.evaluation.evaluator import Evaluator, Here
 from trueup.formats import read
 from trueup.loop.calibrate import Options
@@ -116,7 +116,12 @@ def _prepared(plan: Plan, given: Mapping[str, Any], base: Path) -> Preparation:
 
 def _limited(plan: Plan, ready: Preparation) -> Preparation:
     """With only those parameters free that the plan calibrates."""
-    return ready.only(plan.calibrate.parameters) if plan.calibrate.parameters else ready
+    if not plan.calibrate.parameters:
+        return ready
+    try:
+        return ready.only(plan.calibrate.parameters)
+    except ParameterError as error:
+        raise type(error)(f"[calibrate], parameters: {error}") from error
 
 
 def _suited(plan: Plan, ready: Preparation) -> Suited:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from trueup.arrays import Array
 from trueup.controllers.controller import Observation
-from trueup.errors import ParameterError, RecordingError
+from trueup.errors import ParameterError, RecordingError, unknown_name
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.paths import Path
 
@@ -24,6 +24,7 @@ _OPTIONS = (
     Parameter("lead", "s", 0.0, 0.0, 1.0, source="the law acts on the pose expected so much later"),
 )
 
+_SLOWEST = 1.0  # s between two commands: a vehicle that is steered less often is not kept on a path
 GAINS = ("k1", "k2", "k3")
 """The three gains of the paper (its Table I), one for each speed range."""
 
@@ -47,6 +48,24 @@ class StanleySettings:
     period: float = 0.02
     """Between two commands, in s."""
 
+    def __post_init__(self) -> None:
+        """Checks the numbers. Raises ParameterError."""
+        low, high = self.edges
+        for name, value, fits, wanted in (
+            ("wheelbase", self.wheelbase, 0.0 < self.wheelbase < np.inf, "must be positive, in m"),
+            ("max_steering", self.max_steering, self.max_steering > 0.0, "must be positive, in rad"),
+            ("max_speed", self.max_speed, 0.0 < self.max_speed < np.inf, "must be positive, in m/s"),
+            ("edges", list(self.edges), 0.0 <= low <= high < np.inf, "must be two speeds in m/s, the lower one first"),
+            (
+                "period",
+                self.period,
+                0.0 < self.period < _SLOWEST,
+                f"must be above 0 and below {_SLOWEST:g} s; is it in ms?",
+            ),
+        ):
+            if not fits:
+                raise ParameterError(f"the path follower's {name} is {value}; it {wanted}")
+
     @property
     def row(self) -> Array:
         """(7,) for the compiled law."""
@@ -63,6 +82,12 @@ def gain_space(
     where given. Raises UnknownNameError.
     """
     everything = ParameterSpace(_OPTIONS)
+    for name in names:
+        if name not in everything.names:
+            raise unknown_name("parameter", name, everything.names, "the path follower")
+    for name in nominal:
+        if name not in names:
+            raise unknown_name("nominal parameter", name, names, "what is tuned")
     low, high = (f"{edge:.4g}" for edge in edges)
     ranges = {"k1": f"below {low}", "k2": f"from {low} to {high}", "k3": f"above {high}"}
     means = {k: f"cross-track gain {speeds} m/s" for k, speeds in ranges.items()}

@@ -16,6 +16,7 @@ from trueup.engines.vehicle.quantities import SPEED_DRIVEN, SPEED_PURSUED, THROT
 from trueup.errors import ParameterError, unknown_name
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.tracking.wheels import Wheels
+from trueup.units import FULL_LOCK
 
 PURSUED, TURNED = "pursued speed", "pursued speed and turn rate"
 DRIVES: Mapping[str, tuple[Quantity, ...]] = MappingProxyType(
@@ -63,8 +64,12 @@ class Vehicle:
             raise unknown_name("drive", self.drive, DRIVES, who)
         if not 0.0 < self.wheelbase < np.inf:
             raise ParameterError(f"{who}: wheelbase is {self.wheelbase}; it must be positive, in m")
-        if not self.max_steering > 0.0:
-            raise ParameterError(f"{who}: max_steering is {self.max_steering}; it must be positive, in rad")
+        if not (0.0 < self.max_steering <= FULL_LOCK or self.max_steering == np.inf):
+            degrees = f"; {self.max_steering:g} degrees are {np.radians(self.max_steering):.4g} rad"
+            raise ParameterError(
+                f"{who}: max_steering is {self.max_steering}; it must be positive, in rad, and at most a right angle"
+                + (degrees if self.max_steering > 0.0 else "")
+            )
         if not np.isfinite(self.middle).all() or not np.isfinite(self.full or 1.0).all() or 0.0 in (self.full or ()):
             raise ParameterError(f"{who}: full is {self.full}, middle {self.middle}; full must not be zero")
         for name, value in self.values.items():

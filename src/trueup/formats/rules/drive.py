@@ -18,7 +18,7 @@ from trueup.formats.rules.rule import Column, Part
 from trueup.formats.rules.sizes import rate_factor, speed_of
 from trueup.formats.rules.vehicles import Signal, best
 from trueup.inspection.relations import nearest
-from trueup.units import are_pulses, canonical, hardly_radians, to_si
+from trueup.units import FULL_LOCK, are_pulses, canonical, hardly_radians, to_si
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _XY, _ON_EARTH = ("x", "y"), ("latitude", "longitude")
@@ -29,8 +29,6 @@ _ANGLES = listed("angle delta lenkwinkel")
 _SPEEDS = ("m/s", "km/h", "mph", "cm/s", "mm/s")
 _MANY_TURNS = 50.0
 """rad: a heading that grows on and on is beyond this after eight turns, one in degrees at once."""
-FULL_LOCK = math.pi / 2.0
-"""rad: no wheel is steered further."""
 
 
 def drive(columns: Sequence[Column], time: TimeColumn) -> list[Part]:

@@ -6,11 +6,11 @@ from __future__ import annotations
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.formats.rules.drive import FULL_LOCK
 from trueup.recording import Recording
 from trueup.rounding import ROUNDED
 from trueup.tracking.windows import moves
 from trueup.trial import Trial
+from trueup.units import FULL_LOCK
 
 _PLACE = ("x", "y")
 _PLACED, _ASIDE = 0.5, 0.1  # m, and share of a path's extent, within which anyone places a robot, be it a car or a toy
