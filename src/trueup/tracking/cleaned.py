@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -12,8 +13,9 @@ from trueup.arrays import Array, Mask
 from trueup.recording import Channel, Recording, with_warnings
 from trueup.rounding import PRINTED
 from trueup.tracking.commands import effective
-from trueup.tracking.heading import aligned, backing, course, heading_of, samples_in, turned_with
-from trueup.tracking.place import fresh, place_of
+from trueup.tracking.heading import backing, course, heading_of, samples_in, told_by, turned_with
+from trueup.tracking.place import fresh, place_of, tells_place
+from trueup.tracking.sense import Moves, Sense, Source, aligned, heading_source
 
 _NOISE, _TURN = 0.03, 0.15  # m, rad: more from one sample to the next, beyond what the speed explains, is a jump
 _FASTEST = 15.0  # m/s: nothing goes faster that does not do so often
@@ -29,6 +31,7 @@ def cleaned(
     wheelbase: float = 1.0,
     *,
     backs: bool = True,
+    headings: Mapping[Source, Sense] | None = None,
 ) -> Recording:
     """The recording with NaN where position and heading are not the car's, and no throttle where it was cut.
 
@@ -57,7 +60,7 @@ def cleaned(
         heading = heading or course(position, good)
         good &= np.isfinite(heading.values[:, 0])
     else:
-        heading, turned = aligned(position, heading, good)
+        heading, turned = aligned(position, heading, good, (headings or {}).get(heading_source(recording)))
         notes += turned
         back = backing(position, heading, good) & (not backs)
         good &= ~back
@@ -69,6 +72,30 @@ def cleaned(
     kept = kept.with_channel(heading.replace(values=angle, labels=("heading",)))
     kept = kept.with_channel(effective(recording, enabled_by, middle, full, wheelbase))
     return kept.replace(provenance=with_warnings(recording.provenance, notes))
+
+
+def heading_senses(recordings: Sequence[Recording]) -> dict[Source, Sense]:
+    """In which sense headings grow, by what recordings that were logged alike show together; without those added up."""
+    drives: dict[Source, list[Moves]] = {}
+    for recording in recordings:
+        if not (recording.has("position") and tells_place(recording.channel("position")) and told_by(recording)):
+            continue
+        position, heading, good, _ = _tracked(recording)
+        if heading is not None:
+            drives.setdefault(heading_source(recording), []).append(Moves.of(position, heading, good))
+    return {source: Sense.of(moves) for source, moves in drives.items() if len(moves) > 1}
+
+
+def _tracked(recording: Recording) -> tuple[Channel, Channel | None, Mask, list[str]]:
+    """Position, the heading as recorded at the same times, (T,) which of both are believed, and notes."""
+    position, heading, notes = place_of(recording)
+    heading = heading or heading_of(recording)
+    position, heading = fresh(position), heading and fresh(heading)
+    if heading is not None and (
+        len(position.time) != len(heading.time) or np.abs(position.time - heading.time).max() > PRINTED
+    ):
+        heading = heading.replace(time=position.time, values=_turned(heading, position.time))
+    return position, heading, _of_the_car(recording, position, heading), notes
 
 
 def _turned(heading: Channel, times: Array) -> Array:

@@ -12,10 +12,8 @@ from trueup.recording import Channel, Recording
 
 _QUATERNIONS = (("qx", "qy", "qz", "qw"), ("x", "y", "z", "w"))
 """Labels of a quaternion, the real part last."""
-_WITHIN = 0.3  # rad: as far as a tracker's frame may be turned on the car without being another convention
-_SURE = 0.85  # length of the mean direction
 _WAY = 0.05  # m at least between the poses that show a direction of motion
-_SPAN = 0.4  # s, the same
+SPAN = 0.4  # s, the same
 _FADES = 4.0  # s over which the zero of a gyroscope's angle is averaged
 _TOGETHER = 0.95  # length of the mean direction at which a gyroscope and the way driven go together
 
@@ -77,10 +75,10 @@ def turned_with(position: Channel, yaw_rate: Channel, good: Mask) -> Channel | N
     clock, rate = yaw_rate.time[known], yaw_rate.values[known, 0]
     angle = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(clock))])
     area = np.concatenate([[0.0], np.cumsum(0.5 * (angle[1:] + angle[:-1]) * np.diff(clock))])
-    width = max(1, round(samples_in(_SPAN, time)))
+    width = max(1, round(samples_in(SPAN, time)))
     moved, lasted = points[width:] - points[:-width], time[width:] - time[:-width]
     way = np.linalg.norm(moved, axis=1)
-    usable = (way > _telling(points)) & (lasted < 3.0 * _SPAN + 0.5)
+    usable = (way > telling(points)) & (lasted < 3.0 * SPAN + 0.5)
     usable &= (time[:-width] >= clock[0]) & (time[width:] <= clock[-1])
     if usable.sum() < 50:
         return None
@@ -113,58 +111,29 @@ def _fading(time: Array, values: Array) -> Array:
     return out
 
 
-def aligned(position: Channel, heading: Channel, good: Mask) -> tuple[Channel, list[str]]:
-    """The heading in the sense and from the zero of the way driven (x forward, growing to the left), and notes.
-
-    Unchanged where both agree within _WITHIN, or where the way says nothing clear.
-    """
-    time, points, angle = position.time[good], position.values[good], heading.values[good, 0]
-    if len(time) < 50:
-        return heading, []
-    moved, sure = _motion(time, points)
-    if sure.sum() < 50:
-        return heading, []
-    way = np.arctan2(moved[sure, 1], moved[sure, 0])
-    axis = complex(np.mean(np.exp(2j * (way - angle[sure]))))
-    if abs(axis) >= _SURE and abs(np.angle(axis)) < 2.0 * _WITHIN:  # as it should be, driven to and fro
-        return heading, []
-    plain, mirrored = (complex(np.mean(np.exp(1j * (way - sign * angle[sure])))) for sign in (1.0, -1.0))
-    if abs(plain) >= _SURE or abs(mirrored) < _SURE:
-        sign, off = 1.0, float(np.angle(plain)) if abs(plain) >= _SURE else 0.0
-    else:
-        sign, off = -1.0, float(np.angle(mirrored))
-    if sign > 0.0 and (abs(off) < _WITHIN or abs(off) > np.pi - _WITHIN):
-        return heading, []
-    quarters = round(off / (0.5 * np.pi)) * 0.5 * np.pi
-    off = quarters if abs(off - quarters) < _WITHIN else off
-    sense = "grows to the right" if sign < 0.0 else "is turned"
-    note = f"the heading {sense} and its zero is {np.degrees(off):.0f} deg from x: changed to that of the way driven"
-    return heading.replace(values=sign * heading.values + off), [note]
-
-
 def backing(position: Channel, heading: Channel, good: Mask) -> Mask:
     """(T,) where a good sample goes against its heading, farther than the noise of the points could feign."""
     time, points, angle = position.time[good], position.values[good], heading.values[good, 0]
     back = np.zeros(len(good), dtype=bool)
     if len(time) > 2:
-        moved, sure = _motion(time, points)
+        moved, sure = motion(time, points)
         along = np.cos(angle) * moved[:, 0] + np.sin(angle) * moved[:, 1]
-        back[good] = sure & (along < -_telling(points))
+        back[good] = sure & (along < -telling(points))
     return back
 
 
-def _telling(points: Array) -> float:
+def telling(points: Array) -> float:
     """How far in m one of (T, 2) points must have gone to show a direction: farther than their noise could feign."""
     return max(_WAY, 4.0 * float(np.median(np.abs(np.diff(points, n=2, axis=0)))))
 
 
 def _motion_until(time: Array, points: Array) -> tuple[Array, Mask]:
-    """(T, 2) velocity at the end of a parabola through the last _SPAN s, and where it shows one.
+    """(T, 2) velocity at the end of a parabola through the last SPAN s, and where it shows one.
 
-    It does where the car went farther in that time than the noise of the points could feign. Where _SPAN holds fewer than ten
+    It does where the car went farther in that time than the noise of the points could feign. Where SPAN holds fewer than ten
     samples, up to ten are taken: as many as foretell best where the next one lies, for long windows blur curves.
     """
-    least, most = max(round(samples_in(_SPAN, time)) + 1, 4), 10
+    least, most = max(round(samples_in(SPAN, time)) + 1, 4), 10
     velocity, far = np.zeros_like(points), np.zeros(len(time), dtype=bool)
     if len(time) <= max(least, most):
         return velocity, far
@@ -173,7 +142,7 @@ def _motion_until(time: Array, points: Array) -> tuple[Array, Mask]:
     velocity[width - 1 :] = fits[width][0]
     moved = np.linalg.norm(points[width - 1 :] - points[: 1 - width], axis=1)
     lasted = time[width - 1 :] - time[: 1 - width]
-    far[width - 1 :] = (moved > _telling(points)) & (lasted < 3.0 * width * usual_step(time))
+    far[width - 1 :] = (moved > telling(points)) & (lasted < 3.0 * width * usual_step(time))
     return velocity, far
 
 
@@ -193,10 +162,10 @@ def _parabolas(time: Array, points: Array, width: int) -> tuple[Array, Array]:
     return found[:, 1] / span[:, None], np.linalg.norm(np.diff(points, axis=0)[width - 1 :] - foretold, axis=1)
 
 
-def _motion(time: Array, points: Array) -> tuple[Array, Mask]:
+def motion(time: Array, points: Array) -> tuple[Array, Mask]:
     """(T, 2) how the point moves around each sample, and where that is far enough to show a direction."""
-    half = max(1, round(0.5 * samples_in(_SPAN, time)))
+    half = max(1, round(0.5 * samples_in(SPAN, time)))
     index = np.arange(len(time))
     before, after = np.maximum(index - half, 0), np.minimum(index + half, len(time) - 1)
     moved = points[after] - points[before]
-    return moved, (np.linalg.norm(moved, axis=1) > _WAY) & (time[after] - time[before] < 3.0 * _SPAN)
+    return moved, (np.linalg.norm(moved, axis=1) > _WAY) & (time[after] - time[before] < 3.0 * SPAN)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -45,7 +46,7 @@ def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
     commands = [driven_by(r, car.steered_over) for r in recordings]
     spins = max(turned_on_the_spot(r) for r in recordings) if car.drive != TURNED else 0.0
     sized = [car.pursues and all(c.unit_of(label) for c in commands) for label in COMMAND]
-    if car.wheels is not None and not any((*sized, duties)) and (unit := _unit_of_wheels(car.wheels, recordings)):
+    if car.wheels is not None and not any((*sized, duties)) and (unit := _unit_of_wheels(car, car.wheels, recordings)):
         way = car.wheels.way(_WHEEL_UNITS[unit][0]) * _WHEEL_UNITS[unit][1]
         full = (1.0 / way, car.wheels.track / way)
         note = f"commands of the wheels: taken as {unit} by the way driven; say so in the mapping if they are anything else"
@@ -62,13 +63,14 @@ def with_commands(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Vehicl
             f"{100.0 * spins:.2g} % of a drive, is not simulated"
         )
     scaled = replace(car, middle=middle, full=full, in_si=all(sized))
-    drives = [cleaned(r, car.enabled_by, middle, full, car.steered_over) for r in recordings]
+    read = partial(cleaned, enabled_by=car.enabled_by, wheelbase=car.steered_over, headings=car.headings)
+    drives = [read(r, middle=middle, full=full) for r in recordings]
     straight = Look.at(drives).straight_on()
     if abs(straight) > _ASIDE and not sized[1]:
         off = np.concatenate([c.column("steering") for c in commands]) - (middle[1] + full[1] * straight)
         scaled = replace(car, middle=(middle[0], middle[1] + full[1] * straight), full=(full[0], _rounded(off)))
         notes.append(f"steering: the car drives straight on at {scaled.middle[1]:.3g}, which counts as its middle")
-        drives = [cleaned(r, car.enabled_by, scaled.middle, scaled.full, car.steered_over) for r in recordings]
+        drives = [read(r, middle=scaled.middle, full=scaled.full) for r in recordings]
     try:
         Look.at(drives).starts(scaled)
     except CalibrationError:
@@ -89,11 +91,11 @@ def rolling(car: Vehicle, values: Mapping[str, float]) -> tuple[str, ...]:
     )
 
 
-def _unit_of_wheels(wheels: Wheels, recordings: Sequence[Recording]) -> str:
+def _unit_of_wheels(car: Vehicle, wheels: Wheels, recordings: Sequence[Recording]) -> str:
     """The unit of wheels' commands that fits how far the robot went; '' for none."""
     told = driven = 0.0
     for recording in recordings:
-        clean = cleaned(recording, full=(1.0, 1.0), wheelbase=0.0)
+        clean = cleaned(recording, full=(1.0, 1.0), wheelbase=0.0, headings=car.headings)
         past = Past.of(Trial.of(clean, ["position", "heading"]), _GRID, COMMAND)
         told += float(np.abs(past.commands[past.known, 0]).sum())
         driven += float(np.abs(past.seen[past.known, 3]).sum())

@@ -24,6 +24,7 @@ from trueup.errors import ParameterError, RecordingError
 from trueup.evidence import evidence
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
+from trueup.tracking.cleaned import heading_senses
 from trueup.tracking.heading import told_by
 from trueup.tracking.past import begun_at
 from trueup.tracking.place import tells_place
@@ -74,6 +75,7 @@ class Vehicles(Family):
             raise ParameterError(
                 f"{request.parameters}: a car has no parameters file; its own values are in [vehicle.values]"
             )
+        car = replace(car, headings=heading_senses([*training, *replayed]))
         if request.propose:
             return _with_parameters(car, training)
         car, notes = with_commands(car, [*training, *replayed])
@@ -83,6 +85,11 @@ class Vehicles(Family):
                 "DRIVES` finds its own",
             )  # fmt: skip
         return VehicleSimulator(car), notes
+
+    def following(self, simulator: VehicleSimulator, recordings: Sequence[Recording]) -> VehicleSimulator:
+        """See Family: in which sense headings grow, as these show it together, else as those before did."""
+        car = simulator.vehicle
+        return simulator.with_vehicle(replace(car, headings={**car.headings, **heading_senses(recordings)}))
 
     def calibrate(
         self, simulator: VehicleSimulator, training: Sequence[Recording], held_out: Sequence[Recording], fit: Fit

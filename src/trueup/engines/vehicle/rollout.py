@@ -96,6 +96,12 @@ class VehicleSimulator:
         twin.parameters = space
         return twin
 
+    def with_vehicle(self, vehicle: Vehicle) -> VehicleSimulator:
+        """The same simulator of a vehicle that differs in nothing but how its recordings are read."""
+        twin = self.at_step(self.step)
+        twin.vehicle = vehicle
+        return twin
+
     def shipped(self) -> VehicleSimulator:
         """The vehicle as it came, without parameters."""
         controller, own = self.controller, self.parameters.nominal[len(self._columns) :]
@@ -125,7 +131,7 @@ class VehicleSimulator:
             refuse_another_unit(recording, v.full)
         elif v.drive == "throttle":
             refuse_another_range(recording, v.middle, v.full, v.steered_over)
-        return cleaned(recording, v.enabled_by, v.middle, v.full, v.steered_over, backs=v.pursues)
+        return cleaned(recording, v.enabled_by, v.middle, v.full, v.steered_over, backs=v.pursues, headings=v.headings)
 
     def rollout(
         self, trials: Sequence[Trial], values: Array, controllers: ControllerFactory | None = None

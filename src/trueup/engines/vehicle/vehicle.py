@@ -15,6 +15,7 @@ from trueup.engines.vehicle.kernels import COLUMNS, STEERING_LEFT, STEERING_RIGH
 from trueup.engines.vehicle.quantities import SPEED_DRIVEN, SPEED_PURSUED, THROTTLE_DRIVEN, TURN_PURSUED, Quantity
 from trueup.errors import ParameterError, unknown_name
 from trueup.parameters import Parameter, ParameterSpace
+from trueup.tracking.sense import Sense, Source
 from trueup.tracking.wheels import Wheels
 from trueup.units import FULL_LOCK
 
@@ -56,6 +57,8 @@ class Vehicle:
     """Whether its commands are known to be m/s and rad, so that a car of which nothing else is known can drive them."""
     declared: bool = True
     """Whether its file says what is commanded; recordings tell it otherwise."""
+    headings: Mapping[Source, Sense] = field(default_factory=dict)
+    """In which sense its recordings tell the heading, by where it comes from; of the others each is asked alone."""
 
     def __post_init__(self) -> None:
         """Checks the numbers."""
