@@ -83,3 +83,23 @@ def test_a_car_that_moves_before_it_is_told_to_is_said_to(late: float) -> None:
     said = on_other_clocks([log])
     assert len(said) == (1 if late > 0.0 else 0)
     assert not said or "before it is told to" in said[0]
+
+
+@pytest.mark.parametrize("delay", [0.1, 0.5])
+@pytest.mark.parametrize("kind", ["steps", "sines"])
+def test_a_turn_rate_that_grows_to_the_right_is_no_late_clock(delay: float, kind: str) -> None:
+    time, rng = np.arange(0.0, 60.0, 0.05), np.random.default_rng(0)
+    drawn = np.repeat(rng.uniform(-0.8, 0.8, 30), 40)
+    told = drawn if kind == "steps" else 0.5 * np.sin(0.9 * time) + 0.3 * np.sin(2.1 * time)
+    turned = np.interp(time - delay, time, told) + rng.normal(0.0, 0.02, len(time))
+    command = Channel(
+        "command", ("speed", "turn"), "m/s", time, np.column_stack([1.0 + 0.0 * time, told]), ("m/s", "rad/s")
+    )
+    for sign in (1.0, -1.0):
+        measured = Channel("yaw_rate", ("yaw_rate",), "rad/s", time, sign * turned)
+        said = on_other_clocks([Recording("log", {"command": command, "yaw_rate": measured})])
+        assert len(said) == (0 if sign > 0.0 else 1)
+        assert not said or "yaw_rate goes the other way than turn is commanded" in said[0]
+    noise = Channel("yaw_rate", ("yaw_rate",), "rad/s", time, rng.normal(0.0, 0.1, len(time)))
+    noisy = on_other_clocks([Recording("log", {"command": command, "yaw_rate": noise})])
+    assert not any("the other way" in line for line in noisy)

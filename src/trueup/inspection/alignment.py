@@ -19,6 +19,8 @@ _SMOOTH = 0.4
 """s of a moving mean, twice, over speeds of cars."""
 _LONGEST = 2.0
 """s by which a car may follow, or lead."""
+_MEASURED = {"speed": "speed", "turn": "yaw_rate"}
+"""What a car is commanded, and the channel that shows it."""
 
 
 def lag(reference: Channel, delayed: Channel, *, longest: float = 0.5, hold: bool = False) -> float:
@@ -28,6 +30,22 @@ def lag(reference: Channel, delayed: Channel, *, longest: float = 0.5, hold: boo
     peak is refined by a parabola. `hold`: the reference is a command, held between its samples.
     Raises RecordingError where they share no label, no time, or do not move.
     """
+    around, width, step = _correlation(reference, delayed, longest, hold=hold)
+    return _peak(around, width, step)[0]
+
+
+def _peak(around: Array, width: int, step: float) -> tuple[float, float]:
+    """The lag in s at which correlations (2 width + 1,) are greatest, refined by a parabola, and how great they are there."""
+    k = int(around.argmax())
+    fraction = 0.0
+    if 0 < k < len(around) - 1:
+        left, mid, right = around[k - 1 : k + 2]
+        fraction = 0.5 * (left - right) / (left - 2 * mid + right)
+    return float((k - width + fraction) * step), float(around[k])
+
+
+def _correlation(reference: Channel, delayed: Channel, longest: float, *, hold: bool) -> tuple[Array, int, float]:
+    """(2 width + 1,) the correlation of speeds by lags of -width to width steps of so many s. Raises as `lag`."""
     labels = [label for label in reference.labels if label in delayed.labels]
     if not labels:
         raise RecordingError(f"channels '{reference.name}' and '{delayed.name}' share no label")
@@ -48,13 +66,7 @@ def lag(reference: Channel, delayed: Channel, *, longest: float = 0.5, hold: boo
     spectrum = np.fft.rfft(b, size, axis=0) * np.conj(np.fft.rfft(a, size, axis=0))
     overlap = np.fft.irfft(np.abs(np.fft.rfft(fade, size)) ** 2, size)
     correlation = np.fft.irfft(spectrum, size, axis=0).sum(axis=1) / np.maximum(overlap, 1e-3 * overlap[0])
-    around = np.concatenate([correlation[-width:], correlation[: width + 1]])
-    k = int(around.argmax())
-    fraction = 0.0
-    if 0 < k < len(around) - 1:
-        left, mid, right = around[k - 1 : k + 2]
-        fraction = 0.5 * (left - right) / (left - 2 * mid + right)
-    return float((k - width + fraction) * step)
+    return np.concatenate([correlation[-width:], correlation[: width + 1]]), width, step
 
 
 @dataclass(frozen=True)
@@ -147,6 +159,13 @@ def on_other_clocks(recordings: Sequence[Recording]) -> list[str]:
         "position are swapped"
         for name, late in clock_errors(recordings).items()
     ]
+    found += [
+        f"'{r.name}': {_MEASURED[label]} goes the other way than {label} is commanded: they do not grow in the same sense. "
+        "Say sign = -1 in the mapping for the one that grows to the right, or backwards"
+        for r in recordings
+        for label, followed in _followed(r).items()
+        if followed.opposite
+    ]
     ahead = {r.name: seconds for r in recordings if (seconds := _moves_ahead(r)) > 0.0}
     return found + [
         f"'{name}': it moves {1000 * seconds:.0f} ms before it is told to: the commands' clock is late by more than that, or "
@@ -158,21 +177,52 @@ def on_other_clocks(recordings: Sequence[Recording]) -> list[str]:
 
 def _moves_ahead(recording: Recording) -> float:
     """By how many seconds a car's speed or turn rate leads its command, where that is more than half a sample; else 0."""
-    command = command_of(recording)
-    pairs = {"speed": "speed", "turn": "yaw_rate"}
-    if command is None:
-        return 0.0
-    lags = []
-    for label in (x for x in pairs if x in command.labels and recording.has(pairs[x])):
-        told, moved = command.select([label]), recording.channel(pairs[label])
+    lags = [followed.lag for followed in _followed(recording).values() if followed.sign > 0.0]
+    return max(0.0, -max(lags, default=0.0))
+
+
+@dataclass(frozen=True)
+class _Followed:
+    """How a car's speed, or turn rate, follows its command."""
+
+    sign: float
+    """Below zero where the correlation is stronger so."""
+    lag: float
+    """In s, half a sample more than it seems: less is not told from none."""
+    left: float
+    """Share of the variance that the command so late leaves."""
+
+    @property
+    def opposite(self) -> bool:
+        """Whether it does the opposite of what it is told, after it is told to, beyond doubt."""
+        return self.sign < 0.0 and self.lag >= 0.0 and self.left < Clocks.close
+
+    @classmethod
+    def of(cls, told: Channel, moved: Channel) -> _Followed:
+        """Of single labels, the same. Raises RecordingError as `lag`."""
+        half = 0.5 * max(usual_step(told.time), usual_step(moved.time))
+        told, moved = (averaged(c.time, c.values[:, 0]) for c in (told, moved))
+        around, width, step = _correlation(told, moved, _LONGEST, hold=False)
+        (behind, alike), (late, unlike) = (_peak(sign * around, width, step) for sign in (1.0, -1.0))
+        sign, shift = (1.0, behind) if alike >= unlike else (-1.0, late)
+        asked, seen = told.at(moved.time - shift)[:, 0], moved.values[:, 0]
+        good = np.isfinite(asked)
+        asked, seen = asked[good] - asked[good].mean(), seen[good] - seen[good].mean()
+        size = max(float(np.sqrt(np.sum(asked**2) * np.sum(seen**2))), NEGLIGIBLE)
+        return cls(sign, shift + half, 1.0 - max(sign * float(asked @ seen) / size, 0.0) ** 2)
+
+
+def _followed(recording: Recording) -> dict[str, _Followed]:
+    """By the label of the command, for a car whose speed or turn rate was measured too."""
+    command, found = command_of(recording), {}
+    for label, name in _MEASURED.items() if command is not None else ():
+        if label not in command.labels or not recording.has(name):
+            continue
         try:
-            behind = lag(
-                averaged(told.time, told.values[:, 0]), averaged(moved.time, moved.values[:, 0]), longest=_LONGEST
-            )
+            found[label] = _Followed.of(command.select([label]), recording.channel(name))
         except RecordingError:
             continue
-        lags.append(behind + 0.5 * max(usual_step(told.time), usual_step(moved.time)))
-    return max(0.0, -max(lags, default=0.0))
+    return found
 
 
 def averaged(time: Array, values: Array) -> Channel:
