@@ -57,6 +57,18 @@ def test_the_structure_and_the_numbers_of_a_hidden_servo_are_found(found: Actuat
     assert np.mean(covered) > 0.5
 
 
+def test_a_pause_of_the_logger_parts_a_run() -> None:
+    (whole,) = recordings(TRUTH, ("sines",))
+    cut = {}
+    for name, channel in whole.channels.items():
+        kept = (channel.time < 1.0) | (channel.time > 2.0)
+        cut[name] = channel.replace(time=channel.time[kept], values=channel.values[kept])
+    seen = identify_actuator([whole.replace(channels=cut)], bench=Bench())
+    assert [run.name for run in seen.runs] == ["sines part 1", "sines part 2"]
+    assert any("has a pause" in note for note in seen.notes)
+    assert not any("is taken to hold" in note for note in seen.notes)
+
+
 def test_what_a_replays_steps_put_into_values_is_little_and_foretold() -> None:
     plain = Law(1.5, 2e-3, 0.05, 0.02)
     runs, _, _ = runs_of(recordings(plain, ("steps", "sines")), BENCH)  # simulated in steps of 0.5 ms

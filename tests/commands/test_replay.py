@@ -63,6 +63,21 @@ def test_commands_that_were_held_are_replayed_worse_by_interpolation(
     assert sum(between) > 2 * sum(held)
 
 
+def test_a_log_whose_logger_stopped_is_replayed_from_where_the_robot_was_after_it(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    head, *rows = Path("log.csv").read_text().splitlines()
+    kept = [row for row in rows if not 1.0 < float(row.split(",")[0]) < 2.5]
+    assert 100 < len(kept) < len(rows)
+    Path("log.csv").write_text("\n".join([head, *kept]) + "\n")
+    for words, parts in (((), 2), (("--refuse", "pauses"), 1)):
+        assert main(["replay", "arm.xml", "log.csv", "--json", "-q", *words]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert len(found) == parts
+        near = max(r["pooled"] for r in found) < 1.5 * NOISE
+        assert near == (parts == 2)
+
+
 def test_trajectories_can_be_read_again(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     time, values = signals()
     for kind in ("csv", "npz", "parquet"):

@@ -28,8 +28,10 @@ from trueup.actuators.structures import (
     declared,
     law_of,
 )
+from trueup.articulated.gains import Gains
 from trueup.errors import CalibrationError, unknown_name
 from trueup.evidence import evidence, half_interval, jackknife
+from trueup.inspection.pauses import parted_at_pauses
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.trial import STEP
@@ -53,8 +55,8 @@ def identify_actuator(
     """
     began = time.perf_counter()
     ask = _structures(ask)
-    runs, gains, notes = runs_of([*recordings, *hold_out], bench or Bench(), joint)
-    fitted, kept = runs[: len(recordings)], runs[len(recordings) :]
+    fitted, kept, gains, notes = _runs(recordings, hold_out, bench or Bench(), joint)
+    runs = [*fitted, *kept]
     if not fitted:
         raise CalibrationError("no recordings to identify a servo from: all are held out")
     shown = output_of(fitted)
@@ -87,6 +89,15 @@ def identify_actuator(
                     (*([LIMIT] if fixed else []), *model.structures), tuple(asked), experiment=seen,
                     judged=(*_left_out(both), *(_held_out(r, both) for r in kept)), runs=tuple(runs),
                     notes=(*notes, *said), seconds=time.perf_counter() - began, **common)  # fmt: skip
+
+
+def _runs(
+    recordings: Sequence[Recording], hold_out: Sequence[Recording], bench: Bench, joint: str
+) -> tuple[list[Run], list[Run], Gains, list[str]]:
+    """Runs to fit and runs to judge by, in parts where the logger stopped; see `runs_of`."""
+    (parts, paused), (others, also_paused) = parted_at_pauses(recordings), parted_at_pauses(hold_out)
+    runs, gains, notes = runs_of([*parts, *others], bench, joint)
+    return runs[: len(parts)], runs[len(parts) :], gains, [*notes, *paused, *also_paused]
 
 
 def _structures(ask: Sequence[str] | None) -> Sequence[str]:

@@ -29,6 +29,10 @@ class Gap:
     duration: float
     """In s."""
 
+    def is_single(self, rate: float) -> bool:
+        """Whether a single sample is missing of those that come at a `rate` in Hz."""
+        return round(self.duration * rate) <= 2
+
 
 @dataclass(frozen=True, eq=False)
 class ChannelInspection:
@@ -65,7 +69,7 @@ class ChannelInspection:
     @property
     def dropped(self) -> int:
         """How many of the gaps are a single sample that is missing."""
-        return sum(round(gap.duration * self.rate) <= 2 for gap in self.gaps)
+        return sum(gap.is_single(self.rate) for gap in self.gaps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +116,7 @@ def inspect(recording: Recording) -> Inspection:
 
 
 def _inspect(channel: Channel, recording: Recording) -> ChannelInspection:
-    rate, jitter, gaps = _clock(channel.time)
+    rate, jitter, gaps = clock_of(channel.time)
     grid = tuple(estimate_grid(column) for column in channel.values.T)
     noise = estimate_noise(channel.values, channel.time, grid)
     motionless = tuple(
@@ -148,8 +152,8 @@ def _extreme(values: Array, which: np.ufunc) -> Array:
     return np.asarray(which.reduce(values, axis=0), dtype=np.float64)
 
 
-def _clock(time: Array) -> tuple[float, float, tuple[Gap, ...]]:
-    """Median rate [Hz], jitter [s], gaps."""
+def clock_of(time: Array) -> tuple[float, float, tuple[Gap, ...]]:
+    """Median rate in Hz, jitter in s and gaps of instants (T,)."""
     steps = np.diff(time)
     if not steps.size:
         return float("nan"), 0.0, ()
@@ -287,6 +291,5 @@ def _of_gaps(channel: ChannelInspection) -> str:
     if is_command(channel.name):
         return lasts + "A command stays in force until the next: right where only changes were logged"
     return lasts + (
-        "Nothing is compared there. Check the logger; where it was lost for long, make a file of the rows before or after it "
-        "(`recording.slice` in Python)"
+        "Nothing is compared there. Check the logger; a replay begins anew after half a second or more without commands too"
     )

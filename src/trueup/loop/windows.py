@@ -176,7 +176,10 @@ def _cut(trial: Trial, length: float, period: float) -> list[Trial]:
     parts = [cut(trial, trial.start + a, length) for a, length in zip(begins.tolist(), lengths.tolist(), strict=True)]
     # What is seen at the instant where the next part begins is seen there.
     ends = [p.start + p.duration - SAME_INSTANT for p in parts[:-1]] + [np.inf]
-    return [_until(part, end) for part, end in zip(parts, ends, strict=True)] if count > 1 else [trial]
+    if count == 1:
+        return [trial]
+    seen = (_until(part, end) for part, end in zip(parts, ends, strict=True))
+    return [part for part in seen if part.observed]  # in a gap of what was measured there is nothing to compare
 
 
 def _until(trial: Trial, end: float) -> Trial:

@@ -36,6 +36,7 @@ from trueup.inspection.diagnosis import Diagnosis
 from trueup.inspection.feedforward import with_feedforward
 from trueup.inspection.floor import stopped_by_floor
 from trueup.inspection.joint_names import named_as
+from trueup.inspection.pauses import parted_at_pauses
 from trueup.inspection.ranges import beyond_ranges
 from trueup.inspection.sensors import in_other_units, with_sensors
 from trueup.inspection.settings import GAINS, at_other_voltages, with_steady_gains
@@ -50,7 +51,7 @@ _CHANGES = (
     ("base", floating), ("base", held), ("servos", driven), ("overlaps", passable), ("still", with_still_joints)
 )  # fmt: skip
 DIAGNOSES = (
-    "names", "strangers", "torques", "sensors", "turns", "gains", "feedforward",
+    "names", "strangers", "torques", "sensors", "turns", "gains", "feedforward", "pauses",
     *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
 )  # fmt: skip
 """What is looked for in recordings and models, and may be refused."""
@@ -109,9 +110,11 @@ class Articulated(Family):
         taken, driving = _edited(taken, "torques", refuse, lambda rs: torques_as_commands(model, rs))
         taken, sensing = _edited(taken, "sensors", refuse, lambda rs: with_sensors(model.sensors(), rs))
         taken, turning = _edited(taken, "turns", refuse, lambda rs: without_wraps(ways(model), drives, rs))
-        fitted, judged = taken[: len(training)], taken[len(training) :]
         doubts = self.doubts(model, taken)
-        notes = (*renamed, *strange, *steady, *forward, *changed, *driving, *sensing, *turning, *doubts)
+        fitted, pauses = _edited(taken[: len(training)], "pauses", refuse, parted_at_pauses)
+        judged, others_pauses = _edited(taken[len(training) :], "pauses", refuse, parted_at_pauses)
+        parted = (*pauses, *others_pauses)
+        notes = (*renamed, *strange, *steady, *forward, *changed, *driving, *sensing, *turning, *doubts, *parted)
         return Suited(tuple(fitted), tuple(judged), notes)
 
     def simulator(

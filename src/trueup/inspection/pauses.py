@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Logs whose logger stopped for a while: what was commanded then nobody knows, so what comes after begins anew."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from trueup.arrays import Array, Mask
+from trueup.inspection.inspection import Gap, clock_of
+from trueup.inspection.repeats import BASE, LONGEST_GAP
+from trueup.instant import usual_step
+from trueup.recording import Channel, Recording, is_command, part_of
+from trueup.rounding import PRINTED
+
+_FEWEST = 10
+"""Samples of a part: with less, where it begins and how fast is hardly known, and nothing is left to compare with that."""
+
+
+def parted_at_pauses(recordings: Sequence[Recording]) -> tuple[list[Recording], list[str]]:
+    """Recordings in parts between their pauses, each from where the robot was measured to be then, and notes.
+
+    Those without pauses are the same objects. What has fewer than `_FEWEST` samples is left out; a recording that would
+    have no part left stays whole.
+    """
+    result, notes = [], []
+    for recording in recordings:
+        gaps = pauses(recording)
+        parts = _parts(recording, gaps) if gaps else []
+        if not parts:
+            result.append(recording)
+            continue
+        result += parts
+        spans = ", ".join(f"{g.start:.4g} ... {g.start + g.duration:.4g} s" for g in gaps[:3])
+        count = "a pause" if len(gaps) == 1 else f"{len(gaps)} pauses"
+        notes.append(
+            f"'{recording.name}' has {count} without command and position ({spans}{' ...' * (len(gaps) > 3)}): what was "
+            f"commanded then is unknown; it is replayed as {', '.join(repr(p.name) for p in parts)}, each from where the "
+            "robot was measured to be"
+        )
+    return result, notes
+
+
+def pauses(recording: Recording) -> list[Gap]:
+    """Where neither command nor position was logged for far longer than is usual in this log, and the command before cannot
+    be held: for `LONGEST_GAP` or longer nobody knows what it was; or it is further away after the gap than it goes from one
+    sample to the next anywhere else.
+
+    A command that is published when it changes is no pause while positions go on, nor is a single sample that is missing.
+    Nothing is missing of what nobody commands; recordings of a free base are judged by where that was lost (`repeats.lost`).
+    """
+    commands = [c for name, c in recording.channels.items() if is_command(name)]
+    if not commands or not recording.has("position") or any(recording.has(name) for name in BASE):
+        return []
+    stamps = np.unique(np.concatenate([_known(c) for c in (*commands, recording.channel("position"))]))
+    rate, _, gaps = clock_of(stamps)
+    real = [g for g in gaps if not g.is_single(rate)]
+    leaps = np.any([_leaps(c, real) for c in commands], axis=0)
+    return [g for g, leap in zip(real, leaps, strict=True) if leap or g.duration >= LONGEST_GAP]
+
+
+def _leaps(command: Channel, gaps: Sequence[Gap]) -> Mask:
+    """(G,) over which of the gaps a command goes further than between any two of its samples that no gap parts."""
+    known = np.isfinite(command.values).all(axis=1)
+    time, change = command.time[known], np.abs(np.diff(command.values[known], axis=0))
+    middles = [g.start + 0.5 * g.duration for g in gaps]
+    over = np.searchsorted(time, middles) - 1
+    inside = (over >= 0) & (over < len(change))
+    elsewhere = np.delete(change, over[inside], axis=0)
+    leaps = np.zeros(len(gaps), dtype=bool)
+    if len(elsewhere):
+        leaps[inside] = (change[over[inside]] > elsewhere.max(axis=0) + PRINTED).any(axis=1)
+    return leaps
+
+
+def _parts(recording: Recording, gaps: Sequence[Gap]) -> list[Recording]:
+    """What lies before, between and behind the gaps, as recordings of their own."""
+    begins = [recording.start, *(_resumed(recording, g.start + g.duration) for g in gaps)]
+    ends = [*(g.start for g in gaps), recording.stop]
+    position = _known(recording.channel("position"))
+    spans = [
+        (a, b) for a, b in zip(begins, ends, strict=True)
+        if np.count_nonzero((position >= a) & (position <= b)) >= _FEWEST
+    ]  # fmt: skip
+    parts = [recording.slice(a, b) for a, b in spans]
+    return [p.replace(name=f"{recording.name} part {k}", provenance=part_of(p)) for k, p in enumerate(parts, 1)]
+
+
+def _resumed(recording: Recording, instant: float) -> float:
+    """From when on it is known again what is commanded, in s: a stale command would kick the robot until then. Where none
+    comes within the usual time between commands, the one before the pause is taken to hold: it may be sent when it changes.
+    """
+    latest = instant
+    for name, channel in recording.channels.items():
+        stamps = _known(channel) if is_command(name) else np.zeros(0)
+        later = stamps[stamps >= instant]
+        if len(later) and len(stamps) > 1 and later[0] - instant <= min(usual_step(stamps), LONGEST_GAP):
+            latest = max(latest, float(later[0]))
+    return latest
+
+
+def _known(channel: Channel) -> Array:
+    """(n,) when a channel has a value of any label, in s."""
+    return channel.time[np.isfinite(channel.values).any(axis=1)]
