@@ -32,6 +32,7 @@ from trueup.articulated.gains import Gains
 from trueup.errors import CalibrationError, unknown_name
 from trueup.evidence import evidence, half_interval, jackknife
 from trueup.inspection.pauses import parted_at_pauses
+from trueup.inspection.spikes import without_lone_spikes
 from trueup.parameters import ParameterSpace
 from trueup.recording import Recording
 from trueup.trial import STEP
@@ -94,10 +95,13 @@ def identify_actuator(
 def _runs(
     recordings: Sequence[Recording], hold_out: Sequence[Recording], bench: Bench, joint: str
 ) -> tuple[list[Run], list[Run], Gains, list[str]]:
-    """Runs to fit and runs to judge by, in parts where the logger stopped; see `runs_of`."""
-    (parts, paused), (others, also_paused) = parted_at_pauses(recordings), parted_at_pauses(hold_out)
+    """Runs to fit and runs to judge by, in parts where the logger stopped, without spikes; see `runs_of`."""
+    sound, spikes = without_lone_spikes([*recordings, *hold_out])
+    (parts, paused), (others, also_paused) = (
+        parted_at_pauses(own) for own in (sound[: len(recordings)], sound[len(recordings) :])
+    )
     runs, gains, notes = runs_of([*parts, *others], bench, joint)
-    return runs[: len(parts)], runs[len(parts) :], gains, [*notes, *paused, *also_paused]
+    return runs[: len(parts)], runs[len(parts) :], gains, [*notes, *spikes, *paused, *also_paused]
 
 
 def _structures(ask: Sequence[str] | None) -> Sequence[str]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from trueup.arrays import Mask
 from trueup.inspection.relations import factor, nearest, rate
+from trueup.inspection.spikes import lone_spikes
 from trueup.inspection.turns import turning_on
 from trueup.recording import Channel, Recording
 from trueup.units import FURTHEST_TURN, hardly_radians
@@ -45,7 +46,18 @@ def suspicions(recording: Recording) -> Iterator[str]:
     yield from _whole(recording)
     yield from _sign_bits(recording)
     yield from _ratios(recording)
-    yield from _wraps(recording)
+    plain, spikes = lone_spikes(recording) if _of_joints(recording) else (recording, "")
+    if spikes:
+        yield spikes
+    yield from _wraps(plain)
+
+
+def _of_joints(recording: Recording) -> bool:
+    """Whether positions are those of joints: what has a vehicle's labels is commanded to positions in the same unit, then."""
+    position, command = (recording.channels.get(name) for name in ("position", "command"))
+    if position is None or not _VEHICLES & set(position.labels):
+        return position is not None
+    return command is not None and command.labels == position.labels and command.unit == position.unit != ""
 
 
 def _too_large(recording: Recording) -> Iterator[str]:

@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from trueup.identification.estimation.filtering import without_spikes
 from trueup.identification.estimation.identify import Options, identify
 from trueup.identification.estimation.result import relative_error
+from trueup.inspection.spikes import without_spikes
 
 
 def test_steps_pulses_and_noise_are_no_spikes_and_faults_are(rng: np.random.Generator) -> None:

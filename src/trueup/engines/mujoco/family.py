@@ -40,6 +40,7 @@ from trueup.inspection.pauses import parted_at_pauses
 from trueup.inspection.ranges import beyond_ranges
 from trueup.inspection.sensors import in_other_units, with_sensors
 from trueup.inspection.settings import GAINS, at_other_voltages, with_steady_gains
+from trueup.inspection.spikes import without_lone_spikes
 from trueup.inspection.stops import stopped_at
 from trueup.inspection.strangers import several_robots, without_strangers
 from trueup.inspection.turns import without_wraps
@@ -51,7 +52,7 @@ _CHANGES = (
     ("base", floating), ("base", held), ("servos", driven), ("overlaps", passable), ("still", with_still_joints)
 )  # fmt: skip
 DIAGNOSES = (
-    "names", "strangers", "torques", "sensors", "turns", "gains", "feedforward", "pauses",
+    "names", "strangers", "spikes", "torques", "sensors", "turns", "gains", "feedforward", "pauses",
     *dict.fromkeys(name for name, _ in _CHANGES), "floor", "stops", "zero", "clock",
 )  # fmt: skip
 """What is looked for in recordings and models, and may be refused."""
@@ -102,7 +103,8 @@ class Articulated(Family):
         """See Family: joints by the model's names, commands that its drives take."""
         drives = model.drives()
         others = [name for name in model.names("actuator") if name and name not in drives.values()]
-        named, renamed = _edited([*training, *held_out], "names", refuse, lambda rs: named_as(rs, drives, others))
+        sound, spikes = _edited([*training, *held_out], "spikes", refuse, without_lone_spikes)
+        named, renamed = _edited(sound, "names", refuse, lambda rs: named_as(rs, drives, others))
         named, strange = _edited(named, "strangers", refuse, lambda rs: without_strangers(rs, drives, others))
         named, steady = _edited(named, "gains", refuse, with_steady_gains)
         named, forward = _edited(named, "feedforward", refuse, with_feedforward)
@@ -113,8 +115,8 @@ class Articulated(Family):
         doubts = self.doubts(model, taken)
         fitted, pauses = _edited(taken[: len(training)], "pauses", refuse, parted_at_pauses)
         judged, others_pauses = _edited(taken[len(training) :], "pauses", refuse, parted_at_pauses)
-        parted = (*pauses, *others_pauses)
-        notes = (*renamed, *strange, *steady, *forward, *changed, *driving, *sensing, *turning, *doubts, *parted)
+        edits = (*spikes, *renamed, *strange, *steady, *forward, *changed, *driving, *sensing, *turning)
+        notes = (*edits, *doubts, *pauses, *others_pauses)
         return Suited(tuple(fitted), tuple(judged), notes)
 
     def simulator(

@@ -19,10 +19,10 @@ from trueup.identification.estimation.filtering import (
     even,
     grid,
     highest_cutoff,
-    without_spikes,
 )  # fmt: skip
 from trueup.identification.kinematic_tree import KinematicTree
 from trueup.identification.rows import Rows
+from trueup.inspection.spikes import without_spikes
 from trueup.inspection.turns import unwrapped
 from trueup.recording import Channel, Recording
 
