@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import trueup
-from trueup.actuators.actuator import mjcf_text
+from trueup.actuators.actuator import mjcf_text, replay_file
 from trueup.actuators.bench import Bench, runs_of
 from trueup.actuators.experiment import experiment
 from trueup.actuators.fit import Problem, Slopes, coarseness, fit
@@ -104,6 +104,22 @@ def test_what_is_written_says_what_was_found(found: Actuator, tmp_path: Path) ->
     assert plain["law"]["stiffness"] == found.law.stiffness
     assert plain["law"]["force_limit"] is None
     assert plain["mjcf"]["delay"] == 0.0
+
+
+def test_a_limit_of_force_and_a_delay_that_were_found_are_in_the_file(tmp_path: Path) -> None:
+    law = Law(2.0, 2e-3, 0.0, 0.02, viscous=0.05, force_limit=0.45, delay=0.014)
+    held = logged(law, "chirp", np.random.default_rng(4), seconds=3.0)
+    asked = ("force limit", "delay", "viscous friction")
+    found = identify_actuator(recordings(law, ("steps", "sines", "slow")), [held], bench=BENCH, ask=asked)
+    assert {"force limit", "delay"} <= set(found.structures)
+    found.write(tmp_path)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "actuator.xml"))
+    assert model.actuator_forcerange[0, 1] == pytest.approx(0.45, rel=0.03)
+    assert model.actuator_delay[0] == pytest.approx(0.014, abs=2e-3)
+    run = found.runs[-1]
+    shown = float(np.mean(np.abs(replay_file(tmp_path / "actuator.xml", run) - run.position)))
+    assert found.error(held_out=True, file=True) == pytest.approx(shown, rel=0.01)
+    assert shown < 3e-3
 
 
 def test_without_a_known_load_only_ratios_are_told() -> None:

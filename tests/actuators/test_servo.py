@@ -115,15 +115,20 @@ print(servo.torque, "numpy" in sys.modules)"""
     assert numpy == "False"
 
 
-@pytest.mark.parametrize(("punch", "apart"), [(0.0, 2e-4), (0.05, 5e-3)])
-def test_the_written_mjcf_moves_as_its_law(punch: float, apart: float, tmp_path: Path) -> None:
-    law = Law(2.0, 2e-3, 0.05, 0.03, voltage_limit=1.0, punch=punch)
+@pytest.mark.parametrize(
+    ("more", "apart"),
+    [({}, 2e-4), ({"punch": 0.05}, 5e-3), ({"delay": 0.0123}, 2e-4), ({"force_limit": 0.3, "back_emf": 0.0}, 2e-4),
+     ({"zero": 0.1, "delay": 0.01}, 2e-4), ({"quadratic": 0.02}, 2e-4), ({"zero": 0.1, "delay": 0.01, "punch": 0.05}, 5e-3)],
+    ids=lambda x: "+".join(x) if isinstance(x, dict) else "",
+)  # fmt: skip
+def test_the_written_mjcf_moves_as_its_law(more: dict[str, float], apart: float, tmp_path: Path) -> None:
+    plain = Law(2.0, 2e-3, 0.05, 0.03, voltage_limit=1.0)
+    law = plain._replace(**more)
     command = swinging(2.0)
     (run,), _, _ = runs_of([recording(command)], BENCH)
     run = dataclasses.replace(run, gain=0.5)
-    assert np.max(np.abs(replay(law._replace(punch=0.0), run, STEP) - replay(law, run, STEP))) >= 2.0 * apart * (
-        punch > 0
-    )
+    if more:
+        assert np.max(np.abs(replay(plain, run, STEP) - replay(law, run, STEP))) >= 2.0 * apart
     path = tmp_path / "actuator.xml"
     path.write_text(mjcf_text(law, BENCH, STEP), encoding="utf-8")
     np.testing.assert_allclose(replay_file(path, run), replay(law, run, STEP, file=True), atol=apart)

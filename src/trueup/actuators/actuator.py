@@ -122,34 +122,53 @@ def python_text(actuator: Actuator) -> str:
 
 
 def mjcf_text(law: Law, bench: Bench, step: float) -> str:
-    """The bench with the nearest servo that MJCF can hold: stiffness, back-EMF and viscous friction as damping, Coulomb
-    friction, rotor, and full duty as a range of force (which ends before back-EMF, as a motor's voltage does).
+    """The bench with the nearest servo that MJCF can hold: stiffness, back-EMF and viscous friction as damping, quadratic and
+    Coulomb friction, rotor, zero error, delay, and full duty or a limit of force as a range of force (which ends before
+    back-EMF, as a motor's voltage does).
     """
-    limit = law.voltage_limit - law.punch
-    ranged = f' forcerange="{-limit:.6g} {limit:.6g}"' if math.isfinite(limit) else ""
-    drives = f'<position name="servo" joint="joint" kp="{law.stiffness:.6g}"{ranged}/>'
-    if law.punch > 0.0:  # a spring so stiff that it is at its limit from the first encoder steps on
-        steep, most = law.punch / ONSET, law.punch
-        drives += f"""
-    <!-- takes the same command: the least torque once there is an error -->
-    <position name="onset" joint="joint" kp="{steep:.6g}" forcerange="{-most:.6g} {most:.6g}"/>"""
     bench = bench.as_one
     pendulum = bench.moment > 0.0 or not math.isnan(bench.mass)
     mass, length = (bench.mass, bench.length) if pendulum else (1.0, 0.0)
     inertia = max(bench.inertia, ROUNDED)
+    damping = f"{law.back_emf + law.viscous:.6g}" + (f" {law.quadratic:.6g}" if law.quadratic > 0.0 else "")
     return f"""<mujoco model="servo on its bench">
-  <!-- the setting of the servo's gain scales kp (and biasprm) in proportion -->
+  <!-- the setting of the servo's gain scales gainprm and biasprm (kp) in proportion -->
   <option timestep="{step:g}" integrator="implicitfast" gravity="0 0 {-bench.gravity:g}"/>
   <worldbody><body name="load">
     <joint name="joint" axis="0 1 0" ref="{math.degrees(bench.hangs_at):.9g}" armature="{law.armature:.6g}"
-           damping="{law.back_emf + law.viscous:.6g}" frictionloss="{law.coulomb:.6g}" {HARD}/>
+           damping="{damping}" frictionloss="{law.coulomb:.6g}" {HARD}/>
     <inertial pos="0 0 {-length:.9g}" mass="{mass:.9g}" diaginertia="{inertia:.6g} {inertia:.6g} {inertia:.6g}"/>
   </body></worldbody>
   <actuator>
-    {drives}
+    {_drives(law, step)}
   </actuator>
 </mujoco>
 """
+
+
+def _drives(law: Law, step: float) -> str:
+    """The actuators of a law, as MJCF."""
+    limit = min(law.voltage_limit, law.force_limit) - law.punch
+    shared, hint = "", ""
+    if law.delay > 0.5 * step:  # MuJoCo delays by a step at least; it goes in a line between steps, as commands held do
+        late = max(law.delay, step)
+        shared = f' nsample="{math.ceil(late / step) + 2}" interp="linear" delay="{late:.6g}"'
+        hint = "<!-- what is delayed begins with commands of zero: call mj_initCtrlHistory after a reset -->\n    "
+    drives = f"{hint}{_spring('servo', law.stiffness, law.zero, limit)}{shared}/>"
+    if law.punch > 0.0:  # a spring so stiff that it is at its limit from the first encoder steps on
+        drives += f"""
+    <!-- takes the same command: the least torque once there is an error -->
+    {_spring("onset", law.punch / ONSET, law.zero, law.punch)}{shared}/>"""
+    return drives
+
+
+def _spring(name: str, stiffness: float, zero: float, limit: float) -> str:
+    """A servo's element in MJCF, still open: a <position>, or a <general> where its sensor reads `zero` rad too little."""
+    ranged = f' forcerange="{-limit:.6g} {limit:.6g}"' if math.isfinite(limit) else ""
+    if zero == 0.0:
+        return f'<position name="{name}" joint="joint" kp="{stiffness:.6g}"{ranged}'
+    bias = f'biastype="affine" biasprm="{-stiffness * zero:.6g} {-stiffness:.6g} 0"'
+    return f'<general name="{name}" joint="joint" gainprm="{stiffness:.6g}" {bias}{ranged}'
 
 
 def replay_file(path: Path, run: Run) -> Array:
@@ -158,13 +177,21 @@ def replay_file(path: Path, run: Run) -> Array:
     It stands for the load that is in the file. Raises OutputError where it cannot be read back.
     """
     try:
-        model = mujoco.MjModel.from_xml_path(str(path))
+        return replay_text(path.read_text("utf-8"), run)
     except ValueError as error:
         raise OutputError(f"{path} cannot be read back: {error}") from None
+
+
+def replay_text(text: str, run: Run) -> Array:
+    """As `replay_file`, of a text as `mjcf_text` gives it. Raises ValueError where MuJoCo cannot read it."""
+    model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     model.actuator_gainprm[0, 0] *= run.gain
-    model.actuator_biasprm[0, 1] *= run.gain
+    model.actuator_biasprm[0, :2] *= run.gain
     (data.qpos[0], data.qvel[0]) = run.states(np.zeros(1))[0]
+    for a, (samples, _) in enumerate(model.actuator_history):  # before the first command it is that one
+        if samples > 0:
+            mujoco.mj_initCtrlHistory(model, data, a, None, np.full((samples, 1), run.command[0]))
     step = model.opt.timestep
     instants = step * np.arange(int(np.ceil(run.time[-1] / step)) + 1)
     out = np.empty(len(instants))

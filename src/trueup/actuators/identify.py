@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
-from trueup.actuators.actuator import Actuator, Judged
+from trueup.actuators.actuator import Actuator, Judged, mjcf_text, replay_text
 from trueup.actuators.bench import Bench, Run, runs_of
 from trueup.actuators.choose import Chooser, Model, choose
 from trueup.actuators.experiment import Value, experiment
@@ -18,16 +19,21 @@ from trueup.actuators.output import output_of
 from trueup.actuators.structures import (
     ASKEW,
     BY_NAME,
+    DELAY,
+    FORCE,
     LIMIT,
     LIMITS,
     LOAD,
     PUNCH,
+    QUADRATIC,
     RATIO,
     VISCOUS,
+    ZERO,
     Scales,
     declared,
     law_of,
 )
+from trueup.arrays import Array
 from trueup.articulated.gains import Gains
 from trueup.errors import CalibrationError, unknown_name
 from trueup.evidence import evidence, half_interval, jackknife
@@ -84,11 +90,11 @@ def identify_actuator(
         seen = replace(seen, cannot=(*seen.cannot, _SOFTER))
     told("what a file can hold", model.error)
     held = Chooser(Problem(fitted, step, file=True), chooser.declared, {**fixed, **hangs, "back_emf": 0.0})
-    file, said = _held_by_a_file(held, PUNCH in ask)
-    both = ((problem, model), (held.problem, file))
+    file, said = _held_by_a_file(held, model, PUNCH in ask)
+    judged = (*_left_out(problem, model, file), *(_held_out(r, problem, model, file) for r in kept))
     return Actuator(law_of(model.found.values), law_of(file.found.values), tuple(_values(problem, model)),
                     (*([LIMIT] if fixed else []), *model.structures), tuple(asked), experiment=seen,
-                    judged=(*_left_out(both), *(_held_out(r, both) for r in kept)), runs=tuple(runs),
+                    judged=judged, runs=tuple(runs),
                     notes=(*notes, *said), seconds=time.perf_counter() - began, **common)  # fmt: skip
 
 
@@ -121,15 +127,23 @@ def _untellable(runs: Sequence[Run]) -> tuple[str, ...]:
     return (*((RATIO,) if one_setting else ()), *(() if hanging else (ASKEW,)))
 
 
-def _held_by_a_file(held: Chooser, onset: bool) -> tuple[Model, list[str]]:
-    """The nearest servo that MJCF can hold, and notes: its damping also acts while the motor is off, so it is fitted so."""
-    plain = held.plain((VISCOUS,))
-    steep = held.plain((VISCOUS, PUNCH)) if onset else plain
-    if not evidence(plain.errors, steep.errors).holds:
-        return plain, []
-    return steep, [
-        "the MJCF has a second actuator at the joint, for the same command: it gives the steep onset of torque"
-    ]
+def _held_by_a_file(held: Chooser, model: Model, onset: bool) -> tuple[Model, list[str]]:
+    """The nearest servo that MJCF can hold, and notes: its damping also acts while the motor is off, so it is fitted so.
+
+    A limit and a delay that were found stay unless left-out recordings are replayed better without, as where either only
+    makes up for what the file cannot hold; what else it has a place for goes in where they want it.
+    """
+    # without back-EMF both limits are one range of force
+    limits = [n for n in (FORCE, LIMIT) if n in model.structures][:1]
+    both = [*limits, *(n for n in (DELAY,) if n in model.structures)]
+    ways = [some for count in range(len(both), -1, -1) for some in combinations(both, count)]
+    file = min((held.plain((VISCOUS, *some)) for some in ways), key=lambda m: m.error)
+    for name in (*(n for n in (QUADRATIC, ZERO) if n in model.structures), *((PUNCH,) if onset else ())):
+        richer = held.plain((*file.structures, name))
+        if evidence(file.errors, richer.errors).holds:
+            file = richer
+    said = "the MJCF has a second actuator at the joint, for the same command: it gives the steep onset of torque"
+    return file, [said] if PUNCH in file.structures else []
 
 
 def _values(problem: Problem, model: Model) -> list[Value]:
@@ -153,19 +167,25 @@ def _values(problem: Problem, model: Model) -> list[Value]:
     ]
 
 
-def _left_out(both: Sequence[tuple[Problem, Model]]) -> list[Judged]:
+def _left_out(problem: Problem, model: Model, file: Model) -> list[Judged]:
     """Each fitted run by fits that never saw it, stretch by stretch where stretches were left out."""
     rows = []
-    for k, run in enumerate(both[0][0].runs):
+    for k, run in enumerate(problem.runs):
         total = np.zeros(2)
-        for column, (problem, model) in enumerate(both):
-            for block, values in zip(problem.blocks, model.left_out, strict=True):
-                if block.run == k:
-                    total[column] += np.abs(problem.misses(values, run)[block.samples]).sum() / len(run.time)
+        for block, values, held in zip(problem.blocks, model.left_out, file.left_out, strict=True):
+            if block.run == k:
+                misses = np.stack([problem.misses(values, run), _file_misses(held, run, problem.step)])
+                total += np.abs(misses[:, block.samples]).sum(axis=1) / len(run.time)
         rows.append(Judged(run.name, False, float(total[0]), float(total[1])))
     return rows
 
 
-def _held_out(run: Run, both: Sequence[tuple[Problem, Model]]) -> Judged:
-    errors = [float(np.mean(np.abs(problem.misses(model.found.values, run)))) for problem, model in both]
-    return Judged(run.name, True, *errors)
+def _held_out(run: Run, problem: Problem, model: Model, file: Model) -> Judged:
+    misses = problem.misses(model.found.values, run), _file_misses(file.found.values, run, problem.step)
+    return Judged(run.name, True, *(float(np.mean(np.abs(m))) for m in misses))
+
+
+def _file_misses(values: Mapping[str, float], run: Run, step: float) -> Array:
+    """(T,) rad by which MuJoCo's replay of one run with the MJCF of these values is off, with the run's own load."""
+    bench = run.hung(values.get("hangs_at")).bench
+    return replay_text(mjcf_text(law_of(values), bench, step), run) - run.position

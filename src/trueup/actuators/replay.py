@@ -49,6 +49,9 @@ def _replay(
     at = 0
     late = law.delay if file else law.delay + 0.5 * step
     share = 2.0 if file else 1.0
+    bent = (
+        law.quadratic if file else 0.0
+    )  # by which d torque / d speed is more than torque / speed: MuJoCo takes the slope
     begin = -late
     while at + 1 < n and time[at + 1] <= begin:
         at += 1
@@ -68,7 +71,7 @@ def _replay(
         total = torque - damping * v + external
         if dry > 0.0:
             total += friction_force(total / mass, mass, -v / step, SOFTNESS / mass, dry)
-        v += step * total / (mass + step * share * damping)
+        v += step * total / (mass + step * (share * damping + bent * abs(v)))
         q += step * v
         out[s] = q
         if s % every == 0 and s // every < len(starts):

@@ -32,6 +32,7 @@ class Structure:
 
 LIMIT, FORCE, LOAD = "voltage limit", "force limit", "friction under load"
 PUNCH, VISCOUS, RATIO, ASKEW = "punch", "viscous friction", "damping ratio", "load askew"
+DELAY, QUADRATIC, ZERO = "delay", "quadratic friction", "zero error"
 LIMITS = (LIMIT, "supply sag", FORCE)
 STRUCTURES = (
     Structure(LOAD, ("load_motor", "load_external"), "Duclusaud et al. 2025, M5"),
@@ -39,22 +40,22 @@ STRUCTURES = (
     Structure("Stribeck friction", ("static", "stribeck_speed"), "Armstrong-Helouvry et al. 1994"),
     Structure("load sticks", ("load_static", "stribeck_speed"), "Duclusaud et al. 2025, M4", LOAD),
     Structure(VISCOUS, ("viscous",), "beside back-EMF, which acts while the motor is on"),
-    Structure("quadratic friction", ("quadratic",), "fast gears in grease"),
+    Structure(QUADRATIC, ("quadratic",), "fast gears in grease"),
     Structure(LIMIT, ("full_error",), "full duty: DC motor at its supply"),
     Structure("supply sag", ("sag",), "resistance of supply and wires", LIMIT),
     Structure(FORCE, ("force_limit",), "current limit of the firmware"),
-    Structure("delay", ("delay",), "bus and firmware"),
+    Structure(DELAY, ("delay",), "bus and firmware"),
     Structure("dead band", ("dead_band",), "compliance margin; play before the sensor"),
     Structure(PUNCH, ("punch",), "least power of the firmware; steep onset of torque"),
     Structure("derivative gain", ("derivative",), "PD firmware"),
     Structure(RATIO, ("rate_gain",), "firmware whose damping follows the root of its gain"),
     Structure("integral gain", ("integral",), "PI firmware"),
-    Structure("zero error", ("zero",), "goals cut to whole counts; a position that another sensor measures"),
+    Structure(ZERO, ("zero",), "goals cut to whole counts; a position that another sensor measures"),
     Structure("profile speed", ("speed_limit",), "profile velocity of the firmware"),
     Structure("profile acceleration", ("acceleration_limit",), "profile acceleration of the firmware"),
 )
 BY_NAME = {s.name: s for s in STRUCTURES}
-USUAL = (LOAD, ASKEW, "Stribeck friction", "load sticks", VISCOUS, LIMIT, "delay", RATIO, "profile speed")
+USUAL = (LOAD, ASKEW, "Stribeck friction", "load sticks", VISCOUS, LIMIT, DELAY, RATIO, "profile speed")
 """What most servos have: fewer at once, which a search finds more surely where no others are needed."""
 
 
