@@ -215,7 +215,9 @@ class _Followed:
 def _followed(recording: Recording) -> dict[str, _Followed]:
     """By the label of the command, for a car whose speed or turn rate was measured too."""
     command, found = command_of(recording), {}
-    for label, name in _MEASURED.items() if command is not None else ():
+    if command is None:
+        return {}
+    for label, name in _MEASURED.items():
         if label not in command.labels or not recording.has(name):
             continue
         try:

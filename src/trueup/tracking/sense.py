@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.evidence import FEWEST_PARTS, STANDARD_ERRORS, evidence
@@ -78,11 +79,12 @@ class Moves:
         turned = self._turned(sign) * np.exp(-1j * zero)
         return self._by_block(np.real(turned) * np.abs(turned))
 
-    def _turned(self, sign: float) -> Array:
+    def _turned(self, sign: float) -> NDArray[np.complex128]:
         return (self.way[:, 0] + 1j * self.way[:, 1]) * np.exp(-1j * sign * self.angle)
 
     def _by_block(self, values: Array) -> Array:
-        return np.bincount(np.unique(self.block, return_inverse=True)[1], values) if len(values) else np.zeros(0)
+        index = np.unique(self.block, return_inverse=True)[1]
+        return np.bincount(index, values).astype(np.float64) if len(values) else np.zeros(0)
 
 
 @dataclass(frozen=True)
