@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from types import MappingProxyType
 
 from trueup.units import canonical
@@ -74,6 +75,8 @@ the gains of a drive (a joint has damping, too). And what they mean then.
 _OBJECT = re.compile(r"(?<![A-Za-z0-9])(?:0x60[0-9A-Fa-f]{2}|60[0-9A-Fa-f]{2}h)(?![A-Za-z0-9])_?")
 """What a drive on a bus calls its objects (CiA 402): 6064h_position_actual, 0x607A_target_position."""
 _ACT = re.compile(r"(?<![A-Za-z])[Aa][Cc][Tt](?![A-Za-z])|(?<![A-Za-z])[Aa]ct(?=[A-Z])")
+
+_EFFORTS = listed("torque torques trq tau moment effort efforts current currents")
 
 
 @dataclass(frozen=True)
@@ -145,7 +148,9 @@ def words(name: str) -> list[str]:
 
 
 def with_actual(names: Sequence[str]) -> dict[str, str]:
-    """Each name as it is to be read: "act" is "actual", and no action, beside plain words for commands, and with a unit."""
+    """Each name as it is to be read: "act" is "actual", and no action, beside plain words for commands, with a unit, and
+    behind a torque or current where no other is there ("trq_act"): should it be one after all, it drives what it drove.
+    """
     read = {name: _OBJECT.sub("", name).strip("_ ") or name for name in names}
     for words_of_pair, meant in zip(_LED, _LED_AS, strict=True):
         read = _in_pairs(read, words_of_pair, meant)
@@ -157,9 +162,12 @@ def _acted(names: Sequence[str]) -> dict[str, str]:
     """Each name with "actual" for "act" where that is what it means."""
     plain = (COMMANDED | {"throttle", "steering"}) - {"act"}
     measured = any(unit not in ("", "1") for name in names if _ACT.search(name) for unit in _units(name))
-    if not measured and not any(plain & set(words(name)) for name in names):
-        return {name: name for name in names}
-    return {name: _ACT.sub("actual", name) for name in names}
+    if measured or any(plain & set(words(name)) for name in names):
+        return {name: _ACT.sub("actual", name) for name in names}
+    given = {name: words(name) for name in names}
+    efforts = {name for name, each in given.items() if _EFFORTS & set(each)}
+    behind = {name for name in efforts if any(a in _EFFORTS and b == "act" for a, b in pairwise(given[name]))}
+    return {name: _ACT.sub("actual", name) if efforts == behind and name in behind else name for name in names}
 
 
 def _in_pairs(read: dict[str, str], pair: Sequence[re.Pattern[str]], meant: Sequence[str]) -> dict[str, str]:
