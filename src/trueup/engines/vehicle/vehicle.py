@@ -152,11 +152,11 @@ class Vehicle:
         size = max(self.wheelbase, 1.0) ** q.grows  # bounds hold up to a wheelbase of a metre
         lower, upper = size * q.lower, size * q.upper / (steers if q.per_command and 0.0 < steers < 1.0 else 1.0)
         nominal = float(np.clip(known.get(q.name, q.start), lower, upper))
-        unidentified = q.absent if q.absent > upper else q.unidentified  # a limit that was not met
-        unidentified = None if q.name in self.values else unidentified
+        unidentified = q.absent if q.absent > upper and q.name not in known else q.unidentified  # a limit not met
         return Parameter(
             q.name, q.unit, nominal, lower, upper, q.scale, frozen=not free, source=q.about, shown_by=q.shown_by,
-            optional=q.optional, absent=q.absent if q.optional else None, unidentified=unidentified,
+            optional=q.optional, absent=q.absent if q.optional else None,
+            unidentified=None if q.name in self.values else unidentified,
             vanishes=lower == 0.0 == q.absent,
         )  # fmt: skip
 
