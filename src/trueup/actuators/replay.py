@@ -45,8 +45,7 @@ def _replay(
     q, v = starts[0]
     state = np.zeros(STATES)
     external = -moment * np.sin(q - hangs)
-    mass = inertia + law.armature
-    at = 0
+    mass, at, now = inertia + law.armature, 0, 0
     late = law.delay if file else law.delay + 0.5 * step
     share = 2.0 if file else 1.0
     bent = (
@@ -57,7 +56,6 @@ def _replay(
         at += 1
     before = integral[at] + value[at] * (begin - time[at])
     out[0] = q
-    now = 0
     for s in range(1, len(out)):
         t = s * step - late
         while at + 1 < n and time[at + 1] <= t:
