@@ -42,14 +42,7 @@ def cleaned(
     turn rates. Where a vehicle that is simulated forward only (not `backs`) backs off is left out. What was taken out is
     said in the provenance's warnings. Raises RecordingError without pose or command.
     """
-    position, heading, notes = place_of(recording)
-    heading = heading or heading_of(recording)
-    position, heading = fresh(position), heading and fresh(heading)
-    if heading is not None and (
-        len(position.time) != len(heading.time) or np.abs(position.time - heading.time).max() > PRINTED
-    ):
-        heading = heading.replace(time=position.time, values=_turned(heading, position.time))
-    good = _of_the_car(recording, position, heading)
+    position, heading, good, notes = _tracked(recording)
     lost = float(np.mean(~good))
     if lost:
         notes.append(f"{100 * lost:.1f} % of the poses jump away or contradict the wheels and were left out")
