@@ -10,7 +10,7 @@ from trueup.arrays import Array, Mask
 from trueup.inspection.pauses import parted_at_pauses
 from trueup.recording import PART_OF, Channel, Recording
 
-TIME = np.arange(800) * 0.01
+TIME: Array = 0.01 * np.arange(800, dtype=np.float64)
 MOVING = 0.5 * np.sin(2.0 * TIME)
 
 

@@ -15,7 +15,7 @@ from trueup.inspection.spikes import lone_spikes, without_lone_spikes
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 
-TIME = np.arange(800) * 0.01
+TIME: Array = 0.01 * np.arange(800, dtype=np.float64)
 MOVING = 0.35 * np.sin(1.3 * TIME)
 BAD = math.radians(3276.7)
 

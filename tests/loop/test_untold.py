@@ -10,14 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from trueup.calibration import Calibration, Estimate
-from trueup.discrepancies.weighted import Weighted
 from trueup.engines.simulator import Simulator
 from trueup.loop.calibrate import Options, calibrate
-from trueup.loop.descent import Watch
-from trueup.loop.fit import fit
 from trueup.loop.identifiability import Verdict
-from trueup.loop.problem import Problem
-from trueup.loop.untold import _Wider, as_open
+from trueup.loop.untold import as_open
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.recording import Channel, Recording
 
@@ -75,21 +71,3 @@ def test_a_limit_that_its_profile_calls_weak_owes_that_to_nothing_that_is_untold
     loose = [Verdict("weak", "known roughly only")]
     told = as_open([limit], surely, loose, np.ones((1, 1)), ["other"])
     assert "do not tell other" in told[0].note
-
-
-def test_a_limit_that_was_not_met_is_asked_about_where_it_was_searched_from(formula: Formula) -> None:
-    """Where there is none, no slope of the loss leads to one."""
-
-    def positions(t: Array, v: Array) -> Array:
-        return np.clip(v[0] * np.sin(t), -v[1], v[1])
-
-    limit = Parameter("limit", "", 0.75, 0.2, 50.0, "log", unidentified=1e3)
-    space, t = ParameterSpace((Parameter("size", "", 0.5, 0.0, 2.0), limit)), np.arange(0.0, 20.0, 0.02)
-    noise = NOISE * np.random.default_rng(5).standard_normal(len(t))
-    values = (positions(t, np.array([1.0, 0.8])) + noise)[:, None]
-    recording = Recording("one", {"position": Channel("position", ("joint",), "rad", t, values)})
-    simulator = formula(lambda t, v, _: positions(t, v if len(v) else space.nominal), space)
-    problem = Problem(simulator, [recording], Weighted.estimated([recording], ["position"]))
-    without = space.freeze(["limit"], {"limit": 1e3})
-    found = fit(problem, without, without.nominal, Watch(None, None))
-    assert _Wider.of(problem, found, [limit]).promise(["limit"]) > 10.0 * problem.chance(found.residual)

@@ -20,7 +20,7 @@ NOISE, STEP = 0.03, 0.1
 
 def _driven(name: str, speed: Array, turn: Array, begin: float = 0.0, seed: int = 0) -> Recording:
     """A car of these speeds in m/s and turn rates in rad/s, whose heading is the yaw, from `begin` on."""
-    rng, time = np.random.default_rng(seed), STEP * np.arange(len(speed))
+    rng, time = np.random.default_rng(seed), STEP * np.arange(len(speed), dtype=np.float64)
     yaw = begin + np.cumsum(STEP * turn)
     way = np.cumsum(STEP * speed[:, None] * np.stack([np.cos(yaw), np.sin(yaw)], axis=1), axis=0)
     channels = (

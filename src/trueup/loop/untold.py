@@ -63,8 +63,7 @@ def _thawed(descent: Descent, look: Look, untold: Mapping[str, Parameter]) -> De
         return None
     space = ParameterSpace(tuple(untold[p.name] if p.name in told else p for p in descent.space.parameters))
     again = replace(descent, space=space, search=None)
-    absent = space.free & (found.values == space.unidentified)  # where a limit is never met no slope leads to one
-    again.restart(np.clip(space.to_unit(np.where(absent, space.nominal, found.values)), 0.0, 1.0))
+    again.restart(np.clip(space.to_unit(found.values), 0.0, 1.0))
     return again
 
 
@@ -112,14 +111,12 @@ class _Wider:
 
     @classmethod
     def of(cls, problem: Problem, fit: Fit, untold: Sequence[Parameter]) -> _Wider:
-        """With slopes by `problem`, towards the middle of the box; of what is absent to where it was searched from."""
+        """With slopes by `problem`, towards the middle of the box."""
         rows, steps = np.repeat(fit.values[None], 1 + len(untold), axis=0), np.zeros(len(untold))
         for k, p in enumerate(untold):
             alone, i = ParameterSpace((p,)), fit.space.index(p.name)
             here = float(np.clip(alone.to_unit(fit.values[i : i + 1])[0], 0.0, 1.0))
             steps[k] = _ASIDE if here < 0.5 else -_ASIDE
-            if fit.values[i] == p.unidentified:
-                steps[k] = float(np.clip(alone.to_unit(np.array([p.nominal]))[0], 0.0, 1.0)) - here or steps[k]
             rows[1 + k, i] = float(alone.from_unit(np.array([here + steps[k]]))[0])
         residuals = problem.residuals(rows) if untold else fit.residual[None]
         columns = (residuals[1:] - residuals[0]) / steps[:, None]
