@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from trueup.errors import IdentificationError
 from trueup.identification.estimation.identify import Options, identify
+from trueup.identification.inertial import from_com
 from trueup.identification.regressors import inverse_dynamics
 from trueup.recording import Recording
 
@@ -56,3 +58,42 @@ def test_logs_that_contradict_one_another_without_friction_to_tell_which_are_sai
         logs[k] = logs[k].with_channel(recording.channel("torque").replace(values=bare))
     found = identify(tree, [logs[0], negated(logs[1])], options=FAST)
     assert any("contradict one another" in warning and "run0" in warning for warning in found.warnings)
+
+
+def laden(arms: SimpleNamespace, k: int, mass: float) -> Recording:
+    """The run of that number with the torque of so many kg 0.1 m from the last joint more."""
+    tree, recording, load = arms.arm(), runs(arms, k + 1)[k], np.zeros((4, 10))
+    load[-1] = from_com(mass, np.array([0.0, 0.0, 0.1]), np.zeros((3, 3)))
+    seed = int(np.random.default_rng(20 + k).integers(2**32))
+    motion = arms.sines(np.random.default_rng(seed), recording.time, tree.n)
+    torque = recording.channel("torque")
+    return recording.with_channel(torque.replace(values=torque.values + inverse_dynamics(tree, load, *motion)))
+
+
+@pytest.mark.parametrize("held_out", [False, True])
+def test_a_recording_with_a_load_of_its_own_is_named_with_its_mass(arms: SimpleNamespace, held_out: bool) -> None:
+    (first, second), load = runs(arms, 2), laden(arms, 2, 4.0)
+    fitted, judged = ([first, second], [load]) if held_out else ([first, load, second], [])
+    found = identify(arms.arm(), fitted, judged, options=FAST)
+    (said,) = (w for w in found.warnings if "another load" in w)
+    assert said.startswith("recording 'run2' carried")
+    mass = re.search(r"with (\S+) \+- (\S+) kg more", said)
+    assert mass
+    assert abs(float(mass[1]) - 4.0) < float(mass[2])
+
+
+def test_a_recording_in_which_a_hand_moved_the_arm_is_named_as_what_fits_badly_beside_the_others(
+    arms: SimpleNamespace,
+) -> None:
+    logs = runs(arms, 3)
+    torque = logs[0].channel("torque")
+    still = np.random.default_rng(3).normal(size=torque.values.shape)
+    logs[0] = logs[0].with_channel(torque.replace(values=still))  # motors that are off
+    found = identify(arms.arm(), logs, options=FAST)
+    (said,) = (w for w in found.warnings if "fits badly beside the others" in w)
+    assert said.startswith("recording 'run0'")
+
+
+def test_recordings_of_one_arm_are_said_to_belong_together(arms: SimpleNamespace) -> None:
+    found = identify(arms.arm(), runs(arms, 3), options=FAST)
+    assert not [w for w in found.warnings if "beside the others" in w or "contradict" in w or "another load" in w]

@@ -11,6 +11,7 @@ import numpy as np
 from trueup.arrays import Array, Integers
 from trueup.errors import IdentificationError
 from trueup.evidence import FEWEST_PARTS
+from trueup.identification.estimation.belonging import strangers
 from trueup.identification.estimation.blocks import blocks_of, numbered
 from trueup.identification.estimation.diagnosis import (
     AS_GOOD,
@@ -68,7 +69,7 @@ def doubts(
     parts = [p.rows for p in pieces if not p.held_out]
     relative, driven = _rough(pool, parts)
     if relative < DOUBTFUL and not driven:
-        return []
+        return _strangers(logs, pool, pieces)
     alone = [_rough(pool, [part]) for part in parts] if len(parts) > 1 else [(relative, driven)]
     # Signs are looked for in every log, since one of them may have been logged otherwise; the rest in one: it takes long.
     first = max(range(len(logs)), key=lambda k: alone[k][0])
@@ -90,9 +91,8 @@ def doubts(
         f"recording '{name}': {s}. Parts of it that were left out do not prove it: look whether it is so"
         for name, s in every
     )
-    if relative < POOR:
-        return notes
-    return [*notes, _poor([name.name for name in logs], relative, [error for error, _ in alone])]
+    apart = _strangers(logs, pool, pieces)
+    return [*notes, *apart] if apart or relative < POOR else [*notes, _poor(relative)]
 
 
 def _rough(pool: Pool, parts: Sequence[Rows]) -> tuple[float, dict[int, float]]:
@@ -114,14 +114,18 @@ def _as_good_turned(
     return len(parts) < 2 or _rough(pool, turned)[0] <= AS_GOOD * relative
 
 
-def _poor(names: Sequence[str], relative: float, alone: Sequence[float]) -> str:
+def _strangers(logs: Sequence[Log], pool: Pool, pieces: Sequence[Piece]) -> list[str]:
+    """What to say of recordings that do not belong to the others; of whole ones that were held out, too."""
+    fitted, last = {log.name for log in logs}, pool.model.tree.n - 1
+    whole = [p for p in pieces if not (p.held_out and p.whole.name in fitted)]
+    return strangers(
+        [p.whole.name for p in whole], [p.rows for p in whole], basic_columns(pool), 10 * last + np.arange(10),
+        pool.model.tree.links[last], weighed=all(log.measured for log in logs),
+    )  # fmt: skip
+
+
+def _poor(relative: float) -> str:
     """What to say of torque that stays unexplained."""
-    if len(names) > 1 and max(alone) < DOUBTFUL:
-        each = ", ".join(f"{name} {100 * error:.2g} %" for name, error in zip(names, alone, strict=True))
-        return (
-            f"these logs contradict one another: {100 * relative:.0f} % of their torque is left together, of each by itself "
-            f"{each}; do signs, order of joints, mounting or load differ between them?"
-        )
     return (
         f"a rigid arm with friction explains little of this torque ({100 * relative:.0f} % of it is left): is it the right "
         "model file, are torques measured rather than commanded, are joints in the right order?"

@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Which of several recordings do not belong to the others: another load, a hand that moved the arm, other units or signs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from trueup.arrays import Array, Integers, Mask
+from trueup.errors import listed
+from trueup.evidence import half_interval, jackknife
+from trueup.identification.estimation.blocks import numbered
+from trueup.identification.estimation.diagnosis import POOR, Suspicion
+from trueup.identification.estimation.moments import Moments, moments_of, solve
+from trueup.identification.estimation.selection import TIME_BLOCKS
+from trueup.identification.rows import Rows
+from trueup.rounding import TINY
+
+_NONE = np.zeros(0, dtype=np.int64)
+_ADVICE = "Identify recordings with one load together, and others by themselves"
+
+
+@dataclass(frozen=True, eq=False)
+class _Blocks:
+    """Recordings cut into blocks; a block is foretold by others alone."""
+
+    parts: Sequence[Rows]
+    active: Integers
+    """Columns of a basic model."""
+    power: Array
+    """(n,) squared torque of each joint: errors are relative to it."""
+
+    @cached_property
+    def numbers(self) -> list[Integers]:
+        """(S,) of each recording: the block of each sample."""
+        return numbered(self.parts, TIME_BLOCKS)
+
+    @cached_property
+    def owner(self) -> Integers:
+        """(B,) the recording of each block."""
+        return np.repeat(np.arange(len(self.parts)), [len(np.unique(own)) for own in self.numbers])
+
+    def moments(self, laden: Sequence[int] = (), body: Integers = _NONE) -> Moments:
+        """Of the basic model, and of columns that give some recordings, `laden`, a `body` of their own."""
+        columns = np.unique([*self.active.tolist(), *body])
+        rows = [_with_own(r, columns, body, own=k in laden) for k, r in enumerate(self.parts)]
+        blocks = [r.part(own == b) for r, own in zip(rows, self.numbers, strict=True) for b in np.unique(own)]
+        fitted = [*self.active.tolist(), *range(self.parts[0].p, rows[0].p)]
+        return moments_of(blocks).only(fitted)
+
+    def foretold(self, moments: Moments, among: Mask) -> tuple[Array, Array]:
+        """(B,) squared relative errors of the blocks `among` (B,), and (B, m) the scaled parameters that foretell each:
+        those of all other blocks among them.
+        """
+        some = moments.take(np.flatnonzero(among))
+        gram, cross = some.weighted(1.0 / self.power)
+        left = gram.sum(axis=0) - gram, cross.sum(axis=0) - cross
+        x = solve(*left, np.zeros(cross.shape[1]))
+        return np.asarray((some.errors(x) / self.power).mean(axis=1)), x
+
+    def relative(self, errors: Array, among: Mask) -> float:
+        """Relative error of blocks, as a share of their own torque."""
+        own = self.plain.square[among].sum(axis=0) / self.power
+        return float(np.sqrt(errors.sum() / max(float(own.mean()), TINY)))
+
+    @cached_property
+    def plain(self) -> Moments:
+        """Of the basic model that all recordings share."""
+        return self.moments()
+
+
+def strangers(
+    names: Sequence[str], parts: Sequence[Rows], active: Integers, body: Integers, link: str, *, weighed: bool
+) -> list[str]:  # fmt: skip
+    """What to say of recordings without which the others are foretold much better, by the rule of `Suspicion`.
+
+    A fit to all of them is a compromise that fits none (G. Chow, "Tests of equality between sets of coefficients",
+    Econometrica 28(3), 1960, with left-out blocks in place of the F test, since errors last and models miss something).
+    `active`: columns of a basic model, `body` the ten of the last `link`, `weighed`: whether torques are in N m.
+    """
+    if len(parts) < 2:
+        return []
+    power = np.maximum(sum(np.sum(r.torque**2, axis=0) for r in parts), TINY)
+    blocks = _Blocks(parts, active, power)
+    out = _apart(blocks)
+    if not out:
+        return []
+    return [_with_load(names, blocks, out, body, link, weighed=weighed) or _said(names, blocks, out)]
+
+
+def _apart(blocks: _Blocks) -> list[int]:
+    """The fewest recordings, at most half of them, without which the others are foretold much better."""
+    everything, out = np.ones(len(blocks.owner), dtype=bool), list[int]()
+    together = blocks.foretold(blocks.plain, everything)[0]
+    while 2 * (len(out) + 1) <= len(blocks.parts):
+        tried = []
+        for k in (k for k in range(len(blocks.parts)) if k not in out):
+            rest = ~np.isin(blocks.owner, [*out, k])
+            errors = blocks.foretold(blocks.plain, rest)[0]
+            tried.append((blocks.relative(errors, rest), k, Suspicion("", (together[rest],), (errors,))))
+        _, worst, without = min(tried, key=lambda each: each[0])
+        out.append(worst)
+        if without.likely:
+            return sorted(out)
+    return []
+
+
+def _with_load(
+    names: Sequence[str], blocks: _Blocks, out: Sequence[int], body: Integers, link: str, *, weighed: bool
+) -> str:
+    """What to say where a load at the last link explains what is different; nothing where it does not."""
+    everything = np.ones(len(blocks.owner), dtype=bool)
+    before = blocks.foretold(blocks.plain, everything)[0]
+    moments = blocks.moments(out, body)
+    after, each = blocks.foretold(moments, everything)
+    of, apart = np.isin(blocks.owner, out), np.empty_like(before)
+    for part in (of, ~of):
+        apart[part] = blocks.foretold(blocks.plain, part)[0]
+    halved = (Suspicion("", (before[part],), (after[part],)).likely for part in (of, ~of))
+    if not all(halved) or Suspicion("", (after,), (apart,)).likely:  # what else differs matters more
+        return ""
+    at = len(blocks.active)
+    masses = each[:, at] / max(float(moments.scale[at]), TINY)
+    mass, doubt = float(masses.mean()), half_interval(len(masses)) * float(jackknife(masses))
+    more = f"{abs(mass):.3g} +- {doubt:.2g} kg" if weighed and doubt < abs(mass) else "a body of its own"
+    laden = out if mass > 0.0 else [k for k in range(len(names)) if k not in out]
+    return (
+        f"{_recordings(names, laden)} carried another load than the others: with {more} more at {link} the error of all "
+        f"would go from {_percent(blocks.relative(before, everything))} to {_percent(blocks.relative(after, everything))} of "
+        f"the torque. {_ADVICE}"
+    )
+
+
+def _said(names: Sequence[str], blocks: _Blocks, out: Sequence[int]) -> str:
+    """What to say of recordings that differ from the others by more than a load."""
+    of = np.isin(blocks.owner, out)
+    together = blocks.foretold(blocks.plain, np.ones(len(of), dtype=bool))[0]
+    alone, rest = (blocks.foretold(blocks.plain, part)[0] for part in (of, ~of))
+    own, others = blocks.relative(alone, of), blocks.relative(rest, ~of)
+    theirs, these = _recordings(names, [k for k in range(len(names)) if k not in out]), _recordings(names, out)
+    if 2 * len(out) == len(names) and own < POOR and Suspicion("", (together[of],), (alone,)).likely:
+        return (
+            f"{theirs} and {these} contradict one another: {_percent(blocks.relative(together, of | ~of))} of their torque "
+            f"is left together, {_percent(others)} and {_percent(own)} by themselves; was the arm moved by hand in one of "
+            f"them, do signs, order of joints, mounting or load differ? {_ADVICE}"
+        )
+    return (
+        f"{these} fits badly beside the others: without it {_percent(others)} of the torque of {theirs} is left, with it "
+        f"{_percent(blocks.relative(together[~of], ~of))}; by itself {_percent(own)} of its own. Was the arm moved by hand "
+        "there, did it touch something, or was it logged, mounted or loaded otherwise? Leave it out and identify again"
+    )
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %" if share < 1.0 else "nearly all"
+
+
+def _recordings(names: Sequence[str], which: Sequence[int]) -> str:
+    return f"recording{'s' if len(which) > 1 else ''} {listed([repr(names[k]) for k in which])}"
+
+
+def _with_own(rows: Rows, columns: Integers, body: Integers, *, own: bool) -> Rows:
+    """Rows with some of their columns, and those of a body once more behind all, zero where it is not their `own`."""
+    kept, values = [], []
+    again = {k: rows.p + i for i, k in enumerate(body)}
+    for c, v in zip(rows.columns, rows.values, strict=True):
+        at, twice = np.isin(c, columns), np.isin(c, list(body)) & own
+        kept.append(np.concatenate([c[at], np.array([again[int(k)] for k in c[twice]], dtype=c.dtype)]))
+        values.append(np.vstack([v[at], v[twice]]))
+    return replace(rows, columns=tuple(kept), values=tuple(values), p=rows.p + len(body), shrink=0.0)
