@@ -19,6 +19,7 @@ from trueup.campaign.journal import Journal, read_journal
 from trueup.campaign.parts import Parts, Silent
 from trueup.campaign.plan import read_plan
 from trueup.campaign.resolve import parts_of
+from trueup.ends import Ended, Fallen
 from trueup.errors import PlanError, RobotFellError, TrialError
 from trueup.recording import Recording
 from trueup.trial import Reference, Trial
@@ -92,6 +93,31 @@ def test_a_task_without_a_score_today_is_doubted_and_nothing_else(write_plan: Wr
 
     go(plan, tmp_path / "b", lambda p: replace(p, task=Wrapped(p.task, score=once(p.task))), heard)
     assert "has no score" in heard.doubts[1]
+
+
+@pytest.mark.parametrize(("falling", "said"), [(2, True), (1, False)])
+def test_todays_settings_that_fall_in_simulation_are_doubted_before_the_robot_has_them(
+    write_plan: Write, tmp_path: Path, falling: int, said: bool
+) -> None:
+    heard = Doubtful()
+
+    def fallible(parts: Parts) -> Parts:
+        fallen = Fallen(height=0.2)
+        trials = tuple(replace(t, ends=(fallen,)) for t in parts.task.trials)
+
+        def rollout(trials: Sequence[Trial], values: Any, controllers: Any = None) -> list[Any]:
+            done = parts.simulator.rollout(trials, values, controllers)
+            return [replace(r, ends={k: Ended(1.5, fallen.name) for k in range(falling)}) for r in done[:1]] + done[1:]
+
+        task = Wrapped(parts.task, trials=trials)
+        return replace(parts, task=task, simulator=Wrapped(parts.simulator, rollout=rollout))
+
+    go(write_plan(("rounds = 2", "rounds = 1")), tmp_path / "a", fallible, heard)
+    assert ("2 of 4 runs end in a fall, the first after 1.5 s" in heard.doubts[0]) == said
+    unheard = Doubtful()
+    searched_first = write_plan(("rounds = 2", "rounds = 1"), ("settings = 2", "settings = 0"))
+    go(searched_first, tmp_path / "b", fallible, unheard)
+    assert unheard.doubts[0] == ""
 
 
 def test_a_limit_of_nothing_that_moves_is_refused(write_plan: Write, tmp_path: Path) -> None:

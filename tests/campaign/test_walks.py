@@ -89,3 +89,14 @@ def test_what_a_walk_lacks_is_named(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match=r"'moonwalk'.*front"):
         trueup.walk(SIMSPARK, LEFT, RIGHT, course="moonwalk")
     assert isinstance(trueup.walk(SIMSPARK, LEFT, RIGHT)[1], WalkFront)
+
+
+def test_a_walk_is_simulated_at_the_models_own_step_where_that_is_finer(tmp_path: Path) -> None:
+    text = SIMSPARK.read_text("utf-8")
+    assert 'timestep="0.005"' in text
+    fine, coarse = tmp_path / "fine.xml", tmp_path / "coarse.xml"
+    fine.write_text(text.replace('timestep="0.005"', 'timestep="0.001"'), encoding="utf-8")
+    coarse.write_text(text.replace('timestep="0.005"', 'timestep="0.02"'), encoding="utf-8")
+    steps = {path: trueup.walk(path, LEFT, RIGHT, quiet=True)[0].step for path in (fine, coarse, SIMSPARK)}
+    assert steps == {fine: 0.001, coarse: 0.005, SIMSPARK: 0.005}
+    assert trueup.walk(fine, LEFT, RIGHT, step=0.004)[0].step == 0.004

@@ -75,7 +75,7 @@ class Campaign:
         """Goes on to the end. Raises what robot, simulator and search raise; calling it again goes on from there."""
         past = self._journal.past
         if not any(isinstance(e, (TrialPlanned, Ended)) for e in past):
-            self._listener.doubt(rehearse(self._parts))  # first: the folder of a plan that cannot be run stays free
+            self._listener.doubt(rehearse(self._parts, self._plan))  # first: a plan that fails leaves its folder free
         self._once(Begun, lambda: self._begun)
         if past and isinstance(past[-1], Ended):
             return past[-1]

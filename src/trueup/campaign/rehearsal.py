@@ -3,19 +3,26 @@
 
 from __future__ import annotations
 
+import math
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from trueup.campaign.parts import Parts
+from trueup.campaign.plan import Plan
+from trueup.ends import Fallen
+from trueup.engines.simulator import Rollout
 from trueup.errors import PlanError, TrueupError, unknown_name
 from trueup.loop.safety import require_safe
 from trueup.loop.transfer import prepared
 from trueup.tasks.task import robot_trials
 from trueup.trial import Limits, Trial
+
+_RUNS = 8
+"""Simulated runs that meet different chance: that half of them fall by luck where one in ten does has odds of 1 in 200."""
 
 
 @contextmanager
@@ -32,14 +39,18 @@ def blamed(what: str, kind: type[TrueupError]) -> Iterator[None]:
         raise kind(f"{what}: {said} ({Path(at.filename).name}, line {at.lineno}; --debug shows more)") from error
 
 
-def rehearse(parts: Parts) -> str:
+def rehearse(parts: Parts, plan: Plan) -> str:
     """Simulates the task's trials with the settings of today; returns a doubt about their score, '' without one.
+
+    Runs that end in a fall are told of where the robot's first trial has these settings, and a search does not come before.
 
     Raises PlanError where task, simulator and limits do not fit together, TrialError where a trial goes beyond a limit, and
     what the simulator raises.
     """
-    rows = 2  # simulations side by side, so that a score of the wrong shape shows
     task, simulator = parts.task, parts.simulator
+    # Side by side, so that a score of the wrong shape shows; where chance acts, as many as tell whether most of them fall.
+    by_chance = any(t.disturbances or t.sensing for t in task.trials)
+    rows = max(2, math.ceil(_RUNS / max(len(task.trials), 1))) if by_chance else 2
     with blamed(f"task '{task.name}', before anything moved", PlanError):
         trials = robot_trials(task, task.parameters.nominal)
         if len(trials) != len(task.trials):
@@ -55,9 +66,26 @@ def rehearse(parts: Parts) -> str:
         )
     require_within_limits(parts)
     if np.isfinite(scores).all():
-        return ""
+        first = plan.optimize.method == "on-robot" or plan.experiment.settings > 0
+        return _falling(rollouts) if first else ""
     why = next((w for r in rollouts for w in r.failures.values()), "the task gave it none")
     return f"simulated with the settings of today, the task has no score: {why}"
+
+
+def _falling(rollouts: Sequence[Rollout]) -> str:
+    """A doubt where at least half of the simulated runs end in a fall."""
+    falls = []
+    for r in rollouts:
+        names = {e.name for e in r.trial.ends if isinstance(e, Fallen)}
+        falls += [e.at for e in r.ends.values() if e.name in names]
+    count = sum(len(next(iter(r.channels.values()))) for r in rollouts)
+    if 2 * len(falls) < max(count, 1):
+        return ""
+    return (
+        f"simulated with the settings of today, {len(falls)} of {count} runs end in a fall, the first after "
+        f"{min(falls):.2g} s: so may the robot's, whose first trial has these settings. Begin with settings that stand, or "
+        "mend the model if the robot itself stands with these"
+    )
 
 
 def require_within_limits(parts: Parts) -> None:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 AnyWalk = TypeVar("AnyWalk", bound="Walk")
 
 _PUSH = 0.02  # of the robot's weight
+COARSE = 0.005
+"""s: the step of the study of walks (`studies/walk/scenes.py`); a longer one is never taken by itself."""
 
 
 @dataclass(frozen=True)
@@ -59,22 +61,26 @@ COURSES = ("front", "line", "around")
 
 
 def walk(
-    model: str | os.PathLike[str], left: Sequence[str], right: Sequence[str], *, step: float = 0.005, course: str = "front",
-    **options: float,
+    model: str | os.PathLike[str], left: Sequence[str], right: Sequence[str], *, step: float | None = None,
+    course: str = "front", **options: float,
 ) -> tuple[Simulator, Walk]:  # fmt: skip
     """The simulator and the task of walking with a biped's MJCF: straight ahead ('front'), to a line ('line'), through a
     course of targets in all directions ('around').
 
     `left` and `right` name the joints of each leg from the hip down: yaw, roll, pitch, knee, ankle pitch, ankle roll. The
     model needs a free base (x forward, z up), position servos, a first keyframe in which it stands, and a gyro and an
-    accelerometer, mounted anyhow. Options as those of a plan's task 'walk' (see `task_of`).
+    accelerometer, mounted anyhow. `step` of integration in s (None: the model's own, at most 5 ms). Options as those of a
+    plan's task 'walk' (see `task_of`).
 
     Raises ModelError for what is missing or built otherwise, UnknownNameError for joints and courses that are not there.
     """
     from trueup.engines.mujoco.model import load
     from trueup.engines.mujoco.rollout import MujocoSimulator
 
-    simulator = MujocoSimulator(load(Path(model)), step=step)
+    read = load(Path(model))
+    # Light feet and rotors shake at steps that are longer than those their file was made for, and a walk falls by it.
+    own = min(float(read.compiled.opt.timestep), COARSE)
+    simulator = MujocoSimulator(read, step=own if step is None else step)
     return simulator, task_of(simulator, tuple(left), tuple(right), course, **options)  # type: ignore[arg-type]
 
 
