@@ -15,12 +15,12 @@ import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.grounding.comparison import folds_by_run
+from trueup.grounding.linear import RESOLUTION
 from trueup.grounding.rows import Rows
 from trueup.rounding import ROUNDED
 
 _FAR = 0.99  # of the frames left out lie nearer than what is called far
 _REFUSED = 0.01  # of runs like the recorded ones
-_RESOLUTION = 1e-3  # of the largest spread in a block: what moves less is as still as it can be seen to be
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,9 +106,9 @@ def _exceeded(lengths: Sequence[int], share: float) -> int:
 def _shape(V: Array) -> tuple[Array, Array, Array]:
     """Centre (m,), whitening (m, r) and standard deviations (m,) of rows (n, m)."""
     centre, scale = V.mean(axis=0), V.std(axis=0)
-    scale = np.maximum(scale, max(_RESOLUTION * float(scale.max()), ROUNDED))
+    scale = np.maximum(scale, max(RESOLUTION * float(scale.max()), ROUNDED))
     values, vectors = np.linalg.eigh((V - centre).T @ (V - centre) / len(V) / np.outer(scale, scale))
-    return centre, vectors / np.sqrt(np.maximum(values, _RESOLUTION**2)) / scale[:, None], scale
+    return centre, vectors / np.sqrt(np.maximum(values, RESOLUTION**2)) / scale[:, None], scale
 
 
 def _longest(far: Mask) -> int:

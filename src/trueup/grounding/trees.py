@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
-from trueup.grounding.linear import standard
+from trueup.grounding.linear import RESOLUTION, standard
 from trueup.grounding.predictors import Trees
-from trueup.rounding import ROUNDED
 
 _FEWEST = 2  # rows in a leaf: Weka's REPTree and J48
 _PSEUDO = 15.0  # Quinlan's smoothing constant
@@ -83,7 +82,7 @@ def model_tree(X: Array, Y: Array, rng: np.random.Generator) -> Trees:
 
     centre, scale = standard(X)
     Z = np.concatenate([np.ones((len(X), 1)), (X - centre) / scale], axis=1)
-    whole = Z.T @ Z / len(Z) + ROUNDED * np.eye(Z.shape[1])
+    whole = Z.T @ Z / len(Z) + RESOLUTION**2 * np.eye(Z.shape[1])
     trees = []
     for y in Y.T:
         # On the residual of the linear function: what is left for a tree to find, which else cuts along its slope.
