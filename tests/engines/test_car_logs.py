@@ -248,7 +248,7 @@ def test_a_slow_servo_is_told_from_a_late_one(tmp_path: Path) -> None:
     lasting = "push_lasts = 0.0\ntrim_lasts = 0.0\nspeed_kept = 0.0\n"  # told, and so searched from once
     (tmp_path / "car.toml").write_text(f"[vehicle]\nwheelbase = 0.2\n[vehicle.values]\n{lasting}")
     for rate, late in ((0.5, 0.0), (np.inf, 0.3)):
-        given = turned(asked(0.0, 30.0), rate, late)
+        given = turned(asked(0.0, 20.0), rate, late)
         found = {e.name: e.value for e in prepare(tmp_path / "car.toml", [given]).calibrate().estimates}
         if np.isfinite(rate):
             assert found["steering_rate_limit"] == pytest.approx(rate, rel=0.1)
@@ -282,8 +282,9 @@ def test_a_robot_of_another_structure_is_predicted_on_a_course_that_was_not_fitt
     """The stand-in's tyres, steering and drive are others than the car's model; it is commanded by speed and angle."""
     robot, task = chasi.robot(3), chasi.task(("figure_eight", "slalom"))
     fitted, unseen = (runs[0] for runs in try_on_robot(robot, task, task.parameters.nominal).recordings)
-    fitted = fitted.slice(fitted.start, fitted.start + 60.0)
-    (tmp_path / "robot.toml").write_text("[vehicle]\nwheelbase = 0.55\n")
+    fitted = fitted.slice(fitted.start, fitted.start + 40.0)
+    lasting = "push_lasts = 0.5\ntrim_lasts = 0.6\nspeed_kept = 0.0\n"  # told, and so searched from once
+    (tmp_path / "robot.toml").write_text(f"[vehicle]\nwheelbase = 0.55\n[vehicle.values]\n{lasting}")
     ready = prepare(tmp_path / "robot.toml", [fitted])
     simulator, found = ready.simulator, ready.calibrate()
     assert isinstance(simulator, VehicleSimulator)

@@ -27,6 +27,8 @@ from trueup.trial import Trial
 
 BASE, GAIN, UP, DOWN, RATE, TURN = 0.32, 4.0, 2.5, 4.0, 1.5, 1.1
 """Wheelbase in m; the speed controller's gain in 1/s and limits in m/s^2; the steering's limit in rad/s and gain."""
+KNOWN = "[vehicle.values]\npush_lasts = 0.0\ntrim_lasts = 0.0\nspeed_kept = 1.0\n"
+"""Nothing is unexplained in these drives: told, and so they are searched from one start instead of two or three."""
 
 
 def _drives(folder: Path, count: int, seconds: float) -> list[Path]:
@@ -61,8 +63,8 @@ def _drives(folder: Path, count: int, seconds: float) -> list[Path]:
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("cars")
-    (folder / "car.toml").write_text(f"[vehicle]\nwheelbase = {BASE}\n")
-    return _drives(folder, 16, 2.0)
+    (folder / "car.toml").write_text(f"[vehicle]\nwheelbase = {BASE}\n{KNOWN}")
+    return _drives(folder, 12, 2.0)
 
 
 def test_units_of_a_command_are_those_of_its_names(logs: list[Path]) -> None:
@@ -84,11 +86,11 @@ def test_units_of_a_command_are_those_of_its_names(logs: list[Path]) -> None:
 
 @pytest.fixture(scope="module")
 def fit(logs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The folder of a calibration by twelve of the drives."""
+    """The folder of a calibration by eight of the drives."""
     folder = str(tmp_path_factory.mktemp("fitted") / "fit")
     car = str(logs[0].with_name("car.toml"))
     assert (
-        main(["calibrate", car, *map(str, logs[:12]), "--hold-out", *map(str, logs[12:]), "--out", folder, "-q"]) == 0
+        main(["calibrate", car, *map(str, logs[:8]), "--hold-out", *map(str, logs[8:]), "--out", folder, "-q"]) == 0
     )
     return folder
 
@@ -109,7 +111,7 @@ def test_the_command_judges_short_drives_from_their_first_state(
 ) -> None:
     car = str(logs[0].with_name("car.toml"))
     capsys.readouterr()
-    assert main(["replay", f"{fit}/car.toml", *map(str, logs[12:]), "--against", car, "--json", "-q"]) == 0
+    assert main(["replay", f"{fit}/car.toml", *map(str, logs[8:]), "--against", car, "--json", "-q"]) == 0
     shown = json.loads(capsys.readouterr().out)
     assert all(one["predictions"] == 1 and one["ahead"][-1]["horizon"] == pytest.approx(1.7) for one in shown)
     mine, declared = (np.mean([one[name][-1]["mean"] for one in shown]) for name in ("ahead", "ahead_against"))
@@ -144,9 +146,9 @@ def _seen(rows: Array) -> Recording:
 
 def test_a_robot_with_two_driven_wheels_turns_on_the_spot_and_backs_off(tmp_path: Path) -> None:
     """By limits of 1 m/s^2, which are met: from a soft controller with others, slopes do not lead to them."""
-    (tmp_path / "base.toml").write_text("[vehicle]\nwheelbase = 0.4\n")
+    (tmp_path / "base.toml").write_text(f"[vehicle]\nwheelbase = 0.4\n{KNOWN}")
     rng, logs = np.random.default_rng(2), []
-    for n in range(6):
+    for n in range(4):
         table = _on_two_wheels(rng, 1.0, 1.0) + rng.normal(0.0, 1e-3, (300, 6)) * [0, 0, 0, 1, 1, 1]
         logs.append(tmp_path / f"run_{n}.csv")
         np.savetxt(logs[-1], table, delimiter=",", header="t,cmd_vel.linear.x,cmd_vel.angular.z,x,y,theta", comments="")
