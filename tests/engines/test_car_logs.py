@@ -282,9 +282,8 @@ def test_a_robot_of_another_structure_is_predicted_on_a_course_that_was_not_fitt
     """The stand-in's tyres, steering and drive are others than the car's model; it is commanded by speed and angle."""
     robot, task = chasi.robot(3), chasi.task(("figure_eight", "slalom"))
     fitted, unseen = (runs[0] for runs in try_on_robot(robot, task, task.parameters.nominal).recordings)
-    fitted = fitted.slice(fitted.start, fitted.start + 40.0)
-    lasting = "push_lasts = 0.5\ntrim_lasts = 0.6\nspeed_kept = 0.0\n"  # told, and so searched from once
-    (tmp_path / "robot.toml").write_text(f"[vehicle]\nwheelbase = 0.55\n[vehicle.values]\n{lasting}")
+    fitted = fitted.slice(fitted.start, fitted.start + 60.0)
+    (tmp_path / "robot.toml").write_text("[vehicle]\nwheelbase = 0.55\n")
     ready = prepare(tmp_path / "robot.toml", [fitted])
     simulator, found = ready.simulator, ready.calibrate()
     assert isinstance(simulator, VehicleSimulator)
