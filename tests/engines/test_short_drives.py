@@ -89,9 +89,7 @@ def fit(logs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> str:
     """The folder of a calibration by eight of the drives."""
     folder = str(tmp_path_factory.mktemp("fitted") / "fit")
     car = str(logs[0].with_name("car.toml"))
-    assert (
-        main(["calibrate", car, *map(str, logs[:8]), "--hold-out", *map(str, logs[8:]), "--out", folder, "-q"]) == 0
-    )
+    assert main(["calibrate", car, *map(str, logs[:8]), "--hold-out", *map(str, logs[8:]), "--out", folder, "-q"]) == 0
     return folder
 
 

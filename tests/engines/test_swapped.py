@@ -106,7 +106,7 @@ def test_a_humanoid_rises_in_dart_under_noise_and_pushes_by_its_name() -> None:
     rough = replace(trial, disturbances=(*NOISE, Push("torso", (0.0, 60.0), (0.1, 0.1), (0.3, 0.3)))).seeded(
         np.random.default_rng(1)
     )
-    values = np.repeat(task.parameters.nominal[None], 3, axis=0)
+    values = np.repeat(task.parameters.nominal[None], 2, axis=0)
     (run,) = made.rollout([rough], values, task.controllers)
     assert not run.failures
     assert np.isfinite(task.score([run])).all()

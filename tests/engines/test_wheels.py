@@ -269,15 +269,13 @@ def test_a_written_file_says_what_was_read(tmp_path: Path) -> None:
 
 
 def test_a_share_below_which_motors_stand_still_is_found(tmp_path: Path) -> None:
-    lasting = "[vehicle.values]\npush_lasts = 0.0\ntrim_lasts = 0.0\nspeed_kept = 1.0\n"  # told, and so searched from once
+    lasting = "[vehicle.values]\npush_lasts = 0.0\ntrim_lasts = 0.0\nspeed_kept = 1.0\n"  # told: searched from once
     (tmp_path / "robot.toml").write_text(SAID + lasting)
     logs = []
     for seed in range(2):
         table = drive(15.0, seed, dead=0.16)
         table[:, 1:3] *= 255.0 / 0.8
-        path = tmp_path / f"run_{seed}.csv"
-        np.savetxt(path, table[:, :6], delimiter=",", header="t,pwm_left,pwm_right,x,y,theta", comments="")
-        logs.append(formats.read([path])[0])
+        logs.append(formats.read(written(tmp_path / f"run_{seed}.csv", "t,pwm_left,pwm_right,x,y,theta", table))[0])
     ready = prepare(tmp_path / "robot.toml", logs)
     assert isinstance(ready.simulator, VehicleSimulator)
     full = ready.simulator.vehicle.full
