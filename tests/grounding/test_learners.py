@@ -61,7 +61,7 @@ def test_a_linear_joint_is_recovered_whatever_is_looked_at(rng: np.random.Genera
     for name in ("linear", "pace", "least-median"):
         model = fitted(LEARNERS[name], rows_of(train, inputs), rng, view)
         rows = rows_of(fresh, inputs)
-        assert np.abs(model.predict(rows.X) - rows.Y).max() < 1e-6, name
+        assert np.abs(model.predict(rows.X) - rows.Y).max() < 1e-5, name
 
 
 @pytest.mark.parametrize("name", ["linear", "pace", "least-median", "model-tree"])
