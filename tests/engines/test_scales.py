@@ -75,3 +75,36 @@ def test_a_slide_whose_unit_is_said_keeps_it_beside_hinges_whose_unit_is_told_fr
     channel = run.channel("position")
     assert [channel.unit_of(label) for label in ("j", "s")] == ["rad", "m"]
     assert np.abs(channel.values).max(axis=0) == pytest.approx([np.pi / 2, 0.099], rel=0.01)
+
+
+_TWO = """<mujoco><compiler angle="radian"/><worldbody>
+<body><joint name="a" axis="0 1 0" range="-2 2"/><geom size=".05"/>
+<body><joint name="b" axis="0 1 0" range="-2 2"/><geom size=".05"/></body></body></worldbody>
+<actuator><position joint="a"/><position joint="b"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(("quiet", "mixed"), [(np.degrees(2.0 * np.pi / 4096), False), (2.0 * np.pi / 4096, True)])
+def test_a_joint_in_rad_beside_one_in_degrees_is_told_from_one_that_hardly_moves(
+    tmp_path: Path, quiet: float, mixed: bool
+) -> None:
+    (tmp_path / "arm.xml").write_text(_TWO)
+    time, step = np.arange(0.0, 20.0, 0.02), np.array([np.degrees(2.0 * np.pi / 4096), quiet])
+    values = step * np.round(np.stack([60.0 * np.sin(time), np.sin(0.7 * time)], axis=1) / step)
+    channels = [Channel(name, ("a", "b"), "", time, values) for name in ("position", "command")]
+    _, notes = suited(load(tmp_path / "arm.xml"), [Recording("run", {c.name: c for c in channels})])
+    assert ('units = ["deg", "rad"]' in notes[0]) == mixed
+
+
+@pytest.mark.parametrize(
+    ("times", "edit"), [(-1.0, "sign = [1, -1] for one"), (180.0 / np.pi, 'units = ["rad", "deg"]')]
+)
+def test_a_joint_that_was_logged_otherwise_than_it_was_commanded_is_named_before_a_fit_with_what_to_write(
+    tmp_path: Path, times: float, edit: str
+) -> None:
+    (tmp_path / "arm.xml").write_text(_TWO)
+    time = np.arange(0.0, 4.0, 0.02)
+    swing = np.stack([0.8 * np.sin(time), 0.3 * np.sin(0.7 * time)], axis=1)
+    channels = [Channel("position", ("a", "b"), "rad", time, swing * [1.0, times]),
+                Channel("command", ("a", "b"), "rad", time, swing)]  # fmt: skip
+    _, notes = suited(load(tmp_path / "arm.xml"), [Recording("run", {c.name: c for c in channels})])
+    assert any("command of b is about" in note and edit in note and "(run)" in note for note in notes)

@@ -239,6 +239,16 @@ def test_degrees_beside_revolutions_a_minute_are_told_by_one_another(tmp_path: P
     assert (channels["position"].unit, channels["velocity"].unit) == ("deg", "rpm")
 
 
+def test_one_joint_in_degrees_does_not_hide_that_the_others_are_in_radians_as_their_commands(tmp_path: Path) -> None:
+    t = np.arange(0.0, 4.0, 0.02)
+    swings = [0.8 * np.sin(t), 0.7 * np.sin(0.6 * t), 0.5 * np.cos(t)]
+    table = np.column_stack([t, *swings[:2], np.degrees(swings[2]), *swings])
+    names = "t,a_pos,b_pos,c_pos,a_cmd,b_cmd,c_cmd"
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=names, comments="")
+    channels = formats.guess_mapping(tmp_path / "log.csv").channels
+    assert (channels["position"].unit, channels["command"].unit) == ("rad", "rad")
+
+
 def test_efforts_that_are_whole_numbers_are_not_taken_for_newton_metres(tmp_path: Path) -> None:
     t = np.arange(0.0, 4.0, 0.02)
     for effort, unit in ((np.round(90.0 * np.cos(t)), ""), (90.0 * np.cos(t), "N m")):

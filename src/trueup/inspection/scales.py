@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.noise import estimate_grid
 from trueup.recording import Channel, Recording
 from trueup.trial import COMMANDS
 from trueup.units import hardly_radians, to_si
@@ -17,6 +18,12 @@ from trueup.units import hardly_radians, to_si
 BEYOND = 0.2
 """rad that a joint may be found beyond its range: zeros and ranges of models are not exact."""
 _LINEAR = {"rad": "m", "rad/s": "m/s", "N m": "N"}
+_HARDLY = 3.0
+"""Numbers that a joint spans which moves in rad; in degrees it hardly moves."""
+_STILL = 0.1
+"""Numbers that a joint spans which stands still, in either unit."""
+_ENCODERS = 8.0
+"""Times that steps of a robot's encoders differ, at most: 4096 and 512 counts of a turn; degrees and rad do by 57."""
 _FREE = math.tau  # rad: as far as joints without a range are taken to turn
 
 
@@ -51,8 +58,38 @@ def with_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> tu
     note = (
         f"positions without a unit are taken as degrees, which fits the joints' ranges ({names}); if they are percent "
         'of a range (LeRobot\'s -100 ... 100), give unit = "rad" with scale and offset in the mapping'
+        f"{_of_two_units(joints, without)}"
     )
     return [_in_rad(joints, r, to_si("deg")[1]) if r in without else r for r in recordings], [note]
+
+
+def _of_two_units(joints: Mapping[str, Way], recordings: Sequence[Recording]) -> str:
+    """What to mind of numbers that are degrees of some joints, and of others rather rad: as large as rad are, and on a grid
+    that no encoder has in degrees beside the others.
+    """
+    labels = [j for j in recordings[0].channel("position").labels if j in joints and not joints[j].slides]
+    every = {j: np.concatenate([r.channel("position").column(j) for r in recordings if j in r.channel("position").labels])
+             for j in labels}  # fmt: skip
+    grids = {j: estimate_grid(values) for j, values in every.items()}
+    beyond = [j for j, values in every.items() if hardly_radians(float(np.nanmax(np.abs(values))))]
+    finest = min((g for j in beyond if (g := grids[j]) is not None), default=None)
+    small = [j for j, values in every.items() if j not in beyond and _rad_sized(joints[j], values)]
+    if finest is not None:  # encoders differ, but hardly by what degrees and rad do
+        small = [j for j in small if (g := grids[j]) is None or not finest / _ENCODERS < g < finest * _ENCODERS]
+    if not small:
+        return ""
+    units = ", ".join('"rad"' if j in small else '"deg"' for j in labels)
+    return (
+        f". {', '.join(small)} would then hardly move, by less than {_HARDLY:g} degrees: if these are rad, beside degrees of "
+        f"{', '.join(beyond)}, say units = [{units}] in place of unit for position, and for command"
+    )
+
+
+def _rad_sized(way: Way, values: Array) -> bool:
+    """Whether a joint that moves stays within its range in rad, and would hardly move in degrees."""
+    span = float(np.nanmax(values) - np.nanmin(values))
+    within = way.ends[0] - BEYOND <= np.nanmin(values) and np.nanmax(values) <= way.ends[1] + BEYOND
+    return bool(within and _STILL < span < _HARDLY)
 
 
 def _hinges(joints: Mapping[str, Way], channel: Channel) -> Array:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -24,15 +24,17 @@ _LIMITS = {
     "torque": ("N m", 5e3, "thousandths of a newton metre", "mN m"),
 }
 """Channel to a unit, the largest that joints reach in it, and what is suspected beyond, in words and as a unit."""
+_TURNED = "{a} has the other sign than {b}"
+_A_DEGREES, _B_DEGREES = "{a} is in degrees and {b} in radians", "{a} is in radians and {b} in degrees"
 _RATIOS = {
-    "{a} is in degrees and {b} in radians": 180.0 / math.pi,
-    "{a} is in radians and {b} in degrees": math.pi / 180.0,
+    _A_DEGREES: 180.0 / math.pi,
+    _B_DEGREES: math.pi / 180.0,
     "{a} is in revolutions per minute and {b} in radians": 60.0 / (2.0 * math.pi),
     "{a} is in revolutions and {b} in radians": 1.0 / (2.0 * math.pi),
     "{a} is in radians and {b} in revolutions": 2.0 * math.pi,
     "{a} is in thousandths of the unit of {b}": 1000.0,
     "{b} is in thousandths of the unit of {a}": 0.001,
-    "{a} has the other sign than {b}": -1.0,
+    _TURNED: -1.0,
 }
 _VEHICLES = frozenset(
     {"throttle", "speed", "steering", "turn", "x", "latitude", "left", "right", "left_duty", "right_duty"}
@@ -133,6 +135,21 @@ def _both_ways(velocity: Channel, label: str) -> bool:
     return bool(np.mean(speed > 0.0) > 0.1 and np.mean(speed < 0.0) > 0.1)
 
 
+def at_odds(recordings: Sequence[Recording]) -> list[str]:
+    """Notes on joints whose commands, in the unit of the positions, are these times a factor that tells a mistake; what is
+    alike in several recordings once.
+    """
+    found: dict[str, list[str]] = {}
+    for recording in recordings:
+        position = recording.channels.get("position")
+        for name in ("command", "command_sent"):
+            channel = recording.channels.get(name)
+            if position is not None and channel is not None and channel.unit == position.unit:
+                for said in _compare(channel, position, name, "position", False):
+                    found.setdefault(said, []).append(recording.name)
+    return [f"{said} ({', '.join(names)})" for said, names in found.items()]
+
+
 def _ratios(recording: Recording) -> Iterator[str]:
     position = recording.channels.get("position")
     if position is None:
@@ -151,9 +168,24 @@ def _compare(channel: Channel, position: Channel, a: str, b: str, derive: bool) 
         ratio = _ratio(channel, position, label, derive) if label in position.labels else None
         sentence = nearest(ratio, _RATIOS) if ratio is not None else ""
         if sentence:
-            found.setdefault(f"{_RATIOS[sentence]:.3g} times {b}: {sentence.format(a=a, b=b)}", []).append(label)
+            found.setdefault(sentence, []).append(label)
     for sentence, labels in found.items():
-        yield f"{a} of {', '.join(labels)} is about {sentence}? Correct unit or sign in the mapping"
+        of = f"{a} of {', '.join(labels)} is about {_RATIOS[sentence]:.3g} times {b}: {sentence.format(a=a, b=b)}"
+        yield f"{of}? Correct unit or sign in the mapping{_edit(sentence, channel, position, labels)}"
+
+
+def _edit(sentence: str, channel: Channel, position: Channel, labels: Sequence[str]) -> str:
+    """What to write into the mapping where some joints of a channel differ from its others; nothing where all do."""
+    if len(labels) == len(channel.labels):
+        return ""
+    if sentence == _TURNED:
+        signs = ", ".join("-1" if label in labels else "1" for label in channel.labels)
+        return f": sign = [{signs}] for one of the two"
+    of = {_A_DEGREES: channel, _B_DEGREES: position}.get(sentence)
+    if of is None:
+        return ""
+    units = ", ".join('"deg"' if label in labels else f'"{of.unit_of(label) or "rad"}"' for label in of.labels)
+    return f": units = [{units}] for {of.name}, in place of unit"
 
 
 def _ratio(channel: Channel, position: Channel, label: str, derive: bool) -> float | None:

@@ -43,7 +43,8 @@ class Sizes:
     def settle(self) -> None:
         """Gives units where numbers tell one; else says that it is unknown."""
         counts = self._open("position") and _are_counts(self.groups["position"])
-        for name in _POSITIONS:
+        # What is rad by its size tells the unit of what goes with it, and not the other way round.
+        for name in sorted(_POSITIONS, key=lambda name: self._open(name) and hardly_radians(self._largest(name))):
             if self._open(name):
                 self._position(name, counts)
         for name in ("velocity", "torque", "command_velocity", "command_torque"):
@@ -55,8 +56,11 @@ class Sizes:
     def _open(self, name: str) -> bool:
         return name in self.channels and not self.channels[name].unit
 
+    def _largest(self, name: str) -> float:
+        return max(column.largest for column in self.groups[name])
+
     def _position(self, name: str, counts: bool) -> None:
-        largest = max(column.largest for column in self.groups[name])
+        largest = self._largest(name)
         ticks = any(_TICKS & set(column.parts.words) for column in self.groups[name])
         related = self._beside_speed(name) or self._beside_positions(name) or self._with_speed(name, largest)
         if related:

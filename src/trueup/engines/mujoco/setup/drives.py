@@ -14,6 +14,7 @@ from trueup.engines.mujoco.setup.scales import of_slides, with_units
 from trueup.engines.mujoco.setup.servos import add_servos
 from trueup.engines.mujoco.wiring import actuators_of, is_motor
 from trueup.errors import ModelError, RecordingError, TrueupError
+from trueup.inspection.suspicions import at_odds
 from trueup.recording import Channel, Recording
 from trueup.trial import COMMANDS, ENABLED, command_of, drives_off
 
@@ -112,8 +113,7 @@ def suited(model: Model, recordings: Sequence[Recording]) -> tuple[list[Recordin
     named, notes = by_the_only_joint(recordings, model.scalar_joints())
     named, more = with_units(model, [in_angles(r) for r in named])
     named, still_more = of_slides(model, named)
-    more += still_more
-    notes += more
+    notes += [*more, *still_more, *at_odds(named)]
     kept, cut = [], []
     for recording in named:
         command = command_of(recording)
