@@ -72,8 +72,9 @@ def test_the_task_of_the_page_on_campaigns_is_one_that_a_plan_can_name(
     for name, text in (("task.py", code), ("arm.xml", ARM), ("campaign.toml", PLAN)):
         (tmp_path / name).write_text(text, encoding="utf-8")
     (tmp_path / "parameters.toml").write_text('[[parameter]]\nquantity = "kp"\nof = "*"\n')
-    parts = parts_of(read_plan(tmp_path / "campaign.toml"), tmp_path, lambda line: None)
-    assert rehearse(parts) == ""
+    plan = read_plan(tmp_path / "campaign.toml")
+    parts = parts_of(plan, tmp_path, lambda line: None)
+    assert rehearse(parts, plan) == ""
     task, simulator = parts.task, parts.simulator
     values = np.array([0.05, 0.02])
     by_controller = simulated_scores(task, simulator, simulator.parameters.nominal, values[None])[0, 0]
