@@ -74,7 +74,7 @@ def test_the_task_of_the_page_on_campaigns_is_one_that_a_plan_can_name(
     (tmp_path / "parameters.toml").write_text('[[parameter]]\nquantity = "kp"\nof = "*"\n')
     plan = read_plan(tmp_path / "campaign.toml")
     parts = parts_of(plan, tmp_path, lambda line: None)
-    assert rehearse(parts, plan) == ""
+    assert rehearse(parts, plan.plan) == ""
     task, simulator = parts.task, parts.simulator
     values = np.array([0.05, 0.02])
     by_controller = simulated_scores(task, simulator, simulator.parameters.nominal, values[None])[0, 0]
