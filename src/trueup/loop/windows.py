@@ -224,7 +224,8 @@ def _growth(problem: Problem, trial: int, change: Array) -> tuple[Array, Array]:
     place, pace = np.sum(seen**2, axis=1), np.sum(np.gradient(seen, time, axis=0) ** 2, axis=1)
     until = (time - time[0]) ** 2
     first, last = place[0] + until * pace[0], place + until * pace
-    too_far = np.maximum(last / np.maximum(first * _GROWN**2, TINY), place / (seen.shape[1] * _LOUD**2))
+    with np.errstate(over="ignore"):  # runs that begin as one are endlessly further apart
+        too_far = np.maximum(last / np.maximum(first * _GROWN**2, TINY), place / (seen.shape[1] * _LOUD**2))
     return time - problem.trials[trial].start, 0.5 * np.log(np.maximum(too_far, TINY))
 
 

@@ -125,10 +125,10 @@ def _with_load(
     at = len(blocks.active)
     masses = each[:, at] / max(float(moments.scale[at]), TINY)
     mass, doubt = float(masses.mean()), half_interval(len(masses)) * float(jackknife(masses))
-    more = f"{abs(mass):.3g} +- {doubt:.2g} kg" if weighed and doubt < abs(mass) else "a body of its own"
+    more = f"{abs(mass):.3g} +- {doubt:.2g} kg more" if weighed and doubt < abs(mass) else "a body of its own"
     laden = out if mass > 0.0 else [k for k in range(len(names)) if k not in out]
     return (
-        f"{_recordings(names, laden)} carried another load than the others: with {more} more at {link} the error of all "
+        f"{_recordings(names, laden)} carried another load than the others: with {more} at {link} the error of all "
         f"would go from {_percent(blocks.relative(before, everything))} to {_percent(blocks.relative(after, everything))} of "
         f"the torque. {_ADVICE}"
     )
@@ -147,10 +147,13 @@ def _said(names: Sequence[str], blocks: _Blocks, out: Sequence[int]) -> str:
             f"is left together, {_percent(others)} and {_percent(own)} by themselves; was the arm moved by hand in one of "
             f"them, do signs, order of joints, mounting or load differ? {_ADVICE}"
         )
+    several = len(out) > 1
+    it = "them" if several else "it"
     return (
-        f"{these} fits badly beside the others: without it {_percent(others)} of the torque of {theirs} is left, with it "
-        f"{_percent(blocks.relative(together[~of], ~of))}; by itself {_percent(own)} of its own. Was the arm moved by hand "
-        "there, did it touch something, or was it logged, mounted or loaded otherwise? Leave it out and identify again"
+        f"{these} fit{'' if several else 's'} badly beside the others: without {it} {_percent(others)} of the torque of "
+        f"{theirs} is left, with {it} {_percent(blocks.relative(together[~of], ~of))}; by {'themselves' if several else 'itself'} "
+        f"{_percent(own)} of {'their' if several else 'its'} own. Was the arm moved by hand there, did it touch something, "
+        f"or were units, signs, mounting or load others? Leave {it} out and identify again"
     )
 
 
