@@ -148,11 +148,11 @@ def _said(names: Sequence[str], blocks: _Blocks, out: Sequence[int]) -> str:
             f"them, do signs, order of joints, mounting or load differ? {_ADVICE}"
         )
     several = len(out) > 1
-    it = "them" if several else "it"
+    it, itself, its = ("them", "themselves", "their") if several else ("it", "itself", "its")
     return (
         f"{these} fit{'' if several else 's'} badly beside the others: without {it} {_percent(others)} of the torque of "
-        f"{theirs} is left, with {it} {_percent(blocks.relative(together[~of], ~of))}; by {'themselves' if several else 'itself'} "
-        f"{_percent(own)} of {'their' if several else 'its'} own. Was the arm moved by hand there, did it touch something, "
+        f"{theirs} is left, with {it} {_percent(blocks.relative(together[~of], ~of))}; by {itself} "
+        f"{_percent(own)} of {its} own. Was the arm moved by hand there, did it touch something, "
         f"or were units, signs, mounting or load others? Leave {it} out and identify again"
     )
 
