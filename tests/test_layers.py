@@ -34,6 +34,7 @@ NOUNS = (
     "units",
     "noise",
     "rounding",
+    "samples",
     "instant",
     "trial",
     "told",

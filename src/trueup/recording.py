@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from trueup.arrays import Array
 from trueup.errors import RecordingError, unknown_name
 from trueup.rounding import PRINTED, SAME_INSTANT
+from trueup.samples import in_force, unwound
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +47,7 @@ class Channel:
         self._check_shapes()
         self._check_time()
         if self.name == "heading" and self.unit == "rad":
-            object.__setattr__(self, "values", _unwound(values))
+            object.__setattr__(self, "values", _frozen(unwound(values), "headings"))
 
     def column(self, label: str) -> Array:
         """(T,) the samples of one label. Raises UnknownNameError, which lists the labels."""
@@ -70,12 +71,12 @@ class Channel:
         """(n, k) the values at `times` (n,) in s.
 
         Linear interpolation, NaN outside the channel's time and beside a missing sample; with `hold` the last value
-        stays in force (as a command does), the first one also before the first sample.
+        stays in force (as a command does), beyond missing samples too, the first one also before the first sample.
         """
         instants = np.atleast_1d(np.asarray(times, dtype=np.float64))
         if hold:
             last = np.searchsorted(self.time, instants + SAME_INSTANT, side="right") - 1
-            return self.values[np.clip(last, 0, None)]
+            return in_force(self.values)[np.clip(last, 0, None)]
         outside = (instants < self.time[0] - SAME_INSTANT) | (instants > self.time[-1] + SAME_INSTANT)
         columns = [np.interp(instants, self.time, column) for column in self.values.T]
         result = np.stack(columns, axis=1)
@@ -268,10 +269,12 @@ def with_warnings(provenance: Mapping[str, str], warnings: Iterable[str]) -> dic
 def _cut(channel: Channel, start: float, stop: float, first: float) -> Channel | None:
     keep = (channel.time >= start - SAME_INSTANT) & (channel.time <= stop + SAME_INSTANT)
     time, values = channel.time[keep], channel.values[keep]
-    earlier = np.flatnonzero(channel.time < start - SAME_INSTANT)
-    if is_command(channel.name) and earlier.size and (not time.size or time[0] > first + SAME_INSTANT):
-        time = np.concatenate([[first], time])
-        values = np.concatenate([channel.values[earlier[-1:]], values])
+    if is_command(channel.name) and channel.time[0] < start - SAME_INSTANT:
+        before = in_force(channel.values[channel.time < start - SAME_INSTANT])[-1:]
+        if not time.size or time[0] > first + SAME_INSTANT:
+            time, values = np.concatenate([[first], time]), np.concatenate([before, values])
+        else:
+            values[:1] = np.where(np.isfinite(values[:1]), values[:1], before)
     return channel.replace(time=time, values=values) if time.size else None
 
 
@@ -286,15 +289,3 @@ def _frozen(values: ArrayLike, what: str) -> Array:
         raise RecordingError(f"{what} are not numbers: {error}") from None
     array.flags.writeable = False
     return array
-
-
-def _unwound(angles: Array) -> Array:
-    """(T, k) angles without jumps of a turn, missing samples aside: half way between pi and -pi lies no heading of zero."""
-    values = angles.copy()
-    for column in values.T:
-        known = np.isfinite(column)
-        column[known] = np.unwrap(column[known])
-    if np.array_equal(values, angles, equal_nan=True):
-        return angles
-    values.flags.writeable = False
-    return values

@@ -200,11 +200,14 @@ def test_units_that_nobody_says_are_told_by_what_goes_with_what(
     assert ("velocity: unit unknown; it is 200 times" in " ".join(mapping.notes)) == ("" in units.values())
 
 
-def test_a_column_named_as_its_command_is_its_position_unless_it_moves_against_it(tmp_path: Path) -> None:
-    rows = "".join(f"{0.01 * k},{k},{-k},{k + 1},{k}\n" for k in range(20))
-    (tmp_path / "log.csv").write_text("t,goal_pan,goal_tilt,pan,tilt\n" + rows)
+def test_a_column_named_as_its_command_is_its_position_unless_it_alone_moves_against_it(tmp_path: Path) -> None:
+    alone = "".join(f"{0.01 * k},{k},{-k - 1}\n" for k in range(20))
+    (tmp_path / "alone.csv").write_text("t,goal_tilt,tilt\n" + alone)
+    assert set(formats.guess_mapping(tmp_path / "alone.csv").channels) == {"command", "tilt"}
+    beside = "".join(f"{0.01 * k},{k},{-k},{k + 1},{k}\n" for k in range(20))
+    (tmp_path / "log.csv").write_text("t,goal_pan,goal_tilt,pan,tilt\n" + beside)
     channels = formats.guess_mapping(tmp_path / "log.csv").channels
-    assert (channels["position"].labels, set(channels) - {"command", "position"}) == (("pan",), {"tilt"})
+    assert channels["position"].labels == ("pan", "tilt")
 
 
 def test_a_sensors_axes_are_no_joints(tmp_path: Path) -> None:

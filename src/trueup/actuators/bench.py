@@ -21,6 +21,7 @@ from trueup.instant import usual_step
 from trueup.noise import estimate_noise
 from trueup.recording import Recording
 from trueup.rounding import TINY
+from trueup.samples import in_force
 from trueup.trial import command_of
 from trueup.typed_toml import build
 from trueup.units import GRAVITY
@@ -205,7 +206,9 @@ def _run(recording: Recording, bench: Bench, gains: Gains, joint: str) -> Run:
     zero = position.time[good][0]
     time, measured = position.time[good] - zero, measured[good]
     on = np.isfinite(command) & _enabled(recording, told.time)
-    held = _filled(command)
+    if not np.isfinite(command).any():
+        raise RecordingError(f"recording '{recording.name}': no command of '{label}' is ever given")
+    held = in_force(command[:, None])[:, 0]
     noise = float(estimate_noise(measured, time)[0])
     carried = replace(bench, **bench.named_by(recording))
     gain = gains.factor("kp", recording.name, label)
@@ -231,14 +234,6 @@ def _enabled(recording: Recording, time: Array) -> Mask:
     if not recording.has(ENABLED):
         return np.ones(len(time), dtype=bool)
     return np.nan_to_num(recording.channel(ENABLED).at(time, hold=True)[:, 0]) != 0.0
-
-
-def _filled(values: Array) -> Array:
-    """Missing values as the last one before, the first ones as the first that is there."""
-    good = np.flatnonzero(np.isfinite(values))
-    if not len(good):
-        raise RecordingError("no command is ever given")
-    return values[good[np.clip(np.searchsorted(good, np.arange(len(values)), side="right") - 1, 0, None)]]
 
 
 def _output(recording: Recording, time: Array, label: str) -> Array:

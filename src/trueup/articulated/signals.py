@@ -14,6 +14,7 @@ from trueup.articulated.kernels import delayed_commands, held_integral, limited_
 from trueup.articulated.model import Model, servos
 from trueup.articulated.starts import at_rest, measured_start
 from trueup.articulated.wiring import commanded, control_of, twins
+from trueup.samples import in_force
 from trueup.trial import Trial
 
 _Held = tuple[Integers, Array, Array, Array]
@@ -193,21 +194,9 @@ class Signals:
         actuators = commanded(self._model, trial.command)
         columns = np.array([self._columns[a] for a in actuators], dtype=np.int64)
         times = trial.command.time - trial.start
-        values = _filled(trial.command.values) * [control_of(self._model, a, trial.command.unit) for a in actuators]
+        told = np.nan_to_num(in_force(trial.command.values))  # of a drive that nothing is ever told: 0
+        values = told * [control_of(self._model, a, trial.command.unit) for a in actuators]
         # What was commanded before the first sample is not known: the first command held for ever before.
         times = np.concatenate([[min(times[0], 0.0) - 10.0], times])
         values = np.concatenate([values[:1], values])
         return columns, times, values, held_integral(times, values)
-
-
-def _filled(values: Array) -> Array:
-    """Missing commands repeat the last known one (a controller holds what it was told)."""
-    filled = np.array(values)
-    for column in filled.T:
-        good = np.flatnonzero(np.isfinite(column))
-        if len(good) == 0:
-            column[:] = 0.0
-            continue
-        last = np.maximum.accumulate(np.where(np.isfinite(column), np.arange(len(column)), good[0]))
-        column[:] = column[last]
-    return filled

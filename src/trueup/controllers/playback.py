@@ -9,14 +9,15 @@ from trueup.arrays import Array
 from trueup.controllers.controller import Observation
 from trueup.recording import Channel
 from trueup.rounding import SAME_INSTANT
+from trueup.samples import in_force
 
 
 class Playback:
-    """A Controller that repeats a recorded command for each of b copies."""
+    """A Controller that repeats a recorded command for each of b copies, in place of a missing one the last before it."""
 
     def __init__(self, command: Channel, copies: int, *, period: float = 0.002, start: float | None = None) -> None:
         self.period = period
-        self._command = command
+        self._command = command.replace(values=in_force(command.values))
         self._copies = copies
         self._start = float(command.time[0]) if start is None else start
 

@@ -262,7 +262,7 @@ def _sentences(channel: ChannelInspection) -> Iterator[str]:
         worst = int(np.argmax(channel.missing))
         yield (
             f"{int(channel.missing.sum())} values are missing, most of them ({int(channel.missing[worst])}) of "
-            f"{channel.labels[worst]}; they are skipped"
+            f"{channel.labels[worst]}; {'the one before is in force' if is_command(channel.name) else 'they are skipped'}"
         )
     if channel.motionless and (is_command(channel.name) or channel.name in _MEASURED):
         verb = "never changes" if is_command(channel.name) else "shows nothing but noise"

@@ -103,25 +103,30 @@ def without_places(proposals: Sequence[Proposal]) -> list[Proposal]:
 def with_twins(proposals: Sequence[Proposal]) -> list[Proposal]:
     """Where no word tells a position, columns named as the commands are, but for the word that commands, are positions.
 
-    "joint1" beside "joint1_cmd", unless it moves against it.
+    "joint1" beside "joint1_cmd", where it does not move against it. Where one of them goes along with its command, the names
+    mean what was measured, and one that moves against it was logged with the other sign.
     """
     commands = {p.label: p.column for p in proposals if p.role == "command"}
-    found = []
-    for p in proposals:
+    twins: dict[int, tuple[str, float]] = {}
+    for k, p in enumerate(proposals):
         reading = joints.read(p.column.parts)
-        command = commands.get(joints.label_of(reading.label)) if not p.role and reading.joint else None
-        twin = command is not None and _go_together(p.column, command)
-        found.append(replace(p, role="position", label=joints.label_of(reading.label)) if twin else p)
-    return found
+        label = joints.label_of(reading.label)
+        if p.role or not reading.joint or label not in commands or p.column.width != commands[label].width:
+            continue
+        twins[k] = label, _together(p.column, commands[label])
+    surely = any(together > 0.0 for _, together in twins.values())
+    return [
+        replace(p, role="position", label=twins[k][0]) if k in twins and (surely or twins[k][1] >= 0.0) else p
+        for k, p in enumerate(proposals)
+    ]
 
 
-def _go_together(column: Column, command: Column) -> bool:
-    """Whether a column may be what a command moved: rows of one table that are not of opposite sense."""
+def _together(column: Column, command: Column) -> float:
+    """The covariance of a column and a command, summed over what they hold; 0 where they are not rows of one table."""
     if column.table is not command.table or column.values.ndim > 1 or command.values.ndim > 1:
-        return column.width == command.width
+        return 0.0
     good = np.isfinite(column.values) & np.isfinite(command.values)
-    spread = np.cov(column.values[good], command.values[good]) if np.count_nonzero(good) > 1 else np.zeros((2, 2))
-    return bool(spread[0, 1] >= 0.0)
+    return float(np.cov(column.values[good], command.values[good])[0, 1]) if np.count_nonzero(good) > 1 else 0.0
 
 
 def with_common_labels(groups: dict[str, list[Proposal]]) -> tuple[dict[str, list[Proposal]], list[str]]:
