@@ -46,6 +46,22 @@ def spread(errors: ArrayLike) -> Array:
     return 1.4826 * np.median(np.abs(errors), axis=0)
 
 
+def is_noise(column: Array, noise: float, step: float | None) -> bool:
+    """Whether samples (T,) show nothing but their own `noise`, as it was estimated, or one `step` of their grid."""
+    smoothed = 16  # samples in a mean that shows slow motion under noise
+    finite = column[np.isfinite(column)]
+    if finite.size < 2:
+        return True
+    span = float(np.ptp(finite))
+    if span == 0.0 or (step is not None and span <= 1.01 * step):
+        return True
+    if finite.size < 20 * smoothed or not np.isfinite(noise):
+        return False
+    # Means of white noise scatter little; a motion, which lasts, stays in them.
+    means = finite[: finite.size // smoothed * smoothed].reshape(-1, smoothed).mean(axis=1)
+    return float(np.std(means)) < 1.5 * noise / np.sqrt(smoothed) and float(np.std(finite)) < 1.3 * noise
+
+
 def estimate_grid(values: ArrayLike) -> float | None:
     """Step of the grid that the samples (T,) lie on, in their unit, as an encoder leaves it; None if continuous.
 

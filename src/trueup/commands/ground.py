@@ -24,16 +24,20 @@ from trueup.commands.sources import add_shared, given
 from trueup.errors import GroundingError
 from trueup.formats.aside import write_aside
 from trueup.formats.plain import finite
+from trueup.grounding.others import others_of
 from trueup.recording import Recording
 from trueup.report.grounding import write_grounding_report
 from trueup.report.numbers import scale_for
+from trueup.report.parts import counted
 from trueup.trial import Trial
 
 if TYPE_CHECKING:
+    from trueup.engines.simulator import Simulator
     from trueup.grounding.comparison import Score
     from trueup.grounding.grounded import GroundedSimulator
     from trueup.grounding.grounding import Grounding
     from trueup.grounding.learn import Learned, Wishes
+    from trueup.loop.prepare import Preparation
 
 ABOUT = """\
 Learns from recordings what a robot's joints do with a command: their positions one frame later, from joints, commands and
@@ -99,13 +103,19 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     if not training:
         raise GroundingError(f"all {len(held_out)} recordings are held out; none is left to learn from")
     notes(told, found, quiet=args.quiet)
+    ready = _prepared(args, training, held_out, told)
+    if ready is not None:
+        training, held_out = (
+            [_as_simulated(r, ready.simulator) for r in x] for x in (ready.recordings, ready.hold_out)
+        )
     learned, scores = _learned(args, training, held_out, told)
+    notes(told, learned.notes, quiet=args.quiet)
     story = _story(args, learned, scores, training, held_out)
     grounding = (
         learned.grounding.weighted(1.0 - args.share, args.share) if args.share is not None else learned.grounding
     )
-    if args.model:
-        grounding, story["simulator"] = _grounded(args, grounding, training, held_out, told)
+    if ready is not None:
+        grounding, story["simulator"] = _grounded(args, grounding, ready)
     folder = free_folder(Path(args.out), lambda at: not at.exists() or not any(at.iterdir()))
     grounding.save(folder / "grounding.npz")
     write_grounding_report(story, folder / "report.html")
@@ -116,6 +126,30 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
         _show(story, console)
         console.print(f"  start with {escape(str(folder / 'report.html'))}", soft_wrap=True, highlight=False)
     return 0
+
+
+def _prepared(
+    args: argparse.Namespace, training: Sequence[Recording], held_out: Sequence[Recording], told: Console
+) -> Preparation | None:
+    """The simulator to ground, and recordings with its names and signs, so that what is learned speaks of its joints; None
+    where no model was named.
+    """
+    from trueup.loop.prepare import prepare
+
+    if not args.model:
+        return None
+    ready = prepare(args.model, training, held_out, propose=False)
+    unseen = sorted({n for r in ready.recordings for n in others_of([r]) if n not in ready.simulator.observable(r)})
+    said = [f"not looked at, since '{ready.simulator.name}' does not show it to controllers: {', '.join(unseen)}"]
+    notes(told, [*ready.notes, *(said if unseen else [])], quiet=args.quiet)
+    return ready
+
+
+def _as_simulated(recording: Recording, simulator: Simulator) -> Recording:
+    """A recording without channels beside those of joints that the simulator does not show to its controllers."""
+    shown = simulator.observable(recording)
+    unseen = [name for name in others_of([recording]) if name not in shown]
+    return recording.replace(channels={n: c for n, c in recording.channels.items() if n not in unseen})
 
 
 def _learned(
@@ -164,27 +198,21 @@ def _story(
         "chosen": learned.grounding.about["learner"], "why": learned.grounding.about["why"],
         "skipped": list(found.skipped), "judged": [_plain(s) for s in scores.values()],
         "domain": [{"block": b.name, "limit": b.limit, "frames": b.patience} for b in learned.grounding.domain.blocks],
-        "seconds": learned.seconds,
+        "seconds": learned.seconds, "notes": list(learned.notes),
     }  # fmt: skip
 
 
 def _plain(score: Score) -> dict[str, Any]:
     return {"name": score.name, "rae": score.rae.tolist(), "rrse": score.rrse.tolist(), "rmse": score.rmse.tolist(),
-            "ahead": score.typical, "seconds": score.seconds}  # fmt: skip
+            "error": score.error, "ahead": score.typical, "seconds": score.seconds}  # fmt: skip
 
 
-def _grounded(
-    args: argparse.Namespace, grounding: Grounding, training: Sequence[Recording], held_out: Sequence[Recording],
-    told: Console,
-) -> tuple[Grounding, dict[str, Any]]:  # fmt: skip
+def _grounded(args: argparse.Namespace, grounding: Grounding, ready: Preparation) -> tuple[Grounding, dict[str, Any]]:
     """A simulator's replay grounded and not, with the share and the inverse model that serve it best."""
     from trueup.grounding.blend import best_way, replayed
     from trueup.grounding.grounded import GroundedSimulator
-    from trueup.loop.prepare import prepare
 
-    ready = prepare(args.model, training, held_out, propose=False)
     simulator, values = ready.simulator, ready.simulator.parameters.nominal
-    notes(told, ready.notes, quiet=args.quiet)
     best, why = best_way(
         grounding, simulator, ready.recordings, values, inverse=args.inverse, residual=args.residual or "",
         share=args.share, seed=args.seed,
@@ -213,19 +241,21 @@ def _refused(
 
 
 def _show(story: dict[str, Any], console: Console) -> None:
-    mean = {k: float(np.mean(story["hold"][k])) for k in ("rae", "rrse")}
+    mean = {k: float(np.nanmean(story["hold"][k])) for k in ("rae", "rrse")}
     table = Table(box=SIMPLE, title=f"the next {1e3 * story['period']:.0f} ms of {len(story['joints'])} joints, predicted",
                   title_justify="left", caption_justify="left")  # fmt: skip
     table.caption = (
-        "rows, runs: left out at random, or whole. Errors in % of the mean's, averaged over joints;\n1 s on: going on "
-        "from own predictions, in spreads of the joints"
+        "rows, runs: left out at random, or whole. Errors in % of the mean's, averaged over joints that "
+        "move;\n1 s on: going on from own predictions, in spreads of the joints"
     )
     for name in ("", "rows: RAE", "RRSE", "runs: RAE", "RRSE", "1 s on", "fit s"):
         table.add_column(name, justify="right" if name else "left", no_wrap=True)
     for row in story["learners"]:
         cells = []
         for kind in ("by_row", "by_run"):
-            cells += ["", ""] if row[kind] is None else [f"{100 * np.mean(row[kind][k]):.2f}" for k in ("rae", "rrse")]
+            cells += (
+                ["", ""] if row[kind] is None else [f"{100 * np.nanmean(row[kind][k]):.2f}" for k in ("rae", "rrse")]
+            )
         run, chosen = row["by_run"], row["learner"] == story["chosen"]
         name = f"[bold green]{row['learner']}[/]" if chosen else row["learner"]
         table.add_row(name, *cells, f"{run['ahead']:.3g}", f"{run['seconds']:.2f}")
@@ -233,14 +263,13 @@ def _show(story: dict[str, Any], console: Console) -> None:
                   f"{story['hold']['ahead']:.3g}", "")  # fmt: skip
     console.print(table)
     more = f", with {', '.join(story['others'])}" if story["others"] else ""
-    console.print(f"  {story['chosen']}, {story['view']} view, {story['history']} frames{more}: {story['why']}",
+    console.print(f"  {story['chosen']}, {story['view']} view, {counted(story['history'], 'frame')}{more}: {story['why']}",
                   soft_wrap=True, highlight=False)  # fmt: skip
     if story["skipped"]:
         console.print(f"  left out, --budget was not enough: {', '.join(story['skipped'])}", soft_wrap=True)
     for s in story["judged"]:
-        scale = scale_for(story["unit"], s["rmse"])
-        error = scale.text(float(np.sqrt(np.mean(np.square(s["rmse"])))))
-        words = f"{error} {scale.unit}, a second on {s['ahead']:.3g} spreads"
+        scale = scale_for(story["unit"], [s["error"]])
+        words = f"{scale.text(s['error'])} {scale.unit}, a second on {s['ahead']:.3g} spreads"
         console.print(f"  held out: {s['name']:20} {words}", highlight=False)
     if "simulator" in story:
         _show_replays(story["simulator"], story["unit"], console)

@@ -13,6 +13,7 @@ from trueup.arrays import Array
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.errors import GroundingError
 from trueup.evidence import evidence
+from trueup.grounding.frames import counted
 from trueup.grounding.grounded import GroundedSimulator
 from trueup.grounding.grounding import Grounding
 from trueup.grounding.learners import LEARNERS
@@ -58,7 +59,9 @@ def blended(
     errors = replayed(grounded, recordings, np.tile(values, (len(SHARES), 1)))
     known = np.where(np.isfinite(errors), errors, np.inf)
     if not np.isfinite(known).all(axis=1).any():
-        raise GroundingError(f"'{simulator.name}' replays none of the {len(recordings)} recordings, grounded or not")
+        raise GroundingError(
+            f"'{simulator.name}' replays none of {counted(len(recordings), 'recording')}, grounded or not"
+        )
     typical = np.exp(np.mean(np.log(np.maximum(known, NEGLIGIBLE)), axis=1))
     best = int(np.argmin(typical))
     gain = evidence(known[0], known[best])
@@ -116,7 +119,7 @@ def with_inverse(
     trials = [_explored(r, grounding, rng) for r in recordings]
     simulated = [o.recording() for o in simulator.rollout(trials, values[None]) if not o.failures]
     if not simulated:
-        raise GroundingError(f"'{simulator.name}' replays none of the {len(recordings)} recordings to its end")
+        raise GroundingError(f"'{simulator.name}' replays none of {counted(len(recordings), 'recording')} to its end")
     return dataclasses.replace(grounding, inverse=inverse_of(grounding, simulated, seed=seed))
 
 

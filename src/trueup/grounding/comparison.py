@@ -31,7 +31,8 @@ class Score:
 
     name: str
     rae: Array
-    """Relative absolute error as Weka has it: sum |error| / sum |error of the training mean|; 1 is as bad as the mean."""
+    """Relative absolute error as Weka has it: sum |error| / sum |error of the training mean|; 1 is as bad as the mean. NaN of
+    joints that stand still in all runs, of which the mean is right."""
     rrse: Array
     """Root relative squared error: the same of squares, and the root of it."""
     rmse: Array
@@ -43,6 +44,11 @@ class Score:
     """(folds,) the same where the model goes on from its own predictions for a second, as it does in a simulator."""
     seconds: float
     """CPU time of one fit."""
+
+    @property
+    def error(self) -> float:
+        """Root mean square over all joints that move, in the outputs' unit."""
+        return float(np.sqrt(np.mean(self.rmse[np.isfinite(self.rae)] ** 2)))
 
     @property
     def typical(self) -> float:
@@ -134,18 +140,19 @@ def score(
 ) -> Score:
     """Errors of `predicted` (N, k) beside those of the training means (N, k)."""
     wrong, base = predicted - rows.Y, mean - rows.Y
+    moves = np.where(rows.moves, 1.0, np.nan)
     by_fold = np.array([_seen(np.abs(wrong[f]), rows) for f in folds])
     return Score(
         name,
-        np.abs(wrong).sum(axis=0) / np.maximum(np.abs(base).sum(axis=0), TINY),
-        np.sqrt(np.sum(wrong**2, axis=0) / np.maximum(np.sum(base**2, axis=0), TINY)),
+        moves * np.abs(wrong).sum(axis=0) / np.maximum(np.abs(base).sum(axis=0), TINY),
+        moves * np.sqrt(np.sum(wrong**2, axis=0) / np.maximum(np.sum(base**2, axis=0), TINY)),
         np.sqrt(np.mean(wrong**2, axis=0)), by_fold, ahead, seconds,
     )  # fmt: skip
 
 
 def _seen(wrong: Array, rows: Rows) -> float:
-    """The mean of absolute errors (n, k) in spreads of the outputs, and of the noise beneath which none can be seen."""
-    return float(np.mean(np.hypot(wrong.mean(axis=0), rows.noise) / rows.spread))
+    """The mean of absolute errors (n, k) of what moves, in spreads of the outputs; beneath its noise no error can be seen."""
+    return float(np.mean((np.hypot(wrong.mean(axis=0), rows.noise) / rows.spread)[rows.moves]))
 
 
 def compare(

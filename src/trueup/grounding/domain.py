@@ -15,6 +15,7 @@ import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.grounding.comparison import folds_by_run
+from trueup.grounding.frames import counted
 from trueup.grounding.linear import RESOLUTION
 from trueup.grounding.rows import Rows
 from trueup.rounding import ROUNDED
@@ -38,6 +39,9 @@ class Block:
     """Frames in a row that may be far."""
     scale: Array
     """(m,) standard deviations."""
+    low: Array
+    high: Array
+    """(m,) the range of each input in what was learned."""
 
     def distance(self, X: Array) -> Array:
         """(n,) in standard deviations."""
@@ -62,13 +66,19 @@ class Domain:
         return np.array([b.patience for b in self.blocks])
 
     def reason(self, x: Array, block: int, frames: int) -> str:
-        """Why a run is refused, with the input that is farthest off in its present frame (d,)."""
+        """Why a run is refused, with the input of its present frame (d,) that is farthest off, in units of its range."""
         b = self.blocks[block]
-        worst = int(np.argmax(np.abs(x[b.columns] - b.centre) / b.scale))
+        own = x[b.columns]
+        beyond = np.maximum(b.low - own, own - b.high) / np.maximum(b.high - b.low, b.scale)
+        outside = float(beyond.max()) > 0.0
+        offset = own - b.centre
+        # Its share of the squared distance, where no input by itself is strange.
+        worst = int(np.argmax(beyond if outside else offset * (b.whiten @ (offset @ b.whiten))))
         column = int(b.columns[worst])
         return (
-            f"'{b.name}' was outside of what was learned for {frames} frames in a row (at most {b.patience}); "
-            f"farthest is {self.names[column]} = {x[column]:.4g}, learned from {b.centre[worst]:.4g} +- {b.scale[worst]:.2g}"
+            f"'{b.name}' was outside of what was learned for {counted(frames)} in a row (at most {b.patience}); "
+            f"{'farthest is' if outside else 'each input is within its range, and together they are strange, most of all'} "
+            f"{self.names[column]} = {x[column]:.4g}, learned from {b.low[worst]:.4g} to {b.high[worst]:.4g}"
         )
 
 
@@ -90,7 +100,7 @@ def _block(name: str, columns: Integers, rows: Rows, folds: Sequence[Integers], 
     limit = float(np.quantile(distance, _FAR))
     longest = [_longest(distance[rows.run == run] > limit) for run in np.unique(rows.run)]
     centre, whiten, scale = _shape(V)
-    return Block(name, columns, centre, whiten, limit, _exceeded(longest, refused), scale)
+    return Block(name, columns, centre, whiten, limit, _exceeded(longest, refused), scale, V.min(axis=0), V.max(axis=0))
 
 
 def _exceeded(lengths: Sequence[int], share: float) -> int:

@@ -15,8 +15,8 @@ from trueup.controllers.controller import Controller, ControllerFactory, Looking
 from trueup.controllers.playback import Playback
 from trueup.engines.simulator import REFUSED, Commanded, Forced, InPlaceOf, Rollout, Simulator
 from trueup.errors import GroundingError
+from trueup.grounding.frames import SAME_RATE
 from trueup.grounding.grounding import Grounding
-from trueup.grounding.rows import SAME_RATE
 from trueup.instant import usual_step
 from trueup.parameters import ParameterSpace
 from trueup.rounding import SAME_INSTANT

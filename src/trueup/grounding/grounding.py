@@ -33,6 +33,7 @@ from trueup.grounding.views import Model
 REQUESTED, PREDICTED = 0.7, 0.3
 """The paper's weights of the requested and of the predicted angles."""
 _FORMAT = "trueup grounding 1"
+_PARTS = ("columns", "centre", "whiten", "scale", "low", "high")
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +108,7 @@ class Grounding:
                 meta[name] = _keep(model, name, arrays)
         meta["blocks"] = [{"name": b.name, "limit": b.limit, "patience": b.patience} for b in self.domain.blocks]
         for k, b in enumerate(self.domain.blocks):
-            for part in ("columns", "centre", "whiten", "scale"):
+            for part in _PARTS:
                 arrays[f"domain/{k}/{part}"] = getattr(b, part)
         with written_aside(Path(path)) as aside, aside.open("wb") as file:
             np.savez_compressed(file, meta=np.array(json.dumps(meta)), **arrays)  # pyright: ignore[reportArgumentType]
@@ -129,11 +130,7 @@ class Grounding:
             forward, inverse, residual = (
                 _kept(meta[n], n, arrays) if n in meta else None for n in ("forward", "inverse", "residual")
             )
-            blocks = tuple(
-                Block(limit=b["limit"], patience=b["patience"], name=b["name"],
-                      **{p: arrays[f"domain/{k}/{p}"] for p in ("columns", "centre", "whiten", "scale")})
-                for k, b in enumerate(meta["blocks"])
-            )  # fmt: skip
+            blocks = tuple(_block(b, k, arrays) for k, b in enumerate(meta["blocks"]))
             (requested, predicted), chained, torque = meta["weights"], bool(meta["chained"]), bool(meta.get("torque"))
         except (KeyError, ValueError, TypeError, OSError, EOFError) as error:
             raise GroundingError(f"{path} is no grounding as `trueup ground` writes it: {error}") from None
@@ -151,6 +148,14 @@ def _keep(model: Model, name: str, arrays: dict[str, Array]) -> list[str]:
         arrays[f"{name}/{k}/map"] = T
         arrays.update({f"{name}/{k}/{part}": values for part, values in own.items()})
     return kinds
+
+
+def _block(told: Mapping[str, Any], k: int, arrays: Mapping[str, Array]) -> Block:
+    parts: dict[str, Any] = {part: arrays[f"domain/{k}/{part}"] for part in _PARTS if f"domain/{k}/{part}" in arrays}
+    # Files of earlier versions know no ranges: two standard deviations to either side.
+    parts.setdefault("low", parts["centre"] - 2.0 * parts["scale"])
+    parts.setdefault("high", parts["centre"] + 2.0 * parts["scale"])
+    return Block(limit=told["limit"], patience=told["patience"], name=told["name"], **parts)
 
 
 def _kept(kinds: list[str], name: str, arrays: Mapping[str, Array]) -> Model:

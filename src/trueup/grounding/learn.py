@@ -25,8 +25,11 @@ from trueup.grounding.comparison import (
     surely,
 )
 from trueup.grounding.domain import domain_of
+from trueup.grounding.frames import counted
 from trueup.grounding.grounding import Grounding
 from trueup.grounding.learners import LEARNERS, Learner, learners, tempered
+from trueup.grounding.others import telling_nothing
+from trueup.grounding.remarks import remarks
 from trueup.grounding.rows import Inputs, Rows, inputs_of, rows_of
 from trueup.grounding.views import VIEWS, Model, fitted, view_named
 from trueup.recording import Recording
@@ -66,6 +69,8 @@ class Learned:
     tried: tuple[tuple[str, float], ...]
     """Inputs that were tried, in words, each with its typical error on runs left out, in spreads of the outputs."""
     seconds: float
+    notes: tuple[str, ...] = ()
+    """What is to be known of the recordings."""
 
 
 def learn(
@@ -76,6 +81,11 @@ def learn(
     every = learners(wish.learners)
     inputs, view, tried = _inputs(recordings, wish, every, progress)
     rows = rows_of(recordings, inputs)
+    if not rows.moves.any():
+        raise GroundingError(
+            f"no joint that is commanded moves in any of {counted(len(recordings), 'recording')}: "
+            f"{', '.join(inputs.commands)}; record runs in which they are told to move"
+        )
     found = compare(every, rows, view, budget=wish.budget, seed=wish.seed, by_row=wish.by_row, progress=progress)
     if not found.by_run:
         names = ", ".join(x.name for x in every)
@@ -89,7 +99,8 @@ def learn(
     )
     about = {"learner": learner.name, "view": view, "why": why, "recordings": "\n".join(r.name for r in recordings)}
     grounding = Grounding(inputs, model, domain_of(rows), about=about)
-    return Learned(grounding, found, taken, rows, view, tried, time.process_time() - begun)
+    notes = remarks(recordings, rows, chosen=wish.others is not None)
+    return Learned(grounding, found, taken, rows, view, tried, time.process_time() - begun, notes)
 
 
 def no_worse_than_a_line(found: Comparison, rows: Rows, view: str, seed: int) -> tuple[Learner, float, Score]:
@@ -129,13 +140,16 @@ def _inputs(
         if found is None:
             raise RuntimeError("a cross-validation without a limit of time was not done")
         more = f" with {', '.join(inputs.others)}" if inputs.others else ""
-        tried.append((f"{view}, {inputs.history} frame{'s' * (inputs.history > 1)}{more}", found.typical))
+        tried.append((f"{view}, {counted(inputs.history)}{more}", found.typical))
         if progress is not None:
             progress(f"inputs: {tried[-1][0]}", 0.0)
         return found
 
     first = 2 if wish.history is None else wish.history
     whole = inputs_of(recordings, period=wish.period, history=first, others=wish.others, joints=wish.joints)
+    if wish.others is None:
+        left = telling_nothing(recordings)
+        whole = dataclasses.replace(whole, others={n: x for n, x in whole.others.items() if n not in left})
     inputs = whole if wish.others is not None else dataclasses.replace(whole, others={})
     views = [wish.view] if wish.view is not None else list(VIEWS)
     scores = {v: tell(inputs, v) for v in views if view_named(v)}
@@ -164,6 +178,8 @@ def judged(learned: Learned, recordings: Sequence[Recording]) -> dict[str, Score
     Raises GroundingError where they have not the inputs.
     """
     rows, training = rows_of(recordings, learned.rows.inputs), learned.rows
+    if not rows.moves.any():  # a robot that stands is judged by how far its joints went in what was learned
+        rows = dataclasses.replace(rows, moves=training.moves, spread=training.spread)
     folds = [np.flatnonzero(rows.run == k) for k in np.unique(rows.run)]
     mean = np.tile(training.Y.mean(axis=0), (len(rows.Y), 1))
     line = fitted(LEARNERS["linear"], training.thinned(MOST), np.random.default_rng(0), learned.view)

@@ -24,10 +24,11 @@ from trueup.engines.simulator import Commanded, Forced, Simulator
 from trueup.errors import GroundingError
 from trueup.evidence import evidence
 from trueup.grounding.comparison import MOST, cross_validated, folds_by_run
+from trueup.grounding.frames import counted, instants_of, measured_at
 from trueup.grounding.grounded import playing
 from trueup.grounding.grounding import Grounding
 from trueup.grounding.learners import LEARNERS
-from trueup.grounding.rows import Rows, instants_of, rows_of
+from trueup.grounding.rows import Rows, rows_of
 from trueup.grounding.views import fitted
 from trueup.recording import Recording
 from trueup.rounding import SAME_INSTANT, TINY
@@ -87,7 +88,7 @@ def inverse_replay(
     added = [np.zeros_like(real) for real in replay.real]
     plain = replay.run(added)
     if not any(s is not None for s in plain):
-        raise GroundingError(f"'{simulator.name}' replays none of the {len(recordings)} recordings to its end")
+        raise GroundingError(f"'{simulator.name}' replays none of {counted(len(recordings), 'recording')} to its end")
     errors = [None if s is None else real - s for real, s in zip(replay.real, plain, strict=True)]
     before = np.array([np.nan if e is None else _root(e) for e in errors])
     reach = _roots(errors)
@@ -160,10 +161,10 @@ class _Replay:
         self._measured: list[Mask] = []
         self.real: list[Array] = []
         for recording in recordings:
-            trial, instants = Trial.of(recording, ["position"]), instants_of(recording, self._inputs)
+            trial, instants = Trial.of(recording, ["position"]), instants_of(recording, self._inputs.period)
             observed = {"position": Observed(labels, self._inputs.unit, instants)}
             self._trials.append(dataclasses.replace(trial, observed=observed))
-            real = recording.channel("position").select(labels).at(instants)
+            real = measured_at(recording.channel("position").select(labels), instants, self._inputs.period)
             self._measured.append(np.isfinite(real))
             self.real.append(np.nan_to_num(real))
         rows = rows_of(recordings, self._inputs)

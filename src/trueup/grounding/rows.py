@@ -16,18 +16,15 @@ from numpy.typing import NDArray
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.errors import GroundingError, unknown_name
-from trueup.instant import usual_step
+from trueup.grounding.frames import BRIDGED, counted, instants_of, measured_at, period_of
+from trueup.grounding.others import others_of
+from trueup.inspection.inspection import motionless
 from trueup.noise import estimate_noise
-from trueup.recording import Recording, is_command
-from trueup.rounding import NEGLIGIBLE, PRINTED
+from trueup.recording import Recording
+from trueup.rounding import NEGLIGIBLE
 from trueup.trial import command_of
 
-FRAME = 0.02
-"""s: the paper's frame, in which simulator and robot are compared; the shortest one that is taken by itself."""
-SAME_RATE = 0.02  # share by which a spacing may miss a whole number of times another and is still taken as that
-_JOINT_CHANNELS = ("position", "velocity", "torque", "current", "acceleration")
 _ANGLES = {"base_orientation": ("roll", "pitch", "yaw")}  # channels that are seen whole or not at all
-_UNBOUNDED = ("x", "y", "yaw")  # of a free base: where it has walked to says nothing of its joints
 
 
 @dataclass(frozen=True)
@@ -50,7 +47,7 @@ class Inputs:
         """Raises GroundingError for a frame or a history that cannot be."""
         if not self.period > 0.0 or self.history < 1:  # `not >`: NaN is no period either
             raise GroundingError(
-                f"a frame of {self.period:g} s and a history of {self.history} frames: both must be above zero"
+                f"a frame of {self.period:g} s and a history of {counted(self.history)}: both must be above zero"
             )
 
     @property
@@ -122,6 +119,8 @@ class Rows:
     """(k,) standard deviation of each output in all runs."""
     noise: Array
     """(k,) of its measurement: no error below it can be told from none."""
+    moves: Mask
+    """(k,) which outputs move in some run: what stands still foretells itself, and counts in no average."""
 
     @property
     def held(self) -> Array:
@@ -165,21 +164,21 @@ def inputs_of(
         )
     if not both:
         raise GroundingError(
-            f"no joint is both commanded and measured in all {len(recordings)} recordings; commanded are: "
+            f"no joint is both commanded and measured in all of {counted(len(recordings), 'recording')}; commanded are: "
             f"{', '.join(commanded) or 'none'}; measured are: {', '.join(measured) or 'none'}"
         )
     for name in joints or ():
         if name not in both:
             raise unknown_name("joint", name, both, "what is commanded and measured in all recordings")
     kept = tuple(joints or both)
-    channels = _others(recordings)
+    channels = others_of(recordings)
     for name in others or ():
         if name not in channels:
             raise unknown_name("channel", name, channels, "what may go in beside joints and commands")
     chosen = {n: x for n, x in channels.items() if others is None or n in others}
     unit = recordings[0].channel("position").unit_of(kept[0])
     went = tuple(j for j in measured if joints is None or j in kept)
-    return Inputs(went, kept, _period(recordings) if period is None else period, history, chosen, unit)
+    return Inputs(went, kept, period_of(recordings) if period is None else period, history, chosen, unit)
 
 
 def rows_of(recordings: Sequence[Recording], inputs: Inputs) -> Rows:
@@ -194,7 +193,14 @@ def rows_of(recordings: Sequence[Recording], inputs: Inputs) -> Rows:
     run = np.repeat(np.arange(len(parts)), [len(x) for x, _, _ in parts])
     noise = np.ma.median(np.ma.masked_invalid([_noise(r, inputs) for r in recordings]), axis=0).filled(0.0)
     spread = np.maximum(Y.std(axis=0), NEGLIGIBLE)
-    return Rows(inputs, X, Y, run, frame.astype(np.int64), tuple(r.name for r in recordings), spread, noise)
+    moves = _moving(recordings, inputs.commands)
+    return Rows(inputs, X, Y, run, frame.astype(np.int64), tuple(r.name for r in recordings), spread, noise, moves)
+
+
+def _moving(recordings: Sequence[Recording], joints: Sequence[str]) -> Mask:
+    """(k,) which joints do more than noise in some recording."""
+    still = [motionless(r.channel("position").select(joints)) for r in recordings]
+    return np.array([any(joint not in each for each in still) for joint in joints])
 
 
 def _noise(recording: Recording, inputs: Inputs) -> Array:
@@ -207,38 +213,21 @@ def _rows(recording: Recording, inputs: Inputs) -> tuple[Array, Array, NDArray[n
     command = command_of(recording)
     if command is None:
         raise GroundingError(f"recording '{recording.name}' holds no commands")
-    instants = instants_of(recording, inputs)
-    at, asked = position.at(instants), command.select(inputs.commands).at(instants, hold=True)
-    others = [recording.channel(name).select(labels).at(instants) for name, labels in inputs.others.items()]
+    instants = instants_of(recording, inputs.period)
+    at, asked = measured_at(position, instants, inputs.period), command.select(inputs.commands).at(instants, hold=True)
+    others = [
+        measured_at(recording.channel(name).select(labels), instants, inputs.period)
+        for name, labels in inputs.others.items()
+    ]
     # Before its first frame a run stood as it stands there.
     back = [np.maximum(np.arange(len(instants)) - k, 0) for k in range(inputs.history)]
     X = inputs.row([at[k] for k in back], [asked[k] for k in back], others)[:-1]
     Y = at[1:, inputs.own]
     whole = np.asarray(np.isfinite(np.concatenate([X, Y], axis=1)).all(axis=1))
-    gap = np.diff(instants) > 1.5 * inputs.period
+    gap = np.diff(instants) > BRIDGED * inputs.period
     for k in range(inputs.history):  # a gap spoils the frames after it too, as far as they look back
         whole[k:] &= ~gap[: len(gap) - k]
     return X[whole], Y[whole], np.flatnonzero(whole)
-
-
-def instants_of(recording: Recording, inputs: Inputs) -> Array:
-    """(T,) s of a recording's frames: its samples' own instants, every so many, where these are as far apart as frames are;
-    else evenly spaced.
-    """
-    time, period = recording.channel("position").time, inputs.period
-    if len(time) < 2:
-        return time
-    every = period / usual_step(time)
-    if every > 1.0 - SAME_RATE and abs(every - round(every)) <= SAME_RATE * every:
-        return time[:: max(round(every), 1)]
-    return time[0] + period * np.arange(int((time[-1] - time[0]) / period + PRINTED) + 1)
-
-
-def _period(recordings: Sequence[Recording]) -> float:
-    spacing = [usual_step(r.channel("position").time) for r in recordings if len(r.time) > 1]
-    if not spacing:
-        raise GroundingError("every recording has a single sample; learning needs pairs of them")
-    return max(float(np.median(spacing)), FRAME)
 
 
 def _labels(recording: Recording, channel: str) -> tuple[str, ...]:
@@ -257,16 +246,3 @@ def _commanded(recording: Recording) -> tuple[str, ...]:
 
 def _common(each: Sequence[tuple[str, ...]]) -> tuple[str, ...]:
     return tuple(label for label in each[0] if all(label in labels for labels in each))
-
-
-def _others(recordings: Sequence[Recording]) -> dict[str, tuple[str, ...]]:
-    """Channels beside those of joints that all recordings have, without what has no bounds."""
-    found = {}
-    for name in recordings[0].channels:
-        if is_command(name) or name in _JOINT_CHANNELS or not all(r.has(name) for r in recordings):
-            continue
-        labels = _common([r.channel(name).labels for r in recordings])
-        kept = tuple(x for x in labels if not (name.startswith("base_") and x in _UNBOUNDED))
-        if kept:
-            found[name] = kept
-    return found

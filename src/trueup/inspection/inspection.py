@@ -10,7 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
 from trueup.inspection.suspicions import suspicions
-from trueup.noise import estimate_grid, estimate_noise, spread
+from trueup.noise import estimate_grid, estimate_noise, is_noise, spread
 from trueup.recording import Channel, Recording, is_command
 from trueup.rounding import PRINTED
 
@@ -115,6 +115,14 @@ def inspect(recording: Recording) -> Inspection:
     )
 
 
+def motionless(channel: Channel) -> tuple[str, ...]:
+    """Labels of a channel that show nothing but noise."""
+    grid = [estimate_grid(column) for column in channel.values.T]
+    noise = estimate_noise(channel.values, channel.time, grid)
+    each = zip(channel.labels, channel.values.T, noise.tolist(), grid, strict=True)
+    return tuple(label for label, column, sigma, step in each if is_noise(column, sigma, step))
+
+
 def _inspect(channel: Channel, recording: Recording) -> ChannelInspection:
     rate, jitter, gaps = clock_of(channel.time)
     grid = tuple(estimate_grid(column) for column in channel.values.T)
@@ -122,7 +130,7 @@ def _inspect(channel: Channel, recording: Recording) -> ChannelInspection:
     motionless = tuple(
         label
         for label, column, sigma, step in zip(channel.labels, channel.values.T, noise, grid, strict=True)
-        if _is_motionless(column, float(sigma), step)
+        if is_noise(column, float(sigma), step)
     )
     moving = [label for label in channel.labels if label not in motionless]
     repeats, held = _repeats(channel)
@@ -178,21 +186,6 @@ def _repeats(channel: Channel) -> tuple[int, int]:
     usual = int(np.median(runs))
     regular = usual > 1 and float(np.mean(np.abs(runs - usual) <= 1)) > 0.9 and float(np.mean(runs == 1)) < 0.05
     return int(np.count_nonzero(same)), usual if regular else 1
-
-
-def _is_motionless(column: Array, noise: float, step: float | None) -> bool:
-    smoothed = 16  # samples in a mean that shows slow motion under noise
-    finite = column[np.isfinite(column)]
-    if finite.size < 2:
-        return True
-    span = float(np.ptp(finite))
-    if span == 0.0 or (step is not None and span <= 1.01 * step):
-        return True
-    if finite.size < 20 * smoothed or not np.isfinite(noise):
-        return False
-    # Means of white noise scatter little; a motion, which lasts, stays in them.
-    means = finite[: finite.size // smoothed * smoothed].reshape(-1, smoothed).mean(axis=1)
-    return float(np.std(means)) < 1.5 * noise / np.sqrt(smoothed) and float(np.std(finite)) < 1.3 * noise
 
 
 def _is_saturated(channel: Channel, label: str, recording: Recording) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from trueup.recording import Recording
+from trueup.recording import Channel, Recording
 
 _AXES = ("x", "y", "z")
 _WORDS = {"m/s^2": re.compile(r"acc", re.I), "rad/s": re.compile(r"gyr|omega|ang(ular)?_?(vel|rate)", re.I)}
@@ -29,6 +29,16 @@ def sensed(recordings: Sequence[Recording], sensors: Mapping[str, str]) -> dict[
         if len(alike) == len(only) == 1 and only[0] not in found.values():
             found.setdefault(alike[0], only[0])
     return found
+
+
+def is_accelerometer(channel: Channel) -> bool:
+    """Whether a channel is an accelerometer's, by its unit or its name."""
+    return channel.unit == "m/s^2" or bool(_WORDS["m/s^2"].search(channel.name))
+
+
+def is_gyro(name: str) -> bool:
+    """Whether a channel of this name is a gyro's."""
+    return bool(_WORDS["rad/s"].search(name))
 
 
 def labels_of(sensor: str, axes: Sequence[str]) -> tuple[str, ...]:

@@ -50,8 +50,9 @@ def _learners(story: Story) -> Markup:
     best = next(x["by_run"] for x in story["learners"] if x["learner"] == story["chosen"])
     label = f"{story['chosen']}: error of the next frame, in % of the mean's; holding the last value: {_percent(hold, 'rae')}"
     note = (
-        "Errors relative to those of the training mean, as Weka has them, means over joints: absolute (RAE) and root squared "
-        "(RRSE). Rows left out at random have neighbours among those learned from; whole runs have none, so these decide. "
+        "Errors relative to those of the training mean, as Weka has them, means over joints that move: absolute (RAE) and "
+        "root squared (RRSE). Rows left out at random have neighbours among those learned from; whole runs have none, so "
+        "these decide. "
         "'A second on' goes on from its own predictions, as in a simulator, in spreads of the joints."
     )
     skipped = callout("warn", "Not compared", f"The time was not enough for {', '.join(story['skipped'])}.")
@@ -62,10 +63,9 @@ def _learners(story: Story) -> Markup:
 
 
 def _judged(story: Story) -> Markup:
-    scale = scale_for(story["unit"], [max(s["rmse"]) for s in story["judged"]])
+    scale = scale_for(story["unit"], [s["error"] for s in story["judged"]])
     rows = [
-        row(s["name"], cells(scale.text(_root(s["rmse"])), _percent(s, "rae"), f"{s['ahead']:.3g}"))
-        for s in story["judged"]
+        row(s["name"], cells(scale.text(s["error"]), _percent(s, "rae"), f"{s['ahead']:.3g}")) for s in story["judged"]
     ]
     titles = ("", f"one frame on, {scale.unit}", "RAE %", "a second on, spreads")
     return join(
@@ -95,7 +95,14 @@ def _joints(story: Story) -> Markup:
     best = next(x["by_run"] for x in story["learners"] if x["learner"] == story["chosen"])
     scale, hold = scale_for(story["unit"], best["rmse"]), story["hold"]
     rows = [
-        row(j, cells(scale.text(best["rmse"][k]), f"{100 * best['rae'][k]:.2f}", scale.text(hold["rmse"][k])))
+        row(
+            j,
+            cells(
+                scale.text(best["rmse"][k]),
+                _percent({"rae": [best["rae"][k]]}, "rae") or "stands still",
+                scale.text(hold["rmse"][k]),
+            ),
+        )
         for k, j in enumerate(story["joints"])
     ]
     titles = ("joint", f"{story['chosen']}, {scale.unit}", "RAE %", f"hold the last value, {scale.unit}")
@@ -104,12 +111,13 @@ def _joints(story: Story) -> Markup:
 
 def _inputs(story: Story) -> Markup:
     others = "".join(f", {name} ({', '.join(labels)})" for name, labels in story["others"].items())
-    frames = f"{story['history']} frames of {1e3 * story['period']:.3g} ms"
+    frames = f"{counted(story['history'], 'frame')} of {1e3 * story['period']:.3g} ms"
     words = f"{frames} of joints and commands{others}; view: {story['view']}."
     rows = [row(t["inputs"], cells(f"{t['error']:.3g}")) for t in story["tried"]]
     limits = [row(b["block"], cells(f"{b['limit']:.3g}", str(b["frames"]))) for b in story["domain"]]
+    notes = [callout("warn", "Mind", f"{note}.") for note in story["notes"]]
     return join(
-        [tag("p", words), table(head("tried", "a second on", numbers=(1,)), rows),
+        [tag("p", words), *notes, table(head("tried", "a second on", numbers=(1,)), rows),
          caption("Errors on whole runs left out, in spreads of the joints. More goes in where it surely pays."),
          table(head("asked", "far from, deviations", "frames in a row", numbers=(1, 2)), limits),
          caption("Where it may be asked: farther off for longer, a run is refused: one in a hundred of those recorded.")]
@@ -125,8 +133,5 @@ def _details(story: Story) -> Markup:
 
 
 def _percent(score: Mapping[str, Any] | None, measure: str) -> str:
-    return "" if score is None else f"{100 * sum(score[measure]) / len(score[measure]):.2f}"
-
-
-def _root(errors: list[float]) -> float:
-    return math.sqrt(sum(e * e for e in errors) / len(errors))
+    moving = [] if score is None else [x for x in score[measure] if math.isfinite(x)]
+    return f"{100 * sum(moving) / len(moving):.2f}" if moving else ""

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What whoever learns from recordings is to know of them, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from trueup.grounding.frames import BRIDGED, counted, step_of
+from trueup.grounding.others import telling_nothing
+from trueup.grounding.rows import Inputs, Rows
+from trueup.recording import Recording
+from trueup.trial import command_of
+
+
+def remarks(recordings: Sequence[Recording], rows: Rows, *, chosen: bool) -> tuple[str, ...]:
+    """What was held, stood still, was sampled too seldom or is not looked at; `chosen`: a user named the other channels."""
+    inputs = rows.inputs
+    said = [*_held(recordings, inputs), *_slow(recordings, inputs), *_still(rows)]
+    for name, why in ({} if chosen else telling_nothing(recordings)).items():
+        said.append(f"'{name}' does not go in, since it {why} (--others {name}: it does)")
+    return tuple(said)
+
+
+def _held(recordings: Sequence[Recording], inputs: Inputs) -> list[str]:
+    """How many commands are missing: those before them are in force."""
+    missing, total, longest = 0, 0, 0.0
+    for recording in recordings:
+        command = command_of(recording)
+        if command is None:
+            continue
+        command = command.select(inputs.commands)
+        known = np.isfinite(command.values)
+        missing, total = missing + int(np.count_nonzero(~known)), total + known.size
+        for column in known.T:
+            stamps = command.time[column]
+            gaps = np.diff(stamps) if (~column).any() else np.zeros(0)
+            longest = max(longest, float(gaps.max(initial=0.0)))
+    if not missing:
+        return []
+    return [
+        f"{missing} of {total} values of commands are missing: the one sent before is held, for {longest:.2g} s at most"
+    ]
+
+
+def _slow(recordings: Sequence[Recording], inputs: Inputs) -> list[str]:
+    """Recordings whose samples are further apart than frames are."""
+    steps = {r.name: step_of(r.channel("position").select(inputs.joints)) for r in recordings}
+    slow = {name: step for name, step in steps.items() if step > BRIDGED * inputs.period}
+    if not slow:
+        return []
+    most = max(slow.values())
+    return [
+        f"positions of {', '.join(slow)} were measured every {1e3 * most:.3g} ms only, and a frame is "
+        f"{1e3 * inputs.period:.3g} ms: in between they are taken to go along lines, which is learned too. Leave "
+        f"{'it' if len(slow) == 1 else 'them'} out, or take --period {most:.2g}"
+    ]
+
+
+def _still(rows: Rows) -> list[str]:
+    still = [joint for joint, moves in zip(rows.inputs.commands, rows.moves, strict=True) if not moves]
+    if not still:
+        return []
+    verb, it, are = ("stands", "it", "it is") if len(still) == 1 else ("stand", "them", "they are")
+    where = "the recording" if len(rows.names) == 1 else f"all of {counted(len(rows.names), 'recording')}"
+    return [
+        f"{', '.join(still)} {verb} still in {where}: nothing can be learned of how commands move {it}, and {are} left out "
+        "of all averages"
+    ]
