@@ -112,6 +112,17 @@ def test_a_slice_between_two_commands_keeps_the_one_in_force() -> None:
     assert part.channel("command").at(part.time, hold=True)[:, 0] == pytest.approx(1.0)
 
 
+def test_a_command_that_is_missing_is_the_last_one_sent() -> None:
+    nan = np.nan
+    rare = Channel("command", ("hip", "knee"), "rad", np.arange(4.0), [[nan, 5.0], [1.0, nan], [nan, 6.0], [2.0, nan]])  # pyright: ignore
+    held = rare.at([0.5, 1.5, 2.5, 3.5], hold=True)
+    assert held.tolist() == [[1.0, 5.0], [1.0, 5.0], [1.0, 6.0], [2.0, 6.0]]
+    part = recording(rare, channel(time=np.arange(4.0))).slice(2.0, 3.0)
+    assert part.channel("command").values[0].tolist() == [1.0, 6.0]
+    never = Channel("command", ("hip",), "rad", np.arange(2.0), [[nan], [nan]])  # pyright: ignore
+    assert np.isnan(never.at([0.5], hold=True)).all()
+
+
 def test_a_channel_without_samples_in_a_slice_is_named() -> None:
     rare = Channel("temperature", ("hip",), "K", [0.0], [[300.0]])  # pyright: ignore
     part = recording(channel(), rare).slice(1.0, 1.5)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 
 class TrueupError(Exception):
@@ -44,7 +44,12 @@ class UnknownNameError(ModelError, RecordingError, ParameterError):
 
 
 class SimulationFailedError(TrueupError):
-    """No simulation of a batch could be completed."""
+    """A simulation could not be completed. `failed`: number of a recording, in the order given, to why it broke off."""
+
+    def __init__(self, message: str, failed: Mapping[int, str] | None = None) -> None:
+        """`failed`: see the class."""
+        super().__init__(message)
+        self.failed = dict(failed or {})
 
 
 class CalibrationError(TrueupError):

@@ -46,8 +46,9 @@ and puts two models side by side. A car is predicted 1 s and 3 s ahead, again an
   trueup replay fit/car.toml new_drives/*.csv --out predicted
 
 Root mean square, mean size and the error at the end are of one long replay; "ahead" are of predictions that begin again and
-again where the robot was measured to be. In DIR: report.html, pictures, and what was measured and simulated as CSV, NPZ or
-Parquet (--trajectories).
+again where the robot was measured to be. A recording on which the simulation breaks off, or is refused by a grounding, is
+named, the others are shown, and the exit code is 1. In DIR: report.html, pictures, and what was measured and simulated as
+CSV, NPZ or Parquet (--trajectories).
 """
 
 
@@ -81,14 +82,16 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     recordings, _, found = given(args, told)
     recordings, between = _commanded(recordings, args.commands, args.step or STEP)
     compared, taken = _compared(args, recordings)
-    said = (*found, *between, *taken)
-    notes(told, said, quiet=args.quiet)
+    missing = tuple(f"not replayed: {why}" for _, why in compared.failed)
+    said = (*found, *between, *taken, *missing)
+    notes(told, said[: len(said) - len(missing)], quiet=args.quiet)
     beside = bool(args.against or args.parameters or args.grounding)
     replays = compared.replays
     if args.json and compared.predictions:
         console.print_json(json.dumps([plain_drive(p) for p in compared.predictions]))
     elif args.json:
-        console.print_json(json.dumps([_plain(r, beside, compared.ahead) for r in replays]))
+        broken = [{"recording": recording.name, "failed": why} for recording, why in compared.failed]
+        console.print_json(json.dumps([*(_plain(r, beside, compared.ahead) for r in replays), *broken]))
     elif compared.predictions:
         console.print(drive_table(compared.predictions))
     else:
@@ -103,7 +106,9 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
             _write(args, compared, folder, said)
         what = "pictures" if compared.predictions else "report.html, pictures and trajectories"
         (told if args.json else console).print(f"  {what} in {escape(str(folder))}", soft_wrap=True, highlight=False)
-    return 0
+    for sentence in missing:
+        told.print(f"[bold red]error[/] {escape(sentence)}", soft_wrap=True, highlight=False)
+    return 1 if missing else 0
 
 
 def _commanded(recordings: Sequence[Recording], between: str, step: float) -> tuple[list[Recording], list[str]]:
@@ -171,9 +176,10 @@ def _further(found: Sequence[Replay], ahead: Sequence[Ahead]) -> Table:
 
 def _write(args: argparse.Namespace, compared: Comparison, folder: Path, said: Sequence[str]) -> None:
     """A report, a picture of each recording and of each further channel, trajectories."""
-    beside = bool(args.against or args.parameters)
+    without = " and ".join(n for n in ("parameters", "grounding") if getattr(args, n))
+    beside = bool(args.against or without)
     against = (
-        Path(args.against).name if args.against else f"{Path(args.model).name} without parameters" if beside else ""
+        Path(args.against).name if args.against else f"{Path(args.model).name} without {without}" if beside else ""
     )
     shown = (
         compared.replays

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trueup.grounding.frames import BRIDGED, counted, step_of
+from trueup.grounding.frames import BRIDGED, step_of
 from trueup.grounding.others import telling_nothing
 from trueup.grounding.rows import Inputs, Rows
 from trueup.recording import Recording
@@ -63,7 +63,7 @@ def _still(rows: Rows) -> list[str]:
     if not still:
         return []
     verb, it, are = ("stands", "it", "it is") if len(still) == 1 else ("stand", "them", "they are")
-    where = "the recording" if len(rows.names) == 1 else f"all of {counted(len(rows.names), 'recording')}"
+    where = "the recording" if len(rows.names) == 1 else f"all {len(rows.names)} recordings"
     return [
         f"{', '.join(still)} {verb} still in {where}: nothing can be learned of how commands move {it}, and {are} left out "
         "of all averages"

@@ -163,9 +163,10 @@ def inputs_of(
             "recordings are: leave these recordings out, or say in a mapping which columns are their commands"
         )
     if not both:
+        where = "the recording" if len(recordings) == 1 else f"all {len(recordings)} recordings"
         raise GroundingError(
-            f"no joint is both commanded and measured in all of {counted(len(recordings), 'recording')}; commanded are: "
-            f"{', '.join(commanded) or 'none'}; measured are: {', '.join(measured) or 'none'}"
+            f"no joint is both commanded and measured in {where}; commanded are: {', '.join(commanded) or 'none'}; "
+            f"measured are: {', '.join(measured) or 'none'}"
         )
     for name in joints or ():
         if name not in both:

@@ -19,7 +19,7 @@ from trueup.ends import End
 from trueup.engines.family import Family, Note, Request, family_of
 from trueup.engines.restricted import Restricted
 from trueup.engines.simulator import Respaced, Simulator
-from trueup.errors import CalibrationError, ModelError, unknown_name
+from trueup.errors import CalibrationError, ModelError, SimulationFailedError, unknown_name
 from trueup.inspection.alignment import clock_errors
 from trueup.inspection.diagnosis import Diagnosis, check_refused
 from trueup.loop.ahead import predicted_ahead
@@ -45,6 +45,8 @@ class Comparison:
     ahead: tuple[Ahead, ...] = ()
     """Of the model: errors one sample, 0.1 s and 1 s after each of many starts."""
     notes: tuple[str, ...] = ()
+    failed: tuple[tuple[Recording, str], ...] = ()
+    """Recordings of which the simulation broke off, or was refused, and why; they are in nothing else here."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,20 +181,33 @@ class Preparation:
         """The simulator with its nominal values on all recordings, beside the model file `against` as it is.
 
         Without one, beside the model as it came. `step` in s is that of `against`. Raises ModelError for a file of
-        another family, and SimulationFailedError.
+        another family, and SimulationFailedError where the simulator fails on all of them.
         """
         every = (*self.recordings, *self.hold_out)
         other = None if against is None else self._other(Path(against), every, step)
         predictions, notes = self.family.predictions(self.simulator, other, every)
         every = self.family.judged(self.simulator, every)
         seen = sorted({c for r in every for c in self.simulator.observable(r)})
-        found = replays(self.simulator, self.simulator.parameters.nominal, (), every,
-                        channels=channels or usual(seen), against=other,
-                        windows=inf if predictions else None)  # fmt: skip
+
+        def replayed(recordings: Sequence[Recording]) -> tuple[Replay, ...]:
+            return replays(self.simulator, self.simulator.parameters.nominal, (), recordings,
+                           channels=channels or usual(seen), against=other,
+                           windows=inf if predictions else None)  # fmt: skip
+
+        failed: dict[int, str] = {}
+        try:
+            found = replayed(every)
+        except SimulationFailedError as error:
+            failed = error.failed
+            if not failed or len(failed) == len(every):
+                raise
+            found = replayed([r for k, r in enumerate(every) if k not in failed])
+        broken = tuple((every[k], why) for k, why in failed.items())
+        every = tuple(r for k, r in enumerate(every) if k not in failed)
         shown = self.family.as_recorded(found, every)
         judged, nominal = tuple(dict.fromkeys(r.channel for r in found)), self.simulator.parameters.nominal
         ahead = () if predictions else predicted_ahead(self.simulator, nominal, every, judged)
-        return Comparison(shown, predictions, ahead, notes)
+        return Comparison(shown, predictions, ahead, notes, broken)
 
     def _other(self, path: Path, recordings: Sequence[Recording], step: float | None) -> Simulator:
         if not isinstance(self.family, type(family_of(path))):

@@ -71,7 +71,7 @@ def replays(
     In windows of `windows` s, each from where the robot was then: what was simulated jumps between them. None: as long as
     the simulator is stable (see `shoot.window_length`).
 
-    Raises SimulationFailedError where the simulator fails.
+    Raises SimulationFailedError, with all recordings on which the simulator fails, where there are some.
     """
     everything = (*training, *held_out)
     observable = sorted({c for r in everything for c in simulator.observable(r)})
@@ -84,7 +84,10 @@ def replays(
     after = problem.rollouts(values[None])
     before = (against or simulator.shipped()).rollout(problem.trials, np.zeros((1, 0)), controllers)
     if failed := broken(after, problem.simulator):
-        raise SimulationFailedError(f"the simulator fails on {failed}")
+        owners = [k for k, done in zip(problem.owners, after, strict=True) if done.failures]
+        each = {k: [done for o, done in zip(problem.owners, after, strict=True) if o == k] for k in owners}
+        why = {k: broken(own, problem.simulator) for k, own in each.items()}
+        raise SimulationFailedError(f"the simulator fails on {failed}", why)
     parts: dict[tuple[int, str, tuple[str, ...]], list[Replay]] = {}
     for owner, old, new in zip(problem.owners, before, after, strict=True):
         recording = everything[owner]
