@@ -175,6 +175,25 @@ def test_a_refused_run_is_named_beside_the_others(
     assert "without grounding" in page
 
 
+def test_a_file_that_is_no_grounding_is_named(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    assert main(["ground", "logs", "--learners", "linear", "--out", "kept", "-q"]) == 0
+    whole = (folder / "kept" / "grounding.npz").read_bytes()
+    flipped = bytearray(whole)
+    flipped[len(whole) // 3] ^= 0xFF
+    for name, content in (("cut.npz", whole[:3000]), ("text.npz", b"hello\n"), ("flipped.npz", bytes(flipped))):
+        (folder / name).write_bytes(content)
+        capsys.readouterr()
+        assert main(["replay", "arm.xml", "logs/run_0.parquet", "--grounding", name, "-q"]) == 1
+        said = " ".join(capsys.readouterr().err.split())
+        assert f"{name} is no grounding as `trueup ground` writes it" in said
+        assert "pickle" not in said
+    assert main(["replay", "arm.xml", "logs/run_0.parquet", "--grounding", "kept", "-q"]) == 1
+    assert "it is a folder" in capsys.readouterr().err
+
+
 def test_a_simulator_that_does_not_show_a_channel_is_grounded_without_it(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

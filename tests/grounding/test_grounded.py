@@ -128,5 +128,8 @@ def test_a_controller_that_does_not_fit_is_named(learned: Learned) -> None:
 
     with pytest.raises(GroundingError, match="13 ms does not divide"):
         GroundedController(Slow(), learned.grounding, servo_problem.JOINTS)
+    Slow.period = 0.03
+    with pytest.raises(GroundingError, match="30 ms is no whole number of the grounding's frames of 20 ms"):
+        GroundedController(Slow(), learned.grounding, servo_problem.JOINTS)
     with pytest.raises(GroundingError, match=r"'elbow'.*it commands: shoulder, wrist"):
         GroundedController(Slow(), learned.grounding, ("shoulder", "wrist"))

@@ -59,6 +59,12 @@ class GroundedController:
                 f"the controller's period of {1e3 * inner.period:g} ms does not divide the grounding's frame of "
                 f"{1e3 * inputs.period:g} ms; learn with --period {inner.period:g}"
             )
+        slower = inner.period / inputs.period
+        if slower > 1.0 and abs(slower - round(slower)) > SAME_RATE * slower:
+            raise GroundingError(
+                f"the controller's period of {1e3 * inner.period:g} ms is no whole number of the grounding's frames of "
+                f"{1e3 * inputs.period:g} ms; learn with --period {inner.period:g}"
+            )
         self.refused: dict[int, Refusal] = {}
         self.forced = inputs.commands if grounding.torque else ()
         self.torque = np.zeros((0, 0))

@@ -14,7 +14,10 @@ alone, on the robot itself, their section 6.2.
 
 from __future__ import annotations
 
+import io
 import json
+import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -22,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from trueup import files
 from trueup.arrays import Array
 from trueup.errors import GroundingError
 from trueup.formats.aside import written_aside
@@ -116,8 +120,13 @@ class Grounding:
     @classmethod
     def load(cls, path: str | Path) -> Grounding:
         """Reads what `save` wrote. Raises GroundingError for any other file."""
+        whole = io.BytesIO(files.content(Path(path), GroundingError))
+        if not zipfile.is_zipfile(whole):
+            raise GroundingError(
+                f"{path} is no grounding as `trueup ground` writes it (grounding.npz), or is not whole"
+            )
         try:
-            with np.load(path, allow_pickle=False) as file:
+            with np.load(whole, allow_pickle=False) as file:
                 arrays = {name: file[name] for name in file.files}
             meta = json.loads(str(arrays.pop("meta")))
             if meta["format"] != _FORMAT:
@@ -132,8 +141,10 @@ class Grounding:
             )
             blocks = tuple(_block(b, k, arrays) for k, b in enumerate(meta["blocks"]))
             (requested, predicted), chained, torque = meta["weights"], bool(meta["chained"]), bool(meta.get("torque"))
-        except (KeyError, ValueError, TypeError, OSError, EOFError) as error:
-            raise GroundingError(f"{path} is no grounding as `trueup ground` writes it: {error}") from None
+        except (KeyError, ValueError, TypeError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+            raise GroundingError(
+                f"{path} is no grounding as `trueup ground` writes it, or is damaged: {error}"
+            ) from None
         domain = Domain(inputs.names, blocks)
         return cls(inputs, forward, domain, inverse, residual, torque, chained, (requested, predicted), meta["about"])
 

@@ -18,6 +18,11 @@ def remarks(recordings: Sequence[Recording], rows: Rows, *, chosen: bool) -> tup
     """What was held, stood still, was sampled too seldom or is not looked at; `chosen`: a user named the other channels."""
     inputs = rows.inputs
     said = [*_held(recordings, inputs), *_slow(recordings, inputs), *_still(rows)]
+    if len(recordings) == 1:
+        said.append(
+            f"'{recordings[0].name}' is the only recording: parts of it are left out in place of whole runs, and may have "
+            "their like among those learned from. Errors of another run may be larger: record several"
+        )
     for name, why in ({} if chosen else telling_nothing(recordings)).items():
         said.append(f"'{name}' does not go in, since it {why} (--others {name}: it does)")
     return tuple(said)
