@@ -175,6 +175,30 @@ def test_a_refused_run_is_named_beside_the_others(
     assert "without grounding" in page
 
 
+def test_a_held_out_run_of_other_joints_is_named_before_anything_is_learned(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(folder)
+    formats.write(swinging("other", 0), folder / "other.parquet")
+    assert main(["ground", "logs", "--hold-out", "other.parquet", "--budget", "1e-9", "--out", "none", "-q"]) == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert "recording 'other' has no position of shoulder" in said
+    assert "it has position of lift, wrist" in said
+
+
+def test_a_joint_of_the_other_sign_is_said_to_be(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for k in range(2):
+        t = np.arange(0.0, 6.0, 0.02)
+        pan, tilt = np.sin(2.0 * t + k), 0.5 * np.sin(3.0 * t + k)
+        rows = np.column_stack([t, pan, tilt, pan, -tilt])
+        head = "time,command_pan,command_tilt,pan,tilt"
+        np.savetxt(tmp_path / f"run_{k}.csv", rows, delimiter=",", header=head, comments="")
+    assert main(["ground", str(tmp_path), "--learners", "linear", "--out", str(tmp_path / "out")]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "command of tilt is about -1 times position" in said
+    assert "sign = [1, -1] for one of the two" in said
+
+
 def test_a_file_that_is_no_grounding_is_named(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

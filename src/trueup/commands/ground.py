@@ -161,7 +161,10 @@ def _learned(
     with bar(told, quiet=args.quiet) as shown:
         task = shown.add_task("reading", total=1.0, said="")
         learned = learn(
-            training, _wishes(args), progress=lambda words, done: shown.update(task, description=words, completed=done)
+            training,
+            _wishes(args),
+            held_out=held_out,
+            progress=lambda words, done: shown.update(task, description=words, completed=done),
         )
     return learned, judged(learned, held_out) if held_out else {}
 

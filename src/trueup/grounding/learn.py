@@ -30,7 +30,7 @@ from trueup.grounding.grounding import Grounding
 from trueup.grounding.learners import LEARNERS, Learner, learners, tempered
 from trueup.grounding.others import telling_nothing
 from trueup.grounding.remarks import remarks
-from trueup.grounding.rows import Inputs, Rows, inputs_of, rows_of
+from trueup.grounding.rows import Inputs, Rows, inputs_of, refuse_others, rows_of
 from trueup.grounding.views import VIEWS, Model, fitted, view_named
 from trueup.recording import Recording
 
@@ -74,10 +74,15 @@ class Learned:
 
 
 def learn(
-    recordings: Sequence[Recording], wishes: Wishes | None = None, *, progress: Progress | None = None
-) -> Learned:
-    """Chooses inputs and learner by runs left out, and fits. Raises GroundingError, UnknownNameError, MissingExtraError."""
+    recordings: Sequence[Recording], wishes: Wishes | None = None, *, held_out: Sequence[Recording] = (),
+    progress: Progress | None = None,
+) -> Learned:  # fmt: skip
+    """Chooses inputs and learner by runs left out, and fits. `held_out` are to be judged later: that they cannot be is said
+    before. Raises GroundingError, UnknownNameError, MissingExtraError.
+    """
     wish, begun = wishes or Wishes(), time.process_time()
+    first = inputs_of(recordings, period=wish.period, others=wish.others or (), joints=wish.joints)
+    refuse_others(held_out, first)
     every = learners(wish.learners)
     inputs, view, tried = _inputs(recordings, wish, every, progress)
     rows = rows_of(recordings, inputs)

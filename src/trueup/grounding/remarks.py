@@ -10,14 +10,18 @@ import numpy as np
 from trueup.grounding.frames import BRIDGED, step_of
 from trueup.grounding.others import telling_nothing
 from trueup.grounding.rows import Inputs, Rows
+from trueup.inspection.suspicions import at_odds
 from trueup.recording import Recording
 from trueup.trial import command_of
 
 
 def remarks(recordings: Sequence[Recording], rows: Rows, *, chosen: bool) -> tuple[str, ...]:
-    """What was held, stood still, was sampled too seldom or is not looked at; `chosen`: a user named the other channels."""
+    """What is of another sign or unit, was held, stood still, was sampled too seldom or is not looked at.
+
+    `chosen`: a user named the other channels.
+    """
     inputs = rows.inputs
-    said = [*_held(recordings, inputs), *_slow(recordings, inputs), *_still(rows)]
+    said = [*at_odds(recordings), *_held(recordings, inputs), *_slow(recordings, inputs), *_still(rows)]
     if len(recordings) == 1:
         said.append(
             f"'{recordings[0].name}' is the only recording: parts of it are left out in place of whole runs, and may have "

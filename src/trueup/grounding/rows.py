@@ -183,7 +183,8 @@ def inputs_of(
 
 
 def rows_of(recordings: Sequence[Recording], inputs: Inputs) -> Rows:
-    """All frames of all recordings that have a next one. Raises GroundingError where there is none."""
+    """All frames of all recordings that have a next one. Raises GroundingError where there is none, or no such input."""
+    refuse_others(recordings, inputs)
     parts = [_rows(r, inputs) for r in recordings]
     if not sum(len(x) for x, _, _ in parts):
         longest = max(r.duration for r in recordings)
@@ -196,6 +197,21 @@ def rows_of(recordings: Sequence[Recording], inputs: Inputs) -> Rows:
     spread = np.maximum(Y.std(axis=0), NEGLIGIBLE)
     moves = _moving(recordings, inputs.commands)
     return Rows(inputs, X, Y, run, frame.astype(np.int64), tuple(r.name for r in recordings), spread, noise, moves)
+
+
+def refuse_others(recordings: Sequence[Recording], inputs: Inputs) -> None:
+    """Raises GroundingError for recordings that lack an input."""
+    for recording in recordings:
+        wanted = {"position": inputs.joints, **inputs.others}
+        there = {name: _labels(recording, name) for name in wanted}
+        lacking = [f"{name} of {x}" for name, labels in wanted.items() for x in labels if x not in there[name]]
+        lacking += [f"command of {x}" for x in inputs.commands if x not in _commanded(recording)]
+        if lacking:
+            has = "; ".join(f"{name} of {', '.join(labels) or 'nothing'}" for name, labels in there.items())
+            raise GroundingError(
+                f"recording '{recording.name}' has no {lacking[0]}, which goes into predictions; it has {has}; commands of "
+                f"{', '.join(_commanded(recording)) or 'nothing'}. Leave it out, or name its columns in a mapping"
+            )
 
 
 def _moving(recordings: Sequence[Recording], joints: Sequence[str]) -> Mask:
