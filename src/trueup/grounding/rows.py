@@ -18,8 +18,7 @@ from trueup.arrays import Array, Integers, Mask
 from trueup.errors import GroundingError, unknown_name
 from trueup.grounding.frames import BRIDGED, counted, instants_of, measured_at, period_of
 from trueup.grounding.others import others_of
-from trueup.inspection.inspection import motionless
-from trueup.noise import estimate_noise
+from trueup.noise import estimate_grid, estimate_noise, is_noise
 from trueup.recording import Recording
 from trueup.rounding import NEGLIGIBLE
 from trueup.trial import command_of
@@ -193,9 +192,10 @@ def rows_of(recordings: Sequence[Recording], inputs: Inputs) -> Rows:
         )
     X, Y, frame = (np.concatenate(each) for each in zip(*parts, strict=True))
     run = np.repeat(np.arange(len(parts)), [len(x) for x, _, _ in parts])
-    noise = np.ma.median(np.ma.masked_invalid([_noise(r, inputs) for r in recordings]), axis=0).filled(0.0)
+    found = [_noise_and_motion(r, inputs.commands) for r in recordings]
+    noise = np.ma.median(np.ma.masked_invalid([each for each, _ in found]), axis=0).filled(0.0)
     spread = np.maximum(Y.std(axis=0), NEGLIGIBLE)
-    moves = _moving(recordings, inputs.commands)
+    moves = np.any([moving for _, moving in found], axis=0)
     return Rows(inputs, X, Y, run, frame.astype(np.int64), tuple(r.name for r in recordings), spread, noise, moves)
 
 
@@ -214,15 +214,13 @@ def refuse_others(recordings: Sequence[Recording], inputs: Inputs) -> None:
             )
 
 
-def _moving(recordings: Sequence[Recording], joints: Sequence[str]) -> Mask:
-    """(k,) which joints do more than noise in some recording."""
-    still = [motionless(r.channel("position").select(joints)) for r in recordings]
-    return np.array([any(joint not in each for each in still) for joint in joints])
-
-
-def _noise(recording: Recording, inputs: Inputs) -> Array:
-    position = recording.channel("position").select(inputs.commands)
-    return estimate_noise(position.values, position.time)
+def _noise_and_motion(recording: Recording, joints: Sequence[str]) -> tuple[Array, Mask]:
+    """(k,) noise of joints in a recording, and which of them do more than that."""
+    position = recording.channel("position").select(joints)
+    grid = [estimate_grid(column) for column in position.values.T]
+    noise = estimate_noise(position.values, position.time, grid)
+    still = [is_noise(*each) for each in zip(position.values.T, noise.tolist(), grid, strict=True)]
+    return noise, ~np.array(still)
 
 
 def _rows(recording: Recording, inputs: Inputs) -> tuple[Array, Array, NDArray[np.intp]]:
