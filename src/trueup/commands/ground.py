@@ -8,6 +8,7 @@ import json
 import math
 import shlex
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +25,6 @@ from trueup.commands.sources import add_shared, given
 from trueup.errors import GroundingError
 from trueup.formats.aside import write_aside
 from trueup.formats.plain import finite
-from trueup.grounding.others import others_of
 from trueup.recording import Recording
 from trueup.report.grounding import write_grounding_report
 from trueup.report.numbers import scale_for
@@ -32,7 +32,6 @@ from trueup.report.parts import counted
 from trueup.trial import Trial
 
 if TYPE_CHECKING:
-    from trueup.engines.simulator import Simulator
     from trueup.grounding.comparison import Score
     from trueup.grounding.grounded import GroundedSimulator
     from trueup.grounding.grounding import Grounding
@@ -105,9 +104,7 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     notes(told, found, quiet=args.quiet)
     ready = _prepared(args, training, held_out, told)
     if ready is not None:
-        training, held_out = (
-            [_as_simulated(r, ready.simulator) for r in x] for x in (ready.recordings, ready.hold_out)
-        )
+        training, held_out = list(ready.recordings), list(ready.hold_out)
     learned, scores = _learned(args, training, held_out, told)
     notes(told, learned.notes, quiet=args.quiet)
     story = _story(args, learned, scores, training, held_out)
@@ -131,25 +128,17 @@ def run(args: argparse.Namespace, console: Console, told: Console) -> int:
 def _prepared(
     args: argparse.Namespace, training: Sequence[Recording], held_out: Sequence[Recording], told: Console
 ) -> Preparation | None:
-    """The simulator to ground, and recordings with its names and signs, so that what is learned speaks of its joints; None
-    where no model was named.
-    """
+    """The simulator to ground, and recordings with its names, of channels that it shows; None where no model was named."""
+    from trueup.grounding.others import as_shown
     from trueup.loop.prepare import prepare
 
     if not args.model:
         return None
     ready = prepare(args.model, training, held_out, propose=False)
-    unseen = sorted({n for r in ready.recordings for n in others_of([r]) if n not in ready.simulator.observable(r)})
-    said = [f"not looked at, since '{ready.simulator.name}' does not show it to controllers: {', '.join(unseen)}"]
-    notes(told, [*ready.notes, *(said if unseen else [])], quiet=args.quiet)
-    return ready
-
-
-def _as_simulated(recording: Recording, simulator: Simulator) -> Recording:
-    """A recording without channels beside those of joints that the simulator does not show to its controllers."""
-    shown = simulator.observable(recording)
-    unseen = [name for name in others_of([recording]) if name not in shown]
-    return recording.replace(channels={n: c for n, c in recording.channels.items() if n not in unseen})
+    shown, said = as_shown(ready.recordings, ready.simulator)
+    kept, _ = as_shown(ready.hold_out, ready.simulator)
+    notes(told, [*ready.notes, *said], quiet=args.quiet)
+    return replace(ready, recordings=tuple(shown), hold_out=tuple(kept))
 
 
 def _learned(

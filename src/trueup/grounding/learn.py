@@ -83,14 +83,14 @@ def learn(
     wish, begun = wishes or Wishes(), time.process_time()
     first = inputs_of(recordings, period=wish.period, others=wish.others or (), joints=wish.joints)
     refuse_others(held_out, first)
+    if not rows_of(recordings, first).moves.any():
+        raise GroundingError(
+            f"no joint that is commanded moves in any of {counted(len(recordings), 'recording')}: "
+            f"{', '.join(first.commands)}; record runs in which they are told to move"
+        )
     every = learners(wish.learners)
     inputs, view, tried = _inputs(recordings, wish, every, progress)
     rows = rows_of(recordings, inputs)
-    if not rows.moves.any():
-        raise GroundingError(
-            f"no joint that is commanded moves in any of {counted(len(recordings), 'recording')}: "
-            f"{', '.join(inputs.commands)}; record runs in which they are told to move"
-        )
     found = compare(every, rows, view, budget=wish.budget, seed=wish.seed, by_row=wish.by_row, progress=progress)
     if not found.by_run:
         names = ", ".join(x.name for x in every)
@@ -152,14 +152,10 @@ def _inputs(
 
     first = 2 if wish.history is None else wish.history
     whole = inputs_of(recordings, period=wish.period, history=first, others=wish.others, joints=wish.joints)
-    if wish.others is None:
-        left = telling_nothing(recordings)
-        whole = dataclasses.replace(whole, others={n: x for n, x in whole.others.items() if n not in left})
     inputs = whole if wish.others is not None else dataclasses.replace(whole, others={})
     views = [wish.view] if wish.view is not None else list(VIEWS)
     scores = {v: tell(inputs, v) for v in views if view_named(v)}
-    view = min(scores, key=lambda v: scores[v].typical)
-    best = scores[view]
+    view, best = min(scores.items(), key=lambda each: each[1].typical)
     if wish.history is None:
         shorter = tell(dataclasses.replace(inputs, history=1), view)
         if not surely(shorter, best):
@@ -169,8 +165,9 @@ def _inputs(
             if not surely(best, longer):
                 break
             inputs, best = dataclasses.replace(inputs, history=inputs.history + 1), longer
-    for name, labels in whole.others.items() if wish.others is None else ():
-        more = dataclasses.replace(inputs, others={**inputs.others, name: labels})
+    left = whole.others if wish.others is not None else telling_nothing(recordings)
+    for name in (n for n in whole.others if n not in left):
+        more = dataclasses.replace(inputs, others={**inputs.others, name: whole.others[name]})
         told = tell(more, view)
         if surely(best, told):
             inputs, best = more, told

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from trueup.engines.simulator import Simulator
 from trueup.inspection.inspection import motionless
 from trueup.inspection.repeats import BASE
 from trueup.inspection.sensors import is_accelerometer, is_gyro
@@ -43,3 +44,15 @@ def telling_nothing(recordings: Sequence[Recording]) -> dict[str, str]:
         if held and name not in found and any(is_accelerometer(r.channel(name)) for r in recordings):
             found[name] = "is an accelerometer's, and nothing in the recordings says that the base moves"
     return found
+
+
+def as_shown(recordings: Sequence[Recording], simulator: Simulator) -> tuple[list[Recording], list[str]]:
+    """Recordings without channels beside those of joints that a simulator does not show to its controllers, and a note."""
+    result, left = list[Recording](), dict[str, None]()
+    for recording in recordings:
+        shown = simulator.observable(recording)
+        unseen = [name for name in others_of([recording]) if name not in shown]
+        left |= dict.fromkeys(unseen)
+        result.append(recording.replace(channels={n: c for n, c in recording.channels.items() if n not in unseen}))
+    note = f"not looked at, since '{simulator.name}' does not show it to controllers: {', '.join(left)}"
+    return result, [note] if left else []
