@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Simulated cars that are commanded by speed and steering angle, and their logs as several programs write them.
+"""Simulated cars that are commanded by speed, or throttle, and steering, and their logs as several programs write them.
 
 Each is a dynamic bicycle with tyres that saturate (M. Althoff, M. Koschi, S. Manzinger, CommonRoad: Composable benchmarks,
 IV 2017, has such a model of F1TENTH's car), a speed controller with an integral part and limits of acceleration and braking,
@@ -64,6 +64,22 @@ class Car:
     """Of position and heading."""
     spins: bool = False
     """Whether it turns by two driven wheels: its second command is a turn rate."""
+    motor: tuple[float, float, float, float, float] | None = None
+    """By throttle, whose range is then `speeds`: m/s^2 for a throttle of one more, its dead zone, the share that is lost with
+    each m/s, m/s^2 of dry friction, 1/s of losses; steering is a share of `steers` then.
+    """
+    weight: float = 0.5
+    """Share of it on the front axle."""
+    tracked: float = 0.0
+    """m of the tracked point before the rear axle."""
+
+    def reached(self, told: float) -> float:
+        """m/s that a command leads to in the end."""
+        if self.motor is None:
+            return told
+        drive, dead, fade, friction, loss = self.motor
+        more = drive * max(told - dead, 0.0)
+        return max(more - friction, 0.0) / (loss + fade * more)
 
 
 def _commands(car: Car, seconds: float, rng: np.random.Generator) -> Callable[[float], tuple[float, float]]:
@@ -73,15 +89,15 @@ def _commands(car: Car, seconds: float, rng: np.random.Generator) -> Callable[[f
     speeds = np.repeat(rng.uniform(low, high, count), rng.integers(1, 4, count))
     turns = np.cumsum(rng.uniform(0.3, 1.6, 4 * count))
     angles = rng.uniform(-1.0, 1.0, 4 * count)
-    calm = min(1.0, 0.7 * car.friction * car.wheelbase / high**2 / math.tan(car.steers)) * car.steers
+    calm = min(1.0, 0.7 * car.friction * car.wheelbase / car.reached(high) ** 2 / math.tan(car.steers)) * car.steers
     swing, phase = rng.uniform(0.15, 0.8), rng.uniform(0.0, 6.0)
     smooth = rng.random() < 0.5
 
     def at(t: float) -> tuple[float, float]:
         v = float(speeds[int(t) % len(speeds)])
-        most = min(car.steers, max(calm, math.atan(0.7 * car.friction * car.wheelbase / max(v, 0.5) ** 2)))
+        most = min(car.steers, max(calm, math.atan(0.7 * car.friction * car.wheelbase / max(car.reached(v), 0.5) ** 2)))
         share = math.sin(phase + 6.28 * swing * t) if smooth else float(angles[int(np.searchsorted(turns, t))])
-        return v, most * share
+        return v, most * share / (car.steers if car.motor else 1.0)
 
     return at
 
@@ -90,19 +106,28 @@ def driven(car: Car, seconds: float, rng: np.random.Generator) -> Array:
     """(T, 8) t, commanded speed and angle, x, y, heading of the rear axle, speed and yaw rate, as logged from rest on."""
     told, every = _commands(car, seconds, rng), max(1, round(1.0 / car.rate / _STEP))
     steps, late = round(seconds / _STEP), [round(d / _STEP) for d in car.delays]
-    orders = np.array([told(_STEP * (k - k % 10)) for k in range(steps + 1)])  # 50 orders a second, held
+    held_for = every if car.motor else 10  # 50 orders a second, held, or one a sample
+    orders = np.array([told(_STEP * (k - k % held_for)) for k in range(steps + 1)])
     x = y = psi = v = u = r = wheel = lagged = integral = 0.0
-    ahead = behind = 0.5 * car.wheelbase
+    ahead, behind = (1.0 - car.weight) * car.wheelbase, car.weight * car.wheelbase
+    full = car.steers if car.motor else 1.0
     rows = []
     for k in range(steps + 1):
         if k % every == 0:
-            rows.append([k * _STEP, *orders[k], x, y, psi, v, r])
-        wanted = float(orders[max(k - late[0], 0), 0]) * car.wheels
-        asked = float(orders[max(k - late[1], 0), 1])
-        push = car.gains[0] * (wanted - v) + integral
-        held = min(max(push, -car.limits[1]), car.limits[0])
-        integral += _STEP * car.gains[1] * (wanted - v) if push == held else 0.0
-        v += _STEP * held
+            at = x + car.tracked * math.cos(psi), y + car.tracked * math.sin(psi)
+            rows.append([k * _STEP, *orders[k], *at, psi, v, r])
+        wanted = float(orders[max(k - late[0], 0), 0])
+        asked = full * float(orders[max(k - late[1], 0), 1])
+        if car.motor:
+            drive, dead, fade, friction, loss = car.motor
+            push = drive * max(wanted - dead, 0.0) * (1.0 - fade * v) - loss * v
+            v = max(v + _STEP * (push - friction), 0.0) if v > 0.0 or push > friction else 0.0
+        else:
+            wanted *= car.wheels
+            push = car.gains[0] * (wanted - v) + integral
+            held = min(max(push, -car.limits[1]), car.limits[0])
+            integral += _STEP * car.gains[1] * (wanted - v) if push == held else 0.0
+            v += _STEP * held
         lagged += (asked - lagged) * (1.0 - math.exp(-_STEP / car.lag))
         wheel += min(max(lagged - wheel, -car.turns * _STEP), car.turns * _STEP)
         angle = car.scale[0 if wheel > 0.0 else 1] * wheel + car.offset
@@ -113,12 +138,13 @@ def driven(car: Car, seconds: float, rng: np.random.Generator) -> Array:
             front = angle * min(v / 0.3, 1.0) - math.atan((u + ahead * r) / floor)
             rear = -math.atan((u - behind * r) / floor)
             f, b = (
-                0.5 * car.friction * math.tanh(c * a / car.friction)
-                for c, a in zip(car.stiffness, (front, rear), strict=True)
+                share * car.friction * math.tanh(c * a / car.friction)
+                for share, c, a in zip((car.weight, 1.0 - car.weight), car.stiffness, (front, rear), strict=True)
             )
             u += _STEP * (f * math.cos(angle) + b - v * r)
             r += _STEP * (ahead * f - behind * b) / (car.inertia * ahead * behind)
-            v -= _STEP * 0.5 * f * math.sin(angle)
+            # A controller of speed makes up for most of this, a motor does not.
+            v -= _STEP * (f * math.sin(angle) - u * r if car.motor else 0.5 * f * math.sin(angle))
             side = u - behind * r
         x += _STEP * (v * math.cos(psi) - side * math.sin(psi))
         y += _STEP * (v * math.sin(psi) + side * math.cos(psi))
@@ -126,7 +152,7 @@ def driven(car: Car, seconds: float, rng: np.random.Generator) -> Array:
     log = np.array(rows)
     log[:, 3:5] += rng.normal(0.0, car.noise[0], (len(log), 2))
     log[:, 5] += rng.normal(0.0, car.noise[1], len(log))
-    log[:, 6] += rng.normal(0.0, 0.005 * max(car.speeds), len(log))
+    log[:, 6] += rng.normal(0.0, 0.005 * car.reached(max(car.speeds)), len(log))
     log[:, 7] += rng.normal(0.0, 0.01, len(log))
     return log
 

@@ -294,11 +294,29 @@ def test_a_first_look_comes_near(drive: Recording) -> None:
         Look.at([cleaned(mirrored)]).starts(GUESS)
 
 
+def test_a_car_on_soft_tyres_is_predicted_as_well_as_its_hidden_values_predict_it(tmp_path: Path) -> None:
+    """Tyres that slip a little everywhere swing the tail out: held stiff, they moved the tracked point instead."""
+    soft = Vehicle("soft", 0.2, drive="throttle", values={**HIDDEN, "grip": 45.0})
+    (tmp_path / "car.toml").write_text("[vehicle]\nwheelbase = 0.2\n")
+    ready = prepare(tmp_path / "car.toml", [driven(11, 20.0, truth=soft)])
+    simulator, found = ready.simulator, ready.calibrate()
+    assert isinstance(simulator, VehicleSimulator)
+    unseen = simulator.prepared(driven(12, 20.0, truth=soft))
+    ours, theirs = (
+        prediction_errors(s, v, unseen).mean(axis=0)
+        for s, v in ((simulator, found.values), (VehicleSimulator(soft), np.zeros(0)))
+    )
+    assert (ours < 1.5 * theirs).all()
+    values = {e.name: e.value for e in found.estimates}
+    assert values["grip"] == pytest.approx(45.0, rel=0.2)
+    assert values["pose_ahead"] == pytest.approx(HIDDEN["pose_ahead"], abs=0.015)
+
+
 def test_tyres_are_not_judged_by_drives_that_never_slide(drive: Recording) -> None:
     assert Look.at([cleaned(drive)]).unseen() == {}
     slow = driven(4, 30.0, slower=0.62)
     calm = Look.at([cleaned(slow)]).unseen()
-    assert set(calm) == {"understeer", "friction_limit"}
+    assert set(calm) == {"understeer", "friction_limit", "grip"}
     assert "m/s^2 sideways" in calm["understeer"]
 
 

@@ -215,7 +215,7 @@ def _with_parameters(car: Vehicle, recordings: Sequence[Recording]) -> tuple[Veh
     plain = VehicleSimulator(car)
     drives = [plain.prepared(r) for r in recordings]
     look = Look.at(drives)
-    calm = {name: why for name, why in look.unseen().items() if name in car.names}
+    calm = {name: why for name, why in look.unseen().items() if name in car.names and car.quantity(name).free}
     steers = max((float(np.nanmax(np.abs(d.channel("command").column("steering")))) for d in drives), default=1.0)
     # Nobody evens out wheels that are told one by one; what is told as a share is a motor's voltage.
     own = () if car.wheels is None else ("veer", "wheel_dead") if car.told_shares else ("veer",)

@@ -118,7 +118,7 @@ class Look:
         reason = (
             f"is not looked for: the recorded curves reach {sideways:.1f} m/s^2 sideways, it shows above {_SLIDES:g}"
         )
-        return {name: f"{name} {reason}" for name in ("understeer", "friction_limit")}
+        return {name: f"{name} {reason}" for name in ("understeer", "friction_limit", "grip")}
 
 
 def _least_squares(table: Array, wanted: Array) -> Array:

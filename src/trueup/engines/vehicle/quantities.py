@@ -137,7 +137,7 @@ _IN_CURVES = (
 """What curves cost it, where it is tracked, and what of the unexplained goes on."""
 
 THROTTLE_DRIVEN = (
-    *_ON_TYRES,
+    *(replace(q, free=q.free or q.name == "grip") for q in _ON_TYRES),
     _usual("throttle_delay", "s", 0.03, -0.1, 0.5, "linear",
            "pure delay of the throttle; below zero where its clock runs late", _STARTS, "drive_delay"),
     _usual("throttle_lag", "s", 0.05, 0.0, 1.0, "linear", "first-order lag of the drive", _STARTS, "drive_lag"),
