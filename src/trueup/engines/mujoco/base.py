@@ -21,6 +21,7 @@ from trueup.articulated.pose import (
 )
 from trueup.engines.mujoco.floor_plane import add_floor, plane_of
 from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.setup.stance import stood
 from trueup.errors import ModelError
 from trueup.inspection.sensors import turned
 from trueup.recording import Recording
@@ -82,12 +83,13 @@ def held(model: Model, recordings: Sequence[Recording]) -> Model:
         f"touching nothing, as on a stand. If it stood or walked, log its pose ({POSITION}: x, y, z; {ORIENTATION}: w, x, y, "
         "z or roll, pitch, yaw), or refuse this: it then begins free, as in the first keyframe"
     )
-    angle, gyro = turned(recordings)
+    angle, sensor = turned(recordings)
+    hanging = model.changed(spec, "with its base held", note)
     if angle > _TURNS:
-        note += (
-            f". It was not held: by '{gyro}' it turned by {np.degrees(angle):.0f} degrees within a second. What is found of "
-            "the joints stands for that motion too, however sure it looks"
-        )
+        against = f"by '{sensor}' it turned by {np.degrees(angle):.0f} degrees within a second"
+        note += f". It was not held: {against}. What is found of the joints stands for that motion too, however sure it looks"
+    elif against := stood(model, hanging.compiled, recordings):
+        note += f". It was not held: {against}. What is found of the joints stands for that weight too, however sure it looks"
     return model.changed(spec, "with its base held", note)
 
 
