@@ -81,7 +81,10 @@ def turned(recordings: Sequence[Recording]) -> tuple[float, str]:
             time, values = c.time[good], c.values[good]
             if len(time) < 2:
                 continue
-            if sorted(c.labels) == list(_QUATERNION) and abs(np.median(np.linalg.norm(values, axis=1)) - 1.0) < _UNIT_NORM:
+            if (
+                sorted(c.labels) == list(_QUATERNION)
+                and abs(np.median(np.linalg.norm(values, axis=1)) - 1.0) < _UNIT_NORM
+            ):
                 most = max(most, (_turned_apart(time, c.select(_QUATERNION).values[good]), name))
             elif c.unit == "rad/s" and c.values.shape[1] == len(_AXES) and _WORDS["rad/s"].search(name):
                 rates = values - np.median(values, axis=0)
