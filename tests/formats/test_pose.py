@@ -100,3 +100,13 @@ def test_a_file_of_joint_commands_commands(tmp_path: Path) -> None:
     (recording,) = read(tmp_path)
     assert recording.channel("command").column("hip")[0] == 0.2
     assert recording.channel("position").column("hip")[0] == 0.1
+
+
+def test_lists_of_an_inertial_unit_have_the_labels_of_its_axes(tmp_path: Path) -> None:
+    time = np.arange(0.0, 1.0, 0.01)[:, None]
+    quaternion = np.hstack([0.1 * time, 0.0 * time, 0.0 * time, np.sqrt(1.0 - 0.01 * time**2)])
+    np.savez(tmp_path / "log.npz", t=time[:, 0], q=0.1 * time * [1, 2, 3], q_des=0.1 * time * [1, 2, 3],
+             imu_gyro=0.1 * time * [1, 0, 2], imu_quat=quaternion)  # fmt: skip
+    (recording,) = read(tmp_path / "log.npz")
+    assert recording.channel("imu_gyro").labels == ("x", "y", "z")
+    assert recording.channel("imu_quat").labels == ("x", "y", "z", "w")

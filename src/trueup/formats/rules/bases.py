@@ -96,6 +96,19 @@ _OTHERS = listed(
 )
 
 
+_INERTIAL = listed("imu gyro gyroscope accel accelerometer acc")
+
+
+def sensor_labels(column: Column) -> tuple[str, ...]:
+    """Labels of a list that is an inertial unit's: x, y, z of three numbers, w, x, y, z of a quaternion; () for any other."""
+    if not _INERTIAL & set(column.parts.words):
+        return ()
+    if column.width == len(_PLACES):
+        return _PLACES
+    quaternion = column.values.ndim > 1 and column.width == len(_QUATERNION) and is_unit(column.values)
+    return tuple(_order((column,))) if quaternion else ()
+
+
 @dataclass(frozen=True, eq=False)
 class _Part:
     """One number of a pose: the group of columns that it is in, and which of its numbers."""

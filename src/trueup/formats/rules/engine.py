@@ -224,7 +224,8 @@ def _labels(group: Sequence[Proposal], width: int) -> tuple[str, ...]:
     if len(group) == 1 and first.name in first.table.named:
         return joints.joint_labels(first.table.named[first.name])
     known = first.table.labels
-    return known if len(known) == total else tuple(f"joint_{i + 1}" for i in range(total))
+    of_sensor = () if group[0].role else bases.sensor_labels(first)
+    return of_sensor or (known if len(known) == total else tuple(f"joint_{i + 1}" for i in range(total)))
 
 
 def _with_vehicle(channels: dict[str, ChannelColumns], parts: Sequence[Part], clocks: Clocks) -> list[str]:
