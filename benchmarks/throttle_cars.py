@@ -123,7 +123,9 @@ def main() -> None:
     ours, theirs = np.exp(np.log(np.array(rows)).mean(axis=0)).reshape(2, 2)[:, 1]
     worst = float(max(row[1] / row[3] for row in rows))
     peer = f"the hidden values, {len(rows)} cars"
-    result("throttle_cars_3s", float(ours), "m, geometric mean", 1.5, peer=peer, peer_value=float(theirs), ratio_goal=True)
+    result(
+        "throttle_cars_3s", float(ours), "m, geometric mean", 1.5, peer=peer, peer_value=float(theirs), ratio_goal=True
+    )
     result("throttle_cars_3s_at_worst", worst, "of what the hidden values give", 3.0)
     result("throttle_cars_coverage", float(np.mean(claims)), f"of {len(claims)} called identified", 0.9, at_most=False)
 

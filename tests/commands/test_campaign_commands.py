@@ -111,7 +111,7 @@ def test_a_plan_beyond_its_limits_is_refused_dry_and_has_not_begun(
     plan(here)
     text = (here / "campaign.toml").read_text("utf-8")
     (here / "campaign.toml").write_text(text + "[limits.workspace]\nx = [-0.2, 0.2]\n", encoding="utf-8")
-    for command in (["run", "--dry-run"], ["run"]):
+    for command in (["run", "--dry-run"], ["run"], ["run", "."]):
         assert main(command) == 1
         assert "is not handed out: 'x' of reference" in capsys.readouterr().err
     assert main(["status"]) == 0

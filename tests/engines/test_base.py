@@ -170,6 +170,38 @@ def test_a_gyro_speaks_against_a_stand_that_nobody_said_was_there(tmp_path: Path
     assert ("by 'imu_gyro' it turned by" in note) == walked
 
 
+def test_quaternions_of_an_inertial_unit_speak_against_a_stand_too(tmp_path: Path) -> None:
+    time = np.arange(0.0, 3.0, 0.01)
+    still = Channel("command", _JOINTS, "rad", time, np.zeros((len(time), len(_JOINTS))))
+    half = 0.05 * np.sin(4.0 * time)
+    turn = np.stack([np.cos(half), 0.0 * time, np.sin(half), 0.0 * time], axis=1)
+    unit = Channel("imu_quat", ("w", "x", "y", "z"), "", time, turn)
+    log = Recording("walk", {c.name: c for c in (still, still.replace(name="position"), unit)})
+    _, notes = simulator_for(_written(tmp_path), [log])
+    assert any("It was not held: by 'imu_quat' it turned by" in note for note in notes)
+
+
+@pytest.mark.parametrize("stands", [True, False])
+def test_joints_that_rest_as_under_the_robots_weight_speak_against_a_stand(tmp_path: Path, stands: bool) -> None:
+    """Of a dog heavier and softer than its model, begun in a posture that its keyframe has not."""
+    told = np.tile([0.3, -0.5], 4)
+    text = _DOG.format(mass=4.8, kp=35.0)
+    if not stands:
+        text = text.replace('pos="0 0 .3"', 'pos="0 0 2"').replace('<freejoint name="root"/>', "")
+    model = mujoco.MjModel.from_xml_string(text)
+    data, time = mujoco.MjData(model), np.arange(0.0, 1.0, 0.01)
+    data.ctrl[:] = told
+    mujoco.mj_step(model, data, 1000)
+    seen = data.qpos[-len(_JOINTS) :] + np.random.default_rng(0).normal(0.0, 5e-4, (len(time), len(_JOINTS)))
+    channels = (
+        Channel("command", _JOINTS, "rad", time, np.tile(told, (len(time), 1))),
+        Channel("position", _JOINTS, "rad", time, seen),
+    )
+    _, notes = simulator_for(_written(tmp_path), [Recording("rest", {c.name: c for c in channels})])
+    (note,) = (n for n in notes if "held in the air" in n)
+    assert ("as where the model stands on the floor" in note) == stands
+
+
 def test_a_urdf_whose_base_was_seen_to_move_is_set_free(tmp_path: Path) -> None:
     inertial = (
         '<inertial><mass value="{0}"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>'

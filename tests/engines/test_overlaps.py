@@ -55,6 +55,13 @@ def test_a_base_whose_hull_holds_its_first_link_lets_it_go_and_so_does_the_writt
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "fit.xml")).nexclude == 1
 
 
+def test_bodies_without_names_let_each_other_go_too(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(_FOLDED.replace('<body name="c"', "<body"))
+    changed = passable(load(tmp_path / "arm.xml"), [_still(j=0.0, k=0.0, m=0.0)])
+    assert changed.compiled.nexclude == 1
+    assert "a and body 3 (50 mm)" in changed.notes[-1]
+
+
 def test_what_stands_around_the_robot_keeps_its_contacts(tmp_path: Path) -> None:
     (tmp_path / "arm.xml").write_text(_TABLE)
     model = load(tmp_path / "arm.xml")

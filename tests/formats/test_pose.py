@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trueup.formats import read
+from trueup.formats import guess_mapping, read
 
 _JOINTS = "time,q_hip,q_knee,q_des_hip,q_des_knee"
 
@@ -34,6 +34,12 @@ def _csv(path: Path, names: str) -> Path:
         "trunk_x,trunk_y,trunk_z,trunk_roll,trunk_pitch,trunk_yaw",
         "x,y,z,qw,qx,qy,qz",
         "base_pos_0,base_pos_1,base_pos_2,base_rpy_0,base_rpy_1,base_rpy_2",
+        "mocap_px,mocap_py,mocap_pz,mocap_qw,mocap_qx,mocap_qy,mocap_qz",
+        "vicon_tx,vicon_ty,vicon_tz,vicon_qx,vicon_qy,vicon_qz,vicon_qw",
+        "base_pos_x,base_pos_y,base_pos_z,base_ori_w,base_ori_x,base_ori_y,base_ori_z",
+        "pos_base_x,pos_base_y,pos_base_z,q_base_w,q_base_x,q_base_y,q_base_z",
+        "opti_x,opti_y,opti_z,opti_qw,opti_qx,opti_qy,opti_qz",
+        "base_pos_x,base_pos_y,base_pos_z,base_rpy_r,base_rpy_p,base_rpy_y",
     ],
 )
 def test_a_pose_is_found_by_any_usual_names(tmp_path: Path, names: str) -> None:
@@ -47,6 +53,15 @@ def test_a_pose_is_found_by_any_usual_names(tmp_path: Path, names: str) -> None:
         assert orientation.column("w").mean() > 0.9
     else:
         assert (orientation.labels, orientation.unit) == (("roll", "pitch", "yaw"), "rad")
+
+
+def test_a_place_without_an_orientation_is_named_as_no_pose(tmp_path: Path) -> None:
+    (recording,) = read(
+        _csv(tmp_path / "log.csv", "mocap_x,mocap_y,mocap_z,imu_quat_w,imu_quat_x,imu_quat_y,imu_quat_z")
+    )
+    assert "base_position" not in recording.channels
+    proposed = guess_mapping(tmp_path / "log.csv")
+    assert any("mocap: x, y and z, but no orientation" in note for note in proposed.notes)
 
 
 def test_lists_tell_by_their_numbers_whether_the_real_part_stands_last(tmp_path: Path) -> None:
@@ -85,3 +100,13 @@ def test_a_file_of_joint_commands_commands(tmp_path: Path) -> None:
     (recording,) = read(tmp_path)
     assert recording.channel("command").column("hip")[0] == 0.2
     assert recording.channel("position").column("hip")[0] == 0.1
+
+
+def test_lists_of_an_inertial_unit_have_the_labels_of_its_axes(tmp_path: Path) -> None:
+    time = np.arange(0.0, 1.0, 0.01)[:, None]
+    quaternion = np.hstack([0.1 * time, 0.0 * time, 0.0 * time, np.sqrt(1.0 - 0.01 * time**2)])
+    np.savez(tmp_path / "log.npz", t=time[:, 0], q=0.1 * time * [1, 2, 3], q_des=0.1 * time * [1, 2, 3],
+             imu_gyro=0.1 * time * [1, 0, 2], imu_quat=quaternion)  # fmt: skip
+    (recording,) = read(tmp_path / "log.npz")
+    assert recording.channel("imu_gyro").labels == ("x", "y", "z")
+    assert recording.channel("imu_quat").labels == ("x", "y", "z", "w")

@@ -16,9 +16,9 @@ from trueup.campaign.events import Scored, TrialDone, TrialPlanned, TrialStarted
 from trueup.campaign.journal import Journal
 from trueup.campaign.parts import Listener, Parts
 from trueup.campaign.rehearsal import blamed
-from trueup.campaign.returned import outcome_of, recordings_of
+from trueup.campaign.returned import as_asked, outcome_of, recordings_of
 from trueup.campaign.store import Kept, Store
-from trueup.errors import RobotFellError, TrialAbortedError, TrialError
+from trueup.errors import RecordingError, RobotFellError, TrialAbortedError, TrialError
 from trueup.inspection.standing import standing
 from trueup.inspection.unmeasured import unmeasured
 from trueup.loop.safety import require_safe
@@ -136,12 +136,17 @@ class Hardware:
             recordings = recordings_of(self._parts.robot, trial, returned)
             outcome = outcome_of(recordings)
             note = "\n".join(dict.fromkeys(r.provenance["note"] for r in recordings if "note" in r.provenance))
+        except RecordingError as error:
+            raise TrialError(
+                f"{trial.name}: what the robot's driver made of the run is no recording: {error}. Mend the driver; "
+                "`trueup resume` goes on from here"
+            ) from error
         except RobotFellError as error:
             outcome, note = "fell", str(error)
         except TrialAbortedError as error:
             outcome, note = "aborted", str(error)
         if outcome == "done":
-            _check_observed(trial, recordings)
+            recordings = as_asked(trial, recordings)
             _check_moved(trial, recordings)
             for words in dict.fromkeys(w for r in recordings if not is_told(r) for w in unmeasured(trial, r)):
                 self._listener.doubt(f"{trial.name}: in its recording {words}; its score may not be the robot's")
@@ -172,20 +177,6 @@ class Hardware:
         if file not in self._read:
             self._read[file] = self._store.read(file, expected)
         return self._read[file]
-
-
-def _check_observed(trial: Trial, recordings: Sequence[Recording]) -> None:
-    """Raises TrialError where a recording lacks what the trial observes: nothing could be scored by it, for ever."""
-    for recording in (r for r in recordings if trial.watched is None or not is_told(r)):
-        for name, o in trial.observed.items():
-            has = recording.channel(name).labels if recording.has(name) else ()
-            lost = [label for label in o.labels if label not in has]
-            if lost:
-                there = ", ".join(f"{c.name} ({', '.join(c.labels)})" for c in recording.channels.values())
-                raise TrialError(
-                    f"{trial.name}: the robot's recording lacks {', '.join(lost)} of channel '{name}', which is observed; it "
-                    f"holds {there}. Mend the driver; `trueup resume` goes on from here"
-                )
 
 
 def _check_moved(trial: Trial, recordings: Sequence[Recording]) -> None:

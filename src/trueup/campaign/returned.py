@@ -6,9 +6,22 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence, Sized
 
 from trueup.errors import TrialError
+from trueup.inspection.asked import lasting, swapped
+from trueup.inspection.requested import completed
+from trueup.inspection.si import in_si
 from trueup.recording import Recording
 from trueup.robots.robot import Robot
+from trueup.told import is_told
 from trueup.trial import Trial
+
+_MENDS = {
+    "instant": "",
+    "clock": ": channels have their time in s",
+    "short": " without an end that the trial has: raise TrialAbortedError, or RobotFellError, where a run ends early",
+    "long": ": hand back the run that was asked for alone",
+    "order": ": labels are to be in the order of the columns",
+}
+"""What whoever wrote the driver does about each kind of `Unlike`."""
 
 
 def recordings_of(robot: Robot, trial: Trial, returned: object) -> list[Recording]:
@@ -28,6 +41,50 @@ def recordings_of(robot: Robot, trial: Trial, returned: object) -> list[Recordin
     raise TrialError(
         f"{trial.name}: {type(robot).__name__}.perform(trial) returned {_described(returned)}, where a list of {wanted} is "
         "wanted: `def perform(self, trial: Trial) -> list[Recording]`. Mend the driver; `trueup resume` goes on from here"
+    )
+
+
+def as_asked(trial: Trial, recordings: Sequence[Recording]) -> list[Recording]:
+    """The recordings of a run that was done, in SI, with the command that was requested where they hold none.
+
+    Raises TrialError where one lacks what the trial observes, has it in a unit of another kind, is shorter or longer than
+    the run, or has its joints in another order: nothing could be scored or calibrated by it, ever.
+    """
+    return [
+        r if trial.watched is not None and is_told(r) else completed(trial, _checked(trial, _observed(trial, in_si(r))))
+        for r in recordings
+    ]
+
+
+def _observed(trial: Trial, recording: Recording) -> Recording:
+    asked = {name: o.labels for name, o in trial.observed.items()}
+    if trial.command is not None:
+        asked |= {n: trial.command.labels for n in ("command", "command_sent") if recording.has(n)}
+    for name, labels in asked.items():
+        has = recording.channel(name).labels if recording.has(name) else ()
+        lost = [label for label in labels if label not in has]
+        if lost:
+            there = ", ".join(f"{c.name} ({', '.join(c.labels)})" for c in recording.channels.values())
+            how = "observed" if name in trial.observed else "commanded"
+            raise _unlike(trial, f"lacks {', '.join(lost)} of channel '{name}', which is {how}; it holds {there}")
+    for name, o in trial.observed.items():
+        units = {recording.channel(name).unit_of(label) for label in o.labels} - {"", o.unit}
+        if o.unit and units and not recording.channel(name).units:
+            raise _unlike(trial, f"has channel '{name}' in {', '.join(sorted(units))}, where {o.unit} is observed")
+    return recording
+
+
+def _checked(trial: Trial, recording: Recording) -> Recording:
+    asked = trial.command
+    unlike = lasting(trial, recording) or (swapped(asked, recording) if asked is not None else None)
+    if unlike is not None:
+        raise _unlike(trial, f"is not the run that was asked for: {unlike.words}{_MENDS[unlike.kind]}")
+    return recording
+
+
+def _unlike(trial: Trial, words: str) -> TrialError:
+    return TrialError(
+        f"{trial.name}: the robot's recording {words}. Mend the driver; `trueup resume` goes on from here"
     )
 
 

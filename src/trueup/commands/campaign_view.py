@@ -190,7 +190,12 @@ class CampaignView:
                 first, change = self.history.shown(self.history.first_score), self.history.change(event.score)
                 share = f" ({100 * change:+.0f} %)" if math.isfinite(change) else ""
                 before = f"{first:.4g} at first -> " if math.isfinite(first) else ""
-                words = f"{before}{self.history.score(event.score)} on the robot{share}{self._left()}"
+                now = (
+                    f"{self.history.score(event.score)} on the robot"
+                    if math.isfinite(event.score)
+                    else "no run has a score"
+                )
+                words = f"{before}{now}{share}{self._left()}"
                 return [_line(head, "best so far", words)]
             case Ended():
                 return [f"[bold]{'[green]' if event.success else ''}{escape(event.reason)}[/]"]

@@ -24,6 +24,8 @@ from trueup.commands.where import CLUSTER, add_cluster, evaluator_of
 from trueup.extensions import version
 from trueup.report.campaign import write_campaign_report
 
+PLAN = "campaign.toml"
+"""What `trueup new` calls the plan that it writes."""
 ABOUT = (
     """\
 Runs a campaign: experiment on the robot, calibrate the simulator, optimize the controller in it, transfer the best to
@@ -45,7 +47,8 @@ journal.jsonl, which holds everything that was decided.
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """What this command takes."""
-    parser.add_argument("plan", nargs="?", default="campaign.toml", metavar="PLAN", help="default: %(default)s")
+    parser.add_argument("plan", nargs="?", default=PLAN, metavar="PLAN",
+                        help="a plan, or the folder of a campaign.toml (default: %(default)s)")  # fmt: skip
     parser.add_argument("--out", metavar="DIR", help="folder of the campaign (default: the plan's, or its name)")
     parser.add_argument("--seed", type=seed_of, metavar="N", help="of all random numbers (default: the plan's)")
     parser.add_argument("--dry-run", action="store_true",
@@ -64,7 +67,8 @@ def add_common(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, console: Console, told: Console) -> int:
     """Runs the plan. Raises TrueupError, and KeyboardInterrupt after saying how to go on. Returns the exit code."""
-    file = read_plan(Path(args.plan))
+    plan = Path(args.plan)
+    file = read_plan(plan / PLAN if plan.is_dir() else plan)
     if args.dry_run:
         return _made(file, console)
     folder = Folder.begin(file, Path(args.out) if args.out else None, args.seed)

@@ -8,9 +8,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from trueup.arrays import Array
 from trueup.recording import Channel, Recording
 
 _AXES = ("x", "y", "z")
+_QUATERNION = ("w", "x", "y", "z")
+_UNIT_NORM = 0.1
+"""How far the length of a quaternion may be from 1, in the median: logs are rounded, other four numbers are further off."""
 _WORDS = {"m/s^2": re.compile(r"acc", re.I), "rad/s": re.compile(r"gyr|omega|ang(ular)?_?(vel|rate)", re.I)}
 """What a sensor measures, in SI, and names of channels that say so."""
 
@@ -78,16 +82,30 @@ def in_other_units(sensors: Mapping[str, str], recordings: Sequence[Recording]) 
 
 def turned(recordings: Sequence[Recording]) -> tuple[float, str]:
     """How far, in rad, what a gyro is on turned within a second at most, and the gyro's channel; 0.0 and '' without one in
-    rad/s. Its bias is the median of what it shows.
+    rad/s. Its bias is the median of what it shows. An inertial unit's quaternions (w, x, y, z) tell it, too, in no unit.
     """
     most = (0.0, "")
     for recording in recordings:
         for name, c in recording.channels.items():
-            if c.unit == "rad/s" and c.values.shape[1] == len(_AXES) and _WORDS["rad/s"].search(name):
-                good = np.isfinite(c.values).all(axis=1)
-                time, rates = c.time[good], c.values[good] - np.median(c.values[good], axis=0)
-                if len(time) > 1:
-                    angles = np.vstack([np.zeros(3), np.cumsum(rates[:-1] * np.diff(time)[:, None], axis=0)])
-                    later = np.stack([np.interp(time + 1.0, time, column) for column in angles.T], axis=1)
-                    most = max(most, (float(np.max(np.abs(later - angles))), name))
+            good = np.isfinite(c.values).all(axis=1)
+            time, values = c.time[good], c.values[good]
+            if len(time) < 2:
+                continue
+            if (
+                sorted(c.labels) == list(_QUATERNION)
+                and abs(np.median(np.linalg.norm(values, axis=1)) - 1.0) < _UNIT_NORM
+            ):
+                most = max(most, (_turned_apart(time, c.select(_QUATERNION).values[good]), name))
+            elif c.unit == "rad/s" and c.values.shape[1] == len(_AXES) and _WORDS["rad/s"].search(name):
+                rates = values - np.median(values, axis=0)
+                angles = np.vstack([np.zeros(3), np.cumsum(rates[:-1] * np.diff(time)[:, None], axis=0)])
+                later = np.stack([np.interp(time + 1.0, time, column) for column in angles.T], axis=1)
+                most = max(most, (float(np.max(np.abs(later - angles))), name))
     return most
+
+
+def _turned_apart(time: Array, quaternions: Array) -> float:
+    """The largest angle in rad between quaternions (T, 4) a second apart."""
+    later = np.minimum(np.searchsorted(time, time + 1.0), len(time) - 1)
+    unit = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    return float(np.max(2.0 * np.arccos(np.clip(np.abs(np.sum(unit * unit[later], axis=1)), 0.0, 1.0))))

@@ -22,6 +22,7 @@ from trueup.engines.simulator import Respaced, Simulator
 from trueup.errors import CalibrationError, ModelError, SimulationFailedError, unknown_name
 from trueup.inspection.alignment import clock_errors
 from trueup.inspection.diagnosis import Diagnosis, check_refused
+from trueup.inspection.si import in_si
 from trueup.loop.ahead import predicted_ahead
 from trueup.loop.calibrate import Options, calibrate, usual
 from trueup.loop.earlier import Earlier
@@ -225,7 +226,8 @@ class Preparation:
         """The same simulator with other recordings of the same robot, as this model can take them."""
         if self.model is None:
             return replace(self, recordings=tuple(recordings), hold_out=tuple(hold_out))
-        suited = self.family.suited(self.model, recordings, hold_out, self.refuse)
+        fitted, judged = ([in_si(r) for r in each] for each in (recordings, hold_out))
+        suited = self.family.suited(self.model, fitted, judged, self.refuse)
         simulator = self.family.following(self.simulator, (*suited.training, *suited.held_out))
         return replace(self, simulator=simulator, recordings=suited.training, hold_out=suited.held_out)
 
@@ -256,7 +258,7 @@ def prepare(
     loaded = family.load(Path(model))
     check_refused(refuse, family.diagnoses)
     unwanted = frozenset(refuse)
-    suited = family.suited(loaded, recordings, hold_out, unwanted)
+    suited = family.suited(loaded, [in_si(r) for r in recordings], [in_si(r) for r in hold_out], unwanted)
     every = (*suited.training, *suited.held_out)
     request = Request(None if parameters is None else Path(parameters), propose, beyond_mjcf, step, clock_errors(every),
                       unwanted)  # fmt: skip

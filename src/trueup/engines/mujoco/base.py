@@ -21,6 +21,8 @@ from trueup.articulated.pose import (
 )
 from trueup.engines.mujoco.floor_plane import add_floor, plane_of
 from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.setup.contacts import without_contacts
+from trueup.engines.mujoco.setup.stance import stood
 from trueup.errors import ModelError
 from trueup.inspection.sensors import turned
 from trueup.recording import Recording
@@ -66,7 +68,8 @@ def held(model: Model, recordings: Sequence[Recording]) -> Model:
     _check_whole(posed)
     if posed:
         return model
-    compiled, spec = model.compiled, model.spec.copy()
+    compiled = model.compiled
+    spec, _ = without_contacts(model.spec, spared(compiled, joint))
     start = int(compiled.jnt_qposadr[joint])
     pose = (compiled.key_qpos[0] if compiled.nkey else compiled.qpos0)[start : start + 7]
     seen = _mean_angles(recordings)
@@ -82,13 +85,24 @@ def held(model: Model, recordings: Sequence[Recording]) -> Model:
         f"touching nothing, as on a stand. If it stood or walked, log its pose ({POSITION}: x, y, z; {ORIENTATION}: w, x, y, "
         "z or roll, pitch, yaw), or refuse this: it then begins free, as in the first keyframe"
     )
-    angle, gyro = turned(recordings)
+    angle, sensor = turned(recordings)
+    hanging = model.changed(spec, "with its base held", note)
     if angle > _TURNS:
-        note += (
-            f". It was not held: by '{gyro}' it turned by {np.degrees(angle):.0f} degrees within a second. What is found of "
-            "the joints stands for that motion too, however sure it looks"
-        )
+        against = f"by '{sensor}' it turned by {np.degrees(angle):.0f} degrees within a second"
+        note += f". It was not held: {against}. What is found of the joints stands for that motion too, however sure it looks"
+    elif against := stood(model, hanging.compiled, recordings):
+        note += f". It was not held: {against}. What is found of the joints stands for that weight too, however sure it looks"
     return model.changed(spec, "with its base held", note)
+
+
+def spared(compiled: mujoco.MjModel, joint: int) -> list[tuple[int, int]]:
+    """Pairs of bodies, the base with this free joint (or what is fixed to it) and what it carries, that may overlap since
+    MuJoCo lets a link and its parent pass each other, but not where the parent stands fixed.
+    """
+    base, weld = int(compiled.body_weldid[compiled.jnt_bodyid[joint]]), compiled.body_weldid
+    above = weld[compiled.body_parentid[weld]]
+    touching = np.unique(compiled.geom_bodyid[(compiled.geom_contype != 0) | (compiled.geom_conaffinity != 0)])
+    return [(int(a), int(b)) for a in touching for b in touching if weld[a] == base != weld[b] and above[b] == base]
 
 
 def _check_whole(recordings: Sequence[Recording]) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.formats.rules.names import listed, words
+from trueup.formats.rules.names import EULER, listed, words
 from trueup.formats.rules.rule import Column, Example, Rule
 from trueup.units import hardly_radians, to_si
 
@@ -17,6 +17,10 @@ POSITION, ORIENTATION = "base_position", "base_orientation"
 _PLACES = ("x", "y", "z")
 _QUATERNION = ("w", "x", "y", "z")
 _ANGLES = ("roll", "pitch", "yaw")
+_COMPONENTS = {f"{letter}{axis}": axis for letter in "pt" for axis in _PLACES}
+"""px, py, pz and tx, ty, tz: a place or a translation, each number by itself."""
+_BARE = frozenset([*_PLACES, *_ANGLES, *(f"q{c}" for c in _QUATERNION)])
+"""Columns that are named by their component alone."""
 _ROOM = 30.0
 """m: rooms with motion capture are smaller, so larger numbers are millimetres."""
 _UNIT_NORM = 0.1
@@ -39,6 +43,9 @@ RULES = (
             Example(_JOINT + "root_pos_x,root_pos_y,root_pos_z,root_quat_x,root_quat_y,root_quat_z,root_quat_w",
                     "0 .1 .1 1 2 .5 0 0 0 1|.1 .2 .1 1 2 .5 .8 .6 0 0|.2 .1 .2 1 2 .5 0 0 0 1",
                     "position[rad] hip; base_position[m] x y z; base_orientation[] w x y z"),
+            Example(_JOINT + "mocap_px,mocap_py,mocap_pz,mocap_qw,mocap_qx,mocap_qy,mocap_qz",
+                    "0 .1 .1 1 2 .5 1 0 0 0|.1 .2 .1 1 2 .5 .8 .6 0 0|.2 .1 .2 1 2 .5 1 0 0 0",
+                    "position[rad] hip; base_position[m] x y z; base_orientation[] w x y z"),
             Example(_JOINT + "vicon_x,vicon_y,vicon_z,vicon_roll,vicon_pitch,vicon_yaw",
                     "0 .1 .1 900 200 500 0 0 0|.1 .2 .1 900 200 500 .1 0 0|.2 .1 .2 900 210 500 0 0 0",
                     "base_position[mm] x y z; base_orientation[rad] roll pitch yaw"),
@@ -46,11 +53,14 @@ RULES = (
         unit="m",
     ),
     Rule(
-        ORIENTATION, "quat, quaternion, orientation, rotation, rot, attitude",
+        ORIENTATION, "quat, quaternion, orientation, ori, rotation, rot, attitude",
         (
             Example(_JOINT + "base_pos_0,base_pos_1,base_pos_2,base_quat_0,base_quat_1,base_quat_2,base_quat_3",
                     "0 .1 .1 1 2 .5 0 0 0 1|.1 .2 .1 1 2 .5 .6 0 0 .8|.2 .1 .2 1 2 .5 0 0 0 1",
                     "base_position[m] x y z; base_orientation[] w x y z"),
+            Example(_JOINT + "base_pos_x,base_pos_y,base_pos_z,base_ori_w,base_ori_x,base_ori_y,base_ori_z",
+                    "0 .1 .1 1 2 .5 1 0 0 0|.1 .2 .1 1 2 .5 .8 .6 0 0|.2 .1 .2 1 2 .5 1 0 0 0",
+                    "position[rad] hip; base_position[m] x y z; base_orientation[] w x y z"),
             # Four numbers whose squares do not add up to 1 are no orientation.
             Example(_JOINT + "base_x,base_y,base_z,base_qw,base_qx,base_qy,base_qz",
                     "0 .1 .1 1 2 .5 9 3 0 0|.1 .2 .1 1 2 .5 8 6 0 0|.2 .1 .2 1 2 .5 9 4 0 0", "position[rad] hip"),
@@ -58,8 +68,11 @@ RULES = (
         possible=is_unit,
     ),
     Rule(
-        ORIENTATION, "rpy, euler",
+        ORIENTATION, ", ".join(sorted(EULER)),
         (
+            Example(_JOINT + "base_pos_x,base_pos_y,base_pos_z,base_rpy_r,base_rpy_p,base_rpy_y",
+                    "0 .1 .1 1 2 .5 0 0 .9|.1 .2 .1 1 2 .5 .1 0 .91|.2 .1 .2 1 2 .5 0 0 .92",
+                    "position[rad] hip; base_position[m] x y z; base_orientation[rad] roll pitch yaw"),
             Example(_JOINT + "base_pos_0,base_pos_1,base_pos_2,base_rpy_0,base_rpy_1,base_rpy_2",
                     "0 .1 .1 1 2 .5 0 0 90|.1 .2 .1 1 2 .5 1 0 91|.2 .1 .2 1 2 .5 0 0 92",
                     "base_position[m] x y z; base_orientation[deg] roll pitch yaw"),
@@ -67,12 +80,10 @@ RULES = (
         unit="rad",
     ),
 )  # fmt: skip
-_TURNS, _EULER = (frozenset(rule.names.split(", ")) for rule in RULES[1:])
-
 _SOURCES = tuple(
     frozenset(group.split())
     for group in (
-        "mocap vicon optitrack qualisys vrpn motive motion capture rigid",
+        "mocap vicon opti optitrack qualisys vrpn motive motion capture rigid",
         "ground truth",
         "base trunk torso body root pelvis floating pose robot world",
         "odom odometry",
@@ -83,6 +94,19 @@ _OTHERS = listed(
     "imu command commanded cmd desired des target goal ref reference foot feet hand ee tcp camera velocity vel twist "
     "linear angular lin acc accel acceleration speed gyro omega"
 )
+
+
+_INERTIAL = listed("imu gyro gyroscope accel accelerometer acc")
+
+
+def sensor_labels(column: Column) -> tuple[str, ...]:
+    """Labels of a list that is an inertial unit's: x, y, z of three numbers, w, x, y, z of a quaternion; () for any other."""
+    if not _INERTIAL & set(column.parts.words):
+        return ()
+    if column.width == len(_PLACES):
+        return _PLACES
+    quaternion = column.values.ndim > 1 and column.width == len(_QUATERNION) and is_unit(column.values)
+    return tuple(_order((column,))) if quaternion else ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +165,18 @@ def pose(groups: Mapping[str, Sequence[Column]]) -> Pose:
         found = {POSITION: _found(groups, places, _PLACES), ORIENTATION: _found(groups, turn, labels)}
         notes += [f"{n}: taken as {f.unit}; say so if it is anything else" for n, f in found.items() if not f.said]
         return Pose(found, used, tuple(dict.fromkeys(notes)))
-    return Pose({}, frozenset(), tuple(dict.fromkeys(notes)))
+    return Pose({}, frozenset(), tuple(dict.fromkeys(notes or _half(every))))
+
+
+def _half(parts: Sequence[_Part]) -> list[str]:
+    """What to say of a place of a base whose orientation is not there."""
+    sources = [[p for p in parts if p.group not in _BARE and _source(p.group) == k] for k in range(len(_SOURCES))]
+    places = next(filter(None, (_whole(each, _PLACES) for each in sources)), None)
+    if places is None:
+        return []
+    groups = ", ".join(sorted({part.group for part in places}))
+    wanted = "w, x, y, z or roll, pitch, yaw, in the same frame"
+    return [f"{groups}: x, y and z, but no orientation beside them, so no pose of a base: log one as well ({wanted})"]
 
 
 def _numbers(groups: Mapping[str, Sequence[Column]], part: _Part) -> Array:
@@ -171,8 +206,7 @@ def _source(name: str) -> int:
 
 
 def _may_be(name: str) -> bool:
-    bare = name in (*_PLACES, *_ANGLES, *(f"q{c}" for c in _QUATERNION))
-    return bare or (_source(name) < len(_SOURCES) and not _OTHERS & set(words(name)))
+    return name in _BARE or (_source(name) < len(_SOURCES) and not _OTHERS & set(words(name)))
 
 
 def _parts(name: str, group: Sequence[Column]) -> list[_Part]:
@@ -181,15 +215,17 @@ def _parts(name: str, group: Sequence[Column]) -> list[_Part]:
     ends = [(column.parts.bare or [""])[-1] for column in group] if all(c.width == 1 for c in group) else ["0"] * count
     numbered = all(end.isdigit() for end in ends)
     if numbered and count == 3:
-        ends = list(_ANGLES if plain & _EULER else _PLACES)
+        ends = list(_ANGLES if plain & EULER else _PLACES)
     elif numbered and count == 4:
         ends = [f"q{c}" for c in _order(group)]
     elif numbered and count == len(group) == 7:  # a mapping cannot take a list in pieces
         ends = [*_PLACES, *(f"q{c}" for c in _QUATERNION)]
-    if plain & _TURNS and set(ends) == set(_QUATERNION):
+    if set(ends) == set(_QUATERNION):  # no place has a w
         ends = [f"q{end}" for end in ends]
-    known = {*_PLACES, *_ANGLES, *(f"q{c}" for c in _QUATERNION)}
-    return [_Part(name, i, end) for i, end in enumerate(ends)] if known.issuperset(ends) else []
+    elif plain & EULER and len(ends) == 3:
+        ends = [next((angle for angle in _ANGLES if angle[0] == end), end) for end in ends]
+    ends = [_COMPONENTS.get(end, end) for end in ends]
+    return [_Part(name, i, end) for i, end in enumerate(ends)] if _BARE.issuperset(ends) else []
 
 
 def _order(group: Sequence[Column]) -> str:

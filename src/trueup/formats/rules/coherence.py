@@ -10,7 +10,7 @@ import numpy as np
 
 from trueup.formats.rules import joints
 from trueup.formats.rules.bases import of_place
-from trueup.formats.rules.names import AXES, words
+from trueup.formats.rules.names import AXES, axes, words
 from trueup.formats.rules.rule import Column
 from trueup.formats.table import listing
 
@@ -32,7 +32,7 @@ class Proposal:
 def own(column: Column) -> Proposal:
     """A column under its own name; those that differ by an axis or an index go together."""
     plain = own_words(column)
-    tail = [word for word in plain if word in AXES or word.isdigit()]
+    tail = [word for word in plain if word in axes(plain)]
     head = [word for word in plain if word not in tail]
     whole = "_".join(plain) or column.name
     unit = (
@@ -82,7 +82,7 @@ def without_sensors(proposals: Sequence[Proposal]) -> list[Proposal]:
 def without_places(proposals: Sequence[Proposal]) -> list[Proposal]:
     """Positions along x, y and z of one base, trunk or tracked body are a place, where nothing drives them as joints."""
     driven = {p.label for p in proposals if p.role.startswith("command") or p.role in ("torque", "current")}
-    axes: dict[str, set[str]] = {}
+    found: dict[str, set[str]] = {}
     for p in proposals:
         if (
             p.role == "position"
@@ -90,8 +90,8 @@ def without_places(proposals: Sequence[Proposal]) -> list[Proposal]:
             and (plain := words(p.label))
             and plain[-1] in ("x", "y", "z")
         ):
-            axes.setdefault(" ".join(plain[:-1]), set()).add(plain[-1])
-    places = {name for name, found in axes.items() if len(found) == 3 and of_place([name])}
+            found.setdefault(" ".join(plain[:-1]), set()).add(plain[-1])
+    places = {name for name, along in found.items() if len(along) == 3 and of_place([name])}
     return [
         own(p.column)
         if p.role == "position" and " ".join(words(p.label)[:-1]) in places and p.label not in driven

@@ -25,7 +25,7 @@ from trueup.formats.rules.coherence import (
 )
 from trueup.formats.rules.drive import Part, drive
 from trueup.formats.rules.families import Named, joints_in, of_base
-from trueup.formats.rules.names import AXES, stem, taken_apart, with_actual, words
+from trueup.formats.rules.names import axes, stem, taken_apart, with_actual, words
 from trueup.formats.rules.rule import Column
 from trueup.formats.rules.sizes import Sizes
 from trueup.formats.table import Table, listing
@@ -133,7 +133,7 @@ def _proposal(column: Column, named: Named | None, several: bool) -> Proposal:
 def _own_name(column: Column) -> str:
     """The channel of a column under its own name."""
     plain = own_words(column)
-    head = [word for word in plain if word not in AXES and not word.isdigit()]
+    head = [word for word in plain if word not in axes(plain)]
     prefix = "_".join(words(stem(column.file))) + "_" if column.file else ""
     return prefix + ("_".join(head or plain) or column.name)
 
@@ -224,7 +224,8 @@ def _labels(group: Sequence[Proposal], width: int) -> tuple[str, ...]:
     if len(group) == 1 and first.name in first.table.named:
         return joints.joint_labels(first.table.named[first.name])
     known = first.table.labels
-    return known if len(known) == total else tuple(f"joint_{i + 1}" for i in range(total))
+    of_sensor = () if group[0].role else bases.sensor_labels(first)
+    return of_sensor or (known if len(known) == total else tuple(f"joint_{i + 1}" for i in range(total)))
 
 
 def _with_vehicle(channels: dict[str, ChannelColumns], parts: Sequence[Part], clocks: Clocks) -> list[str]:

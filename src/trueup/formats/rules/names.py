@@ -30,7 +30,9 @@ MEASURED = PLAINLY_MEASURED | listed(
     "observation observed obs state states read sensor sensed data motor motors joint joints field est estimate "
     "estimated pv real"
 )
-AXES = listed("x y z w roll pitch yaw qx qy qz qw rx ry rz")
+AXES = listed("x y z w roll pitch yaw qx qy qz qw rx ry rz px py pz tx ty tz")
+_ANGLES_BY_LETTER = listed("r p y")
+EULER = listed("rpy euler")
 _TIME = listed(
     "time timestamp timestamps t stamp stamps times clock elapsed ts sec secs seconds millis micros datetime msec usec "
     "nsec nanosec epoch unix utc timestep date received zeit zeitstempel uhrzeit tiempo tempo temps"
@@ -140,6 +142,12 @@ def _tail(text: str, spans: Sequence[tuple[str, int, int]]) -> tuple[str, range]
     camel = spans[last - 1][0] if last > 1 else ""
     unit = _TAILS.get((camel,), "") if len(camel) > 2 else ""  # jointAngleDeg
     return unit, range(last - 1, last) if unit else range(0)
+
+
+def axes(plain: Sequence[str]) -> frozenset[str]:
+    """Which words of a name are axes or indices: letters r, p and y too where "rpy" says what they are."""
+    known = AXES | _ANGLES_BY_LETTER if EULER & set(plain) else AXES
+    return frozenset(word for word in plain if word in known or word.isdigit())
 
 
 def words(name: str) -> list[str]:

@@ -7,23 +7,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trueup.ends import end_of
+from trueup.inspection.asked import Unlike, lasting, swapped
+from trueup.inspection.requested import completed, side_by_side
 from trueup.inspection.standing import standing
 from trueup.inspection.unmeasured import unmeasured
 from trueup.recording import Channel, Recording
-from trueup.robots.by_hand.begin import completed, side_by_side
-from trueup.robots.by_hand.drive import correlation, unlike_a_vehicle, unlike_its_path
+from trueup.robots.by_hand.drive import unlike_a_vehicle, unlike_its_path
 from trueup.rounding import ROUNDED
 from trueup.trial import Trial
-from trueup.units import to_si
 
-_TIMES = ("ms", "us", "ns", "min")
-"""Units of clocks, in which a log is written or as which one in s is read."""
-_COMPLETE, _ARRIVED = (
-    0.95,
-    0.6,
-)  # share of the duration that must be there: of a command; of a run that ends by arriving
-_TOO_LONG = 1.6
 _SAME_COMMAND = 0.15  # root mean square difference from what was asked, as a share of its spread
 
 
@@ -32,7 +24,7 @@ def mismatches(trial: Trial, recording: Recording) -> list[str]:
     found = _channels(trial, recording)
     if found:
         return found
-    found = _lasts(trial, recording) or _missing(trial, recording) or _stood(trial, recording)
+    found = _mended(lasting(trial, recording), trial) or _missing(trial, recording) or _stood(trial, recording)
     if found:
         return found
     return _commands(trial, recording) + unlike_its_path(trial, recording) + unlike_a_vehicle(trial, recording)
@@ -62,31 +54,18 @@ def _words(channel: Channel) -> str:
     return channel.name if channel.labels == (channel.name,) else f"{channel.name} ({', '.join(channel.labels)})"
 
 
-def _lasts(trial: Trial, recording: Recording) -> list[str]:
-    """The shortest of the observed channels must cover the run."""
-    lasts = min(recording.channel(n).time[-1] - recording.channel(n).time[0] for n in trial.observed)
-    if lasts <= 0.0:
-        return ["it holds a single instant"]
-    ratio = lasts / trial.duration
-    sizes = {unit: to_si(unit)[1] for unit in _TIMES}
-    clocks = {1.0 / size: unit for unit, size in sizes.items()} | {s: f"s read as {unit}" for unit, s in sizes.items()}
-    for factor, unit in clocks.items():
-        if abs(np.log(ratio / factor)) < 0.5:
-            return [
-                f"it lasts {lasts:.4g} s, {ratio:.3g} times the {trial.duration:.4g} s that were asked for: its clock is in "
-                f"another unit ({unit}); say it in mapping.toml, [time], unit"
-            ]
-    enough = _COMPLETE if trial.command is not None else _ARRIVED
-    if ratio < enough and end_of(recording, trial.ends) is None:
-        return [
-            f"it lasts {lasts:.4g} s of {trial.duration:.4g} s: still being written, or broken off? If the run was stopped, "
-            f"put {trial.name}-aborted.txt beside it"
-        ]
-    if ratio > _TOO_LONG:
-        return [
-            f"it lasts {lasts:.4g} s, {ratio:.2g} times what was asked for: does it hold two runs? cut out the right one"
-        ]
-    return []
+def _mended(unlike: Unlike | None, trial: Trial) -> list[str]:
+    """What is unlike what was asked for, with what an operator does about it."""
+    if unlike is None:
+        return []
+    mends = {
+        "instant": "",
+        "clock": "; say it in mapping.toml, [time], unit",
+        "short": f": still being written, or broken off? If the run was stopped, put {trial.name}-aborted.txt beside it",
+        "long": ": does it hold two runs? cut out the right one",
+        "order": "; give the columns their right labels in mapping.toml",
+    }
+    return [unlike.words + mends[unlike.kind]]
 
 
 def _missing(trial: Trial, recording: Recording) -> list[str]:
@@ -116,9 +95,8 @@ def _commands(trial: Trial, recording: Recording) -> list[str]:
                 return [
                     f"channel '{name}' lacks {', '.join(lost)}, which were commanded; it has {', '.join(done.labels)}"
                 ]
-            found = _as_asked(asked, done)
-            return found + (_swapped(asked, recording) if not found else [])
-    return _swapped(asked, recording)
+            return _as_asked(asked, done) or _mended(swapped(asked, recording), trial)
+    return _mended(swapped(asked, recording), trial)
 
 
 def _as_asked(asked: Channel, done: Channel) -> list[str]:
@@ -140,29 +118,6 @@ def _as_asked(asked: Channel, done: Channel) -> list[str]:
     return [
         f"the command recorded is not the one asked for: {names}; is this the log of another run, or in another unit?"
     ]
-
-
-def _swapped(asked: Channel, recording: Recording) -> list[str]:
-    """Positions that follow another joint's command."""
-    if not recording.has("position"):
-        return []
-    position = recording.channel("position")
-    labels = [label for label in asked.labels if label in position.labels]
-    if len(labels) < 2:
-        return []
-    request, moved = side_by_side(asked.select(labels), position.select(labels))
-    moving = request.std(axis=0) > 1e-3
-    for k, label in enumerate(labels):
-        if not moving[k] or moved[:, k].std() < 1e-3:
-            continue
-        alike = [correlation(moved[:, k], request[:, j]) if moving[j] else 0.0 for j in range(len(labels))]
-        best = int(np.argmax(alike))
-        if best != k and alike[best] > 0.8 and alike[k] < 0.5:
-            return [
-                f"the position of '{label}' follows what was asked of '{labels[best]}': the joints are in another order; "
-                "give the columns their right labels in mapping.toml"
-            ]
-    return []
 
 
 def one_of(trials: Sequence[Trial], recording: Recording) -> list[Trial]:

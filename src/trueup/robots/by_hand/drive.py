@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from trueup.arrays import Array
+from trueup.inspection.asked import correlation
 from trueup.recording import Recording
 from trueup.rounding import ROUNDED
 from trueup.tracking.windows import moves
@@ -194,11 +195,6 @@ def _off(angles: Array) -> float:
     """Median size of angles, whole turns aside; 0 without any."""
     known = angles[np.isfinite(angles)]
     return float(np.median(np.abs(np.angle(np.exp(1j * known))))) if len(known) else 0.0
-
-
-def correlation(a: Array, b: Array) -> float:
-    """Of two series (T,); 0 where one of them is constant."""
-    return float(np.corrcoef(a, b)[0, 1]) if a.std() > 0 and b.std() > 0 else 0.0
 
 
 def _thin(points: Array, most: int) -> Array:

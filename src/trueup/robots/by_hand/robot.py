@@ -12,9 +12,9 @@ from pathlib import Path
 from trueup.errors import RobotFellError, TrialAbortedError, TrueupError
 from trueup.formats import read
 from trueup.formats.aside import write_aside
+from trueup.inspection.requested import completed
 from trueup.recording import Recording
 from trueup.robots.by_hand.accepted import Accepted, Run
-from trueup.robots.by_hand.begin import completed
 from trueup.robots.by_hand.check import mismatches, one_of
 from trueup.robots.by_hand.eyes import hint, told_in
 from trueup.robots.by_hand.inbox import PROBLEMS, Inbox, Item

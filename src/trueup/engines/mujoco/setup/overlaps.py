@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from trueup.engines.mujoco.model import Model
+from trueup.engines.mujoco.setup.contacts import without_contacts
 from trueup.engines.mujoco.setup.servos import postures
 from trueup.engines.mujoco.wiring import joint_id
 from trueup.errors import listed
@@ -27,13 +28,8 @@ def passable(model: Model, recordings: Sequence[Recording]) -> Model:
     found = _overlaps(model.compiled, recordings)
     if not found:
         return model
-    spec = model.spec.copy()
-    body = {b.id: b.name for b in model.spec.bodies}
-    named = {pair: depth for pair, depth in found.items() if body[pair[0]] and body[pair[1]]}
-    for first, second in named:
-        exclude = spec.add_exclude()
-        exclude.bodyname1, exclude.bodyname2 = body[first], body[second]
-    worst = sorted(named.items(), key=lambda entry: entry[1])
+    spec, body = without_contacts(model.spec, found)
+    worst = sorted(found.items(), key=lambda entry: entry[1])
     shown = listed([f"{body[a]} and {body[b]} ({-1e3 * depth:.0f} mm)" for (a, b), depth in worst])
     note = f"parts that overlap in the model where the robot really was do not touch each other: {shown}"
     return model.changed(spec, "without contacts of overlapping parts", note)

@@ -11,7 +11,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.articulated.wiring import ONSET_OF
 from trueup.calibration import Calibration
-from trueup.engines.mujoco.base import free_joint
+from trueup.engines.mujoco.base import free_joint, spared
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.noise import spread
@@ -42,11 +42,39 @@ def usage_of(simulator: MujocoSimulator, values: Array, path: Path) -> tuple[str
         f"# times (n,) in s from 0 on and commands (n, {known.compiled.nu}) of a log's rows, each held until the next; "
         "once reset, set data.qpos to where it begins",
         f'model = mujoco.MjModel.from_xml_path("{file.as_posix()}"); data = mujoco.MjData(model){onsets}',
-        begin,
+        *_holding(simulator.model, known),
+        begin + _held_at(simulator.model, known),
         "while data.time < times[-1]:  # commands come within steps too: each step takes their mean over it",
         '    rows = np.searchsorted(times, data.time + model.opt.timestep * (np.arange(8) + 0.5) / 8, side="right") - 1',
         "    data.ctrl[:] = commands[rows].mean(axis=0); mujoco.mj_step(model, data)",
     )
+
+
+def _holding(fitted: Model, known: Model) -> tuple[str, ...]:
+    """The line that holds a base which is free in the file and was held for the fit: too heavy to move, touching nothing."""
+    joint = _held_joint(fitted, known)
+    if joint < 0:
+        return ()
+    dof = int(known.compiled.jnt_dofadr[joint])
+    return (
+        "still = model.body_weldid[model.geom_bodyid] == 0; model.geom_contype[still] = model.geom_conaffinity[still] = 0; "
+        f"model.dof_armature[{dof}:{dof + 6}] = 1e9; mujoco.mj_setConst(model, data)  # the base held, as for the fit",
+    )
+
+
+def _held_at(fitted: Model, known: Model) -> str:
+    """Where it was held."""
+    joint = _held_joint(fitted, known)
+    if joint < 0:
+        return ""
+    body, start = int(known.compiled.jnt_bodyid[joint]), int(known.compiled.jnt_qposadr[joint])
+    pose = np.concatenate([fitted.compiled.body_pos[body], fitted.compiled.body_quat[body]])
+    return f"; data.qpos[{start}:{start + 7}] = [{', '.join(f'{x:.9g}' for x in pose)}]"
+
+
+def _held_joint(fitted: Model, known: Model) -> int:
+    """The free joint of a base that was held for the fit; -1 where none was."""
+    return free_joint(known.compiled) if free_joint(fitted.compiled) < 0 else -1
 
 
 def has_drive(simulator: MujocoSimulator, model: Model, actuator: str) -> bool:
@@ -102,9 +130,11 @@ def notes_of(simulator: MujocoSimulator, values: Array) -> list[str]:
     model = simulator.model
     notes: list[str] = []
     free = (model.given or model).compiled
+    excluded = free.nexclude
     if free_joint(free) >= 0 > free_joint(model.compiled):
         notes.append("the base was held for the fit alone: in the file it is free, with the keyframes that it had")
-    if model.compiled.nexclude > free.nexclude:
+        excluded += len(spared(free, free_joint(free)))
+    if model.compiled.nexclude > excluded:
         notes.append(
             "parts that overlap touch each other in the file as they did; only the fit left these contacts out"
         )

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Whether a robot whose base no recording shows hung on a stand, or stood on its feet: by where its joints rested."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from trueup.arrays import Array
+from trueup.engines.mujoco.model import Model
+from trueup.recording import Recording
+from trueup.trial import command_of
+
+_BEGINNING = 0.1  # s in which a robot rests that begins at rest
+_RESTS = 0.02  # rad or m by which commands and positions may change in it
+_SETTLED = 2.0  # s in which servos come to rest under their load
+_UPRIGHT = 0.5  # rad that a base leans at most while its robot stands
+_CLEARLY = 0.5  # of the distance from where it hangs: how near to where it stands, so that doubtful gains do not decide
+
+
+@dataclass(frozen=True)
+class _Rest:
+    """A beginning at rest: actuators (k,) of joints, what they were told and where the joints were, in rad or m."""
+
+    actuators: tuple[int, ...]
+    told: Array
+    was: Array
+
+
+def stood(free: Model, hanging: mujoco.MjModel, recordings: Sequence[Recording]) -> str:
+    """What speaks for feet on the floor, in words: by the weight on them joints rest beside their commands as the free model
+    does where it stands, and not as it does where it hangs. '' where nothing does, or recordings do not begin at rest.
+    """
+    worst, hung, standing = ("", 0.0, 0.0, 0.0), 0.0, 0.0
+    for recording in recordings:
+        rest = _rest(free, recording)
+        if rest is None:
+            continue
+        down, up = _sag(hanging, rest), _sag(free.compiled, rest)
+        if up is None or down is None:
+            continue
+        seen = rest.was - rest.told
+        hung, standing = hung + float(np.sum((seen - down) ** 2)), standing + float(np.sum((seen - up) ** 2))
+        k = int(np.argmax(np.abs(seen - down)))
+        if abs(seen[k] - down[k]) > abs(worst[1] - worst[3]):
+            worst = (free.names("actuator")[rest.actuators[k]], float(seen[k]), float(up[k]), float(down[k]))
+    if not standing < _CLEARLY**2 * hung:
+        return ""
+    name, seen, up, down = worst[0], *(f"{1e3 * x:+.2g}" for x in worst[1:])
+    return (
+        f"where recordings begin '{name}' is {seen} mrad or mm beside its command, as where the model stands on the floor "
+        f"({up}) and not as where it hangs ({down})"
+    )
+
+
+def _rest(model: Model, recording: Recording) -> _Rest | None:
+    """The beginning of a recording, if the robot rested in it; None where drives are no position servos, too."""
+    command, drives = command_of(recording), model.drives()
+    if command is None or not recording.has("position"):
+        return None
+    position = recording.channel("position")
+    labels = [x for x in command.labels if x in position.labels and drives.get(x)]
+    actuators = tuple(model.index("actuator", drives[x]) for x in labels)
+    everything = {i for i, name in enumerate(model.names("actuator")) if name}
+    if set(actuators) != everything or not all(model.is_position_servo(i) for i in actuators):
+        return None
+    early = [c.select(labels) for c in (command, position)]
+    rows = [c.values[c.time <= recording.start + _BEGINNING] for c in early]
+    if any(len(r) == 0 or not np.isfinite(r).all() or np.ptp(r, axis=0).max() > _RESTS for r in rows):
+        return None
+    told, was = (r.mean(axis=0) for r in rows)
+    return _Rest(actuators, told, was)
+
+
+def _sag(compiled: mujoco.MjModel, rest: _Rest) -> Array | None:
+    """(k,) how far from their commands joints come to rest; None where the robot falls."""
+    data = mujoco.MjData(compiled)
+    if compiled.nkey:
+        mujoco.mj_resetDataKeyframe(compiled, data, 0)
+    places = compiled.jnt_qposadr[compiled.actuator_trnid[list(rest.actuators), 0]]
+    data.qpos[places] = rest.was
+    data.ctrl[list(rest.actuators)] = rest.told
+    mujoco.mj_forward(compiled, data)
+    root = compiled.jnt_bodyid[0]
+    upright = data.xmat[root].copy()
+    mujoco.mj_step(compiled, data, int(np.ceil(_SETTLED / compiled.opt.timestep)))
+    leans = float(np.arccos(np.clip(data.xmat[root][6:] @ upright[6:], -1.0, 1.0)))
+    fell = compiled.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE and leans > _UPRIGHT
+    return None if fell or not np.isfinite(data.qpos).all() else data.qpos[places] - rest.told

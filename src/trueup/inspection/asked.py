@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Is a recording the run that was asked for? How long it lasts, by which clock, and which joint followed which command."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from trueup.arrays import Array
+from trueup.ends import end_of
+from trueup.inspection.requested import side_by_side
+from trueup.recording import Channel, Recording
+from trueup.trial import Trial
+from trueup.units import to_si
+
+_TIMES = ("ms", "us", "ns", "min")
+"""Units of clocks, in which a log is written or as which one in s is read."""
+_COMPLETE, _ARRIVED = (
+    0.95,
+    0.6,
+)  # share of the duration that must be there: of a command; of a run that ends by arriving
+_TOO_LONG = 1.6
+
+
+@dataclass(frozen=True)
+class Unlike:
+    """One thing in which a recording is not what was asked for."""
+
+    kind: str
+    """'instant', 'clock', 'short', 'long' or 'order': what mends it depends on where recordings come from."""
+    words: str
+
+
+def lasting(trial: Trial, recording: Recording) -> Unlike | None:
+    """How the shortest of the observed channels, all of which the recording has, fails to cover the run; None if it does."""
+    if not trial.observed:
+        return None
+    lasts = min(recording.channel(n).time[-1] - recording.channel(n).time[0] for n in trial.observed)
+    if lasts <= 0.0:
+        return Unlike("instant", "it holds a single instant")
+    ratio = lasts / trial.duration
+    sizes = {unit: to_si(unit)[1] for unit in _TIMES}
+    clocks = {1.0 / size: unit for unit, size in sizes.items()} | {s: f"s read as {unit}" for unit, s in sizes.items()}
+    for factor, unit in clocks.items():
+        if abs(np.log(ratio / factor)) < 0.5:
+            return Unlike(
+                "clock",
+                f"it lasts {lasts:.4g} s, {ratio:.3g} times the {trial.duration:.4g} s that were asked for: its clock is in "
+                f"another unit ({unit})",
+            )
+    enough = _COMPLETE if trial.command is not None else _ARRIVED
+    if ratio < enough and end_of(recording, trial.ends) is None:
+        return Unlike("short", f"it lasts {lasts:.4g} s of {trial.duration:.4g} s")
+    if ratio > _TOO_LONG:
+        return Unlike("long", f"it lasts {lasts:.4g} s, {ratio:.2g} times what was asked for")
+    return None
+
+
+def swapped(asked: Channel, recording: Recording) -> Unlike | None:
+    """Positions that follow another joint's command; None where there are none."""
+    if not recording.has("position"):
+        return None
+    position = recording.channel("position")
+    labels = [label for label in asked.labels if label in position.labels]
+    if len(labels) < 2:
+        return None
+    request, moved = side_by_side(asked.select(labels), position.select(labels))
+    moving = request.std(axis=0) > 1e-3
+    for k, label in enumerate(labels):
+        if not moving[k] or moved[:, k].std() < 1e-3:
+            continue
+        alike = [correlation(moved[:, k], request[:, j]) if moving[j] else 0.0 for j in range(len(labels))]
+        best = int(np.argmax(alike))
+        if best != k and alike[best] > 0.8 and alike[k] < 0.5:
+            return Unlike(
+                "order",
+                f"the position of '{label}' follows what was asked of '{labels[best]}': the joints are in another order",
+            )
+    return None
+
+
+def correlation(a: Array, b: Array) -> float:
+    """Of two series (T,); 0 where one of them is constant."""
+    return float(np.corrcoef(a, b)[0, 1]) if a.std() > 0 and b.std() > 0 else 0.0
