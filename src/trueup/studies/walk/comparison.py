@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from itertools import product
 from typing import Any, Protocol
@@ -102,13 +102,16 @@ class OnTheRobot:
     loop: Callable[..., Story]
     """As `study.alone` and `paces.paced`."""
     name: str
+    fall: float | None = None
+    """m/s that a fall costs on the robot; None: as the budget says."""
 
     def improved(
         self, robot: StandInNao, scale: Scale, seed: int, line: LineWalk, told: Callable[[str], None],
         evaluator: Evaluator | None = None,
     ) -> Story:  # fmt: skip
         """See Way."""
-        return self.loop(robot, scale.budget, seed, line=line, told=told)
+        budget = scale.budget if self.fall is None else replace(scale.budget, fall=self.fall)
+        return self.loop(robot, budget, seed, line=line, told=told)
 
 
 @dataclass(frozen=True)
