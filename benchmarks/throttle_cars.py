@@ -65,8 +65,8 @@ def hidden(car: Car) -> dict[str, float]:
          "throttle_lag"), 0.0)  # fmt: skip
     left, right = (car.steers * s for s in car.scale)
     return still | {
-        "speed_kept": 1.0, "drive": drive, "throttle_dead": dead, "drive_fade": fade, "friction": friction, "speed_loss": loss,
-        "throttle_delay": car.delays[0], "steering_delay": car.delays[1] - _STEP, "steering_lag": car.lag,
+        "speed_kept": 1.0, "drive": drive, "throttle_dead": dead, "drive_fade": fade, "friction": friction,
+        "speed_loss": loss, "throttle_delay": car.delays[0], "steering_delay": car.delays[1] - _STEP, "steering_lag": car.lag,
         "steering_rate_limit": car.turns / car.steers, "steering_left": left, "steering_right": right,
         "steering_bend": -((0.5 * (left + right)) ** 2) / 3.0,  # the tangent of what is steered, which is what a car turns by
         "steering_offset": car.offset / (0.5 * (left + right)), "understeer": 1.0 / car.stiffness[0] - 1.0 / car.stiffness[1],
