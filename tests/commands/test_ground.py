@@ -60,6 +60,7 @@ def test_logs_and_a_model_become_a_grounded_simulator(
     (replay,) = json.loads(capsys.readouterr().out)
     assert replay["pooled"] == pytest.approx(held["after"], rel=0.02)
     assert replay["pooled_against"] == pytest.approx(held["before"], rel=0.02)
+    assert not replay["ahead"], "predictions that begin on the way lack the frames before them"
 
 
 def test_what_the_model_lacks_is_found_and_kept(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -168,6 +168,10 @@ class GroundedSimulator(InPlaceOf):
         """What may be calibrated."""
         return self.whole.parameters
 
+    def placed(self, trial: Trial) -> bool:
+        """See `placed`. A grounding that looks at frames before may not begin where these are not there."""
+        return self.grounding.inputs.history == 1 and not self.grounding.chained and super().placed(trial)
+
     def at_step(self, step: float) -> GroundedSimulator:
         """The same with another step."""
         return dataclasses.replace(self, whole=self.whole.at_step(step))

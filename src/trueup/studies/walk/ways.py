@@ -17,7 +17,7 @@ CONTROL, CHALLENGER = "noisy", "pace and lean"
 """The way that others must beat, and the one that is put beside it by default."""
 DARING = 0.35
 """m/s that a fall costs where pace and lean are found: half of what searches in simulators reckon with (`Budget.fall`), whose
-walks fall twice as often. Of 0.7, 0.5, 0.35 and 0.25 the one with two falls more in a hundred than at 0.7 on the forty formulas
+walks fall twice as often. Of 0.7, 0.5, 0.35 and 0.25 the one with two falls more in a hundred than at 0.7 on the formulas
 of `benchmarks/dosing.py`, and chosen there alone."""
 WAYS: Mapping[str, Way] = {
     CONTROL: Searching(Ungrounded()),
