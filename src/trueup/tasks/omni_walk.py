@@ -20,11 +20,9 @@ from trueup.tasks.walking import PLACE, Walk
 class OmniWalk(Walk):
     """Through a course of targets in all directions: metres made good toward each while it is the present one.
 
-    Where the robot is to step on the spot, metres that it drifts are taken off. `sideways` False: it turns to each target
-    and walks ahead, as where a real robot explores.
+    Where the robot is to step on the spot, metres that it drifts are taken off.
     """
 
-    sideways: bool = True
     stretch: float = 1.0
     """Factor on all times of the course: longer for slower walks."""
     fall: float = 5.0
@@ -45,7 +43,7 @@ class OmniWalk(Walk):
         lasting, x, y = np.array(COURSE).T
         begun = self.stretch * (np.cumsum(lasting) - lasting)
         every = np.ones(len(x))
-        return np.stack([begun, x, y, self.share * every, float(self.sideways) * every], axis=1)
+        return np.stack([begun, x, y, self.share * every, every], axis=1)
 
     def made_good(self, rollout: Rollout) -> Array:
         """(b,) m."""

@@ -18,7 +18,7 @@ from trueup.robots.stand_in_vehicle.kernel import follow, play
 from trueup.robots.stand_in_vehicle.truth import VehicleTruth
 from trueup.rounding import SAME_INSTANT
 from trueup.tracking.channels import CHANNELS, PLACE, READ
-from trueup.trial import STEP, Observed, Trial
+from trueup.trial import STEP, Trial
 
 _DRIFTING = 8.0  # s over which the slow error of the localisation changes
 
@@ -159,10 +159,3 @@ def _start(trial: Trial) -> Array:
         path = Path.of(trial.references["path"], trial.name)
         return np.array([*path.points[0], path.heading[0]])
     return np.zeros(3)
-
-
-def observed(rate: float, duration: float) -> dict[str, Observed]:
-    """All that this robot measures, at `rate` Hz, for a trial that starts at zero."""
-    time = np.arange(int(duration * rate) + 1, dtype=np.float64) / rate
-    units = {"position": "m", "heading": "rad", "speed": "m/s", "yaw_rate": "rad/s"}
-    return {name: Observed(CHANNELS[name], unit, time) for name, unit in units.items()}
