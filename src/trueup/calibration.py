@@ -57,6 +57,15 @@ class Replay:
     noise: Array = field(default_factory=lambda: np.zeros(0))
     """(k,) estimated measurement noise, standard deviation in `unit`."""
 
+    def columns(self, which: Sequence[int]) -> Replay:
+        """The same of some of its labels."""
+        k = list(which)
+        return replace(
+            self, labels=tuple(self.labels[i] for i in k), measured=self.measured[:, k], before=self.before[:, k],
+            after=self.after[:, k], command=None if self.command is None else self.command[:, k],
+            noise=self.noise[k] if self.noise.size else self.noise,
+        )  # fmt: skip
+
     def rmse_before(self) -> Array:
         """(k,) root mean square of measured - before, in `unit`; NaN samples are skipped."""
         return _rmse(self.measured, self.before)
@@ -201,16 +210,11 @@ def by_unit(replays: Sequence[Replay], recordings: Sequence[Recording]) -> tuple
     for replay in replays:
         of = units.get((replay.recording, replay.channel), {})
         each = [of.get(label, replay.unit) for label in replay.labels]
-        found += [_columns(replay, unit, [i for i, u in enumerate(each) if u == unit]) for unit in dict.fromkeys(each)]
+        found += [
+            replace(replay, unit=unit).columns([i for i, u in enumerate(each) if u == unit])
+            for unit in dict.fromkeys(each)
+        ]
     return tuple(found)
-
-
-def _columns(replay: Replay, unit: str, columns: list[int]) -> Replay:
-    return replace(
-        replay, unit=unit, labels=tuple(replay.labels[i] for i in columns), measured=replay.measured[:, columns],
-        before=replay.before[:, columns], after=replay.after[:, columns], noise=replay.noise[columns],
-        command=None if replay.command is None else replay.command[:, columns],
-    )  # fmt: skip
 
 
 def _rmse(measured: Array, simulated: Array) -> Array:

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from trueup.recording import Channel, Recording
+from trueup.samples import between
 
 _AXES = ("x", "y", "z")
 _WORDS = {"m/s^2": re.compile(r"acc", re.I), "rad/s": re.compile(r"gyr|omega|ang(ular)?_?(vel|rate)", re.I)}
@@ -88,6 +89,6 @@ def turned(recordings: Sequence[Recording]) -> tuple[float, str]:
                 time, rates = c.time[good], c.values[good] - np.median(c.values[good], axis=0)
                 if len(time) > 1:
                     angles = np.vstack([np.zeros(3), np.cumsum(rates[:-1] * np.diff(time)[:, None], axis=0)])
-                    later = np.stack([np.interp(time + 1.0, time, column) for column in angles.T], axis=1)
+                    later = between(time + 1.0, time, angles)
                     most = max(most, (float(np.max(np.abs(later - angles))), name))
     return most

@@ -8,6 +8,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.recording import Recording
 from trueup.rounding import ROUNDED
+from trueup.samples import between
 from trueup.tracking.windows import moves
 from trueup.trial import Trial
 from trueup.units import FULL_LOCK
@@ -64,9 +65,7 @@ def _apart(driven: Array, wanted: Array) -> float:
     few = _thin(driven, 200)  # so that noise adds little to the way
     ways = [np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(p, axis=0).T))]) for p in (few, wanted)]
     at = np.linspace(0.0, min(way[-1] for way in ways), 200)
-    places = [
-        np.stack([np.interp(at, way, x) for x in p.T], axis=1) for way, p in zip(ways, (few, wanted), strict=True)
-    ]
+    places = [between(at, way, p) for way, p in zip(ways, (few, wanted), strict=True)]
     return float(np.median(np.hypot(*(places[0] - places[1]).T)))
 
 
@@ -150,7 +149,7 @@ def _legs(recording: Recording) -> tuple[Array, Array]:
     if len(time) < 2 or gone[-1] <= 0.0:
         return np.zeros(0), np.zeros((0, 2))
     legs = np.interp(np.linspace(0.0, gone[-1], 41), gone + ROUNDED * np.arange(len(gone)), time)
-    return legs, np.stack([np.interp(legs, time, column) for column in place.T], axis=1)
+    return legs, between(legs, time, place)
 
 
 def _turns(recording: Recording) -> list[str]:

@@ -71,12 +71,11 @@ class StandInVehicle:
             if name not in CHANNELS and not name.startswith("command"):
                 raise unknown_name("channel", name, CHANNELS, "what this robot measures")
         self._rng = np.random.default_rng([self._seed, 7, zlib.crc32(trial.name.encode())])
-        names = [trial.name] if trial.repeats == 1 else [f"{trial.name}-{i + 1}" for i in range(trial.repeats)]
         if trial.command is not None:
-            return [self._recording(name, trial, self._play(trial), 0) for name in names]
+            return [self._recording(name, trial, self._play(trial), 0) for name in trial.runs]
         gains = np.array([list(trial.settings.values()) or [1.0] * len(GAINS)], dtype=np.float64)
-        drive = self.drive(trial, np.repeat(gains, len(names), axis=0), tuple(trial.settings) or GAINS)
-        return [self._recording(name, trial, drive, i) for i, name in enumerate(names)]
+        drive = self.drive(trial, np.repeat(gains, trial.repeats, axis=0), tuple(trial.settings) or GAINS)
+        return [self._recording(name, trial, drive, i) for i, name in enumerate(trial.runs)]
 
     def drive(self, trial: Trial, gains: Array, names: tuple[str, ...] = GAINS, *, noise: int | None = None) -> Drive:
         """Closed loop on the trial's path for b sets of gains (b, m), each with noise of its own.

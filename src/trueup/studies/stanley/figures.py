@@ -14,6 +14,7 @@ from trueup.paths import Path
 from trueup.report.markup import Markup, join, tag
 from trueup.report.numbers import fixed
 from trueup.report.plots import AFTER, BEFORE, INK, SOFT, Plot, span
+from trueup.samples import between
 from trueup.studies.stanley.paper import PaperStudy, Searched
 from trueup.studies.stanley.profile import FLAT, Profile
 
@@ -88,7 +89,7 @@ def deviation(path: Array, runs: Sequence[tuple[str, Array, str]]) -> Markup:
     lines = []
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     fine = np.arange(0.0, arc[-1], 0.005)
-    dense = KDTree(np.stack([np.interp(fine, arc, column) for column in path.T], axis=1))
+    dense = KDTree(between(fine, arc, path))
     for name, driven, colour in runs:
         gaps = dense.query(driven[::_THIN])[0].tolist()
         gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(driven[::_THIN], axis=0).T))])
