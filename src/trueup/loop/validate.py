@@ -99,9 +99,7 @@ def _numbers(recording: Recording) -> dict[str, float]:
     return found
 
 
-def left_out_points(
-    problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None, *, settled: bool = False
-) -> Array:
+def left_out_points(fit: Fit, blocks: Sequence[Block], held: Array | None = None, *, settled: bool = False) -> Array:
     """(B, n_free) where the fit would go if it had never seen each block: one Gauss-Newton step from the optimum.
 
     `held` (n_free,) are values in the unit box for parameters that must not be used, NaN for the others. `settled`: where
@@ -132,7 +130,7 @@ def backtracked(
     Optimization, 2006, section 3.1).
     """
     start = fit.unit if held is None else np.where(np.isfinite(held), held, fit.unit)
-    steps = left_out_points(problem, fit, blocks, held, settled=settled) - start
+    steps = left_out_points(fit, blocks, held, settled=settled) - start
     begun = problem.residuals(fit.space.from_unit(start[None]))[0]
     points, residuals = np.tile(start, (len(blocks), 1)), np.tile(begun, (len(blocks), 1))
     left = list(range(len(blocks)))
@@ -202,7 +200,7 @@ def foretold(problem: Problem, fit: Fit) -> Array:
 
 def left_out_errors(problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None) -> Array:
     """(B,) replay error of each block by a fit that never saw it, as `block_errors` has it; `held` as `left_out_points`."""
-    return block_errors(problem, blocks, fit.space.from_unit(left_out_points(problem, fit, blocks, held)))
+    return block_errors(problem, blocks, fit.space.from_unit(left_out_points(fit, blocks, held)))
 
 
 def cautious_errors(problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None) -> Array:

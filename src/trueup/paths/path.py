@@ -85,20 +85,18 @@ class Path:
     @classmethod
     def from_spline(
         cls, name: str, waypoints: ArrayLike, *, speed: float = 0.5, limits: SpeedLimits | None = None,
-        spacing: float = SPACING, closed: bool = False,
+        spacing: float = SPACING,
     ) -> Path:  # fmt: skip
-        """A cubic spline through waypoints (N, 2) in m, by chord length; `closed`: the last leads back to the first."""
+        """A cubic spline through waypoints (N, 2) in m, by chord length."""
         from scipy.interpolate import CubicSpline
 
         given = np.asarray(waypoints, dtype=np.float64)
         if given.ndim != 2 or given.shape[1:] != (2,) or len(given) < 3 or not np.isfinite(given).all():
             raise RecordingError(f"path '{name}': a spline needs at least three finite waypoints (N, 2)")
-        if closed:
-            given = np.concatenate([given, given[:1]])
         chord = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(given, axis=0).T))])
         if (np.diff(chord) <= 0.0).any():
             raise RecordingError(f"path '{name}': two waypoints in a row coincide")
-        curve = CubicSpline(chord, given, bc_type="periodic" if closed else "natural")
+        curve = CubicSpline(chord, given, bc_type="natural")
         fine = curve(np.linspace(0.0, chord[-1], max(200, int(20 * chord[-1] / spacing))))
         return cls.from_points(name, fine, speed=speed, limits=limits, spacing=spacing)
 
