@@ -76,9 +76,7 @@ class Replay:
 
     def mae_after(self) -> Array:
         """(k,) mean of the sizes of after - measured, in `unit`."""
-        size = np.abs(self.after - self.measured)
-        count = np.isfinite(size).sum(axis=0)
-        return np.divide(np.nansum(size, axis=0), count, out=np.full(len(count), np.nan), where=count > 0)
+        return _mean(np.abs(self.after - self.measured))
 
     def end_after(self) -> Array:
         """(k,) after - measured at the last sample that has both, in `unit`."""
@@ -218,6 +216,10 @@ def by_unit(replays: Sequence[Replay], recordings: Sequence[Recording]) -> tuple
 
 
 def _rmse(measured: Array, simulated: Array) -> Array:
-    squares = (measured - simulated) ** 2
-    count = np.isfinite(squares).sum(axis=0)
-    return np.sqrt(np.divide(np.nansum(squares, axis=0), count, out=np.full(len(count), np.nan), where=count > 0))
+    return np.sqrt(_mean((measured - simulated) ** 2))
+
+
+def _mean(values: Array) -> Array:
+    """(k,) of the samples (T, k) that there are; NaN where there are none."""
+    count = np.isfinite(values).sum(axis=0)
+    return np.divide(np.nansum(values, axis=0), count, out=np.full(len(count), np.nan), where=count > 0)

@@ -28,6 +28,11 @@ def between(at: Array, time: Array, values: Array) -> Array:
     return np.stack([np.interp(at, time, column) for column in values.T], axis=1)
 
 
+def way_along(points: Array) -> Array:
+    """(N,) m from the first of (N, 2) points to each, along straight lines."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+
+
 def wrapped(angles: Array) -> Array:
     """Angles in rad, each in the turn from -pi to pi."""
     return (angles + np.pi) % math.tau - np.pi

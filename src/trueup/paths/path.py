@@ -14,7 +14,7 @@ from trueup.arrays import Array
 from trueup.errors import RecordingError, unknown_name
 from trueup.paths.speed import SpeedLimits, speed_profile
 from trueup.rounding import ROUNDED, first_step
-from trueup.samples import between
+from trueup.samples import between, way_along
 from trueup.trial import Reference
 
 SPACING = 0.05
@@ -77,7 +77,7 @@ class Path:
         given = given[keep]
         if len(given) < 2 or not np.isfinite(given).all():
             raise RecordingError(f"path '{name}' needs at least two different finite points")
-        arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(given, axis=0).T))])
+        arc = way_along(given)
         dense = _refilled(arc, spacing)
         xy = between(dense, arc, given)
         return cls.from_dense(name, xy, np.interp(dense, arc, wanted), limits=limits)
@@ -93,7 +93,7 @@ class Path:
         given = np.asarray(waypoints, dtype=np.float64)
         if given.ndim != 2 or given.shape[1:] != (2,) or len(given) < 3 or not np.isfinite(given).all():
             raise RecordingError(f"path '{name}': a spline needs at least three finite waypoints (N, 2)")
-        chord = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(given, axis=0).T))])
+        chord = way_along(given)
         if (np.diff(chord) <= 0.0).any():
             raise RecordingError(f"path '{name}': two waypoints in a row coincide")
         curve = CubicSpline(chord, given, bc_type="natural")

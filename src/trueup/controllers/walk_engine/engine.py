@@ -16,7 +16,7 @@ from trueup.arrays import Array
 from trueup.controllers.controller import Observation
 from trueup.controllers.walk_engine.attitude import Attitude, Complementary, Lean
 from trueup.controllers.walk_engine.legs import Biped
-from trueup.controllers.walk_engine.requests import OfTrial, Requests
+from trueup.controllers.walk_engine.requests import OfTrial
 from trueup.errors import ParameterError
 from trueup.parameters import Parameter, ParameterSpace
 from trueup.samples import wrapped
@@ -94,13 +94,12 @@ class Gait:
 class WalkEngine:
     """A Controller: b walks in lockstep with values (b, 17) of `PARAMETERS`.
 
-    `requests` says where to go, and with which share of the largest step: by default what each trial says. A request is
-    followed within a cycle, and steps grow from nothing over `startLength` cycles. Raises ParameterError for values of
-    another shape.
+    Each trial says where to go, and with which share of the largest step (see `OfTrial`). A request is followed within a
+    cycle, and steps grow from nothing over `startLength` cycles. Raises ParameterError for values of another shape.
     """
 
     def __init__(
-        self, biped: Biped, values: Array, *, requests: Requests | None = None, period: float = 0.01,
+        self, biped: Biped, values: Array, *, period: float = 0.01,
         gait: Gait | None = None, attitude: Attitude | None = None,
     ) -> None:  # fmt: skip
         given = np.atleast_2d(np.asarray(values, dtype=np.float64))
@@ -108,7 +107,7 @@ class WalkEngine:
             raise ParameterError(f"a walk has {len(PARAMETERS)} parameters, got values of shape {np.shape(values)}")
         self.period = period
         self._biped, self._gait = biped, gait or Gait()
-        self._requests, self._attitude = requests or OfTrial(), attitude or Complementary()
+        self._requests, self._attitude = OfTrial(), attitude or Complementary()
         self._p = dict(zip(PARAMETERS.names, given.T[:, :, None], strict=True))  # name to (b, 1)
         self._asked = np.zeros((len(given), 3))
         self._from = np.zeros((len(given), 2, 6))

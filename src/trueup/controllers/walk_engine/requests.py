@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -16,14 +15,6 @@ from trueup.trial import Reference
 
 TARGETS, REQUESTS = "targets", "requests"
 """Names of a trial's references that a walk follows."""
-
-
-class Requests(Protocol):
-    """Says where b robots are to walk."""
-
-    def __call__(self, observation: Observation) -> Array:
-        """(b, 3) forward, left and turning left, each as a share of the largest step, -1 ... 1."""
-        ...
 
 
 def targets(rows: Array) -> Reference:
@@ -54,7 +45,10 @@ class OfTrial:
     base: int = 0
 
     def __call__(self, observation: Observation) -> Array:
-        """See Requests. Raises TrialError where the trial has neither reference."""
+        """(b, 3) forward, left and turning left, each as a share of the largest step, -1 ... 1.
+
+        Raises TrialError where the trial has neither reference.
+        """
         trial = observation.trial
         references = trial.references if trial is not None else {}
         if REQUESTS in references:

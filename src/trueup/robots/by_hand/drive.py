@@ -8,7 +8,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.recording import Recording
 from trueup.rounding import ROUNDED
-from trueup.samples import between
+from trueup.samples import between, way_along
 from trueup.tracking.windows import moves
 from trueup.trial import Trial
 from trueup.units import FULL_LOCK
@@ -63,7 +63,7 @@ def _mirrored(driven: Array, wanted: Array, near: float) -> list[str]:
 def _apart(driven: Array, wanted: Array) -> float:
     """Median distance in m of a drive (N, 2) from a path (M, 2) after the same way along each, as far as both go."""
     few = _thin(driven, 200)  # so that noise adds little to the way
-    ways = [np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(p, axis=0).T))]) for p in (few, wanted)]
+    ways = [way_along(p) for p in (few, wanted)]
     at = np.linspace(0.0, min(way[-1] for way in ways), 200)
     places = [between(at, way, p) for way, p in zip(ways, (few, wanted), strict=True)]
     return float(np.median(np.hypot(*(places[0] - places[1]).T)))
@@ -145,7 +145,7 @@ def _legs(recording: Recording) -> tuple[Array, Array]:
     place = position.select(("x", "y")).values
     known = np.isfinite(place).all(axis=1)
     time, place = position.time[known], place[known]
-    gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
+    gone = way_along(place)
     if len(time) < 2 or gone[-1] <= 0.0:
         return np.zeros(0), np.zeros((0, 2))
     legs = np.interp(np.linspace(0.0, gone[-1], 41), gone + ROUNDED * np.arange(len(gone)), time)
