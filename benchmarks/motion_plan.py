@@ -75,8 +75,7 @@ class Hidden:
     def perform(self, trial: Trial) -> list[Recording]:
         """See Robot."""
         rng = np.random.default_rng(zlib.crc32(trial.name.encode()))
-        names = [trial.name] if trial.repeats == 1 else [f"{trial.name}-{k + 1}" for k in range(trial.repeats)]
-        return [self._once(name, trial, rng) for name in names]
+        return [self._once(name, trial, rng) for name in trial.runs]
 
     def _once(self, name: str, trial: Trial, rng: np.random.Generator) -> Recording:
         initial = {n: c.replace(values=c.values + 0.003 * rng.standard_normal(c.values.shape)) if n == "position" else c

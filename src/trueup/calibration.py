@@ -57,6 +57,15 @@ class Replay:
     noise: Array = field(default_factory=lambda: np.zeros(0))
     """(k,) estimated measurement noise, standard deviation in `unit`."""
 
+    def columns(self, which: Sequence[int]) -> Replay:
+        """The same of some of its labels."""
+        k = list(which)
+        return replace(
+            self, labels=tuple(self.labels[i] for i in k), measured=self.measured[:, k], before=self.before[:, k],
+            after=self.after[:, k], command=None if self.command is None else self.command[:, k],
+            noise=self.noise[k] if self.noise.size else self.noise,
+        )  # fmt: skip
+
     def rmse_before(self) -> Array:
         """(k,) root mean square of measured - before, in `unit`; NaN samples are skipped."""
         return _rmse(self.measured, self.before)
@@ -67,9 +76,7 @@ class Replay:
 
     def mae_after(self) -> Array:
         """(k,) mean of the sizes of after - measured, in `unit`."""
-        size = np.abs(self.after - self.measured)
-        count = np.isfinite(size).sum(axis=0)
-        return np.divide(np.nansum(size, axis=0), count, out=np.full(len(count), np.nan), where=count > 0)
+        return _mean(np.abs(self.after - self.measured))
 
     def end_after(self) -> Array:
         """(k,) after - measured at the last sample that has both, in `unit`."""
@@ -201,19 +208,18 @@ def by_unit(replays: Sequence[Replay], recordings: Sequence[Recording]) -> tuple
     for replay in replays:
         of = units.get((replay.recording, replay.channel), {})
         each = [of.get(label, replay.unit) for label in replay.labels]
-        found += [_columns(replay, unit, [i for i, u in enumerate(each) if u == unit]) for unit in dict.fromkeys(each)]
+        found += [
+            replace(replay, unit=unit).columns([i for i, u in enumerate(each) if u == unit])
+            for unit in dict.fromkeys(each)
+        ]
     return tuple(found)
 
 
-def _columns(replay: Replay, unit: str, columns: list[int]) -> Replay:
-    return replace(
-        replay, unit=unit, labels=tuple(replay.labels[i] for i in columns), measured=replay.measured[:, columns],
-        before=replay.before[:, columns], after=replay.after[:, columns], noise=replay.noise[columns],
-        command=None if replay.command is None else replay.command[:, columns],
-    )  # fmt: skip
-
-
 def _rmse(measured: Array, simulated: Array) -> Array:
-    squares = (measured - simulated) ** 2
-    count = np.isfinite(squares).sum(axis=0)
-    return np.sqrt(np.divide(np.nansum(squares, axis=0), count, out=np.full(len(count), np.nan), where=count > 0))
+    return np.sqrt(_mean((measured - simulated) ** 2))
+
+
+def _mean(values: Array) -> Array:
+    """(k,) of the samples (T, k) that there are; NaN where there are none."""
+    count = np.isfinite(values).sum(axis=0)
+    return np.divide(np.nansum(values, axis=0), count, out=np.full(len(count), np.nan), where=count > 0)

@@ -115,6 +115,11 @@ def unknown_name(kind: str, name: str, known: Iterable[str], where: str = "the m
     return UnknownNameError(f"{kind} '{name}' is not in {where}{hint}; {_several(kind)} are: {listed or 'none'}")
 
 
+def counted(count: int, noun: str) -> str:
+    """A number of things: '1 run', '3 runs'."""
+    return f"{count} {noun if count == 1 else _several(noun)}"
+
+
 def listed(names: Sequence[str], most: int = 6) -> str:
     """Names one after the other in a sentence, and how many more there are where `most` of them are enough."""
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from trueup.arrays import Array
 from trueup.errors import RecordingError, unknown_name
 from trueup.rounding import PRINTED, SAME_INSTANT
-from trueup.samples import in_force, unwound
+from trueup.samples import between, in_force, unwound
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +78,7 @@ class Channel:
             last = np.searchsorted(self.time, instants + SAME_INSTANT, side="right") - 1
             return in_force(self.values)[np.clip(last, 0, None)]
         outside = (instants < self.time[0] - SAME_INSTANT) | (instants > self.time[-1] + SAME_INSTANT)
-        columns = [np.interp(instants, self.time, column) for column in self.values.T]
-        result = np.stack(columns, axis=1)
+        result = between(instants, self.time, self.values)
         result[outside] = np.nan
         return result
 

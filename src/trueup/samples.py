@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Samples of a signal, missing ones among them: what is in force at each, and angles without jumps of a turn."""
+"""Samples of a signal: what is in force where some are missing, values in between, angles without jumps of a turn."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -21,10 +23,25 @@ def in_force(values: Array) -> Array:
     return np.take_along_axis(values, last, axis=0)
 
 
-def unwound(angles: Array) -> Array:
-    """(T, k) angles without jumps of a turn, missing samples aside: half way between pi and -pi lies no heading of zero."""
+def between(at: Array, time: Array, values: Array) -> Array:
+    """(n, k) the values (T, k) at instants (n,), or at whatever else `time` (T,) counts: linear, beyond the ends as there."""
+    return np.stack([np.interp(at, time, column) for column in values.T], axis=1)
+
+
+def way_along(points: Array) -> Array:
+    """(N,) m from the first of (N, 2) points to each, along straight lines."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+
+
+def wrapped(angles: Array) -> Array:
+    """Angles in rad, each in the turn from -pi to pi."""
+    return (angles + np.pi) % math.tau - np.pi
+
+
+def unwound(angles: Array, turn: float = math.tau) -> Array:
+    """(T,) or (T, k) angles without jumps of a turn, missing samples aside: half way from pi to -pi no heading is zero."""
     values = angles.copy()
-    for column in values.T:
+    for column in np.atleast_2d(values.T):
         known = np.isfinite(column)
-        column[known] = np.unwrap(column[known])
+        column[known] = np.unwrap(column[known], period=turn)
     return angles if np.array_equal(values, angles, equal_nan=True) else values

@@ -202,6 +202,11 @@ class Trial:
         """
         return dataclasses.replace(self, chance=Chance(int(rng.integers(2**63)), alike))
 
+    @property
+    def runs(self) -> tuple[str, ...]:
+        """The name of each of its runs, as their recordings are called."""
+        return (self.name,) if self.repeats == 1 else tuple(f"{self.name}-{i + 1}" for i in range(self.repeats))
+
     def from_row(self, first: int) -> Trial:
         """The same for rows of which the first is number `first` of all: each meets what it would meet among all of them."""
         if self.chance is None or not first:

@@ -36,7 +36,7 @@ def test_windows_of_one_recording_are_left_out_together(formula: Callable[..., S
     recordings = [*windows, low]
     problem = Problem(formula(level, SPACE), recordings, Weighted.estimated(recordings, ["position"]), ("position",))
     found = fit(problem, SPACE, SPACE.nominal, Watch(), robust=np.inf)
-    points = found.space.from_unit(left_out_points(problem, found, by_recording(problem)))[:, 0]
+    points = found.space.from_unit(left_out_points(found, by_recording(problem)))[:, 0]
     np.testing.assert_allclose(points, [0.0, 1.0], atol=0.02)
 
 
@@ -68,5 +68,5 @@ def test_what_only_the_part_left_out_has_seen_stays_about_where_it_is(formula: C
         formula(late_rise, space), recordings, Weighted.estimated(recordings, ["position"]), ("position",)
     )
     found = fit(problem, space, space.nominal, Watch(), robust=np.inf)
-    without_longer = found.space.from_unit(left_out_points(problem, found, by_recording(problem)))[1, 1]
+    without_longer = found.space.from_unit(left_out_points(found, by_recording(problem)))[1, 1]
     assert abs(without_longer - found.values[1]) < 0.05

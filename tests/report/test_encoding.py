@@ -3,13 +3,25 @@
 
 from __future__ import annotations
 
+import base64
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from trueup.report.encoding import kept_samples, packed, unpacked
+from trueup.report.encoding import MISSING, kept_samples, packed
+
+
+def unpacked(column: dict[str, Any]) -> np.ndarray:
+    """The values of `packed`, as the browser sees them."""
+    raw = base64.b64decode(column["d"])
+    if column["k"] == "f4":
+        return np.frombuffer(raw, "<f4").astype(float)
+    codes = np.frombuffer(raw, "<i2")
+    return np.where(codes == MISSING, np.nan, column["o"] + column["s"] * codes)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.integers(500, 5000))

@@ -12,7 +12,6 @@ from trueup.errors import RecordingError, TrialAbortedError, UnknownNameError
 from trueup.paths.courses import hairpin
 from trueup.recording import Channel
 from trueup.robots.stand_in_vehicle import StandInVehicle, VehicleTruth
-from trueup.robots.stand_in_vehicle.robot import observed
 from trueup.tasks.follow_path import FollowPath
 from trueup.tasks.task import robot_scores, robot_trials
 from trueup.trial import Observed, Trial
@@ -27,7 +26,8 @@ def circle(truth: VehicleTruth, speed: float, steering: float) -> float:
     """Curvature in 1/m of the steady circle."""
     time = np.arange(1001) / 50.0
     command = Channel("command", ("speed", "steering"), "", time, np.tile([speed, steering], (len(time), 1)))
-    (run,) = StandInVehicle(truth).perform(Trial("circle", 0.0, 20.0, command, observed(50.0, 20.0)))
+    observed = {"position": Observed(("x", "y"), "m", time), "heading": Observed(("heading",), "rad", time)}
+    (run,) = StandInVehicle(truth).perform(Trial("circle", 0.0, 20.0, command, observed))
     heading = run.channel("heading").values[:, 0]
     gone = np.hypot(*np.diff(run.channel("position").values[-300:], axis=0).T).sum()
     return float((heading[-1] - heading[-300]) / gone)

@@ -21,7 +21,7 @@ from trueup.instant import usual_step
 from trueup.noise import estimate_noise
 from trueup.recording import Recording
 from trueup.rounding import TINY
-from trueup.samples import in_force
+from trueup.samples import between, in_force
 from trueup.trial import command_of
 from trueup.typed_toml import build
 from trueup.units import GRAVITY
@@ -138,7 +138,7 @@ class Run:
 
     def states(self, time: Array) -> Array:
         """(k, 2) position and speed as measured at `time` (k,)."""
-        return np.stack([np.interp(time, self.time, column) for column in self.smooth.T], axis=1)
+        return between(time, self.time, self.smooth)
 
     def given(self, time: Array) -> NDArray[np.intp]:
         """(k,) the number of the command in force at `time` (k,); before the first it is the first."""

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from types import FunctionType
 from typing import Any
 
@@ -93,8 +92,3 @@ def replay(law: Law, run: Run, step: float = STEP, window: float = np.inf, *, fi
         bench.about_axis, starts, every, step, file, out,
     )  # fmt: skip
     return np.interp(run.time, step * np.arange(steps + 1), out)
-
-
-def errors(law: Law, runs: Sequence[Run], step: float = STEP) -> list[Array]:
-    """(T,) rad of each run: replayed minus measured."""
-    return [replay(law, run, step) - run.position for run in runs]

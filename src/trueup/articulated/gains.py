@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 
 from trueup.articulated.model import Model, Writable, servos
+from trueup.errors import listed
 from trueup.inspection.settings import ALL, GAINS, setting
 from trueup.recording import Recording
 from trueup.rounding import PRINTED
-
-_SHOWN = 6  # joints in a note
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ class Gains:
                 name: {**{j: each[i] / given[j] for j, each in values.items()}, **dict.fromkeys(idle, 0.0)}
                 for i, name in enumerate(named)
             }
-            notes += [f"gains of {_listed(idle)} are 0 in all recordings: their servos do not pull"] if idle else []
+            notes += [f"gains of {listed(idle)} are 0 in all recordings: their servos do not pull"] if idle else []
             same = len(set(given.values())) < 2
             given_for |= {quantity if same else f"{quantity}.{joint}": own for joint, own in given.items()}
             notes += _said(quantity, given, {joint: sorted(set(each)) for joint, each in values.items()})
@@ -115,12 +114,12 @@ def _said(quantity: str, given: Mapping[str, float], values: Mapping[str, Sequen
         alike.setdefault((", ".join(f"{v:g}" for v in values[joint]), given[joint]), []).append(joint)
     if len(alike) == 1:
         (shown, own), joints = next(iter(alike.items()))
-        whose = f" of {_listed(joints)}" if len(joints) < len(given) else ""
+        whose = f" of {listed(joints)}" if len(joints) < len(given) else ""
         return [
             f"the recordings name the gain of their servos{whose} ({shown}), which '{quantity}' follows in proportion; it is "
             f"given for {own:g}"
         ]
-    shown = "; ".join(f"{_listed(joints)} {text}, given for {own:g}" for (text, own), joints in alike.items())
+    shown = "; ".join(f"{listed(joints)} {text}, given for {own:g}" for (text, own), joints in alike.items())
     return [f"the recordings name the gains of their servos, which '{quantity}' of each follows in proportion: {shown}"]
 
 
@@ -129,9 +128,5 @@ def _lacking(quantity: str, lacking: Sequence[str], values: Iterable[float]) -> 
     shown, word = ", ".join(f"{v:g}" for v in sorted(values)), GAINS[quantity][0]
     return [
         f"only some recordings name the gain of their servos ({shown}): '{quantity}' is taken to be the same in all. If not, "
-        f"name it in {_listed(lacking)} too: a column '{word}', or [channels.{word}] in the mapping"
+        f"name it in {listed(lacking)} too: a column '{word}', or [channels.{word}] in the mapping"
     ]
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:_SHOWN]) + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")

@@ -7,6 +7,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.recording import Recording
+from trueup.samples import unwound, wrapped
 
 POSITION, ORIENTATION = "base_position", "base_orientation"
 """Channels: x, y, z in m; roll, pitch, yaw in rad (turned about the base's x first, then y, then z of the world)."""
@@ -24,7 +25,7 @@ def in_angles(recording: Recording) -> Recording:
         values = channel.select(ANGLES).values
     else:
         return recording
-    return recording.with_channel(channel.replace(labels=ANGLES, unit="rad", values=_unwrapped(values)))
+    return recording.with_channel(channel.replace(labels=ANGLES, unit="rad", values=unwound(values)))
 
 
 def angles_of(quaternion: Array) -> Array:
@@ -62,12 +63,4 @@ def turning(angles: Array, rates: Array) -> Array:
 def near(angles: Array, measured: Array) -> Array:
     """(b, T, 3) angles, each in the turn that is nearest to what was measured (T, 3); as they are where nothing was."""
     away = np.where(np.isfinite(measured), measured, 0.0)
-    return np.where(np.isfinite(measured), away + (angles - away + np.pi) % (2.0 * np.pi) - np.pi, angles)
-
-
-def _unwrapped(angles: Array) -> Array:
-    out = np.array(angles)
-    for column in out.T:
-        good = np.isfinite(column)
-        column[good] = np.unwrap(column[good])
-    return out
+    return np.where(np.isfinite(measured), away + wrapped(angles - away), angles)

@@ -22,6 +22,7 @@ from trueup.ends import LOOK, Ended, which_end
 from trueup.engines.simulator import Rollout
 from trueup.errors import ModelError
 from trueup.rounding import first_step, whole_steps
+from trueup.samples import wrapped
 from trueup.trial import Trial
 
 STATES = {"position": "position", "velocity": "velocity", "torque": "force"}
@@ -154,5 +155,5 @@ class Run:
     def _nearest(self, angles: Array) -> Array:
         """(b, T, 3) angles of the base in the turn in which they were measured, else in the first."""
         measured = self._trial.initial.get(ORIENTATION)
-        first = (angles + np.pi) % (2.0 * np.pi) - np.pi
+        first = wrapped(angles)
         return first if measured is None else near(first, measured.at(self._trial.observed[ORIENTATION].time))

@@ -32,7 +32,7 @@ from trueup.campaign.history import History, astray
 from trueup.campaign.plan import Plan
 from trueup.commands.console import notes
 from trueup.commands.progress import Watcher
-from trueup.errors import TrialError, listed
+from trueup.errors import TrialError, counted, listed
 from trueup.report.numbers import duration_text
 from trueup.report.report import write_report
 
@@ -131,8 +131,7 @@ class CampaignView:
     def simulated(self, scored: int, rows: int, workers: int) -> None:
         """How far a cluster is with a generation."""
         if (bar := self._opened()) is not None:
-            there = f"{workers} worker{'' if workers == 1 else 's'}"
-            bar.update(self._task, where=f", {scored} of {rows} simulations on {there}")
+            bar.update(self._task, where=f", {scored} of {rows} simulations on {counted(workers, 'worker')}")
 
     def _opened(self) -> Progress | None:
         """The bar of a search; None where nobody looks."""
@@ -250,7 +249,7 @@ def calibration_words(event: Calibrated) -> list[str]:
     ]
     return [
         f"replay error {event.error_before:.4g} -> {event.error_after:.4g} {event.unit} "
-        f"on {len(event.recordings)} recording{'' if len(event.recordings) == 1 else 's'}",
+        f"on {counted(len(event.recordings), 'recording')}",
         listed(found),
     ]
 

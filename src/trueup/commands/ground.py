@@ -22,13 +22,12 @@ from trueup.campaign.output import free_folder
 from trueup.commands.console import notes
 from trueup.commands.progress import bar
 from trueup.commands.sources import add_shared, given
-from trueup.errors import GroundingError
+from trueup.errors import GroundingError, counted
 from trueup.formats.aside import write_aside
 from trueup.formats.plain import finite
 from trueup.recording import Recording
 from trueup.report.grounding import write_grounding_report
 from trueup.report.numbers import scale_for
-from trueup.report.parts import counted
 from trueup.trial import Trial
 
 if TYPE_CHECKING:

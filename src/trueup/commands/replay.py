@@ -165,7 +165,8 @@ def _further(found: Sequence[Replay], ahead: Sequence[Ahead]) -> Table:
     ):
         table.add_column(name, justify="right")
     labels = tuple(dict.fromkeys(label for r in found for label in r.labels))
-    for name, parts in (*((x, [_column(r, x) for r in found if x in r.labels]) for x in labels), ("all", list(found))):
+    joints = ((x, [r.columns([r.labels.index(x)]) for r in found if x in r.labels]) for x in labels)
+    for name, parts in (*joints, ("all", list(found))):
         seen = {(r.recording, label) for r in parts for label in r.labels}
         values = (*errors_of(parts)[1:], *ahead_of(own, seen, len(horizons)))
         table.add_row(escape(name), *(scale.text(v) for v in values), end_section=name == labels[-1])
@@ -223,18 +224,11 @@ def _table(found: list[Replay], compared: bool) -> Table:
         row(replay.recording, [replay], most, end_section=k == len(found))
     labels = tuple(dict.fromkeys(label for r in found for label in r.labels))
     for k, label in enumerate(labels, 1):
-        parts = [_column(r, label) for r in found if label in r.labels]
+        parts = [r.columns([r.labels.index(label)]) for r in found if label in r.labels]
         worst_of = max(parts, key=lambda r: float(np.nan_to_num(r.rmse_after()[0])))
         row(label, parts, worst_of.recording if len(parts) > 1 else "", end_section=k == len(labels))
     row("all", found, "")
     return table
-
-
-def _column(replay: Replay, label: str) -> Replay:
-    """One joint of a replay."""
-    j = [replay.labels.index(label)]
-    cut = {"measured": replay.measured[:, j], "before": replay.before[:, j], "after": replay.after[:, j]}
-    return replace(replay, labels=(label,), command=None, **cut)
 
 
 def _plain(replay: Replay, compared: bool, ahead: Sequence[Ahead]) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from trueup.engines.simulator import Rollout
 from trueup.errors import RecordingError, unknown_name
 from trueup.recording import Recording
 from trueup.rounding import NEGLIGIBLE
+from trueup.samples import between
 from trueup.trial import Trial
 
 READINGS: Mapping[str, str] = MappingProxyType(
@@ -71,7 +72,7 @@ def resample_by_arc(points: ArrayLike, spacing: float) -> Array:
     kept = given[_apart(given, 0.5 * spacing)]
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(kept, axis=0), axis=1))])
     places = np.linspace(0.0, arc[-1], max(2, round(arc[-1] / spacing) + 1))
-    return np.stack([np.interp(places, arc, column) for column in kept.T], axis=1)
+    return between(places, arc, kept)
 
 
 class PathShape:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from trueup.arrays import Array
-from trueup.discrepancies.discrepancy import by_samples, measured_at
+from trueup.discrepancies.discrepancy import by_samples
 from trueup.engines.simulator import Rollout
 from trueup.recording import Recording
 
@@ -27,11 +27,3 @@ class Plain:
     def residual(self, real: Recording, simulated: Rollout) -> Array:
         """See Discrepancy."""
         return by_samples(self, real, simulated)
-
-
-def rmse(real: Recording, simulated: Rollout, channel: str) -> Array:
-    """(b,) root mean square difference of one channel over all labels, in its unit; NaN for failed simulations."""
-    observed = simulated.trial.observed[channel]
-    measured = measured_at(real, channel, observed.labels, observed.time)
-    difference = (simulated.held().channels[channel] - measured)[:, np.isfinite(measured)]
-    return np.sqrt(np.mean(difference**2, axis=1))

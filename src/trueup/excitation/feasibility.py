@@ -15,6 +15,7 @@ from trueup.excitation.limits import JointLimits
 from trueup.excitation.trajectories import Trajectory
 from trueup.identification.dynamic_model import DynamicModel
 from trueup.rounding import NEGLIGIBLE, PRINTED
+from trueup.samples import between
 
 _STEP = 0.02
 """rad (m): how far no joint moves further from one checked posture to the next."""
@@ -191,8 +192,7 @@ def spread(trajectory: Trajectory) -> tuple[Array, Array]:
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(trajectory.q, axis=0)).max(axis=1))])
     count = max(2, int(np.ceil(way[-1] / _STEP)) + 1)
     time = np.interp(np.linspace(0.0, way[-1], count), way + NEGLIGIBLE * np.arange(len(way)), trajectory.time)
-    q = np.stack([np.interp(time, trajectory.time, column) for column in trajectory.q.T], axis=1)
-    return time, q
+    return time, between(time, trajectory.time, trajectory.q)
 
 
 def _over(

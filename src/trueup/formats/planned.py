@@ -11,6 +11,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.formats.messages import seconds_of
+from trueup.samples import between
 from trueup.units import to_si
 
 KIND = "/JointTrajectory"
@@ -97,7 +98,7 @@ def _with_begin(plan: Plan, begin: Array | None, speed: Array) -> tuple[Array, A
 def _passed(instants: Array, knots: Array, points: Array, slopes: Array | None) -> Array:
     """(m, k) on the way through the points: straight, or on cubics with these slopes (Hermite)."""
     if slopes is None or len(knots) < 2:
-        return np.stack([np.interp(instants, knots, column) for column in points.T], axis=1)
+        return between(instants, knots, points)
     i = np.clip(np.searchsorted(knots, instants, side="right") - 1, 0, len(knots) - 2)
     length = (knots[i + 1] - knots[i])[:, None]
     x = np.clip((instants - knots[i])[:, None] / length, 0.0, 1.0)

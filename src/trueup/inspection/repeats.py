@@ -13,6 +13,7 @@ from trueup.ends import ENDED, ended
 from trueup.errors import RecordingError
 from trueup.recording import Channel, Recording, is_command, with_warnings
 from trueup.rounding import NEGLIGIBLE, SAME_INSTANT
+from trueup.samples import between
 from trueup.trial import command_of
 
 LONGEST_GAP = 0.5
@@ -47,7 +48,7 @@ def bridged(recording: Recording, channels: Sequence[str] = BASE) -> Recording:
                 "of the cameras' sight; perform the run again"
             )
         known = np.isfinite(channel.values).all(axis=1)
-        values = np.stack([np.interp(channel.time, channel.time[known], x) for x in channel.values[known].T], axis=1)
+        values = between(channel.time, channel.time[known], channel.values[known])
         recording = recording.with_channel(channel.replace(values=values))
     return recording
 

@@ -11,6 +11,7 @@ import numpy as np
 from trueup.arrays import Array, Integers, Mask
 from trueup.inspection.scales import Way
 from trueup.recording import Channel, Recording
+from trueup.samples import unwound
 
 _COMMANDS = ("command_sent", "command")
 
@@ -76,9 +77,7 @@ def unwrapped(values: Array, turn: float = math.tau) -> Array | None:
     known = np.isfinite(values)
     if not _jumps(np.diff(values[known]), turn).any():
         return None
-    out = np.array(values)
-    out[known] = np.unwrap(values[known], period=turn)
-    return out
+    return unwound(values, turn)
 
 
 def _jumps(steps: Array, turn: float) -> Mask:

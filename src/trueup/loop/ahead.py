@@ -11,6 +11,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.calibration import Ahead
 from trueup.engines.simulator import Simulator, placed
+from trueup.instant import usual_step
 from trueup.recording import Channel, Recording
 from trueup.rounding import SAME_INSTANT
 from trueup.trial import Observed, Trial
@@ -35,7 +36,7 @@ def predicted_ahead(
         if whole.command is None or not whole.observed or not placed(simulator, whole):
             continue
         clock = next(iter(whole.observed.values())).time
-        period = float(np.median(np.diff(clock)))
+        period = usual_step(clock)
         horizons = (period, *(h for h in HORIZONS if h > 1.5 * period))
         begin = clock[clock >= whole.start + 5.0 * period]
         begin = begin[begin <= clock[-1] - horizons[1] if len(horizons) > 1 else begin <= clock[-1] - period]

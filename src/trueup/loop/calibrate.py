@@ -28,7 +28,7 @@ from trueup.loop.limits import Seen, is_limit, limits_seen
 from trueup.loop.missing import Missing, missing
 from trueup.loop.problem import Problem
 from trueup.loop.replay import replays
-from trueup.loop.rivals import doubted, rivals, widened
+from trueup.loop.rivals import SAME, doubted, rivals, widened
 from trueup.loop.selection import Choice
 from trueup.loop.ties import STEP, Considered, considered
 from trueup.loop.uncertainty import intervals, unit_covariance
@@ -40,7 +40,6 @@ from trueup.recording import PART_OF, Recording
 from trueup.search.least_squares import LeastSquares
 
 _LOOSE = 0.5  # share of a value beyond which half of its interval is no knowledge of it
-_SAME = 0.1  # share of a value by which it may be another with what the model lacks, and be called identified
 
 
 @dataclass(frozen=True)
@@ -226,7 +225,7 @@ def _with_structure(estimates: Sequence[Estimate], lacking: Missing | None) -> t
         if e.fitted:
             value, low, high = map(float, next(free))
             wide = replace(e, low=min(e.low, low), high=max(e.high, high))
-            if e.verdict in ("identified", "weak") and abs(value - e.value) > _SAME * abs(e.value):
+            if e.verdict in ("identified", "weak") and abs(value - e.value) > SAME * abs(e.value):
                 wide = replace(wide, verdict="effective", note=f"replays best, yet with {lacking.name} it would be "
                                f"{value:.4g} [{low:.4g}, {high:.4g}] {e.unit}".rstrip())  # fmt: skip
             elif e.verdict == "identified" and wide.high - wide.low > 2.0 * _LOOSE * abs(e.value):
@@ -257,7 +256,7 @@ def _with_others(e: Estimate, others: Sequence[Considered], place: int) -> Estim
     if e.verdict not in ("identified", "weak") or not wide.high - wide.low > 2.0 * width:
         return wide
     k = int(np.argmax(reaches.max(axis=1)))
-    if others[k].parameter.name == STEP and reaches[k].max() < _SAME * abs(e.value):
+    if others[k].parameter.name == STEP and reaches[k].max() < SAME * abs(e.value):
         return wide
     return replace(wide, verdict=others[k].verdict, note=others[k].words(e, float(others[k].trade[place])))
 

@@ -109,11 +109,10 @@ def hunt(
 
 
 def steadiness(
-    task: DoneOrNot, simulator: Simulator, models: Array, candidates: Array, rng: np.random.Generator, *,
-    noise: Sequence[Disturbance] = NOISE, replays: int = 6,
-) -> Array:  # fmt: skip
-    """(c,) share of replays of each candidate (c, m) under noise that succeed, over models (p, n) of the simulator."""
-    good = [_replayed(task, simulator, list(candidates), rng, model, noise, replays) for model in np.atleast_2d(models)]
+    task: DoneOrNot, simulator: Simulator, models: Array, candidates: Array, rng: np.random.Generator
+) -> Array:
+    """(c,) share of six replays of each candidate (c, m) under noise that succeed, over models (p, n) of the simulator."""
+    good = [_replayed(task, simulator, list(candidates), rng, model, NOISE, 6) for model in np.atleast_2d(models)]
     return np.mean(good, axis=(0, 2))
 
 

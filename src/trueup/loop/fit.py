@@ -124,7 +124,6 @@ def fit(
         np.asarray(start, dtype=np.float64),
         descent,
         select,
-        np.random.default_rng(seed),
         seed,
         _first(coarse),
         later=waiting,

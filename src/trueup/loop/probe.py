@@ -11,7 +11,7 @@ from trueup.arrays import Array
 from trueup.loop.descent import Fit
 from trueup.loop.identifiability import NO_EFFECT, effects
 from trueup.loop.problem import Problem
-from trueup.loop.uncertainty import PRIOR
+from trueup.loop.uncertainty import curvature_inverse
 from trueup.search.filtering import ImplicitFiltering
 from trueup.search.robust import robust_losses, robust_weights
 
@@ -38,7 +38,7 @@ def probed(problem: Problem, fit: Fit, seed: int) -> Fit:
     if not good.any():
         return fit
     points, residuals = points[good], residuals[good]
-    inverse = _inverse(problem, fit)
+    inverse = curvature_inverse(fit, 2.0 * problem.chance(fit.residual))
     away = points - fit.unit
     ends = (
         np.clip(points - (robust_weights(residuals, fit.bend) * residuals) @ fit.jacobian @ inverse, 0.0, 1.0)
@@ -60,10 +60,3 @@ def unexplained(points: Array, residuals: Array, slopes: Array) -> float:
     size = np.linalg.norm(seen, axis=1)
     told = np.isfinite(left) & (size > 0.0)
     return float(np.median(left[told] / size[told])) if told.any() else 0.0
-
-
-def _inverse(problem: Problem, fit: Fit) -> Array:
-    """(n, n) inverse of the loss' curvature."""
-    curvature = fit.jacobian.T @ (fit.jacobian * fit.weights[:, None])
-    inverse = np.linalg.inv(curvature + 2.0 * problem.chance(fit.residual) * PRIOR * np.eye(len(curvature)))
-    return 0.5 * (inverse + inverse.T)

@@ -20,6 +20,7 @@ from trueup.calibration import NORMAL_95, Estimate
 from trueup.engines.simulator import related_of
 from trueup.loop.descent import Fit
 from trueup.loop.problem import WORTH, Problem
+from trueup.loop.uncertainty import FORETOLD, INEXACT
 from trueup.parameters import Parameter
 from trueup.search.bounded_step import damped_step
 from trueup.search.robust import robust_losses
@@ -28,9 +29,7 @@ _SIZES = 10.0 ** np.array([-3.0, -0.75])
 """Shares of its range at which a structure is looked at; the second where the recordings leave the first open."""
 _FACTORS = np.array([0.25, 0.625])
 """The same for what may be wrong by a factor, of the range's logarithm."""
-_DAMPING = 1e-4  # of steps to where others settle: slopes are not exact beside the optimum
-_REACH = 0.5  # share of the box: slopes foretell nothing further away
-_SAME = 0.1  # share of a value by which it may be another with a rival, and be called identified
+SAME = 0.1  # share of a value by which it may be another with what a model lacks, and be called identified
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,8 +150,8 @@ class _Look:
     def _step(self, moved: Array) -> Array:
         if not np.isfinite(moved).all():
             return np.zeros_like(self._found.unit)
-        step = damped_step(self._curvature, self._weighted.T @ moved, _DAMPING, self._found.unit)
-        return np.clip(step, -_REACH, _REACH)
+        step = damped_step(self._curvature, self._weighted.T @ moved, INEXACT, self._found.unit)
+        return np.clip(step, -FORETOLD, FORETOLD)
 
     def _losses(self, residuals: Array) -> Array:
         return np.nan_to_num(robust_losses(residuals, self._found.bend), nan=np.inf)
@@ -209,7 +208,7 @@ def _wide(e: Estimate, by: Mapping[str, Array]) -> Estimate:
 def _in_words(e: Estimate, rivals: Sequence[Rival], by: Mapping[str, Array]) -> Estimate:
     """What is moved by less than it is unsure of by itself holds with a rival as it is."""
     name = max(by, key=lambda n: float(by[n].max()))
-    much = np.maximum(_SAME * abs(e.value), np.sqrt(0.5) * np.array([e.value - e.low, e.high - e.value]))
+    much = np.maximum(SAME * abs(e.value), np.sqrt(0.5) * np.array([e.value - e.low, e.high - e.value]))
     if e.verdict not in ("identified", "tied") or not np.any(by[name] > much):
         return e
     shown = next((r.parameter.shown_by for r in rivals if r.name == name and r.parameter.shown_by), "")

@@ -32,7 +32,6 @@ class Run:
     """(n,) to search from."""
     descent: Descent
     select: Select | None
-    rng: np.random.Generator
     seed: int
     first: Problem
     """The cheapest look at the recordings."""

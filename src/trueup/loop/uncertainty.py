@@ -13,6 +13,8 @@ from trueup.rounding import NEGLIGIBLE, TINY
 
 # Nothing is less certain than "anywhere in the box": a uniform prior's variance is 1 / 12.
 PRIOR = 12.0
+FORETOLD = 0.5  # share of the box: slopes foretell nothing further away
+INEXACT = 1e-4  # damping of steps of others to where they settle: slopes are not exact beside the optimum
 _NARROWED = 0.5  # share of the prior's standard deviation that must be left of what the recordings are to tell
 
 
@@ -52,10 +54,10 @@ def unit_covariance(problem: Problem, fit: Fit) -> Array:
     return covariance if fit.scatter is None else covariance + fit.scatter
 
 
-def curvature_inverse(fit: Fit) -> Array:
-    """(n_free, n_free) inverse of the loss' curvature: what turns a slope into a step to the optimum."""
+def curvature_inverse(fit: Fit, size: float = 1.0) -> Array:
+    """(n_free, n_free) inverse of the loss' curvature, turning a slope into a step to the optimum; `size` of its prior."""
     curvature = fit.jacobian.T @ (fit.jacobian * fit.weights[:, None])
-    inverse = np.linalg.inv(curvature + PRIOR * np.eye(len(curvature)))
+    inverse = np.linalg.inv(curvature + size * PRIOR * np.eye(len(curvature)))
     return 0.5 * (inverse + inverse.T)
 
 

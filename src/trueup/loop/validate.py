@@ -15,15 +15,13 @@ from trueup.evidence import FEWEST_PARTS
 from trueup.inspection import inspect
 from trueup.loop.descent import Fit
 from trueup.loop.problem import Problem
-from trueup.loop.uncertainty import PRIOR
+from trueup.loop.uncertainty import FORETOLD, INEXACT, PRIOR
 from trueup.recording import PART_OF, Recording, is_command
 from trueup.search.bounded_step import damped_step, gain
 from trueup.search.robust import robust_losses, robust_weights
 
-_REACH = 0.5  # share of the box: slopes foretell nothing further away
 _SHARES = (1.0, 0.25, 0.0625)  # of a step, tried in turn
 _STRETCH, _FEWEST, _FOLDS = 2.5, 16, 10  # s, stretches at least, sets of them that are left out in turn
-_IMAGINED = 1e-4  # damping of steps that others take around a change: slopes are not exact beside it
 _RIDGE = 1e-2  # share of what all recordings tell that holds what only the part left out has seen
 
 
@@ -101,9 +99,7 @@ def _numbers(recording: Recording) -> dict[str, float]:
     return found
 
 
-def left_out_points(
-    problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None, *, settled: bool = False
-) -> Array:
+def left_out_points(fit: Fit, blocks: Sequence[Block], held: Array | None = None, *, settled: bool = False) -> Array:
     """(B, n_free) where the fit would go if it had never seen each block: one Gauss-Newton step from the optimum.
 
     `held` (n_free,) are values in the unit box for parameters that must not be used, NaN for the others. `settled`: where
@@ -122,7 +118,7 @@ def left_out_points(
         left = curvature - fit.jacobian[own].T @ weighted[own]
         pull = slope - weighted[own].T @ fit.residual[own] + left @ jump
         step = -np.linalg.solve(left[np.ix_(free, free)] + ridge, pull[free])
-        point[free] += np.clip(step, -_REACH, _REACH)
+        point[free] += np.clip(step, -FORETOLD, FORETOLD)
     return np.clip(points, 0.0, 1.0)
 
 
@@ -134,7 +130,7 @@ def backtracked(
     Optimization, 2006, section 3.1).
     """
     start = fit.unit if held is None else np.where(np.isfinite(held), held, fit.unit)
-    steps = left_out_points(problem, fit, blocks, held, settled=settled) - start
+    steps = left_out_points(fit, blocks, held, settled=settled) - start
     begun = problem.residuals(fit.space.from_unit(start[None]))[0]
     points, residuals = np.tile(start, (len(blocks), 1)), np.tile(begun, (len(blocks), 1))
     left = list(range(len(blocks)))
@@ -164,7 +160,7 @@ def settled_loss(fit: Fit, others: NDArray[np.intp], residual: Array, rows: NDAr
     root = np.sqrt(robust_weights(residual, fit.bend))
     jacobian *= root[:, None]  # a copy, as its columns were picked
     curvature, slope = jacobian.T @ jacobian, jacobian.T @ (root * residual)
-    step = damped_step(curvature, slope, _IMAGINED, fit.unit[others]) if len(others) else np.zeros(0)
+    step = damped_step(curvature, slope, INEXACT, fit.unit[others]) if len(others) else np.zeros(0)
     return loss - gain(curvature, slope, step)
 
 
@@ -204,7 +200,7 @@ def foretold(problem: Problem, fit: Fit) -> Array:
 
 def left_out_errors(problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None) -> Array:
     """(B,) replay error of each block by a fit that never saw it, as `block_errors` has it; `held` as `left_out_points`."""
-    return block_errors(problem, blocks, fit.space.from_unit(left_out_points(problem, fit, blocks, held)))
+    return block_errors(problem, blocks, fit.space.from_unit(left_out_points(fit, blocks, held)))
 
 
 def cautious_errors(problem: Problem, fit: Fit, blocks: Sequence[Block], held: Array | None = None) -> Array:

@@ -80,15 +80,7 @@ def relocate(text: XmlText, old: Path, new: Path) -> None:
     for name, tags in needed.items():
         files = [e.attributes.get("file", "") for tag in tags for e in text.all(tag)]
         if name not in given and any(f and not Path(f).is_absolute() for f in files):
-            _compiler(text, name, moved("."))
-
-
-def _compiler(text: XmlText, name: str, value: str) -> None:
-    compilers = [e for e in text.root.children if e.tag == "compiler"]
-    if compilers:
-        text.change(compilers[-1], **{name: value})
-    else:
-        text.insert_first(text.root, f'<compiler {name}="{value}"/>')
+            text.set_last("compiler", name, moved("."))
 
 
 def relocate_meshes(text: XmlText, old: Path, new: Path) -> None:

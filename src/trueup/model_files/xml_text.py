@@ -66,6 +66,13 @@ class XmlText:
         """Sets attributes of one element; None takes one away."""
         element.changes.update(attributes)
 
+    def set_last(self, tag: str, name: str, value: str) -> None:
+        """One attribute of the last `tag` below the root, which counts; in a new one where there is none."""
+        if there := [e for e in self.root.children if e.tag == tag]:
+            self.change(there[-1], **{name: value})
+        else:
+            self.insert_first(self.root, f'<{tag} {name}="{value}"/>')
+
     def insert_first(self, parent: Element, line: str) -> None:
         """A new element as the first child of `parent`, on a line of its own."""
         if parent.stop == parent.end:

@@ -14,6 +14,7 @@ from trueup.arrays import Array
 from trueup.errors import RecordingError, unknown_name
 from trueup.paths.speed import SpeedLimits, speed_profile
 from trueup.rounding import ROUNDED, first_step
+from trueup.samples import between, way_along
 from trueup.trial import Reference
 
 SPACING = 0.05
@@ -76,9 +77,9 @@ class Path:
         given = given[keep]
         if len(given) < 2 or not np.isfinite(given).all():
             raise RecordingError(f"path '{name}' needs at least two different finite points")
-        arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(given, axis=0).T))])
+        arc = way_along(given)
         dense = _refilled(arc, spacing)
-        xy = np.stack([np.interp(dense, arc, column) for column in given.T], axis=1)
+        xy = between(dense, arc, given)
         return cls.from_dense(name, xy, np.interp(dense, arc, wanted), limits=limits)
 
     @classmethod
@@ -94,7 +95,7 @@ class Path:
             raise RecordingError(f"path '{name}': a spline needs at least three finite waypoints (N, 2)")
         if closed:
             given = np.concatenate([given, given[:1]])
-        chord = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(given, axis=0).T))])
+        chord = way_along(given)
         if (np.diff(chord) <= 0.0).any():
             raise RecordingError(f"path '{name}': two waypoints in a row coincide")
         curve = CubicSpline(chord, given, bc_type="periodic" if closed else "natural")
@@ -159,7 +160,7 @@ class Path:
     def at(self, arc: ArrayLike) -> tuple[Array, Array]:
         """Points (n, 2) in m and headings (n,) in rad at arc lengths (n,) in m, clipped to the path."""
         s = np.atleast_1d(np.asarray(arc, dtype=np.float64))
-        points = np.stack([np.interp(s, self.arc, column) for column in self.points.T], axis=1)
+        points = between(s, self.arc, self.points)
         return points, np.interp(s, self.arc, self.heading)
 
 

@@ -8,10 +8,11 @@ from pathlib import Path
 from trueup.campaign.history import History
 from trueup.campaign.journal import read_journal, read_times
 from trueup.campaign.plan import Plan
+from trueup.errors import counted
 from trueup.formats.aside import write_aside
 from trueup.report.campaign_sections import campaign_sections
 from trueup.report.campaign_tracks import Track, tracks_of
-from trueup.report.parts import counted, page
+from trueup.report.parts import page
 
 PLAN_TEXT = "plan.toml"
 

@@ -10,6 +10,7 @@ from datetime import datetime
 from trueup.campaign.events import Scored
 from trueup.campaign.history import History, RoundStory, TrialStory, astray
 from trueup.campaign.plan import Plan
+from trueup.errors import counted
 from trueup.report.campaign_figures import gap_figure, parameter_figures, ranking_figure, score_figure, search_figure
 from trueup.report.campaign_grades import grades_shown
 from trueup.report.campaign_tracks import Track, track_figure
@@ -132,7 +133,7 @@ def _round_words(story: RoundStory) -> str:
     done, new = story.calibrated, story.validated
     if done is not None:
         before, after = (with_unit(significant(x), done.unit) for x in (done.error_before, done.error_after))
-        count = f"{len(done.recordings)} recording{'' if len(done.recordings) == 1 else 's'}"
+        count = counted(len(done.recordings), "recording")
         parts.append(
             f"{sum(done.fitted)} parameters fitted to {count}: replay error {before} as shipped, {after} calibrated."
         )

@@ -11,6 +11,7 @@ from trueup.report.drawing import EDGE, FOOT, HEAD, LINE, SAMPLES, WIDTH, Box, d
 from trueup.report.marks import nice_marks
 from trueup.report.markup import Markup, join, tag
 from trueup.rounding import TINY
+from trueup.samples import wrapped
 
 _NUMBERS, _STRIP = 56, 110
 """Pixels left of the error's axes, for numbers; of one error over time, with its title."""
@@ -29,7 +30,7 @@ def drive_picture(position: Replay, heading: Replay, *, compared: bool = False) 
     drawn, height = _view(seen, [(colour, _cut(p, seen)) for colour, p in ways])
     off = [(colour, np.linalg.norm(p - seen, axis=1)) for colour, p in ways]
     turned = [*([("before", heading.before)] if compared else []), ("after", heading.after)]
-    aside = [(c, np.degrees(np.abs(_turn(a[thin, 0] - heading.measured[thin, 0])))) for c, a in turned]
+    aside = [(c, np.degrees(np.abs(wrapped(a[thin, 0] - heading.measured[thin, 0])))) for c, a in turned]
     top = HEAD + height + FOOT
     key = "grey: tracked; blue: predicted" + ("; orange: predicted by the other car" if compared else "")
     parts = [
@@ -76,7 +77,3 @@ def _strip(name: str, time: Array, lines: list[tuple[str, Array]], top: float, *
     curves = [box.curve(time, e, colour, width=LINE) for colour, e in lines]
     return tag("g", words(name, box.left, top + 10, bold=True), *box.rows(nice_marks(0.0, highest, 3)), *curves,
                *(box.seconds() if last else []))  # fmt: skip
-
-
-def _turn(angle: Array) -> Array:
-    return (angle + np.pi) % (2.0 * np.pi) - np.pi

@@ -64,15 +64,6 @@ def packed(values: Array) -> dict[str, Any]:
     return {"k": "f4", "d": _base64(np.where(np.isfinite(single), single, np.float32(np.nan)).astype("<f4"))}
 
 
-def unpacked(column: dict[str, Any]) -> Array:
-    """The values of `packed`, as the browser sees them."""
-    raw = base64.b64decode(column["d"])
-    if column["k"] == "f4":
-        return np.frombuffer(raw, "<f4").astype(float)
-    codes = np.frombuffer(raw, "<i2")
-    return np.where(codes == MISSING, np.nan, column["o"] + column["s"] * codes)
-
-
 def _sixteen_bits(values: Array, middle: float, step: float) -> dict[str, Any]:
     scaled = np.nan_to_num((values - middle) / (step or 1.0), nan=MISSING)
     return {"k": "i2", "o": middle, "s": step, "d": _base64(np.round(scaled).astype("<i2"))}

@@ -8,10 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from trueup.errors import counted
 from trueup.formats.aside import write_aside
 from trueup.report.markup import Markup, join, tag
 from trueup.report.numbers import scale_for
-from trueup.report.parts import Section, callout, caption, cells, context_table, counted, head, hero, page, row, table
+from trueup.report.parts import Section, callout, caption, cells, context_table, head, hero, page, row, table
 
 Story = Mapping[str, Any]
 """What `trueup ground` writes as grounding.json."""

@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 
 from trueup.calibration import Calibration, Replay
+from trueup.errors import counted
 from trueup.report.dumbbell import Axis
 from trueup.report.figures import error_scale
 from trueup.report.markup import Markup, join, tag
@@ -45,8 +46,7 @@ def verdict_sentence(group: Comparison, scale: Scale) -> str:
     if not group.held_out:
         return _fitted_sentence(pooled_score(group.training), scale)
     score = pooled_score(group.held_out)
-    count = len(group.held_out)
-    where = f"On {count} recording{'s' if count > 1 else ''} that the fit never saw, the replay error"
+    where = f"On {counted(len(group.held_out), 'recording')} that the fit never saw, the replay error"
     before, after = _amounts(score, scale)
     if not score.compared and math.isfinite(score.after):
         return f"{where} is {after}. The model as it was given has nothing to compare with: its drives were unknown."

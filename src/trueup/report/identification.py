@@ -6,10 +6,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from trueup.errors import counted
 from trueup.formats.aside import write_aside
 from trueup.identification.estimation.result import Deliverable, Identification
 from trueup.report.identification_sections import identification_sections
-from trueup.report.parts import counted, page
+from trueup.report.parts import page
 
 _STYLE = """
 .detail { color: var(--soft); font-weight: 400; font-size: 13px; margin-left: 12px; }

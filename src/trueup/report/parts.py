@@ -48,11 +48,6 @@ def template_text(name: str) -> str:
     return resources.files("trueup.report").joinpath("templates", name).read_text(encoding="utf-8")
 
 
-def counted(count: int, noun: str) -> str:
-    """A number of things: '1 run', '3 runs'."""
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
-
-
 def hero(label: str, numbers: Child, *beside: Child, kind: str = "hero") -> Markup:
     """The headline: a number in large type with its label, and what stands beside it."""
     large = tag("div", numbers, class_="hero-numbers")

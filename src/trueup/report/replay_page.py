@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from trueup.calibration import Ahead, Replay, pooled_rmse
+from trueup.errors import counted
 from trueup.formats.aside import write_aside
 from trueup.report.markup import Markup, join, tag
 from trueup.report.numbers import Scale, duration_text, ratio_text, scale_for
@@ -20,7 +21,6 @@ from trueup.report.parts import (
     cells,
     change,
     context_table,
-    counted,
     facts,
     group_row,
     head,
@@ -92,7 +92,7 @@ def _table(group: Sequence[Replay], ahead: Sequence[Ahead], against: str) -> Mar
               *(["Next sample"] if horizons else []), *beyond]  # fmt: skip
 
     def line(name: str, parts: Sequence[tuple[Replay, list[int]]]) -> Markup:
-        cut = [_columns(r, columns) for r, columns in parts]
+        cut = [replace(r.columns(columns), command=None) for r, columns in parts]
         values = [*([pooled_rmse(cut, after=False)] if against else []), *errors_of(cut)]
         seen = {(r.recording, label) for r in cut for label in r.labels}
         return row(name, cells(*(scale.text(v) for v in (*values, *ahead_of(ahead, seen, len(horizons))))))
@@ -126,12 +126,6 @@ def ahead_of(ahead: Sequence[Ahead], seen: set[tuple[str, str]], count: int) -> 
                  if (a.recording, label) in seen and h < len(a.horizons)]  # fmt: skip
         found.append(_rms(np.concatenate(parts)) if parts else math.nan)
     return found
-
-
-def _columns(replay: Replay, columns: Sequence[int]) -> Replay:
-    k = list(columns)
-    values = {"measured": replay.measured[:, k], "before": replay.before[:, k], "after": replay.after[:, k]}
-    return replace(replay, labels=tuple(replay.labels[i] for i in k), noise=replay.noise[k], command=None, **values)
 
 
 def _made(notes: Sequence[str], context: Mapping[str, str]) -> Markup:

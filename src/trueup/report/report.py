@@ -9,9 +9,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from trueup.calibration import Calibration
+from trueup.errors import counted
 from trueup.formats.aside import write_aside
 from trueup.report.figures import figure_data
-from trueup.report.parts import counted, page, template_text
+from trueup.report.parts import page, template_text
 from trueup.report.sections import sections
 
 SCRIPTS = ("read.js", "style.js", "replay.js", "details.js", "tables.js", "start.js")

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -115,7 +115,7 @@ def noise_of(replay: Replay) -> Array:
 
 def label_score(replays: Sequence[Replay], label: str) -> Score:
     """The score of one label pooled over the replays that have it."""
-    parts = [_only(r, r.labels.index(label)) for r in replays if label in r.labels]
+    parts = [r.columns([r.labels.index(label)]) for r in replays if label in r.labels]
     return pooled_score(parts)
 
 
@@ -140,14 +140,6 @@ def signal_size(replay: Replay) -> float:
 
 def _rise(score: Score) -> float:
     return math.inf if math.isnan(score.after) else score.after - score.before
-
-
-def _only(replay: Replay, column: int) -> Replay:
-    part = slice(column, column + 1)
-    return replace(
-        replay, labels=replay.labels[part], measured=replay.measured[:, part], before=replay.before[:, part],
-        after=replay.after[:, part], noise=noise_of(replay)[part],
-    )  # fmt: skip
 
 
 def _rms(errors: Sequence[Array], *, every: bool = False) -> float:

@@ -99,8 +99,7 @@ class StandInArm:
         sent = trial.command.replace(name="command_sent", values=self._within(trial.command))
         time, position, velocity = self._run(trial, sent)
         rng = np.random.default_rng([self._seed, zlib.crc32(trial.name.encode())])
-        names = [trial.name] if trial.repeats == 1 else [f"{trial.name}-{i + 1}" for i in range(trial.repeats)]
-        return [self._recording(name, trial, sent, time, position, velocity, rng) for name in names]
+        return [self._recording(name, trial, sent, time, position, velocity, rng) for name in trial.runs]
 
     def _within(self, command: Channel) -> Array:
         rows = [self.joints.index(label) for label in command.labels]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from trueup.arrays import Array, Mask
 from trueup.recording import Channel, Recording, with_warnings
 from trueup.rounding import PRINTED
+from trueup.samples import wrapped
 from trueup.tracking.commands import effective
 from trueup.tracking.heading import backing, course, heading_of, samples_in, told_by, turned_with
 from trueup.tracking.place import fresh, place_of, tells_place
@@ -147,7 +148,7 @@ def _pieces(time: Array, points: Array, angle: Array, noise: float, fastest: flo
     """Where the pose goes on without a jump; pieces of fewer than 10 samples, or 0.2 s, are left out."""
     gaps = np.diff(time)
     way = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    turn = np.abs((np.diff(angle) + np.pi) % (2 * np.pi) - np.pi)
+    turn = np.abs(wrapped(np.diff(angle)))
     usual = float(np.median(gaps))
     jump = (way > noise + fastest * gaps) | (turn > _TURN + 10.0 * np.maximum(gaps - usual, 0.0) + 4.0 * usual)
     edges = [0, *(np.flatnonzero(jump) + 1).tolist(), len(time)]

@@ -10,14 +10,15 @@ import numpy as np
 from trueup.arrays import Array, Integers, Mask
 from trueup.errors import RecordingError
 from trueup.instant import usual_step
+from trueup.noise import spread
 from trueup.recording import Channel
 from trueup.rounding import PRINTED, SAME_INSTANT
+from trueup.samples import between
 from trueup.tracking.channels import PLACE, READ
-from trueup.tracking.rest import stood
+from trueup.tracking.rest import SPEED_WINDOW, stood
 from trueup.tracking.start import start_state
 from trueup.trial import Trial
 
-SPEED_WINDOW = 0.25  # s: a line through the car's own forward and sideways speed, which change more slowly
 POSE_WINDOW = 0.12  # s: a parabola through this much of the past gives the pose and the turn rate at its end
 _COUNTS = (4, 5, 7, 9)  # samples at least in the shorter window: as many as foretell the next one best
 PAST = 2.0  # s of the past over which the model is compared with the car
@@ -83,7 +84,7 @@ class Past:
             raise RecordingError(f"trial '{trial.name}' has no command, and no controller is given")
         begin, grid = _grid(trial, step)
         state, command = start_state(trial), trial.command.select(labels)
-        commands = np.stack([np.interp(grid, command.time, column) for column in command.values.T], axis=1)
+        commands = between(grid, command.time, command.values)
         if labels[0] == "speed":
             commands[grid < command.time[0] - SAME_INSTANT, 0] = state[PLACE["speed"]]
         seen, known = np.zeros((len(grid), READ)), np.zeros(len(grid), dtype=bool)
@@ -98,8 +99,8 @@ class Past:
 
     def at(self, times: Array) -> Array:
         """(T, 5) x, y, heading, speed and yaw rate as seen at `times`."""
-        grid = self.begin + self.step * np.arange(len(self.seen))
-        return np.stack([np.interp(times, grid, column) for column in self.seen.T], axis=1)
+        grid = self.begin + self.step * np.arange(len(self.seen), dtype=np.float64)
+        return between(times, grid, self.seen)
 
     @property
     def settle(self) -> int:
@@ -191,7 +192,7 @@ def _apart(seen: Array, path: Array, known: Mask, width: int) -> float:
     around, _ = _weights(np.arange(-width, width + 1, dtype=np.float64), 2)
     inner = np.convolve(path, around[::-1], mode="same") - seen
     inner = inner[width:-width][known[width:-width] & known[2 * width :]]
-    return float(1.4826 * np.median(np.abs(inner))) if len(inner) else 0.0
+    return float(spread(inner)) if len(inner) else 0.0
 
 
 def _samples(points: Array) -> int:

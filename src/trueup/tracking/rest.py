@@ -8,7 +8,9 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.rounding import ROUNDED
 
-_WINDOW = 0.25  # s of samples before or after that instant, as speeds are taken from
+SPEED_WINDOW = (
+    0.25  # s: a line through the car's own forward and sideways speed, which change more slowly than its pose
+)
 _FEWEST = 4  # samples in it
 _SURE = 3.0  # standard errors of a speed that is one
 _SLOWER = 0.1  # share of its speed at the window's end below which what moves then has begun within it
@@ -21,12 +23,12 @@ def stood(time: Array, signals: Array, first: float) -> bool:
     is nothing, or little beside that at the end, or the other way (it is late). False where too little of that instant was
     tracked.
     """
-    before = (time <= first) & (time >= first - _WINDOW)
+    before = (time <= first) & (time >= first - SPEED_WINDOW)
     if before.sum() > _FEWEST:
         return not _goes(time[before] - first, signals[before], 1)
     after = np.flatnonzero(time >= first)
-    after = after[: max(_FEWEST + 1, int(np.sum(time[after] <= first + _WINDOW)))]
-    if len(after) <= _FEWEST or time[after[0]] > first + _WINDOW:
+    after = after[: max(_FEWEST + 1, int(np.sum(time[after] <= first + SPEED_WINDOW)))]
+    if len(after) <= _FEWEST or time[after[0]] > first + SPEED_WINDOW:
         return False
     return not _goes(time[after] - time[after[0]], signals[after], 2)
 

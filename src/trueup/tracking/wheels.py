@@ -10,6 +10,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.errors import ParameterError, RecordingError
 from trueup.recording import Channel, Recording
+from trueup.samples import unwound
 from trueup.tracking.commands import MOST, held, signals
 
 SIDES = ("left", "right")
@@ -144,7 +145,4 @@ def unwrapped(counts: Array) -> Array:
     known = np.isfinite(counts)
     most = np.abs(np.diff(counts[known])).max(initial=0.0)
     wraps = next((w for w in _WRAPS if 0.5 * w < most <= w and np.ptp(counts[known]) <= w), None)
-    out = np.array(counts)
-    if wraps is not None:
-        out[known] = np.unwrap(counts[known], period=wraps)
-    return out
+    return counts if wraps is None else unwound(counts, wraps)

@@ -82,16 +82,16 @@ def filmed(
 
 def pictures(
     model: Model, recording: Recording, time: Sequence[float], *, width: int = 180, height: int = 220, azimuth: float = 90.0,
-    elevation: float = -8.0, distance: float | None = None,
+    distance: float | None = None,
 ) -> Pictures:  # fmt: skip
     """(n, height, width, 3) a recording at some instants since its start, rendered off screen by MuJoCo.
 
-    `azimuth` and `elevation` of the camera in degrees (90: the robot's x axis points to the right), `distance` in m from the
+    `azimuth` of the camera in degrees (90: the robot's x axis points to the right), `distance` in m from the
     robot's middle (None: by the model's size). Raises RenderingError where the machine has no off-screen graphics.
     """
     compiled, data, camera = model.compiled, mujoco.MjData(model.compiled), mujoco.MjvCamera()
     reach = _reach(compiled)
-    camera.azimuth, camera.elevation, camera.distance = azimuth, elevation, distance or 2.2 * reach
+    camera.azimuth, camera.elevation, camera.distance = azimuth, -8.0, distance or 2.2 * reach
     states = postures(model, recording, np.asarray(time, dtype=np.float64))
     out = np.empty((len(states), height, width, 3), dtype=np.uint8)
     scene, view = mujoco.MjvScene(compiled, maxgeom=10000), mujoco.MjrRect(0, 0, width, height)

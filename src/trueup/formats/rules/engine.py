@@ -57,10 +57,10 @@ def guess(tables: Sequence[Table], known: Sequence[str] = ()) -> ChannelMap:
     proposals = _proposals(left, named, driven=bool(parts), several=len(tables) > 1)
     groups = _groups(proposals, several=len(tables) > 1)
     groups, renamed = with_common_labels(groups)
-    channels = {name: _channel(group, clocks, tables) for name, group in groups.items()}
+    channels = {name: _channel(group, clocks) for name, group in groups.items()}
     alike = {name: _alike(group) for name, group in groups.items()}
     notes = _notes(channels, groups) if not parts else []
-    parted = {name: _channel(alike[name], clocks, tables) for name in groups}
+    parted = {name: _channel(alike[name], clocks) for name in groups}
     sizes = Sizes(parted, {name: [p.column for p in group] for name, group in alike.items()}, clocks.main)
     sizes.settle()
     channels = {name: _with_others(part, channels[name], groups[name]) for name, part in parted.items()}
@@ -177,7 +177,7 @@ def _same(values: Array, others: Array) -> bool:
     return values.shape == others.shape and np.array_equal(values, others, equal_nan=True)
 
 
-def _channel(group: Sequence[Proposal], clocks: Clocks, tables: Sequence[Table]) -> ChannelColumns:
+def _channel(group: Sequence[Proposal], clocks: Clocks) -> ChannelColumns:
     first = group[0].column
     width = clocks.widths.get(first.table.name, 0)
     units = {member.unit for member in group}

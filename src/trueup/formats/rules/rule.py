@@ -40,8 +40,6 @@ class Rule:
     """SI unit in which it is taken where nothing says another; '' leaves it open."""
     also: tuple[str, ...] = ()
     """Other SI units that it may have, such as m for the position of a slide."""
-    rate_of: str = ""
-    """The kind of which it is the rate of change."""
     possible: Callable[[Array], bool] | None = None
     """Whether numbers (T,) or (T, k), all finite, can be such a signal; None for any."""
 

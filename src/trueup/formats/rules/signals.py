@@ -73,13 +73,13 @@ RULES = (
             Example("t,hip_pos_rev,hip_vel_rev_s", "0 .1 .2|.1 .2 .3|.2 .3 .1", "position[rev] hip; velocity[rev/s] hip"),
             Example("t,hip_angle_deg,hip_speed_deg_s", "0 1 2|.1 2 3|.2 3 1", "position[deg] hip; velocity[deg/s] hip"),
         ),
-        unit="rad/s", also=("m/s",), rate_of="position",
+        unit="rad/s", also=("m/s",),
     ),
     Rule(
         "acceleration",
         "acceleration, accelerations, acc, accel, qdd, ddq, qddot, qacc, ddot",
         (Example("t,q1,qdd1", "0 .1 1|.01 .2 2|.02 .3 1", "position[rad] joint_1; acceleration[] joint_1"),),
-        unit="rad/s^2", also=("m/s^2",), rate_of="velocity",
+        unit="rad/s^2", also=("m/s^2",),
     ),
     Rule(
         "torque",

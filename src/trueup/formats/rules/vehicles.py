@@ -128,7 +128,7 @@ RULES = (
                  "command[] speed turn; position[m] x y; heading[rad] heading"),
          Example("t,throttle,steer,gyro_dps", "0 0 0 36|.1 1 0 36|.2 1 0 72",
                  "command[] throttle steering; yaw_rate[rad/s] yaw_rate"),),
-        unit="rad/s", rate_of="heading",
+        unit="rad/s",
     ),
 )  # fmt: skip
 BY_KIND: Mapping[str, Rule] = MappingProxyType({rule.kind: rule for rule in RULES})

@@ -27,7 +27,6 @@ class Compiled:
     """A header that runs."""
 
     function: Any
-    prefix: str
 
     def torque(self, q: Array, v: Array, a: Array) -> Array:
         """(S, n) torque, sample by sample, from a fresh state."""
@@ -78,4 +77,4 @@ def compiled(header: Path, prefix: str, options: Sequence[str] = ()) -> Iterator
         function = ctypes.CDLL(str(library)).calls
         function.argtypes = [ctypes.c_long, *[ctypes.c_void_p] * 4]
         function.restype = None
-        yield Compiled(function, prefix)
+        yield Compiled(function)

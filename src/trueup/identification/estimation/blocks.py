@@ -16,6 +16,7 @@ from trueup.arrays import Array, Integers, Mask
 from trueup.evidence import FEWEST_PARTS
 from trueup.identification.rows import Rows
 from trueup.rounding import TINY
+from trueup.samples import between
 
 _STRETCHES = 4
 """In a block; each may repeat another."""
@@ -101,7 +102,7 @@ def _repeats(
         return found
     seen = []
     for grid, r, q in zip(grids, rows, positions, strict=True):
-        even = np.stack([np.interp(grid, r.time, x) for x in q.T], axis=1)
+        even = between(grid, r.time, q)
         seen.append(np.lib.stride_tricks.sliding_window_view(even, length, axis=0).reshape(len(even) - length + 1, -1))
     for k, (grid, edge) in enumerate(zip(grids, edges, strict=True)):
         for i, start in enumerate(np.searchsorted(grid, edge[:-1] - 0.5 * step).tolist()):

@@ -15,6 +15,7 @@ from trueup.compiled import njit
 from trueup.errors import IdentificationError
 from trueup.instant import usual_step
 from trueup.rounding import whole_steps
+from trueup.samples import between
 
 ORDER = 8
 """Of the filter as a whole: half of it runs forward, half of it backward."""
@@ -114,7 +115,7 @@ def even(time: Array, values: Array, instants: Array) -> Array:
     """(N, k) values (T, k) at even instants (N,), linear between samples; as they are where they are even already."""
     if len(time) == len(instants) and np.all(np.abs(time - instants) < 1e-3 * usual_step(time)):
         return values
-    return np.stack([np.interp(instants, time, column) for column in values.T], axis=1)
+    return between(instants, time, values)
 
 
 def moved(values: Array, by: float) -> Array:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trueup.errors import IdentificationError
+from trueup.errors import IdentificationError, counted
 from trueup.identification.estimation.motion import TORQUES
 from trueup.identification.estimation.quick import rough_error
 from trueup.identification.kinematic_tree import KinematicTree
@@ -72,10 +72,10 @@ def choice(found: Sequence[Torque], recording: Recording, tree: KinematicTree, w
             return plain[0] if plain else measured[0]
     said = f"no single one is '{wanted}'" if wanted else "names do not say which was measured"
     listed = "\n".join(f"  --torque '{t.title}': {_evidence(t, recording, tree)}" for t in found)
-    counted = "1 torque" if len(found) == 1 else f"{len(found)} torques"
     raise IdentificationError(
-        f"recording '{recording.name}' holds {counted}, and {said}; choose one:\n{listed}\nWhat a controller computes or "
-        "asks for is smooth and explained best, with little friction: that does not make it what drives gave"
+        f"recording '{recording.name}' holds {counted(len(found), 'torque')}, and {said}; choose one:\n{listed}\n"
+        "What a controller computes or asks for is smooth and explained best, with little friction: that does not make it "
+        "what drives gave"
     )
 
 

@@ -9,6 +9,7 @@ from trueup.arrays import Array
 from trueup.inspection.asked import correlation
 from trueup.recording import Recording
 from trueup.rounding import ROUNDED
+from trueup.samples import between, way_along
 from trueup.tracking.windows import moves
 from trueup.trial import Trial
 from trueup.units import FULL_LOCK
@@ -63,11 +64,9 @@ def _mirrored(driven: Array, wanted: Array, near: float) -> list[str]:
 def _apart(driven: Array, wanted: Array) -> float:
     """Median distance in m of a drive (N, 2) from a path (M, 2) after the same way along each, as far as both go."""
     few = _thin(driven, 200)  # so that noise adds little to the way
-    ways = [np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(p, axis=0).T))]) for p in (few, wanted)]
+    ways = [way_along(p) for p in (few, wanted)]
     at = np.linspace(0.0, min(way[-1] for way in ways), 200)
-    places = [
-        np.stack([np.interp(at, way, x) for x in p.T], axis=1) for way, p in zip(ways, (few, wanted), strict=True)
-    ]
+    places = [between(at, way, p) for way, p in zip(ways, (few, wanted), strict=True)]
     return float(np.median(np.hypot(*(places[0] - places[1]).T)))
 
 
@@ -147,11 +146,11 @@ def _legs(recording: Recording) -> tuple[Array, Array]:
     place = position.select(("x", "y")).values
     known = np.isfinite(place).all(axis=1)
     time, place = position.time[known], place[known]
-    gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(place, axis=0).T))])
+    gone = way_along(place)
     if len(time) < 2 or gone[-1] <= 0.0:
         return np.zeros(0), np.zeros((0, 2))
     legs = np.interp(np.linspace(0.0, gone[-1], 41), gone + ROUNDED * np.arange(len(gone)), time)
-    return legs, np.stack([np.interp(legs, time, column) for column in place.T], axis=1)
+    return legs, between(legs, time, place)
 
 
 def _turns(recording: Recording) -> list[str]:

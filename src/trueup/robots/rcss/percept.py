@@ -19,8 +19,6 @@ class Percept:
 
     time: float = math.nan
     """s, on the server's clock, as it rounds it."""
-    mode: str = ""
-    """Of play: 'BeforeKickOff', 'PlayOn'."""
     joints: Mapping[str, float] = field(default_factory=dict)
     """rad; a universal joint is two: 'laj1.1', 'laj1.2'."""
     speeds: Mapping[str, float] = field(default_factory=dict)
@@ -39,20 +37,16 @@ class Percept:
     """Quaternion w, x, y, z, (4,), where the server tells the truth."""
     seen: Mapping[str, Values] = field(default_factory=dict)
     """Distance in m, azimuth and elevation in rad, of what is in sight; parts of players as 'P.team.1.head'."""
-    sees: bool = False
-    """Whether there was a picture in this cycle at all."""
 
 
 def percept(message: bytes) -> Percept:
     """What a message says. What it does not know it leaves out. Raises TrialError for one that is malformed."""
     made: dict[str, dict[str, Values]] = {}
-    time, mode, sees = math.nan, "", False
+    time = math.nan
     for word, rest in named(parse(message)):
         fields = dict(named(rest))
         if word == "time":
             time = _numbers(fields, "now", 1, message)[0]
-        elif word == "GS":
-            mode = "".join(a for a in fields.get("pm", []) if isinstance(a, str))
         elif word == "HJ":
             made.setdefault("joints", {})[_name(fields, message)] = _turned(_numbers(fields, "ax", 1, message))
             if "vx" in fields:
@@ -73,10 +67,9 @@ def percept(message: bytes) -> Percept:
                 _number(_after(flat, "val", message), message),
             )
         elif word == "See":
-            sees = True
             made.setdefault("seen", {}).update(_seen(rest, message))
     single = {kind: {n: v[0] for n, v in made.pop(kind, {}).items()} for kind in ("joints", "speeds")}
-    return Percept(time, mode, single["joints"], single["speeds"], sees=sees, **made)  # type: ignore[arg-type]
+    return Percept(time, single["joints"], single["speeds"], **made)  # type: ignore[arg-type]
 
 
 _PLAIN: Mapping[str, tuple[str, tuple[tuple[str, int], ...]]] = {

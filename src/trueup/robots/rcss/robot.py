@@ -68,8 +68,7 @@ class RcssRobot:
         """
         if trial.command is not None:
             columns(self._body, trial.command.labels, "this robot")
-        names = [trial.name] if trial.repeats == 1 else [f"{trial.name}-{i + 1}" for i in range(trial.repeats)]
-        return [self._run(trial, name) for name in names]
+        return [self._run(trial, name) for name in trial.runs]
 
     def _run(self, trial: Trial, name: str) -> Recording:
         with Connection(self._host, self._port, self._timeout) as line:

@@ -18,7 +18,7 @@ from trueup.robots.stand_in_vehicle.kernel import follow, play
 from trueup.robots.stand_in_vehicle.truth import VehicleTruth
 from trueup.rounding import SAME_INSTANT
 from trueup.tracking.channels import CHANNELS, PLACE, READ
-from trueup.trial import STEP, Observed, Trial
+from trueup.trial import STEP, Trial
 
 _DRIFTING = 8.0  # s over which the slow error of the localisation changes
 
@@ -71,12 +71,11 @@ class StandInVehicle:
             if name not in CHANNELS and not name.startswith("command"):
                 raise unknown_name("channel", name, CHANNELS, "what this robot measures")
         self._rng = np.random.default_rng([self._seed, 7, zlib.crc32(trial.name.encode())])
-        names = [trial.name] if trial.repeats == 1 else [f"{trial.name}-{i + 1}" for i in range(trial.repeats)]
         if trial.command is not None:
-            return [self._recording(name, trial, self._play(trial), 0) for name in names]
+            return [self._recording(name, trial, self._play(trial), 0) for name in trial.runs]
         gains = np.array([list(trial.settings.values()) or [1.0] * len(GAINS)], dtype=np.float64)
-        drive = self.drive(trial, np.repeat(gains, len(names), axis=0), tuple(trial.settings) or GAINS)
-        return [self._recording(name, trial, drive, i) for i, name in enumerate(names)]
+        drive = self.drive(trial, np.repeat(gains, trial.repeats, axis=0), tuple(trial.settings) or GAINS)
+        return [self._recording(name, trial, drive, i) for i, name in enumerate(trial.runs)]
 
     def drive(self, trial: Trial, gains: Array, names: tuple[str, ...] = GAINS, *, noise: int | None = None) -> Drive:
         """Closed loop on the trial's path for b sets of gains (b, m), each with noise of its own.
@@ -159,10 +158,3 @@ def _start(trial: Trial) -> Array:
         path = Path.of(trial.references["path"], trial.name)
         return np.array([*path.points[0], path.heading[0]])
     return np.zeros(3)
-
-
-def observed(rate: float, duration: float) -> dict[str, Observed]:
-    """All that this robot measures, at `rate` Hz, for a trial that starts at zero."""
-    time = np.arange(int(duration * rate) + 1, dtype=np.float64) / rate
-    units = {"position": "m", "heading": "rad", "speed": "m/s", "yaw_rate": "rad/s"}
-    return {name: Observed(CHANNELS[name], unit, time) for name, unit in units.items()}

@@ -22,6 +22,7 @@ from trueup.engines.dart.model import of
 from trueup.engines.simulator import Rollout
 from trueup.errors import RecordingError, SimulationFailedError
 from trueup.recording import Channel, Recording
+from trueup.samples import between
 from trueup.studies.balance.hidden import ENCODER, Truth, drawn
 from trueup.studies.balance.scenes import model_of
 from trueup.trial import Observed, Trial
@@ -69,8 +70,7 @@ class StandInHumanoid:
         if trial.command is None:
             raise RecordingError(f"trial '{trial.name}': this robot plays commands; plan the motion first")
         rng = np.random.default_rng([self.number, self.seed, zlib.crc32(trial.name.encode())])
-        names = [trial.name] if trial.repeats == 1 else [f"{trial.name}-{i + 1}" for i in range(trial.repeats)]
-        return [self._once(name, trial, rng) for name in names]
+        return [self._once(name, trial, rng) for name in trial.runs]
 
     def simulator(self, truth: Truth | None = None) -> ArticulatedSimulator:
         """The robot itself as a Simulator of one parameter, its delay: what nobody has who has a robot."""
@@ -121,7 +121,7 @@ def _measured(name: str, done: Rollout, truth: Truth, rng: np.random.Generator) 
         ticks = ticks[ticks <= observed.time[-1]]
         shown = (ticks - clock[0]) * (1.0 - clock[1])
         shown = np.clip(shown, observed.time[0], observed.time[-1])
-        values = np.stack([np.interp(shown, observed.time, x) for x in np.unwrap(run.channels[role][0], axis=0).T], 1)
+        values = between(shown, observed.time, np.unwrap(run.channels[role][0], axis=0))
         if role == "position":
             zero = truth.servos.zero
             values = ENCODER * np.round((values + zero + 0.2 * ENCODER * rng.standard_normal(values.shape)) / ENCODER)

@@ -14,6 +14,7 @@ from trueup.paths import Path
 from trueup.report.markup import Markup, join, tag
 from trueup.report.numbers import fixed
 from trueup.report.plots import AFTER, BEFORE, INK, SOFT, Plot, span
+from trueup.samples import between, way_along
 from trueup.studies.stanley.paper import PaperStudy, Searched
 from trueup.studies.stanley.profile import FLAT, Profile
 
@@ -86,12 +87,12 @@ def figure_four(study: PaperStudy, calibrated: ParameterSpace, gains: ParameterS
 def deviation(path: Array, runs: Sequence[tuple[str, Array, str]]) -> Markup:
     """Distance from the path along it, in mm: where errors come from."""
     lines = []
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    arc = way_along(path)
     fine = np.arange(0.0, arc[-1], 0.005)
-    dense = KDTree(np.stack([np.interp(fine, arc, column) for column in path.T], axis=1))
+    dense = KDTree(between(fine, arc, path))
     for name, driven, colour in runs:
         gaps = dense.query(driven[::_THIN])[0].tolist()
-        gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(driven[::_THIN], axis=0).T))])
+        gone = way_along(driven[::_THIN])
         lines.append((name, list(zip(gone.tolist(), [1e3 * g for g in gaps], strict=True)), colour))
     gone, gaps = (span([p[axis] for _, line, _ in lines for p in line], zero=True) for axis in (0, 1))
     plot = Plot(gone, gaps, "driven, m", "measured distance, mm", height=240)

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from trueup.errors import counted
 from trueup.report.markup import Markup, join, tag
-from trueup.report.parts import Section, caption, cells, counted, facts, head, hero, key, page, row, table
+from trueup.report.parts import Section, caption, cells, facts, head, hero, key, page, row, table
 from trueup.report.plots import AFTER, BAD, BEFORE, INK, SOFT, Plot
 from trueup.studies.walk.comparison import Result, over
 from trueup.studies.walk.ways import CONTROL, WAYS

@@ -113,8 +113,7 @@ class StandInNao:
 
         mine = self._own(trial, rng)
         (rollout,) = self._simulator.rollout([replace(mine, controller=made)], values)
-        names = [trial.name] if trial.repeats == 1 else [f"{trial.name}-{i + 1}" for i in range(trial.repeats)]
-        return [self._recording(name, rollout.recording(i), drives[0], i) for i, name in enumerate(names)]
+        return [self._recording(name, rollout.recording(i), drives[0], i) for i, name in enumerate(trial.runs)]
 
     def _values(self, rng: np.random.Generator, runs: int) -> Array:
         """(runs, n) of `hidden`'s parameters."""

@@ -71,15 +71,7 @@ class Edits:
         """The direction of gravity."""
         if np.allclose(self._wanted.opt.gravity, self._shipped.opt.gravity, rtol=NEGLIGIBLE, atol=0.0):
             return
-        self.option("gravity", numbers(self._wanted.opt.gravity))
-
-    def option(self, name: str, value: str) -> None:
-        """One attribute of <option>; the last one in a file counts."""
-        options = [e for e in self._text.root.children if e.tag == "option"]
-        if options:
-            self._text.change(options[-1], **{name: value})
-        else:
-            self._text.insert_first(self._text.root, f'<option {name}="{value}"/>')
+        self._text.set_last("option", "gravity", numbers(self._wanted.opt.gravity))
 
     def gains(self, given_for: Mapping[str, float]) -> None:
         """For which setting of its servos the file holds, where recordings name several."""

@@ -135,9 +135,9 @@ def _write(
         edits.gravity()
     edits.gains(simulator.gains.given_for)
     if model.compiled.opt.integrator != wanted.opt.integrator:
-        edits.option("integrator", "implicitfast")
+        text.set_last("option", "integrator", "implicitfast")
     if float(model.compiled.opt.timestep) > 1.01 * simulator.step:
-        edits.option("timestep", f"{simulator.step:g}")
+        text.set_last("option", "timestep", f"{simulator.step:g}")
     relocate(text, model.path.absolute().parent, path.absolute().parent)
     aside = path.with_name(f".{path.stem}.{os.getpid()}.part.xml")
     try:
