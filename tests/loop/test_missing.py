@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from trueup.calibration import Calibration
 from trueup.errors import CalibrationError, SimulationFailedError
@@ -16,6 +17,8 @@ from trueup.loop.fit import SHIPPED, fit
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 from trueup.trial import Trial
+
+Array = NDArray[np.float64]
 
 ARM = """
 <mujoco><compiler angle="radian"/><option integrator="implicitfast"/><worldbody>
@@ -31,7 +34,7 @@ TIME = np.arange(0.0, 5.0, 0.01)
 NOISE = 2e-4  # rad
 
 
-def calibrated(folder: Path, gear: str, more: str = "", truth: str = ARM) -> Calibration:
+def calibrated(folder: Path, gear: str, more: str = "", truth: str = ARM, time: Array = TIME) -> Calibration:
     """The arm without a gear, fitted to motions of one with `gear` (and otherwise as `truth`)."""
     rng = np.random.default_rng(5)
     (folder / "truth.xml").write_text(truth.format(gear=gear, **TRUTH))
@@ -41,14 +44,14 @@ def calibrated(folder: Path, gear: str, more: str = "", truth: str = ARM) -> Cal
     robot = prepare(folder / "truth.xml", (), propose=False).simulator
     recordings = []
     for name in ("one", "two"):
-        waves = [a * np.sin(2 * np.pi * f * TIME + p) for a, f, p in
+        waves = [a * np.sin(2 * np.pi * f * time + p) for a, f, p in
                  zip((0.4, 0.2, 0.1, 0.05), (0.3, 0.8, 1.9, 4.0), rng.uniform(0, 6, 4), strict=True)]  # fmt: skip
-        command = Channel("command", ("j",), "rad", TIME, np.sum(waves, axis=0)[:, None])
+        command = Channel("command", ("j",), "rad", time, np.sum(waves, axis=0)[:, None])
         run = Recording(name, {"command": command, "position": command.replace(name="position")})
         (seen,) = robot.rollout([Trial.of(run)], np.zeros((1, 0)))
-        measured = seen.channels["position"][0] + rng.normal(0.0, NOISE, (len(TIME), 1))
+        measured = seen.channels["position"][0] + rng.normal(0.0, NOISE, (len(time), 1))
         recordings.append(
-            Recording(name, {"command": command, "position": Channel("position", ("j",), "rad", TIME, measured)})
+            Recording(name, {"command": command, "position": Channel("position", ("j",), "rad", time, measured)})
         )
     return prepare(folder / "arm.xml", recordings, parameters=folder / "parameters.toml").calibrate(
         Options(cross_validate=False)
@@ -71,6 +74,11 @@ def test_a_gear_that_twists_is_noticed_and_the_rotor_that_stands_for_it_is_not_c
     assert known["gear_compliance"].value == pytest.approx(1.0 / 400.0, rel=0.2)
     assert known["armature"].value == pytest.approx(TRUTH["armature"], rel=0.05)
     assert "twist" not in again.lacking
+
+
+def test_what_is_missing_is_named_in_recordings_of_more_than_a_minute_too(tmp_path: Path) -> None:
+    found = calibrated(tmp_path, GEAR, time=np.arange(0.0, 31.0, 0.01))
+    assert "gear" in found.lacking
 
 
 @pytest.mark.parametrize("error", [SimulationFailedError, CalibrationError])

@@ -45,6 +45,7 @@ class Part:
     """One signal: the residuals of a label, and the free parameters that change it and nothing else."""
 
     label: str
+    """'' for all as one."""
     residuals: NDArray[np.intp]
     columns: NDArray[np.intp]
     shared: NDArray[np.intp]
@@ -101,7 +102,7 @@ def _agreement(start: Array, searches: Sequence[tuple[Part, LeastSquares]]) -> A
         knowledge = curvature[count:, count:] - across.T @ np.linalg.solve(own, across)
         known[np.ix_(part.shared, part.shared)] += knowledge
         pull[part.shared] += knowledge @ search.best[0][count:]
-    return np.clip(np.linalg.solve(known, pull), 0.0, 1.0)
+    return np.clip(np.asarray(np.linalg.solve(known, pull), dtype=np.float64), 0.0, 1.0)
 
 
 def _alone(problem: Problem, label: str) -> Problem:

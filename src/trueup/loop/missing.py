@@ -22,7 +22,7 @@ from trueup.evidence import Evidence
 from trueup.loop.descent import Fit, Watch, explained
 from trueup.loop.earlier import Earlier
 from trueup.loop.fit import DESCENT, REFINEMENT, SHIPPED, Stage, fit
-from trueup.loop.problem import WORTH, Problem
+from trueup.loop.problem import Problem
 from trueup.loop.scans import Look, Scan
 from trueup.loop.selection import compared
 from trueup.loop.since import Known, since
@@ -78,8 +78,7 @@ def missing(problem: Problem, found: Fit, earlier: Earlier | None = None) -> Mis
     it explains them, or none of those that are known is favoured. Where an `earlier` calibration knew some of the
     recordings, its answer stands while the others do not speak against it, nor more for another (`since.py`).
     """
-    # Long recordings are searched joint by joint, which knows no gears: trying them there would double the time.
-    if explained(found.residual) or problem.eliminated or problem.duration > WORTH:
+    if explained(found.residual) or problem.eliminated:
         return None
     related = related_of(problem.simulator)
     structures = {} if related is None else dict(related.structures())

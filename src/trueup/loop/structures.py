@@ -143,7 +143,8 @@ def _parts(look: Look, space: ParameterSpace, point: Array, alone: bool) -> list
     """Signals with parameters of their own, if they are `alone`; else all as one."""
     if alone:
         return parts_of(look.cheap, space, [point])
-    return [Part(np.arange(look.problem.segments[-1].columns.stop), np.arange(len(point)))]
+    every = np.arange(look.problem.segments[-1].columns.stop)
+    return [Part("", every, np.arange(len(point)), shared=np.arange(0))]
 
 
 def _compared(without: Array, with_it: Array) -> Evidence:
