@@ -238,8 +238,8 @@ def test_joints_searched_apart_find_their_drives_and_the_delay_that_they_share(t
     truth[space.names.index("delay")] = 0.02
     problem, approximated = problem_of(simulator, [recorded(simulator, 8.0, truth, name) for name in ("a", "b")])
     descent = Descent(space, np.clip(space.to_unit(space.nominal), 0.0, 1.0), Watch(), robust=3.0)
-    first, rng = approximated.shortened(2.5), np.random.default_rng(0)
-    each_apart(Run(problem, approximated, space.nominal, descent, None, rng, 0, first))
+    first = approximated.shortened(2.5)
+    each_apart(Run(problem, approximated, space.nominal, descent, None, 0, first))
     found = dict(zip(space.names, space.from_unit(descent.point) / truth, strict=True))
     assert abs(found["delay"] - 1.0) < 0.1
     for name in space.names:
