@@ -19,10 +19,8 @@ from trueup.engines.mujoco.model import load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.simulator import Rollout, Simulator
 from trueup.loop.calibrate import Options, calibrate
-from trueup.loop.descent import Descent, Watch
 from trueup.loop.fit import DESCENT, STAGES
 from trueup.loop.problem import Problem
-from trueup.loop.stages import Run, each_apart
 from trueup.recording import Channel, Recording
 from trueup.testing import check_simulator
 from trueup.trial import Trial
@@ -230,22 +228,6 @@ def problem_of(simulator: MujocoSimulator, recordings: list[Recording]) -> tuple
     return problem, problem.approximated(values, problem.residuals(values[None])[0])
 
 
-def test_joints_searched_apart_find_their_drives_and_the_delay_that_they_share(tmp_path: Path) -> None:
-    kinds = {"kp": 0.4, "damping": 2.0, "friction": 0.5, "armature": 0.4}  # what the robot's are of the file's
-    simulator = arm(tmp_path, [*map(Declaration, kinds), Declaration("delay", tie="all", name="delay")])
-    space = simulator.parameters
-    truth = np.array([p.nominal * kinds.get(p.name.rpartition(".")[2], 1.0) for p in space.parameters])
-    truth[space.names.index("delay")] = 0.02
-    problem, approximated = problem_of(simulator, [recorded(simulator, 8.0, truth, name) for name in ("a", "b")])
-    descent = Descent(space, np.clip(space.to_unit(space.nominal), 0.0, 1.0), Watch(), robust=3.0)
-    first = approximated.shortened(2.5)
-    each_apart(Run(problem, approximated, space.nominal, descent, None, 0, first))
-    found = dict(zip(space.names, space.from_unit(descent.point) / truth, strict=True))
-    assert abs(found["delay"] - 1.0) < 0.1
-    for name in space.names:
-        assert 0.8 < found[name] < 1.25, name
-
-
 def test_joints_that_are_coupled_are_left_to_the_engine(tmp_path: Path) -> None:
     simulator = arm(tmp_path, [Declaration("damping", nominal=0.01)], armature="1e-4", elbow="motor")
     problem, approximated = problem_of(simulator, [recorded(simulator)])
@@ -268,7 +250,7 @@ def test_joints_alone_that_end_in_another_valley_are_left_alone(
     away = np.random.default_rng(0).uniform(-0.1, 0.1, len(space))
     truth = space.from_unit(np.clip(space.to_unit(space.nominal), 0.1, 0.9) + away)
     recordings = [recorded(simulator, 6.0, truth, name) for name in ("a", "b")]
-    monkeypatch.setattr("trueup.loop.stages.apart", lambda *_, **__: np.full(len(space), 0.97))
+    monkeypatch.setattr("trueup.loop.stages.apart", lambda *_: np.full(len(space), 0.97))
     stages = tuple(s for s in STAGES if s in DESCENT or s.name == "glance")
     fit = calibrate(simulator, recordings, options=Options(stages=stages, cross_validate=False))
     assert not any("approximation" in note for note in fit.notes)

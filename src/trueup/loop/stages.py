@@ -128,7 +128,7 @@ def each_apart(run: Run) -> None:
         return
     descent, longest = run.descent, max(t.duration for t in run.first.trials)
     starts = [run.start, np.full(len(run.start), 0.5)]
-    point = apart(part.shortened(longest), descent.space, starts, descent.robust, first=True)
+    point = apart(part.shortened(longest), descent.space, starts, descent.robust)
     run.early = descent.space.from_unit(point)
     point = apart(part, descent.space, [point], descent.robust)
     residual = part.residuals(descent.space.from_unit(point[None]))[0]

@@ -143,8 +143,7 @@ def _parts(look: Look, space: ParameterSpace, point: Array, alone: bool) -> list
     """Signals with parameters of their own, if they are `alone`; else all as one."""
     if alone:
         return parts_of(look.cheap, space, [point])
-    every = np.arange(look.problem.segments[-1].columns.stop)
-    return [Part("", every, np.arange(len(point)), shared=np.arange(0))]
+    return [Part(np.arange(look.problem.segments[-1].columns.stop), np.arange(len(point)))]
 
 
 def _compared(without: Array, with_it: Array) -> Evidence:

@@ -79,11 +79,14 @@ class Searching:
 
     method: Method
     guidance: Guidance = field(default_factory=Unguided)
+    fall: float | None = None
+    """m/s that a fall costs where walks are picked; None: as the budget says."""
 
     @property
     def name(self) -> str:
         """See Way."""
-        return self.method.name + ("" if isinstance(self.guidance, Unguided) else f", guided: {self.guidance.name}")
+        guided = "" if isinstance(self.guidance, Unguided) else f", guided: {self.guidance.name}"
+        return self.method.name + guided + ("" if self.fall is None else f", a fall costs {self.fall:g} m/s")
 
     def improved(
         self, robot: StandInNao, scale: Scale, seed: int, line: LineWalk, told: Callable[[str], None],
@@ -91,7 +94,14 @@ class Searching:
     ) -> Story:  # fmt: skip
         """See Way."""
         return improved(
-            robot, self.method, scale.budget, seed, line=line, guidance=self.guidance, evaluator=evaluator, told=told
+            robot,
+            self.method,
+            _budget(scale, self.fall),
+            seed,
+            line=line,
+            guidance=self.guidance,
+            evaluator=evaluator,
+            told=told,
         )
 
 
@@ -110,8 +120,11 @@ class OnTheRobot:
         evaluator: Evaluator | None = None,
     ) -> Story:  # fmt: skip
         """See Way."""
-        budget = scale.budget if self.fall is None else replace(scale.budget, fall=self.fall)
-        return self.loop(robot, budget, seed, line=line, told=told)
+        return self.loop(robot, _budget(scale, self.fall), seed, line=line, told=told)
+
+
+def _budget(scale: Scale, fall: float | None) -> Budget:
+    return scale.budget if fall is None else replace(scale.budget, fall=fall)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ walks fall twice as often. Of 0.7, 0.5, 0.35 and 0.25 the one with two falls mor
 of `benchmarks/dosing.py`, and chosen there alone."""
 WAYS: Mapping[str, Way] = {
     CONTROL: Searching(Ungrounded()),
+    "noisy, daring": Searching(Ungrounded(), fall=DARING),
     "noisy + expert": Searching(Ungrounded(), Expert()),
     "noisy + automatic": Searching(Ungrounded(), Automatic()),
     "noisy + corrected": Searching(Ungrounded(corrected=True)),
