@@ -34,7 +34,9 @@ TIME = np.arange(0.0, 5.0, 0.01)
 NOISE = 2e-4  # rad
 
 
-def calibrated(folder: Path, gear: str, more: str = "", truth: str = ARM, time: Array = TIME) -> Calibration:
+def calibrated(
+    folder: Path, gear: str, more: str = "", truth: str = ARM, time: Array = TIME, lacking: bool = False
+) -> Calibration:
     """The arm without a gear, fitted to motions of one with `gear` (and otherwise as `truth`)."""
     rng = np.random.default_rng(5)
     (folder / "truth.xml").write_text(truth.format(gear=gear, **TRUTH))
@@ -54,7 +56,7 @@ def calibrated(folder: Path, gear: str, more: str = "", truth: str = ARM, time: 
             Recording(name, {"command": command, "position": Channel("position", ("j",), "rad", time, measured)})
         )
     return prepare(folder / "arm.xml", recordings, parameters=folder / "parameters.toml").calibrate(
-        Options(cross_validate=False)
+        Options(cross_validate=False, lacking=lacking)
     )
 
 
@@ -76,9 +78,12 @@ def test_a_gear_that_twists_is_noticed_and_the_rotor_that_stands_for_it_is_not_c
     assert "twist" not in again.lacking
 
 
-def test_what_is_missing_is_named_in_recordings_of_more_than_a_minute_too(tmp_path: Path) -> None:
-    found = calibrated(tmp_path, GEAR, time=np.arange(0.0, 31.0, 0.01))
-    assert "gear" in found.lacking
+def test_recordings_of_more_than_a_minute_are_asked_what_is_missing_where_that_is_wanted(tmp_path: Path) -> None:
+    long = np.arange(0.0, 31.0, 0.01)
+    quick = calibrated(tmp_path, GEAR, time=long)
+    assert not quick.lacking
+    assert any("60 s long" in note or "62 s long" in note for note in quick.notes)
+    assert "gear" in calibrated(tmp_path, GEAR, time=long, lacking=True).lacking
 
 
 @pytest.mark.parametrize("error", [SimulationFailedError, CalibrationError])

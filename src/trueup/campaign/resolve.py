@@ -239,7 +239,7 @@ def _fit(file: PlanFile, given: Mapping[str, Any], ready: Preparation) -> Calibr
     discrepancy: Discrepancy | None = given["discrepancy"]
     plan, say = file.plan.calibrate, given["say"]
     options = Options(search=plan.search, select=plan.select, robust=plan.robust, channels=plan.channels or None,
-                      seed=file.plan.seed)  # fmt: skip
+                      seed=file.plan.seed, lacking=plan.lacking)  # fmt: skip
 
     def fit(
         recordings: Sequence[Recording], held_out: Sequence[Recording], progress: Callable[[TracePoint], None],

@@ -89,6 +89,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                              "tell, and say why each was taken or left: for a file that declares much")  # fmt: skip
     parser.add_argument("--no-select", dest="select", action="store_false",
                         help="keep parameters that the recordings cannot support")  # fmt: skip
+    parser.add_argument("--lacking", action="store_true",
+                        help="ask recordings of more than a minute, too, what the model lacks (a dead band, gears that "
+                             "twist, springs), which can double the time")  # fmt: skip
     parser.add_argument("--force", action="store_true", help="start anew in DIR and replace what is there")
 
 
@@ -163,7 +166,9 @@ def _output(args: argparse.Namespace, ready: Preparation) -> Output:
 def _options(args: argparse.Namespace) -> Options:
     from trueup.loop.calibrate import Options
 
-    return Options(search=args.search, select=args.select, seed=args.seed, channels=_channels(args))
+    return Options(
+        search=args.search, select=args.select, seed=args.seed, channels=_channels(args), lacking=args.lacking
+    )
 
 
 def _channels(args: argparse.Namespace) -> tuple[str, ...] | None:

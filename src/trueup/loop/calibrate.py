@@ -25,7 +25,7 @@ from trueup.loop.earlier import Earlier
 from trueup.loop.fit import Checkpoint, Fit, Progress, Stage, Watch, fit, searched_by
 from trueup.loop.identifiability import unseen_directions, verdicts
 from trueup.loop.limits import Seen, is_limit, limits_seen
-from trueup.loop.missing import Missing, missing
+from trueup.loop.missing import Missing, missing, unasked_by
 from trueup.loop.problem import Problem
 from trueup.loop.replay import replays
 from trueup.loop.rivals import SAME, doubted, rivals, widened
@@ -67,6 +67,8 @@ class Options:
     """What the search does, one thing after the other (`trueup.loop.fit.STAGES`), in place of `search`."""
     ends: tuple[End, ...] = ()
     """Conditions that stop a simulated run early: its last state is then compared with what the robot went on to do."""
+    lacking: bool = False
+    """Ask recordings of more than a minute, too, what the simulator lacks, which can double the time."""
     solver: Callable[..., LeastSquares] = LeastSquares
     """Makes the least squares that every look at the recordings is solved by."""
 
@@ -103,7 +105,7 @@ def calibrate(
     if chosen.select:
         found = chooser.ended(problem, found, watch, {**_how(chosen), "later": ()})
     watch.saw("what the model lacks", problem, found.loss, problem.rmse(found.residual))
-    findings = _findings(problem, found, chooser.choices, cut, earlier)  # before the seconds
+    findings = _findings(problem, found, chooser.choices, cut, earlier, chosen.lacking)  # before the seconds
     watch.saw("left-out recordings", problem, found.loss, problem.rmse(found.residual))
     shown = replays(simulator, found.values, recordings, hold_out, measure, channels=fitted, controllers=controllers,
                     windows=lasting)  # fmt: skip
@@ -153,12 +155,13 @@ def usual(channels: Sequence[str]) -> tuple[str, ...]:
 
 
 def _findings(
-    problem: Problem, found: Fit, choices: Sequence[Choice], cut: Sequence[str], earlier: Earlier | None
+    problem: Problem, found: Fit, choices: Sequence[Choice], cut: Sequence[str], earlier: Earlier | None, ask: bool
 ) -> dict[str, Any]:
     """The fields of a Calibration that follow from the fit alone; `cut`: what is said of windows."""
     covariance = unit_covariance(problem, found)
-    lacking = missing(problem, found, earlier)
-    notes = (*found.notes, *(n for c in choices[1:] for n in c.notes))
+    unasked = () if ask else unasked_by(problem, found)
+    lacking = None if unasked else missing(problem, found, earlier)
+    notes = (*found.notes, *(n for c in choices[1:] for n in c.notes), *unasked)
     limits = limits_seen(problem, found)
     declared = problem.simulator.parameters
     untold = [declared[n] for n in (choices[0].freeze if choices else ()) if found.space[n].frozen]

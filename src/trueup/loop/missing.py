@@ -22,7 +22,7 @@ from trueup.evidence import Evidence
 from trueup.loop.descent import Fit, Watch, explained
 from trueup.loop.earlier import Earlier
 from trueup.loop.fit import DESCENT, REFINEMENT, SHIPPED, Stage, fit
-from trueup.loop.problem import Problem
+from trueup.loop.problem import WORTH, Problem
 from trueup.loop.scans import Look, Scan
 from trueup.loop.selection import compared
 from trueup.loop.since import Known, since
@@ -80,8 +80,9 @@ def missing(problem: Problem, found: Fit, earlier: Earlier | None = None) -> Mis
     """
     if explained(found.residual) or problem.eliminated:
         return None
-    related = related_of(problem.simulator)
-    structures = {} if related is None else dict(related.structures())
+    structures = _structures(problem)
+    if not structures:
+        return None
     came = None if earlier is None else since(problem, found, earlier, structures)
     if came is not None and came.stands:
         return None if came.known is None else _still(came.known, found.space, structures)
@@ -94,6 +95,23 @@ def missing(problem: Problem, found: Fit, earlier: Earlier | None = None) -> Mis
         tried += _tried(part, place, looks, structures, stages, without)
     holding = [m for m in tried if m.shown.holds]
     return max(holding or tried, key=lambda m: m.shown.gain, default=None)
+
+
+def unasked_by(problem: Problem, found: Fit) -> tuple[str, ...]:
+    """That recordings of more than a minute are not asked, though they leave something to explain: it may take as long as
+    the calibration itself. Nothing where they are shorter, or where there is nothing to ask.
+    """
+    if problem.duration <= WORTH or explained(found.residual) or problem.eliminated or not _structures(problem):
+        return ()
+    return (
+        f"the recordings are {problem.duration:.0f} s long, so it was not asked what the model lacks (a dead band, gears "
+        "that twist, springs): --lacking asks, which can double the time",
+    )
+
+
+def _structures(problem: Problem) -> dict[str, Simulator]:
+    related = related_of(problem.simulator)
+    return {} if related is None else dict(related.structures())
 
 
 def _places_to_look_from(problem: Problem, found: Fit) -> list[tuple[Fit, Sequence[Stage]]]:
