@@ -18,6 +18,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from trueup.engines.vehicle import VehicleSimulator
+from trueup.engines.vehicle.prediction import prediction_errors
+from trueup.recording import Recording
+
 Array = NDArray[np.float64]
 
 _STEP = 2e-3  # s
@@ -174,6 +178,12 @@ def written(car: Car, piece: Array, path: Path) -> Path:
         table.writerow(car.header)
         table.writerows(car.row(row) for row in piece)
     return path
+
+
+def off(simulator: VehicleSimulator, values: Array, drives: list[Recording], ahead: tuple[float, float]) -> Array:
+    """(2,) mean distances in m between predicted and tracked position `ahead` (s)."""
+    errors = [prediction_errors(simulator, values, simulator.prepared(d), ahead) for d in drives]
+    return np.asarray(np.nanmean(np.concatenate(errors), axis=0))
 
 
 def _plain(r: Array) -> list[float]:

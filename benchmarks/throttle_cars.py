@@ -17,13 +17,12 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from driven_cars import Car, driven, written
+from driven_cars import Car, driven, off, written
 from numpy.typing import NDArray
 from results import result
 
 from trueup import formats
 from trueup.engines.vehicle import Vehicle, VehicleSimulator
-from trueup.engines.vehicle.prediction import prediction_errors
 from trueup.loop.prepare import prepare
 from trueup.recording import Recording
 
@@ -81,12 +80,6 @@ def logged(car: Car, rng: np.random.Generator, folder: Path, name: str, count: i
     return [recording for file in files for recording in formats.read(file)]
 
 
-def off(simulator: VehicleSimulator, values: Array, drives: list[Recording]) -> Array:
-    """(2,) mean distances in m between predicted and tracked position at AHEAD."""
-    errors = [prediction_errors(simulator, values, simulator.prepared(d), AHEAD) for d in drives]
-    return np.asarray(np.nanmean(np.concatenate(errors), axis=0))
-
-
 def main() -> None:
     """Prints a line a car, and the RESULT lines."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -109,7 +102,7 @@ def main() -> None:
         assert isinstance(ready.simulator, VehicleSimulator)
         values = hidden(car)
         truth = VehicleSimulator(Vehicle("truth", car.wheelbase, drive="throttle", values=values))
-        ours, theirs = off(ready.simulator, done.values, unseen), off(truth, np.zeros(0), unseen)
+        ours, theirs = off(ready.simulator, done.values, unseen, AHEAD), off(truth, np.zeros(0), unseen, AHEAD)
         rows.append((*ours, *theirs))
         found = {e.name: e for e in done.estimates}
         named = [found[n] for n in SHOWN if n in found and found[n].verdict == "identified"]

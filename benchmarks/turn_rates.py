@@ -20,12 +20,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from driven_cars import off
 from numpy.typing import NDArray
 from results import result
 
 from trueup import formats
 from trueup.engines.vehicle import Vehicle, VehicleSimulator
-from trueup.engines.vehicle.prediction import prediction_errors
 from trueup.engines.vehicle.vehicle import TURNED
 from trueup.loop.prepare import prepare
 from trueup.recording import Recording
@@ -98,12 +98,6 @@ def logged(robot: Robot, rng: np.random.Generator, folder: Path, name: str) -> l
     return read
 
 
-def off(simulator: VehicleSimulator, values: Array, drives: list[Recording]) -> Array:
-    """(2,) mean distances in m between predicted and tracked position at AHEAD."""
-    errors = [prediction_errors(simulator, values, simulator.prepared(d), AHEAD) for d in drives]
-    return np.asarray(np.nanmean(np.concatenate(errors), axis=0))
-
-
 def main() -> None:
     """Prints a line a robot, and the RESULT lines."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -124,7 +118,7 @@ def main() -> None:
             done = ready.calibrate()
         assert isinstance(ready.simulator, VehicleSimulator)
         truth = VehicleSimulator(Vehicle("truth", 0.4, drive=TURNED, values=robot.values))
-        ours, theirs = off(ready.simulator, done.values, unseen), off(truth, np.zeros(0), unseen)
+        ours, theirs = off(ready.simulator, done.values, unseen, AHEAD), off(truth, np.zeros(0), unseen, AHEAD)
         rows.append((*ours, *theirs))
         found = {e.name: e for e in done.estimates}
         hidden = {n: robot.values[n] for n in ("acceleration_limit", "braking_limit", "turn_left", "turn_right")}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Samples of a signal: what is in force where some are missing, values in between, angles without jumps of a turn."""
+"""Samples of a signal: what is in force where some are missing, values in between, angles without jumps, unit quaternions."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ import math
 import numpy as np
 
 from trueup.arrays import Array
+
+_UNIT_NORM = 0.1
+"""How far the length of a quaternion may be from 1, in the median: logs are rounded, other four numbers are further off."""
 
 
 def in_force(values: Array) -> Array:
@@ -45,3 +48,8 @@ def unwound(angles: Array, turn: float = math.tau) -> Array:
         known = np.isfinite(column)
         column[known] = np.unwrap(column[known], period=turn)
     return angles if np.array_equal(values, angles, equal_nan=True) else values
+
+
+def is_unit(values: Array) -> bool:
+    """Whether rows (T, 4) are quaternions: their length is 1."""
+    return bool(len(values)) and abs(float(np.median(np.linalg.norm(values, axis=1))) - 1.0) < _UNIT_NORM

@@ -15,11 +15,14 @@ from numpy.typing import NDArray
 from trueup.controllers.walk_engine.engine import PARAMETERS
 from trueup.ends import Ended, Left, with_end
 from trueup.recording import Channel, Recording
+from trueup.studies.walk import scenes
+from trueup.studies.walk.comparison import QUICK, OnTheRobot, truth_of
 from trueup.studies.walk.evaluation import Runs
 from trueup.studies.walk.paces import ended_in, paced
+from trueup.studies.walk.robot import StandInNao
 from trueup.studies.walk.study import Budget, Story
 from trueup.tasks.paces import features
-from trueup.tasks.walking import ARRIVED
+from trueup.tasks.walking import ARRIVED, LineWalk
 from trueup.trial import Trial
 
 Array = NDArray[np.float64]
@@ -113,3 +116,17 @@ def test_how_a_trial_ended_is_said() -> None:
     assert forward.forward == forward.falls == forward.number > 0 == backward.forward
     assert (ended_in(forward), ended_in(backward)) == ("fell forward", "fell backward")
     assert ended_in(Runs(speeds=(0.1, 0.2), trials=1)) == "15.0 cm/s"
+
+
+def test_a_way_reckons_with_its_own_price_of_falls() -> None:
+    heard: list[float] = []
+
+    def loop(robot: object, budget: Budget, seed: int, **_: object) -> Story:
+        heard.append(budget.fall)
+        return Story()
+
+    for price in (None, 0.2):
+        OnTheRobot(loop, "a way", price).improved(
+            StandInNao(truth_of(0)), QUICK, 0, scenes.task(LineWalk, runs=1), print
+        )
+    assert heard == [QUICK.budget.fall, 0.2]

@@ -11,9 +11,8 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.engines.simulator import Rollout, Simulator
-from trueup.errors import GroundingError
+from trueup.errors import GroundingError, counted
 from trueup.evidence import evidence
-from trueup.grounding.frames import counted
 from trueup.grounding.grounded import GroundedSimulator
 from trueup.grounding.grounding import Grounding
 from trueup.grounding.learners import LEARNERS

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from trueup.arrays import Array, Integers, Mask
+from trueup.errors import counted
 from trueup.grounding.comparison import folds_by_run
-from trueup.grounding.frames import counted
 from trueup.grounding.linear import RESOLUTION
 from trueup.grounding.rows import Rows
 from trueup.rounding import ROUNDED
@@ -76,7 +76,7 @@ class Domain:
         worst = int(np.argmax(beyond if outside else offset * (b.whiten @ (offset @ b.whiten))))
         column = int(b.columns[worst])
         return (
-            f"'{b.name}' was outside of what was learned for {counted(frames)} in a row (at most {b.patience}); "
+            f"'{b.name}' was outside of what was learned for {counted(frames, 'frame')} in a row (at most {b.patience}); "
             f"{'farthest is' if outside else 'each input is within its range, and together they are strange, most of all'} "
             f"{self.names[column]} = {x[column]:.4g}, learned from {b.low[worst]:.4g} to {b.high[worst]:.4g}"
         )

@@ -20,11 +20,6 @@ BRIDGED = 1.5
 """Frames, or usual steps of a channel where these are longer, over which a line may go on between two samples."""
 
 
-def counted(count: int, noun: str = "frame") -> str:
-    """So many frames, or whatever else, in words."""
-    return f"{count} {noun}{'s' * (count != 1)}"
-
-
 def period_of(recordings: Sequence[Recording]) -> float:
     """The frame in s that recordings suggest: that of their positions, at least `FRAME`. Raises GroundingError."""
     spacing = [step for r in recordings if (step := step_of(r.channel("position")))]

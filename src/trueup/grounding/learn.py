@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trueup.errors import GroundingError
+from trueup.errors import GroundingError, counted
 from trueup.evidence import evidence
 from trueup.grounding.comparison import (
     MOST,
@@ -25,7 +25,6 @@ from trueup.grounding.comparison import (
     surely,
 )
 from trueup.grounding.domain import domain_of
-from trueup.grounding.frames import counted
 from trueup.grounding.grounding import Grounding
 from trueup.grounding.learners import LEARNERS, Learner, learners, tempered
 from trueup.grounding.others import telling_nothing
@@ -145,7 +144,7 @@ def _inputs(
         if found is None:
             raise RuntimeError("a cross-validation without a limit of time was not done")
         more = f" with {', '.join(inputs.others)}" if inputs.others else ""
-        tried.append((f"{view}, {counted(inputs.history)}{more}", found.typical))
+        tried.append((f"{view}, {counted(inputs.history, 'frame')}{more}", found.typical))
         if progress is not None:
             progress(f"inputs: {tried[-1][0]}", 0.0)
         return found

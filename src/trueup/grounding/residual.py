@@ -21,10 +21,10 @@ from scipy.sparse.linalg import spsolve
 from trueup.arrays import Array, Mask
 from trueup.controllers.controller import Controller, Observation
 from trueup.engines.simulator import Commanded, Forced, Simulator
-from trueup.errors import GroundingError
+from trueup.errors import GroundingError, counted
 from trueup.evidence import evidence
 from trueup.grounding.comparison import MOST, cross_validated, folds_by_run
-from trueup.grounding.frames import counted, instants_of, measured_at
+from trueup.grounding.frames import instants_of, measured_at
 from trueup.grounding.grounded import playing
 from trueup.grounding.grounding import Grounding
 from trueup.grounding.learners import LEARNERS

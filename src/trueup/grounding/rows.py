@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trueup.arrays import Array, Integers, Mask
-from trueup.errors import GroundingError, unknown_name
-from trueup.grounding.frames import BRIDGED, counted, instants_of, measured_at, period_of
+from trueup.errors import GroundingError, counted, unknown_name
+from trueup.grounding.frames import BRIDGED, instants_of, measured_at, period_of
 from trueup.grounding.others import others_of
 from trueup.noise import estimate_grid, estimate_noise, is_noise
 from trueup.recording import Recording
@@ -46,7 +46,7 @@ class Inputs:
         """Raises GroundingError for a frame or a history that cannot be."""
         if not self.period > 0.0 or self.history < 1:  # `not >`: NaN is no period either
             raise GroundingError(
-                f"a frame of {self.period:g} s and a history of {counted(self.history)}: both must be above zero"
+                f"a frame of {self.period:g} s and a history of {counted(self.history, 'frame')}: both must be above zero"
             )
 
     @property

@@ -10,11 +10,10 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.recording import Channel, Recording
+from trueup.samples import is_unit
 
 _AXES = ("x", "y", "z")
 _QUATERNION = ("w", "x", "y", "z")
-_UNIT_NORM = 0.1
-"""How far the length of a quaternion may be from 1, in the median: logs are rounded, other four numbers are further off."""
 _WORDS = {"m/s^2": re.compile(r"acc", re.I), "rad/s": re.compile(r"gyr|omega|ang(ular)?_?(vel|rate)", re.I)}
 """What a sensor measures, in SI, and names of channels that say so."""
 
@@ -91,10 +90,7 @@ def turned(recordings: Sequence[Recording]) -> tuple[float, str]:
             time, values = c.time[good], c.values[good]
             if len(time) < 2:
                 continue
-            if (
-                sorted(c.labels) == list(_QUATERNION)
-                and abs(np.median(np.linalg.norm(values, axis=1)) - 1.0) < _UNIT_NORM
-            ):
+            if sorted(c.labels) == list(_QUATERNION) and is_unit(values):
                 most = max(most, (_turned_apart(time, c.select(_QUATERNION).values[good]), name))
             elif c.unit == "rad/s" and c.values.shape[1] == len(_AXES) and _WORDS["rad/s"].search(name):
                 rates = values - np.median(values, axis=0)

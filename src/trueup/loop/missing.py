@@ -105,7 +105,7 @@ def unasked_by(problem: Problem, found: Fit) -> tuple[str, ...]:
         return ()
     return (
         f"the recordings are {problem.duration:.0f} s long, so it was not asked what the model lacks (a dead band, gears "
-        "that twist, springs): --lacking asks, which can double the time",
+        "that twist, springs): --lacking, or lacking = true in a plan, asks, which can double the time",
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from trueup.arrays import Array
 from trueup.formats.rules.names import EULER, listed, words
 from trueup.formats.rules.rule import Column, Example, Rule
+from trueup.samples import is_unit
 from trueup.units import hardly_radians, to_si
 
 POSITION, ORIENTATION = "base_position", "base_orientation"
@@ -23,13 +24,6 @@ _BARE = frozenset([*_PLACES, *_ANGLES, *(f"q{c}" for c in _QUATERNION)])
 """Columns that are named by their component alone."""
 _ROOM = 30.0
 """m: rooms with motion capture are smaller, so larger numbers are millimetres."""
-_UNIT_NORM = 0.1
-"""How far the length of a quaternion may be from 1, in the median: logs are rounded, other four numbers are further off."""
-
-
-def is_unit(values: Array) -> bool:
-    """Whether rows (T, 4) are quaternions: their length is 1."""
-    return bool(len(values)) and abs(float(np.median(np.linalg.norm(values, axis=1))) - 1.0) < _UNIT_NORM
 
 
 _JOINT = "t,q_hip,q_des_hip,"

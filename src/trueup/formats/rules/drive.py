@@ -11,13 +11,13 @@ import numpy as np
 
 from trueup.formats.mapping import TimeColumn
 from trueup.formats.rules import joints, vehicles, wheels, wiring
-from trueup.formats.rules.bases import is_unit
 from trueup.formats.rules.commanded import commanded
 from trueup.formats.rules.names import listed
 from trueup.formats.rules.rule import Column, Part
 from trueup.formats.rules.sizes import rate_factor, speed_of
 from trueup.formats.rules.vehicles import Signal, best
 from trueup.inspection.relations import nearest
+from trueup.samples import is_unit
 from trueup.units import FULL_LOCK, are_pulses, canonical, hardly_radians, to_si
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
