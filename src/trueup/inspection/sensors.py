@@ -10,7 +10,7 @@ import numpy as np
 
 from trueup.arrays import Array
 from trueup.recording import Channel, Recording
-from trueup.samples import is_unit
+from trueup.samples import between, is_unit
 
 _AXES = ("x", "y", "z")
 _QUATERNION = ("w", "x", "y", "z")
@@ -95,7 +95,7 @@ def turned(recordings: Sequence[Recording]) -> tuple[float, str]:
             elif c.unit == "rad/s" and c.values.shape[1] == len(_AXES) and _WORDS["rad/s"].search(name):
                 rates = values - np.median(values, axis=0)
                 angles = np.vstack([np.zeros(3), np.cumsum(rates[:-1] * np.diff(time)[:, None], axis=0)])
-                later = np.stack([np.interp(time + 1.0, time, column) for column in angles.T], axis=1)
+                later = between(time + 1.0, time, angles)
                 most = max(most, (float(np.max(np.abs(later - angles))), name))
     return most
 
