@@ -4,19 +4,43 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from trueup.commands.sources import given
-from trueup.formats import TimeColumn
+from trueup.formats import TimeColumn, read
 
 
 def test_a_rate_counts_for_logs_that_are_held_out_too(tmp_path: Path) -> None:
     logs = [tmp_path / name for name in ("run.csv", "test.csv")]
     for log in logs:
         log.write_text("pos_a,torque_a\n" + "".join(f"{0.1 * k:.1f},{k % 3}\n" for k in range(20)), encoding="utf-8")
-    asked = argparse.Namespace(recordings=[str(logs[0])], hold_out=[str(logs[1])], mapping=None, model=None)
-    fitted, held, _ = given(asked, rated=lambda mapping: replace(mapping, time=TimeColumn(rate=50.0)), driven=False)
+    one = argparse.Namespace(recordings=[str(logs[0])], hold_out=[str(logs[1])], mapping=None, model=None)
+    fitted, held, _ = given(one, rated=lambda mapping: replace(mapping, time=TimeColumn(rate=50.0)), driven=False)
     assert [r.channel("position").time[-1] for r in (*fitted, *held)] == [pytest.approx(19 / 50)] * 2
+
+
+def asked(tmp_path: Path, *paths: str, hold_out: Sequence[str] = ()) -> argparse.Namespace:
+    for day in ("day_1", "day_2"):
+        for name in ("log", "other"):
+            file = tmp_path / day / "run" / f"{name}.csv"
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(
+                "time,pos_a,cmd_a\n" + "".join(f"{0.1 * k:.1f},{k % 3},{k % 5}\n" for k in range(20)), encoding="utf-8"
+            )
+    return argparse.Namespace(recordings=[str(tmp_path / p) for p in paths], mapping=None, model=None,
+                              hold_out=[str(tmp_path / p) for p in hold_out])  # fmt: skip
+
+
+def test_recordings_whose_files_have_one_name_are_told_apart_by_their_folders(tmp_path: Path) -> None:
+    logs = ("day_1/run/log.csv", "day_2/run/log.csv")
+    fitted, held, _ = given(asked(tmp_path, *logs, "day_1/run/other.csv", hold_out=logs[1:]))
+    assert [r.name for r in fitted] == ["day_1_log", "other"]
+    assert [r.name for r in held] == ["day_2_log"]
+    fitted, held, _ = given(asked(tmp_path, *logs[:1], hold_out=logs[1:]))
+    assert [r.name for r in (*fitted, *held)] == ["day_1_log", "day_2_log"]
+    assert [r.name for r in given(asked(tmp_path, logs[0], logs[0]))[0]] == ["log", "log_2"]
+    assert [r.name for r in read([tmp_path / p for p in logs])] == ["day_1_log", "day_2_log"]

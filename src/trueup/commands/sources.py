@@ -18,6 +18,7 @@ from rich.progress import BarColumn, DownloadColumn, Progress, SpinnerColumn, Te
 from trueup import files
 from trueup.errors import FormatError, OtherFilesMappingError, RecordingError, unknown_name
 from trueup.formats import ChannelMap, guess_mapping, is_recording, read
+from trueup.formats.distinct import distinct
 from trueup.inspection.diagnosis import Diagnosis
 from trueup.model_files.joint_names import joint_names
 from trueup.recording import Recording, part_of
@@ -68,7 +69,7 @@ def recordings_in(
             recordings += read([path], joints=joints)
             others.append(path.name)
     more = f"{mapping} names no column of {', '.join(others[:5])}{' ...' * (len(others) > 5)}: theirs are guessed"
-    return recordings, [more] if others else []
+    return distinct(recordings), [more] if others else []
 
 
 def _shown(paths: Sequence[Path], told: Console | None) -> Iterator[Path]:
@@ -127,20 +128,22 @@ def split(
 
     Raises UnknownNameError for what is none of these, RecordingError for a share that leaves nothing.
     """
-    held: dict[str, Recording] = {}
+    held: list[Recording] = []
     shares = [0.01 * float(found[1]) for entry in hold_out if (found := SHARE.fullmatch(entry))]
     for entry in (e for e in hold_out if not SHARE.fullmatch(e)):
-        found = [r for r in recordings if fnmatch.fnmatchcase(r.name, entry) or _comes_from(r, Path(entry))]
+        found = [r for r in (*recordings, *held) if fnmatch.fnmatchcase(r.name, entry) or _comes_from(r, Path(entry))]
         if not found and Path(entry).exists():
             found = read([Path(entry)], mapped([Path(entry)]), joints)
         if not found:
             raise unknown_name("recording", entry, [r.name for r in recordings], "those given (nor a file or folder)")
-        held |= {r.name: r for r in found}
-    fitted = [r for r in recordings if r.name not in held]
+        held += [r for r in found if all(r is not h for h in held)]
+    fitted = [r for r in recordings if all(r is not h for h in held)]
+    named = distinct([*fitted, *held])
+    fitted, held = named[: len(fitted)], named[len(fitted) :]
     if not shares:
-        return fitted, list(held.values())
+        return fitted, held
     parts = [_parted(r, shares[-1]) for r in fitted]
-    return [begin for begin, _ in parts], [*held.values(), *(end for _, end in parts)]
+    return [begin for begin, _ in parts], [*held, *(end for _, end in parts)]
 
 
 def _parted(recording: Recording, share: float) -> tuple[Recording, Recording]:

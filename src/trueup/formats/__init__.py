@@ -9,6 +9,7 @@ from pathlib import Path
 from trueup.errors import FormatError, OutputError, RecordingError, UnknownNameError
 from trueup.formats import parquet
 from trueup.formats.assembly import assemble
+from trueup.formats.distinct import distinct
 from trueup.formats.mapping import ChannelColumns, ChannelMap, TimeColumn
 from trueup.formats.rules.engine import guess
 from trueup.formats.source import Source, checksums, is_recording, sources
@@ -26,16 +27,17 @@ def read(source: Paths, mapping: ChannelMap | str | Path | None = None, joints: 
 
     A file is one recording. A folder is one recording if its files complement each other (commands in one, states in
     another), one for each file if they are alike, and one for each folder in it if it has no files to read. A ROS
-    bag is one recording. `mapping` (or the TOML file that holds it) says how columns become channels; without it that
-    that is guessed, and provenance['guesses'] says what was not sure. provenance['warnings'] says what was left out.
-    `joints`: those of the robot's model, whose exact names mean nothing else then (an arm's "base_yaw").
+    bag is one recording. Files of one name have their folders' in theirs. `mapping` (or the TOML file that holds it)
+    says how columns become channels; without it that is guessed, and provenance['guesses'] says what was not sure.
+    provenance['warnings'] says what was left out. `joints`: those of the robot's model, whose exact names mean nothing
+    else then (an arm's "base_yaw").
 
     Raises FormatError (naming file, line, column and value) for unsound files, MappingError where mapping and file do
     not fit, MissingExtraError where reading needs a package that is not installed.
     """
     known = ChannelMap.load(mapping) if isinstance(mapping, (str, Path)) else mapping
     how = "guessed" if mapping is None else str(mapping) if isinstance(mapping, (str, Path)) else "given"
-    return [_recording(found, known, how, joints) for found in _found(source, known)]
+    return distinct([_recording(found, known, how, joints) for found in _found(source, known)])
 
 
 def write(recording: Recording, path: str | Path) -> None:
