@@ -20,6 +20,7 @@ from trueup.engines.vehicle.kernels import (
     LAGGED,
     LATENCY,
     POSE_AHEAD,
+    POSE_LEFT,
     POSE_TURN,
     POSITION_NOISE,
     SPEED,
@@ -40,8 +41,9 @@ from trueup.tracking.channels import READ
 @njit(cache=True, nogil=True, error_model="numpy")
 def keep(p: Array, s: Array, out: Array) -> None:
     """What would be measured in a state: out (READ,), see `tracking.channels`."""
-    out[0] = s[X] + p[POSE_AHEAD] * math.cos(s[HEADING])
-    out[1] = s[Y] + p[POSE_AHEAD] * math.sin(s[HEADING])
+    c, d = math.cos(s[HEADING]), math.sin(s[HEADING])
+    out[0] = s[X] + p[POSE_AHEAD] * c - p[POSE_LEFT] * d
+    out[1] = s[Y] + p[POSE_AHEAD] * d + p[POSE_LEFT] * c
     out[2] = s[HEADING] - p[POSE_TURN]
     out[3], out[4] = s[SPEED], s[TURNING]
 

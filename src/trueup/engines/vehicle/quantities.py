@@ -125,6 +125,8 @@ _ON_TYRES = (
 _IN_CURVES = (
     _usual("curve_loss", "m^2/s", 0.1, 0.0, 2.0, "linear", "deceleration per speed and squared curvature", _CURVES, grows=2),
     _usual("pose_ahead", "m", 0.0, -1.0, 1.0, "linear", "tracked point before the centre of mass", "tight curves", grows=1),
+    Quantity("pose_left", "m", 0.0, 0.0, -1.0, 1.0, "linear", "tracked point to the left of the middle",
+             "tight curves to both sides", grows=1, optional="tracked point aside"),
     _usual("push_lasts", "", 0.5, 0.0, 1.0, "linear", "share of an unexplained acceleration just before that goes on",
            "long drives", free=False),
     _usual("trim_lasts", "", 0.6, 0.0, 1.0, "linear", "share of an unexplained wheel angle just before that goes on",
