@@ -23,6 +23,7 @@ from trueup.engines.mujoco.model import Model, load
 from trueup.engines.mujoco.rollout import MujocoSimulator
 from trueup.engines.mujoco.setup.drives import by_the_only_joint, driven, suited, torques_as_commands, undriven
 from trueup.engines.mujoco.setup.floor import reach_of
+from trueup.engines.mujoco.setup.gravity import compensated
 from trueup.engines.mujoco.setup.overlaps import passable
 from trueup.engines.mujoco.setup.proposal import moving_joints, propose
 from trueup.engines.mujoco.setup.scales import of_slides, ways, with_units
@@ -49,7 +50,8 @@ from trueup.recording import Recording
 from trueup.trial import STEP
 
 _CHANGES = (
-    ("base", floating), ("base", held), ("servos", driven), ("overlaps", passable), ("still", with_still_joints)
+    ("base", floating), ("base", held), ("servos", driven), ("gravity", compensated), ("overlaps", passable),
+    ("still", with_still_joints),
 )  # fmt: skip
 DIAGNOSES = (
     "names", "strangers", "spikes", "torques", "sensors", "turns", "gains", "feedforward", "pauses",

@@ -57,11 +57,11 @@ def propose(
     joints = moving_joints(model, recordings) or model.scalar_joints()
     driven = model.actuator_of_joint()
     servos = tuple(j for j in joints if j in driven and model.is_position_servo(driven[j]))
-    commanded = tuple(j for j in joints if j in driven)
-    motors = tuple(j for j in commanded if is_motor(model.compiled, driven[j]))
-    lines = []
-    if stiff := (*servos, *_of_several_joints(model, recordings)):
-        lines.append(Declaration("kp", stiff))
+    motors = tuple(j for j in joints if j in driven and is_motor(model.compiled, driven[j]))
+    several = _of_several_joints(model, recordings)
+    stiff = (*servos, *(a for a in several if model.is_position_servo(model.index("actuator", a))))
+    commanded = (*(j for j in joints if j in driven), *several)
+    lines = [Declaration("kp", stiff)] if stiff else []
     lines += _limits(model, recordings, joints, {j: driven[j] for j in servos})
     lines += [
         Declaration("friction", joints),
@@ -75,8 +75,8 @@ def propose(
         lines.append(Declaration("friction_load", servos, nominal=_LOADED, optional=LOAD))
     if motors:
         lines.append(Declaration("gain", motors, optional="factors on the motors' torques"))
-    if servos:
-        lines.append(Declaration("zero", servos, optional="servo zero"))
+    if stiff:
+        lines.append(Declaration("zero", stiff, optional="servo zero"))
     # A delay and the clocks of all recordings are the same thing.
     if commanded and not all(r.name in clocks for r in recordings):
         lines.append(Declaration("delay", commanded, tie="all", name="delay"))
@@ -125,11 +125,10 @@ def _of_a_floor(height: float) -> list[Declaration]:
 
 
 def _of_several_joints(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """Position servos that are commanded and pull at a tendon, not at one joint."""
+    """Actuators that are commanded and pull at a tendon, not at one joint."""
     told = {label for r in recordings for c in (command_of(r),) if c is not None for label in c.labels}
     single = set(model.actuator_of_joint().values())
-    names = enumerate(model.names("actuator"))
-    return tuple(n for i, n in names if n in told and i not in single and model.is_position_servo(i))
+    return tuple(n for i, n in enumerate(model.names("actuator")) if n in told and i not in single)
 
 
 def _of_the_base(model: Model, recordings: Sequence[Recording]) -> list[Declaration]:

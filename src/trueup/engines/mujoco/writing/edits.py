@@ -73,6 +73,12 @@ class Edits:
             return
         self._text.set_last("option", "gravity", numbers(self._wanted.opt.gravity))
 
+    def weightless(self) -> None:
+        """Bodies whose weight something else holds."""
+        for i in np.flatnonzero(self._wanted.body_gravcomp != self._shipped.body_gravcomp):
+            body = mujoco.mj_id2name(self._shipped, mujoco.mjtObj.mjOBJ_BODY, int(i))
+            self._text.change(self._element("body", body), gravcomp=number(self._wanted.body_gravcomp[i]))
+
     def gains(self, given_for: Mapping[str, float]) -> None:
         """For which setting of its servos the file holds, where recordings name several."""
         for quantity, value in given_for.items():

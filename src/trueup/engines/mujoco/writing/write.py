@@ -133,6 +133,7 @@ def _write(
         edits.onset(actuator, force)
     if ("world.gravity", WORLD) in attributes:
         edits.gravity()
+    edits.weightless()
     edits.gains(simulator.gains.given_for)
     if model.compiled.opt.integrator != wanted.opt.integrator:
         text.set_last("option", "integrator", "implicitfast")

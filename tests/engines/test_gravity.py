@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Torques that a controller adds gravity compensation to: seen by inverse dynamics, and simulated so."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from trueup.engines.mujoco.writing.write import write_model
+from trueup.loop.prepare import prepare
+from trueup.recording import Channel, Recording
+
+ARM = """<mujoco><!-- kept --><option timestep=".002" integrator="implicitfast"/><worldbody>
+<body name="upper"><joint name="shoulder" axis="0 1 0"{}/><geom type="capsule" size=".04" fromto="0 0 0 .4 0 0" mass="{}"/>
+<body name="lower" pos=".4 0 0"><joint name="elbow" axis="0 1 0"{}/>
+<geom type="capsule" size=".03" fromto="0 0 0 .3 0 0" mass="1.5"/></body></body></worldbody>
+<actuator><motor name="m1" joint="shoulder"/><motor name="m2" joint="elbow"/></actuator></mujoco>"""
+PLAIN = ARM.format("", 3, "")
+TRUTH = ARM.format(
+    ' frictionloss=".5" damping=".6" armature=".1"', 3.3, ' frictionloss=".3" damping=".4" armature=".05"'
+)
+"""10 % heavier than what the controller holds."""
+
+
+def _log(*, held: bool, scale: float = 1.0) -> Recording:
+    """Five seconds near level at 100 Hz, where the arm's weight is nearly constant; `held` is its weight, by the controller."""
+    model, plain = mujoco.MjModel.from_xml_string(TRUTH), mujoco.MjModel.from_xml_string(PLAIN)
+    data, own, rows = mujoco.MjData(model), mujoco.MjData(plain), []
+    rng = np.random.default_rng(0)
+    for k in range(2500):
+        own.qpos[:] = data.qpos
+        mujoco.mj_forward(plain, own)
+        if k % 5 == 0:
+            wanted = 0.5 * np.sin(np.array([2.2, 3.1]) * data.time)
+            told = np.array([60.0, 30.0]) * (wanted - data.qpos) - np.array([6.0, 3.0]) * data.qvel
+            rows.append(
+                [data.time, *(data.qpos + rng.normal(0.0, 1e-4, 2)), *(told + (0.0 if held else own.qfrc_bias))]
+            )
+        data.ctrl[:] = told + own.qfrc_bias
+        mujoco.mj_step(model, data)
+    time, seen, torque = np.split(np.array(rows), [1, 3], axis=1)
+    return Recording("log", {
+        "position": Channel("position", ("shoulder", "elbow"), "rad", time[:, 0], seen),
+        "command_torque": Channel("command_torque", ("m1", "m2"), "N m", time[:, 0], scale * torque),
+    })  # fmt: skip
+
+
+def test_an_arm_whose_controller_holds_its_weight_is_simulated_without_it(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(PLAIN)
+    ready = prepare(path, [_log(held=True)])
+    (found,) = [d for d in ready.diagnoses if d.name == "gravity"]
+    assert "do not hold the arm's weight" in str(found)
+    nominal = np.array([p.nominal for p in ready.simulator.parameters.parameters])
+    written = tmp_path / "fitted.xml"
+    write_model(ready.simulator, nominal, written)
+    assert "<!-- kept -->" in written.read_text()
+    assert np.all(mujoco.MjModel.from_xml_path(str(written)).body_gravcomp[1:] == 1.0)
+
+
+@pytest.mark.parametrize(("held", "scale"), [(False, 1.0), (False, 0.01), (True, 0.01)])
+def test_torques_that_hold_the_weight_or_are_of_another_scale_leave_it(
+    tmp_path: Path, held: bool, scale: float
+) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(PLAIN)
+    ready = prepare(path, [_log(held=held, scale=scale)])
+    assert "gravity" not in [d.name for d in ready.diagnoses]
+
+
+def test_a_refused_compensation_leaves_the_weight(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(PLAIN)
+    ready = prepare(path, [_log(held=True)], refuse=["gravity"])
+    assert not ready.simulator.model.compiled.ngravcomp
