@@ -26,7 +26,7 @@ TRUTH = ARM.format(
 
 
 def _log(*, held: bool, scale: float = 1.0) -> Recording:
-    """Five seconds near level at 100 Hz, where the arm's weight is nearly constant; `held` is its weight, by the controller."""
+    """Five seconds near level at 100 Hz, where the arm's weight is nearly constant; `held` by the controller."""
     model, plain = mujoco.MjModel.from_xml_string(TRUTH), mujoco.MjModel.from_xml_string(PLAIN)
     data, own, rows = mujoco.MjData(model), mujoco.MjData(plain), []
     rng = np.random.default_rng(0)

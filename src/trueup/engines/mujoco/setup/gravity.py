@@ -14,7 +14,7 @@ from trueup.engines.mujoco.setup.motors import KnownTorque, known_torques, of_a_
 from trueup.recording import Recording
 
 _EXPLAINED = 0.5
-"""Of the torques' squares, at most, that may be left: where their scale is wrong, neither with weight nor without is any seen."""
+"""Of the torques' squares, at most, that may be left: beyond that neither a scale nor a weight is seen in them."""
 
 
 def compensated(model: Model, recordings: Sequence[Recording]) -> Model:
@@ -40,8 +40,8 @@ def compensated(model: Model, recordings: Sequence[Recording]) -> Model:
     for body in spec.bodies[1:]:
         body.gravcomp = 1.0
     note = (
-        "the commanded torques do not hold the arm's weight, as where a controller compensates gravity beside them (without it "
-        f"the motion leaves {100 * without:.2g} % of their squares unexplained, with it {100 * held:.2g} %): the links "
+        "the commanded torques do not hold the arm's weight, as where a controller compensates gravity beside them (without "
+        f"it the motion leaves {100 * without:.2g} % of their squares unexplained, with it {100 * held:.2g} %): the links "
         'are simulated without weight (gravcomp="1" in MJCF, in the calibrated file too)'
     )
     return model.changed(spec, "without the links' weight", note)
