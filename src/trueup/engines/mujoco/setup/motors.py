@@ -76,7 +76,9 @@ def known_torques(model: Model, recordings: Sequence[Recording]) -> list[KnownTo
 
 
 def pushes(parts: Sequence[KnownTorque], dof: int) -> tuple[Array, Array, Array]:
-    """(L, 4) sign of the speed, speed, acceleration and one, which `of_a_drive` weighs, (L,) torque beyond the rigid robot's, and how many samples speeds are smoothed over (L,), 0 where the joint hardly moves."""
+    """(L, 4) sign of the speed, speed, acceleration and one, which `of_a_drive` weighs, (L,) torque beyond the rigid
+    robot's, and how many samples speeds are smoothed over (L,), 0 where the joint hardly moves.
+    """
     extra, speed, rate = np.concatenate(
         [np.stack([p.extra[:, dof], p.motion.speed[:, dof], p.motion.acceleration[:, dof]], axis=1) for p in parts]
     ).T
