@@ -18,6 +18,7 @@ from trueup.engines.mujoco.floor_plane import plane_of
 from trueup.engines.mujoco.model import Model
 from trueup.engines.mujoco.setup.motors import Drive, drives_seen
 from trueup.engines.mujoco.setup.servos import loads
+from trueup.engines.mujoco.setup.tendons import of_several_joints
 from trueup.engines.mujoco.wiring import is_motor
 from trueup.inspection.steps import accelerations, profiles
 from trueup.recording import Recording
@@ -58,7 +59,7 @@ def propose(
     driven = model.actuator_of_joint()
     servos = tuple(j for j in joints if j in driven and model.is_position_servo(driven[j]))
     motors = tuple(j for j in joints if j in driven and is_motor(model.compiled, driven[j]))
-    several = _of_several_joints(model, recordings)
+    several = _pulled(model, recordings)
     stiff = (*servos, *(a for a in several if model.is_position_servo(model.index("actuator", a))))
     commanded = (*(j for j in joints if j in driven), *several)
     lines = [Declaration("kp", stiff)] if stiff else []
@@ -124,11 +125,10 @@ def _of_a_floor(height: float) -> list[Declaration]:
     ]
 
 
-def _of_several_joints(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
+def _pulled(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
     """Actuators that are commanded and pull at a tendon, not at one joint."""
     told = {label for r in recordings for c in (command_of(r),) if c is not None for label in c.labels}
-    single = set(model.actuator_of_joint().values())
-    return tuple(n for i, n in enumerate(model.names("actuator")) if n in told and i not in single)
+    return tuple(name for name in of_several_joints(model) if name in told)
 
 
 def _of_the_base(model: Model, recordings: Sequence[Recording]) -> list[Declaration]:
