@@ -46,7 +46,7 @@ from trueup.inspection.spikes import without_lone_spikes
 from trueup.inspection.stops import stopped_at
 from trueup.inspection.strangers import several_robots, without_strangers
 from trueup.inspection.turns import without_wraps
-from trueup.inspection.zeros import zeros_off
+from trueup.inspection.zeros import far_beside, zeros_off
 from trueup.recording import Recording
 from trueup.trial import STEP
 
@@ -95,10 +95,10 @@ class Articulated(Family):
         return {word for words in GAINS.values() for word in words}
 
     def doubts(self, model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:
-        """See Family: positions beyond what the model allows, and sensors in other units than its own."""
+        """See Family: positions beyond what the model allows or far beside commands, and sensors in other units."""
         units = in_other_units(model.sensors(), recordings)
         beyond = beyond_ranges(ways(model), recordings, in_degrees=model.is_mjcf)
-        return (*beyond, *units, *at_other_voltages(recordings))
+        return (*beyond, *units, *far_beside(recordings), *at_other_voltages(recordings))
 
     def suited(
         self,
