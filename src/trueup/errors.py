@@ -128,4 +128,4 @@ def listed(names: Sequence[str], most: int = 6) -> str:
 def _several(kind: str) -> str:
     if kind.endswith("sis"):
         return f"{kind[:-2]}es"
-    return f"{kind[:-1]}ies" if kind.endswith("ty") else f"{kind}s"
+    return f"{kind[:-1]}ies" if kind.endswith(("ty", "dy")) else f"{kind}s"

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from trueup.engines.mujoco.writing.write import write_model
+from trueup.loop.calibrate import Options
 from trueup.loop.prepare import prepare
 from trueup.recording import Channel, Recording
 
@@ -54,11 +55,22 @@ def test_an_arm_whose_controller_holds_its_weight_is_simulated_without_it(tmp_pa
     ready = prepare(path, [_log(held=True)])
     (found,) = [d for d in ready.diagnoses if d.name == "gravity"]
     assert "do not hold the arm's weight" in str(found)
-    nominal = np.array([p.nominal for p in ready.simulator.parameters.parameters])
-    written = tmp_path / "fitted.xml"
-    write_model(ready.simulator, nominal, written)
+    space, written = ready.simulator.parameters, tmp_path / "fitted.xml"
+    values = np.array([p.nominal for p in space.parameters])
+    values[space.index("lower.weight_held")] = 0.875  # what its controller was not told is left to the drives
+    write_model(ready.simulator, values, written)
     assert "<!-- kept -->" in written.read_text()
-    assert np.all(mujoco.MjModel.from_xml_path(str(written)).body_gravcomp[1:] == 1.0)
+    np.testing.assert_allclose(mujoco.MjModel.from_xml_path(str(written)).body_gravcomp[1:], [1.0, 0.875])
+
+
+def test_weight_that_the_controller_was_not_told_is_found(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(PLAIN)
+    ready = prepare(path, [_log(held=True)])
+    found = ready.calibrate(Options(cross_validate=False))
+    held = found.values[ready.simulator.parameters.index("upper.weight_held")]
+    assert held == pytest.approx(3.0 / 3.3, abs=0.03)
+    assert found.replays[0].rmse_after().max() < 3e-3
 
 
 @pytest.mark.parametrize(("held", "scale"), [(False, 1.0), (False, 0.01), (True, 0.01)])

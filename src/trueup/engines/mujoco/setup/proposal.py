@@ -26,6 +26,8 @@ from trueup.trial import command_of
 
 LOAD = "friction with load"
 """The optional structure that `beyond_mjcf` proposes."""
+HELD = "weight that gravity compensation leaves"
+"""Of links that a controller was told to hold by a model of its own."""
 PUNCH = "punch"
 """Of servos: torque that sets in steeply."""
 HEIGHT, TILTS = "height of the floor", {"floor_roll": "floor turned about x", "floor_pitch": "floor turned about y"}
@@ -84,6 +86,8 @@ def propose(
     lines += [] if floor is None else _of_a_floor(floor)
     lines += _of_stops(stops or {})
     lines += _of_the_base(model, recordings)
+    if motors and (held := _held(model, joints)):
+        lines.append(Declaration("weight_held", held, optional=HELD))
     lines += [Declaration("clock", (name,), nominal=late) for name, late in clocks.items()]
     return _as_seen(model, lines, drives_seen(model, recordings) if motors else {})
 
@@ -123,6 +127,13 @@ def _of_a_floor(height: float) -> list[Declaration]:
         *(Declaration(kind, optional=tilt) for kind, tilt in TILTS.items()),
         Declaration("floor_friction"),
     ]
+
+
+def _held(model: Model, joints: Sequence[str]) -> tuple[str, ...]:
+    """Named bodies of these joints, whose weight something beside the drives holds."""
+    m = model.compiled
+    ids = [int(m.jnt_bodyid[model.index("joint", joint)]) for joint in joints]
+    return tuple(name for i in ids if m.body_gravcomp[i] and (name := model.names("body")[i]))
 
 
 def _pulled(model: Model, recordings: Sequence[Recording]) -> tuple[str, ...]:

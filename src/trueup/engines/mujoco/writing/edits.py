@@ -75,7 +75,7 @@ class Edits:
 
     def weightless(self) -> None:
         """Bodies whose weight something else holds."""
-        for i in np.flatnonzero(self._wanted.body_gravcomp != self._shipped.body_gravcomp):
+        for i in np.flatnonzero(np.abs(self._wanted.body_gravcomp - self._shipped.body_gravcomp) > NEGLIGIBLE):
             body = mujoco.mj_id2name(self._shipped, mujoco.mjtObj.mjOBJ_BODY, int(i))
             self._text.change(self._element("body", body), gravcomp=number(self._wanted.body_gravcomp[i]))
 

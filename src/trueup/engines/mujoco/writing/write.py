@@ -43,6 +43,7 @@ _FIELDS = {
     **dict.fromkeys(("joint.stop_lower", "joint.stop_upper"), ("jnt_range",)),
     "body.mass": ("body_mass", "body_ipos"),
     "body.com": ("body_mass", "body_ipos"),
+    "body.held": ("body_gravcomp",),
     "geom.friction": ("geom_friction",),
     "geom.softness": ("geom_solref",),
 }  # fmt: skip
